@@ -1,0 +1,1 @@
+"""eaves: from raw airborne LiDAR to valid 3D buildings."""

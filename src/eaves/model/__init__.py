@@ -1,0 +1,41 @@
+"""The nouns that flow."""
+
+from eaves.model.arrays import Grid, Labels, Mask, Points, Values
+from eaves.model.block import BLOCK_SIDE, Block, Bounds
+from eaves.model.building import (
+    Boundary,
+    BuildingModel,
+    Face,
+    Failure,
+    Finding,
+    Footprint,
+    RoofPlane,
+    Solid,
+)
+from eaves.model.cloud import PointCloud
+from eaves.model.coordinates import CoordinateSystem
+from eaves.model.scene import Raster, Regions, Scene
+
+__all__ = [
+    "BLOCK_SIDE",
+    "Block",
+    "Boundary",
+    "Bounds",
+    "BuildingModel",
+    "CoordinateSystem",
+    "Face",
+    "Failure",
+    "Finding",
+    "Footprint",
+    "Grid",
+    "Labels",
+    "Mask",
+    "PointCloud",
+    "Points",
+    "Raster",
+    "Regions",
+    "RoofPlane",
+    "Scene",
+    "Solid",
+    "Values",
+]

@@ -1,0 +1,17 @@
+"""Names for the array shapes that flow through the package."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Points = NDArray[np.float64]
+"""(N, 3) x, y, z: east, north, up; metres about a local origin."""
+Mask = NDArray[np.bool_]
+"""(N,) or (H, W) truth values."""
+Labels = NDArray[np.int32]
+"""(N,) or (H, W) labels; 0 means none."""
+Values = NDArray[np.float64]
+"""(N,) numbers."""
+Grid = NDArray[np.float32]
+"""(H, W) raster values, row 0 north, NaN where missing."""

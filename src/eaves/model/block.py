@@ -1,0 +1,102 @@
+"""The unit of computing: squares fixed to the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eaves.model.arrays import Mask, Points
+
+BLOCK_SIDE = 240.0
+"""Side of a block (m): a whole multiple of the 0.5, 1 and 1.5 m cells."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """An axis-parallel rectangle in metres: west, south, east, north; half-open towards east and north."""
+
+    west: float
+    south: float
+    east: float
+    north: float
+
+    @property
+    def width(self) -> float:
+        return self.east - self.west
+
+    @property
+    def height(self) -> float:
+        return self.north - self.south
+
+    def grown(self, distance: float) -> Bounds:
+        """The rectangle moved outwards by `distance` (m) on every side."""
+        return Bounds(
+            self.west - distance, self.south - distance, self.east + distance, self.north + distance
+        )
+
+    def moved(self, east: float, north: float) -> Bounds:
+        """The rectangle shifted by (`east`, `north`) metres."""
+        return Bounds(self.west + east, self.south + north, self.east + east, self.north + north)
+
+    def contains(self, xyz: Points) -> Mask:
+        """Which points of `xyz` (N, 2 or 3) lie inside, as a mask (N,)."""
+        x, y = xyz[:, 0], xyz[:, 1]
+        return (x >= self.west) & (x < self.east) & (y >= self.south) & (y < self.north)
+
+    def intersects(self, other: Bounds) -> bool:
+        """Whether the two rectangles share more than a border."""
+        return (
+            self.west < other.east
+            and other.west < self.east
+            and self.south < other.north
+            and other.south < self.north
+        )
+
+    def union(self, other: Bounds) -> Bounds:
+        """The smallest rectangle holding both."""
+        return Bounds(
+            min(self.west, other.west),
+            min(self.south, other.south),
+            max(self.east, other.east),
+            max(self.north, other.north),
+        )
+
+    @classmethod
+    def of(cls, xyz: Points) -> Bounds:
+        """The bounding rectangle of points (N, 2 or 3), N > 0."""
+        low, high = xyz[:, :2].min(axis=0), xyz[:, :2].max(axis=0)
+        return cls(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+
+@dataclass(frozen=True, order=True)
+class Block:
+    """Square number (`column`, `row`) of the world grid with the given side (m)."""
+
+    column: int
+    row: int
+    side: float = BLOCK_SIDE
+
+    @property
+    def bounds(self) -> Bounds:
+        """World metres."""
+        west, south = self.column * self.side, self.row * self.side
+        return Bounds(west, south, west + self.side, south + self.side)
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """World metres of the south-west corner, the local origin of everything computed in the block."""
+        return self.column * self.side, self.row * self.side
+
+    @property
+    def name(self) -> str:
+        return f"{self.column}_{self.row}"
+
+    def rng(self) -> np.random.Generator:
+        """The block's own random numbers: the same in every run, whoever computes the block."""
+        return np.random.default_rng([self.column & 0xFFFFFFFF, self.row & 0xFFFFFFFF])
+
+    @classmethod
+    def at(cls, x: float, y: float, side: float = BLOCK_SIDE) -> Block:
+        """The block that holds world point (x, y)."""
+        return cls(int(np.floor(x / side)), int(np.floor(y / side)), side)

@@ -1,0 +1,142 @@
+"""The point cloud: coordinates in metres about a local origin, and what the scanner told of each point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.model.arrays import Mask, Points
+from eaves.model.block import BLOCK_SIDE, Block, Bounds
+from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
+
+UNCLASSIFIED, GROUND, LOW_VEGETATION, MEDIUM_VEGETATION, HIGH_VEGETATION, BUILDING = 1, 2, 3, 4, 5, 6
+LOW_NOISE, WATER, HIGH_NOISE = 7, 9, 18
+NOISE_CLASSES = (LOW_NOISE, HIGH_NOISE)
+"""Class codes of LAS 1.4, table 17."""
+
+QUANTUM = 1e-4
+"""Local coordinates are whole multiples of this (m), so data moved by whole blocks compute identically."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """N points. Every array is (N,) and in the same order; none is ever written to.
+
+    `origin` is the world position (m) of local (0, 0); heights keep their world value.
+    """
+
+    xyz: Points
+    origin: tuple[float, float] = (0.0, 0.0)
+    return_number: NDArray[np.uint8] | None = None
+    number_of_returns: NDArray[np.uint8] | None = None
+    classification: NDArray[np.uint8] | None = None
+    """LAS classes: the file's until `classify_ground`, ours (1, 2, 6, 7, 18) after it."""
+    point_id: NDArray[np.int64] | None = None
+    """Position of each point in the input, counted through all files in order."""
+    system: CoordinateSystem = field(default=LOCAL_METRES)
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+    @property
+    def bounds(self) -> Bounds:
+        """Local metres; N > 0."""
+        return Bounds.of(self.xyz)
+
+    @property
+    def ground(self) -> Mask:
+        """Which points are ground (class 2)."""
+        if self.classification is None:
+            raise ValueError("the cloud has no classes; call classify_ground(cloud) first")
+        return self.classification == GROUND
+
+    @property
+    def noise(self) -> Mask:
+        """Which points are noise (classes 7 and 18); none where there are no classes."""
+        if self.classification is None:
+            return np.zeros(len(self), bool)
+        return np.isin(self.classification, NOISE_CLASSES)
+
+    @property
+    def has_returns(self) -> bool:
+        """Whether the scanner told several returns of a pulse apart."""
+        return self.number_of_returns is not None and bool(np.any(self.number_of_returns > 1))
+
+    def with_(self, **changes: object) -> PointCloud:
+        """A copy with some arrays replaced."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+    def take(self, which: Mask | NDArray[np.int64]) -> PointCloud:
+        """The points picked by a mask (N,) or by indices, in that order."""
+
+        def pick(array: NDArray[np.generic] | None) -> NDArray[np.generic] | None:
+            return None if array is None else array[which]
+
+        return replace(
+            self,
+            xyz=self.xyz[which],
+            return_number=pick(self.return_number),
+            number_of_returns=pick(self.number_of_returns),
+            classification=pick(self.classification),
+            point_id=pick(self.point_id),
+        )
+
+    def about(self, origin: tuple[float, float]) -> PointCloud:
+        """The same points with local coordinates counted from another origin (world metres)."""
+        if origin == self.origin:
+            return self
+        shift = np.array([self.origin[0] - origin[0], self.origin[1] - origin[1], 0.0])
+        return replace(self, xyz=snap(self.xyz + shift), origin=origin)
+
+    def canonical_order(self) -> NDArray[np.int64]:
+        """Indices that put the points in the one order every method sees: by 1 m cell, row by row, then y, x, z.
+
+        The order depends on the points alone, so no answer depends on the order of the file; neighbours
+        in the order are neighbours in the plane, which is what insertion into a TIN and caches want.
+        """
+        return canonical_order(self.xyz, self.return_number)
+
+    @classmethod
+    def from_world(
+        cls, xyz: Points, origin: tuple[float, float] | None = None, **arrays: object
+    ) -> PointCloud:
+        """A cloud from world coordinates in metres (N, 3); the origin defaults to the first point's block corner."""
+        xyz = np.asarray(xyz, np.float64).reshape(-1, 3)
+        if origin is None:
+            finite = xyz[np.isfinite(xyz).all(axis=1)]
+            origin = Block.at(*finite[:, :2].min(axis=0), BLOCK_SIDE).origin if len(finite) else (0.0, 0.0)
+        local = snap(xyz - np.array([origin[0], origin[1], 0.0]))
+        return cls(xyz=local, origin=origin, **arrays)  # type: ignore[arg-type]
+
+
+def snap(xyz: Points) -> Points:
+    """Coordinates rounded to the quantum, (N, 3)."""
+    return np.round(xyz / QUANTUM) * QUANTUM
+
+
+def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> NDArray[np.int64]:
+    """Indices (N,) that sort points (N, 3) by 1 m cell, row by row, and inside a cell by y, x, z (1 mm)."""
+    if len(xyz) == 0:
+        return np.zeros(0, np.int64)
+    finite = np.where(np.isfinite(xyz), xyz, 0.0)
+    whole = np.round((finite - np.floor(finite.min(axis=0))) * 1000.0).astype(np.int64)
+    cell, inside = whole[:, :2] // 1000, whole[:, :2] % 1000
+    columns, heights = int(cell[:, 0].max()) + 1, int(whole[:, 2].max()) + 1
+    if (int(cell[:, 1].max()) + 1) * columns * 1e6 * heights < 2**62:
+        key = ((cell[:, 1] * columns + cell[:, 0]) * 1_000_000 + inside[:, 1] * 1000 + inside[:, 0]) * heights
+        key += whole[:, 2]
+        order = np.argsort(key, kind="stable")
+        tied = np.flatnonzero(key[order][1:] == key[order][:-1])
+    else:
+        order = np.lexsort((whole[:, 2], inside[:, 0], inside[:, 1], cell[:, 0], cell[:, 1]))
+        tied = np.flatnonzero((whole[order][1:] == whole[order][:-1]).all(axis=1))
+    if len(tied):  # equal to the millimetre: settle by the exact coordinates and the return number
+        some = np.unique(np.concatenate([tied, tied + 1]))
+        group = np.cumsum(np.r_[1, np.diff(some) > 1]) + np.cumsum(~np.isin(some, tied + 1))
+        members = order[some]
+        last = np.zeros(len(members), np.uint8) if tie_break is None else tie_break[members]
+        exact = xyz[members]
+        order[some] = members[np.lexsort((last, exact[:, 2], exact[:, 0], exact[:, 1], group))]
+    return order.astype(np.int64, copy=False)

@@ -1,0 +1,94 @@
+"""What the detectors look at: a classified cloud with its rasters, and what they answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.model.arrays import Grid, Labels, Mask, Points, Values
+from eaves.model.block import Bounds
+from eaves.model.cloud import PointCloud
+
+ROOF, WALL, TREE, NOISE = 1, 2, 3, 4
+"""Codes of `Regions.part` and of the extra dimension `part` of classified.laz; 0 is none of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """Values (H, W), float32, row 0 north; `west` and `north` are the outer corner in local metres."""
+
+    values: Grid
+    west: float
+    north: float
+    cell: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.values.shape[0], self.values.shape[1]
+
+    @property
+    def bounds(self) -> Bounds:
+        rows, columns = self.shape
+        return Bounds(
+            self.west, self.north - rows * self.cell, self.west + columns * self.cell, self.north
+        )
+
+    def with_(self, **changes: object) -> Raster:
+        """A copy with some fields replaced."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+    def cell_of(self, xy: Points) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Row and column of points (N, 2 or 3); outside the raster they are out of range."""
+        column = np.floor((xy[:, 0] - self.west) / self.cell).astype(np.int64)
+        row = np.floor((self.north - xy[:, 1]) / self.cell).astype(np.int64)
+        return row, column
+
+    def at(self, xy: Points) -> Values:
+        """Bilinear values (N,) at points (N, 2 or 3); the nearest cell's beyond the rim; NaN where cells are."""
+        rows, columns = self.shape
+        x = np.clip((xy[:, 0] - self.west) / self.cell - 0.5, 0, columns - 1)
+        y = np.clip((self.north - xy[:, 1]) / self.cell - 0.5, 0, rows - 1)
+        c0 = np.minimum(x.astype(np.int64), max(columns - 2, 0))
+        r0 = np.minimum(y.astype(np.int64), max(rows - 2, 0))
+        c1, r1 = np.minimum(c0 + 1, columns - 1), np.minimum(r0 + 1, rows - 1)
+        fx, fy, v = x - c0, y - r0, self.values
+        top = v[r0, c0] * (1 - fx) + v[r0, c1] * fx
+        bottom = v[r1, c0] * (1 - fx) + v[r1, c1] * fx
+        return np.asarray(top * (1 - fy) + bottom * fy, np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A cloud with classes 2, 7, 18 set, its terrain and its surface; all about the same origin."""
+
+    cloud: PointCloud
+    dtm: Raster
+    dsm: Raster
+    spacing: float
+    """Mean spacing of the points in plan (m): one over the root of the density of last returns where points are."""
+
+    height: Values = field(default_factory=lambda: np.zeros(0))
+    """Height of every point above the terrain (N,), m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Which building each point belongs to.
+
+    `label` (N,) is 0 for no building, else 1…K. `score` (K,) says how sure the detector is, 0 to 1.
+    `part` (N,) tells roof, wall, tree and noise apart where the method does (codes above).
+    """
+
+    label: Labels
+    score: Values = field(default_factory=lambda: np.zeros(0))
+    part: NDArray[np.uint8] | None = None
+
+    @property
+    def count(self) -> int:
+        return int(self.label.max(initial=0))
+
+    def mask_of(self, number: int) -> Mask:
+        """The points (N,) of region `number`."""
+        return self.label == number

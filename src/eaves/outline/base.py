@@ -1,0 +1,74 @@
+"""The outline stage: contract of an outliner, and the verbs that trace and regularise footprints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from eaves.geometry.polygons import as_polygon
+from eaves.methods import Emit, Method, emitter, ignore, make_method
+from eaves.model import Boundary, Failure, Footprint, Points
+from eaves.model.cloud import canonical_order
+
+MIN_POINTS = 4
+"""Fewer points have no outline worth the name."""
+
+
+class OutlineMethod(Method):
+    """Draws the outline of a region's points.
+
+    `trace` sees the points (N, 3) of one region in canonical order and their spacing; it answers a Boundary with at
+    least one ring, or a Failure. `regularise` sees the boundaries of neighbours together and answers one polygon
+    each (holes allowed), or a Failure in its place.
+    """
+
+    stage: ClassVar[str] = "outline"
+
+    def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
+        raise NotImplementedError
+
+    def regularise(self, boundaries: list[Boundary], emit: Emit = ignore) -> list[Polygon | Failure]:
+        raise NotImplementedError
+
+
+def trace_outline(
+    points: Points,
+    spacing: float,
+    method: OutlineMethod | None = None,
+    *,
+    debug: str | Path | Emit | None = None,
+) -> Boundary | Failure:
+    """The boundary of a region's points (N, 3), local metres; `spacing` is the mean distance of points in plan (m)."""
+    outliner = method or make_method("outline")
+    assert isinstance(outliner, OutlineMethod)
+    good = points[np.isfinite(points).all(axis=1)]
+    good = good[canonical_order(good)]
+    if len(np.unique(good[:, :2], axis=0)) < MIN_POINTS:
+        return Failure("too_few_points", f"{len(good)} points have no outline", "outline")
+    return outliner.trace(good, spacing, emitter(debug))
+
+
+def regularise_outlines(
+    boundaries: list[Boundary],
+    method: OutlineMethod | None = None,
+    *,
+    debug: str | Path | Emit | None = None,
+) -> list[Footprint | Failure]:
+    """One valid footprint, or a Failure, for each boundary; neighbours that touch should be given together."""
+    outliner = method or make_method("outline")
+    assert isinstance(outliner, OutlineMethod)
+    answers: list[Footprint | Failure] = []
+    for polygon in outliner.regularise(boundaries, emitter(debug)):
+        if isinstance(polygon, Failure):
+            answers.append(polygon)
+            continue
+        whole = as_polygon(polygon)
+        if whole is None:
+            answers.append(Failure("no_area", "the outline encloses no area", "outline"))
+        else:
+            answers.append(Footprint(shapely.orient_polygons(whole)))
+    return answers
