@@ -21,9 +21,9 @@ MIN_POINTS = 4
 class OutlineMethod(Method):
     """Draws the outline of a region's points.
 
-    `trace` sees the points (N, 3) of one region in canonical order and their spacing; it answers a Boundary with at
-    least one ring, or a Failure. `regularise` sees the boundaries of neighbours together and answers one polygon
-    each (holes allowed), or a Failure in its place.
+    `trace` sees the points (N, 3) of one region in canonical order and their spacing; it answers a Boundary
+    with at least one ring, or a Failure. `regularise` sees the boundaries of neighbours together and
+    answers one polygon each (holes allowed), or a Failure in its place.
     """
 
     stage: ClassVar[str] = "outline"
@@ -42,7 +42,7 @@ def trace_outline(
     *,
     debug: str | Path | Emit | None = None,
 ) -> Boundary | Failure:
-    """The boundary of a region's points (N, 3), local metres; `spacing` is the mean distance of points in plan (m)."""
+    """The boundary of points (N, 3) in local metres; `spacing` is their mean distance in plan (m)."""
     outliner = method or make_method("outline")
     assert isinstance(outliner, OutlineMethod)
     good = points[np.isfinite(points).all(axis=1)]
@@ -58,7 +58,7 @@ def regularise_outlines(
     *,
     debug: str | Path | Emit | None = None,
 ) -> list[Footprint | Failure]:
-    """One valid footprint, or a Failure, for each boundary; neighbours that touch should be given together."""
+    """One valid footprint, or a Failure, for each boundary; give neighbours that touch together."""
     outliner = method or make_method("outline")
     assert isinstance(outliner, OutlineMethod)
     answers: list[Footprint | Failure] = []

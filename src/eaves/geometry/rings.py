@@ -1,0 +1,33 @@
+"""Closed rings of points in the plane, without repeated last point."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def signed_area(ring: NDArray[np.float64]) -> float:
+    """Area (m²) inside a ring (M, 2), positive when it runs counter-clockwise."""
+    x, y = (ring - ring[0]).T
+    return float(0.5 * (np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+
+
+def split_loops(ring: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """The loops of a closed walk over vertex numbers (M,), each of which visits a vertex once."""
+    if len(np.unique(ring)) == len(ring):
+        return [ring]
+    loops: list[NDArray[np.int64]] = []
+    path: list[int] = []
+    place: dict[int, int] = {}
+    for vertex in ring.tolist():
+        if vertex in place:
+            start = place[vertex]
+            loops.append(np.array(path[start:], np.int64))
+            for passed in path[start + 1 :]:
+                del place[passed]
+            del path[start + 1 :]
+        else:
+            place[vertex] = len(path)
+            path.append(vertex)
+    loops.append(np.array(path, np.int64))
+    return loops

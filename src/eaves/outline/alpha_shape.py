@@ -1,0 +1,96 @@
+"""Outlines by alpha shape, after the planar-patch detector's last step."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import shapely
+from shapely import Polygon
+
+from eaves.geometry.alpha import alpha_rings
+from eaves.geometry.polygons import as_polygon
+from eaves.methods import Emit, ignore, parameter
+from eaves.model import Boundary, Failure, Points
+from eaves.outline.base import OutlineMethod
+
+ALPHA_IN_SPACINGS = 4.8
+"""The published 2.4 m at the published density of 4 points/m², that is a spacing of 0.5 m."""
+
+
+class AlphaShape(OutlineMethod):
+    """The alpha shape of the points, simplified.
+
+    The outline encloses the points so tightly that no empty disc of radius `alpha` can enter it. It is made
+    of the Delaunay triangles whose circumscribed disc is no larger than that. Its parts are connected over
+    edges, the largest is the building. Inner boundaries smaller than `min_hole` are chimneys and windows,
+    and are dropped; larger ones are courtyards. The zigzag of single points is taken out by Douglas and
+    Peucker's simplification.
+
+    Parameters
+    ----------
+    alpha, min_hole, tolerance : see their declarations.
+
+    Notes
+    -----
+    *Fidelity.* The document [chen_sun_vaihingen] gives alpha = 2.4 m and 50 m², and does not define alpha:
+    it is taken as the radius of the largest empty disc. Derived from the spacing it is 4.8 times that, 2.4
+    m at the document's 4 points/m². Simplification is ours (the document shows raw contours);
+    `as_published` leaves it out. Where a gap in the points would leave more than a twentieth of them
+    outside, alpha is widened by steps of 1.5.
+
+    *Fails where* a notch or a passage is narrower than twice alpha (it is filled), and at edges: the
+    outline passes through the outermost points and so lies about half a spacing inside the eaves.
+
+    *Complexity.* O(N log N), the Delaunay triangulation.
+
+    References
+    ----------
+    [chen_sun_vaihingen], [edelsbrunner1983].
+    """
+
+    name: ClassVar[str] = "alpha_shape"
+    idea: ClassVar[str] = "The tightest outline that no empty disc can enter, simplified."
+    paper: ClassVar[str] = "chen_sun_vaihingen"
+
+    alpha: float | None = parameter(
+        None, "radius of the largest empty disc; from the data 4.8 spacings", unit="m", published=2.4, gt=0
+    )
+    min_hole: float = parameter(
+        50.0, "inner boundaries smaller than this are dropped", unit="m²", published=50.0, ge=0
+    )
+    tolerance: float | None = parameter(
+        None,
+        "a vertex nearer to the simplified line is left out; from the data 1 spacing",
+        unit="m",
+        published=0.0,
+        ge=0,
+    )
+    share: float = parameter(
+        0.95, "least share of the points inside; alpha is widened until it holds", ge=0, le=1
+    )
+
+    def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
+        """The rings of the alpha shape of `points` (N, 3)."""
+        xy = points[:, :2]
+        alpha = self.alpha or ALPHA_IN_SPACINGS * spacing
+        rings = alpha_rings(xy, alpha, share=self.share)
+        if not rings:
+            return Failure(
+                "no_area", f"{len(points)} points enclose no area at alpha {alpha:.2f} m", "outline"
+            )
+        emit("alpha rings", [xy[ring] for ring in rings])
+        return Boundary(tuple(xy[ring] for ring in rings), points, spacing)
+
+    def regularise(self, boundaries: list[Boundary], emit: Emit = ignore) -> list[Polygon | Failure]:
+        """The boundaries without small holes and zigzag, each on its own."""
+        return [self.simplified(boundary) for boundary in boundaries]
+
+    def simplified(self, boundary: Boundary) -> Polygon | Failure:
+        """One boundary without small holes and zigzag."""
+        outer, *holes = boundary.rings
+        rings = Polygon(outer, [hole for hole in holes if Polygon(hole).area >= self.min_hole])
+        tolerance = boundary.spacing if self.tolerance is None else self.tolerance
+        whole = as_polygon(shapely.simplify(rings, tolerance) if tolerance > 0 else rings)
+        if whole is None:
+            return Failure("no_area", f"a ring of {len(outer)} points encloses no area", "outline")
+        return whole
