@@ -1,0 +1,1 @@
+"""Towns, roofs and scans of which everything is known."""

@@ -1,0 +1,111 @@
+"""The nouns of simulated data: buildings and clouds of which everything is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+from shapely.affinity import translate
+
+from eaves.model import BuildingModel, Footprint, Labels, PointCloud, RoofPlane, Solid
+from eaves.simulate.masses import Plane
+from eaves.simulate.solids import extrude_partition
+
+
+@dataclass(frozen=True, eq=False)
+class ExactFace:
+    """A roof face: its extent in plan, its plane z = a·x + b·y + c, its number in the whole scene (from
+    1).
+    """
+
+    polygon: Polygon
+    coefficients: Plane
+    number: int
+
+    def height_at(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Heights (N,) of the plane at (N, 2 or 3)."""
+        a, b, c = self.coefficients
+        return np.asarray(a * xy[:, 0] + b * xy[:, 1] + c)
+
+
+@dataclass(frozen=True, eq=False)
+class ExactBuilding:
+    """A building with its true outline and roof.
+
+    `footprint` is the outline of the eaves, which is what a lidar cloud shows and what every reference model
+    here stands on; `walls` is the outline of the walls, inside it by the overhang. `base` (m) is the lowest
+    terrain on the outline. Coordinates are local metres about the scene's origin.
+    """
+
+    number: int
+    kind: str
+    footprint: Polygon
+    walls: Polygon
+    faces: tuple[ExactFace, ...]
+    base: float
+
+    @property
+    def id(self) -> str:
+        return f"building_{self.number}"
+
+    def solid(self) -> Solid:
+        """The closed solid: the faces, extruded straight down from the eaves to the base (no wall stands
+        back).
+        """
+        return extrude_partition([(face.polygon, face.coefficients) for face in self.faces], self.base)
+
+    def model(self, origin: tuple[float, float] = (0.0, 0.0)) -> BuildingModel:
+        """The reference model: LoD 2.2, with the true planes; ValueError when no single solid can be
+        closed.
+        """
+        none = np.zeros(0, np.int64)
+        planes = tuple(RoofPlane(face.coefficients, none, 0.0, face.polygon) for face in self.faces)
+        attributes = {"kind": self.kind, "number": self.number, "h_ground": self.base}
+        footprint = Footprint(self.footprint, origin, self.id, attributes=attributes)
+        return BuildingModel(footprint, {"2.2": (self.solid(),)}, planes, attributes)
+
+    def moved(self, x: float, y: float) -> ExactBuilding:
+        """The building in coordinates about an origin that lies (−x, −y) metres away."""
+        faces = tuple(
+            ExactFace(translate(face.polygon, x, y), _moved(face.coefficients, x, y), face.number)
+            for face in self.faces
+        )
+        return ExactBuilding(
+            self.number,
+            self.kind,
+            translate(self.footprint, x, y),
+            translate(self.walls, x, y),
+            faces,
+            self.base,
+        )
+
+
+def _moved(plane: Plane, x: float, y: float) -> Plane:
+    a, b, c = plane
+    return a, b, c - a * x - b * y
+
+
+@dataclass(frozen=True, eq=False)
+class ExactScene:
+    """A cloud without classes, and the truth of each of its N points.
+
+    `truth_class` holds LAS classes; `building` the number of the building, 0 for none; `plane` the number of
+    the roof face, 0 where a point is not on a roof. `buildings` are in the cloud's local metres.
+    """
+
+    cloud: PointCloud
+    truth_class: NDArray[np.uint8]
+    building: Labels
+    plane: Labels
+    buildings: tuple[ExactBuilding, ...]
+
+    @property
+    def faces(self) -> dict[int, ExactFace]:
+        """Every roof face by its number."""
+        return {face.number: face for building in self.buildings for face in building.faces}
+
+    def classified(self) -> PointCloud:
+        """The cloud with its true classes."""
+        return self.cloud.with_(classification=self.truth_class)
