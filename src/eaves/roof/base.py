@@ -37,7 +37,7 @@ def segment_roof(
 ) -> list[RoofPlane]:
     """The roof planes of one building, largest first; `members` index the given points (N, 3), in any order.
 
-    The method works about the building's own centre (whole metres), so no precision is lost far from the origin.
+    The method works about the building's own centre (whole metres): no precision is lost far from the origin.
     """
     segmenter = method or make_method("roof")
     assert isinstance(segmenter, RoofMethod)
@@ -46,9 +46,7 @@ def segment_roof(
         return []
     good = good[canonical_order(points[good])]
     centre = np.floor(points[good].mean(axis=0))
-    found = segmenter.planes(
-        points[good] - centre, spacing, rng or np.random.default_rng(0), emitter(debug)
-    )
+    found = segmenter.planes(points[good] - centre, spacing, rng or np.random.default_rng(0), emitter(debug))
     answers = []
     for plane in found:
         a, b, c = plane.coefficients

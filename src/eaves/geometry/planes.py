@@ -1,0 +1,219 @@
+"""Planes through points: one fit, many local fits, and the noise they reveal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from eaves.model import Points, Values
+
+FLATTEST_NORMAL_Z = 1e-6
+"""A plane whose unit normal rises less than this is vertical: z is no function of x and y."""
+
+LINE_RATIO = 0.1
+"""A neighbourhood whose second eigenvalue is below this share of the first is a line and has no normal."""
+
+NOISE_QUANTILE, NOISE_QUANTILE_NORMAL = 0.35, -0.385
+"""Share of the neighbourhoods taken as free of edges, and the standard normal deviate of that share."""
+
+MIN_NOISE = 0.01
+"""Noise (m) below which no airborne scanner measures; keeps thresholds alive on exact points."""
+
+
+@njit(cache=True)
+def eigen_kernel(c: NDArray[np.float64], vectors: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+    """Eigenvalues, ascending, and eigenvectors (columns) of a symmetric (3, 3) matrix by Jacobi rotations."""
+    a = c.copy()
+    for i in range(3):
+        for j in range(3):
+            vectors[i, j] = 1.0 if i == j else 0.0
+    size = abs(a[0, 0]) + abs(a[1, 1]) + abs(a[2, 2])
+    for _ in range(30):
+        if abs(a[0, 1]) + abs(a[0, 2]) + abs(a[1, 2]) <= 1e-15 * size:
+            break
+        for p in range(2):
+            for q in range(p + 1, 3):
+                if abs(a[p, q]) <= 1e-300:
+                    continue
+                theta = (a[q, q] - a[p, p]) / (2.0 * a[p, q])
+                t = 1.0 / (abs(theta) + np.sqrt(theta * theta + 1.0))
+                if theta < 0.0:
+                    t = -t
+                cosine = 1.0 / np.sqrt(t * t + 1.0)
+                sine = t * cosine
+                for k in range(3):
+                    first, second = a[k, p], a[k, q]
+                    a[k, p], a[k, q] = cosine * first - sine * second, sine * first + cosine * second
+                for k in range(3):
+                    first, second = a[p, k], a[q, k]
+                    a[p, k], a[q, k] = cosine * first - sine * second, sine * first + cosine * second
+                for k in range(3):
+                    first, second = vectors[k, p], vectors[k, q]
+                    vectors[k, p] = cosine * first - sine * second
+                    vectors[k, q] = sine * first + cosine * second
+    for i in range(3):
+        values[i] = max(a[i, i], 0.0)
+    for i in range(2):
+        for j in range(2 - i):
+            if values[j] > values[j + 1]:
+                values[j], values[j + 1] = values[j + 1], values[j]
+                for k in range(3):
+                    vectors[k, j], vectors[k, j + 1] = vectors[k, j + 1], vectors[k, j]
+
+
+@njit(cache=True)
+def plane_of_sums_kernel(
+    sums: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    vectors: NDArray[np.float64],
+    values: NDArray[np.float64],
+    plane: NDArray[np.float64],
+) -> None:
+    """The plane of least squared distances, from the ten sums of its points.
+
+    The sums are n, Σx, Σy, Σz, Σxx, Σxy, Σxz, Σyy, Σyz, Σzz. `plane` (4,) receives nx, ny, nz, d of
+    nx·x + ny·y + nz·z = d, nz ≥ 0. `covariance`, `vectors` (3, 3) and `values` (3,) are work space and
+    hold eq. 1 of [xiao2014] with its eigenvectors and eigenvalues afterwards.
+    """
+    n = sums[0]
+    x, y, z = sums[1] / n, sums[2] / n, sums[3] / n
+    covariance[0, 0] = sums[4] / n - x * x
+    covariance[0, 1] = covariance[1, 0] = sums[5] / n - x * y
+    covariance[0, 2] = covariance[2, 0] = sums[6] / n - x * z
+    covariance[1, 1] = sums[7] / n - y * y
+    covariance[1, 2] = covariance[2, 1] = sums[8] / n - y * z
+    covariance[2, 2] = sums[9] / n - z * z
+    eigen_kernel(covariance, vectors, values)
+    sign = -1.0 if vectors[2, 0] < 0.0 else 1.0
+    plane[0], plane[1], plane[2] = sign * vectors[0, 0], sign * vectors[1, 0], sign * vectors[2, 0]
+    plane[3] = plane[0] * x + plane[1] * y + plane[2] * z
+
+
+@njit(cache=True)
+def add_point_kernel(sums: NDArray[np.float64], x: float, y: float, z: float, weight: float) -> None:
+    """Add a point to the ten sums; weight -1 takes it away."""
+    sums[0] += weight
+    sums[1] += weight * x
+    sums[2] += weight * y
+    sums[3] += weight * z
+    sums[4] += weight * x * x
+    sums[5] += weight * x * y
+    sums[6] += weight * x * z
+    sums[7] += weight * y * y
+    sums[8] += weight * y * z
+    sums[9] += weight * z * z
+
+
+@njit(cache=True)
+def local_planes_kernel(
+    xyz: NDArray[np.float64],
+    neighbours: NDArray[np.int64],
+    smallest: int,
+    line_ratio: float,
+    normals: NDArray[np.float64],
+    eigenvalues: NDArray[np.float64],
+    counts: NDArray[np.int64],
+) -> None:
+    """Normal (N, 3), eigenvalues (N, 3) and neighbours used (N,) for every point (N, 3) [xiao2014, eq. 1].
+
+    Each point takes its `smallest` nearest neighbours (itself first), and more, up to all the columns of
+    `neighbours` (N, K), as long as they lie on one line.
+    """
+    sums, plane = np.zeros(10), np.zeros(4)
+    covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    for i in range(len(xyz)):
+        sums[:] = 0.0
+        used = 0
+        need = smallest
+        while True:
+            while used < need:
+                j = neighbours[i, used]
+                add_point_kernel(
+                    sums, xyz[j, 0] - xyz[i, 0], xyz[j, 1] - xyz[i, 1], xyz[j, 2] - xyz[i, 2], 1.0
+                )
+                used += 1
+            plane_of_sums_kernel(sums, covariance, vectors, values, plane)
+            if values[1] >= line_ratio * values[2] or used == neighbours.shape[1]:
+                break
+            need = min(used + 4, neighbours.shape[1])
+        counts[i] = used
+        for k in range(3):
+            normals[i, k] = plane[k]
+            eigenvalues[i, k] = values[k]
+
+
+@dataclass(frozen=True, eq=False)
+class LocalPlanes:
+    """The plane around every point of N.
+
+    `neighbours` (N, K) holds indices, nearest first, the point itself in front; `counts` (N,) says how
+    many of them were used. `normals` (N, 3) point up, `eigenvalues` (N, 3) ascend (m²), `curvature`
+    (N,) is eq. 3 of [xiao2014]. `noise` is the standard deviation (m) of points about their surface,
+    `spacing` their mean distance in plan (m).
+    """
+
+    neighbours: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    normals: NDArray[np.float64]
+    eigenvalues: NDArray[np.float64]
+    curvature: Values
+    noise: float
+    spacing: float
+
+
+def local_planes(xyz: Points, count: int, most: int) -> LocalPlanes:
+    """The planes of the `count` nearest neighbours of points (N, 3), N ≥ 3; up to `most` where on a line."""
+    most = min(max(most, count), len(xyz))
+    count = min(count, most)
+    distances, neighbours = cKDTree(xyz).query(xyz, k=most)
+    neighbours = np.ascontiguousarray(neighbours, np.int64)
+    normals, eigenvalues = np.zeros((len(xyz), 3)), np.zeros((len(xyz), 3))
+    counts = np.zeros(len(xyz), np.int64)
+    local_planes_kernel(xyz, neighbours, count, LINE_RATIO, normals, eigenvalues, counts)
+    total = eigenvalues.sum(axis=1)
+    curvature = eigenvalues[:, 0] / np.where(total > 0.0, total, 1.0)  # [xiao2014], eq. 3
+    radius = float(np.median(np.asarray(distances)[:, -1]))
+    spacing = radius * np.sqrt(np.pi / most)
+    noise = measure_noise(eigenvalues[:, 0], counts)
+    return LocalPlanes(neighbours, counts, normals, eigenvalues, curvature, noise, max(spacing, 1e-3))
+
+
+def measure_noise(smallest_eigenvalues: Values, counts: NDArray[np.int64]) -> float:
+    """Standard deviation (m) of points about their surface, from local fits (N,) with `counts` points each.
+
+    A variance from k points has k − 3 degrees of freedom. Neighbourhoods across edges have large ones,
+    so a low quantile is read and turned into a mean by the quantile of χ² (Wilson and Hilferty's
+    approximation).
+    """
+    freedom = np.maximum(counts - 3, 1)
+    variance = float(np.quantile(smallest_eigenvalues * counts / freedom, NOISE_QUANTILE))
+    d = float(np.median(freedom))
+    share = (1.0 - 2.0 / (9.0 * d) + NOISE_QUANTILE_NORMAL * np.sqrt(2.0 / (9.0 * d))) ** 3
+    return max(float(np.sqrt(variance / share)), MIN_NOISE)
+
+
+def fit_plane(xyz: Points) -> tuple[float, float, float] | None:
+    """Coefficients of z = a·x + b·y + c of least squared distances to points (N, 3), or None.
+
+    There is none through fewer than three points, through points on a line, and where the plane is vertical.
+    """
+    if len(xyz) < 3:
+        return None
+    centre = xyz.mean(axis=0)
+    values, vectors = np.linalg.eigh(np.cov((xyz - centre).T, bias=True))
+    normal = vectors[:, 0]
+    if values[1] <= 1e-9 * values[2] or abs(normal[2]) < FLATTEST_NORMAL_Z:
+        return None
+    a, b = -normal[0] / normal[2], -normal[1] / normal[2]
+    return float(a), float(b), float(centre[2] - a * centre[0] - b * centre[1])
+
+
+def plane_rmse(xyz: Points, coefficients: tuple[float, float, float]) -> float:
+    """Root mean square distance (m) of points (N, 3) from a plane, along its normal."""
+    a, b, c = coefficients
+    residual = xyz[:, 2] - (a * xyz[:, 0] + b * xyz[:, 1] + c)
+    return float(np.sqrt(np.mean(residual**2) / (a * a + b * b + 1.0)))

@@ -1,0 +1,86 @@
+"""Region growing on exact roofs, and on input that is hardly one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eaves.geometry.planes import fit_plane, local_planes
+from eaves.roof import segment_roof
+from eaves.roof.region_growing import RegionGrowing
+
+
+def gable(count: int, noise: float, seed: int = 0) -> np.ndarray:
+    """Points (N, 3) on a gable of 10 m × 8 m, ridge along x at 3 m, slopes 3/4."""
+    rng = np.random.default_rng(seed)
+    xy = rng.uniform([-5, -4], [5, 4], (count, 2))
+    return np.c_[xy, 3.0 - 0.75 * abs(xy[:, 1]) + rng.normal(0, noise, count)]
+
+
+def test_plane_through_exact_points_is_exact() -> None:
+    rng = np.random.default_rng(1)
+    xy = rng.uniform(0, 10, (50, 2))
+    found = fit_plane(np.c_[xy, 0.3 * xy[:, 0] - 0.2 * xy[:, 1] + 7])
+    assert found is not None
+    assert np.allclose(found, (0.3, -0.2, 7.0))
+
+
+def test_noise_is_measured_within_a_quarter() -> None:
+    for noise in (0.02, 0.05, 0.1):
+        local = local_planes(gable(600, noise), 12, 24)
+        assert 0.75 * noise < local.noise < 1.3 * noise
+
+
+@pytest.mark.parametrize("density", [2, 4, 10, 50])
+def test_gable_gives_two_planes__noise_3cm(density: int) -> None:
+    points = gable(80 * density, 0.03)
+    planes = segment_roof(points, density**-0.5, RegionGrowing())
+    assert len(planes) == 2
+    slopes = [np.degrees(plane.slope) for plane in planes]
+    assert np.allclose(slopes, np.degrees(np.arctan(0.75)), atol=1.5)
+    assert sum(len(plane.members) for plane in planes) > 0.97 * len(points)
+
+
+def test_two_strips_of_one_plane_are_one() -> None:
+    rng = np.random.default_rng(2)
+    xy = rng.uniform(0, 10, (800, 2))
+    points = np.c_[xy, 0.2 * xy[:, 0] + rng.choice([0.0, 0.03], 800) + rng.normal(0, 0.02, 800)]
+    assert len(segment_roof(points, 0.35, RegionGrowing())) == 1
+
+
+def test_walls_are_no_roof_planes() -> None:
+    rng = np.random.default_rng(3)
+    wall = np.c_[rng.uniform(-5, 5, 300), np.full(300, -4.0), rng.uniform(-5, 0, 300)]
+    planes = segment_roof(np.r_[gable(800, 0.02), wall], 0.32, RegionGrowing())
+    assert len(planes) == 2
+    assert max(plane.slope for plane in planes) < np.radians(45)
+
+
+def test_scan_lines_give_the_same_two_planes() -> None:
+    x, y = np.meshgrid(np.arange(-5, 5, 1.0), np.arange(-4, 4, 0.12))
+    rng = np.random.default_rng(4)
+    points = np.c_[x.ravel(), y.ravel(), 3 - 0.75 * abs(y.ravel()) + rng.normal(0, 0.02, x.size)]
+    assert len(segment_roof(points, 0.35, RegionGrowing())) == 2
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.zeros((0, 3)),
+        np.zeros((1, 3)),
+        np.zeros((20, 3)),
+        np.arange(60.0).reshape(20, 3),
+        np.c_[np.arange(30.0), np.zeros(30), np.zeros(30)],
+        np.full((5, 3), np.nan),
+    ],
+)
+def test_no_plane_in_points_that_have_none(points: np.ndarray) -> None:
+    assert segment_roof(points, 0.5, RegionGrowing()) == []
+
+
+def test_order_of_points_does_not_matter() -> None:
+    points = gable(400, 0.03)
+    shuffle = np.random.default_rng(5).permutation(len(points))
+    first, second = segment_roof(points, 0.45), segment_roof(points[shuffle], 0.45)
+    assert [plane.coefficients for plane in first] == [plane.coefficients for plane in second]
+    assert [set(plane.members) for plane in first] == [set(shuffle[plane.members]) for plane in second]
