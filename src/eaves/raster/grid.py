@@ -1,0 +1,104 @@
+"""Grids: which cell a point falls in, and which point stands for a cell."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from eaves.model import Bounds, Grid, Points, Raster, Values
+
+Index = NDArray[np.int64]
+
+EMPTY = -1
+"""In a grid of point numbers: a cell without points."""
+
+
+def grid_shape(bounds: Bounds, cell: float) -> tuple[int, int]:
+    """Rows and columns of the cells (m) that cover the bounds."""
+    return max(1, round(bounds.height / cell)), max(1, round(bounds.width / cell))
+
+
+def empty_raster(bounds: Bounds, cell: float, value: float = np.nan) -> Raster:
+    """A raster over the bounds with one value everywhere."""
+    return Raster(np.full(grid_shape(bounds, cell), value, np.float32), bounds.west, bounds.north, cell)
+
+
+def whole_cells(bounds: Bounds, cell: float) -> Bounds:
+    """The bounds widened to multiples of the cell (m)."""
+    west, south = np.floor(bounds.west / cell) * cell, np.floor(bounds.south / cell) * cell
+    east, north = (np.floor(bounds.east / cell) + 1) * cell, (np.floor(bounds.north / cell) + 1) * cell
+    return Bounds(float(west), float(south), float(east), float(north))
+
+
+def cell_centres(raster: Raster) -> Points:
+    """Centres (H * W, 2) of the cells, row by row."""
+    rows, columns = raster.shape
+    x = raster.west + (np.arange(columns) + 0.5) * raster.cell
+    y = raster.north - (np.arange(rows) + 0.5) * raster.cell
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def lowest_points(xyz: Points, bounds: Bounds, cell: float) -> Index:
+    """Number of the lowest point in each cell, (H, W), `EMPTY` where there is none; ties go to the first."""
+    rows, columns = grid_shape(bounds, cell)
+    return np.asarray(extreme_kernel(xyz, bounds.west, bounds.north, cell, rows, columns, -1.0))
+
+
+def highest_points(xyz: Points, bounds: Bounds, cell: float) -> Index:
+    """Number of the highest point in each cell, (H, W), `EMPTY` where there is none; ties go to the first."""
+    rows, columns = grid_shape(bounds, cell)
+    return np.asarray(extreme_kernel(xyz, bounds.west, bounds.north, cell, rows, columns, 1.0))
+
+
+def mean_heights(xyz: Points, bounds: Bounds, cell: float) -> tuple[Grid, Grid]:
+    """Mean height and number of points of each cell, both (H, W); NaN where there is none."""
+    rows, columns = grid_shape(bounds, cell)
+    mean, count = mean_kernel(xyz, bounds.west, bounds.north, cell, rows, columns)
+    return mean, count
+
+
+def heights_of(numbers: Index, z: Values) -> Grid:
+    """Heights (H, W) of the points with these numbers, NaN where there is none."""
+    if len(z) == 0:
+        return np.full(numbers.shape, np.nan, np.float32)
+    return np.where(numbers >= 0, z[np.maximum(numbers, 0)], np.nan).astype(np.float32)
+
+
+@njit(cache=True)
+def extreme_kernel(
+    xyz: Points, west: float, north: float, cell: float, rows: int, columns: int, sign: float
+) -> Index:
+    """Number of the point with the largest sign * z in each cell, (rows, columns)."""
+    best = np.full((rows, columns), EMPTY, np.int64)
+    for i in range(len(xyz)):
+        row = int(np.floor((north - xyz[i, 1]) / cell))
+        column = int(np.floor((xyz[i, 0] - west) / cell))
+        if row < 0 or row >= rows or column < 0 or column >= columns:
+            continue
+        held = best[row, column]
+        if held < 0 or sign * xyz[i, 2] > sign * xyz[held, 2]:
+            best[row, column] = i
+    return best
+
+
+@njit(cache=True)
+def mean_kernel(
+    xyz: Points, west: float, north: float, cell: float, rows: int, columns: int
+) -> tuple[Grid, Grid]:
+    """Mean height and count of the points in each cell, (rows, columns)."""
+    total = np.zeros((rows, columns))
+    count = np.zeros((rows, columns), np.float32)
+    for i in range(len(xyz)):
+        row = int(np.floor((north - xyz[i, 1]) / cell))
+        column = int(np.floor((xyz[i, 0] - west) / cell))
+        if row < 0 or row >= rows or column < 0 or column >= columns:
+            continue
+        total[row, column] += xyz[i, 2]
+        count[row, column] += 1
+    mean = np.full((rows, columns), np.nan, np.float32)
+    for row in range(rows):
+        for column in range(columns):
+            if count[row, column] > 0:
+                mean[row, column] = total[row, column] / count[row, column]
+    return mean, count

@@ -1,0 +1,53 @@
+"""The terrain (DTM) and the surface (DSM) as rasters."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from eaves.model import Bounds, Mask, PointCloud, Raster
+from eaves.raster.grid import empty_raster, heights_of, highest_points, mean_heights
+from eaves.raster.interpolate import fill_linear, fill_nearest
+
+CELL = 0.5
+"""Side of a cell of the rasters (m)."""
+
+
+def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
+    """The terrain over `bounds` (local m), linear between ground points; NaN only when there is no ground
+    at all.
+
+    A cell with ground points holds their mean height; the others are linear in the triangles of the cells
+    around the gap, and beyond the outermost ground points take the nearest height.
+    """
+    ground = cloud.xyz[cloud.ground]
+    mean, _ = mean_heights(ground, bounds, cell)
+    raster = Raster(mean, bounds.west, bounds.north, cell)
+    if (
+        len(ground) and not np.isfinite(mean).any()
+    ):  # all of it lies outside: the nearest is all there is to say
+        centre = np.array([(bounds.west + bounds.east) / 2, (bounds.south + bounds.north) / 2])
+        nearest = np.argmin(((ground[:, :2] - centre) ** 2).sum(axis=1))
+        return empty_raster(bounds, cell, float(ground[nearest, 2]))
+    return fill_linear(raster)
+
+
+def find_gaps(cloud: PointCloud, dtm: Raster, width: float) -> Mask:
+    """The cells (H, W) of a DTM that are more than `width` (m) from any ground point: closed, not
+    measured.
+    """
+    _, count = mean_heights(cloud.xyz[cloud.ground], dtm.bounds, dtm.cell)
+    if not (count > 0).any():
+        return np.ones(dtm.shape, bool)
+    return np.asarray(ndimage.distance_transform_edt(count == 0, sampling=dtm.cell) > width)
+
+
+def make_dsm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, close: float = 1.0) -> Raster:
+    """The height of the highest point of each cell, noise left out.
+
+    Empty cells take the nearest value up to `close` (m) away, which keeps the jump at walls; larger gaps
+    stay NaN.
+    """
+    xyz = cloud.xyz[~cloud.noise]
+    top = heights_of(highest_points(xyz, bounds, cell), xyz[:, 2])
+    return fill_nearest(Raster(top, bounds.west, bounds.north, cell), close)
