@@ -87,6 +87,7 @@ REGISTRY: dict[str, dict[str, str]] = {
     },
     "detect": {
         "planar_patches": "eaves.detect.planar_patches:PlanarPatches",
+        "given_classes": "eaves.detect.given_classes:GivenClasses",
     },
     "outline": {
         "alpha_shape": "eaves.outline.alpha_shape:AlphaShape",

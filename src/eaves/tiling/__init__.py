@@ -1,0 +1,1 @@
+"""Blocks of the world, who computes them, and the files that come out."""

@@ -1,0 +1,36 @@
+# make demo and make test work on a fresh clone with Python 3.11 or later.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test test-all bench lint wheels-check docs clean
+
+$(BIN)/eaves: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --upgrade pip
+	$(BIN)/pip install --quiet --only-binary :all: --no-binary eaves --editable .[test,cluster]
+	touch $@
+
+demo: $(BIN)/eaves
+	$(BIN)/eaves demo --out demo-out
+
+test: $(BIN)/eaves
+	$(BIN)/python -m pytest
+
+test-all: $(BIN)/eaves
+	$(BIN)/python -m pytest -m ""
+
+bench: $(BIN)/eaves
+	$(BIN)/python -m benchmarks
+
+lint: $(BIN)/eaves
+	$(BIN)/ruff check src tests benchmarks
+	$(BIN)/ruff format --check src tests benchmarks
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+wheels-check: $(BIN)/eaves
+	$(BIN)/python benchmarks/wheels_check.py
+
+clean:
+	rm -rf $(VENV) demo-out

@@ -1,0 +1,1 @@
+"""Tables of speed and accuracy that anyone can run."""

@@ -1,0 +1,417 @@
+"""The command line. Imports are late: `eaves --help` must answer at once."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from eaves.pipeline import Recipe
+    from eaves.tiling.build import Options
+    from eaves.tiling.outputs import Summary
+
+COMPLETE, INCOMPLETE, MISUSE, INTERRUPTED = 0, 1, 2, 130
+"""Exit statuses (design: 0 all there, 1 something missing, 2 the caller's mistake; 130 is the shell's for Ctrl-C)."""
+
+app = typer.Typer(
+    name="eaves",
+    help="From raw airborne LiDAR to building footprints and valid 3D buildings.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+Inputs = Annotated[list[str], typer.Argument(help="LAS, LAZ, COPC or text files, folders or globs.", metavar="INPUT…")]
+Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write.")]
+Crs = Annotated[str | None, typer.Option(help="EPSG code, compound code (28992+5709), or a WKT or PROJJSON file.")]
+BoundsText = Annotated[str | None, typer.Option("--bounds", help="west,south,east,north in the CRS's unit.")]
+Clip = Annotated[Path | None, typer.Option(help="Polygons; points outside are not used.")]
+UseClasses = Annotated[bool, typer.Option("--use-classes", help="Believe the file's classes.")]
+Jobs = Annotated[int, typer.Option(help="Processes; 0 means one a core.", min=0)]
+Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Keep parts that are done and match.")]
+Published = Annotated[bool, typer.Option("--as-published", help="Every method with the numbers its paper prints.")]
+Config = Annotated[Path | None, typer.Option(help="TOML with a table per stage: method and parameters.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and errors.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also what happens inside.")]
+Footprints = Annotated[Path | None, typer.Option(help="Footprints to use instead of our own.")]
+IdField = Annotated[str | None, typer.Option(help="Field of the footprints that holds their id.")]
+Snap = Annotated[bool, typer.Option("--snap-footprints", help="Move given footprints to the eaves in the points.")]
+BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).", min=6)]
+Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
+MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]
+Formats = Annotated[str, typer.Option(help="More formats, comma-separated: obj,geojson,fgb,cityjson.")]
+
+
+@app.command()
+def build(
+    inputs: Inputs,
+    out: Out,
+    footprints: Footprints = None,
+    id_field: IdField = None,
+    snap_footprints: Snap = False,
+    use_classes: UseClasses = False,
+    lod: Annotated[str, typer.Option(help="Finest level of detail: 0, 1.2, 1.3 or 2.2.")] = "2.2",
+    crs: Crs = None,
+    bounds: BoundsText = None,
+    clip: Clip = None,
+    ground_method: MethodName = None,
+    detect_method: MethodName = None,
+    outline_method: MethodName = None,
+    roof_method: MethodName = None,
+    reconstruct_method: MethodName = None,
+    formats: Formats = "",
+    as_published: Published = False,
+    block: BlockSide = 240.0,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    resume: Resume = False,
+    strict: Strict = False,
+    config: Config = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Points in; footprints, valid 3D buildings, rasters, classified points and a report out."""
+    settings = read_config(config)
+    recipe = recipe_from(
+        {
+            "ground": ground_method,
+            "detect": detect_method,
+            "outline": outline_method,
+            "roof": roof_method,
+            "reconstruct": reconstruct_method,
+        },
+        settings,
+        as_published=as_published,
+        use_classes=use_classes,
+        lod=lod,
+    )
+    options = options_from(
+        crs=crs,
+        bounds=bounds,
+        clip=clip,
+        footprints=footprints,
+        id_field=id_field,
+        snap_footprints=snap_footprints,
+        formats=tuple(name for name in formats.split(",") if name),
+        jobs=jobs,
+        scheduler=scheduler,
+        resume=resume,
+        block=block,
+    )
+    summary = run_build(inputs, out, recipe, options, quiet, verbose)
+    finish(summary, quiet, strict)
+
+
+@app.command()
+def ground(
+    inputs: Inputs,
+    out: Out,
+    method: MethodName = None,
+    crs: Crs = None,
+    bounds: BoundsText = None,
+    clip: Clip = None,
+    use_classes: UseClasses = False,
+    as_published: Published = False,
+    block: BlockSide = 240.0,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    resume: Resume = False,
+    config: Config = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """The same points in the same order: class 2 ground, 7 and 18 noise, 1 the rest (OUT.laz, or a folder)."""
+    from dataclasses import replace
+
+    recipe = recipe_from(
+        {"ground": method}, read_config(config), as_published=as_published, use_classes=use_classes, lod="0"
+    )
+    options = options_from(
+        crs=crs,
+        bounds=bounds,
+        clip=clip,
+        jobs=jobs,
+        scheduler=scheduler,
+        resume=resume,
+        block=block,
+        outputs=("classified",),
+    )
+    recipe = replace(recipe, detect=None)
+    summary = run_build(inputs, out, recipe, options, quiet, verbose, single_file=True)
+    finish(summary, quiet, strict=False)
+
+
+@app.command()
+def detect(
+    inputs: Inputs,
+    out: Out,
+    method: MethodName = None,
+    ground_method: MethodName = None,
+    outline_method: MethodName = None,
+    crs: Crs = None,
+    bounds: BoundsText = None,
+    clip: Clip = None,
+    use_classes: UseClasses = False,
+    as_published: Published = False,
+    block: BlockSide = 240.0,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    resume: Resume = False,
+    config: Config = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Building mask (GeoTIFF with world file), footprints and classified points."""
+    names = {"detect": method, "ground": ground_method, "outline": outline_method}
+    recipe = recipe_from(
+        names, read_config(config), as_published=as_published, use_classes=use_classes, lod="0"
+    )
+    options = options_from(
+        crs=crs,
+        bounds=bounds,
+        clip=clip,
+        jobs=jobs,
+        scheduler=scheduler,
+        resume=resume,
+        block=block,
+        outputs=("footprints", "mask", "classified"),
+    )
+    finish(run_build(inputs, out, recipe, options, quiet, verbose), quiet, strict=False)
+
+
+@app.command()
+def reconstruct(
+    inputs: Inputs,
+    out: Out,
+    footprints: Annotated[Path, typer.Option(help="The footprints to model.")],
+    id_field: IdField = None,
+    snap_footprints: Snap = False,
+    use_classes: UseClasses = False,
+    lod: Annotated[str, typer.Option(help="Finest level of detail: 1.2, 1.3 or 2.2.")] = "2.2",
+    roof_method: MethodName = None,
+    method: MethodName = None,
+    crs: Crs = None,
+    bounds: BoundsText = None,
+    clip: Clip = None,
+    as_published: Published = False,
+    block: BlockSide = 240.0,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    resume: Resume = False,
+    strict: Strict = False,
+    config: Config = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Models for given footprints; the points may be classified or not."""
+    names = {"roof": roof_method, "reconstruct": method}
+    recipe = recipe_from(
+        names, read_config(config), as_published=as_published, use_classes=use_classes, lod=lod
+    )
+    options = options_from(
+        crs=crs,
+        bounds=bounds,
+        clip=clip,
+        footprints=footprints,
+        id_field=id_field,
+        snap_footprints=snap_footprints,
+        jobs=jobs,
+        scheduler=scheduler,
+        resume=resume,
+        block=block,
+    )
+    finish(run_build(inputs, out, recipe, options, quiet, verbose), quiet, strict)
+
+
+@app.command()
+def validate(
+    file: Annotated[Path, typer.Argument(help="CityJSON or CityJSONSeq.", metavar="FILE")], quiet: Quiet = False
+) -> None:
+    """Every defect of every solid, by val3dity's code numbers; exit status 1 when there is one."""
+    from eaves.validate import validate_file
+
+    findings = validate_file(file)
+    for finding in findings:
+        typer.echo(f"{finding.code} {finding.name}: {finding.building} {finding.where}: {finding.detail}")
+    if not quiet:
+        typer.echo(f"{file}: {len(findings)} findings" if findings else f"{file}: valid, no findings")
+    raise typer.Exit(INCOMPLETE if findings else COMPLETE)
+
+
+@app.command()
+def evaluate(
+    what: Annotated[str, typer.Argument(help="ground, detection, footprints, planes or models.")],
+    result: Annotated[Path, typer.Argument()],
+    reference: Annotated[Path, typer.Argument()],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for JSON, rows and maps.")] = None,
+) -> None:
+    """How well a result agrees with a reference, by the field's measures."""
+    from eaves.evaluate import evaluate_files
+
+    typer.echo(evaluate_files(what, result, reference, out).as_text())
+
+
+@app.command()
+def methods(stage: Annotated[str | None, typer.Argument(help="One stage only.")] = None) -> None:
+    """Every method: name, idea, paper, parameters."""
+    from eaves.methods import DEFAULTS, REGISTRY, method_class
+
+    if stage is not None and stage not in REGISTRY:
+        raise ValueError(f"unknown stage '{stage}'; choose one of: {', '.join(REGISTRY)}")
+    for name in [stage] if stage else list(REGISTRY):
+        typer.echo(f"{name}")
+        for method in REGISTRY[name]:
+            cls = method_class(name, method)
+            mark = " (default)" if DEFAULTS[name] == method else ""
+            typer.echo(f"  {method}{mark}: {cls.idea} [{cls.paper}]")
+            if stage:
+                for key, field in cls.model_fields.items():
+                    extra: Any = field.json_schema_extra or {}
+                    unit = "" if extra.get("unit") in (None, "1") else f" {extra['unit']}"
+                    default = "derived" if field.default is None else f"{field.default}{unit}"
+                    printed = extra.get("published")
+                    published = "" if printed is None else f"; published {printed}{unit}"
+                    typer.echo(f"      {key} = {default}{published}: {field.description}")
+
+
+@app.command()
+def demo(out: Out = Path("demo-out"), quiet: Quiet = False) -> None:
+    """Build a scene whose every plane is known, and compare with the truth."""
+    from eaves.demo import run_demo
+
+    start_log(quiet, verbose=False)
+    raise typer.Exit(run_demo(out, progress(quiet)))
+
+
+def read_config(path: Path | None) -> dict[str, dict[str, Any]]:
+    """The tables of a TOML file by stage; ValueError names a stage that does not exist."""
+    import tomllib
+
+    from eaves.methods import REGISTRY
+
+    if path is None:
+        return {}
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ValueError(f"{path}: there is no such configuration file; check --config") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not valid TOML ({error}); mend the file") from None
+    for stage, table in tables.items():
+        if stage not in REGISTRY or not isinstance(table, dict):
+            raise ValueError(f"{path}: unknown table '{stage}'; choose among: {', '.join(REGISTRY)}")
+    return tables
+
+
+def recipe_from(
+    names: dict[str, str | None],
+    settings: dict[str, dict[str, Any]],
+    *,
+    as_published: bool,
+    use_classes: bool,
+    lod: str,
+) -> Recipe:
+    """The recipe of the command line's names over the configuration file's tables."""
+    from eaves.model.building import LODS
+    from eaves.pipeline import make_recipe
+
+    if lod not in LODS:
+        raise ValueError(f"--lod {lod}: unknown level of detail; choose one of: {', '.join(LODS)}")
+    chosen = {stage: table.get("method") for stage, table in settings.items()}
+    chosen |= {stage: name for stage, name in names.items() if name}
+    parameters = {
+        stage: {key: value for key, value in table.items() if key != "method"}
+        for stage, table in settings.items()
+    }
+    return make_recipe(chosen, parameters, published=as_published, use_classes=use_classes, lod=lod)
+
+
+def options_from(*, bounds: str | None = None, jobs: int = 1, **rest: Any) -> Options:
+    """The options with the bounds parsed and the number of jobs settled."""
+    import os
+
+    from eaves.model import Bounds
+    from eaves.tiling.build import Options
+
+    window = None
+    if bounds:
+        try:
+            west, south, east, north = (float(part) for part in bounds.split(","))
+        except ValueError:
+            raise ValueError(f"--bounds {bounds}: not four numbers; write west,south,east,north") from None
+        if west >= east or south >= north:
+            raise ValueError(f"--bounds {bounds}: west must be below east, south below north")
+        window = Bounds(west, south, east, north)
+    return Options(bounds=window, jobs=jobs or os.cpu_count() or 1, **rest)
+
+
+def run_build(
+    inputs: list[str],
+    out: Path,
+    recipe: Recipe,
+    options: Options,
+    quiet: bool,
+    verbose: bool,
+    single_file: bool = False,
+) -> Summary:
+    """Build with progress on screen."""
+    from eaves.tiling.build import build as build_all
+
+    start_log(quiet, verbose)
+    with progress(quiet) as tell:
+        return build_all(inputs, out, recipe, options, tell, single_file=single_file)
+
+
+def finish(summary: Summary, quiet: bool, strict: bool) -> None:
+    """Say what came out, and leave with the right status."""
+    if not quiet:
+        typer.echo(summary.as_text())
+    for reason in summary.failed:
+        typer.echo(f"incomplete: {reason}", err=True)
+    failures = strict and summary.found > summary.modelled
+    raise typer.Exit(COMPLETE if summary.complete and not failures else INCOMPLETE)
+
+
+def start_log(quiet: bool, verbose: bool) -> None:
+    """Warnings (and more, if wanted) go to standard error, a line each."""
+    import logging
+
+    level = logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
+    logger = logging.getLogger("eaves")
+    logger.handlers[:] = [handler]
+    logger.setLevel(level)
+
+
+def progress(quiet: bool) -> Any:
+    """A context manager whose value hears progress: bars on a terminal, plain lines in a log, nothing if quiet."""
+    from eaves.viewer.progress import bars, lines, nothing
+
+    if quiet:
+        return nothing()
+    return bars() if sys.stderr.isatty() else lines()
+
+
+def main() -> None:
+    """Entry point: a caller's mistake is one line and status 2, never a traceback."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        typer.echo("interrupted: nothing half-written; run again with --resume to go on", err=True)
+        sys.exit(INTERRUPTED)
+    except (ValueError, OSError) as error:
+        if "--verbose" in sys.argv or "-v" in sys.argv:
+            raise
+        message = " ".join(str(error).split())
+        typer.echo(f"error: {message}", err=True)
+        sys.exit(MISUSE)
+
+
+if __name__ == "__main__":
+    main()

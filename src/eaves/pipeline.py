@@ -1,0 +1,319 @@
+"""The flow from points to buildings, in two passes. Read this file first.
+
+`block_pass` turns the points of one block into ground, rasters and regions; `building_pass` turns the points of one
+building, however many blocks it covers, into a model or a Failure. `tiling` runs the first over all blocks, joins
+regions across seams, and runs the second over all buildings.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from eaves.detect import Detector, detect_buildings
+from eaves.geometry.neighbours import measure_spacing
+from eaves.ground import GroundMethod, classify_ground
+from eaves.methods import DEFAULTS, Method, make_method, method_class
+from eaves.model import (
+    Block,
+    Bounds,
+    BuildingModel,
+    Failure,
+    Footprint,
+    Labels,
+    PointCloud,
+    Points,
+    Raster,
+    Regions,
+    Scene,
+)
+from eaves.model.cloud import BUILDING
+from eaves.model.scene import WALL
+from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
+from eaves.raster.surfaces import make_dsm, make_dtm
+from eaves.reconstruct import Reconstructor, reconstruct
+from eaves.roof import RoofMethod, segment_roof
+from eaves.validate import validate_model
+
+CELL = 0.5
+"""Side of a raster cell (m)."""
+SEAM = 1.5
+"""Points this near (m) to a block's border are labelled by both blocks; shared labels join regions."""
+CANDIDATE_HEIGHT = 1.0
+"""Points lower than this (m) over the terrain belong to no roof."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Which methods to use, with their parameters, and what to believe of the input."""
+
+    ground: GroundMethod
+    detect: Detector | None
+    """None stops after the ground."""
+    outline: OutlineMethod
+    roof: RoofMethod
+    reconstruct: Reconstructor
+    use_classes: bool = False
+    lod: str = "2.2"
+    """The finest level of detail to keep; `0` stops at footprints."""
+
+    @property
+    def reach(self) -> float:
+        """Width (m) of the surroundings a block is computed with: the largest of the methods'."""
+        return max(self.ground.reach, self.detect.reach if self.detect else 0.0, 2 * SEAM)
+
+
+def make_recipe(
+    names: Mapping[str, str | None] | None = None,
+    parameters: Mapping[str, dict[str, object]] | None = None,
+    *,
+    published: bool = False,
+    use_classes: bool = False,
+    lod: str = "2.2",
+) -> Recipe:
+    """The recipe for the methods named by stage; a stage not named uses its default.
+
+    A detector brings the ground filter of its own paper unless one is named. With `use_classes` buildings are the
+    points of class 6 unless a detector is named.
+    """
+    chosen = {stage: name for stage, name in (names or {}).items() if name}
+    if use_classes:
+        chosen.setdefault("detect", "given_classes")
+    detector = method_class("detect", chosen.get("detect", DEFAULTS["detect"]))
+    chosen.setdefault("ground", getattr(detector, "ground_method", DEFAULTS["ground"]))
+    made: dict[str, Method] = {
+        stage: make_method(stage, chosen.get(stage), (parameters or {}).get(stage), published)
+        for stage in DEFAULTS
+    }
+    return Recipe(**made, use_classes=use_classes, lod=lod)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class BlockResult:
+    """What the block pass found out about the points inside one block; arrays are (N,) and in canonical order."""
+
+    block: Block
+    xyz: Points
+    point_id: NDArray[np.int64]
+    classification: NDArray[np.uint8]
+    label: Labels
+    part: NDArray[np.uint8]
+    height: NDArray[np.float32]
+    score: NDArray[np.float64]
+    """Of each label, (K,)."""
+    dtm: Raster
+    dsm: Raster
+    spacing: float
+    seam_id: NDArray[np.int64]
+    seam_label: Labels
+    """Labelled points within `SEAM` of the border, on both sides of it."""
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class BuildingPoints:
+    """One building before it is modelled: its points (N,) about the origin of its home block, and the terrain around it."""
+
+    home: Block
+    xyz: Points
+    point_id: NDArray[np.int64]
+    part: NDArray[np.uint8]
+    terrain: Raster
+    spacing: float
+    score: float
+    number: int
+    """Number among the buildings of its home block: the seed of its random numbers."""
+    given: Footprint | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class BuildingResult:
+    """A model, or the Failure (with the footprint it concerns), and the roof plane of every point (N,), 0 for none."""
+
+    answer: BuildingModel | Failure
+    point_id: NDArray[np.int64]
+    plane: Labels
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def broken(cls, building: BuildingPoints, error: Exception) -> BuildingResult:
+        """What is left of a building whose pass raised: its place, its points, and the error as the reason."""
+        place = name_footprint(building.given or hull_of(building.xyz, building.spacing), building)
+        failure = Failure("internal_error", f"{type(error).__name__}: {error}", "pipeline", place)
+        return cls(failure, building.point_id, np.zeros(len(building.xyz), np.int32))
+
+    @classmethod
+    def without_points(cls, failure: Failure) -> BuildingResult:
+        """A given footprint that no point belongs to."""
+        return cls(failure, np.zeros(0, np.int64), np.zeros(0, np.int32))
+
+
+def make_scene(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Scene:
+    """A classified cloud with its terrain, its surface and every point's height; `bounds` in local metres."""
+    dtm, dsm = make_dtm(cloud, bounds, cell), make_dsm(cloud, bounds, cell)
+    return Scene(cloud, dtm, dsm, measure_spacing(cloud.xyz), cloud.xyz[:, 2] - dtm.at(cloud.xyz))
+
+
+def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
+    """Ground, rasters and regions of one block.
+
+    `cloud` must hold the points of the block and of its surroundings up to `recipe.reach`, and no others: then the
+    answer is the same whichever files or tiles they came from.
+    """
+    clock = Clock()
+    cloud = cloud.about(block.origin)
+    cloud = cloud.take(cloud.canonical_order())
+    core = Bounds(0.0, 0.0, block.side, block.side)
+    classified = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes)
+    clock.lap("ground")
+    scene = make_scene(classified, core.grown(recipe.reach))
+    clock.lap("rasters")
+    regions = detect_buildings(scene, recipe.detect) if recipe.detect else Regions(np.zeros(len(cloud), np.int32))
+    clock.lap("detect")
+
+    inside = core.contains(cloud.xyz)
+    seam = (regions.label > 0) & core.grown(SEAM).contains(cloud.xyz) & ~core.grown(-SEAM).contains(cloud.xyz)
+    ids = cloud.point_id if cloud.point_id is not None else np.arange(len(cloud))
+    part = regions.part if regions.part is not None else np.zeros(len(cloud), np.uint8)
+    assert classified.classification is not None
+    return BlockResult(
+        block=block,
+        xyz=cloud.xyz[inside],
+        point_id=ids[inside],
+        classification=classified.classification[inside],
+        label=regions.label[inside],
+        part=part[inside],
+        height=scene.height[inside].astype(np.float32),
+        score=regions.score,
+        dtm=crop(scene.dtm, core),
+        dsm=crop(scene.dsm, core),
+        spacing=scene.spacing,
+        seam_id=ids[seam],
+        seam_label=regions.label[seam],
+        seconds=clock.laps,
+    )
+
+
+def building_pass(building: BuildingPoints, recipe: Recipe) -> BuildingResult:
+    """Footprint, roof planes and solids of one building."""
+    clock = Clock()
+    roof = np.flatnonzero(building.part != WALL)
+    points = building.xyz[roof]
+    plane = np.zeros(len(building.xyz), np.int32)
+
+    footprint = building.given or draw_footprint(points, building.spacing, recipe)
+    clock.lap("outline")
+    if isinstance(footprint, Failure):
+        blank = name_footprint(hull_of(building.xyz, building.spacing), building)
+        return BuildingResult(
+            Failure(footprint.code, footprint.reason, footprint.stage, blank), building.point_id, plane, clock.laps
+        )
+    footprint = name_footprint(footprint, building)
+    if recipe.lod == "0":
+        return BuildingResult(BuildingModel(footprint, {}), building.point_id, plane, clock.laps)
+
+    rng = np.random.default_rng([building.home.column & 0xFFFFFFFF, building.home.row & 0xFFFFFFFF, building.number])
+    planes = segment_roof(points, building.spacing, recipe.roof, rng=rng)
+    for number, found in enumerate(planes, 1):
+        plane[roof[found.members]] = number
+    clock.lap("roof")
+
+    base, terrain = heights_under(footprint, building.terrain)
+    if not np.isfinite(base):
+        answer: BuildingModel | Failure = Failure("no_ground", "no terrain under the footprint", "reconstruct")
+    else:
+        answer = reconstruct(points, footprint, planes, base, recipe.reconstruct)
+    clock.lap("reconstruct")
+    if isinstance(answer, BuildingModel):
+        answer = keep_valid(answer, recipe.lod)
+    clock.lap("validate")
+    if isinstance(answer, Failure):
+        answer = Failure(answer.code, answer.reason, answer.stage, footprint)
+    else:
+        answer = answer.with_(attributes={**answer.attributes, "h_ground": terrain})
+    return BuildingResult(answer, building.point_id, plane, clock.laps)
+
+
+def draw_footprint(points: Points, spacing: float, recipe: Recipe) -> Footprint | Failure:
+    """The regular footprint of a building's roof points (N, 3)."""
+    boundary = trace_outline(points, spacing, recipe.outline)
+    if isinstance(boundary, Failure):
+        return boundary
+    return regularise_outlines([boundary], recipe.outline)[0]
+
+
+def hull_of(points: Points, spacing: float) -> Footprint:
+    """The convex hull of points, widened by the spacing: the place of a building that has no outline."""
+    return Footprint(shapely.MultiPoint(points[:, :2]).convex_hull.buffer(max(spacing, 0.1), join_style="mitre"))
+
+
+def name_footprint(footprint: Footprint, building: BuildingPoints) -> Footprint:
+    """The footprint with its origin, score and, unless it was given one, the id of its representative point's cell."""
+    home = building.home
+    if footprint.id:
+        return footprint.with_(origin=home.origin)
+    point = footprint.polygon.representative_point()
+    block = Block.at(point.x + home.origin[0], point.y + home.origin[1], home.side)
+    column = int((point.x + home.origin[0] - block.origin[0]) / CELL)
+    row = int((point.y + home.origin[1] - block.origin[1]) / CELL)
+    name = f"b{block.column}_{block.row}_{column}_{row}"
+    return footprint.with_(origin=home.origin, score=building.score, id=name)
+
+
+def heights_under(footprint: Footprint, terrain: Raster) -> tuple[float, float]:
+    """The lowest terrain height on the outline, and its 5th percentile (m); NaN where no terrain is known."""
+    rim = shapely.segmentize(footprint.polygon, terrain.cell)
+    heights = terrain.at(shapely.get_coordinates(rim))
+    heights = heights[np.isfinite(heights)]
+    if len(heights) == 0:
+        return float("nan"), float("nan")
+    return float(heights.min()), float(np.percentile(heights, 5))
+
+
+def keep_valid(model: BuildingModel, finest: str) -> BuildingModel | Failure:
+    """The model without the levels that are finer than asked for or not valid, with the reason for what went."""
+    findings = {lod: validate_model(model, lod) for lod in model.solids if lod <= finest}
+    good = {lod: model.solids[lod] for lod, found in findings.items() if not found}
+    bad = {lod: found[0] for lod, found in findings.items() if found}
+    reasons = "; ".join(f"LoD {lod}: {one.code} {one.name} {one.detail}" for lod, one in sorted(bad.items()))
+    if not good:
+        return Failure("invalid_solid", reasons or "no solid", "reconstruct")
+    kept = model.with_(solids=good)
+    attributes = {**model.attributes, "lod": kept.lod}
+    if bad and max(bad) > kept.lod:
+        attributes |= {"fallback_code": "invalid_solid", "fallback_reason": reasons}
+    return kept.with_(attributes=attributes)
+
+
+def building_classes(result: BlockResult, found: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """The classes of a block's points (N,) with 6 for those that belong to a building (`found` > 0)."""
+    classes = result.classification.copy()
+    classes[found > 0] = BUILDING
+    return classes
+
+
+def crop(raster: Raster, bounds: Bounds) -> Raster:
+    """The cells of a raster inside `bounds`, which run along cell borders."""
+    first_column = round((bounds.west - raster.west) / raster.cell)
+    first_row = round((raster.north - bounds.north) / raster.cell)
+    columns, rows = round(bounds.width / raster.cell), round(bounds.height / raster.cell)
+    values = raster.values[first_row : first_row + rows, first_column : first_column + columns]
+    return Raster(values.copy(), bounds.west, bounds.north, raster.cell)
+
+
+class Clock:
+    """Seconds spent between laps, by name."""
+
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.process_time()
+
+    def lap(self, name: str) -> None:
+        now = time.process_time()
+        self.laps[name] = self.laps.get(name, 0.0) + now - self._last
+        self._last = now

@@ -1,0 +1,21 @@
+"""Polygons burnt into raster cells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from rasterio.features import rasterize
+from rasterio.transform import from_origin
+from shapely import Polygon
+
+from eaves.model import Bounds, Raster
+
+
+def burn(polygons: Sequence[Polygon], bounds: Bounds, cell: float) -> Raster:
+    """1 in every cell whose centre lies in a polygon, else 0; `bounds` run along cell borders."""
+    shape = (round(bounds.height / cell), round(bounds.width / cell))
+    values = np.zeros(shape, np.float32)
+    if polygons:
+        rasterize(((polygon, 1) for polygon in polygons), out=values, transform=from_origin(bounds.west, bounds.north, cell, cell))
+    return Raster(values, bounds.west, bounds.north, cell)

@@ -1,0 +1,258 @@
+"""From files to files: index, scatter, block pass, join, building pass, outputs."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from shapely.geometry.base import BaseGeometry
+
+import eaves
+from eaves.formats import InputError, Source, find_inputs, open_source
+from eaves.model import Block, Bounds, CoordinateSystem, Failure, Footprint
+from eaves.pipeline import BuildingResult, Recipe, block_pass, building_pass, make_recipe
+from eaves.tiling.gather import Gatherer
+from eaves.tiling.join import HomePlan, Seam, assign_footprints, join_regions
+from eaves.tiling.outputs import Summary, write_outputs
+from eaves.tiling.runners import Outcome, peak_memory_mb, run
+from eaves.tiling.scatter import scatter_points
+from eaves.tiling.store import Store
+
+log = logging.getLogger("eaves")
+WORK_FOLDER = ".eaves-work"
+"""Folder inside the output folder for parts; it goes when the run is complete."""
+
+Tell = Callable[[str, int, int], None]
+"""Hears progress: stage, done, total."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a run is asked for besides its inputs and methods."""
+
+    crs: str | None = None
+    bounds: Bounds | None = None
+    """In the units of the files' reference system; turned to metres at the door."""
+    clip: Path | None = None
+    footprints: Path | None = None
+    id_field: str | None = None
+    snap_footprints: bool = False
+    formats: tuple[str, ...] = ()
+    jobs: int = 1
+    scheduler: str | None = None
+    resume: bool = False
+    block: float = 240.0
+    outputs: tuple[str, ...] = field(default=())
+    """Names of the outputs to write; all for none."""
+
+
+def build(
+    inputs: str | Path | Sequence[str | Path],
+    out: str | Path,
+    recipe: Recipe | None = None,
+    options: Options | None = None,
+    tell: Tell = lambda stage, done, total: None,
+) -> Summary:
+    """Footprints, models, rasters and classified points of all inputs, written to the folder `out`.
+
+    Parameters
+    ----------
+    inputs
+        LAS, LAZ, COPC or text files, folders or globs.
+    out
+        Folder; made when missing.
+    recipe
+        The methods; `make_recipe()` for none.
+    options
+        The rest; see `Options`.
+    tell
+        Hears progress.
+
+    Raises
+    ------
+    InputError
+        When an input cannot be used; nothing is written then.
+    """
+    started = time.time()
+    recipe, options = recipe or make_recipe(), options or Options()
+    folder = Path(out)
+    paths = find_inputs([inputs] if isinstance(inputs, str | Path) else inputs)
+    sources = [open_source(path, options.crs) for path in paths]
+    system = common_system(sources)
+    bounds = in_metres(options.bounds, system)
+    clip, given = read_vectors(options, system)
+    claim(folder)
+
+    plan = describe(sources, recipe, options)
+    store = Store(
+        folder / WORK_FOLDER,
+        has_returns=any(source.has_returns for source in sources),
+        has_classes=any(source.has_classes for source in sources),
+        system=system,
+    )
+    if not (options.resume and store.matches(plan)):
+        store.discard()
+        store.prepare()
+        total, read = sum(source.count for source in sources), 0
+
+        def read_more(points: int) -> None:
+            nonlocal read
+            read += points
+            tell("read", read, total)
+
+        scatter_points(sources, store, options.block, bounds, clip, read_more)
+        store.keep_plan(plan)
+
+    blocks = store.blocks(options.block)
+    work = partial(compute_block, store=store, recipe=recipe)
+    failed, peak, seams = [], peak_memory_mb(), []
+    left = [block for block in blocks if not store.has("blocks", block)]
+    for done, outcome in enumerate(run(work, left, options.jobs, options.scheduler), 1):
+        peak = max(peak, outcome.peak_mb)
+        note_failure(outcome, left, "block", failed)
+        tell("blocks", done, len(left))
+    seams = [Seam.of(store.load_block(block)) for block in blocks if store.has("blocks", block)]
+
+    homes = assign_footprints(given, blocks) if given is not None and blocks else join_regions(seams)
+    missed = len(given or ()) - sum(len(home.buildings) for home in homes) if given is not None else 0
+    if missed:
+        log.warning("%d footprints lie outside the points and were left out", missed)
+    todo = [home for home in homes if not store.has("buildings", home.home)]
+    work_home = partial(compute_home, store=store, recipe=recipe)
+    for done, outcome in enumerate(run(work_home, todo, options.jobs, options.scheduler), 1):
+        peak = max(peak, outcome.peak_mb)
+        note_failure(outcome, [home.home for home in todo], "buildings of block", failed)
+        tell("buildings", done, len(todo))
+
+    summary = write_outputs(
+        store,
+        sources,
+        blocks,
+        [home.home for home in homes],
+        folder,
+        run={**plan, "crs": system.code, "peak_memory_mb": round(peak)},
+        failed=failed,
+        formats=options.formats,
+        started=started,
+        tell=tell,
+    )
+    if summary.complete:
+        store.discard()
+    return summary
+
+
+def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
+    """The block pass for one block, kept in the store."""
+    store.save("blocks", block, block_pass(store.load_cloud(block, recipe.reach), block, recipe))
+
+
+def compute_home(plan: HomePlan, store: Store, recipe: Recipe) -> None:
+    """The building pass for the buildings at home in one block, kept in the store."""
+    gatherer = Gatherer(store)
+    results = []
+    for building in plan.buildings:
+        points = gatherer.gather(plan.home, building)
+        if isinstance(points, Failure):
+            results.append(BuildingResult.without_points(points))
+            continue
+        try:
+            results.append(building_pass(points, recipe))
+        except Exception as error:  # one building must not take the others of its block with it
+            log.warning("a building of block %s failed: %s: %s", plan.home.name, type(error).__name__, error)
+            log.debug("traceback", exc_info=True)
+            results.append(BuildingResult.broken(points, error))
+    store.save("buildings", plan.home, results)
+
+
+def note_failure(outcome: Outcome, blocks: Sequence[Block], what: str, failed: list[str]) -> None:
+    """Log an outcome's error, and remember it for the report."""
+    if outcome.error:
+        failed.append(f"{what} {blocks[outcome.index].name}: {outcome.error}")
+        log.error("%s", failed[-1])
+
+
+def common_system(sources: Sequence[Source]) -> CoordinateSystem:
+    """The one reference system of all files; InputError names the file that differs."""
+    first = sources[0]
+    for source in sources[1:]:
+        if source.system.unit_m != first.system.unit_m or source.system.code != first.system.code:
+            raise InputError(
+                f"{source.path}: its reference system ({source.system.code or 'none'}, unit "
+                f"{source.system.horizontal_unit_m:g} m) differs from that of {first.path} "
+                f"({first.system.code or 'none'}, {first.system.horizontal_unit_m:g} m); build them apart or pass --crs"
+            )
+    return first.system
+
+
+def in_metres(bounds: Bounds | None, system: CoordinateSystem) -> Bounds | None:
+    """Bounds given in the system's unit, in metres."""
+    if bounds is None:
+        return None
+    unit = system.horizontal_unit_m
+    return Bounds(bounds.west * unit, bounds.south * unit, bounds.east * unit, bounds.north * unit)
+
+
+def read_vectors(
+    options: Options, system: CoordinateSystem
+) -> tuple[BaseGeometry | None, list[Footprint] | None]:
+    """The clip area and the given footprints, in world metres."""
+    import shapely
+
+    from eaves.formats import read_polygons
+    from eaves.outline.given import repair_footprints
+
+    clip, given = None, None
+    if options.clip is not None:
+        clip = shapely.union_all(read_polygons(options.clip, target=system).polygons)
+        shapely.prepare(clip)
+    if options.footprints is not None:
+        layer = read_polygons(options.footprints, id_field=options.id_field, target=system)
+        given = repair_footprints(layer.polygons, layer.ids, layer.attributes)
+    return clip, given
+
+
+def claim(folder: Path) -> None:
+    """Make the output folder and see that it can be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".eaves-probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise InputError(
+            f"{folder}: the output folder cannot be written ({error.strerror}); choose another with -o"
+        ) from None
+
+
+def describe(sources: Sequence[Source], recipe: Recipe, options: Options) -> dict[str, Any]:
+    """What decides the result, as JSON: inputs with their hashes, methods with parameters, block, version."""
+    stages = ("ground", "detect", "outline", "roof", "reconstruct")
+    methods = {
+        stage: {"method": getattr(recipe, stage).name, **getattr(recipe, stage).model_dump(mode="json")}
+        for stage in stages
+    }
+    return {
+        "version": eaves.__version__,
+        "inputs": [{"path": os.fspath(source.path), "points": source.count, "sha256": fingerprint(source.path)} for source in sources],
+        "methods": methods,
+        "use_classes": recipe.use_classes,
+        "lod": recipe.lod,
+        "block": options.block,
+        "reach": recipe.reach,
+        "bounds": None if options.bounds is None else list(vars(options.bounds).values()),
+        "clip": None if options.clip is None else fingerprint(options.clip),
+        "footprints": None if options.footprints is None else fingerprint(options.footprints),
+    }
+
+
+def fingerprint(path: Path) -> str:
+    """SHA-256 of a file."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

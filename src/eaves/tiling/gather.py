@@ -1,0 +1,111 @@
+"""Puts the points and the terrain of one building together from the results of the blocks it lies in."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+
+from eaves.model import Block, Bounds, Failure, Footprint, Raster
+from eaves.model.cloud import GROUND, NOISE_CLASSES, snap
+from eaves.pipeline import CANDIDATE_HEIGHT, CELL, BlockResult, BuildingPoints
+from eaves.tiling.join import BuildingPlan
+from eaves.tiling.store import Store
+
+MARGIN = 2.0
+"""Terrain is known this far (m) around a building's points."""
+TRUSTED_SHARE = 0.2
+"""Under a given footprint, the detector's points are taken when they are at least this share of all high points."""
+
+
+class Gatherer:
+    """Reads the results of blocks as buildings need them, and keeps the last few open."""
+
+    def __init__(self, store: Store, keep: int = 4) -> None:
+        self._store = store
+        self._keep = keep
+        self._open: dict[Block, BlockResult] = {}
+
+    def result(self, block: Block) -> BlockResult | None:
+        """A block's result; None where it failed or has no points."""
+        if block not in self._open:
+            if not self._store.has("blocks", block):
+                return None
+            while len(self._open) >= self._keep:
+                self._open.pop(next(iter(self._open)))
+            self._open[block] = self._store.load_block(block)
+        return self._open[block]
+
+    def gather(self, home: Block, plan: BuildingPlan) -> BuildingPoints | Failure:
+        """The building's points about the corner of its home block, with the terrain around them."""
+        xyz, point_id, part, score, spacing = [], [], [], 0.0, 1.0
+        for block, label in plan.regions:
+            result = self.result(block)
+            if result is None:
+                continue
+            spacing = result.spacing
+            shift = np.array([block.origin[0] - home.origin[0], block.origin[1] - home.origin[1], 0.0])
+            if plan.given is None:
+                chosen = result.label == label
+                score = max(score, float(result.score[label - 1]) if len(result.score) else 1.0)
+            else:
+                chosen = points_under(result, plan.given, shift)
+                score = 1.0
+            xyz.append(result.xyz[chosen] + shift)
+            point_id.append(result.point_id[chosen])
+            part.append(result.part[chosen])
+        if not sum(map(len, xyz)):
+            return Failure("no_points", "no point above the ground lies in it", "tiling", plan.given)
+        points = snap(np.concatenate(xyz))
+        reach = Bounds.of(points)
+        if plan.given is not None:
+            reach = reach.union(Bounds(*plan.given.polygon.bounds))
+        return BuildingPoints(
+            home=home,
+            xyz=points,
+            point_id=np.concatenate(point_id),
+            part=np.concatenate(part),
+            terrain=self.terrain(home, reach.grown(MARGIN)),
+            spacing=spacing,
+            score=score,
+            number=plan.number,
+            given=plan.given,
+        )
+
+    def terrain(self, home: Block, bounds: Bounds) -> Raster:
+        """The terrain inside `bounds` (about the home block's corner), NaN where no block knows it."""
+        west, south = np.floor(bounds.west / CELL) * CELL, np.floor(bounds.south / CELL) * CELL
+        columns, rows = int(np.ceil((bounds.east - west) / CELL)), int(np.ceil((bounds.north - south) / CELL))
+        north = south + rows * CELL
+        values = np.full((rows, columns), np.nan, np.float32)
+        first = Block.at(west + home.origin[0], south + home.origin[1], home.side)
+        last = Block.at(bounds.east + home.origin[0], north + home.origin[1], home.side)
+        for column in range(first.column, last.column + 1):
+            for row in range(first.row, last.row + 1):
+                block = Block(column, row, home.side)
+                result = self.result(block)
+                if result is None:
+                    continue
+                tile = result.dtm
+                left = round((tile.west + block.origin[0] - home.origin[0] - west) / CELL)
+                top = round((north - (tile.north + block.origin[1] - home.origin[1])) / CELL)
+                height, width = tile.shape
+                r0, r1 = max(top, 0), min(top + height, rows)
+                c0, c1 = max(left, 0), min(left + width, columns)
+                if r0 < r1 and c0 < c1:
+                    values[r0:r1, c0:c1] = tile.values[r0 - top : r1 - top, c0 - left : c1 - left]
+        return Raster(values, float(west), float(north), CELL)
+
+
+def points_under(result: BlockResult, given: Footprint, shift: np.ndarray) -> np.ndarray:
+    """Which points (N,) of a block belong to a given footprint: the detector's, or all high ones where it found none."""
+    west, south, east, north = given.polygon.bounds
+    x, y = result.xyz[:, 0] + shift[0], result.xyz[:, 1] + shift[1]
+    near = np.flatnonzero((x >= west) & (x <= east) & (y >= south) & (y <= north))
+    near = near[shapely.contains_xy(given.polygon, x[near], y[near])]
+    high = (result.height[near] >= CANDIDATE_HEIGHT) & ~np.isin(
+        result.classification[near], (GROUND, *NOISE_CLASSES)
+    )
+    detected = result.label[near] > 0
+    chosen = np.zeros(len(x), bool)
+    chosen[near] = detected if detected.sum() >= TRUSTED_SHARE * max(high.sum(), 1) else high
+    return chosen

@@ -1,0 +1,281 @@
+"""The files of a run, made from the parts of its blocks and buildings."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from eaves.formats import (
+    MosaicWriter,
+    Source,
+    atomic,
+    write_cityjson,
+    write_cityjson_seq,
+    write_classified,
+    write_geopackage,
+    write_polygons,
+)
+from eaves.model import Block, Bounds, BuildingModel, Raster
+from eaves.pipeline import CELL, building_classes
+from eaves.raster.burn import burn
+from eaves.tiling.rows import building_row, roof_rows, world_polygon
+from eaves.tiling.store import Store
+
+EVERYTHING = ("footprints", "models", "mask", "rasters", "classified")
+UNCHANGED = 255
+"""In the class arrays: the point was not used (withheld, outside the bounds), keep what the file says."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run found and wrote. `found` is always `modelled` + `failures`."""
+
+    folder: Path
+    points: int
+    found: int
+    modelled: int
+    by_lod: dict[str, int]
+    failures: dict[str, int]
+    """Buildings without a model, by code."""
+    fallbacks: dict[str, int]
+    """Buildings with a coarser model than asked for, by code."""
+    seconds: dict[str, float]
+    elapsed: float
+    files: tuple[Path, ...]
+    failed: tuple[str, ...] = ()
+    """Blocks that could not be computed, with the reason."""
+    run: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def complete(self) -> bool:
+        return not self.failed
+
+    def as_text(self) -> str:
+        """A few lines for the screen."""
+        levels = ", ".join(
+            f"LoD {lod}: {count} ({100 * count / max(self.found, 1):.1f} %)" for lod, count in self.by_lod.items()
+        )
+        lines = [
+            f"{self.points:,} points, {self.found:,} buildings found = {self.modelled:,} modelled "
+            f"+ {self.found - self.modelled:,} failed; {levels or 'no models'}"
+        ]
+        for title, counts in (("failed", self.failures), ("coarser than asked for", self.fallbacks)):
+            if counts:
+                lines.append(f"{title}: " + ", ".join(f"{code} {n}" for code, n in sorted(counts.items())))
+        lines.append(f"{self.elapsed:.1f} s, peak {self.run.get('peak_memory_mb', 0)} MB; results in {self.folder}")
+        return "\n".join(lines)
+
+
+def write_outputs(
+    store: Store,
+    sources: Sequence[Source],
+    blocks: Sequence[Block],
+    homes: Sequence[Block],
+    folder: Path,
+    *,
+    wanted: Sequence[str] = EVERYTHING,
+    formats: Sequence[str] = (),
+    classified: Path | None = None,
+    run: dict[str, Any],
+    failed: Sequence[str],
+    started: float,
+    tell: Callable[[str, int, int], None],
+) -> Summary:
+    """Write what is wanted into `folder`, each file whole or not at all, and say what came out."""
+    files: list[Path] = []
+    system = store.system
+    steps = [name for name in EVERYTHING if name in wanted]
+    for done, step in enumerate(steps):
+        tell("write", done, len(steps))
+        if step == "footprints":
+            files += [write_geopackage(folder / "footprints.gpkg", footprint_rows(store, homes), face_rows(store, homes), system)]
+            for name in ("geojson", "fgb"):
+                if name in formats:
+                    files += [write_polygons(folder / f"footprints.{name}", footprint_rows(store, homes), system)]
+        elif step == "models":
+            files += [write_cityjson_seq(folder / "buildings.city.jsonl", models(store, homes), system)]
+            if "cityjson" in formats:
+                files += [write_cityjson(folder / "buildings.city.json", models(store, homes), system)]
+        elif step == "mask":
+            files += write_mask(store, blocks, homes, folder / "mask.tif")
+        elif step == "rasters":
+            files += write_surfaces(store, blocks, folder)
+        elif step == "classified":
+            files += write_points(store, sources, blocks, homes, folder, classified)
+    tell("write", len(steps), len(steps))
+
+    summary = summarise(store, sources, blocks, homes, folder, files, run, failed, started)
+    report = {
+        **summary.run,
+        "points": summary.points,
+        "found": summary.found,
+        "modelled": summary.modelled,
+        "failed": summary.found - summary.modelled,
+        "by_lod": summary.by_lod,
+        "failures": summary.failures,
+        "fallbacks": summary.fallbacks,
+        "stage_cpu_seconds": summary.seconds,
+        "elapsed_seconds": round(summary.elapsed, 2),
+        "incomplete": list(summary.failed),
+    }
+    if classified is None:
+        with atomic(folder / "run.json") as temporary:
+            temporary.write_text(json.dumps(report, indent=2, allow_nan=False), encoding="utf-8")
+    return summary
+
+
+def summarise(
+    store: Store,
+    sources: Sequence[Source],
+    blocks: Sequence[Block],
+    homes: Sequence[Block],
+    folder: Path,
+    files: Sequence[Path],
+    run: dict[str, Any],
+    failed: Sequence[str],
+    started: float,
+) -> Summary:
+    """Counts over all buildings, seconds over all blocks."""
+    by_lod: Counter[str] = Counter()
+    failures: Counter[str] = Counter()
+    fallbacks: Counter[str] = Counter()
+    seconds: Counter[str] = Counter()
+    found = 0
+    for result in store.results(list(homes)):
+        found += 1
+        seconds.update(result.seconds)
+        if isinstance(result.answer, BuildingModel):
+            by_lod[result.answer.lod] += 1
+            code = result.answer.attributes.get("fallback_code")
+            if code:
+                fallbacks[code] += 1
+        else:
+            failures[result.answer.code] += 1
+    for block in blocks:
+        if store.has("blocks", block):
+            seconds.update(store.load_block(block).seconds)
+    return Summary(
+        folder=folder,
+        points=sum(source.count for source in sources),
+        found=found,
+        modelled=sum(by_lod.values()),
+        by_lod=dict(sorted(by_lod.items(), reverse=True)),
+        failures=dict(sorted(failures.items())),
+        fallbacks=dict(sorted(fallbacks.items())),
+        seconds={name: round(value, 3) for name, value in seconds.items()},
+        elapsed=time.time() - started,
+        files=tuple(files),
+        failed=tuple(failed),
+        run=dict(run),
+    )
+
+
+def models(store: Store, homes: Sequence[Block]) -> Iterator[BuildingModel]:
+    """All models, home block by home block. A building without a solid still has its footprint (LoD 0)."""
+    for result in store.results(list(homes)):
+        answer = result.answer
+        if isinstance(answer, BuildingModel):
+            yield answer
+        elif answer.footprint is not None:
+            attributes = {"lod": "0", "failure_code": answer.code, "failure_reason": answer.reason}
+            yield BuildingModel(answer.footprint, {}, attributes=attributes)
+
+
+def footprint_rows(store: Store, homes: Sequence[Block]) -> list[tuple[shapely.Polygon, dict[str, Any]]]:
+    """Polygon (world metres) and attributes of every building."""
+    rows = []
+    for number, result in enumerate(store.results(list(homes)), 1):
+        assert result.answer.footprint is not None
+        rows.append((world_polygon(result.answer.footprint), building_row(number, result.answer)))
+    return rows
+
+
+def face_rows(store: Store, homes: Sequence[Block]) -> list[tuple[shapely.Polygon, dict[str, Any]]]:
+    """Polygon (world metres) and attributes of every roof face."""
+    return [row for result in store.results(list(homes)) for row in roof_rows(result.answer)]
+
+
+def extent_of(blocks: Sequence[Block]) -> Bounds:
+    """World metres of all blocks together."""
+    bounds = blocks[0].bounds
+    for block in blocks[1:]:
+        bounds = bounds.union(block.bounds)
+    return bounds
+
+
+def in_world(raster: Raster, block: Block) -> Raster:
+    """A block's raster with its corner in world metres."""
+    return raster.with_(west=raster.west + block.origin[0], north=raster.north + block.origin[1])
+
+
+def write_surfaces(store: Store, blocks: Sequence[Block], folder: Path) -> list[Path]:
+    """dtm.tif and dsm.tif over all blocks."""
+    written = []
+    for name in ("dtm", "dsm"):
+        path = folder / f"{name}.tif"
+        with MosaicWriter(path, extent_of(blocks), CELL, store.system) as mosaic:
+            for block in blocks:
+                if store.has("blocks", block):
+                    mosaic.add(in_world(getattr(store.load_block(block), name), block))
+        written.append(path)
+    return written
+
+
+def write_mask(store: Store, blocks: Sequence[Block], homes: Sequence[Block], path: Path) -> list[Path]:
+    """mask.tif with its world file: the footprints burnt into the raster cells whose centre they hold."""
+    polygons = [polygon for polygon, _ in footprint_rows(store, homes)]
+    tree = shapely.STRtree(polygons)
+    with MosaicWriter(path, extent_of(blocks), CELL, store.system, mask=True) as mosaic:
+        for block in blocks:
+            near = [polygons[i] for i in np.sort(tree.query(shapely.box(*vars(block.bounds).values())))]
+            mosaic.add(burn(near, block.bounds, CELL))
+    return [path, path.with_suffix(".tfw")]
+
+
+def write_points(
+    store: Store,
+    sources: Sequence[Source],
+    blocks: Sequence[Block],
+    homes: Sequence[Block],
+    folder: Path,
+    single: Path | None,
+) -> list[Path]:
+    """The classified points of every source; arrays on disk, so memory does not grow with the input."""
+    total = sum(source.count for source in sources)
+
+    def array(name: str, dtype: type, fill: int) -> np.memmap[Any, Any]:
+        made = np.memmap(store.folder / name, dtype, "w+", shape=(max(total, 1),))
+        made[:] = fill
+        return made
+
+    classes, part = array("class", np.uint8, UNCHANGED), array("part", np.uint8, 0)
+    building, plane = array("building", np.int32, 0), array("plane", np.int32, 0)
+    first_plane = 0
+    for number, result in enumerate(store.results(list(homes)), 1):
+        building[result.point_id] = number
+        plane[result.point_id] = np.where(result.plane > 0, result.plane + first_plane, 0)
+        first_plane += int(result.plane.max(initial=0))
+    for block in blocks:
+        if store.has("blocks", block):
+            found = store.load_block(block)
+            classes[found.point_id] = building_classes(found, building[found.point_id])
+            part[found.point_id] = found.part
+    written, start = [], 0
+    for source in sources:
+        path = single or folder / (
+            "classified.laz" if len(sources) == 1 else f"classified_{Path(source.path).stem}.laz"
+        )
+        mine = slice(start, start + source.count)
+        extra = {} if single else {"building_id": building[mine], "plane_id": plane[mine], "part": part[mine]}
+        write_classified(source, path, classes[mine], extra)
+        written.append(path)
+        start += source.count
+    return written

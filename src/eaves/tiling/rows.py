@@ -1,0 +1,81 @@
+"""Attribute rows of buildings and roof faces, as the GeoPackage, the report and the summary show them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from eaves.geometry.tolerance import FLAT_SLOPE_DEG
+from eaves.model import BuildingModel, Failure, Footprint, Points
+from eaves.model.building import ROOF_SURFACE
+
+
+def world_polygon(footprint: Footprint) -> Polygon:
+    """The footprint's polygon in world metres."""
+    return shapely.transform(footprint.polygon, lambda xy: xy + np.array(footprint.origin))
+
+
+def building_row(number: int, answer: BuildingModel | Failure) -> dict[str, Any]:
+    """The attributes of one building; `number` is what `building_id` says in the classified points."""
+    footprint = answer.footprint
+    assert footprint is not None
+    row: dict[str, Any] = {
+        "id": footprint.id,
+        "number": number,
+        "score": round(float(footprint.score), 3),
+        "area_m2": round(float(footprint.polygon.area), 2),
+    }
+    if isinstance(answer, BuildingModel):
+        row |= {"lod": answer.lod, "failure_code": None, "failure_reason": None}
+        row |= {key: value for key, value in answer.attributes.items() if not isinstance(value, list | dict)}
+        row["failure_code"] = answer.attributes.get("fallback_code")
+        row["failure_reason"] = answer.attributes.get("fallback_reason")
+        row.pop("fallback_code", None)
+        row.pop("fallback_reason", None)
+    else:
+        row |= {"lod": None, "failure_code": answer.code, "failure_reason": answer.reason}
+    return row | {f"given_{key}": value for key, value in footprint.attributes.items()}
+
+
+def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[str, Any]]]:
+    """Polygon (world metres, with heights) and attributes of every roof face of the finest level."""
+    if not isinstance(answer, BuildingModel) or not answer.solids:
+        return
+    origin = np.array([*answer.footprint.origin, 0.0])
+    for solid in answer.solids[answer.lod]:
+        for face in solid.faces:
+            if face.surface != ROOF_SURFACE:
+                continue
+            rings = [solid.vertices[list(ring)] for ring in face.rings]
+            rmse = answer.planes[face.plane].rmse if has_plane(answer, face.plane) else None
+            polygon = Polygon(rings[0] + origin, [ring + origin for ring in rings[1:]])
+            yield polygon, {"building_id": answer.footprint.id, "lod": answer.lod, **face_figures(rings), "rmse_m": rmse}
+
+
+def has_plane(model: BuildingModel, number: int | None) -> bool:
+    """Whether a face's plane number names one of the model's planes."""
+    return number is not None and 0 <= number < len(model.planes)
+
+
+def face_figures(rings: list[Points]) -> dict[str, float | None]:
+    """Slope, azimuth (clockwise from grid north, None on the flat), sloped and projected area of a planar face."""
+    area = sum((area_vector(ring) for ring in rings), np.zeros(3))
+    sloped, projected = float(np.linalg.norm(area)), float(abs(area[2]))
+    slope = float(np.degrees(np.arccos(min(1.0, projected / sloped)))) if sloped else 0.0
+    azimuth = float(np.degrees(np.arctan2(area[0], area[1])) % 360.0)
+    return {
+        "slope_deg": round(slope, 2),
+        "azimuth_deg": round(azimuth, 1) if slope >= FLAT_SLOPE_DEG else None,
+        "area_m2": round(sloped, 2),
+        "projected_m2": round(projected, 2),
+    }
+
+
+def area_vector(ring: Points) -> Points:
+    """Half the sum of cross products along a ring (M, 3): its area times its normal (Newell)."""
+    shifted = ring - ring[0]
+    return 0.5 * np.cross(shifted, np.roll(shifted, -1, axis=0)).sum(axis=0)

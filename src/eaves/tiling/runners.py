@@ -1,0 +1,97 @@
+"""Who computes: this process, several processes, or a Dask cluster. The results are the same."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+log = logging.getLogger("eaves")
+Task = TypeVar("Task")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a task ended: its answer, or the one-line reason it has none, and the peak memory of its process."""
+
+    index: int
+    answer: Any = None
+    error: str | None = None
+    peak_mb: float = 0.0
+
+
+def peak_memory_mb() -> float:
+    """The largest memory this process has held (MB); 0 where the system does not tell (Windows)."""
+    try:
+        import resource
+    except ImportError:
+        return 0.0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / 1e6 if sys.platform == "darwin" else peak / 1e3
+
+
+def attempt(work: Callable[[Task], Any], index: int, task: Task) -> Outcome:
+    """Do one task; an error of its own becomes part of the outcome, so the others go on."""
+    try:
+        return Outcome(index, work(task), peak_mb=peak_memory_mb())
+    except Exception as error:
+        log.debug("task %d failed", index, exc_info=True)
+        return Outcome(index, error=f"{type(error).__name__}: {error}", peak_mb=peak_memory_mb())
+
+
+def run(
+    work: Callable[[Task], Any], tasks: Sequence[Task], jobs: int = 1, scheduler: str | None = None
+) -> Iterator[Outcome]:
+    """Outcomes of `work(task)` for every task, as they are ready; `work` must write its own part."""
+    if scheduler is not None:
+        yield from run_on_dask(work, tasks, scheduler)
+    elif jobs > 1 and len(tasks) > 1:
+        yield from run_in_processes(work, tasks, min(jobs, len(tasks)))
+    else:
+        for index, task in enumerate(tasks):
+            yield attempt(work, index, task)
+
+
+def run_in_processes(work: Callable[[Task], Any], tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
+    """As `run`, in `jobs` processes. A task whose process dies is tried once more; then it is an error."""
+    left = dict(enumerate(tasks))
+    for last_try in (False, True):
+        died = False
+        with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+            futures = {pool.submit(attempt, work, index, task): index for index, task in left.items()}
+            for future in as_completed(futures):
+                try:
+                    outcome = future.result()
+                except BrokenProcessPool:
+                    died = True
+                    continue
+                left.pop(outcome.index)
+                yield outcome
+        if not died:
+            return
+        if not last_try:
+            log.warning("a worker process was killed; its tasks are tried once more")
+    for index in left:
+        yield Outcome(index, error="its process was killed twice")
+
+
+def run_on_dask(work: Callable[[Task], Any], tasks: Sequence[Task], scheduler: str) -> Iterator[Outcome]:
+    """As `run`, on the workers of an existing Dask scheduler (`tcp://host:port`) that share the file system."""
+    try:
+        from distributed import Client
+        from distributed import as_completed as completed
+    except ImportError:
+        raise ValueError("--scheduler needs the cluster extra; pip install 'eaves[cluster]'") from None
+    with Client(scheduler) as client:
+        futures = [client.submit(attempt, work, index, task, pure=False) for index, task in enumerate(tasks)]
+        number = {future.key: index for index, future in enumerate(futures)}
+        for future in completed(futures):
+            if future.status == "finished":
+                yield future.result()
+            else:
+                yield Outcome(number[future.key], error=f"the cluster lost it: {future.exception()}")
