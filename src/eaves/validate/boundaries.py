@@ -1,0 +1,130 @@
+"""Boundaries of many solids laid flat in arrays, on the integer grid their coordinates were written on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from eaves.geometry.tolerance import SNAP
+
+LARGEST_EXTENT = 1 << 28
+"""Extent (steps) up to which the exact predicates cannot overflow; 268 km at a millimetre."""
+
+FINEST_STEP = 1e-5
+"""Coordinates written finer than this (m) are rounded to it: a hundredth of the snap tolerance."""
+
+Integers = NDArray[np.int64]
+
+Ring = list[int]
+Face = list[Ring]
+Shell = list[Face]
+
+
+@dataclass(frozen=True, eq=False)
+class Boundaries:
+    """Shells of faces of rings of points.
+
+    `points` (P,) are rows of `vertices` (V, 3), which are integers in units of `step` metres; vertices nearer
+    than the snap tolerance have become one. Ring r is `points[rings[r]:rings[r + 1]]`, face f the rings
+    `faces[f]:faces[f + 1]`, shell s the faces `shells[s]:shells[s + 1]`.
+    """
+
+    vertices: Integers
+    step: float
+    points: Integers
+    rings: Integers
+    faces: Integers
+    shells: Integers
+
+    @property
+    def face_count(self) -> int:
+        return len(self.faces) - 1
+
+    @property
+    def shell_count(self) -> int:
+        return len(self.shells) - 1
+
+    @cached_property
+    def ring_of_point(self) -> Integers:
+        return np.repeat(np.arange(len(self.rings) - 1), np.diff(self.rings))
+
+    @cached_property
+    def face_of_ring(self) -> Integers:
+        return np.repeat(np.arange(self.face_count), np.diff(self.faces))
+
+    @cached_property
+    def face_of_point(self) -> Integers:
+        return self.face_of_ring[self.ring_of_point]
+
+    @cached_property
+    def shell_of_face(self) -> Integers:
+        return np.repeat(np.arange(self.shell_count), np.diff(self.shells))
+
+    @cached_property
+    def next_point(self) -> Integers:
+        """Position (P,) of the point that follows along the ring; the last is followed by the first."""
+        following = np.arange(1, len(self.points) + 1)
+        filled = np.flatnonzero(np.diff(self.rings))
+        following[self.rings[1:][filled] - 1] = self.rings[:-1][filled]
+        return following
+
+    @cached_property
+    def local(self) -> Integers:
+        """Coordinates (P, 3) of the points in steps from the lowest corner of their shell: small numbers."""
+        xyz = self.vertices[self.points]
+        shell = self.shell_of_face[self.face_of_point]
+        corner = np.zeros((self.shell_count, 3), np.int64)
+        filled, first = np.unique(shell, return_index=True)
+        if len(filled):
+            corner[filled] = np.minimum.reduceat(xyz, first, axis=0)
+        return xyz - corner[shell]
+
+
+def lay_flat(shells: list[Shell], vertices: Integers, step: float, snap: float = SNAP) -> Boundaries:
+    """Boundaries of nested lists of vertex numbers, with vertices nearer than `snap` (m) merged.
+
+    Vertices exactly `snap` apart are merged too: whether val3dity does so depends on rounding.
+    """
+    faces = list(chain.from_iterable(shells))
+    rings = list(chain.from_iterable(faces))
+    numbers = np.fromiter(chain.from_iterable(rings), np.int64)
+    used, inverse = np.unique(numbers, return_inverse=True)
+    places, same = np.unique(vertices[used], axis=0, return_inverse=True)
+    merged = _merge_near(places, snap / step)
+    return Boundaries(
+        places,
+        step,
+        merged[same.reshape(-1)][inverse.reshape(-1)],
+        _offsets([len(ring) for ring in rings]),
+        _offsets([len(face) for face in faces]),
+        _offsets([len(shell) for shell in shells]),
+    )
+
+
+def to_grid(coordinates: NDArray[np.float64], step: float) -> Integers:
+    """Coordinates (N, 3) as whole numbers of steps."""
+    return np.rint(coordinates / step).astype(np.int64)
+
+
+def _offsets(counts: list[int]) -> Integers:
+    return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int64)
+
+
+def _merge_near(places: Integers, tolerance_steps: float) -> Integers:
+    """For each place (N, 3) the first of the places that hang together with it by less than the tolerance."""
+    if tolerance_steps < 1.0 - 1e-9 or len(places) < 2:
+        return np.arange(len(places))
+    local = (places - places.min(axis=0)).astype(np.float64)
+    pairs = cKDTree(local).query_pairs(tolerance_steps * (1 + 1e-9), output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places),) * 2)
+    _, group = connected_components(links, directed=False)
+    first = np.full(group.max() + 1, len(places))
+    np.minimum.at(first, group, np.arange(len(places)))
+    return np.asarray(first[group])

@@ -1,0 +1,174 @@
+"""CityJSON and CityJSONSeq files, validated as written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eaves.model import Finding
+from eaves.validate.boundaries import FINEST_STEP, Integers
+from eaves.validate.codes import make_finding
+from eaves.validate.primitives import Primitive, Tolerances, check_primitives
+
+DEPTH = {"MultiSurface": 2, "CompositeSurface": 2, "Solid": 3, "MultiSolid": 4, "CompositeSolid": 4}
+"""Geometry type → how many lists deep its rings lie."""
+
+VERSIONS = ("1.0", "1.1", "2.0")
+
+FEATURES_AT_ONCE = 2_000
+"""Features of a CityJSONSeq checked together: enough to keep arrays long, few enough to bound memory."""
+
+
+def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> list[Finding]:
+    """All findings of a CityJSON or CityJSONSeq file, in the order of its buildings; none means valid.
+
+    Checked are the coordinates as written (whole numbers and transform). A file that cannot be read as
+    CityJSON gives finding 901 or 904; a file that is not there raises FileNotFoundError.
+    """
+    try:
+        documents = _documents(Path(path).read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        return [make_finding(901, "", "file", f"it is not JSON: {error}")]
+    head = documents[0] if documents else None
+    if not isinstance(head, dict) or head.get("type") != "CityJSON":
+        return [make_finding(901, "", "file", 'it does not start with an object of type "CityJSON"')]
+    if str(head.get("version")) not in VERSIONS:
+        versions = ", ".join(VERSIONS)
+        return [make_finding(904, "", "file", f"version is {head.get('version')!r}; known are {versions}")]
+    try:
+        scale, translate = _transform(head)
+    except ValueError as error:
+        return [make_finding(901, "", "file", str(error))]
+    step, findings = max(float(scale.min()), FINEST_STEP), []
+    features = iter(documents)
+    while batch := list(islice(features, FEATURES_AT_ONCE)):
+        findings += _check_batch(batch, scale, translate, step, tolerances)
+    return findings
+
+
+def _documents(text: str) -> list[Any]:
+    """The JSON values of a file: one, or one a line."""
+    try:
+        return [json.loads(text)]
+    except json.JSONDecodeError:
+        return [json.loads(line) for line in text.splitlines() if line.strip()]
+
+
+def _transform(head: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Scale and translation (3,) of a document; those of untransformed coordinates when it has none."""
+    transform = head.get("transform")
+    if transform is None:
+        return np.full(3, FINEST_STEP), np.zeros(3)
+    try:
+        scale, translate = (np.asarray(transform[key], np.float64) for key in ("scale", "translate"))
+    except (KeyError, TypeError, ValueError):
+        raise ValueError("its transform lacks scale or translate") from None
+    if scale.shape != (3,) or translate.shape != (3,) or not np.isfinite([scale, translate]).all():
+        raise ValueError("scale and translate of its transform are not three finite numbers each")
+    if (scale <= 0).any():
+        raise ValueError("the scale of its transform is not positive")
+    return scale, translate
+
+
+def _check_batch(
+    documents: Iterable[Any],
+    scale: np.ndarray,
+    translate: np.ndarray,
+    step: float,
+    tolerances: Tolerances | None,
+) -> list[Finding]:
+    """Findings of some documents that share a transform."""
+    findings: list[Finding] = []
+    primitives: list[Primitive] = []
+    vertices: list[Integers] = []
+    count = 0
+    for document in documents:
+        if not isinstance(document, dict) or not isinstance(document.get("CityObjects", {}), dict):
+            findings.append(make_finding(901, "", "file", "a feature is not an object with CityObjects"))
+            continue
+        try:
+            places = _vertices(document, scale, translate, step, written="transform" not in document)
+        except ValueError as error:
+            findings.append(make_finding(901, str(document.get("id", "")), "vertices", str(error)))
+            continue
+        for name, item in document.get("CityObjects", {}).items():
+            for found in _primitives(name, item, len(places), count):
+                if isinstance(found, Finding):
+                    findings.append(found)
+                else:
+                    primitives.append(found)
+        vertices.append(places)
+        count += len(places)
+    if not primitives:
+        return findings
+    return findings + check_primitives(primitives, np.concatenate(vertices), step, tolerances)
+
+
+def _vertices(
+    document: dict[str, Any], scale: np.ndarray, translate: np.ndarray, step: float, written: bool
+) -> Integers:
+    """The vertices (V, 3) of a document as whole numbers of `step` metres; ValueError says what is wrong."""
+    try:
+        numbers = np.asarray(document.get("vertices", []), np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError("the vertices are not lists of three numbers") from None
+    if numbers.size == 0:
+        return np.zeros((0, 3), np.int64)
+    if numbers.ndim != 2 or numbers.shape[1] != 3:
+        raise ValueError("the vertices are not lists of three numbers")
+    if not np.isfinite(numbers).all():
+        raise ValueError("a vertex is not finite")
+    steps = np.rint(numbers * (scale / step))
+    if np.abs(steps).max() > 2.0**52:
+        raise ValueError("a vertex is beyond any place on Earth")
+    return np.asarray(steps, np.int64)
+
+
+def _primitives(name: str, item: Any, vertex_count: int, first_vertex: int) -> Iterator[Primitive | Finding]:
+    """The surfaces and solids of one city object, with vertex numbers raised by `first_vertex`; 901 for bad
+    ones.
+    """
+    if not isinstance(item, dict) or not isinstance(item.get("geometry", []), list):
+        yield make_finding(901, name, "object", "it is not an object with a list of geometries")
+        return
+    parents = item.get("parents")
+    part_of = isinstance(parents, list) and parents and item.get("type") == "BuildingPart"
+    family = str(parents[0]) if part_of and parents else name
+    for number, geometry in enumerate(item.get("geometry", [])):
+        where = f"geometry {number}"
+        if not isinstance(geometry, dict) or not isinstance(geometry.get("type"), str):
+            yield make_finding(901, name, where, "a geometry is not an object with a type")
+            continue
+        depth = DEPTH.get(geometry["type"])
+        if depth is None:
+            continue
+        boundaries = geometry.get("boundaries", [])
+        if not _is_nested(boundaries, depth, vertex_count):
+            yield make_finding(
+                901, name, where, f"its boundaries are no {geometry['type']} of existing vertices"
+            )
+            continue
+        shells = _raise(boundaries, first_vertex)
+        solids = [[shells]] if depth == 2 else [shells] if depth == 3 else shells
+        yield Primitive(name, family, str(geometry.get("lod", "")), geometry["type"], solids)
+
+
+def _is_nested(value: Any, depth: int, vertex_count: int) -> bool:
+    """Whether a value is lists `depth` deep of lists of vertex numbers that exist."""
+    if not isinstance(value, list):
+        return False
+    if depth == 0:
+        return all(type(number) is int and 0 <= number < vertex_count for number in value)
+    return all(_is_nested(item, depth - 1, vertex_count) for item in value)
+
+
+def _raise(value: Any, first: int) -> Any:
+    """Nested lists of numbers, each raised by `first`."""
+    if first == 0:
+        return value
+    return [_raise(item, first) if isinstance(item, list) else item + first for item in value]

@@ -1,0 +1,29 @@
+"""Building models, validated before they are written, on the coordinates that will be written."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.model import BuildingModel, Finding
+from eaves.validate.boundaries import to_grid
+from eaves.validate.primitives import Primitive, Tolerances, check_primitives
+
+
+def validate_model(model: BuildingModel, tolerances: Tolerances | None = None) -> list[Finding]:
+    """All findings of a model, on its coordinates rounded to the written grid; none means valid.
+
+    Each part of a level of detail is checked as a solid, and the parts of one level against each other. The
+    levels appear in `where`, parts by their number in `building`: `id/0`, `id/1`, …
+    """
+    primitives, vertices, count = [], [np.zeros((0, 3), np.int64)], 0
+    for lod, parts in sorted(model.solids.items()):
+        for number, solid in enumerate(parts):
+            name = model.footprint.id if len(parts) == 1 else f"{model.footprint.id}/{number}"
+            if not np.isfinite(solid.vertices).all():
+                raise ValueError(f"building '{name}' at lod {lod} has a vertex that is not finite")
+            shell = [[[count + vertex for vertex in ring] for ring in face.rings] for face in solid.faces]
+            primitives.append(Primitive(name, model.footprint.id, lod, "Solid", [[shell]]))
+            vertices.append(to_grid(solid.vertices, COORDINATE_STEP))
+            count += len(solid.vertices)
+    return check_primitives(primitives, np.concatenate(vertices), COORDINATE_STEP, tolerances)

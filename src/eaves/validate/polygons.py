@@ -1,0 +1,109 @@
+"""Polygons: planar, and their rings placed as inside and outside must be (codes 104 and 201 to 208)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from eaves.model import Mask, Values
+from eaves.validate.boundaries import Boundaries, Integers
+from eaves.validate.rings import is_simple_ring
+
+REASONS = (
+    ("Self-intersection", 201),
+    ("Duplicate Rings", 202),
+    ("Interior is disconnected", 205),
+    ("Hole lies outside shell", 206),
+    ("Holes are nested", 207),
+)
+"""What GEOS says of a polygon whose rings are simple → code."""
+
+
+@dataclass(frozen=True, eq=False)
+class FacePlanes:
+    """The least-squares plane of each face.
+
+    `centre`, `normal`, `across`, `along` (F, 3): a point of the plane and an orthonormal frame, in steps;
+    `distance` (F,): largest distance (m) of a point of the face from it.
+    """
+
+    centre: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    along: NDArray[np.float64]
+    across: NDArray[np.float64]
+    distance: Values
+
+
+def fit_planes(boundaries: Boundaries) -> FacePlanes:
+    """Least-squares planes of all faces, through the points of all their rings."""
+    face, xyz = boundaries.face_of_point, boundaries.local.astype(np.float64)
+    number = boundaries.face_count
+    count = np.maximum(np.bincount(face, minlength=number), 1)
+    centre = np.stack([np.bincount(face, xyz[:, k], number) / count for k in range(3)], axis=1)
+    away = xyz - centre[face]
+    spread = np.empty((number, 3, 3))
+    for i in range(3):
+        for j in range(3):
+            spread[:, i, j] = np.bincount(face, away[:, i] * away[:, j], number)
+    axes = np.linalg.eigh(spread)[1]
+    normal, across, along = axes[:, :, 0], axes[:, :, 1], axes[:, :, 2]
+    distance = np.zeros(number)
+    np.maximum.at(distance, face, np.abs(np.einsum("pi,pi->p", away, normal[face])))
+    return FacePlanes(centre, normal, along, across, distance * boundaries.step)
+
+
+def shadow_axes(planes: FacePlanes) -> Integers:
+    """The two axes (F, 2) on which each face has its largest shadow; integers stay integers there."""
+    pairs = np.array([[1, 2], [2, 0], [0, 1]])
+    return np.asarray(pairs[np.argmax(np.abs(planes.normal), axis=1)])
+
+
+def ring_areas(boundaries: Boundaries, flat: NDArray[np.float64]) -> Values:
+    """Twice the signed area (R,) of all rings, of points (P, 2) in the plane."""
+    following = flat[boundaries.next_point]
+    twice = flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]
+    areas = np.bincount(boundaries.ring_of_point, twice, minlength=len(boundaries.rings) - 1)
+    return np.asarray(areas, np.float64)
+
+
+def faces_with_rings_alike(boundaries: Boundaries, areas: Values) -> Mask:
+    """Faces (F,) with an inner ring that runs the same way round as the outer one: code 208."""
+    bad = np.zeros(boundaries.face_count, bool)
+    outer = areas[np.minimum(boundaries.faces[:-1], len(areas) - 1)][boundaries.face_of_ring]
+    inner = np.arange(len(areas)) != boundaries.faces[:-1][boundaries.face_of_ring]
+    bad[boundaries.face_of_ring[inner & (outer * areas > 0)]] = True
+    return bad
+
+
+def as_polygons(boundaries: Boundaries, flat: NDArray[np.float64], faces: Integers) -> NDArray[np.object_]:
+    """Shapely polygons of some faces, of points (P, 2) in the plane; every ring has three points or more."""
+    rings = _ranges(boundaries.faces[faces], boundaries.faces[faces + 1])
+    points = _ranges(boundaries.rings[rings], boundaries.rings[rings + 1])
+    sizes = boundaries.rings[rings + 1] - boundaries.rings[rings]
+    ends = np.cumsum(sizes)
+    closing = np.insert(points, ends, boundaries.rings[rings])
+    ring_offsets = np.concatenate([[0], np.cumsum(sizes + 1)])
+    face_offsets = np.concatenate([[0], np.cumsum(boundaries.faces[faces + 1] - boundaries.faces[faces])])
+    polygons: NDArray[np.object_] = shapely.from_ragged_array(
+        shapely.GeometryType.POLYGON, flat[closing], (ring_offsets, face_offsets)
+    )
+    return polygons
+
+
+def why_invalid(polygon: shapely.Polygon) -> tuple[int, str]:
+    """Code and reason of a polygon that GEOS finds invalid."""
+    for ring in (polygon.exterior, *polygon.interiors):
+        if not is_simple_ring(np.asarray(ring.coords)[:-1]):
+            return 104, "a ring crosses or touches itself, or is collapsed to a line"
+    reason = str(shapely.is_valid_reason(polygon))
+    return next((code for text, code in REASONS if text in reason), 201), reason.split("[")[0]
+
+
+def _ranges(starts: Integers, stops: Integers) -> Integers:
+    """The numbers start…stop-1 of all pairs, one after the other."""
+    sizes = stops - starts
+    skip = np.repeat(starts - np.concatenate([[0], np.cumsum(sizes)[:-1]]), sizes)
+    return np.asarray(np.arange(sizes.sum()) + skip)

@@ -1,0 +1,217 @@
+"""Primitives: the geometries of many buildings, checked together from rings to solids."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from eaves.geometry.tolerance import PLANARITY, SNAP
+from eaves.model import Finding
+from eaves.validate.boundaries import LARGEST_EXTENT, Boundaries, Integers, Shell, lay_flat
+from eaves.validate.codes import make_finding
+from eaves.validate.polygons import (
+    as_polygons,
+    faces_with_rings_alike,
+    fit_planes,
+    ring_areas,
+    shadow_axes,
+    why_invalid,
+)
+from eaves.validate.rings import faces_with_repeated_points, faces_with_short_rings
+from eaves.validate.shells import check_shells
+from eaves.validate.solids import composite_defects, solid_defects, solids_overlap
+from eaves.validate.triangles import Triangles, normal_deviations, triangulate
+
+NORMALS_DEG = 20.0
+"""Largest angle between the normals of two triangles of a polygon; val3dity's default `planarity_n_tol`."""
+
+SOLID_TYPES = ("Solid", "MultiSolid", "CompositeSolid")
+
+
+@dataclass(frozen=True, eq=False)
+class Primitive:
+    """One geometry of one building: `solids` holds shells, the outer one first; surfaces are one shell."""
+
+    building: str
+    """Id of the city object."""
+    family: str
+    """Id of the building that the object belongs to: its own, or that of the building it is a part of."""
+    lod: str
+    type: str
+    solids: list[list[Shell]]
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """val3dity's tolerances: `snap` and `planarity` in metres, `normals` in degrees."""
+
+    snap: float = SNAP
+    planarity: float = PLANARITY
+    normals: float = NORMALS_DEG
+
+    def __post_init__(self) -> None:
+        for name in ("snap", "planarity", "normals"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise ValueError(f"tolerance '{name}' is {getattr(self, name)}; give a positive number")
+
+
+def check_primitives(
+    primitives: list[Primitive], vertices: Integers, step: float, tolerances: Tolerances | None = None
+) -> list[Finding]:
+    """All findings of primitives on integer vertices (V, 3) of `step` metres, in the primitives' order."""
+    limits = tolerances or Tolerances()
+    findings = [
+        (number, make_finding(902, p.building, f"lod {p.lod}", f"a {p.type} without surfaces"))
+        for number, p in enumerate(primitives)
+        if not p.solids or any(not shells or not all(shells) for shells in p.solids)
+    ]
+    empty = {number for number, _ in findings}
+    owners = [
+        (number, solid, shell)
+        for number, primitive in enumerate(primitives)
+        if number not in empty
+        for solid, shells in enumerate(primitive.solids)
+        for shell in range(len(shells))
+    ]
+    if owners:
+        boundaries = lay_flat([primitives[n].solids[o][s] for n, o, s in owners], vertices, step, limits.snap)
+        findings += _check(primitives, owners, boundaries, limits)
+    order = sorted(range(len(findings)), key=lambda k: findings[k][0])
+    return [findings[k][1] for k in order]
+
+
+def _check(
+    primitives: list[Primitive],
+    owners: list[tuple[int, int, int]],
+    boundaries: Boundaries,
+    limits: Tolerances,
+) -> list[tuple[int, Finding]]:
+    """Findings with the number of their primitive, of shells that belong to (primitive, solid, shell)."""
+    findings: list[tuple[int, Finding]] = []
+
+    def report(code: int, shell: int, face: int, detail: str) -> None:
+        number, solid, part = owners[shell]
+        primitive = primitives[number]
+        where = [f"lod {primitive.lod}"]
+        where += [f"solid {solid}"] if len(primitive.solids) > 1 else []
+        where += [f"shell {part}"] if len(primitive.solids[solid]) > 1 else []
+        where += [f"polygon {face - boundaries.shells[shell]}"] if face >= 0 else []
+        findings.append((number, make_finding(code, primitive.building, ", ".join(where), detail)))
+
+    face_codes, triangles = check_faces(boundaries, limits)
+    for face, (code, detail) in sorted(face_codes.items()):
+        report(code, int(boundaries.shell_of_face[face]), face, detail)
+    sound = np.ones(boundaries.shell_count, bool)
+    sound[boundaries.shell_of_face[list(face_codes)]] = False
+    solid_shells = np.array([primitives[number].type in SOLID_TYPES for number, _, _ in owners])
+    corner = _corners(boundaries)
+    for defect in check_shells(boundaries, triangles, np.flatnonzero(sound & solid_shells), corner):
+        sound[defect.shell] = False
+        report(defect.code, defect.shell, defect.face, defect.detail)
+    findings += _check_solids(primitives, owners, boundaries, triangles, sound & solid_shells, corner)
+    return findings
+
+
+def check_faces(boundaries: Boundaries, limits: Tolerances) -> tuple[dict[int, tuple[int, str]], Triangles]:
+    """Code and detail of every bad face, and the triangles of the good ones; the first defect of a face ends
+    its check.
+    """
+    codes: dict[int, tuple[int, str]] = {}
+    short = faces_with_short_rings(boundaries)
+    repeated = ~short & faces_with_repeated_points(boundaries)
+    codes |= {int(face): (101, "a ring of fewer than three points") for face in np.flatnonzero(short)}
+    codes |= {int(face): (102, "two consecutive points at one place") for face in np.flatnonzero(repeated)}
+    good = ~short & ~repeated
+    far = np.zeros(boundaries.face_count, bool)
+    np.logical_or.at(far, boundaries.face_of_point, (boundaries.local > LARGEST_EXTENT).any(axis=1))
+    codes |= {
+        int(face): (901, "the coordinates are too far apart to be a building") for face in np.flatnonzero(far)
+    }
+    good &= ~far
+    planes = fit_planes(boundaries)
+    bent = good & (planes.distance > limits.planarity)
+    for face in np.flatnonzero(bent):
+        codes[int(face)] = (203, f"a point is {planes.distance[face]:.3f} m from the polygon's plane")
+    good &= ~bent
+    axes = shadow_axes(planes)[boundaries.face_of_point]
+    shadow = np.take_along_axis(boundaries.local, axes, axis=1).astype(np.float64)
+    faces = np.flatnonzero(good)
+    if len(faces):
+        import shapely
+
+        polygons = as_polygons(boundaries, shadow, faces)
+        alike = faces_with_rings_alike(boundaries, ring_areas(boundaries, shadow))
+        for position in np.flatnonzero(~shapely.is_valid(polygons)):
+            codes[int(faces[position])] = why_invalid(polygons[position])
+        for face in np.flatnonzero(good & alike):
+            if codes.get(int(face), (0, ""))[0] != 104:
+                codes[int(face)] = (208, "an inner ring runs the same way round as the outer one")
+        good[list(codes)] = False
+    triangles = triangulate(boundaries, planes, np.flatnonzero(good))
+    deviation = np.rad2deg(normal_deviations(triangles, boundaries.face_count))
+    for face in np.flatnonzero(deviation > limits.normals):
+        codes[int(face)] = (204, f"the normals of its triangles differ by {deviation[face]:.1f} degrees")
+    return codes, triangles
+
+
+def _corners(boundaries: Boundaries) -> Integers:
+    """The lowest corner (S, 3) of each shell, in steps: what `local` was measured from."""
+    corner = np.zeros((boundaries.shell_count, 3), np.int64)
+    shell, first = np.unique(boundaries.shell_of_face[boundaries.face_of_point], return_index=True)
+    corner[shell] = boundaries.vertices[boundaries.points[first]] - boundaries.local[first]
+    return corner
+
+
+def _check_solids(
+    primitives: list[Primitive],
+    owners: list[tuple[int, int, int]],
+    boundaries: Boundaries,
+    triangles: Triangles,
+    sound: np.ndarray,
+    corner: Integers,
+) -> list[tuple[int, Finding]]:
+    """Findings on solids, composites and the parts of buildings, among solids whose shells are all sound."""
+    findings: list[tuple[int, Finding]] = []
+    solids: dict[tuple[int, int], list[int]] = defaultdict(list)
+    for shell, (number, solid, _) in enumerate(owners):
+        solids[number, solid].append(shell)
+    usable: dict[int, list[list[Integers]]] = defaultdict(list)
+    for (number, solid), shells in solids.items():
+        if not sound[shells].all():
+            continue
+        origin = corner[shells[0]]
+        around = [
+            triangles.of_faces(boundaries.shells[s], boundaries.shells[s + 1]).corners + (corner[s] - origin)
+            for s in shells
+        ]
+        primitive = primitives[number]
+        where = f"lod {primitive.lod}" + (f", solid {solid}" if len(primitive.solids) > 1 else "")
+        defects = solid_defects(around)
+        findings += [(number, make_finding(code, primitive.building, where, text)) for code, text in defects]
+        if not defects:
+            usable[number].append([shell + origin for shell in around])
+    families: dict[tuple[str, str], list[int]] = defaultdict(list)
+    for number in usable:
+        primitive = primitives[number]
+        families[primitive.family, primitive.lod].append(number)
+        if primitive.type == "CompositeSolid" and len(usable[number]) > 1:
+            defects = composite_defects(_about_one_origin(usable[number]))
+            findings += [
+                (number, make_finding(code, primitive.building, f"lod {primitive.lod}", text))
+                for code, text in defects
+            ]
+    for (family, lod), members in families.items():
+        for one, two in combinations(members, 2):
+            if any(solids_overlap(*_about_one_origin([a, b])) for a in usable[one] for b in usable[two]):
+                names = f"'{primitives[one].building}' and '{primitives[two].building}'"
+                findings.append((one, make_finding(601, family, f"lod {lod}", f"{names} overlap")))
+    return findings
+
+
+def _about_one_origin(solids: list[list[Integers]]) -> list[list[Integers]]:
+    """The solids moved together so that their lowest corner is the origin."""
+    low = np.min([shell.reshape(-1, 3).min(axis=0) for shells in solids for shell in shells], axis=0)
+    return [[shell - low for shell in shells] for shells in solids]

@@ -1,0 +1,208 @@
+"""Shells: closed, two-manifold, in one piece, facing one way, not cutting themselves (codes 301 to 307)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+from eaves.validate.boundaries import Boundaries, Integers
+from eaves.validate.exact import self_intersections_kernel
+from eaves.validate.triangles import Triangles
+
+FEWEST_FACES = 4
+
+
+@dataclass(frozen=True)
+class ShellDefect:
+    """What is wrong with shell number `shell`; `face` is the number of a face concerned, or -1."""
+
+    code: int
+    shell: int
+    face: int
+    detail: str
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """The edges of all shells: `shell` (E,), `ends` (E, 2) with the smaller number first, `forward` and
+    `backward` (E,) uses in either direction, and for every side of a face (P,) its edge and whether it runs
+    forward.
+    """
+
+    shell: Integers
+    ends: Integers
+    forward: Integers
+    backward: Integers
+    of_side: Integers
+    runs_forward: Integers
+
+
+def collect_edges(boundaries: Boundaries) -> Edges:
+    """The edges of all shells, from the sides of their faces' rings."""
+    start, end = boundaries.points, boundaries.points[boundaries.next_point]
+    shell = boundaries.shell_of_face[boundaries.face_of_point]
+    keys = np.stack([shell, np.minimum(start, end), np.maximum(start, end)], axis=1)
+    unique, of_side = np.unique(keys, axis=0, return_inverse=True)
+    of_side, runs_forward = of_side.reshape(-1), (start < end).astype(np.int64)
+    forward = np.bincount(of_side, runs_forward, len(unique)).astype(np.int64)
+    backward = np.bincount(of_side, 1 - runs_forward, len(unique)).astype(np.int64)
+    return Edges(unique[:, 0], unique[:, 1:], forward, backward, of_side, runs_forward)
+
+
+def check_shells(
+    boundaries: Boundaries, triangles: Triangles, shells: Integers, corner: Integers
+) -> list[ShellDefect]:
+    """Defects of those shells whose faces are all valid; `corner` (S, 3) is each shell's lowest corner for
+    messages.
+
+    As in val3dity a later check is made only on shells that passed the earlier ones: number of faces, edges,
+    closure and connection, vertices, and last the intersections of faces.
+    """
+    chosen = np.zeros(boundaries.shell_count, bool)
+    chosen[shells] = True
+    few = chosen & (np.diff(boundaries.shells) < FEWEST_FACES)
+    defects = [
+        ShellDefect(301, int(s), -1, f"{np.diff(boundaries.shells)[s]} polygons") for s in np.flatnonzero(few)
+    ]
+    chosen &= ~few
+    edges = collect_edges(boundaries)
+    for check in (_edge_defects, _gaps_and_pieces):
+        found = list(check(boundaries, edges, chosen))
+        chosen[[defect.shell for defect in found]] = False
+        defects += found
+    part = chosen[boundaries.shell_of_face[triangles.face]]
+    whole = Triangles(triangles.numbers[part], triangles.corners[part], triangles.face[part])
+    found = list(_split_umbrellas(boundaries, whole))
+    chosen[[defect.shell for defect in found]] = False
+    part = chosen[boundaries.shell_of_face[whole.face]]
+    found += _self_intersections(
+        boundaries, Triangles(whole.numbers[part], whole.corners[part], whole.face[part]), corner
+    )
+    return defects + found
+
+
+def _edge_defects(boundaries: Boundaries, edges: Edges, chosen: np.ndarray) -> Iterator[ShellDefect]:
+    """Edges with more than two faces (303) and faces turned the wrong way (307)."""
+    crowded = chosen[edges.shell] & (edges.forward + edges.backward > 2)
+    for edge in np.flatnonzero(crowded):
+        face = int(boundaries.face_of_point[np.flatnonzero(edges.of_side == edge)[0]])
+        uses = int(edges.forward[edge] + edges.backward[edge])
+        place = _place(boundaries, edges.ends[edge, 0])
+        yield ShellDefect(303, int(edges.shell[edge]), face, f"an edge at {place} has {uses} polygons")
+    bad = np.unique(edges.shell[crowded])
+    turned = chosen[edges.shell] & ~np.isin(edges.shell, bad) & (np.abs(edges.forward - edges.backward) == 2)
+    for shell in np.unique(edges.shell[turned]):
+        for face in _turned_faces(boundaries, edges, int(shell)):
+            yield ShellDefect(307, int(shell), face, "the polygon faces the other way than its neighbours")
+
+
+def _turned_faces(boundaries: Boundaries, edges: Edges, shell: int) -> list[int]:
+    """The faces of a shell that disagree with most others: two colours spread over the shared edges."""
+    first, last = boundaries.shells[shell], boundaries.shells[shell + 1]
+    sides = np.flatnonzero(boundaries.shell_of_face[boundaries.face_of_point] == shell)
+    sides = sides[np.argsort(edges.of_side[sides], kind="stable")]
+    edge = edges.of_side[sides]
+    pair = np.flatnonzero(edge[1:] == edge[:-1])
+    one, two = (boundaries.face_of_point[sides[pair + k]] - first for k in (0, 1))
+    alike = edges.runs_forward[sides[pair]] != edges.runs_forward[sides[pair + 1]]
+    count = int(last - first)
+    links = coo_array((np.ones(len(pair)), (one, two)), shape=(count, count)).tocsr()
+    agree = {(int(a), int(b)): bool(c) for a, b, c in zip(one, two, alike, strict=True)}
+    colour = np.zeros(count, bool)
+    wrong: list[int] = []
+    _, piece = connected_components(links, directed=False)
+    for number in range(int(piece.max()) + 1):
+        members = np.flatnonzero(piece == number)
+        order, before = breadth_first_order(links, members[0], directed=False)
+        for face in order[1:]:
+            a, b = int(before[face]), int(face)
+            same = agree[(a, b)] if (a, b) in agree else agree[(b, a)]
+            colour[b] = colour[a] if same else ~colour[a]
+        odd, even = members[colour[members]], members[~colour[members]]
+        wrong += [int(first + face) for face in (odd if len(odd) <= len(even) else even)]
+    return wrong
+
+
+def _gaps_and_pieces(boundaries: Boundaries, edges: Edges, chosen: np.ndarray) -> Iterator[ShellDefect]:
+    """Shells in several pieces (305), and edges with one face only (302)."""
+    order = np.argsort(edges.of_side, kind="stable")
+    same = np.flatnonzero(edges.of_side[order][1:] == edges.of_side[order][:-1])
+    one, two = boundaries.face_of_point[order[same]], boundaries.face_of_point[order[same + 1]]
+    count = boundaries.face_count
+    links = coo_array((np.ones(len(one)), (one, two)), shape=(count, count))
+    _, piece = connected_components(links, directed=False)
+    pieces = np.unique(np.stack([boundaries.shell_of_face, piece], axis=1), axis=0)
+    number = np.bincount(pieces[:, 0], minlength=boundaries.shell_count)
+    touching = _pieces_that_touch(boundaries, piece.astype(np.int64))
+    for shell in np.flatnonzero(chosen & (number > 1) & ~touching):
+        yield ShellDefect(305, int(shell), -1, f"{number[shell]} separate pieces")
+    for shell in np.flatnonzero(chosen & (number > 1) & touching):
+        yield ShellDefect(303, int(shell), -1, f"{number[shell]} pieces that touch in a vertex")
+    gaps = np.flatnonzero((chosen & (number == 1))[edges.shell] & (edges.forward + edges.backward == 1))
+    for shell in np.unique(edges.shell[gaps]):
+        mine = gaps[edges.shell[gaps] == shell]
+        place = _place(boundaries, edges.ends[mine[0], 0])
+        yield ShellDefect(302, int(shell), -1, f"{len(mine)} edges with one polygon only, one at {place}")
+
+
+def _pieces_that_touch(boundaries: Boundaries, piece: Integers) -> np.ndarray:
+    """Shells (S,) of several pieces that have a vertex in common."""
+    rows = np.stack([boundaries.shell_of_face[boundaries.face_of_point], boundaries.points], axis=1)
+    with_piece = np.unique(np.column_stack([rows, piece[boundaries.face_of_point]]), axis=0)
+    again = (with_piece[1:, :2] == with_piece[:-1, :2]).all(axis=1)
+    touching = np.zeros(boundaries.shell_count, bool)
+    touching[with_piece[1:][again, 0]] = True
+    return touching
+
+
+def _split_umbrellas(boundaries: Boundaries, triangles: Triangles) -> Iterator[ShellDefect]:
+    """Vertices whose triangles form several umbrellas (303): the shell touches itself in a point."""
+    count = len(triangles.face)
+    if count == 0:
+        return
+    shell = np.repeat(boundaries.shell_of_face[triangles.face], 3)
+    here = triangles.numbers.reshape(-1)
+    after, before = (np.roll(triangles.numbers, shift, axis=1).reshape(-1) for shift in (-1, 1))
+    leaving = np.stack([shell, here, after], axis=1)
+    arriving = np.stack([shell, here, before], axis=1)
+    keys = np.vstack([leaving, arriving])
+    order = np.lexsort(keys.T[::-1])
+    same = np.flatnonzero((keys[order][1:] == keys[order][:-1]).all(axis=1))
+    one, two = order[same] % (3 * count), order[same + 1] % (3 * count)
+    links = coo_array((np.ones(len(one)), (one, two)), shape=(3 * count, 3 * count))
+    _, umbrella = connected_components(links, directed=False)
+    rows = np.unique(np.stack([shell, here, umbrella], axis=1), axis=0)
+    again = np.flatnonzero((rows[1:, :2] == rows[:-1, :2]).all(axis=1))
+    for owner, vertex in np.unique(rows[again, :2], axis=0):
+        place = _place(boundaries, vertex)
+        yield ShellDefect(303, int(owner), -1, f"the shell touches itself in the vertex at {place}")
+
+
+def _self_intersections(boundaries: Boundaries, triangles: Triangles, corner: Integers) -> list[ShellDefect]:
+    """Faces of a shell that meet elsewhere than in shared edges and vertices (306)."""
+    if len(triangles.face) == 0:
+        return []
+    shell = boundaries.shell_of_face[triangles.face]
+    pairs = np.unique(
+        self_intersections_kernel(triangles.corners, triangles.numbers, triangles.face, shell), axis=0
+    )
+    defects = []
+    for one, two in pairs:
+        mine = triangles.of_faces(one, one + 1).corners.reshape(-1, 3)
+        owner = int(boundaries.shell_of_face[one])
+        place = _written((mine.mean(axis=0) + corner[owner]) * boundaries.step)
+        detail = f"it meets polygon {two - boundaries.shells[owner]}, near {place}"
+        defects.append(ShellDefect(306, owner, int(one), detail))
+    return defects
+
+
+def _place(boundaries: Boundaries, vertex: int) -> str:
+    return _written(boundaries.vertices[vertex] * boundaries.step)
+
+
+def _written(place: np.ndarray) -> str:
+    return "({:.3f}, {:.3f}, {:.3f})".format(*place)

@@ -1,0 +1,116 @@
+"""Solids: their shells, and solids beside solids (codes 401 to 405, 501 to 503, 601)."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from eaves.validate.boundaries import Integers
+from eaves.validate.exact import CROSS, OPPOSITE_SIDE, SAME_SIDE, crossings_kernel, enclosed
+
+FINER = 6
+"""On a grid six times finer the middles of edges and of triangles are whole numbers too."""
+
+Shell = NDArray[np.int64]
+"""The triangles (T, 3, 3) of a closed shell in whole steps about an origin common to all shells compared."""
+
+Defect = tuple[int, str]
+"""Code and detail."""
+
+
+def signed_volume(shell: Shell) -> float:
+    """Six times the volume inside, in cubic steps; negative when the shell faces inwards."""
+    corner = (shell - shell.reshape(-1, 3).min(axis=0)).astype(np.float64)
+    return float(np.einsum("ti,ti->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])))
+
+
+def solid_defects(shells: list[Shell]) -> list[Defect]:
+    """What is wrong between the shells of one solid, the outer one first; each shell is valid by itself."""
+    defects = [
+        (405, f"shell {number} faces {'inwards' if number == 0 else 'outwards'}")
+        for number, shell in enumerate(shells)
+        if (signed_volume(shell) < 0) != (number > 0)
+    ]
+    if defects or len(shells) == 1:
+        return defects
+    for one, two in combinations(range(len(shells)), 2):
+        if _same_shell(shells[one], shells[two]):
+            defects.append((402, f"shells {one} and {two} are identical"))
+            continue
+        meets = crossings_kernel(shells[one], shells[two])
+        inside = _places(shells[two], shells[one])
+        if one == 0:
+            if not meets and (inside < 0).all():
+                defects.append((403, f"shell {two} lies outside the outer shell"))
+            elif meets or (inside < 0).any():
+                defects.append((401, f"shell {two} meets the outer shell"))
+        elif meets or (inside > 0).any() or (_places(shells[one], shells[two]) > 0).any():
+            defects.append((401, f"shells {one} and {two} meet"))
+    return defects
+
+
+def solids_overlap(one: list[Shell], two: list[Shell]) -> bool:
+    """Whether the interiors of two valid solids have a point in common; touching faces are no overlap.
+
+    Interiors that meet have a piece of one boundary inside the other solid, or the same boundary. An edge
+    that passes through a face, or faces that share area and face alike, show it; else the corners and the
+    middles of edges and triangles are looked up in the other solid.
+    """
+    box_one, box_two = (_box(np.concatenate(solid)) for solid in (one, two))
+    if (box_one[0] >= box_two[1]).any() or (box_two[0] >= box_one[1]).any():
+        return False
+    if crossings_kernel(np.concatenate(one), np.concatenate(two)) & (CROSS | SAME_SIDE):
+        return True
+    for here, there in ((one, two), (two, one)):
+        samples = np.concatenate([_samples(shell) for shell in here])
+        within = enclosed(samples, there[0] * FINER) > 0
+        for void in there[1:]:
+            within &= enclosed(samples, void * FINER) < 0
+        if within.any():
+            return True
+    return False
+
+
+def composite_defects(solids: list[list[Shell]]) -> list[Defect]:
+    """What is wrong between the solids of a composite solid."""
+    defects: list[Defect] = []
+    touching = np.eye(len(solids), dtype=bool)
+    for one, two in combinations(range(len(solids)), 2):
+        if _same_shell(solids[one][0], solids[two][0]):
+            defects.append((502, f"solids {one} and {two} are identical"))
+        elif solids_overlap(solids[one], solids[two]):
+            defects.append((501, f"solids {one} and {two} overlap"))
+        elif crossings_kernel(solids[one][0], solids[two][0]) & OPPOSITE_SIDE:
+            touching[one, two] = True
+    count, _ = connected_components(touching, directed=False)
+    if not defects and count > 1:
+        defects.append((503, f"the solids form {count} separate pieces"))
+    return defects
+
+
+def _samples(shell: Shell) -> NDArray[np.float64]:
+    """Corners, middles of edges and middles of triangles of a shell, on the finer grid."""
+    middle = shell.sum(axis=1) * (FINER // 3)
+    halves = (shell + np.roll(shell, -1, axis=1)).reshape(-1, 3) * (FINER // 2)
+    return np.unique(np.concatenate([shell.reshape(-1, 3) * FINER, halves, middle]), axis=0).astype(
+        np.float64
+    )
+
+
+def _places(shell: Shell, container: Shell) -> Integers:
+    """Where the samples of a shell lie: 1 inside the container, 0 on it, -1 outside."""
+    return enclosed(_samples(shell), container * FINER)
+
+
+def _same_shell(one: Shell, two: Shell) -> bool:
+    """Whether two shells have the same corners and the same volume."""
+    corners = [np.unique(shell.reshape(-1, 3), axis=0) for shell in (one, two)]
+    return np.array_equal(corners[0], corners[1]) and abs(signed_volume(one)) == abs(signed_volume(two))
+
+
+def _box(triangles: Shell) -> tuple[Integers, Integers]:
+    corners = triangles.reshape(-1, 3)
+    return corners.min(axis=0), corners.max(axis=0)
