@@ -142,8 +142,10 @@ def ground(
         outputs=("classified",),
     )
     recipe = replace(recipe, detect=None)
-    summary = run_build(inputs, out, recipe, options, quiet, verbose, single_file=True)
-    finish(summary, quiet, strict=False)
+    if out.suffix.lower() in (".laz", ".las"):
+        options = replace(options, classified=out)
+        out = out.parent
+    finish(run_build(inputs, out, recipe, options, quiet, verbose), quiet, strict=False)
 
 
 @app.command()
@@ -357,14 +359,15 @@ def run_build(
     options: Options,
     quiet: bool,
     verbose: bool,
-    single_file: bool = False,
 ) -> Summary:
     """Build with progress on screen."""
-    from eaves.tiling.build import build as build_all
+    from eaves.tiling.build import build as build_files
+    from eaves.viewer.build import build as build_with_report
 
     start_log(quiet, verbose)
+    do = build_files if options.outputs else build_with_report
     with progress(quiet) as tell:
-        return build_all(inputs, out, recipe, options, tell, single_file=single_file)
+        return do(inputs, out, recipe, options, tell)
 
 
 def finish(summary: Summary, quiet: bool, strict: bool) -> None:

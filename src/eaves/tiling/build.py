@@ -7,20 +7,20 @@ import logging
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from shapely.geometry.base import BaseGeometry
 
-import eaves
-from eaves.formats import InputError, Source, find_inputs, open_source
+from eaves.formats import InputError, Source, common_system, find_inputs, open_source
 from eaves.model import Block, Bounds, CoordinateSystem, Failure, Footprint
 from eaves.pipeline import BuildingResult, Recipe, block_pass, building_pass, make_recipe
 from eaves.tiling.gather import Gatherer
 from eaves.tiling.join import HomePlan, Seam, assign_footprints, join_regions
-from eaves.tiling.outputs import Summary, write_outputs
+from eaves.tiling.outputs import EVERYTHING, Summary, write_outputs
 from eaves.tiling.runners import Outcome, peak_memory_mb, run
 from eaves.tiling.scatter import scatter_points
 from eaves.tiling.store import Store
@@ -49,8 +49,10 @@ class Options:
     scheduler: str | None = None
     resume: bool = False
     block: float = 240.0
-    outputs: tuple[str, ...] = field(default=())
-    """Names of the outputs to write; all for none."""
+    outputs: tuple[str, ...] = ()
+    """Names of the outputs to write (tiling.outputs.EVERYTHING); all for none."""
+    classified: Path | None = None
+    """Where the classified points of the one input go, without extra dimensions and without a run.json."""
 
 
 def build(
@@ -88,13 +90,15 @@ def build(
     system = common_system(sources)
     bounds = in_metres(options.bounds, system)
     clip, given = read_vectors(options, system)
+    if options.classified is not None and len(sources) > 1:
+        raise InputError(f"{options.classified}: one file cannot hold {len(sources)} inputs; give a folder with -o")
     claim(folder)
 
     plan = describe(sources, recipe, options)
     store = Store(
-        folder / WORK_FOLDER,
-        has_returns=any(source.has_returns for source in sources),
-        has_classes=any(source.has_classes for source in sources),
+        folder / (WORK_FOLDER if options.classified is None else f"{WORK_FOLDER}-{options.classified.stem}"),
+        has_returns=any("return_number" in source.fields for source in sources),
+        has_classes=any("classification" in source.fields for source in sources),
         system=system,
     )
     if not (options.resume and store.matches(plan)):
@@ -139,7 +143,9 @@ def build(
         folder,
         run={**plan, "crs": system.code, "peak_memory_mb": round(peak)},
         failed=failed,
+        wanted=options.outputs or EVERYTHING,
         formats=options.formats,
+        classified=options.classified,
         started=started,
         tell=tell,
     )
@@ -176,19 +182,6 @@ def note_failure(outcome: Outcome, blocks: Sequence[Block], what: str, failed: l
     if outcome.error:
         failed.append(f"{what} {blocks[outcome.index].name}: {outcome.error}")
         log.error("%s", failed[-1])
-
-
-def common_system(sources: Sequence[Source]) -> CoordinateSystem:
-    """The one reference system of all files; InputError names the file that differs."""
-    first = sources[0]
-    for source in sources[1:]:
-        if source.system.unit_m != first.system.unit_m or source.system.code != first.system.code:
-            raise InputError(
-                f"{source.path}: its reference system ({source.system.code or 'none'}, unit "
-                f"{source.system.horizontal_unit_m:g} m) differs from that of {first.path} "
-                f"({first.system.code or 'none'}, {first.system.horizontal_unit_m:g} m); build them apart or pass --crs"
-            )
-    return first.system
 
 
 def in_metres(bounds: Bounds | None, system: CoordinateSystem) -> Bounds | None:
@@ -239,7 +232,7 @@ def describe(sources: Sequence[Source], recipe: Recipe, options: Options) -> dic
         for stage in stages
     }
     return {
-        "version": eaves.__version__,
+        "version": version("eaves"),
         "inputs": [{"path": os.fspath(source.path), "points": source.count, "sha256": fingerprint(source.path)} for source in sources],
         "methods": methods,
         "use_classes": recipe.use_classes,

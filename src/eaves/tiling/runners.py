@@ -58,26 +58,32 @@ def run(
 
 
 def run_in_processes(work: Callable[[Task], Any], tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
-    """As `run`, in `jobs` processes. A task whose process dies is tried once more; then it is an error."""
+    """As `run`, in `jobs` processes. Tasks lost when a process dies are tried again, in the end each on its own,
+    so that the one that kills its process is the only one to fail.
+    """
     left = dict(enumerate(tasks))
-    for last_try in (False, True):
+    together = jobs
+    while left:
+        before = len(left)
+        batches = [left] if together > 1 else [{index: task} for index, task in left.items()]
         died = False
-        with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-            futures = {pool.submit(attempt, work, index, task): index for index, task in left.items()}
-            for future in as_completed(futures):
-                try:
-                    outcome = future.result()
-                except BrokenProcessPool:
-                    died = True
-                    continue
-                left.pop(outcome.index)
-                yield outcome
-        if not died:
-            return
-        if not last_try:
-            log.warning("a worker process was killed; its tasks are tried once more")
-    for index in left:
-        yield Outcome(index, error="its process was killed twice")
+        for batch in [dict(batch) for batch in batches]:
+            with ProcessPoolExecutor(together, mp_context=multiprocessing.get_context("spawn")) as pool:
+                futures = {pool.submit(attempt, work, index, task): index for index, task in batch.items()}
+                for future in as_completed(futures):
+                    try:
+                        outcome = future.result()
+                    except BrokenProcessPool:
+                        died = True
+                        if together == 1:
+                            left.pop(futures[future])
+                            yield Outcome(futures[future], error="its process was killed, also when tried alone")
+                        continue
+                    left.pop(outcome.index)
+                    yield outcome
+        if died and left:
+            log.warning("a worker process was killed; %d lost tasks are tried again", len(left))
+            together = together if len(left) < before else 1
 
 
 def run_on_dask(work: Callable[[Task], Any], tasks: Sequence[Task], scheduler: str) -> Iterator[Outcome]:

@@ -1,0 +1,28 @@
+"""The whole job: tiles in, results and the report out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from eaves.pipeline import Recipe
+from eaves.tiling.build import Options, Tell
+from eaves.tiling.build import build as build_files
+from eaves.tiling.outputs import Summary
+from eaves.viewer.report import write_report
+
+
+def build(
+    inputs: str | Path | Sequence[str | Path],
+    out: str | Path,
+    recipe: Recipe | None = None,
+    options: Options | None = None,
+    tell: Tell = lambda stage, done, total: None,
+) -> Summary:
+    """Footprints, models, rasters, classified points and report.html, in the folder `out`.
+
+    See `eaves.tiling.build.build` for the parameters; this adds the report that people open first.
+    """
+    summary = build_files(inputs, out, recipe, options, tell)
+    return replace(summary, files=(*summary.files, write_report(summary)))

@@ -1,0 +1,51 @@
+"""Data shared by the tests."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+from eaves.simulate.roofs import ExactScene, nine_roofs_on_a_slope
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The folder of real data; tests that need it skip where EAVES_DATA does not name one."""
+    folder = os.environ.get("EAVES_DATA")
+    if not folder:
+        pytest.skip("EAVES_DATA names no folder with the benchmark data")
+    return Path(folder)
+
+
+@pytest.fixture(scope="session")
+def nine_roofs() -> ExactScene:
+    return nine_roofs_on_a_slope(density=6.0, noise=0.02, seed=3)
+
+
+@pytest.fixture(scope="session")
+def nine_roofs_file(nine_roofs: ExactScene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The scene as a LAZ file without classes, in a random order, at a place on Earth."""
+    path = tmp_path_factory.mktemp("nine") / "nine.laz"
+    order = np.random.default_rng(5).permutation(len(nine_roofs.cloud))
+    write_laz(path, (nine_roofs.cloud.xyz + [85000.0 - 85000.0 % 240, 447120.0, 0.0])[order])
+    return path
+
+
+def write_laz(path: Path, xyz: np.ndarray, epsg: int | None = 28992) -> None:
+    """A LAZ file (LAS 1.4, point format 6) of points in the units of its system."""
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.scales = np.full(3, 0.001)
+    header.offsets = np.floor(xyz.min(axis=0)) if len(xyz) else np.zeros(3)
+    if epsg is not None:
+        import pyproj
+
+        header.add_crs(pyproj.CRS.from_epsg(epsg))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = xyz.T
+    las.return_number = np.ones(len(xyz), np.uint8)
+    las.number_of_returns = np.ones(len(xyz), np.uint8)
+    las.write(path)

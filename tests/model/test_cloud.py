@@ -1,0 +1,52 @@
+"""Order and origin of point clouds."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from eaves.model import Block, Bounds, PointCloud, Raster
+from eaves.model.cloud import canonical_order, snap
+
+points = arrays(np.float64, st.tuples(st.integers(0, 60), st.just(3)), elements=st.integers(-3000, 3000).map(lambda k: k / 997))
+
+
+@settings(deadline=None)
+@given(points, st.randoms(use_true_random=False))
+def test_canonical_order_depends_on_the_points_alone(xyz: np.ndarray, random: object) -> None:
+    shuffle = np.random.default_rng(len(xyz)).permutation(len(xyz))
+    assert np.array_equal(xyz[canonical_order(xyz)], xyz[shuffle][canonical_order(xyz[shuffle])])
+
+
+def test_canonical_order_goes_by_one_metre_cells_row_by_row() -> None:
+    xyz = np.array([[1.5, 0.1, 0], [0.2, 1.1, 0], [0.9, 0.9, 0], [0.1, 0.95, 0]])
+    assert canonical_order(xyz).tolist() == [2, 3, 0, 1]
+
+
+def test_a_cloud_moved_by_whole_blocks_has_the_same_local_coordinates() -> None:
+    xyz = np.random.default_rng(0).random((100, 3)) * [200, 200, 30] + [84960.0, 446880.0, 0.0]
+    here, there = PointCloud.from_world(xyz), PointCloud.from_world(xyz + [2000 * 240.0, 240.0, 0.0])
+    assert np.array_equal(here.xyz, there.xyz)
+    assert there.origin[0] - here.origin[0] == 2000 * 240.0
+
+
+def test_about_another_origin_keeps_world_positions() -> None:
+    cloud = PointCloud(snap(np.array([[1.2345, 2.0, 3.0]])), origin=(240.0, 480.0))
+    moved = cloud.about((0.0, 0.0))
+    assert np.allclose(moved.xyz[0], [241.2345, 482.0, 3.0])
+
+
+def test_block_of_a_negative_coordinate() -> None:
+    block = Block.at(-0.5, 10.0)
+    assert (block.column, block.row) == (-1, 0)
+    assert block.bounds == Bounds(-240.0, 0.0, 0.0, 240.0)
+
+
+def test_raster_is_linear_between_cell_centres() -> None:
+    values = np.add.outer(-np.arange(4.0), 2 * np.arange(5.0)).astype(np.float32)
+    raster = Raster(values, west=10.0, north=20.0, cell=0.5)
+    xy = np.array([[10.25, 19.75], [11.0, 19.5], [12.1, 18.6]])
+    expected = 2 * ((xy[:, 0] - 10.25) / 0.5) - (19.75 - xy[:, 1]) / 0.5
+    assert np.allclose(raster.at(xy), expected, atol=1e-6)

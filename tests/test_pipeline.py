@@ -1,0 +1,118 @@
+"""The flow from points to models on nine exact roofs, and its independence of blocks and files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pyogrio
+import pytest
+import shapely
+
+import eaves
+from eaves.simulate.roofs import ExactScene
+from eaves.tiling.build import Options
+from eaves.viewer.build import build
+from tests.conftest import write_laz
+
+
+def footprints(folder: Path) -> dict[str, shapely.Polygon]:
+    meta, _, geometry, fields = pyogrio.raw.read(folder / "footprints.gpkg", layer="footprints")
+    ids = fields[list(meta["fields"]).index("id")]
+    return dict(zip(ids, shapely.from_wkb(geometry), strict=True))
+
+
+@pytest.fixture(scope="module")
+def whole(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("whole")
+    assert build(nine_roofs_file, out).complete
+    return out
+
+
+def test_all_nine_roofs_are_found_where_they_are(whole: Path, nine_roofs: ExactScene) -> None:
+    found = list(footprints(whole).values())
+    shift = np.array([85000.0 - 85000.0 % 240, 447120.0])
+    for building in nine_roofs.buildings:
+        truth = shapely.transform(building.footprint, lambda xy: xy + shift)
+        overlap = max(truth.intersection(one).area / truth.union(one).area for one in found)
+        assert overlap > 0.85, building.kind
+
+
+def test_files_cut_elsewhere_and_points_shuffled_change_nothing(
+    whole: Path, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    las = laspy.read(nine_roofs_file)
+    xyz = np.column_stack([las.x, las.y, las.z])
+    order = np.random.default_rng(9).permutation(len(xyz))
+    parts = np.array_split(order, 3)
+    for number, part in enumerate(parts):
+        write_laz(tmp_path / f"part{number}.laz", xyz[part])
+    assert build(tmp_path, tmp_path / "out").complete
+    expected, got = footprints(whole), footprints(tmp_path / "out")
+    assert expected.keys() == got.keys()
+    assert all(expected[name].equals_exact(got[name], 1e-9) for name in expected)
+    same = (whole / "buildings.city.jsonl").read_text() == (tmp_path / "out/buildings.city.jsonl").read_text()
+    assert same
+
+
+def test_small_blocks_leave_no_seam(whole: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
+    assert build(nine_roofs_file, tmp_path, options=Options(block=30.0)).complete
+    expected, got = list(footprints(whole).values()), list(footprints(tmp_path).values())
+    assert len(expected) == len(got)
+    for polygon in expected:
+        overlap = max(polygon.intersection(one).area / polygon.union(one).area for one in got)
+        assert overlap > 0.95
+
+
+def test_processes_give_what_one_process_gives(whole: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
+    build(nine_roofs_file, tmp_path / "one", options=Options(block=60.0))
+    build(nine_roofs_file, tmp_path / "two", options=Options(block=60.0, jobs=2))
+    one, two = footprints(tmp_path / "one"), footprints(tmp_path / "two")
+    assert one.keys() == two.keys()
+    assert all(one[name].equals(two[name]) for name in one)
+
+
+def test_resume_does_not_compute_what_is_done(nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from eaves.tiling import build as tiling
+
+    monkeypatch.setattr(tiling, "write_outputs", lambda *args, **kwargs: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        tiling.build(nine_roofs_file, tmp_path)
+    monkeypatch.undo()
+    monkeypatch.setattr(tiling, "block_pass", lambda *args: 1 / 0)
+    assert tiling.build(nine_roofs_file, tmp_path, options=Options(resume=True)).complete
+    summary = tiling.build(nine_roofs_file, tmp_path)
+    assert not summary.complete
+    assert "ZeroDivisionError" in summary.failed[0]
+
+
+def test_a_broken_building_keeps_the_others(nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from eaves.tiling import build as tiling
+
+    real, seen = tiling.building_pass, []
+
+    def fails_once(points: object, recipe: object) -> object:
+        seen.append(1)
+        if len(seen) == 2:
+            raise RuntimeError("on purpose")
+        return real(points, recipe)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(tiling, "building_pass", fails_once)
+    summary = tiling.build(nine_roofs_file, tmp_path)
+    assert summary.found == 9
+    assert summary.failures == {"internal_error": 1}
+
+
+def test_the_python_verbs_make_the_same_flow(nine_roofs: ExactScene) -> None:
+    classified = eaves.classify_ground(nine_roofs.cloud)
+    scene = eaves.make_scene(classified, classified.bounds.grown(5.0))
+    regions = eaves.detect_buildings(scene)
+    assert regions.count == 9
+    points = nine_roofs.cloud.xyz[regions.mask_of(1)]
+    boundary = eaves.trace_outline(points, scene.spacing)
+    footprint = eaves.regularise_outlines([boundary])[0]
+    planes = eaves.segment_roof(points, scene.spacing)
+    model = eaves.reconstruct(points, footprint, planes, 0.0)
+    assert model
+    assert eaves.validate_model(model) == []
