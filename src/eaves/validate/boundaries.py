@@ -88,24 +88,26 @@ class Boundaries:
 
 
 def lay_flat(shells: list[Shell], vertices: Integers, step: float, snap: float = SNAP) -> Boundaries:
-    """Boundaries of nested lists of vertex numbers, with vertices nearer than `snap` (m) merged.
+    """Boundaries of nested lists of vertex numbers, with vertices of a shell nearer than `snap` (m) merged.
 
     Vertices exactly `snap` apart are merged too: whether val3dity does so depends on rounding.
     """
     faces = list(chain.from_iterable(shells))
     rings = list(chain.from_iterable(faces))
     numbers = np.fromiter(chain.from_iterable(rings), np.int64)
-    used, inverse = np.unique(numbers, return_inverse=True)
-    places, same = np.unique(vertices[used], axis=0, return_inverse=True)
+    rings_end = _offsets([len(ring) for ring in rings])
+    faces_end = _offsets([len(face) for face in faces])
+    shells_end = _offsets([len(shell) for shell in shells])
+    owner = np.repeat(np.arange(len(shells)), np.diff(rings_end[faces_end[shells_end]]))
+    rows = np.column_stack([owner, vertices[numbers]])
+    order = np.lexsort(rows.T[::-1])
+    new = np.ones(len(rows), bool)
+    new[1:] = (rows[order][1:] != rows[order][:-1]).any(axis=1)
+    same = np.empty(len(rows), np.int64)
+    same[order] = np.cumsum(new) - 1
+    places = rows[order[new]]
     merged = _merge_near(places, snap / step)
-    return Boundaries(
-        places,
-        step,
-        merged[same.reshape(-1)][inverse.reshape(-1)],
-        _offsets([len(ring) for ring in rings]),
-        _offsets([len(face) for face in faces]),
-        _offsets([len(shell) for shell in shells]),
-    )
+    return Boundaries(places[:, 1:], step, merged[same], rings_end, faces_end, shells_end)
 
 
 def to_grid(coordinates: NDArray[np.float64], step: float) -> Integers:
@@ -118,10 +120,13 @@ def _offsets(counts: list[int]) -> Integers:
 
 
 def _merge_near(places: Integers, tolerance_steps: float) -> Integers:
-    """For each place (N, 3) the first of the places that hang together with it by less than the tolerance."""
+    """For each place (N, 4: shell, x, y, z) the first of its shell that hangs together with it by the
+    tolerance.
+    """
     if tolerance_steps < 1.0 - 1e-9 or len(places) < 2:
         return np.arange(len(places))
     local = (places - places.min(axis=0)).astype(np.float64)
+    local[:, 0] *= 2.0 * tolerance_steps  # shells are apart, and stay so
     pairs = cKDTree(local).query_pairs(tolerance_steps * (1 + 1e-9), output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places),) * 2)
     _, group = connected_components(links, directed=False)

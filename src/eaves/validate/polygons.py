@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import shapely
@@ -14,7 +15,6 @@ from eaves.validate.rings import is_simple_ring
 
 REASONS = (
     ("Self-intersection", 201),
-    ("Duplicate Rings", 202),
     ("Interior is disconnected", 205),
     ("Hole lies outside shell", 206),
     ("Holes are nested", 207),
@@ -98,6 +98,9 @@ def why_invalid(polygon: shapely.Polygon) -> tuple[int, str]:
     for ring in (polygon.exterior, *polygon.interiors):
         if not is_simple_ring(np.asarray(ring.coords)[:-1]):
             return 104, "a ring crosses or touches itself, or is collapsed to a line"
+    rings = [{tuple(point) for point in ring.coords} for ring in (polygon.exterior, *polygon.interiors)]
+    if any(one == two for one, two in combinations(rings, 2)):
+        return 202, "two rings are identical"
     reason = str(shapely.is_valid_reason(polygon))
     return next((code for text, code in REASONS if text in reason), 201), reason.split("[")[0]
 

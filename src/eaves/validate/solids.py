@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from eaves.validate.boundaries import Integers
 from eaves.validate.exact import CROSS, OPPOSITE_SIDE, SAME_SIDE, crossings_kernel, enclosed
+from eaves.validate.interior import count_interior_pieces
 
 FINER = 6
 """On a grid six times finer the middles of edges and of triangles are whole numbers too."""
@@ -49,6 +50,8 @@ def solid_defects(shells: list[Shell]) -> list[Defect]:
                 defects.append((401, f"shell {two} meets the outer shell"))
         elif meets or (inside > 0).any() or (_places(shells[one], shells[two]) > 0).any():
             defects.append((401, f"shells {one} and {two} meet"))
+    if not defects and (pieces := count_interior_pieces(shells)) > 1:
+        defects.append((404, f"the interior falls into {pieces} pieces"))
     return defects
 
 

@@ -1,0 +1,141 @@
+"""Into how many pieces the voids of a solid cut its interior (code 404).
+
+Voids may touch the outer shell along edges. Where they do, the faces on either side are sewn together anew,
+each with the next one around the edge across the interior. The sewn pieces are closed; those that enclose a
+positive volume are the outer boundaries of the interior's pieces.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from eaves.validate.boundaries import Integers
+from eaves.validate.exact import orient_kernel
+
+NEAR = 1e-3
+"""Points of cut faces nearer than this (steps) are one."""
+
+Cell = NDArray[np.float64]
+"""(M, 3) ring of a piece of a face, counter-clockwise from outside."""
+
+Place = tuple[int, int, int]
+
+
+def count_interior_pieces(shells: list[Integers]) -> int:
+    """Number of pieces of the interior of a solid whose shells (T, 3, 3) neither cross nor share area."""
+    cells = _cut_faces(shells)
+    points = {_key(point): point for cell in cells for point in cell}
+    rings = [_with_points_on_sides(cell, points) for cell in cells]
+    sides: dict[tuple[Place, Place], list[tuple[int, bool]]] = defaultdict(list)
+    for number, ring in enumerate(rings):
+        for start, end in zip(ring, ring[1:] + ring[:1], strict=True):
+            sides[min(start, end), max(start, end)].append((number, start < end))
+    links = [pair for edge, users in sides.items() for pair in _sewn(edge, users, cells, points)]
+    one, two = np.array(links).T if links else np.zeros((2, 0), np.int64)
+    graph = coo_array((np.ones(len(one)), (one, two)), shape=(len(cells),) * 2)
+    count, piece = connected_components(graph, directed=False)
+    volumes = np.bincount(piece, [_volume_below(cell) for cell in cells], minlength=count)
+    return int((volumes > 0).sum())
+
+
+def _cut_faces(shells: list[Integers]) -> list[Cell]:
+    """The triangles of all shells, cut along the edges of other shells that lie in them."""
+    cells: list[Cell] = []
+    for number, shell in enumerate(shells):
+        others = np.concatenate([other for k, other in enumerate(shells) if k != number])
+        starts = others.reshape(-1, 3)
+        ends = np.roll(others, -1, axis=1).reshape(-1, 3)
+        for triangle in shell:
+            low, high = triangle.min(axis=0), triangle.max(axis=0)
+            near = (np.minimum(starts, ends) <= high).all(axis=1) & (np.maximum(starts, ends) >= low).all(
+                axis=1
+            )
+            lines = [
+                (p, q)
+                for p, q in zip(starts[near], ends[near], strict=True)
+                if orient_kernel(*triangle, p) == 0 and orient_kernel(*triangle, q) == 0
+            ]
+            cells += _cut_triangle(triangle.astype(np.float64), lines)
+    return cells
+
+
+def _cut_triangle(triangle: Cell, lines: list[tuple[Integers, Integers]]) -> list[Cell]:
+    """The cells into which lines on its plane cut a triangle."""
+    if not lines:
+        return [triangle]
+    origin, along = triangle[0], triangle[1] - triangle[0]
+    along = along / np.linalg.norm(along)
+    normal = np.cross(along, triangle[2] - origin)
+    across = np.cross(normal / np.linalg.norm(normal), along)
+    frame = np.stack([along, across])
+    flat = shapely.Polygon((triangle - origin) @ frame.T)
+    cuts = [shapely.LineString((np.stack(line) - origin) @ frame.T) for line in lines]
+    drawn = shapely.union_all([flat.exterior, *cuts], grid_size=NEAR)
+    pieces = shapely.get_parts(shapely.polygonize([drawn]))
+    inside = [piece for piece in pieces if flat.buffer(NEAR).contains(piece.representative_point())]
+    rings = [np.asarray(shapely.orient_polygons(piece).exterior.coords)[:-1] for piece in inside]
+    return [origin + ring @ frame for ring in rings]
+
+
+def _key(point: NDArray[np.float64]) -> Place:
+    x, y, z = np.rint(point / (16 * NEAR)).astype(np.int64)
+    return int(x), int(y), int(z)
+
+
+def _with_points_on_sides(cell: Cell, points: dict[Place, NDArray[np.float64]]) -> list[Place]:
+    """The ring of a cell with every known point that lies on one of its sides."""
+    known = np.array(list(points.values()))
+    ring: list[Place] = []
+    for start, end in zip(cell, np.roll(cell, -1, axis=0), strict=True):
+        side = end - start
+        length = float(np.linalg.norm(side))
+        share = (known - start) @ side / length**2
+        off = np.linalg.norm(known - start - share[:, None] * side, axis=1)
+        inner = np.flatnonzero(
+            (off < 16 * NEAR) & (share * length > 16 * NEAR) & ((1 - share) * length > 16 * NEAR)
+        )
+        ring += [_key(start), *(_key(known[k]) for k in inner[np.argsort(share[inner])])]
+    return ring
+
+
+def _sewn(
+    edge: tuple[Place, Place],
+    users: list[tuple[int, bool]],
+    cells: list[Cell],
+    points: dict[Place, NDArray[np.float64]],
+) -> list[tuple[int, int]]:
+    """Pairs of cells that bound the same piece of the interior along an edge.
+
+    Seen along the edge, the interior lies clockwise of a cell that runs forward and counter-clockwise of one
+    that runs backward: so each backward cell is sewn to the next forward one counter-clockwise.
+    """
+    if len(users) == 2:
+        return [(users[0][0], users[1][0])]
+    axis = points[edge[1]] - points[edge[0]]
+    axis = axis / np.linalg.norm(axis)
+    right = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    up = np.cross(axis, right)
+    angles = []
+    for number, forward in users:
+        inwards = np.cross(_normal(cells[number]), axis if forward else -axis)
+        angles.append(np.arctan2(inwards @ up, inwards @ right))
+    order = np.argsort(angles, kind="stable")
+    around = [users[k] for k in order]
+    pairs = zip(around, around[1:] + around[:1], strict=True)
+    return [(one, two) for (one, forward), (two, onward) in pairs if not forward and onward]
+
+
+def _normal(cell: Cell) -> NDArray[np.float64]:
+    away = cell - cell[0]
+    return np.asarray(np.cross(away[1:-1], away[2:]).sum(axis=0))
+
+
+def _volume_below(cell: Cell) -> float:
+    """The cell's share of six times the volume of the shell it belongs to."""
+    return float(np.einsum("ti,i->", np.cross(cell[1:-1], cell[2:]), cell[0]))
