@@ -76,8 +76,8 @@ class Method(BaseModel):
 DEFAULTS: dict[str, str] = {
     "ground": "adaptive_tin",
     "detect": "planar_patches",
-    "outline": "alpha_shape",
-    "roof": "region_growing",
+    "outline": "global_fit",
+    "roof": "global_refinement",
     "reconstruct": "arrangement",
 }
 
@@ -91,9 +91,11 @@ REGISTRY: dict[str, dict[str, str]] = {
     },
     "outline": {
         "alpha_shape": "eaves.outline.alpha_shape:AlphaShape",
+        "global_fit": "eaves.outline.global_fit:GlobalFit",
     },
     "roof": {
         "region_growing": "eaves.roof.region_growing:RegionGrowing",
+        "global_refinement": "eaves.roof.global_refinement:GlobalRefinement",
     },
     "reconstruct": {
         "prism": "eaves.reconstruct.prism:Prism",

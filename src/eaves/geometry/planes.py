@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pgeof
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from eaves.model import Points, Values
 
@@ -20,8 +20,8 @@ LINE_RATIO = 0.1
 NOISE_QUANTILE, NOISE_QUANTILE_NORMAL = 0.35, -0.385
 """Share of the neighbourhoods taken as free of edges, and the standard normal deviate of that share."""
 
-MIN_NOISE = 0.01
-"""Noise (m) below which no airborne scanner measures; keeps thresholds alive on exact points."""
+MIN_NOISE, MAX_NOISE = 0.012, 0.15
+"""Noise (m): no roof is flatter than the first; what scatters more than the second is a crown, not a roof."""
 
 
 @njit(cache=True)
@@ -118,14 +118,15 @@ def local_planes_kernel(
     eigenvalues: NDArray[np.float64],
     counts: NDArray[np.int64],
 ) -> None:
-    """Normal (N, 3), eigenvalues (N, 3) and neighbours used (N,) for every point (N, 3) [xiao2014, eq. 1].
+    """Normals (M, 3), eigenvalues (M, 3), neighbours used (M,) among points (N, 3) [xiao2014, eq. 1].
 
-    Each point takes its `smallest` nearest neighbours (itself first), and more, up to all the columns of
-    `neighbours` (N, K), as long as they lie on one line.
+    Each of M points takes its `smallest` nearest neighbours, itself among them, and more, up to all K columns
+    of `neighbours` (M, K), as long as they lie on one line.
     """
     sums, plane = np.zeros(10), np.zeros(4)
     covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
-    for i in range(len(xyz)):
+    for i in range(len(neighbours)):
+        first = neighbours[i, 0]
         sums[:] = 0.0
         used = 0
         need = smallest
@@ -133,7 +134,7 @@ def local_planes_kernel(
             while used < need:
                 j = neighbours[i, used]
                 add_point_kernel(
-                    sums, xyz[j, 0] - xyz[i, 0], xyz[j, 1] - xyz[i, 1], xyz[j, 2] - xyz[i, 2], 1.0
+                    sums, xyz[j, 0] - xyz[first, 0], xyz[j, 1] - xyz[first, 1], xyz[j, 2] - xyz[first, 2], 1.0
                 )
                 used += 1
             plane_of_sums_kernel(sums, covariance, vectors, values, plane)
@@ -167,17 +168,22 @@ class LocalPlanes:
 
 def local_planes(xyz: Points, count: int, most: int) -> LocalPlanes:
     """The planes of the `count` nearest neighbours of points (N, 3), N ≥ 3; up to `most` where on a line."""
+    return planes_around(xyz, xyz, count, most)
+
+
+def planes_around(queries: Points, xyz: Points, count: int, most: int) -> LocalPlanes:
+    """The planes around queries (M, 3), through their nearest of points (N, 3), N ≥ 3; see `local_planes`."""
     most = min(max(most, count), len(xyz))
     count = min(count, most)
-    distances, neighbours = cKDTree(xyz).query(xyz, k=most)
-    neighbours = np.ascontiguousarray(neighbours, np.int64)
-    normals, eigenvalues = np.zeros((len(xyz), 3)), np.zeros((len(xyz), 3))
-    counts = np.zeros(len(xyz), np.int64)
+    among = np.ascontiguousarray(xyz, np.float32)
+    found, squares = pgeof.knn_search(among, np.ascontiguousarray(queries, np.float32), most)
+    neighbours = found.astype(np.int64)
+    normals, eigenvalues = np.zeros((len(queries), 3)), np.zeros((len(queries), 3))
+    counts = np.zeros(len(queries), np.int64)
     local_planes_kernel(xyz, neighbours, count, LINE_RATIO, normals, eigenvalues, counts)
     total = eigenvalues.sum(axis=1)
     curvature = eigenvalues[:, 0] / np.where(total > 0.0, total, 1.0)  # [xiao2014], eq. 3
-    radius = float(np.median(np.asarray(distances)[:, -1]))
-    spacing = radius * np.sqrt(np.pi / most)
+    spacing = float(np.sqrt(np.median(squares[:, -1]) * np.pi / most))
     noise = measure_noise(eigenvalues[:, 0], counts)
     return LocalPlanes(neighbours, counts, normals, eigenvalues, curvature, noise, max(spacing, 1e-3))
 
@@ -193,7 +199,7 @@ def measure_noise(smallest_eigenvalues: Values, counts: NDArray[np.int64]) -> fl
     variance = float(np.quantile(smallest_eigenvalues * counts / freedom, NOISE_QUANTILE))
     d = float(np.median(freedom))
     share = (1.0 - 2.0 / (9.0 * d) + NOISE_QUANTILE_NORMAL * np.sqrt(2.0 / (9.0 * d))) ** 3
-    return max(float(np.sqrt(variance / share)), MIN_NOISE)
+    return float(np.clip(np.sqrt(variance / share), MIN_NOISE, MAX_NOISE))
 
 
 def fit_plane(xyz: Points) -> tuple[float, float, float] | None:

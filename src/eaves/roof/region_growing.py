@@ -6,14 +6,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from eaves.geometry.planes import LocalPlanes, local_planes
+from eaves.geometry.planes import LocalPlanes, local_planes, planes_around
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, RoofPlane
 from eaves.roof.base import RoofMethod
 from eaves.roof.regions import (
+    fit_labels,
     grow_kernel,
     join_coplanar,
-    planes_of,
     return_kernel,
     roof_planes,
     seed_order,
@@ -22,6 +22,15 @@ from eaves.roof.regions import (
 
 FEWEST_NEIGHBOURS, MOST_NEIGHBOURS = 10, 40
 """A normal wants ten points; more than forty reach across small roof faces at any density."""
+
+LINE_NEIGHBOURS = 10
+"""More neighbours a point may take where the nearest ones are one scan line."""
+
+ROOF_SAG = 0.03
+"""How far (m, root mean square) a roof that was built as one plane may have bent."""
+
+NOISE_SAMPLE = 300
+"""Points whose neighbourhoods tell the noise before the number of neighbours is chosen."""
 
 NORMAL_ERROR_DEG = 2.0
 """Error of a local normal (degrees) the number of neighbours is chosen for."""
@@ -133,14 +142,13 @@ class RegionGrowing(RoofMethod):
 
     def surroundings(self, points: Points) -> LocalPlanes:
         """The local planes of points (N, 3), with the number of neighbours that noise and spacing ask for."""
-        count = self.neighbours or FEWEST_NEIGHBOURS
-        local = local_planes(points, count, 2 * count)
-        if self.neighbours is None:
-            wished = 2.0 * np.sqrt(np.pi) * local.noise / (local.spacing * np.radians(NORMAL_ERROR_DEG))
+        count = self.neighbours
+        if count is None:
+            sample = points[:: max(1, len(points) // NOISE_SAMPLE)]
+            around = planes_around(sample, points, FEWEST_NEIGHBOURS, FEWEST_NEIGHBOURS)
+            wished = 2.0 * np.sqrt(np.pi) * around.noise / (around.spacing * np.radians(NORMAL_ERROR_DEG))
             count = int(np.clip(np.ceil(wished), FEWEST_NEIGHBOURS, MOST_NEIGHBOURS))
-            if count > FEWEST_NEIGHBOURS:
-                local = local_planes(points, count, 2 * count)
-        return local
+        return local_planes(points, count, count + LINE_NEIGHBOURS)
 
     def smooth_points(self, local: LocalPlanes) -> Mask:
         """The points (N,) whose neighbourhood is flat and no wall."""
@@ -173,14 +181,14 @@ class RegionGrowing(RoofMethod):
 
     def join(self, points: Points, labels: Labels, local: LocalPlanes) -> Labels:
         """Labels (N,) with touching coplanar regions made one."""
-        touching = touching_regions(labels, local.neighbours, int(labels.max(initial=0)))
-        return join_coplanar(points, labels, touching, 1.3 * local.noise, 1.2)
+        touching = touching_regions(labels, local.neighbours[:, :12], int(labels.max(initial=0)))
+        return join_coplanar(points, labels, touching, join_tolerance(local.noise), 1.2)
 
     def give_back(self, points: Points, labels: Labels, local: LocalPlanes) -> Labels:
         """Labels (N,) after the points set aside went to the planes near in both distances."""
         labels = labels.copy()
         while len(labels):
-            planes = planes_of(labels, int(labels.max(initial=0)), points)
+            planes, _, _ = fit_labels(points, labels, int(labels.max(initial=0)))
             tolerance, gap = self.distance_share * local.noise, self.gap_share * local.spacing
             if not return_kernel(points, local.neighbours, planes, tolerance, gap, labels):
                 break
@@ -189,3 +197,8 @@ class RegionGrowing(RoofMethod):
     def fewest_points(self, local: LocalPlanes) -> int:
         """Points of the smallest plane."""
         return max(5, int(self.min_area / local.spacing**2))
+
+
+def join_tolerance(noise: float) -> float:
+    """Root mean square distance (m) from one plane up to which regions are pieces of it."""
+    return float(np.hypot(1.2 * noise, ROOF_SAG))

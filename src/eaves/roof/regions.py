@@ -152,7 +152,9 @@ def join_kernel(
 def touching_regions(labels: Labels, neighbours: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
     """Which of K regions touch (K, K): a point of one is a neighbour (N, M) of a point of the other."""
     touching = np.zeros((count + 1, count + 1), bool)
-    touching[np.repeat(labels, neighbours.shape[1]), labels[neighbours.ravel()]] = True
+    near = labels[neighbours]
+    for column in range(1, near.shape[1]):
+        touching[labels, near[:, column]] = True
     touching |= touching.T
     np.fill_diagonal(touching, False)
     return np.ascontiguousarray(touching[1:, 1:])
@@ -171,15 +173,35 @@ def join_coplanar(
     return joined
 
 
-def planes_of(labels: Labels, count: int, xyz: Points) -> NDArray[np.float64]:
-    """Unit normal and offset (K, 4) of the plane of every label 1…K; NaN for those of under three points."""
-    sums, planes = np.zeros((count, 10)), np.full((count, 4), np.nan)
-    sums_kernel(xyz, labels, sums)
+def fit_labels(
+    xyz: Points, labels: Labels, count: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Planes (K, 4), mean squared distances (K,) and numbers of points (K,); NaN for fewer than three."""
+    planes = np.full((count, 4), np.nan)
+    squares, sizes = np.full(count, np.nan), np.zeros(count, np.int64)
+    fit_kernel(xyz, labels, planes, squares, sizes)
+    return planes, squares, sizes
+
+
+@njit(cache=True)
+def fit_kernel(
+    xyz: NDArray[np.float64],
+    labels: NDArray[np.int32],
+    planes: NDArray[np.float64],
+    squares: NDArray[np.float64],
+    sizes: NDArray[np.int64],
+) -> None:
+    """Fit a plane to the points of every label 1…K of at least three points."""
+    sums = np.zeros((len(planes), 10))
     covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
-    for i in range(count):
-        if sums[i, 0] >= 3:
-            plane_of_sums_kernel(sums[i], covariance, vectors, values, planes[i])
-    return planes
+    for i in range(len(xyz)):
+        if labels[i] > 0:
+            add_point_kernel(sums[labels[i] - 1], xyz[i, 0], xyz[i, 1], xyz[i, 2], 1.0)
+    for k in range(len(planes)):
+        sizes[k] = int(sums[k, 0])
+        if sizes[k] >= 3:
+            plane_of_sums_kernel(sums[k], covariance, vectors, values, planes[k])
+            squares[k] = values[0]
 
 
 @njit(cache=True)
@@ -224,8 +246,7 @@ def roof_planes(labels: Labels, xyz: Points, fewest: int, least_normal_z: float)
     """The planes of the labels (N,), largest first, without those of few points, on lines, and too steep."""
     planes = []
     count = int(labels.max(initial=0))
-    normals = planes_of(labels, count, xyz)
-    sizes = np.bincount(labels, minlength=count + 1)[1:]
+    normals, _, sizes = fit_labels(xyz, labels, count)
     order = np.argsort(labels, kind="stable")
     start = np.r_[0, np.cumsum(np.bincount(labels, minlength=count + 1))]
     for number in np.argsort(-sizes, kind="stable"):
