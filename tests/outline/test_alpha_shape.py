@@ -18,7 +18,7 @@ def sampled(density: float, seed: int = 0, courtyard: bool = False) -> NDArray[n
     if courtyard:
         inside = (xy[:, 0] > 6) & (xy[:, 0] < 14) & (xy[:, 1] > 10) & (xy[:, 1] < 20)
         xy = xy[~inside]
-    return np.c_[xy, np.full(len(xy), 5.0)]
+    return np.column_stack([xy, np.full(len(xy), 5.0)])
 
 
 def outlined(points: NDArray[np.float64], spacing: float, method: AlphaShape) -> Footprint | Failure:

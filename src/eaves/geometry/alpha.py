@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -18,67 +19,84 @@ WIDEN = 1.5
 WIDEN_TRIES = 6
 
 
-def alpha_rings(
-    xy: NDArray[np.float64], radius: float, *, share: float = 0.0
-) -> tuple[NDArray[np.int64], ...]:
-    """Rings of indices into `xy` (N, 2): outer one counter-clockwise, then holes clockwise; () for no area.
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Delaunay triangles of points: corners, neighbours across the opposite sides, radii and areas.
+
+    `xy` (N, 2), `triangles` (T, 3), `neighbours` (T, 3; -1 for none), `radius` (T,) m, `area` (T,) m².
+    """
+
+    xy: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    neighbours: NDArray[np.int64]
+    radius: NDArray[np.float64]
+    area: NDArray[np.float64]
+
+
+def triangulate(xy: NDArray[np.float64]) -> Mesh | None:
+    """The Delaunay triangles of points (N, 2), None when they lie on one line."""
+    if len(xy) < 3:
+        return None
+    try:
+        found = Delaunay(xy - np.floor(xy.min(axis=0)))
+    except QhullError:
+        return None
+    triangles = found.simplices.astype(np.int64)
+    x, y = xy[:, 0][triangles], xy[:, 1][triangles]
+    dx, dy = np.roll(x, -1, axis=1) - x, np.roll(y, -1, axis=1) - y
+    area = 0.5 * np.abs(dx[:, 0] * dy[:, 1] - dy[:, 0] * dx[:, 1])
+    sides = np.sqrt((dx * dx + dy * dy).prod(axis=1))
+    radius = np.where(area > 1e-12, sides / np.maximum(4.0 * area, 1e-12), np.inf)
+    return Mesh(xy, triangles, found.neighbors.astype(np.int64), radius, area)
+
+
+def wide_radius(mesh: Mesh, most: float, share: float) -> float | None:
+    """Radius (m) of the empty discs over `share` of the meshed area, leaving out those over `most`."""
+    inside = mesh.radius <= most
+    if not inside.any():
+        return None
+    radius = mesh.radius[inside]
+    order = np.argsort(radius, kind="stable")
+    covered = np.cumsum(mesh.area[inside][order])
+    return float(radius[order][np.searchsorted(covered, share * covered[-1])])
+
+
+def alpha_rings(mesh: Mesh, radius: float, *, share: float = 0.0) -> tuple[NDArray[np.int64], ...]:
+    """Rings of numbers of points: the outer one counter-clockwise, then holes clockwise; () for no area.
 
     The area is the union of the Delaunay triangles whose circumscribed disc, which is empty, has at most
     `radius` (m), reduced to its largest part connected over edges [edelsbrunner1983]. The radius is
     widened, by steps of `WIDEN`, while that part holds less than `share` of the points.
     """
-    if len(xy) < 3:
-        return ()
-    try:
-        mesh = Delaunay(xy - np.floor(xy.min(axis=0)))
-    except QhullError:  # all points on one line
-        return ()
-    triangles = mesh.simplices.astype(np.int64)
-    neighbours = mesh.neighbors.astype(np.int64)
-    radii = circumradius(xy, triangles)
     for _ in range(WIDEN_TRIES):
-        kept = largest_part(xy, triangles, neighbours, radii <= radius)
-        inside = np.zeros(len(xy), np.bool_)
-        inside[triangles[kept]] = True
-        if inside.sum() >= share * len(xy):
+        kept = largest_part(mesh, mesh.radius <= radius)
+        inside = np.zeros(len(mesh.xy), np.bool_)
+        inside[mesh.triangles[kept]] = True
+        if inside.sum() >= share * len(inside):
             break
         radius *= WIDEN
     if not kept.any():
         return ()
-    starts, ring = boundary_kernel(triangles, neighbours, kept)
+    starts, ring = boundary_kernel(mesh.triangles, mesh.neighbours, kept)
     loops = [loop for a, b in pairwise(starts.tolist()) for loop in split_loops(ring[a:b]) if len(loop) > 2]
-    areas = np.array([signed_area(xy[loop]) for loop in loops])
+    areas = np.array([signed_area(mesh.xy[loop]) for loop in loops])
     outer = int(np.argmax(areas))
     holes = [k for k in np.argsort(areas, kind="stable") if areas[k] < 0]
     return (loops[outer], *(loops[k] for k in holes))
 
 
-def circumradius(xy: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Radii (T,) of the circles through the corners of `triangles` (T, 3); infinite when on one line."""
-    a, b, c = xy[triangles[:, 0]], xy[triangles[:, 1]], xy[triangles[:, 2]]
-    sides = np.hypot(*(b - a).T) * np.hypot(*(c - b).T) * np.hypot(*(a - c).T)
-    twice = np.abs((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
-    return np.where(twice > 1e-12, sides / np.maximum(2.0 * twice, 1e-12), np.inf)
-
-
-def largest_part(
-    xy: NDArray[np.float64],
-    triangles: NDArray[np.int64],
-    neighbours: NDArray[np.int64],
-    kept: NDArray[np.bool_],
-) -> NDArray[np.bool_]:
-    """The kept triangles (T,) of the part with the largest area; parts hang together over common edges."""
-    rows, sides = np.nonzero(kept[:, None] & (neighbours >= 0) & kept[neighbours])
-    size = len(triangles)
-    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, neighbours[rows, sides])), shape=(size, size))
+def largest_part(mesh: Mesh, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The kept triangles (T,) of the part with the largest area; parts hang together over common sides."""
+    across = mesh.neighbours
+    rows, sides = np.nonzero(kept[:, None] & (across >= 0) & kept[across])
+    size = len(kept)
+    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, across[rows, sides])), shape=(size, size))
     _, part = connected_components(graph, directed=False)
-    a, b, c = xy[triangles[:, 0]], xy[triangles[:, 1]], xy[triangles[:, 2]]
-    twice = np.abs((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
-    area = np.bincount(part, weights=np.where(kept, twice, 0.0))
+    area = np.bincount(part, weights=np.where(kept, mesh.area, 0.0))
     return np.asarray(kept & (part == int(np.argmax(area))))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def boundary_kernel(
     triangles: NDArray[np.int64], neighbours: NDArray[np.int64], kept: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.alpha import alpha_rings
+from eaves.geometry.alpha import alpha_rings, triangulate
 from eaves.geometry.polygons import as_polygon
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
@@ -73,7 +73,8 @@ class AlphaShape(OutlineMethod):
         """The rings of the alpha shape of `points` (N, 3)."""
         xy = points[:, :2]
         alpha = self.alpha or ALPHA_IN_SPACINGS * spacing
-        rings = alpha_rings(xy, alpha, share=self.share)
+        mesh = triangulate(xy)
+        rings = () if mesh is None else alpha_rings(mesh, alpha, share=self.share)
         if not rings:
             return Failure(
                 "no_area", f"{len(points)} points enclose no area at alpha {alpha:.2f} m", "outline"

@@ -1,0 +1,100 @@
+"""The fitted outline has the true corners, no shift, and squares only what is square."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon, affinity
+
+from eaves.model import Boundary, Footprint
+from eaves.outline import regularise_outlines, trace_outline
+from eaves.outline.edges import edge_shift_kernel
+from eaves.outline.global_fit import GlobalFit
+
+RECTANGLE = Polygon([(0, 0), (14, 0), (14, 9), (0, 9)])
+L_SHAPE = Polygon([(0, 0), (14, 0), (14, 6), (6, 6), (6, 12), (0, 12)])
+JOG = Polygon([(0, 0), (10, 0), (10, 1.2), (18, 1.2), (18, 10), (0, 10)])
+OBLIQUE = Polygon([(0, 0), (14, 0), (12, 9), (1, 8)])
+COURTYARD = Polygon([(0, 0), (24, 0), (24, 20), (0, 20)], [[(7, 6), (17, 6), (17, 14), (7, 14)]])
+CIRCLE = shapely.Point(0, 0).buffer(9)
+
+
+def scanned(shape: Polygon, density: float, seed: int = 1, noise: float = 0.03) -> NDArray[np.float64]:
+    """Points on `shape` at `density` (1/m²), random in plan with noise (m)."""
+    rng = np.random.default_rng(seed)
+    west, south, east, north = shape.bounds
+    count = rng.poisson(density * (east - west) * (north - south))
+    xy = rng.uniform([west, south], [east, north], (count, 2))
+    xy = xy[shapely.contains_xy(shape, xy)]
+    return np.column_stack([xy + rng.normal(0, noise, xy.shape), np.full(len(xy), 5.0)])
+
+
+def outlined(points: NDArray[np.float64], density: float) -> Polygon:
+    method = GlobalFit()
+    boundary = trace_outline(points, density**-0.5, method)
+    assert isinstance(boundary, Boundary)
+    footprint = regularise_outlines([boundary], method)[0]
+    assert isinstance(footprint, Footprint)
+    assert footprint.polygon.is_valid and footprint.polygon.exterior.is_ccw
+    return footprint.polygon
+
+
+def iou(a: Polygon, b: Polygon) -> float:
+    return float(a.intersection(b).area / a.union(b).area)
+
+
+def corner_count(shape: Polygon) -> int:
+    return sum(len(ring.coords) - 1 for ring in [shape.exterior, *shape.interiors])
+
+
+@pytest.mark.parametrize("shape", [RECTANGLE, L_SHAPE, JOG, COURTYARD], ids=["box", "ell", "jog", "court"])
+@pytest.mark.parametrize("turn", [0.0, 33.0])
+def test_corners_are_those_of_the_truth__10_points_per_m2(shape: Polygon, turn: float) -> None:
+    truth = affinity.rotate(shape, turn)
+    drawn = outlined(scanned(truth, 10.0), 10.0)
+    assert corner_count(drawn) == corner_count(truth)
+    assert iou(drawn, truth) > 0.97
+    assert abs(drawn.area - truth.area) / truth.length < 0.05
+
+
+def test_oblique_walls_are_not_squared() -> None:
+    drawn = outlined(scanned(OBLIQUE, 10.0), 10.0)
+    assert corner_count(drawn) == 4
+    assert drawn.hausdorff_distance(OBLIQUE) < 0.4
+
+
+def test_a_circle_stays_round() -> None:
+    drawn = outlined(scanned(CIRCLE, 10.0), 10.0)
+    assert corner_count(drawn) >= 8
+    assert iou(drawn, CIRCLE) > 0.96
+
+
+def test_right_angles_are_exact_where_the_points_support_them() -> None:
+    drawn = outlined(scanned(affinity.rotate(L_SHAPE, 20.0), 8.0), 8.0)
+    run = np.diff(np.array(drawn.exterior.coords), axis=0)
+    angle = np.degrees(np.arctan2(run[:, 1], run[:, 0])) % 90
+    assert np.ptp(angle) < 0.05
+
+
+@pytest.mark.parametrize("lines_along_the_edge", [True, False])
+def test_edge_stands_where_the_points_end__on_average(lines_along_the_edge: bool) -> None:
+    rng = np.random.default_rng(2)
+    shifts = []
+    for _ in range(200):
+        if lines_along_the_edge:
+            depth = np.repeat(rng.uniform(0, 0.8) + 0.8 * np.arange(4), 40)
+            xy = np.stack([rng.uniform(0, 10, len(depth)), depth], axis=1)
+        else:
+            xy = rng.uniform([0, 0], [10, 4], (160, 2))
+        edge = (np.array([[0.0, 1.0]]), np.zeros(1), np.zeros((1, 2)), np.full(1, 10.0))
+        shifts.append(edge_shift_kernel(xy, *edge, 1.0, 3.2, 0.0, 0.0, 4)[0])
+    assert abs(np.mean(shifts)) < 0.04
+
+
+def test_moved_points_give_the_moved_outline() -> None:
+    points = np.round(scanned(L_SHAPE, 6.0), 3)
+    here = outlined(points, 6.0)
+    there = outlined(points + np.array([480.0, -240.0, 0.0]), 6.0)
+    assert here.equals_exact(affinity.translate(there, -480.0, 240.0), 0.0015)
