@@ -1,0 +1,91 @@
+"""Points sorted into square cells: the grid on which detectors count, fit and grow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.model import Points, Values
+
+CELL_SIDES_M = (0.5, 0.6, 0.75, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
+"""Sides that divide a block of 240 m, so that neighbouring blocks share their cells."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Square cells fixed to the local origin, and the cell of each of N points.
+
+    Cells are numbered row by row, row 0 north. `cell` (N,) is each point's number; the points of cell `c` are
+    `order[start[c] : start[c + 1]]`.
+    """
+
+    side: float
+    west: float
+    north: float
+    shape: tuple[int, int]
+    cell: NDArray[np.int64]
+    order: NDArray[np.int64]
+    start: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, xyz: Points, side: float, margin: int = 1) -> Cells:
+        """Cells of the given side (m) that hold N > 0 points (N, 2 or 3), with `margin` empty ones around."""
+        column = np.floor(xyz[:, 0] / side).astype(np.int64)
+        line = np.floor(xyz[:, 1] / side).astype(np.int64)
+        first, last = int(column.min()) - margin, int(line.max()) + margin
+        rows = last - int(line.min()) + 1 + margin
+        columns = int(column.max()) - first + 1 + margin
+        cell = (last - line) * columns + (column - first)
+        order = np.argsort(cell, kind="stable")
+        start = np.zeros(rows * columns + 1, np.int64)
+        np.cumsum(np.bincount(cell, minlength=rows * columns), out=start[1:])
+        return cls(side, first * side, (last + 1) * side, (rows, columns), cell, order, start)
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return self.shape[0] * self.shape[1]
+
+    @property
+    def count(self) -> NDArray[np.int64]:
+        """Points in each cell (cells,)."""
+        return np.diff(self.start)
+
+    @property
+    def neighbours(self) -> NDArray[np.int64]:
+        """What to add to a cell's number for each of its eight neighbours (8,); the margin keeps it in."""
+        columns = self.shape[1]
+        return np.array([-columns - 1, -columns, -columns + 1, -1, 1, columns - 1, columns, columns + 1])
+
+    def centres(self, cells: NDArray[np.int64]) -> Points:
+        """Plan position (K, 2) of the middle of cells (K,)."""
+        row, column = np.divmod(cells, self.shape[1])
+        x, y = self.west + (column + 0.5) * self.side, self.north - (row + 0.5) * self.side
+        return np.asarray(np.c_[x, y], np.float64)
+
+    def total(self, values: Values) -> Values:
+        """Sum of the points' values (N,) in each cell (cells,)."""
+        return np.asarray(np.bincount(self.cell, weights=values, minlength=self.size), np.float64)
+
+    def extreme(self, values: Values, highest: bool = True) -> Values:
+        """Highest or lowest of the points' values (N,) in each cell (cells,); -inf or inf where none is."""
+        ufunc = np.maximum if highest else np.minimum
+        result = np.full(self.size, -np.inf if highest else np.inf)
+        occupied = np.flatnonzero(self.count)
+        if len(occupied):
+            result[occupied] = ufunc.reduceat(values[self.order], self.start[occupied])
+        return result
+
+    def points_of(self, cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The points of cells (K,): for each, its position in `cells`, and its number (M,), (M,)."""
+        count = self.start[cells + 1] - self.start[cells]
+        which = np.repeat(np.arange(len(cells)), count)
+        step = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+        return which, self.order[self.start[cells][which] + step]
+
+
+def side_near(wanted: float) -> float:
+    """The smallest of `CELL_SIDES_M` that is not under `wanted` (m), or the largest there is."""
+    return next((side for side in CELL_SIDES_M if side >= wanted - 1e-9), CELL_SIDES_M[-1])
