@@ -1,0 +1,182 @@
+"""The default reconstructor: a plan of lines, labelled by a graph cut, raised to solids."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from eaves.geometry.arrangement import arrange
+from eaves.geometry.coverage import OUTSIDE, Coverage, Integers
+from eaves.geometry.labelling import label_nodes
+from eaves.geometry.neighbours import measure_spacing
+from eaves.methods import Emit, ignore, parameter
+from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid
+from eaves.reconstruct.attributes import describe
+from eaves.reconstruct.base import Reconstructor
+from eaves.reconstruct.evidence import (
+    FEWEST_POINTS,
+    LOWEST_ROOF,
+    PRISM_PERCENTILE,
+    is_roof_point,
+    points_inside,
+)
+from eaves.reconstruct.extrusion import extrude
+from eaves.reconstruct.lines import candidate_lines
+from eaves.reconstruct.soundness import find_defect
+
+
+class Arrangement(Reconstructor):
+    """to be written"""
+
+    name: ClassVar[str] = "arrangement"
+    idea: ClassVar[str] = (
+        "Lines cut the footprint into cells; a graph cut gives each its plane; cells are raised."
+    )
+    paper: ClassVar[str] = "peters2022"
+
+    misfit_limit: float = parameter(
+        0.4, "Distance from a plane at which a point's misfit stops growing.", unit="m", gt=0.0
+    )
+    border_price: float = parameter(0.12, "Price of a metre of border, in m2 of misfit.", unit="m", ge=0.0)
+    plane_price: float = parameter(0.4, "Price of a plane in use, in m2 of misfit.", unit="m2", ge=0.0)
+    extension: float = parameter(1.5, "How far a line reaches beyond its evidence.", unit="m", ge=0.0)
+    overshoot: float = parameter(
+        0.5, "How far a plane may rise above or fall below its own points.", unit="m", ge=0.0
+    )
+    level_jump: float = parameter(
+        3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", published=3.0, gt=0.0
+    )
+
+    def model(
+        self,
+        points: Points,
+        footprint: Footprint,
+        planes: list[RoofPlane],
+        ground: float,
+        emit: Emit = ignore,
+    ) -> BuildingModel | Failure:
+        """The model of one building from its points (N, 3) and roof planes."""
+        inside = points_inside(points, footprint.polygon)
+        top = inside[is_roof_point(points[inside])]
+        roof = points[top]
+        if len(roof) < FEWEST_POINTS:
+            return Failure(
+                "too_few_points", f"{len(roof)} roof points inside the footprint", "reconstruct", footprint
+            )
+        spacing = measure_spacing(roof)
+        owner = np.full(len(points), -1, np.int32)
+        for number, plane in enumerate(planes):
+            owner[plane.members] = number
+        labels = owner[top]
+        used = np.unique(labels[labels >= 0])
+        planes = [planes[number] for number in used]
+        labels = np.where(labels >= 0, np.searchsorted(used, labels), -1).astype(np.int32)
+        height = max(float(np.percentile(roof[:, 2], PRISM_PERCENTILE)), ground + LOWEST_ROOF)
+        coefficients = np.array([*(plane.coefficients for plane in planes), (0.0, 0.0, height)])
+        lines = candidate_lines(roof, labels, coefficients, footprint.polygon, spacing)
+        segments = np.array([line.ends(self.extension) for line in lines]).reshape(-1, 4)
+        emit("lines", segments)
+        coverage = arrange(footprint.polygon, segments)
+        if coverage is None:
+            return Failure("no_area", "the footprint encloses no area", "reconstruct", footprint)
+        cells = self.label_cells(coverage, roof, labels, coefficients, spacing, ground)
+        plan, chosen = coverage.merged(cells)
+        emit("plan", plan.polygons())
+        solids: dict[str, tuple[Solid, ...]] = {}
+        found = sound_solids(plan, coefficients[chosen], ground)
+        if found:
+            solids["2.2"] = found
+        for lod, (level_plan, heights) in self.levels(plan, coefficients[chosen], roof, ground).items():
+            flat = np.column_stack([np.zeros((len(heights), 2)), heights])
+            found = sound_solids(level_plan, flat, ground)
+            if found:
+                solids[lod] = found
+        if not solids:
+            return Failure("not_closed", "no level of detail gave a closed solid", "reconstruct", footprint)
+        faces = tuple(
+            RoofPlane(tuple(coefficients[label]), np.zeros(0, np.int64), 0.0, polygon)
+            for label, polygon in zip(chosen, plan.polygons(), strict=True)
+        )
+        model = BuildingModel(footprint, solids, faces)
+        return model.with_(attributes=describe(model, points[inside], roof, ground))
+
+    def label_cells(
+        self,
+        coverage: Coverage,
+        roof: Points,
+        labels: NDArray[np.int32],
+        planes: NDArray[np.float64],
+        spacing: float,
+        ground: float,
+    ) -> Integers:
+        """The plane (C,) of every cell."""
+        polygons = coverage.polygons()
+        point, cell = shapely.STRtree(polygons).query(shapely.points(roof[:, :2]), predicate="intersects")
+        rise = roof[:, :2] @ planes[:, :2].T + planes[:, 2]
+        misfit = np.abs(roof[:, 2:] - rise) / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1))
+        cost = np.minimum(misfit / self.misfit_limit, 1.0) * spacing**2
+        data = np.zeros((coverage.count, len(planes)))
+        np.add.at(data, cell, cost[point])
+        low = np.full(len(planes), -np.inf)
+        high = np.full(len(planes), np.inf)
+        for number in range(len(planes) - 1):
+            z = roof[labels == number, 2]
+            low[number], high[number] = np.percentile(z, [1, 99]) + [-self.overshoot, self.overshoot]
+        inner = coverage.cell != OUTSIDE
+        start = coverage.nodes[coverage.start[inner]]
+        z = start @ planes[:, :2].T + planes[:, 2]
+        beyond = np.maximum(np.maximum(low - z, z - high), np.maximum(0.0, ground + LOWEST_ROOF - z) * 1e3)
+        worst = np.zeros_like(data)
+        np.maximum.at(worst, coverage.cell[inner], beyond)
+        data += np.where(worst > 0, 10.0 + worst * coverage.area[:, None] * 10, 0.0)
+        data[:, -1] += 0.3 * coverage.area + 1e-6
+        halves = np.flatnonzero(inner & (coverage.cell[coverage.twin] > coverage.cell))
+        edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
+        return label_nodes(
+            data, edges, self.border_price * coverage.length[halves], np.full(len(planes), self.plane_price)
+        )
+
+    def levels(
+        self, plan: Coverage, planes: NDArray[np.float64], roof: Points, ground: float
+    ) -> dict[str, tuple[Coverage, NDArray[np.float64]]]:
+        """The plans of LoD 1.3 and 1.2, with the height of each cell."""
+        polygons = plan.polygons()
+        point, cell = shapely.STRtree(polygons).query(shapely.points(roof[:, :2]), predicate="intersects")
+        whole = float(np.percentile(roof[:, 2], PRISM_PERCENTILE))
+        middle = np.array(
+            [
+                whole
+                if not (cell == c).any()
+                else float(np.percentile(roof[point[cell == c], 2], PRISM_PERCENTILE))
+                for c in range(plan.count)
+            ]
+        )
+        group = np.arange(plan.count)
+        halves = np.flatnonzero((plan.cell >= 0) & (plan.cell[plan.twin] > plan.cell))
+        for half in halves.tolist():
+            a, b = int(plan.cell[half]), int(plan.cell[plan.twin[half]])
+            if abs(middle[a] - middle[b]) < self.level_jump:
+                group[group == group[b]] = group[a]
+        answer = {}
+        for lod, label in (("1.3", group), ("1.2", np.zeros(plan.count, np.int64))):
+            merged, names = plan.merged(np.unique(label, return_inverse=True)[1].astype(np.int64))
+            number = np.unique(label, return_inverse=True)[1]
+            heights = []
+            for name in names:
+                mine = np.isin(cell, np.flatnonzero(number == name))
+                heights.append(
+                    float(np.percentile(roof[point[mine], 2], PRISM_PERCENTILE)) if mine.any() else whole
+                )
+            answer[lod] = (merged, np.maximum(heights, ground + LOWEST_ROOF))
+        return answer
+
+
+def sound_solids(plan: Coverage, planes: NDArray[np.float64], ground: float) -> tuple[Solid, ...]:
+    """The solids over a plan, or none when one has a defect."""
+    solids = extrude(plan, planes, ground)
+    if solids is None or any(find_defect(solid) for solid in solids):
+        return ()
+    return tuple(solids)

@@ -1,0 +1,188 @@
+"""What a model tells about its building: heights, areas, slopes, volume, fit, roof type."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from eaves.geometry.tolerance import FLAT_SLOPE_DEG
+from eaves.model import BuildingModel, Points, Solid, Values
+from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
+
+EMPTY_CELL = 1.0
+"""Side of the cells (m) in which the share of roof without points is counted."""
+
+TRIMMED_SHARE = 0.95
+"""Share of the best-fitting points the trimmed RMSE is computed from."""
+
+MAIN_FACE_SHARE = 0.1
+"""Roof faces under this share of the roof's plan do not decide its type."""
+
+LEVEL_SLOPE_DEG = 6.0
+"""Main faces flatter than this make a flat roof: drainage falls reach 5 degrees."""
+
+OPPOSITE_DEG = 20.0
+"""Azimuths this near to opposite (degrees) face each other across a ridge."""
+
+
+def face_vectors(solid: Solid) -> NDArray[np.float64]:
+    """Vector areas (F, 3) of the faces, holes taken off: direction outwards, length the area (Newell)."""
+    rings = [(number, ring) for number, face in enumerate(solid.faces) for ring in face.rings]
+    owner = np.concatenate([np.full(len(ring), number) for number, ring in rings])
+    start = np.concatenate([np.asarray(ring) for _, ring in rings])
+    end = np.concatenate([np.roll(np.asarray(ring), -1) for _, ring in rings])
+    centred = solid.vertices - solid.vertices[0]
+    cross = 0.5 * np.cross(centred[start], centred[end])
+    return np.column_stack([np.bincount(owner, cross[:, axis], len(solid.faces)) for axis in range(3)])
+
+
+def measure_volume(solid: Solid) -> float:
+    """Volume (m³) of a closed solid."""
+    first = np.array([face.rings[0][0] for face in solid.faces])
+    heads = solid.vertices[first] - solid.vertices[0]
+    return float((heads * face_vectors(solid)).sum() / 3.0)
+
+
+def azimuth_of(normal: NDArray[np.float64]) -> float | None:
+    """Direction the slope falls to, degrees clockwise from grid north, or None under 2 degrees of slope."""
+    if slope_of(normal) < FLAT_SLOPE_DEG:
+        return None
+    return float(np.degrees(np.arctan2(normal[0], normal[1])) % 360.0)
+
+
+def slope_of(normal: NDArray[np.float64]) -> float:
+    """Degrees from the horizontal of a face with this normal or vector area (3,)."""
+    return float(np.degrees(np.arctan2(np.hypot(normal[0], normal[1]), normal[2])))
+
+
+def surface_heights(
+    solids: tuple[Solid, ...], xy: NDArray[np.float64]
+) -> tuple[Values, Values, NDArray[np.int64]]:
+    """Height of the model over places (N, 2), cosine of the slope there, and number of the roof face.
+
+    Roof faces are counted through all solids; where there is none the height is NaN and the number -1.
+    """
+    height, cosine = np.full(len(xy), np.nan), np.ones(len(xy))
+    number = np.full(len(xy), -1)
+    shapes, heads, normals = [], [], []
+    for solid in solids:
+        vectors = face_vectors(solid)
+        for face, vector in zip(solid.faces, vectors, strict=True):
+            if face.surface == ROOF_SURFACE:
+                places = solid.vertices
+                shapes.append(
+                    shapely.Polygon(
+                        places[list(face.rings[0]), :2], [places[list(hole), :2] for hole in face.rings[1:]]
+                    )
+                )
+                heads.append(places[list(face.rings[0])].mean(axis=0))
+                normals.append(vector / np.linalg.norm(vector))
+    if not shapes or len(xy) == 0:
+        return height, cosine, number
+    tree = shapely.STRtree(shapes)
+    point, face_of = tree.query(shapely.points(xy), predicate="intersects")
+    head, normal = np.array(heads)[face_of], np.array(normals)[face_of]
+    z = head[:, 2] - ((xy[point] - head[:, :2]) * normal[:, :2]).sum(axis=1) / normal[:, 2]
+    order = np.argsort(z, kind="stable")
+    height[point[order]] = z[order]
+    cosine[point[order]] = normal[order, 2]
+    number[point[order]] = face_of[order]
+    return height, cosine, number
+
+
+def describe(model: BuildingModel, points: Points, roof: Points, ground: float) -> dict[str, Any]:
+    """The attributes of a model: `points` (N, 3) are the building's inside the footprint, `roof` (R, 3) its roof points."""
+    solids = model.solids[model.lod]
+    roof_faces, wall_area = describe_faces(solids)
+    height, cosine, number = surface_heights(solids, roof[:, :2])
+    error = np.where(np.isfinite(height), (roof[:, 2] - height) * cosine, 0.0)
+    for face, record in enumerate(roof_faces):
+        mine = error[number == face]
+        record["points"] = len(mine)
+        record["rmse_m"] = float(np.sqrt(np.mean(mine**2))) if len(mine) else None
+    area = float(model.footprint.polygon.area)
+    squared = np.sort(error**2)
+    kept = squared[: max(1, int(TRIMMED_SHARE * len(squared)))]
+    low, middle, high = np.percentile(roof[:, 2], [50.0, 70.0, 100.0])
+    return {
+        "roof_type": roof_type(roof_faces),
+        "h_ground": ground,
+        "h_eaves": min((face["h_low"] for face in roof_faces), default=None),
+        "h_ridge": max((face["h_high"] for face in roof_faces), default=None),
+        "h_50p": float(low),
+        "h_70p": float(middle),
+        "h_max": float(high),
+        "volume_m3": float(sum(measure_volume(solid) for solid in solids)),
+        "wall_area_m2": wall_area,
+        "roof_area_m2": float(sum(face["area_m2"] for face in roof_faces)),
+        "roof_projected_m2": float(sum(face["projected_m2"] for face in roof_faces)),
+        "roof_face_count": len(roof_faces),
+        "rmse_m": float(np.sqrt(squared.mean())),
+        "rmse95_m": float(np.sqrt(kept.mean())),
+        "points": len(points),
+        "density": len(points) / area if area > 0.0 else 0.0,
+        "share_no_data": share_without(points, model),
+        "roof_faces": roof_faces,
+    }
+
+
+def describe_faces(solids: tuple[Solid, ...]) -> tuple[list[dict[str, Any]], float]:
+    """One record for each roof face, in order, and the area of all walls (m²)."""
+    records, wall_area = [], 0.0
+    for solid in solids:
+        vectors = face_vectors(solid)
+        for face, vector in zip(solid.faces, vectors, strict=True):
+            if face.surface == WALL_SURFACE:
+                wall_area += float(np.linalg.norm(vector))
+            elif face.surface == ROOF_SURFACE:
+                heights = solid.vertices[list(face.rings[0]), 2]
+                records.append(
+                    {
+                        "slope_deg": slope_of(vector),
+                        "azimuth_deg": azimuth_of(vector),
+                        "area_m2": float(np.linalg.norm(vector)),
+                        "projected_m2": float(vector[2]),
+                        "h_low": float(heights.min()),
+                        "h_high": float(heights.max()),
+                    }
+                )
+    return records, wall_area
+
+
+def share_without(points: Points, model: BuildingModel) -> float:
+    """Share of the footprint's 1 m cells (centres inside) that no point (N, 3) falls in."""
+    west, south, east, north = model.footprint.polygon.bounds
+    columns, rows = int((east - west) / EMPTY_CELL) + 1, int((north - south) / EMPTY_CELL) + 1
+    column, row = np.meshgrid(np.arange(columns), np.arange(rows))
+    x, y = west + (column.ravel() + 0.5) * EMPTY_CELL, south + (row.ravel() + 0.5) * EMPTY_CELL
+    inside = shapely.contains_xy(model.footprint.polygon, x, y)
+    if not inside.any():
+        return 0.0 if len(points) else 1.0
+    of_point = ((points[:, 1] - south) / EMPTY_CELL).astype(np.int64) * columns
+    of_point += ((points[:, 0] - west) / EMPTY_CELL).astype(np.int64)
+    filled = np.bincount(of_point, minlength=columns * rows)[: columns * rows] > 0
+    return float((~filled[inside]).mean())
+
+
+def roof_type(faces: list[dict[str, Any]]) -> str:
+    """flat, shed, gable, hip, pyramid or complex, from the roof faces that cover a tenth of the plan or more."""
+    whole = sum(face["projected_m2"] for face in faces)
+    main = [face for face in faces if face["projected_m2"] >= MAIN_FACE_SHARE * whole]
+    sloped = [face for face in main if face["slope_deg"] >= LEVEL_SLOPE_DEG]
+    if not sloped:
+        return "flat"
+    if len(sloped) < len(main):
+        return "complex"
+    azimuths = np.sort([face["azimuth_deg"] for face in sloped])
+    if len(sloped) == 1:
+        return "shed"
+    if len(sloped) == 2 and abs(azimuths[1] - azimuths[0] - 180.0) <= OPPOSITE_DEG:
+        return "gable"
+    quarter = np.diff(np.append(azimuths, azimuths[0] + 360.0))
+    if len(sloped) == 4 and np.all(np.abs(quarter - 90.0) <= OPPOSITE_DEG):
+        areas = sorted(face["projected_m2"] for face in sloped)
+        return "pyramid" if areas[0] > 0.7 * areas[-1] else "hip"
+    return "complex"

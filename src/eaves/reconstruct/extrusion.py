@@ -1,0 +1,227 @@
+"""From a plan whose cells carry planes to closed solids."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.geometry.coverage import OUTSIDE, Coverage, Integers
+from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
+from eaves.model import Face, Solid
+from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
+
+SAME_HEIGHT = 0.4 * PLANARITY
+"""Heights over one node that are nearer than this (m) become one vertex."""
+
+CORNER = 0.10
+"""How far (m) a corner steps back where a building would touch itself in a vertical edge."""
+
+ROUNDS = 40
+"""Self-contacts resolved one after the other before the plan is given up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """The vertices over the nodes: `vertex` (H,) is the number of the roof vertex of each half-edge's cell over its start.
+
+    Vertices of a node have consecutive numbers, from low to high.
+    """
+
+    vertices: NDArray[np.float64]
+    vertex: Integers
+
+
+def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> list[Solid] | None:
+    """The solids between the base (m) and the planes (C, 3: a, b, c) of the cells, one for each connected part.
+
+    `Face.plane` of a roof face is the number of its cell. None when the plan keeps touching itself.
+
+    Over each node of the plan stands a column of vertices, one for each height that occurs among the cells
+    around it and one for the base where the outside meets it. Every face takes its vertices from the columns, so faces
+    share them, and a wall takes all those between its foot and its top, so none lies on another's edge. Edges
+    along which two planes cross are split there first. A column's stretch that more than two walls
+    share is a self-contact: there the corner of one cell steps back.
+    """
+    names = np.arange(coverage.count)
+    for _ in range(ROUNDS):
+        plan = split_crossings(coverage, planes)
+        touching = None
+        solids = []
+        for part, cells in plan.parts():
+            columns = raise_columns(part, planes[cells], base)
+            node = find_contact(part, columns)
+            if node is not None:
+                touching = part.nodes[node]
+                break
+            solids.append(close_solid(part, columns, names[cells]))
+        if touching is None:
+            return solids
+        stepped = step_back(plan, planes, base, touching)
+        if stepped is None:
+            return None
+        coverage, kept = stepped
+        planes, names = planes[kept], names[kept]
+    return None
+
+
+def split_crossings(coverage: Coverage, planes: NDArray[np.float64]) -> Coverage:
+    """The coverage with a node on every edge along which the planes of its two cells cross."""
+    halves = np.flatnonzero(
+        (coverage.cell > coverage.cell[coverage.twin]) & (coverage.cell[coverage.twin] >= 0)
+    )
+    left, right = planes[coverage.cell[halves]], planes[coverage.cell[coverage.twin[halves]]]
+    start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
+    step = left - right
+    before = step[:, 0] * start[:, 0] + step[:, 1] * start[:, 1] + step[:, 2]
+    after = step[:, 0] * end[:, 0] + step[:, 1] * end[:, 1] + step[:, 2]
+    crosses = (before * after < 0.0) & (np.minimum(np.abs(before), np.abs(after)) > SAME_HEIGHT)
+    if not crosses.any():
+        return coverage
+    share = (before[crosses] / (before[crosses] - after[crosses]))[:, None]
+    places = start[crosses] * (1.0 - share) + end[crosses] * share
+    places = np.round(np.round(places / COORDINATE_STEP) * COORDINATE_STEP, 6)
+    clear = (
+        np.minimum(np.hypot(*(places - start[crosses]).T), np.hypot(*(places - end[crosses]).T))
+        > 1.5 * COORDINATE_STEP
+    )
+    return coverage.split(halves[crosses][clear], places[clear])
+
+
+def raise_columns(coverage: Coverage, planes: NDArray[np.float64], base: float) -> Columns:
+    """The vertices over every node: one for each group of nearly equal heights of its cells."""
+    place = coverage.nodes[coverage.start]
+    plane = planes[coverage.cell]
+    height = plane[:, 0] * place[:, 0] + plane[:, 1] * place[:, 1] + plane[:, 2]
+    outside = coverage.cell == OUTSIDE
+    height = np.where(outside, base, height)
+    order = np.lexsort((height, ~outside, coverage.start))
+    node, sorted_height, sorted_outside = coverage.start[order], height[order], outside[order]
+    new = np.ones(len(order), bool)
+    new[1:] = (
+        (np.diff(node) != 0)
+        | (np.diff(sorted_height) > SAME_HEIGHT)
+        | (sorted_outside[1:] != sorted_outside[:-1])
+    )
+    first = np.flatnonzero(new)
+    last = np.append(first[1:], len(order)) - 1
+    middle = np.round(0.5 * (sorted_height[first] + sorted_height[last]), 4)
+    number = np.empty(len(order), np.int64)
+    number[order] = np.cumsum(new) - 1
+    return Columns(np.column_stack([coverage.nodes[node[first]], middle]), number)
+
+
+def wall_spans(coverage: Coverage, columns: Columns) -> tuple[Integers, NDArray[np.int64]]:
+    """The half-edges (W,) that carry a wall, and its vertex numbers (W, 4): foot and top over start, foot and top over end."""
+    top_start, top_end = columns.vertex, columns.vertex[coverage.following]
+    foot_start, foot_end = top_end[coverage.twin], top_start[coverage.twin]
+    wall = (
+        (coverage.cell != OUTSIDE)
+        & (top_start >= foot_start)
+        & (top_end >= foot_end)
+        & ((top_start > foot_start) | (top_end > foot_end))
+    )
+    halves = np.flatnonzero(wall)
+    spans = np.column_stack([foot_start, top_start, foot_end, top_end])[halves]
+    return halves, spans
+
+
+def find_contact(coverage: Coverage, columns: Columns) -> int | None:
+    """A node whose column has a stretch that more than two walls share, or None."""
+    _, spans = wall_spans(coverage, columns)
+    change = np.zeros(len(columns.vertices) + 1, np.int64)
+    for low, high in ((spans[:, 0], spans[:, 1]), (spans[:, 2], spans[:, 3])):
+        np.add.at(change, low, 1)
+        np.add.at(change, high, -1)
+    shared = np.flatnonzero(np.cumsum(change) > 2)
+    if len(shared) == 0:
+        return None
+    half = int(np.flatnonzero(columns.vertex == shared[0])[0])
+    return int(coverage.start[half])
+
+
+def close_solid(coverage: Coverage, columns: Columns, names: Integers) -> Solid:
+    """The solid of a connected plan: one ground face, a roof face for each cell, named by `names` (C,), the walls."""
+    ground: list[list[int]] = []
+    roofs: list[list[list[int]]] = [[] for _ in range(coverage.count)]
+    vertex = columns.vertex
+    for (cell, ring), area in zip(coverage.rings, coverage.ring_area, strict=True):
+        target = ground if cell == OUTSIDE else roofs[cell]
+        outer = area < 0.0 if cell == OUTSIDE else area > 0.0
+        target.insert(0 if outer else len(target), vertex[ring].tolist())
+    faces = [Face(tuple(tuple(ring) for ring in ground), GROUND_SURFACE)]
+    faces += [
+        Face(tuple(tuple(ring) for ring in rings), ROOF_SURFACE, int(names[cell]))
+        for cell, rings in enumerate(roofs)
+    ]
+    _, spans = wall_spans(coverage, columns)
+    for foot_start, top_start, foot_end, top_end in spans.tolist():
+        up, down = range(foot_end, top_end + 1), range(top_start, foot_start - 1, -1)
+        faces.append(Face(((*up, *down),), WALL_SURFACE))
+    return Solid(columns.vertices, tuple(faces))
+
+
+def step_back(
+    coverage: Coverage, planes: NDArray[np.float64], base: float, place: NDArray[np.float64]
+) -> tuple[Coverage, Integers] | None:
+    """The coverage with one corner at `place` (2,) cut off and given to the lower neighbour, and the cells kept.
+
+    The corner is that of a cell higher than both its neighbours around the node; the narrowest is taken. None
+    where no corner can step back.
+    """
+    node = int(np.argmin(np.abs(coverage.nodes - place).sum(axis=1)))
+    leaving = np.flatnonzero(coverage.start == node)
+    step = coverage.nodes[coverage.end[leaving]] - coverage.nodes[node]
+    angle = np.arctan2(step[:, 1], step[:, 0])
+    leaving, angle = leaving[np.argsort(angle)], np.sort(angle)
+    cell = coverage.cell[leaving]
+    at = np.append(place, 1.0)
+    height = np.where(cell == OUTSIDE, base, np.asarray(planes @ at)[cell])
+    before = np.roll(height, 1)
+    after = np.roll(height, -1)
+    opening = np.mod(np.roll(angle, -1) - angle, 2.0 * np.pi)
+    peak = np.flatnonzero((height > before + SAME_HEIGHT) & (height > after + SAME_HEIGHT))
+    for corner in peak[np.argsort(opening[peak], kind="stable")].tolist():
+        first, second = leaving[corner], leaving[(corner + 1) % len(leaving)]
+        lower = int(coverage.cell[coverage.twin[first]])
+        cut = cut_corner(coverage, int(first), int(second), lower)
+        if cut is not None:
+            return cut
+    return None
+
+
+def cut_corner(coverage: Coverage, first: int, second: int, lower: int) -> tuple[Coverage, Integers] | None:
+    """The corner between two half-edges that leave one node given to cell `lower`, and the cells kept."""
+    if opening_is_flat(coverage, first, second):
+        return None
+    halves = np.array([first, second])
+    reach = np.minimum(CORNER, 0.4 * coverage.length[halves])
+    if reach.min() < 5.0 * COORDINATE_STEP:
+        return None
+    start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
+    places = start + (end - start) * (reach / coverage.length[halves])[:, None]
+    places = np.round(np.round(places / COORDINATE_STEP) * COORDINATE_STEP, 6)
+    owner = int(coverage.cell[first])
+    node = int(coverage.start[first])
+    cut = coverage.split(halves, places)
+    corner = cut.count
+    one, other = len(cut.nodes) - 2, len(cut.nodes) - 1
+    cell = cut.cell.copy()
+    cell[(cut.start == node) & (cut.end == one)] = corner
+    cell[(cut.start == other) & (cut.end == node)] = corner
+    cut = Coverage(
+        cut.nodes,
+        np.append(cut.start, [one, other]),
+        np.append(cut.end, [other, one]),
+        np.append(cell, [corner, owner]),
+    )
+    label = np.append(np.arange(coverage.count), lower)
+    return cut.merged(label)
+
+
+def opening_is_flat(coverage: Coverage, first: int, second: int) -> bool:
+    """Whether the corner between two half-edges from one node is 180 degrees or more, so that no chord cuts it."""
+    a = coverage.nodes[coverage.end[first]] - coverage.nodes[coverage.start[first]]
+    b = coverage.nodes[coverage.end[second]] - coverage.nodes[coverage.start[second]]
+    return bool(a[0] * b[1] - a[1] * b[0] <= 0.0)
