@@ -1,0 +1,104 @@
+"""Footprints given by the user: repaired, clipped, and named so that none is lost without a reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
+
+from eaves.geometry.polygons import polygon_parts
+from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.model import Bounds, Failure, Footprint
+
+MIN_AREA_M2 = 1.0
+"""A given footprint, or a part of one, that is smaller is a slip of the pen."""
+
+
+def repair_footprints(
+    shapes: Iterable[BaseGeometry | None],
+    ids: Sequence[str] | None = None,
+    attributes: Sequence[Mapping[str, Any]] | None = None,
+) -> list[Footprint]:
+    """The usable footprints among `shapes` (metres), in their order: valid, single, counter-clockwise.
+
+    A shape of several parts, or one that crosses itself, becomes several footprints, the largest first; all
+    but the first get "-2", "-3", … behind the id. So does an id that was given before.
+    `unusable_footprints` tells which shapes are left out, and why.
+    """
+    found: list[Footprint] = []
+    used: set[str] = set()
+    for number, shape in enumerate(shapes):
+        given = "" if ids is None else str(ids[number])
+        kept = {} if attributes is None else dict(attributes[number])
+        for part in repaired_parts(shape):
+            found.append(Footprint(part, id=unused_id(given, used), attributes=kept))
+    return found
+
+
+def unusable_footprints(
+    shapes: Iterable[BaseGeometry | None], ids: Sequence[str] | None = None
+) -> list[Failure]:
+    """A Failure for each of the `shapes` that has no area to build on."""
+    failures = []
+    for number, shape in enumerate(shapes):
+        if repaired_parts(shape):
+            continue
+        name = str(number) if ids is None else str(ids[number])
+        what = (
+            "has no geometry" if shape is None or shape.is_empty else f"is a {shape.geom_type} without area"
+        )
+        failures.append(Failure("no_area", f"given footprint '{name}' {what}", "outline"))
+    return failures
+
+
+def repaired_parts(shape: BaseGeometry | None) -> list[Polygon]:
+    """The valid polygons of a shape, largest first, without parts and holes under `MIN_AREA_M2`."""
+    if shape is None or shape.is_empty or not np.isfinite(shapely.get_coordinates(shape)).all():
+        return []
+    parts = []
+    for part in polygon_parts(shapely.force_2d(shape), COORDINATE_STEP):
+        if part.area >= MIN_AREA_M2:
+            holes = [ring for ring in part.interiors if Polygon(ring).area >= MIN_AREA_M2]
+            parts.append(shapely.orient_polygons(Polygon(part.exterior, holes)))
+    return sorted(parts, key=lambda part: (-part.area, part.bounds))
+
+
+def unused_id(given: str, used: set[str]) -> str:
+    """The id, or the first of id-2, id-3, … not in `used`, where it is added; an empty one stays empty."""
+    name, number = given, 1
+    while name and name in used:
+        number += 1
+        name = f"{given}-{number}"
+    used.add(name)
+    return name
+
+
+def clip_footprints(
+    footprints: Sequence[Footprint], area: Bounds | BaseGeometry
+) -> list[Footprint | Failure]:
+    """Each footprint cut to `area`, in order; a Failure for those outside; what was cut carries `clipped`.
+
+    Of a footprint that the border cuts into several pieces the largest stays.
+    """
+    if isinstance(area, Bounds):
+        area = shapely.box(area.west, area.south, area.east, area.north)
+    answers: list[Footprint | Failure] = []
+    shapely.prepare(area)
+    for footprint in footprints:
+        if area.contains_properly(footprint.polygon):
+            answers.append(footprint)
+            continue
+        inside = repaired_parts(footprint.polygon.intersection(area))
+        if not inside:
+            reason = f"given footprint '{footprint.id}' lies outside the area"
+            answers.append(Failure("outside", reason, "outline", footprint))
+        elif inside[0].area > footprint.polygon.area - MIN_AREA_M2 * COORDINATE_STEP:
+            answers.append(footprint)
+        else:
+            marked = {**footprint.attributes, "clipped": True}
+            answers.append(footprint.with_(polygon=inside[0], attributes=marked))
+    return answers

@@ -1,0 +1,160 @@
+"""Given footprints moved to the eaves in the points; what they share stays shared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon, STRtree
+
+from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.model import Footprint, Points
+from eaves.outline.edges import edge_shift_kernel
+
+REACH_M = 1.5
+"""Farthest that an edge moves: a wide overhang, or a map a metre off."""
+SAME_PLACE_M = 0.02
+"""Vertices and edges of neighbours nearer than this are the same."""
+LEAST_LENGTH = 3.0
+"""Shorter edges, in spacings, tell nothing of their own."""
+STIFFNESS = 0.05
+"""Weight of staying in place, against 1 for an edge that tells: keeps blunt corners from sliding away."""
+
+
+def snap_footprints(footprints: Sequence[Footprint], points: Points, spacing: float) -> list[Footprint]:
+    """The footprints (same local metres as `points` (N, 3), roof points) with their free edges at the eaves.
+
+    Edges that two footprints share are party walls and move only with their ends. Every other edge long
+    enough to tell moves along its normal to where the points behind it end, at most `REACH_M`: first all of
+    them together by the one shift that serves most, then each by what is left. A vertex goes where its
+    edges take it, so common vertices stay common. A footprint that would become invalid makes its
+    neighbours and itself stay as given.
+    """
+    if len(footprints) == 0 or len(points) == 0:
+        return list(footprints)
+    nodes, rings, owner = shared_rings([footprint.polygon for footprint in footprints])
+    first, second = free_edges(rings)
+    moved = nodes.copy()
+    for together in (True, False):
+        shift, normal, length = edge_shifts(moved, first, second, points[:, :2], spacing)
+        told = np.isfinite(shift)
+        if not told.any():
+            break
+        if together:
+            moved = moved + common_shift(shift[told], normal[told], length[told])
+        else:
+            moved = moved + vertex_moves(len(nodes), first, second, shift, normal, length)
+    moved = np.round(moved / COORDINATE_STEP) * COORDINATE_STEP
+    answers = []
+    for number, footprint in enumerate(footprints):
+        outer, *holes = [moved[ring] for ring, one in zip(rings, owner, strict=True) if one == number]
+        polygon = Polygon(outer, holes)
+        if not polygon.is_valid or polygon.area < 0.5 * footprint.polygon.area:
+            return list(footprints)
+        answers.append(footprint.with_(polygon=shapely.orient_polygons(polygon)))
+    return answers
+
+
+def shared_rings(
+    polygons: Sequence[Polygon],
+) -> tuple[NDArray[np.float64], list[NDArray[np.int64]], list[int]]:
+    """Common vertices (V, 2), every ring as numbers of them, building on the left, and whose it is.
+
+    A vertex of a neighbour that lies on an edge becomes a vertex of that edge too.
+    """
+    loops, owner = [], []
+    for number, polygon in enumerate(polygons):
+        whole = shapely.orient_polygons(polygon)
+        for ring in (whole.exterior, *whole.interiors):
+            loops.append(np.asarray(ring.coords)[:-1, :2])
+            owner.append(number)
+    corners = np.concatenate(loops)
+    tree = STRtree(shapely.points(corners))
+    one, other = tree.query(shapely.points(corners), predicate="dwithin", distance=SAME_PLACE_M)
+    leader = np.arange(len(corners))
+    np.minimum.at(leader, one, other)
+    kept, number_of = np.unique(leader, return_inverse=True)
+    nodes = corners[kept]
+    tree = STRtree(shapely.points(nodes))
+    rings: list[NDArray[np.int64]] = []
+    start = 0
+    for loop in loops:
+        members = number_of[start : start + len(loop)]
+        start += len(loop)
+        path: list[int] = []
+        for a, b in zip(members, np.roll(members, -1), strict=True):
+            line = shapely.LineString([nodes[a], nodes[b]])
+            between = tree.query(line, predicate="dwithin", distance=SAME_PLACE_M)
+            between = between[(between != a) & (between != b)]
+            along = (nodes[between] - nodes[a]) @ (nodes[b] - nodes[a])
+            path += [int(a), *between[np.argsort(along, kind="stable")].tolist()]
+        rings.append(
+            np.array([v for v, before in zip(path, path[-1:] + path[:-1], strict=True) if v != before])
+        )
+    return nodes, rings, owner
+
+
+def free_edges(rings: list[NDArray[np.int64]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The vertices where the edges of one polygon only start and end, (E,) each."""
+    first = np.concatenate(rings)
+    second = np.concatenate([np.roll(ring, -1) for ring in rings])
+    key = np.minimum(first, second) * (first.max() + 1) + np.maximum(first, second)
+    _, which, count = np.unique(key, return_inverse=True, return_counts=True)
+    alone = count[which] == 1
+    return first[alone], second[alone]
+
+
+def edge_shifts(
+    nodes: NDArray[np.float64],
+    first: NDArray[np.int64],
+    second: NDArray[np.int64],
+    xy: NDArray[np.float64],
+    spacing: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """How far (E,) each edge lies from the end of the points, its inward normal (E, 2) and its length (E,).
+
+    NaN where the edge is short, has no points behind it, or the points go on before it (a building that the
+    map does not know).
+    """
+    run = nodes[second] - nodes[first]
+    length = np.maximum(np.hypot(*run.T), COORDINATE_STEP)
+    normal = np.stack([-run[:, 1], run[:, 0]], axis=1) / length[:, None]
+    offset = (normal * nodes[first]).sum(axis=1)
+    outside, inside = REACH_M + 2.0 * spacing, REACH_M + 4.0 * spacing
+    shift = edge_shift_kernel(
+        xy, normal, offset, nodes[first], length, outside, inside, 2.0 * spacing, 0.1, int(LEAST_LENGTH) * 3
+    )
+    useless = (length < LEAST_LENGTH * spacing) | (np.abs(shift) > REACH_M)
+    return np.where(useless, np.nan, shift), normal, length
+
+
+def common_shift(
+    shift: NDArray[np.float64], normal: NDArray[np.float64], length: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The one translation (2,) that serves the edges best; overhangs on opposite sides cancel."""
+    weight = length / length.sum()
+    matrix = (normal * weight[:, None]).T @ normal + STIFFNESS * np.eye(2)
+    return np.asarray(np.linalg.solve(matrix, (normal * (weight * shift)[:, None]).sum(axis=0)))
+
+
+def vertex_moves(
+    count: int,
+    first: NDArray[np.int64],
+    second: NDArray[np.int64],
+    shift: NDArray[np.float64],
+    normal: NDArray[np.float64],
+    length: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """How far (count, 2) each vertex goes to take its edges by `shift` (E,) along their normals."""
+    told = np.isfinite(shift)
+    step = np.where(told, shift, 0.0)
+    matrix = np.tile(STIFFNESS * np.eye(2), (count, 1, 1))
+    right = np.zeros((count, 2))
+    weight = np.minimum(length / 3.0, 1.0)
+    outer = weight[:, None, None] * normal[:, :, None] * normal[:, None, :]
+    for end in (first, second):
+        np.add.at(matrix, end, outer)
+        np.add.at(right, end, normal * (weight * step)[:, None])
+    return np.asarray(np.linalg.solve(matrix, right[:, :, None])[:, :, 0])
