@@ -140,9 +140,11 @@ def apex_to_apex(gap: int) -> list[Shell]:
 
 
 def cavity(reach: int) -> list[Shell]:
-    """A box with a void: a pyramid whose base edges lie in its walls, and whose apex is `reach` below its top.
+    """A box with a void: a pyramid whose base edges lie in its walls, and whose apex is `reach` below its
+    top.
 
-    With the base ring on the walls the void cuts the box's inside in two, except where it stays off the walls.
+    With the base ring on the walls the void cuts the box's inside in two, except where it stays off the
+    walls.
     """
     base = square(reach, reach, 4000 - reach, 4000 - reach, 1000)
     return [box(0, 0, 0, 4000, 4000, 4000), inside_out([[base[::-1]], *tent(base, (2000, 2000, 3000))])]

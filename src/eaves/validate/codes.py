@@ -9,7 +9,7 @@ RULES: dict[int, tuple[str, str]] = {
     102: ("CONSECUTIVE_POINTS_SAME", "Two consecutive points of a ring are not at the same place."),
     103: (
         "RING_NOT_CLOSED",
-        "First and last point are the same place; CityJSON closes every ring itself.",
+        "First and last point are the same place.",
     ),
     104: ("RING_SELF_INTERSECTION", "A ring does not cross, touch or retrace itself on its polygon's plane."),
     201: ("INTERSECTION_RINGS", "The rings of a polygon do not cross and do not share a line."),

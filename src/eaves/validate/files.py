@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eaves.model import Finding
 from eaves.validate.boundaries import FINEST_STEP, Integers
@@ -22,6 +24,37 @@ VERSIONS = ("1.0", "1.1", "2.0")
 
 FEATURES_AT_ONCE = 2_000
 """Features of a CityJSONSeq checked together: enough to keep arrays long, few enough to bound memory."""
+
+FARTHEST = 2.0**52
+"""Largest coordinate (steps): whole numbers are exact in floating point up to there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The grid coordinates are written on: place = written · scale + translate, in whole numbers of `step`
+    metres.
+    """
+
+    scale: NDArray[np.float64]
+    translate: NDArray[np.float64]
+    step: float = FINEST_STEP
+
+    def places(self, written: Any) -> Integers:
+        """Written vertices as (V, 3) whole numbers of steps; ValueError says what is wrong with them."""
+        try:
+            numbers = np.asarray(written, np.float64)
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError("the vertices are not lists of three numbers") from None
+        if numbers.size == 0:
+            return np.zeros((0, 3), np.int64)
+        if numbers.ndim != 2 or numbers.shape[1] != 3:
+            raise ValueError("the vertices are not lists of three numbers")
+        if not np.isfinite(numbers).all():
+            raise ValueError("a vertex is not finite")
+        steps = np.rint(numbers * (self.scale / self.step)) + np.rint(self.translate / self.step)
+        if np.abs(steps).max() > FARTHEST:
+            raise ValueError("a vertex is beyond any place on Earth")
+        return np.asarray(steps, np.int64)
 
 
 def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> list[Finding]:
@@ -41,13 +74,13 @@ def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> lis
         versions = ", ".join(VERSIONS)
         return [make_finding(904, "", "file", f"version is {head.get('version')!r}; known are {versions}")]
     try:
-        scale, translate = _transform(head)
+        grid = _grid(head)
     except ValueError as error:
         return [make_finding(901, "", "file", str(error))]
-    step, findings = max(float(scale.min()), FINEST_STEP), []
+    findings = _check_templates(head, tolerances)
     features = iter(documents)
     while batch := list(islice(features, FEATURES_AT_ONCE)):
-        findings += _check_batch(batch, scale, translate, step, tolerances)
+        findings += _check_batch(batch, grid, tolerances)
     return findings
 
 
@@ -59,29 +92,29 @@ def _documents(text: str) -> list[Any]:
         return [json.loads(line) for line in text.splitlines() if line.strip()]
 
 
-def _transform(head: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Scale and translation (3,) of a document; those of untransformed coordinates when it has none."""
+def _grid(head: dict[str, Any]) -> Grid:
+    """The grid a document's transform states; metres as they stand when it has none."""
     transform = head.get("transform")
     if transform is None:
-        return np.full(3, FINEST_STEP), np.zeros(3)
+        return PLAIN
     try:
         scale, translate = (np.asarray(transform[key], np.float64) for key in ("scale", "translate"))
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise ValueError("its transform lacks scale or translate") from None
     if scale.shape != (3,) or translate.shape != (3,) or not np.isfinite([scale, translate]).all():
         raise ValueError("scale and translate of its transform are not three finite numbers each")
     if (scale <= 0).any():
         raise ValueError("the scale of its transform is not positive")
-    return scale, translate
+    step = max(float(scale.min()), FINEST_STEP)
+    whole = np.allclose(scale / step, np.rint(scale / step), rtol=0, atol=1e-9)
+    return Grid(scale, translate, step if whole else FINEST_STEP)
 
 
-def _check_batch(
-    documents: Iterable[Any],
-    scale: np.ndarray,
-    translate: np.ndarray,
-    step: float,
-    tolerances: Tolerances | None,
-) -> list[Finding]:
+PLAIN = Grid(np.ones(3), np.zeros(3))
+"""Coordinates in metres, not transformed; they are taken to a hundredth of a millimetre."""
+
+
+def _check_batch(documents: Iterable[Any], grid: Grid, tolerances: Tolerances | None) -> list[Finding]:
     """Findings of some documents that share a transform."""
     findings: list[Finding] = []
     primitives: list[Primitive] = []
@@ -92,12 +125,12 @@ def _check_batch(
             findings.append(make_finding(901, "", "file", "a feature is not an object with CityObjects"))
             continue
         try:
-            places = _vertices(document, scale, translate, step, written="transform" not in document)
+            places = grid.places(document.get("vertices", []))
         except ValueError as error:
             findings.append(make_finding(901, str(document.get("id", "")), "vertices", str(error)))
             continue
         for name, item in document.get("CityObjects", {}).items():
-            for found in _primitives(name, item, len(places), count):
+            for found in _object_primitives(name, item, len(places), count):
                 if isinstance(found, Finding):
                     findings.append(found)
                 else:
@@ -106,33 +139,32 @@ def _check_batch(
         count += len(places)
     if not primitives:
         return findings
-    return findings + check_primitives(primitives, np.concatenate(vertices), step, tolerances)
+    return findings + check_primitives(primitives, np.concatenate(vertices), grid.step, tolerances)
 
 
-def _vertices(
-    document: dict[str, Any], scale: np.ndarray, translate: np.ndarray, step: float, written: bool
-) -> Integers:
-    """The vertices (V, 3) of a document as whole numbers of `step` metres; ValueError says what is wrong."""
+def _check_templates(head: dict[str, Any], tolerances: Tolerances | None) -> list[Finding]:
+    """Findings of the geometry templates of a document, each checked once."""
+    templates = head.get("geometry-templates")
+    if templates is None:
+        return []
+    if not isinstance(templates, dict) or not isinstance(templates.get("templates", []), list):
+        return [make_finding(901, "", "geometry-templates", "it is not an object with a list of templates")]
     try:
-        numbers = np.asarray(document.get("vertices", []), np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError("the vertices are not lists of three numbers") from None
-    if numbers.size == 0:
-        return np.zeros((0, 3), np.int64)
-    if numbers.ndim != 2 or numbers.shape[1] != 3:
-        raise ValueError("the vertices are not lists of three numbers")
-    if not np.isfinite(numbers).all():
-        raise ValueError("a vertex is not finite")
-    steps = np.rint(numbers * (scale / step))
-    if np.abs(steps).max() > 2.0**52:
-        raise ValueError("a vertex is beyond any place on Earth")
-    return np.asarray(steps, np.int64)
+        places = PLAIN.places(templates.get("vertices-templates", []))
+    except ValueError as error:
+        return [make_finding(901, "", "geometry-templates", str(error))]
+    item = {"geometry": templates.get("templates", [])}
+    found = list(_object_primitives("geometry-templates", item, len(places), 0))
+    findings = [one for one in found if isinstance(one, Finding)]
+    primitives = [one for one in found if isinstance(one, Primitive)]
+    alone = [Primitive(p.building, f"{k}", p.lod, p.type, p.solids) for k, p in enumerate(primitives)]
+    return findings + check_primitives(alone, places, PLAIN.step, tolerances)
 
 
-def _primitives(name: str, item: Any, vertex_count: int, first_vertex: int) -> Iterator[Primitive | Finding]:
-    """The surfaces and solids of one city object, with vertex numbers raised by `first_vertex`; 901 for bad
-    ones.
-    """
+def _object_primitives(
+    name: str, item: Any, vertex_count: int, first_vertex: int
+) -> Iterator[Primitive | Finding]:
+    """Surfaces and solids of a city object, vertices raised by `first_vertex`; 901 for those ill-formed."""
     if not isinstance(item, dict) or not isinstance(item.get("geometry", []), list):
         yield make_finding(901, name, "object", "it is not an object with a list of geometries")
         return
@@ -149,9 +181,8 @@ def _primitives(name: str, item: Any, vertex_count: int, first_vertex: int) -> I
             continue
         boundaries = geometry.get("boundaries", [])
         if not _is_nested(boundaries, depth, vertex_count):
-            yield make_finding(
-                901, name, where, f"its boundaries are no {geometry['type']} of existing vertices"
-            )
+            detail = f"its boundaries are no {geometry['type']} of existing vertices"
+            yield make_finding(901, name, where, detail)
             continue
         shells = _raise(boundaries, first_vertex)
         solids = [[shells]] if depth == 2 else [shells] if depth == 3 else shells

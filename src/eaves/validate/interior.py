@@ -19,7 +19,10 @@ from eaves.validate.boundaries import Integers
 from eaves.validate.exact import orient_kernel
 
 NEAR = 1e-3
-"""Points of cut faces nearer than this (steps) are one."""
+"""Grid (steps) on which faces are cut."""
+
+STEP = 16 * NEAR
+"""Corners of cut faces nearer than this (steps) are one."""
 
 Cell = NDArray[np.float64]
 """(M, 3) ring of a piece of a face, counter-clockwise from outside."""
@@ -84,7 +87,7 @@ def _cut_triangle(triangle: Cell, lines: list[tuple[Integers, Integers]]) -> lis
 
 
 def _key(point: NDArray[np.float64]) -> Place:
-    x, y, z = np.rint(point / (16 * NEAR)).astype(np.int64)
+    x, y, z = np.rint(point / STEP).astype(np.int64)
     return int(x), int(y), int(z)
 
 

@@ -22,6 +22,10 @@ REASONS = (
 """What GEOS says of a polygon whose rings are simple → code."""
 
 
+FALL_TOGETHER = 1e-3
+"""Points nearer than this (steps) on the plane of their face are at one place there."""
+
+
 @dataclass(frozen=True, eq=False)
 class FacePlanes:
     """The least-squares plane of each face.
@@ -53,6 +57,22 @@ def fit_planes(boundaries: Boundaries) -> FacePlanes:
     distance = np.zeros(number)
     np.maximum.at(distance, face, np.abs(np.einsum("pi,pi->p", away, normal[face])))
     return FacePlanes(centre, normal, along, across, distance * boundaries.step)
+
+
+def on_planes(boundaries: Boundaries, planes: FacePlanes) -> NDArray[np.float64]:
+    """The points (P, 2) in the plane of their face."""
+    face = boundaries.face_of_point
+    away = boundaries.local - planes.centre[face]
+    axes = np.stack([planes.along[face], planes.across[face]], axis=1)
+    return np.asarray(np.einsum("pki,pi->pk", axes, away))
+
+
+def faces_with_points_alike(boundaries: Boundaries, flat: NDArray[np.float64]) -> Mask:
+    """Faces (F,) two consecutive points of which fall together on the face's plane: code 104."""
+    bad = np.zeros(boundaries.face_count, bool)
+    same = np.abs(flat - flat[boundaries.next_point]).max(axis=1) < FALL_TOGETHER
+    bad[boundaries.face_of_point[same]] = True
+    return bad
 
 
 def shadow_axes(planes: FacePlanes) -> Integers:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+import shapely
 
 from eaves.geometry.tolerance import PLANARITY, SNAP
 from eaves.model import Finding
@@ -14,8 +15,10 @@ from eaves.validate.boundaries import LARGEST_EXTENT, Boundaries, Integers, Shel
 from eaves.validate.codes import make_finding
 from eaves.validate.polygons import (
     as_polygons,
+    faces_with_points_alike,
     faces_with_rings_alike,
     fit_planes,
+    on_planes,
     ring_areas,
     shadow_axes,
     why_invalid,
@@ -116,8 +119,9 @@ def _check(
 
 
 def check_faces(boundaries: Boundaries, limits: Tolerances) -> tuple[dict[int, tuple[int, str]], Triangles]:
-    """Code and detail of every bad face, and the triangles of the good ones; the first defect of a face ends
-    its check.
+    """Code and detail of every bad face, and the triangles of the good ones.
+
+    The first defect of a face ends its check.
     """
     codes: dict[int, tuple[int, str]] = {}
     short = faces_with_short_rings(boundaries)
@@ -136,12 +140,16 @@ def check_faces(boundaries: Boundaries, limits: Tolerances) -> tuple[dict[int, t
     for face in np.flatnonzero(bent):
         codes[int(face)] = (203, f"a point is {planes.distance[face]:.3f} m from the polygon's plane")
     good &= ~bent
+    flat = on_planes(boundaries, planes)
+    alike = good & faces_with_points_alike(boundaries, flat)
+    codes |= {
+        int(face): (104, "two points fall together on the polygon's plane") for face in np.flatnonzero(alike)
+    }
+    good &= ~alike
     axes = shadow_axes(planes)[boundaries.face_of_point]
     shadow = np.take_along_axis(boundaries.local, axes, axis=1).astype(np.float64)
     faces = np.flatnonzero(good)
     if len(faces):
-        import shapely
-
         polygons = as_polygons(boundaries, shadow, faces)
         alike = faces_with_rings_alike(boundaries, ring_areas(boundaries, shadow))
         for position in np.flatnonzero(~shapely.is_valid(polygons)):
@@ -150,7 +158,7 @@ def check_faces(boundaries: Boundaries, limits: Tolerances) -> tuple[dict[int, t
             if codes.get(int(face), (0, ""))[0] != 104:
                 codes[int(face)] = (208, "an inner ring runs the same way round as the outer one")
         good[list(codes)] = False
-    triangles = triangulate(boundaries, planes, np.flatnonzero(good))
+    triangles = triangulate(boundaries, flat, np.flatnonzero(good))
     deviation = np.rad2deg(normal_deviations(triangles, boundaries.face_count))
     for face in np.flatnonzero(deviation > limits.normals):
         codes[int(face)] = (204, f"the normals of its triangles differ by {deviation[face]:.1f} degrees")

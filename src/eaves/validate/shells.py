@@ -138,15 +138,17 @@ def _gaps_and_pieces(boundaries: Boundaries, edges: Edges, chosen: np.ndarray) -
     pieces = np.unique(np.stack([boundaries.shell_of_face, piece], axis=1), axis=0)
     number = np.bincount(pieces[:, 0], minlength=boundaries.shell_count)
     touching = _pieces_that_touch(boundaries, piece.astype(np.int64))
-    for shell in np.flatnonzero(chosen & (number > 1) & ~touching):
+    apart = chosen & (number > 1) & ~touching
+    for shell in np.flatnonzero(apart):
         yield ShellDefect(305, int(shell), -1, f"{number[shell]} separate pieces")
-    for shell in np.flatnonzero(chosen & (number > 1) & touching):
-        yield ShellDefect(303, int(shell), -1, f"{number[shell]} pieces that touch in a vertex")
-    gaps = np.flatnonzero((chosen & (number == 1))[edges.shell] & (edges.forward + edges.backward == 1))
-    for shell in np.unique(edges.shell[gaps]):
+    gaps = np.flatnonzero((chosen & ~apart)[edges.shell] & (edges.forward + edges.backward == 1))
+    open_shells = np.unique(edges.shell[gaps])
+    for shell in open_shells:
         mine = gaps[edges.shell[gaps] == shell]
         place = _place(boundaries, edges.ends[mine[0], 0])
         yield ShellDefect(302, int(shell), -1, f"{len(mine)} edges with one polygon only, one at {place}")
+    for shell in np.setdiff1d(np.flatnonzero(chosen & (number > 1) & touching), open_shells):
+        yield ShellDefect(303, int(shell), -1, f"{number[shell]} pieces that touch in a vertex")
 
 
 def _pieces_that_touch(boundaries: Boundaries, piece: Integers) -> np.ndarray:

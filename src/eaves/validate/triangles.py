@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eaves.model import Values
 from eaves.validate.boundaries import Boundaries, Integers
-from eaves.validate.polygons import FacePlanes, as_polygons
+from eaves.validate.polygons import as_polygons
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,16 +30,8 @@ class Triangles:
         return Triangles(self.numbers[part], self.corners[part], self.face[part])
 
 
-def triangulate(boundaries: Boundaries, planes: FacePlanes, faces: Integers) -> Triangles:
-    """Constrained Delaunay triangles, on its own plane, of each of some valid faces."""
-    away = boundaries.local - planes.centre[boundaries.face_of_point]
-    flat = np.stack(
-        [
-            np.einsum("pi,pi->p", away, planes.along[boundaries.face_of_point]),
-            np.einsum("pi,pi->p", away, planes.across[boundaries.face_of_point]),
-        ],
-        axis=1,
-    )
+def triangulate(boundaries: Boundaries, flat: NDArray[np.float64], faces: Integers) -> Triangles:
+    """Constrained Delaunay triangles of each of some valid faces, from its points (P, 2) in its plane."""
     cut = shapely.constrained_delaunay_triangles(as_polygons(boundaries, flat, faces))
     pieces, owner = shapely.get_parts(cut, return_index=True)
     corner = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
