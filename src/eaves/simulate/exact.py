@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,7 @@ from eaves.simulate.solids import extrude_partition
 
 @dataclass(frozen=True, eq=False)
 class ExactFace:
-    """A roof face: its extent in plan, its plane z = a·x + b·y + c, its number in the whole scene (from
-    1).
-    """
+    """A roof face: its extent in plan, its plane z = a·x + b·y + c, its number in the scene."""
 
     polygon: Polygon
     coefficients: Plane
@@ -45,21 +43,22 @@ class ExactBuilding:
     walls: Polygon
     faces: tuple[ExactFace, ...]
     base: float
+    shell: Solid | None = None
+    """The solid as somebody else made it, for buildings of a city model; its roof faces name `faces`."""
+    name: str = ""
 
     @property
     def id(self) -> str:
-        return f"building_{self.number}"
+        return self.name or f"building_{self.number}"
 
     def solid(self) -> Solid:
-        """The closed solid: the faces, extruded straight down from the eaves to the base (no wall stands
-        back).
-        """
+        """The closed solid: the faces, extruded straight down from the eaves to the base."""
+        if self.shell is not None:
+            return self.shell
         return extrude_partition([(face.polygon, face.coefficients) for face in self.faces], self.base)
 
     def model(self, origin: tuple[float, float] = (0.0, 0.0)) -> BuildingModel:
-        """The reference model: LoD 2.2, with the true planes; ValueError when no single solid can be
-        closed.
-        """
+        """The reference model: LoD 2.2, with the true planes."""
         none = np.zeros(0, np.int64)
         planes = tuple(RoofPlane(face.coefficients, none, 0.0, face.polygon) for face in self.faces)
         attributes = {"kind": self.kind, "number": self.number, "h_ground": self.base}
@@ -72,13 +71,17 @@ class ExactBuilding:
             ExactFace(translate(face.polygon, x, y), _moved(face.coefficients, x, y), face.number)
             for face in self.faces
         )
-        return ExactBuilding(
-            self.number,
-            self.kind,
-            translate(self.footprint, x, y),
-            translate(self.walls, x, y),
-            faces,
-            self.base,
+        shell = (
+            None
+            if self.shell is None
+            else Solid(self.shell.vertices + np.array([x, y, 0.0]), self.shell.faces)
+        )
+        return replace(
+            self,
+            footprint=translate(self.footprint, x, y),
+            walls=translate(self.walls, x, y),
+            faces=faces,
+            shell=shell,
         )
 
 
@@ -92,7 +95,8 @@ class ExactScene:
     """A cloud without classes, and the truth of each of its N points.
 
     `truth_class` holds LAS classes; `building` the number of the building, 0 for none; `plane` the number of
-    the roof face, 0 where a point is not on a roof. `buildings` are in the cloud's local metres.
+    the roof face, 0 where a point is not on a roof. `buildings` are in the cloud's local metres. A scan also
+    tells the flight strip of each point (from 1) and the time (s) of its pulse in the strip.
     """
 
     cloud: PointCloud
@@ -100,6 +104,8 @@ class ExactScene:
     building: Labels
     plane: Labels
     buildings: tuple[ExactBuilding, ...]
+    strip: NDArray[np.uint16] | None = None
+    time_s: NDArray[np.float64] | None = None
 
     @property
     def faces(self) -> dict[int, ExactFace]:

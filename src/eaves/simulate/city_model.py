@@ -1,0 +1,167 @@
+"""A town made of somebody's CityJSON instead of drawn at random: `eaves simulate --model`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
+from shapely import Polygon
+
+from eaves.formats.cityjson_read import CityObject, read_cityjson
+from eaves.formats.errors import InputError
+from eaves.geometry.polygons import as_polygon
+from eaves.model import Bounds, Face, Solid
+from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
+from eaves.model.coordinates import LOCAL_METRES
+from eaves.simulate.exact import ExactBuilding, ExactFace
+from eaves.simulate.surfaces import Surfaces
+from eaves.simulate.terrain import CELL, MARGIN, Terrain
+from eaves.simulate.town import TRUNK_CLEARANCE, Town
+from eaves.simulate.vegetation import Foliage, grow_tree
+
+RIM = 20.0
+"""The town's bounds lie this far outside the outermost building (m)."""
+
+TREES_PER_HECTARE = 25.0
+"""Trees scattered between the buildings when `trees` is 1."""
+
+LOWEST_ROOF_NORMAL = 0.05
+"""A face without semantics is a roof when its normal's z is above this, ground when below minus this."""
+
+GROUND_NEIGHBOURS = 6
+"""The terrain at a place is the mean of the bases of so many nearest buildings, weighted by distance."""
+
+SMOOTHING = 5.0
+"""Standard deviation (m) of the filter that rounds the terrain between buildings."""
+
+
+def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str | None = None) -> Town:
+    """The town of a CityJSON file, at each building's finest level of detail.
+
+    The terrain goes through the bases of the buildings. Only what the file holds is known: its outlines are
+    the truth, with no overhang, and its faces keep their own small errors of planarity.
+
+    Parameters
+    ----------
+    path : `.city.json` or `.city.jsonl`.
+    trees : share of 25 trees per hectare, scattered where no building is; none by default.
+    seed : of the trees.
+    crs : the system of a file that names none.
+    """
+    solids = [
+        (found.id, solid, found) for found in read_cityjson(path, crs).values() for solid in _shells(found)
+    ]
+    if not solids:
+        raise InputError.about(
+            path, "holds no building with surfaces", "give a CityJSON file with LoD 1 or 2"
+        )
+    corners = np.concatenate([solid.vertices for _, solid, _ in solids])
+    west, south = np.floor((corners.min(axis=0)[:2] - RIM) / 10.0) * 10.0
+    origin = float(west), float(south)
+    buildings: list[ExactBuilding] = []
+    faces = 1
+    for name, solid, _ in solids:
+        local = Solid(solid.vertices - [*origin, 0.0], solid.faces)
+        building = _building(name, local, len(buildings) + 1, faces)
+        if building is not None:
+            buildings.append(building)
+            faces += len(building.faces)
+    east, north = np.ceil(corners.max(axis=0)[:2] - origin + RIM)
+    bounds = Bounds(0.0, 0.0, float(east), float(north))
+    terrain = _terrain_through(buildings, bounds)
+    trunks, leaves = _scatter_trees(buildings, bounds, terrain, trees, seed)
+    system = next((found.system for _, _, found in solids), LOCAL_METRES)
+    return Town(bounds, terrain, tuple(buildings), trunks, leaves, origin, system)
+
+
+def _shells(found: CityObject) -> tuple[Solid, ...]:
+    """The shells of the object's finest geometry that has faces."""
+    finest = max(found.geometries, key=lambda geometry: geometry.lod, default=None)
+    if finest is None:
+        return ()
+    return tuple(solid for solid in found.as_solids(finest) if len(solid.faces) > 3)
+
+
+def _building(name: str, solid: Solid, number: int, first_face: int) -> ExactBuilding | None:
+    """The building of a shell: roof faces numbered, other faces told apart; None when it has no roof."""
+    shell: list[Face] = []
+    faces: list[ExactFace] = []
+    for face in solid.faces:
+        corners = solid.vertices[list(face.rings[0])]
+        normal = _normal(corners)
+        surface = face.surface or _guess(normal)
+        if surface == ROOF_SURFACE and abs(normal[2]) > LOWEST_ROOF_NORMAL:
+            polygon = as_polygon(
+                Polygon(corners[:, :2], [solid.vertices[list(r)][:, :2] for r in face.rings[1:]])
+            )
+            if polygon is not None:
+                exact = ExactFace(polygon, _plane_through(corners, normal), first_face + len(faces))
+                shell.append(Face(face.rings, ROOF_SURFACE, len(faces)))
+                faces.append(exact)
+                continue
+        shell.append(Face(face.rings, WALL_SURFACE if surface == ROOF_SURFACE else surface))
+    outline = (
+        as_polygon(shapely.union_all([face.polygon for face in faces], grid_size=0.001)) if faces else None
+    )
+    if outline is None:
+        return None
+    base = float(solid.vertices[:, 2].min())
+    plan = shapely.orient_polygons(outline)
+    return ExactBuilding(
+        number, "model", plan, plan, tuple(faces), base, Solid(solid.vertices, tuple(shell)), name
+    )
+
+
+def _normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit normal (3,) of a ring (K, 3) by Newell's sum; zero for a ring without area."""
+    after = np.roll(corners, -1, axis=0)
+    total = np.cross(corners - corners[0], after - corners[0]).sum(axis=0)
+    length = float(np.linalg.norm(total))
+    return total / length if length > 0 else np.zeros(3)
+
+
+def _guess(normal: NDArray[np.float64]) -> str:
+    if normal[2] > LOWEST_ROOF_NORMAL:
+        return ROOF_SURFACE
+    return GROUND_SURFACE if normal[2] < -LOWEST_ROOF_NORMAL else WALL_SURFACE
+
+
+def _plane_through(corners: NDArray[np.float64], normal: NDArray[np.float64]) -> tuple[float, float, float]:
+    a, b = -normal[0] / normal[2], -normal[1] / normal[2]
+    centre = corners.mean(axis=0)
+    return float(a), float(b), float(centre[2] - a * centre[0] - b * centre[1])
+
+
+def _terrain_through(buildings: list[ExactBuilding], bounds: Bounds) -> Terrain:
+    """Terrain through the bases of the buildings."""
+    wide = bounds.grown(MARGIN)
+    columns, rows = int(np.ceil(wide.width / CELL)), int(np.ceil(wide.height / CELL))
+    blank = Terrain(np.zeros((columns + 1, rows + 1)), np.zeros((columns, rows), bool), wide.west, wide.south)
+    places = np.array([shapely.get_coordinates(shapely.centroid(b.footprint))[0] for b in buildings])
+    bases = np.array([building.base for building in buildings])
+    count = min(GROUND_NEIGHBOURS, len(bases))
+    found = cKDTree(places).query(blank.nodes().reshape(-1, 2), k=count)
+    far, which = np.reshape(found[0], (-1, count)), np.reshape(found[1], (-1, count))
+    weight = 1.0 / (far + CELL) ** 2
+    heights = (weight * bases[which]).sum(axis=1) / weight.sum(axis=1)
+    rough = np.asarray(heights).reshape(columns + 1, rows + 1)
+    smooth = np.asarray(gaussian_filter(rough, SMOOTHING / CELL), np.float64)
+    return Terrain(smooth, blank.water, blank.west, blank.south)
+
+
+def _scatter_trees(
+    buildings: list[ExactBuilding], bounds: Bounds, terrain: Terrain, trees: float, seed: int
+) -> tuple[Surfaces, Foliage]:
+    rng = np.random.default_rng([seed, 41])
+    count = round(trees * TREES_PER_HECTARE * bounds.width * bounds.height / 1e4)
+    places = rng.uniform((bounds.west, bounds.south), (bounds.east, bounds.north), (count, 2))
+    built = shapely.union_all([shapely.buffer(b.footprint, TRUNK_CLEARANCE) for b in buildings])
+    shapely.prepare(built)
+    free = places[~shapely.contains_xy(built, places[:, 0], places[:, 1])]
+    ground = terrain.at(free)
+    grown = [grow_tree(float(x), float(y), float(z), rng) for (x, y), z in zip(free, ground, strict=True)]
+    return Surfaces.join([trunk for _, trunk in grown]), Foliage.join([leaves for leaves, _ in grown])

@@ -1,0 +1,139 @@
+"""A simulation on disk: the points with their truth, the reference models, footprints and planes."""
+
+from __future__ import annotations
+
+import json
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+import pyogrio
+
+from eaves.formats.atomic import atomic
+from eaves.formats.cityjson import write_cityjson
+from eaves.formats.crs import pyproj_crs
+from eaves.formats.geopackage import Row, write_geopackage
+from eaves.simulate.exact import ExactBuilding, ExactScene
+
+STEP = 0.001
+"""Resolution of written coordinates (m)."""
+
+UNDATED = date(2000, 1, 1)
+"""Creation date of every file, so that the same seed gives the same bytes."""
+
+GEOPACKAGE_DATE = "2000-01-01T00:00:00.000Z"
+
+POINTS, MODELS, VECTORS, SUMMARY = "points.laz", "reference.city.json", "reference.gpkg", "simulation.json"
+
+
+def write_simulation(
+    scene: ExactScene, folder: str | Path, told: dict[str, Any] | None = None
+) -> dict[str, Path]:
+    """Write a scene to a folder; answers the files by what they are.
+
+    points.laz: LAS 1.4, format 6; the class of a point is its true one, and the extra dimensions
+    `building_id` and `plane_id` name its building and roof face (0: none). reference.city.json: the true
+    models at LoD 2.2. reference.gpkg: layers `footprints` and `roof_planes`. simulation.json: what was asked
+    for (`told`), and counts. The same scene gives the same bytes.
+    """
+    target = Path(folder)
+    paths = {name: target / name for name in (POINTS, MODELS, VECTORS, SUMMARY)}
+    _write_points(scene, paths[POINTS])
+    origin = scene.cloud.origin
+    models = [building.model(origin) for building in scene.buildings]
+    write_cityjson(paths[MODELS], models, scene.cloud.system)
+    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": GEOPACKAGE_DATE})
+    try:
+        write_geopackage(paths[VECTORS], *_rows(scene), scene.cloud.system)
+    finally:
+        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
+    with atomic(paths[SUMMARY]) as temporary:
+        temporary.write_text(
+            json.dumps({**(told or {}), **_counts(scene)}, indent=1, sort_keys=True) + "\n", encoding="utf-8"
+        )
+    return {
+        "points": paths[POINTS],
+        "models": paths[MODELS],
+        "vectors": paths[VECTORS],
+        "summary": paths[SUMMARY],
+    }
+
+
+def _write_points(scene: ExactScene, path: Path) -> None:
+    cloud = scene.cloud
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.creation_date = UNDATED
+    header.system_identifier, header.generating_software = "SIMULATION", "eaves simulate"
+    unit = np.array(cloud.system.unit_m)
+    header.scales = np.full(3, STEP)
+    header.offsets = np.array([*np.floor(np.array(cloud.origin) / unit[:2]), 0.0])
+    crs = pyproj_crs(cloud.system)
+    if crs is not None:
+        header.add_crs(crs)
+    header.add_extra_dims(
+        [laspy.ExtraBytesParams("building_id", "uint32"), laspy.ExtraBytesParams("plane_id", "uint32")]
+    )
+    las = laspy.LasData(header)
+    world = (cloud.xyz + np.array([*cloud.origin, 0.0])) / unit
+    las.x, las.y, las.z = world.T
+    if cloud.return_number is not None and cloud.number_of_returns is not None:
+        las.return_number, las.number_of_returns = cloud.return_number, cloud.number_of_returns
+    las.classification = scene.truth_class
+    las.building_id, las.plane_id = scene.building.astype(np.uint32), scene.plane.astype(np.uint32)
+    if scene.strip is not None and scene.time_s is not None:
+        las.point_source_id, las.gps_time = scene.strip, scene.time_s
+    with atomic(path) as temporary, temporary.open("wb") as file:
+        las.write(file, do_compress=True)
+
+
+def _rows(scene: ExactScene) -> tuple[list[Row], list[Row]]:
+    """The rows of the layers `footprints` and `roof_planes`, in world metres."""
+    footprints, planes = [], []
+    for building in scene.buildings:
+        placed = building.moved(*scene.cloud.origin)
+        attributes = {
+            "id": building.id,
+            "number": building.number,
+            "kind": building.kind,
+            "h_ground": building.base,
+            "h_roof_max": _highest(building),
+            "faces": len(building.faces),
+        }
+        footprints.append(Row(placed.footprint, attributes))
+        for face, here in zip(building.faces, placed.faces, strict=True):
+            a, b, _ = face.coefficients
+            slope = float(np.degrees(np.arctan(np.hypot(a, b))))
+            planes.append(
+                Row(
+                    here.polygon,
+                    {
+                        "id": building.id,
+                        "plane": face.number,
+                        "slope": round(slope, 6),
+                        "azimuth": round(float(np.degrees(np.arctan2(-a, -b)) % 360.0), 6),
+                        "a": a,
+                        "b": b,
+                        "c": here.coefficients[2],
+                    },
+                )
+            )
+    return footprints, planes
+
+
+def _highest(building: ExactBuilding) -> float:
+    """The highest corner of the roof (m)."""
+    corners = [face.height_at(np.array(face.polygon.exterior.coords)).max() for face in building.faces]
+    return round(float(max(corners)), 3)
+
+
+def _counts(scene: ExactScene) -> dict[str, Any]:
+    classes, counts = np.unique(scene.truth_class, return_counts=True)
+    return {
+        "points": len(scene.cloud),
+        "buildings": len(scene.buildings),
+        "roof_faces": len(scene.faces),
+        "points_by_class": {str(c): int(n) for c, n in zip(classes, counts, strict=True)},
+    }

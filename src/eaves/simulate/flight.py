@@ -1,0 +1,170 @@
+"""Where pulses start and where they point: flight lines with overlap, and the pattern of the mirror."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.model import Bounds
+
+Pattern = Literal["lines", "zigzag", "ellipse", "random"]
+
+BATCH = 200_000
+"""Pulses made and traced at a time."""
+
+ABOVE = 30.0
+"""Pulses that only look down (pattern `random`) start this far above the highest thing (m)."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One survey: `height` above the town (m), half the opening angle, side overlap of the strips, heading.
+
+    `jitter` is the standard deviation of a pulse's place on the ground, as a share of the spacing. The axes
+    of the two strips nearest to the middle of the town lie half a strip spacing on either side of it.
+    """
+
+    height: float = 1000.0
+    half_angle_deg: float = 20.0
+    overlap: float = 0.3
+    heading_deg: float = 15.0
+    jitter: float = 0.15
+
+    @property
+    def swath(self) -> float:
+        """Width of a strip on the ground (m)."""
+        return 2 * self.height * float(np.tan(np.radians(self.half_angle_deg)))
+
+
+@dataclass(frozen=True, eq=False)
+class Pulses:
+    """P pulses: `origins` and unit `directions` (P, 3), the number of the strip from 1, the time (s)."""
+
+    origins: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    strip: int
+    time_s: NDArray[np.float64]
+
+
+LINE_RATE = 100.0
+"""Mirror lines per second, only used to give pulses a time."""
+
+
+def fly(
+    flight: Flight, bounds: Bounds, level: float, top: float, density: float, pattern: Pattern, seed: int
+) -> Iterator[Pulses]:
+    """The pulses of all strips over `bounds` (m) in batches, whose mean density there is `density` (1/m²).
+
+    `level` is the mean height of the ground (m), `top` that of the highest thing.
+    """
+    if pattern == "random":
+        yield from _from_above(bounds, top + ABOVE, density, seed)
+        return
+    spacing_of_strips = flight.swath * (1 - flight.overlap)
+    middle = np.array([(bounds.west + bounds.east) / 2, (bounds.south + bounds.north) / 2])
+    half_diagonal = float(np.hypot(bounds.width, bounds.height)) / 2
+    reach = half_diagonal + flight.swath / 2
+    count = 2 * int(np.ceil(reach / spacing_of_strips))
+    heading = np.radians(flight.heading_deg)
+    per_strip = density * (1 - flight.overlap)
+    for strip in range(count):
+        offset = (strip + 0.5 - count / 2) * spacing_of_strips
+        if abs(offset) > reach:
+            continue
+        turn = heading + (np.pi if strip % 2 else 0.0)
+        side = -1.0 if strip % 2 else 1.0
+        rng = np.random.default_rng([seed, 11, strip])
+        swept = _mirror(flight, pattern, per_strip, half_diagonal, rng)
+        yield from _aim(flight, bounds, level, middle, turn, side * offset, strip + 1, swept, rng)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sweep:
+    """P pulses of a strip: the aircraft's place along it and the target's lead before that (m), the angle
+    across (radians), the time (s); and the spacing of the pulses (m).
+    """
+
+    along: NDArray[np.float64]
+    lead: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    time_s: NDArray[np.float64]
+    spacing: float
+
+
+def _mirror(
+    flight: Flight, pattern: Pattern, density: float, half_length: float, rng: np.random.Generator
+) -> _Sweep:
+    """The pulses of one strip, in its own coordinates.
+
+    lines: a turning polygon, parallel lines. zigzag: an oscillating mirror, whose speed is even. ellipse: a
+    turning wedge, a circle on the ground of which we keep both arcs. Spacing along and across are equal
+    below the aircraft.
+    """
+    half = float(np.radians(flight.half_angle_deg))
+    spacing = float(np.sqrt(half / (np.tan(half) * density)))
+    per_line = max(2, round(2 * half * flight.height / spacing))
+    lines = int(np.ceil(2 * half_length / spacing))
+    line = np.repeat(np.arange(float(lines)), per_line)
+    share = np.tile((np.arange(float(per_line)) + 0.5) / per_line, lines)
+    time = (line + share) / LINE_RATE
+    along = -half_length + rng.uniform(0.0, spacing) + line * spacing
+    straight = np.zeros(len(line))
+    if pattern == "ellipse":
+        turn = 2 * np.pi * share
+        radius = flight.height * np.tan(half)
+        lead = np.asarray(radius * np.cos(turn), np.float64)
+        angle = np.asarray(np.arctan(np.tan(half) * np.sin(turn)), np.float64)
+        return _Sweep(along, lead, angle, time, spacing)
+    swing = 2 * share - 1
+    if pattern == "zigzag":
+        swing = np.where(line % 2 == 0, swing, -swing)
+        along = along + share * spacing
+    return _Sweep(along, straight, half * swing, time, spacing)
+
+
+def _aim(
+    flight: Flight,
+    bounds: Bounds,
+    level: float,
+    middle: NDArray[np.float64],
+    turn: float,
+    offset: float,
+    strip: int,
+    swept: _Sweep,
+    rng: np.random.Generator,
+) -> Iterator[Pulses]:
+    """The pulses of a strip that can meet the town, with their jitter."""
+    ahead = np.array([np.cos(turn), np.sin(turn)])
+    left = np.array([-ahead[1], ahead[0]])
+    across = offset + flight.height * np.tan(swept.angle)
+    shake = rng.normal(0.0, flight.jitter * swept.spacing, (len(across), 2))
+    target = (
+        middle
+        + np.outer(swept.along + swept.lead + shake[:, 0], ahead)
+        + np.outer(across + shake[:, 1], left)
+    )
+    wide = bounds.grown(20.0)
+    kept = np.flatnonzero(wide.contains(target))
+    for first in range(0, len(kept), BATCH):
+        some = kept[first : first + BATCH]
+        foot = middle + np.outer(swept.along[some], ahead) + offset * left
+        origins = np.column_stack([foot, np.full(len(some), level + flight.height)])
+        aim = np.column_stack([target[some], np.full(len(some), level)]) - origins
+        aim /= np.linalg.norm(aim, axis=1, keepdims=True)
+        yield Pulses(origins, aim, strip, swept.time_s[some])
+
+
+def _from_above(bounds: Bounds, top: float, density: float, seed: int) -> Iterator[Pulses]:
+    """Pulses straight down at random places."""
+    rng = np.random.default_rng([seed, 12])
+    count = round(density * bounds.width * bounds.height)
+    for first in range(0, count, BATCH):
+        some = min(BATCH, count - first)
+        xy = rng.uniform((bounds.west, bounds.south), (bounds.east, bounds.north), (some, 2))
+        down = np.tile([0.0, 0.0, -1.0], (some, 1))
+        time_s = np.arange(float(first), float(first + some)) * 1e-5
+        yield Pulses(np.column_stack([xy, np.full(some, top)]), down, 1, time_s)

@@ -1,0 +1,302 @@
+"""What buildings a town has: the shapes, sizes and slopes they are drawn from, and the drawing of one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from eaves.simulate.masses import Mass
+from eaves.simulate.roofs import (
+    Masses,
+    chimney,
+    flat,
+    flat_dormer,
+    gable,
+    gable_dormer,
+    gambrel,
+    hip,
+    mansard,
+    pyramid,
+    shed,
+    shifted,
+    wing,
+)
+
+STOREY = 2.8
+"""Height of a storey (m)."""
+
+DETACHED_SHARES = {
+    "gable": 0.26,
+    "hip": 0.14,
+    "half-hip": 0.08,
+    "pyramid": 0.06,
+    "asymmetric gable": 0.06,
+    "gambrel": 0.05,
+    "mansard": 0.05,
+    "flat": 0.05,
+    "flat with parapet": 0.05,
+    "shed": 0.04,
+    "L-shape": 0.09,
+    "T-shape": 0.07,
+}
+"""How often each roof stands on a detached house."""
+
+SLOPES_DEG = {
+    "gable": (25.0, 55.0),
+    "hip": (22.0, 45.0),
+    "half-hip": (35.0, 52.0),
+    "pyramid": (18.0, 40.0),
+    "asymmetric gable": (25.0, 45.0),
+    "gambrel": (55.0, 68.0),
+    "mansard": (60.0, 75.0),
+    "shed": (4.0, 18.0),
+    "L-shape": (28.0, 48.0),
+    "T-shape": (28.0, 48.0),
+}
+"""Range of the (lower) slope of each roof; slopes are spread evenly over it. Upper slopes: 12 to 30
+degrees.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A building about its own centre: masses whose heights count from the street, and the overhang (m)."""
+
+    kind: str
+    masses: Masses
+    overhang: float = 0.0
+
+    @property
+    def outline(self) -> Polygon:
+        """The plan of all masses."""
+        return shapely.union_all([mass.polygon for mass in self.masses])
+
+
+def raised(masses: Masses, height: float) -> Masses:
+    """Masses lifted by `height` (m)."""
+    return shifted(masses, 0.0, 0.0, height)
+
+
+def _tangent(kind: str, rng: np.random.Generator) -> float:
+    return float(np.tan(np.radians(rng.uniform(*SLOPES_DEG[kind]))))
+
+
+def _upper(rng: np.random.Generator) -> float:
+    return float(np.tan(np.radians(rng.uniform(12.0, 30.0))))
+
+
+def draw_detached(rng: np.random.Generator) -> Design:
+    """A house: 9 to 16 m by 7 to 11 m, one or two storeys, with dormers (one in three) and a chimney
+    (half).
+    """
+    kind = str(rng.choice(list(DETACHED_SHARES), p=list(DETACHED_SHARES.values())))
+    length, width = rng.uniform(9.0, 16.0), rng.uniform(7.0, 11.0)
+    length = max(length, 1.1 * width)
+    eaves = STOREY * rng.integers(1, 3) + rng.uniform(0.0, 0.7)
+    slope = _tangent(kind, rng) if kind in SLOPES_DEG else 0.0
+    shapes: dict[str, Callable[[], Masses]] = {
+        "flat": lambda: flat(length, width),
+        "flat with parapet": lambda: flat(length, width, rng.uniform(0.3, 1.0)),
+        "shed": lambda: shed(length, width, slope),
+        "gable": lambda: gable(length, width, slope),
+        "asymmetric gable": lambda: gable(length, width, slope, rng.uniform(0.3, 0.42)),
+        "hip": lambda: hip(length, width, slope, slope * rng.uniform(0.8, 1.3)),
+        "half-hip": lambda: hip(length, width, slope, 1.1 * slope, rng.uniform(0.4, 0.7)),
+        "pyramid": lambda: pyramid(width + 1.0, slope),
+        "gambrel": lambda: gambrel(length, width, slope, _upper(rng), rng.uniform(0.9, 1.5)),
+        "mansard": lambda: mansard(length, width, slope, _upper(rng), rng.uniform(0.7, 1.2)),
+        "L-shape": lambda: _with_wing(length, width, slope, rng, at_end=True),
+        "T-shape": lambda: _with_wing(length, width, slope, rng, at_end=False),
+    }
+    masses = shapes[kind]()
+    if kind in ("gable", "half-hip", "L-shape", "asymmetric gable") and rng.random() < 0.35:
+        masses += _dormers(length, width, masses[0], rng)
+    if kind not in ("flat", "flat with parapet", "shed") and rng.random() < 0.5:
+        masses += (_chimney_on(masses, length, width, rng),)
+    overhang = 0.0 if "flat" in kind else rng.uniform(0.1, 0.8)
+    return Design(kind, raised(masses, eaves), overhang)
+
+
+def _with_wing(length: float, width: float, slope: float, rng: np.random.Generator, at_end: bool) -> Masses:
+    """A gable with a wing at its end (L) or its middle (T), as wide as the main part or less."""
+    span = width * rng.uniform(0.65, 0.95)
+    place = (length - span) / 2 if at_end else rng.uniform(-0.2, 0.2) * length
+    return gable(length, width, slope) + wing(width / 2 + rng.uniform(3.5, 7.0), span, slope, place, 1.0)
+
+
+def _dormers(length: float, width: float, main: Mass, rng: np.random.Generator) -> Masses:
+    """One to three dormers in a row on the front slope; none where the roof is too low to hold them."""
+    slope = main.planes[0][1]
+    setback = rng.uniform(0.5, 1.2)
+    front = -width / 2 + setback
+    span = rng.uniform(1.6, 3.2)
+    eaves = slope * setback + rng.uniform(1.0, 1.5)
+    ridge = _height_on(main, 0.0, 0.0)
+    tilt = float(np.tan(np.radians(rng.uniform(20.0, 40.0))))
+    pointed = rng.random() < 0.6
+    top = eaves + (tilt * span / 2 if pointed else 0.0)
+    if top > 0.85 * ridge:
+        return ()
+    back = min(top / slope - width / 2 + 0.2, 0.0)
+    room = length - 3.0
+    count = min(int(rng.integers(1, 4)), int(room // (span + 1.0)))
+    places = (np.arange(count) - (count - 1) / 2) * (room / max(count, 1))
+    if pointed:
+        return tuple(gable_dormer(float(x), front, back, span, eaves, tilt) for x in places)
+    return tuple(flat_dormer(float(x), front, back, span, eaves) for x in places)
+
+
+def _chimney_on(masses: Masses, length: float, width: float, rng: np.random.Generator) -> Mass:
+    """A chimney near the ridge, 0.6 to 1.2 m above the roof at its foot."""
+    x, y = rng.uniform(-0.35, 0.35) * length, rng.uniform(-0.12, 0.12) * width
+    top = max(_height_on(mass, x, y) for mass in masses) + rng.uniform(0.6, 1.2)
+    return chimney(x, y, top, rng.uniform(0.5, 1.1))
+
+
+def _height_on(mass: Mass, x: float, y: float) -> float:
+    return float(mass.height_at(np.array([[x, y]]))[0])
+
+
+def draw_garden_shed(rng: np.random.Generator) -> Design:
+    """A shed or garage: 2.5 to 6 m by 2.2 to 3.5 m, flat or a low gable."""
+    length, width = rng.uniform(2.5, 6.0), rng.uniform(2.2, 3.5)
+    masses = flat(length, width) if rng.random() < 0.6 else gable(length, width, rng.uniform(0.2, 0.5))
+    return Design("garden shed", raised(masses, rng.uniform(2.1, 2.7)))
+
+
+def draw_row(frontage: float, rng: np.random.Generator) -> Design:
+    """Row houses that fill a frontage (m): one building, party walls, steps of 0.3 to 1.5 m every few
+    houses.
+    """
+    house = rng.uniform(5.0, 7.0)
+    count = min(int(rng.integers(4, 10)), int(frontage // house))
+    depth, eaves = rng.uniform(8.0, 10.5), STOREY * 2 + rng.uniform(0.0, 0.8)
+    slope = float(np.tan(np.radians(rng.uniform(30.0, 48.0))))
+    every = int(rng.integers(2, 5))
+    masses: Masses = ()
+    lift, push = 0.0, 0.0
+    for number in range(count):
+        if number and number % every == 0:
+            lift, push = rng.uniform(0.3, 1.5), rng.uniform(-1.0, 1.0)
+        x = (number - (count - 1) / 2) * house
+        part = gable(house, depth, slope)
+        if rng.random() < 0.3:
+            part += _dormers(house + 1.0, depth, part[0], rng)
+        if rng.random() < 0.5:
+            part += (chimney(0.0, 0.3, slope * depth / 2 + 0.8, 0.7),)
+        masses += shifted(part, x, push, eaves + lift)
+    return Design("row houses", masses, rng.uniform(0.0, 0.4))
+
+
+def draw_town_house(frontage: float, depth: float, rng: np.random.Generator) -> Design:
+    """A house between party walls, exactly as wide as its `frontage` (m), three to five storeys."""
+    eaves = STOREY * rng.integers(3, 6) + rng.uniform(0.0, 1.0)
+    pick = rng.random()
+    if pick < 0.35:
+        masses = gable(frontage, depth, float(np.tan(np.radians(rng.uniform(30.0, 50.0)))))
+    elif pick < 0.6:
+        sides = gambrel(frontage, depth, float(np.tan(np.radians(rng.uniform(60.0, 72.0)))), _upper(rng), 1.2)
+        masses = sides
+    elif pick < 0.75:
+        masses = shifted(
+            gable(depth, frontage, float(np.tan(np.radians(rng.uniform(30.0, 45.0))))), 0, 0, 0, np.pi / 2
+        )
+    else:
+        masses = flat(frontage, depth, rng.uniform(0.3, 1.1))
+    if rng.random() < 0.5:
+        masses += (
+            chimney(rng.uniform(-0.3, 0.3) * frontage, 0.5, _height_on(masses[0], 0.0, 0.5) + 1.2, 0.9),
+        )
+    return Design("town house", raised(masses, eaves))
+
+
+def draw_perimeter(length: float, width: float, rng: np.random.Generator) -> Design:
+    """A block around a courtyard, or an L or U of it: mitred pitched wings, or flat ones with parapets."""
+    deep = rng.uniform(9.0, 12.5)
+    eaves = STOREY * rng.integers(3, 6) + rng.uniform(0.0, 1.0)
+    sides = str(rng.choice(["SEWN", "SEW", "SE"], p=[0.5, 0.3, 0.2]))
+    if rng.random() < 0.65:
+        slope = float(np.tan(np.radians(rng.uniform(25.0, 45.0))))
+        masses = tuple(_mitred(length, width, deep, slope, side, sides) for side in sides)
+        return Design(f"{_LETTER[sides]} pitched", raised(masses, eaves), rng.uniform(0.1, 0.5))
+    wings = [_mitred(length, width, deep, 0.0, side, sides).polygon for side in sides]
+    outline = shapely.union_all(wings, grid_size=0.001)
+    inner = shapely.buffer(outline, -0.3, join_style="mitre")
+    parapet = rng.uniform(0.4, 1.1)
+    whole = (
+        Mass(outline, ((0.0, 0.0, 0.0),)),
+        Mass(shapely.difference(outline, inner), ((0.0, 0.0, parapet),), "parapet"),
+    )
+    return Design(f"{_LETTER[sides]} flat", raised(whole, eaves))
+
+
+_LETTER = {"SEWN": "courtyard", "SEW": "U-shape", "SE": "L-shape"}
+
+
+def _mitred(length: float, width: float, deep: float, slope: float, side: str, sides: str) -> Mass:
+    """One wing of a block, cut at 45° where the next wing is there, straight where it is not."""
+    along, across = (length, width) if side in "SN" else (width, length)
+    first, last = {"S": ("W", "E"), "N": ("E", "W"), "E": ("S", "N"), "W": ("N", "S")}[side]
+    cut_first, cut_last = deep * (first in sides), deep * (last in sides)
+    start, end, low = -along / 2, along / 2, -across / 2
+    plan = Polygon([(start, low), (end, low), (end - cut_last, low + deep), (start + cut_first, low + deep)])
+    planes = ((0.0, slope, -slope * low), (0.0, -slope, slope * (low + deep)))
+    turn = {"S": 0.0, "E": np.pi / 2, "N": np.pi, "W": -np.pi / 2}[side]
+    return Mass(plan, planes if slope > 0 else planes[:1]).moved(turn, 0.0, 0.0, 0.0)
+
+
+def draw_slab(length: float, rng: np.random.Generator) -> Design:
+    """A slab of flats, 4 to 12 storeys, parapet, lift houses, sometimes set-back upper storeys (terraces)."""
+    length, width = min(length, rng.uniform(28.0, 60.0)), rng.uniform(11.0, 14.0)
+    height = STOREY * rng.integers(4, 13)
+    masses = raised(flat(length, width, rng.uniform(0.4, 1.1)), height)
+    for step in range(int(rng.integers(0, 3))):
+        inset = 2.5 * (step + 1)
+        masses += raised(flat(length - 2 * inset, width - 0.8 * inset), height + STOREY * (step + 1))
+    top = max(mass.planes[0][2] for mass in masses)
+    for x in rng.uniform(-0.3, 0.3, int(rng.integers(1, 3))) * length:
+        masses += shifted(flat(rng.uniform(3.0, 6.0), rng.uniform(3.0, 5.0)), float(x), 0.0, top + 2.6)
+    return Design("slab", masses)
+
+
+def draw_tower(rng: np.random.Generator) -> Design:
+    """A tower block, 12 to 22 storeys, with a plant room."""
+    side, height = rng.uniform(16.0, 24.0), STOREY * rng.integers(12, 23)
+    masses = raised(flat(side, side * rng.uniform(0.8, 1.0), 1.1), height)
+    return Design("tower", masses + raised(flat(0.4 * side, 0.3 * side), height + 3.5))
+
+
+def draw_hall(length: float, width: float, rng: np.random.Generator) -> Design:
+    """An industrial hall: flat with parapet and skylights, a low gable, or saw teeth."""
+    eaves = rng.uniform(5.5, 11.0)
+    pick = rng.random()
+    if pick < 0.45:
+        masses = flat(length, width, rng.uniform(0.2, 0.8))
+        for x in np.linspace(-0.35, 0.35, 4) * length:
+            masses += shifted(gable(2.0, 0.6 * width, 0.6), float(x), 0.0, 0.3)
+        return Design("hall", raised(masses, eaves))
+    if pick < 0.75:
+        masses = gable(length, width, float(np.tan(np.radians(rng.uniform(4.0, 12.0)))))
+        return Design("hall", raised(masses, eaves), 0.3)
+    count = int(length // 9.0)
+    tooth = length / count
+    teeth = shifted(shed(width, tooth, rng.uniform(0.3, 0.6)), 0.0, 0.0, 0.0, np.pi / 2)
+    masses = tuple(m for k in range(count) for m in shifted(teeth, (k - (count - 1) / 2) * tooth, 0.0))
+    return Design("saw teeth", raised(masses, eaves))
+
+
+def draw_church(rng: np.random.Generator) -> Design:
+    """A church: steep nave, transept, a tower with a spire."""
+    length, width, eaves = rng.uniform(24.0, 36.0), rng.uniform(10.0, 14.0), rng.uniform(8.0, 12.0)
+    slope = float(np.tan(np.radians(rng.uniform(45.0, 56.0))))
+    masses = raised(gable(length, width, slope), eaves)
+    masses += raised(
+        shifted(gable(width + 10.0, 0.8 * width, slope), 0.2 * length, 0.0, 0.0, np.pi / 2), eaves
+    )
+    side = rng.uniform(5.0, 7.0)
+    spire = raised(pyramid(side, rng.uniform(2.0, 3.0)), eaves + slope * width / 2 + rng.uniform(4.0, 9.0))
+    return Design("church", masses + shifted(spire, -length / 2 - side / 2 + 0.5, 0.0))

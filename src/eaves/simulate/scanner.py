@@ -1,0 +1,148 @@
+"""The scan of a town, as an airborne scanner would bring it home, with the truth of every point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.model import PointCloud
+from eaves.model.cloud import HIGH_NOISE, LOW_NOISE, UNCLASSIFIED
+from eaves.simulate.exact import ExactScene
+from eaves.simulate.flight import Flight, Pattern, Pulses, fly
+from eaves.simulate.pulses import Beam, Receiver, gaussian_beam, pencil_beam, trace_pulses
+from eaves.simulate.ray_grid import RayGrid
+from eaves.simulate.town import Town
+
+
+@dataclass(frozen=True)
+class Scanner:
+    """What the instrument and the survey add to the truth.
+
+    `divergence` is the full 1/e² angle of the beam (radians): 0.3 mrad at 1000 m lights a disc of 0.3 m.
+    `noise` is the standard deviation of a range (m), `strip_offset` that of the height of a whole strip (m),
+    `outliers` the share of points that are gross errors, half of them low (0.5 to 15 m under ground), half
+    high (15 to 80 m above it).
+    """
+
+    divergence: float = 3e-4
+    noise: float = 0.02
+    strip_offset: float = 0.02
+    outliers: float = 2e-5
+    receiver: Receiver = field(default_factory=Receiver)
+
+
+@dataclass(frozen=True, eq=False)
+class _Echoes:
+    xyz: NDArray[np.float64]
+    number: NDArray[np.uint8]
+    of: NDArray[np.uint8]
+    label: NDArray[np.int32]
+    strip: NDArray[np.uint16]
+    time_s: NDArray[np.float64]
+
+
+def scan_town(
+    town: Town,
+    density: float = 10.0,
+    noise: float = 0.02,
+    pattern: Pattern = "lines",
+    seed: int = 0,
+    *,
+    flight: Flight | None = None,
+    scanner: Scanner | None = None,
+) -> ExactScene:
+    """The cloud of a town, in the order it was measured, and the truth of each point.
+
+    Parameters
+    ----------
+    town : what is scanned.
+    density : pulses per square metre, mean over the town, all strips together.
+    noise : standard deviation of a range (m).
+    pattern : `lines`, `zigzag`, `ellipse`, or `random`: straight down at random places, one return, nothing
+    hidden. seed : the same seed gives the same points.
+    flight, scanner : the survey and the instrument; `noise` replaces the scanner's own.
+    """
+    survey, device = flight or Flight(), scanner or Scanner()
+    grid = town.ray_grid()
+    beam = pencil_beam() if pattern == "random" else gaussian_beam()
+    level = float(np.median(town.terrain.heights))
+    parts = []
+    for batch, pulses in enumerate(fly(survey, town.bounds, level, grid.highest, density, pattern, seed)):
+        parts.append(_listen(grid, pulses, beam, device, noise, pattern == "random", seed, batch))
+    return _assemble(town, grid, parts, device, seed)
+
+
+def _listen(
+    grid: RayGrid,
+    pulses: Pulses,
+    beam: Beam,
+    device: Scanner,
+    noise: float,
+    first_only: bool,
+    seed: int,
+    batch: int,
+) -> _Echoes:
+    """The echoes of a batch of pulses, as points on the axis of the beam."""
+    rng = np.random.default_rng([seed, 21, batch])
+    shift = np.random.default_rng([seed, 22, pulses.strip]).normal(0.0, device.strip_offset)
+    ranges, labels, echoes = trace_pulses(
+        grid, pulses.origins, pulses.directions, device.divergence, beam, device.receiver, seed
+    )
+    if first_only:
+        echoes = np.minimum(echoes, 1)
+    pulse = np.repeat(np.arange(len(echoes)), echoes)
+    number = np.arange(len(pulse)) - np.repeat(np.cumsum(echoes) - echoes, echoes)
+    measured = ranges[pulse, number] + rng.normal(0.0, noise, len(pulse))
+    xyz = pulses.origins[pulse] + measured[:, None] * pulses.directions[pulse]
+    xyz[:, 2] += 0.0 if first_only else shift
+    return _Echoes(
+        xyz,
+        (number + 1).astype(np.uint8),
+        echoes[pulse].astype(np.uint8),
+        labels[pulse, number],
+        np.full(len(pulse), pulses.strip, np.uint16),
+        pulses.time_s[pulse],
+    )
+
+
+def _assemble(town: Town, grid: RayGrid, parts: list[_Echoes], device: Scanner, seed: int) -> ExactScene:
+    """The scene of all echoes over the town's bounds; a few points become outliers."""
+
+    def joined(name: str, width: tuple[int, ...] = ()) -> NDArray[np.generic]:
+        arrays = [getattr(part, name) for part in parts]
+        return np.concatenate(arrays) if arrays else np.zeros((0, *width))
+
+    xyz = np.asarray(joined("xyz", (3,)), np.float64)
+    inside = np.flatnonzero(town.bounds.contains(xyz))
+    xyz = xyz[inside]
+    label = grid.labels[np.asarray(joined("label"), np.int64)[inside]]
+    truth_class, building, plane = label[:, 0].astype(np.uint8), label[:, 1].copy(), label[:, 2].copy()
+    rng = np.random.default_rng([seed, 23])
+    wrong = rng.permutation(len(xyz))[: round(device.outliers * len(xyz))]
+    low, high = wrong[::2], wrong[1::2]
+    ground = town.terrain.at(xyz[wrong])
+    depth = np.where(np.arange(len(wrong)) % 2 == 0, -rng.uniform(0.5, 15.0, len(wrong)), 0.0)
+    depth += np.where(np.arange(len(wrong)) % 2 == 1, rng.uniform(15.0, 80.0, len(wrong)), 0.0)
+    xyz[wrong, 2] = ground + depth
+    truth_class[low], truth_class[high] = LOW_NOISE, HIGH_NOISE
+    building[wrong], plane[wrong] = 0, 0
+    cloud = PointCloud.from_world(
+        xyz + np.array([*town.origin, 0.0]),
+        town.origin,
+        return_number=np.asarray(joined("number"), np.uint8)[inside],
+        number_of_returns=np.asarray(joined("of"), np.uint8)[inside],
+        classification=np.full(len(xyz), UNCLASSIFIED, np.uint8),
+        point_id=np.arange(len(xyz)),
+        system=town.system,
+    )
+    return ExactScene(
+        cloud,
+        truth_class,
+        building.astype(np.int32),
+        plane.astype(np.int32),
+        town.buildings,
+        np.asarray(joined("strip"), np.uint16)[inside],
+        np.asarray(joined("time_s"), np.float64)[inside],
+    )

@@ -1,0 +1,283 @@
+"""Where things stand in a town: streets, blocks of a style each, lots, houses, gardens, parked cars."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.model import Bounds
+from eaves.simulate.houses import (
+    Design,
+    draw_church,
+    draw_detached,
+    draw_garden_shed,
+    draw_hall,
+    draw_perimeter,
+    draw_row,
+    draw_slab,
+    draw_tower,
+    draw_town_house,
+)
+
+STREET = 13.0
+"""Width of a street with its pavements (m)."""
+
+STYLE_SHARES = {
+    "detached": 0.42,
+    "rows": 0.20,
+    "perimeter": 0.10,
+    "town houses": 0.08,
+    "slabs": 0.07,
+    "hall": 0.06,
+    "church": 0.02,
+    "tower": 0.02,
+    "park": 0.03,
+}
+"""How often a block has each style."""
+
+BLOCK_TURN_DEG = 6.0
+"""A block turns away from the town's grid by up to this angle."""
+
+LOT_TURN_DEG = 3.0
+"""A detached house turns away from its block by up to this angle."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """A design and where it stands: centre (m) and direction (radians)."""
+
+    design: Design
+    x: float
+    y: float
+    angle: float
+
+
+Segment = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """What one block of the town holds, in town coordinates. Trees and shrubs are places (x, y)."""
+
+    placements: list[Placement] = field(default_factory=list)
+    trees: list[NDArray[np.float64]] = field(default_factory=list)
+    shrubs: list[NDArray[np.float64]] = field(default_factory=list)
+    hedges: list[Segment] = field(default_factory=list)
+    fences: list[Segment] = field(default_factory=list)
+    cars: list[tuple[float, float, float]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Plot:
+    """The rectangle of a block: its centre, direction and size (m)."""
+
+    x: float
+    y: float
+    angle: float
+    length: float
+    depth: float
+
+    def at(self, u: float, v: float) -> NDArray[np.float64]:
+        """The town coordinates of a place in the block's own."""
+        cos, sin = np.cos(self.angle), np.sin(self.angle)
+        return np.array([self.x + u * cos - v * sin, self.y + u * sin + v * cos])
+
+    def corners(self) -> NDArray[np.float64]:
+        """The four corners (4, 2)."""
+        half = self.length / 2, self.depth / 2
+        return np.stack([self.at(a * half[0], b * half[1]) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+
+
+def lay_streets(bounds: Bounds, rng: np.random.Generator) -> list[Plot]:
+    """The plots between the streets of a town: a grid of one direction, its blocks 60 to 110 m by 42 to 64 m.
+
+    Those at the rim stick out of `bounds`; what would stand outside is not built.
+    """
+    angle = rng.uniform(0.0, np.pi)
+    centre = np.array([(bounds.west + bounds.east) / 2, (bounds.south + bounds.north) / 2])
+    reach = float(np.hypot(bounds.width, bounds.height)) / 2 + 60.0
+    plots = []
+    v = -reach
+    while v < reach:
+        depth = rng.uniform(42.0, 64.0)
+        u = -reach + rng.uniform(0.0, 60.0)
+        while u < reach:
+            length = rng.uniform(60.0, 110.0)
+            middle = np.array([u + length / 2, v + depth / 2])
+            x = centre[0] + middle[0] * np.cos(angle) - middle[1] * np.sin(angle)
+            y = centre[1] + middle[0] * np.sin(angle) + middle[1] * np.cos(angle)
+            turn = np.radians(rng.uniform(-BLOCK_TURN_DEG, BLOCK_TURN_DEG))
+            plots.append(Plot(float(x), float(y), float(angle + turn), length, depth))
+            u += length + STREET
+        v += depth + STREET
+    inside = [plot for plot in plots if bounds.grown(20.0).contains(np.array([[plot.x, plot.y]])).all()]
+    return [inside[k] for k in rng.permutation(len(inside))]
+
+
+def draw_block(plot: Plot, rng: np.random.Generator, built: bool = True) -> Block:
+    """A block of a random style on its plot, with its street trees and parked cars; a park where not
+    `built`.
+    """
+    styles: dict[str, Callable[[Plot, Block, np.random.Generator], None]] = {
+        "detached": _detached,
+        "rows": _rows,
+        "perimeter": _perimeter,
+        "town houses": _town_houses,
+        "slabs": _slabs,
+        "hall": _hall,
+        "church": _church,
+        "tower": _tower,
+        "park": _park,
+    }
+    block = Block()
+    style = str(rng.choice(list(STYLE_SHARES), p=list(STYLE_SHARES.values())))
+    styles[style if built else "park"](plot, block, rng)
+    for side in (-1.0, 1.0):
+        _along_street(plot, block, side, rng)
+    return block
+
+
+def _along_street(plot: Plot, block: Block, side: float, rng: np.random.Generator) -> None:
+    """Trees every 9 to 14 m on half of the streets, and cars at the kerb."""
+    kerb = side * (plot.depth / 2 + 2.0)
+    if rng.random() < 0.5:
+        step = rng.uniform(9.0, 14.0)
+        for u in np.arange(-plot.length / 2 + 3.0, plot.length / 2, step):
+            block.trees.append(plot.at(float(u), kerb))
+    for u in np.arange(-plot.length / 2 + 6.0, plot.length / 2 - 4.0, 6.0):
+        if rng.random() < 0.4:
+            x, y = plot.at(float(u), kerb + side * 1.8)
+            block.cars.append((float(x), float(y), plot.angle + rng.normal(0.0, 0.03)))
+
+
+def _put(plot: Plot, block: Block, design: Design, u: float, v: float, turn: float = 0.0) -> None:
+    x, y = plot.at(u, v)
+    block.placements.append(Placement(design, float(x), float(y), plot.angle + turn))
+
+
+def _scatter(plot: Plot, count: int, rng: np.random.Generator) -> list[NDArray[np.float64]]:
+    u, v = rng.uniform(-0.5, 0.5, (2, count)) * [[plot.length], [plot.depth]]
+    return [plot.at(float(a), float(b)) for a, b in zip(u, v, strict=True)]
+
+
+def _detached(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+    """Two rows of lots back to back; a house, often a shed, a border of hedge or fence, two or three trees
+    each.
+    """
+    for side in (-1.0, 1.0):
+        u = -plot.length / 2
+        while True:
+            frontage = rng.uniform(17.0, 24.0)
+            if u + frontage > plot.length / 2:
+                break
+            middle, turn = u + frontage / 2, np.radians(rng.uniform(-LOT_TURN_DEG, LOT_TURN_DEG))
+            turn += (0.0 if side < 0 else np.pi) + (np.pi / 2 if rng.random() < 0.25 else 0.0)
+            _put(
+                plot,
+                block,
+                draw_detached(rng),
+                middle,
+                side * (plot.depth / 2 - rng.uniform(10.0, 12.5)),
+                turn,
+            )
+            if rng.random() < 0.5:
+                place = middle + rng.uniform(-0.3, 0.3) * frontage, side * rng.uniform(2.5, 4.5)
+                _put(plot, block, draw_garden_shed(rng), *place, float(turn))
+            border = plot.at(u, side * plot.depth / 2), plot.at(u, 0.0)
+            (block.hedges if rng.random() < 0.5 else block.fences).append(border)
+            for _ in range(int(rng.integers(1, 6))):
+                block.trees.append(
+                    plot.at(u + rng.uniform(0.0, frontage), side * rng.uniform(0.0, plot.depth / 2))
+                )
+            for _ in range(int(rng.integers(3, 10))):
+                block.shrubs.append(
+                    plot.at(u + rng.uniform(0.0, frontage), side * rng.uniform(0.0, plot.depth / 2))
+                )
+            u += frontage
+
+
+def _rows(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+    """Two rows of houses back to back with sheds at the ends of the gardens."""
+    for side in (-1.0, 1.0):
+        room = plot.length - 4.0
+        _put(plot, block, draw_row(room, rng), 0.0, side * (plot.depth / 2 - 8.5), 0.0 if side < 0 else np.pi)
+        for u in np.arange(-room / 2 + 3.0, room / 2, 6.0):
+            if rng.random() < 0.4:
+                _put(plot, block, draw_garden_shed(rng), float(u), side * 3.2, np.pi / 2)
+            if rng.random() < 0.4:
+                block.trees.append(plot.at(float(u) + 2.5, side * rng.uniform(4.0, 8.0)))
+            if rng.random() < 0.5:
+                block.fences.append(
+                    (plot.at(float(u) + 3.0, side * 1.0), plot.at(float(u) + 3.0, side * 10.0))
+                )
+            block.shrubs.append(plot.at(float(u), side * rng.uniform(5.0, 10.0)))
+    block.hedges.append((plot.at(-plot.length / 2 + 3.0, 0.0), plot.at(plot.length / 2 - 3.0, 0.0)))
+
+
+def _perimeter(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+    """One building around a courtyard with trees."""
+    _put(plot, block, draw_perimeter(plot.length - 4.0, plot.depth - 4.0, rng), 0.0, 0.0)
+    inner = Plot(plot.x, plot.y, plot.angle, plot.length - 34.0, plot.depth - 34.0)
+    block.trees.extend(_scatter(inner, int(rng.integers(1, 5)), rng))
+    block.shrubs.extend(_scatter(inner, 6, rng))
+
+
+def _town_houses(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+    """Two rows of separate buildings wall to wall, each of its own height."""
+    for side in (-1.0, 1.0):
+        u = -plot.length / 2 + 2.0
+        deep = rng.uniform(10.0, 13.0)
+        while (frontage := rng.uniform(6.5, 13.0)) + u < plot.length / 2 - 2.0:
+            design = draw_town_house(frontage, deep, rng)
+            _put(
+                plot,
+                block,
+                design,
+                u + frontage / 2,
+                side * (plot.depth / 2 - deep / 2 - 1.5),
+                0.0 if side < 0 else np.pi,
+            )
+            u += frontage
+    inner = Plot(plot.x, plot.y, plot.angle, plot.length - 8.0, plot.depth - 30.0)
+    block.trees.extend(_scatter(inner, int(rng.integers(2, 7)), rng))
+
+
+def _slabs(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+    """Slabs of flats on a lawn with trees and parked cars."""
+    _put(plot, block, draw_slab(plot.length - 12.0, rng), 0.0, -plot.depth / 2 + 11.0)
+    if plot.depth > 50.0:
+        _put(plot, block, draw_slab(plot.length - 20.0, rng), rng.uniform(-4.0, 4.0), plot.depth / 2 - 11.0)
+    block.trees.extend(_scatter(plot, int(rng.integers(4, 10)), rng))
+
+
+def _hall(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+    """An industrial hall with a fenced yard."""
+    length, width = rng.uniform(0.55, 0.85) * plot.length, rng.uniform(0.5, 0.75) * plot.depth
+    _put(plot, block, draw_hall(length, width, rng), 0.0, 0.0)
+    corners = plot.corners()
+    for k in range(3):
+        block.fences.append((corners[k], corners[k + 1]))
+    for u in np.arange(-plot.length / 2 + 4.0, plot.length / 2 - 4.0, 3.0):
+        if rng.random() < 0.5:
+            x, y = plot.at(float(u), -plot.depth / 2 + 3.5)
+            block.cars.append((float(x), float(y), plot.angle + np.pi / 2))
+
+
+def _church(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+    _put(plot, block, draw_church(rng), 0.0, 0.0)
+    block.trees.extend(_scatter(plot, 8, rng))
+
+
+def _tower(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+    _put(plot, block, draw_tower(rng), rng.uniform(-0.2, 0.2) * plot.length, 0.0)
+    block.trees.extend(_scatter(plot, 6, rng))
+
+
+def _park(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+    """Trees and shrubs, a hut."""
+    block.trees.extend(_scatter(plot, int(plot.length * plot.depth / 90.0), rng))
+    block.shrubs.extend(_scatter(plot, 25, rng))
+    _put(plot, block, draw_garden_shed(rng), 0.0, 0.0)

@@ -1,0 +1,176 @@
+"""What a pulse can hit: triangles with labels, made from buildings and other solid things."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from eaves.geometry.polygons import as_polygon
+from eaves.model import Labels, Solid
+from eaves.model.building import GROUND_SURFACE, WALL_SURFACE
+from eaves.model.cloud import BUILDING
+from eaves.simulate.exact import ExactBuilding
+
+UP = np.array([0.0, 0.0, 1.0])
+"""The vertical."""
+
+FASCIA = 0.25
+"""Height of the board at the edge of an overhanging roof (m)."""
+
+SKIRT = 3.0
+"""The walls of a city model go on this far below its base (m), for ground that lies lower there."""
+
+BELOW_ROOF = 0.02
+"""Walls under an overhang end this far below the roof (m), so that no wall pierces it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """T triangles (T, 3, 3) in local metres, and what each is: LAS class, building, roof face (0: none)."""
+
+    corners: NDArray[np.float64]
+    truth_class: NDArray[np.uint8]
+    building: Labels
+    plane: Labels
+
+    @classmethod
+    def of(
+        cls, corners: Iterable[NDArray[np.float64]], truth_class: int, building: int = 0, plane: int = 0
+    ) -> Surfaces:
+        """Triangles that all are the same thing."""
+        listed = [np.asarray(part, np.float64).reshape(-1, 3, 3) for part in corners]
+        stacked = np.concatenate([np.zeros((0, 3, 3)), *listed])
+        count = len(stacked)
+        return cls(
+            stacked,
+            np.full(count, truth_class, np.uint8),
+            np.full(count, building, np.int32),
+            np.full(count, plane, np.int32),
+        )
+
+    @classmethod
+    def join(cls, parts: Iterable[Surfaces]) -> Surfaces:
+        """All the triangles of the parts, in order."""
+        all_parts = [cls.of([], 0), *parts]
+        return cls(
+            np.concatenate([part.corners for part in all_parts]),
+            np.concatenate([part.truth_class for part in all_parts]),
+            np.concatenate([part.building for part in all_parts]),
+            np.concatenate([part.plane for part in all_parts]),
+        )
+
+
+def triangulate(polygon: Polygon) -> NDArray[np.float64]:
+    """Triangles (T, 3, 2) that tile a polygon with holes, counter-clockwise."""
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+    if len(parts) == 0:
+        return np.zeros((0, 3, 2))
+    return np.stack([shapely.get_coordinates(shapely.orient_polygons(part))[:3] for part in parts])
+
+
+def fan(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Triangles (K−2, 3, 3) of a convex polygon in space (K, 3)."""
+    return np.stack([np.stack([corners[0], *pair]) for pair in pairwise(corners[1:])])
+
+
+def curtain(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Two upright triangles between a lower segment (2, 3) and the upper one (2, 3) over it."""
+    return fan(np.stack([low[0], low[1], high[1], high[0]]))
+
+
+def building_surfaces(building: ExactBuilding) -> Surfaces:
+    """The roof faces, the walls (set back under overhanging eaves), the fascia boards and the walls at
+    steps.
+    """
+    if building.shell is not None:
+        return _shell_surfaces(building, building.shell)
+    parts = []
+    for face in building.faces:
+        plan = triangulate(face.polygon)
+        z = face.height_at(plan.reshape(-1, 2)).reshape(-1, 3, 1)
+        parts.append(Surfaces.of([np.concatenate([plan, z], axis=2)], BUILDING, building.number, face.number))
+    overhangs = not building.walls.equals(building.footprint)
+    walls = []
+    solid = building.solid()
+    for shell in solid.faces:
+        if shell.surface != WALL_SURFACE:
+            continue
+        corners = solid.vertices[list(shell.rings[0])]
+        if overhangs and corners[:, 2].min() < building.base + BELOW_ROOF:
+            top = corners[corners[:, 2] > building.base + BELOW_ROOF]
+            rim = np.stack([top[0], top[-1]])
+            walls.append(curtain(rim - FASCIA * UP, rim))
+        else:
+            walls.append(fan(corners))
+    if overhangs:
+        walls += _walls_under_eaves(building)
+    return Surfaces.join([*parts, Surfaces.of(walls, BUILDING, building.number)])
+
+
+def _shell_surfaces(building: ExactBuilding, shell: Solid) -> Surfaces:
+    """The faces of a city model as they are, and its lowest ring sunk a little into the ground."""
+    parts = []
+    for face in shell.faces:
+        number = 0 if face.plane is None else building.faces[face.plane].number
+        rings = [shell.vertices[list(ring)] for ring in face.rings]
+        parts.append(Surfaces.of([triangulate_in_space(rings)], BUILDING, building.number, number))
+        if face.surface == GROUND_SURFACE:
+            high = np.concatenate([rings[0], rings[0][:1]])
+            low = high - SKIRT * UP
+            skirt = [curtain(low[k : k + 2], high[k : k + 2]) for k in range(len(rings[0]))]
+            parts.append(Surfaces.of(skirt, BUILDING, building.number))
+    return Surfaces.join(parts)
+
+
+def triangulate_in_space(rings: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Triangles (T, 3, 3) of a planar face with holes; none for a face without area."""
+    outer = rings[0]
+    normal = np.cross(outer - outer[0], np.roll(outer, -1, axis=0) - outer[0]).sum(axis=0)
+    if not np.linalg.norm(normal) > 0:
+        return np.zeros((0, 3, 3))
+    axis = int(np.argmax(np.abs(normal)))
+    kept = [k for k in range(3) if k != axis]
+    polygon = as_polygon(Polygon(outer[:, kept], [ring[:, kept] for ring in rings[1:]]))
+    if polygon is None:
+        return np.zeros((0, 3, 3))
+    plan = triangulate(polygon)
+    corners = np.empty((*plan.shape[:2], 3))
+    corners[..., kept] = plan
+    centre = outer.mean(axis=0)
+    corners[..., axis] = centre[axis] - (plan - centre[kept]) @ normal[kept] / normal[axis]
+    return corners
+
+
+def _walls_under_eaves(building: ExactBuilding) -> list[NDArray[np.float64]]:
+    """Upright triangles from the base to just under the roof, along the outline of the walls."""
+    walls = []
+    for face in building.faces:
+        on_face = shapely.intersection(shapely.boundary(building.walls), face.polygon)
+        for line in shapely.get_parts(on_face):
+            if line.geom_type != "LineString":
+                continue
+            plan = shapely.get_coordinates(line)
+            low = np.column_stack([plan, np.full(len(plan), building.base)])
+            high = np.column_stack([plan, face.height_at(plan) - BELOW_ROOF])
+            walls += [curtain(low[k : k + 2], high[k : k + 2]) for k in range(len(plan) - 1)]
+    return walls
+
+
+def box(
+    x: float, y: float, z: float, size: tuple[float, float, float], angle: float, with_top: bool = True
+) -> list[NDArray[np.float64]]:
+    """Triangles of an upright box: its middle in plan, the height of its foot, its size, its direction."""
+    length, width, height = size
+    cos, sin = np.cos(angle), np.sin(angle)
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * [length / 2, width / 2]
+    plan = np.column_stack([x + corners @ np.array([cos, -sin]), y + corners @ np.array([sin, cos])])
+    low = np.column_stack([plan, np.full(4, z)])
+    high = low + height * UP
+    sides = [curtain(low[[k, (k + 1) % 4]], high[[k, (k + 1) % 4]]) for k in range(4)]
+    return [*sides, fan(high)] if with_top else sides

@@ -1,0 +1,256 @@
+"""A town of which every plane, corner and leaf is known."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from eaves.model import Bounds, CoordinateSystem
+from eaves.model.coordinates import LOCAL_METRES
+from eaves.simulate.exact import ExactBuilding
+from eaves.simulate.furniture import hang_power_line, park_car, put_fence, span_bridge
+from eaves.simulate.masses import Plane
+from eaves.simulate.ray_grid import RayGrid, index_town
+from eaves.simulate.roofs import make_building
+from eaves.simulate.streets import Block, Placement, Plot, draw_block, lay_streets
+from eaves.simulate.surfaces import Surfaces, building_surfaces
+from eaves.simulate.terrain import Corridor, Terrain, TerrainKind, cut_corridor, make_terrain
+from eaves.simulate.vegetation import Foliage, grow_hedge, grow_shrub, grow_tree
+
+logger = logging.getLogger(__name__)
+
+ORIGIN = (2400.0, 4800.0)
+"""World metres of local (0, 0): a corner of blocks."""
+
+JUDGING_SEEDS = (9001, 9002, 9003, 9004)
+"""Towns for judging only: no default of any method is chosen on them."""
+
+JUDGING_DENSITIES = (3.0, 8.0, 25.0)
+"""Densities (1/m²) of the judging scans."""
+
+RIM = 2.0
+"""Buildings stay this far inside the town's bounds (m): none is cut."""
+
+APART = 0.05
+"""Buildings that overlap by less than this (m²) touch in a party wall; more, and the later one is not
+built.
+"""
+
+TRUNK_CLEARANCE = 0.6
+"""A trunk stands at least this far from a wall (m); crowns may hang over roofs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Town:
+    """Everything that stands over `bounds` (local metres about `origin`)."""
+
+    bounds: Bounds
+    terrain: Terrain
+    buildings: tuple[ExactBuilding, ...]
+    furniture: Surfaces
+    foliage: Foliage
+    origin: tuple[float, float] = ORIGIN
+    system: CoordinateSystem = LOCAL_METRES
+
+    @cached_property
+    def _grid(self) -> RayGrid:
+        surfaces = Surfaces.join([*map(building_surfaces, self.buildings), self.furniture])
+        return index_town(self.terrain, surfaces, self.foliage)
+
+    def ray_grid(self) -> RayGrid:
+        """The town as the ray tracer sees it; made once."""
+        return self._grid
+
+    @property
+    def roof_planes(self) -> dict[int, Plane]:
+        """The coefficients of every roof face by its number, in local metres."""
+        return {face.number: face.coefficients for building in self.buildings for face in building.faces}
+
+
+def simulate_town(
+    area_km2: float = 0.09,
+    buildings: int | None = None,
+    terrain: TerrainKind = "flat",
+    trees: float = 1.0,
+    seed: int = 0,
+    *,
+    leaf_loss: float = 1.0,
+) -> Town:
+    """A town on a square of `area_km2`.
+
+    Parameters
+    ----------
+    area_km2 : size of the square, at least 0.01 (100 m by 100 m).
+    buildings : at most so many; None builds on every plot. Plots left over are lawns with trees.
+    terrain : `flat` (with a canal and bridges), `slope`, `hilly` or `terraced` (with an embankment).
+    trees : share of the trees, shrubs and hedges of an ordinary town; 0 for none.
+    seed : the same seed gives the same town.
+    leaf_loss : loss of a pulse's energy per metre of crown (1/m): about 1 in leaf, 0.4 out of leaf.
+    """
+    if area_km2 < 0.01:
+        raise ValueError(f"area_km2 must be at least 0.01 (100 m by 100 m), not {area_km2}")
+    side = float(np.round(np.sqrt(area_km2 * 1e6)))
+    bounds = Bounds(0.0, 0.0, side, side)
+    plots = lay_streets(bounds, np.random.default_rng([seed, 31]))
+    ground = make_terrain(terrain, bounds, np.random.default_rng([seed, 32]))
+    corridor = _lay_corridor(terrain, bounds, plots, np.random.default_rng([seed, 33]))
+    if corridor is not None:
+        ground = cut_corridor(ground, corridor)
+        plots = [plot for plot in plots if corridor.distance(_outline_of(plot)).min() > corridor.reach + 2.0]
+    built = _Site(bounds, ground)
+    limit = len(plots) * 1000 if buildings is None else buildings
+    for number, plot in enumerate(plots):
+        room = len(built.buildings) < limit
+        block = draw_block(plot, np.random.default_rng([seed, 34, number]), built=room)
+        for placement in block.placements:
+            if len(built.buildings) < limit:
+                built.build(placement)
+        built.furnish(block, trees, leaf_loss, np.random.default_rng([seed, 35, number]))
+    if buildings is not None and len(built.buildings) < buildings:
+        logger.warning(
+            "only %d of %d buildings fit on %.3g km²; ask for a larger area",
+            len(built.buildings),
+            buildings,
+            area_km2,
+        )
+    extras = _extras(bounds, ground, corridor, np.random.default_rng([seed, 36]))
+    return Town(
+        bounds,
+        ground,
+        tuple(built.buildings),
+        Surfaces.join([*built.surfaces, *extras]),
+        Foliage.join(built.leaves),
+    )
+
+
+def _outline_of(plot: Plot) -> NDArray[np.float64]:
+    """Places on the border of a plot and at its middle (K, 2)."""
+    corners = plot.corners()
+    share = np.linspace(0.0, 1.0, 9)[:, None]
+    sides = [corners[k] + share * (corners[(k + 1) % 4] - corners[k]) for k in range(4)]
+    return np.concatenate([*sides, [[plot.x, plot.y]]])
+
+
+def _lay_corridor(
+    kind: TerrainKind, bounds: Bounds, plots: list[Plot], rng: np.random.Generator
+) -> Corridor | None:
+    """A canal in flat towns, an embankment in others, along a street; none where there are too few blocks."""
+    if len(plots) < 6:
+        return None
+    plot = min(
+        plots, key=lambda p: abs(np.hypot(p.x - bounds.width / 2, p.y - bounds.height / 2) - bounds.width / 5)
+    )
+    x, y = plot.at(0.0, plot.depth / 2 + 4.0)
+    height = -rng.uniform(1.2, 2.0) if kind == "flat" else rng.uniform(2.5, 4.5)
+    return Corridor(float(x), float(y), plot.angle, rng.uniform(4.0, 7.0), height)
+
+
+def _extras(
+    bounds: Bounds, terrain: Terrain, corridor: Corridor | None, rng: np.random.Generator
+) -> list[Surfaces]:
+    """Bridges over the canal every 70 m, and in a town wide enough a power line along one side."""
+    extras = []
+    if corridor is not None and corridor.height < 0:
+        along = np.array([np.cos(corridor.angle), np.sin(corridor.angle)])
+        for step in np.arange(-10, 11) * 70.0:
+            x, y = np.array([corridor.x, corridor.y]) + step * along
+            if bounds.grown(-15.0).contains(np.array([[x, y]])).all():
+                extras.append(span_bridge(float(x), float(y), corridor, terrain))
+    if bounds.width >= 200.0:
+        x = rng.uniform(0.02, 0.06) * bounds.width
+        start, end = (
+            np.array([x, bounds.south - 10.0]),
+            np.array([x + rng.uniform(-8.0, 8.0), bounds.north + 10.0]),
+        )
+        extras.append(hang_power_line(start, end, terrain, rng))
+    return extras
+
+
+class _Site:
+    """The town while it is being built."""
+
+    def __init__(self, bounds: Bounds, terrain: Terrain) -> None:
+        self.area, self.terrain = bounds.grown(-RIM), terrain
+        self.buildings: list[ExactBuilding] = []
+        self.surfaces: list[Surfaces] = []
+        self.leaves: list[Foliage] = []
+        self.outlines: list[Polygon] = []
+        self.faces = 0
+
+    def build(self, placement: Placement) -> None:
+        """Put up the building, unless it would stand in another one or cannot be one closed solid."""
+        at_street = [
+            mass.moved(placement.angle, placement.x, placement.y, 0.0) for mass in placement.design.masses
+        ]
+        outline = shapely.union_all([mass.polygon for mass in at_street])
+        if not self.area.contains(shapely.get_coordinates(outline)).all() or self.overlaps(outline):
+            return
+        around = shapely.get_coordinates(shapely.segmentize(shapely.boundary(outline), 2.0))
+        levels = self.terrain.at(around)
+        base = float(np.floor(levels.min() * 1000.0) / 1000.0)
+        masses = [mass.moved(0.0, 0.0, 0.0, float(np.quantile(levels, 0.75))) for mass in at_street]
+        number = len(self.buildings) + 1
+        design = placement.design
+        try:
+            building = make_building(masses, number, self.faces + 1, design.kind, base, design.overhang)
+            building.solid()
+        except ValueError as reason:
+            logger.info("a %s is left out: %s", design.kind, reason)
+            return
+        self.buildings.append(building)
+        self.outlines.append(building.footprint)
+        self.faces += len(building.faces)
+
+    def overlaps(self, outline: Polygon) -> bool:
+        """Whether the outline stands in a building that is there."""
+        west, south, east, north = outline.bounds
+        for other in self.outlines:
+            box = other.bounds
+            apart = box[0] > east or box[2] < west or box[1] > north or box[3] < south
+            if not apart and shapely.intersection(other, outline).area > APART:
+                return True
+        return False
+
+    def furnish(self, block: Block, trees: float, leaf_loss: float, rng: np.random.Generator) -> None:
+        """Plant and park what the block holds, where no building stands."""
+        near = [outline for outline in self.outlines]
+        built = shapely.union_all([shapely.buffer(outline, TRUNK_CLEARANCE) for outline in near])
+        shapely.prepare(built)
+
+        def free(place: NDArray[np.float64]) -> bool:
+            return not shapely.contains_xy(built, place[0], place[1])
+
+        def level(place: NDArray[np.float64]) -> float:
+            return float(self.terrain.at(place[None, :])[0])
+
+        for place in block.trees:
+            if rng.random() < trees and free(place):
+                leaves, trunk = grow_tree(float(place[0]), float(place[1]), level(place), rng, leaf_loss)
+                self.leaves.append(leaves)
+                self.surfaces.append(trunk)
+        for place in block.shrubs:
+            if rng.random() < trees and free(place):
+                self.leaves.append(grow_shrub(float(place[0]), float(place[1]), level(place), rng))
+        for start, end in block.hedges:
+            steps = max(1, int(np.hypot(*(end - start)) / 2.0))
+            middle = start + (np.arange(steps)[:, None] + 0.5) / steps * (end - start)
+            if rng.random() < trees and all(free(place) for place in middle):
+                self.leaves.append(grow_hedge(start, end, self.terrain.at(middle), rng))
+        for start, end in block.fences:
+            if not shapely.intersects(built, shapely.LineString([start, end])):
+                self.surfaces.append(put_fence(start, end, self.terrain, rng))
+        for x, y, angle in block.cars:
+            place = np.array([x, y])
+            if free(place):
+                self.surfaces.append(park_car(x, y, level(place), angle, rng))
+
+
+def without_trees(town: Town) -> Town:
+    """The same town with no leaves (trunks stay)."""
+    return replace(town, foliage=Foliage.none())
