@@ -24,8 +24,11 @@ from eaves.reconstruct.evidence import (
     points_inside,
 )
 from eaves.reconstruct.extrusion import extrude
-from eaves.reconstruct.lines import candidate_lines
+from eaves.reconstruct.lines import candidate_lines, extend
 from eaves.reconstruct.soundness import find_defect
+
+RUNAWAY = 1e3
+"""Cost (m²) of a metre beyond the heights a plane's points support: more than any misfit."""
 
 
 class Arrangement(Reconstructor):
@@ -42,9 +45,12 @@ class Arrangement(Reconstructor):
     )
     border_price: float = parameter(0.12, "Price of a metre of border, in m2 of misfit.", unit="m", ge=0.0)
     plane_price: float = parameter(0.4, "Price of a plane in use, in m2 of misfit.", unit="m2", ge=0.0)
-    extension: float = parameter(1.5, "How far a line reaches beyond its evidence.", unit="m", ge=0.0)
+    extension: float = parameter(1.0, "How far a line reaches beyond its evidence.", unit="m", ge=0.0)
     overshoot: float = parameter(
         0.5, "How far a plane may rise above or fall below its own points.", unit="m", ge=0.0
+    )
+    reach_beyond: float = parameter(
+        1.0, "How far in plan a sloped plane may run beyond its own points.", unit="m", ge=0.0
     )
     level_jump: float = parameter(
         3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", published=3.0, gt=0.0
@@ -77,7 +83,7 @@ class Arrangement(Reconstructor):
         height = max(float(np.percentile(roof[:, 2], PRISM_PERCENTILE)), ground + LOWEST_ROOF)
         coefficients = np.array([*(plane.coefficients for plane in planes), (0.0, 0.0, height)])
         lines = candidate_lines(roof, labels, coefficients, footprint.polygon, spacing)
-        segments = np.array([line.ends(self.extension) for line in lines]).reshape(-1, 4)
+        segments = extend(lines, footprint.polygon, self.extension)
         emit("lines", segments)
         coverage = arrange(footprint.polygon, segments)
         if coverage is None:
@@ -120,24 +126,36 @@ class Arrangement(Reconstructor):
         cost = np.minimum(misfit / self.misfit_limit, 1.0) * spacing**2
         data = np.zeros((coverage.count, len(planes)))
         np.add.at(data, cell, cost[point])
-        low = np.full(len(planes), -np.inf)
-        high = np.full(len(planes), np.inf)
-        for number in range(len(planes) - 1):
-            z = roof[labels == number, 2]
-            low[number], high[number] = np.percentile(z, [1, 99]) + [-self.overshoot, self.overshoot]
-        inner = coverage.cell != OUTSIDE
-        start = coverage.nodes[coverage.start[inner]]
-        z = start @ planes[:, :2].T + planes[:, 2]
-        beyond = np.maximum(np.maximum(low - z, z - high), np.maximum(0.0, ground + LOWEST_ROOF - z) * 1e3)
-        worst = np.zeros_like(data)
-        np.maximum.at(worst, coverage.cell[inner], beyond)
-        data += np.where(worst > 0, 10.0 + worst * coverage.area[:, None] * 10, 0.0)
+        data += RUNAWAY * self.beyond_support(coverage, roof, labels, planes, ground)
         data[:, -1] += 0.3 * coverage.area + 1e-6
-        halves = np.flatnonzero(inner & (coverage.cell[coverage.twin] > coverage.cell))
+        halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
         edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
         return label_nodes(
             data, edges, self.border_price * coverage.length[halves], np.full(len(planes), self.plane_price)
         )
+
+    def beyond_support(
+        self,
+        coverage: Coverage,
+        roof: Points,
+        labels: NDArray[np.int32],
+        planes: NDArray[np.float64],
+        ground: float,
+    ) -> NDArray[np.float64]:
+        """How far (C, P; m) each plane leaves the heights of its own points over each cell."""
+        low, high = np.full(len(planes), -np.inf), np.full(len(planes), np.inf)
+        steepness = np.hypot(planes[:, 0], planes[:, 1])
+        for number in range(len(planes) - 1):
+            z = roof[labels == number, 2]
+            low[number], high[number] = np.percentile(z, [1.0, 99.0])
+        margin = self.overshoot + self.reach_beyond * steepness
+        inner = coverage.cell != OUTSIDE
+        z = coverage.nodes[coverage.start[inner]] @ planes[:, :2].T + planes[:, 2]
+        floor = np.maximum(low - margin, ground + LOWEST_ROOF)
+        beyond = np.maximum(np.maximum(floor - z, z - high - margin), 0.0)
+        worst = np.zeros((coverage.count, len(planes)))
+        np.maximum.at(worst, coverage.cell[inner], beyond)
+        return worst
 
     def levels(
         self, plan: Coverage, planes: NDArray[np.float64], roof: Points, ground: float

@@ -5,20 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay, QhullError
 from shapely import Polygon
 
 from eaves.model import Labels, Points, Values
 
-NEIGHBOURS = 6
-"""Neighbours of a point that are asked for their plane: the mean number in a triangulation."""
+WIDE_GAP = 2.0
+"""Neighbours further apart than this many spacings have a shadow between them."""
 
 MEETING_JUMP = 0.25
 """Two planes meet (m) where their heights at the border between their points differ by less."""
 
 SAME_DIRECTION_DEG = 4.0
 """Directions nearer than this are one."""
+
+OVERSHOOT = 0.01
+"""How far (m) a line runs past the one it ends on, so that rounding leaves no gap."""
 
 MOST_LINES = 80
 """The best supported lines that are used; bounds the work on roofs of thousands of planes."""
@@ -36,11 +40,11 @@ class Line:
     meeting: bool
     """Whether two planes meet here, so that the line may not be moved."""
 
-    def ends(self, extension: float) -> list[float]:
-        """x, y, x, y of the stretch, lengthened at both ends (m)."""
+    def ends(self) -> list[float]:
+        """x, y, x, y of the stretch."""
         nx, ny = self.normal
         dx, dy = -ny, nx
-        low, high = self.low - extension, self.high + extension
+        low, high = self.low, self.high
         return [
             nx * self.offset + dx * low,
             ny * self.offset + dy * low,
@@ -49,20 +53,33 @@ class Line:
         ]
 
 
-def border_samples(points: Points, labels: Labels) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Pairs of planes (M, 2) whose points are neighbours, and the places between (M, 2)."""
-    known = np.flatnonzero(labels >= 0)
-    if len(known) < 2:
-        return np.zeros((0, 2), np.int64), np.zeros((0, 2))
-    xy = points[known, :2]
-    count = min(NEIGHBOURS + 1, len(known))
-    _, near = cKDTree(xy).query(xy, k=count)
-    first = np.repeat(np.arange(len(known)), count - 1)
-    second = near[:, 1:].ravel()
-    mine, other = labels[known[first]], labels[known[second]]
-    differs = mine < other
-    pairs = np.column_stack([mine, other])[differs].astype(np.int64)
-    return pairs, 0.5 * (xy[first[differs]] + xy[second[differs]])
+def border_samples(
+    points: Points, labels: Labels, polygon: Polygon, spacing: float
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Pairs of planes (M, 2) whose points are neighbours in a triangulation, and the places between (M, 2).
+
+    Across a gap the place is half a spacing from the higher point: the gap is the shadow of its wall.
+    """
+    known = points[labels >= 0]
+    mark = labels[labels >= 0]
+    nothing = np.zeros((0, 2), np.int64), np.zeros((0, 2))
+    if len(np.unique(mark)) < 2:
+        return nothing
+    try:
+        simplices = Delaunay(known[:, :2]).simplices
+    except QhullError:
+        return nothing
+    ends = np.vstack([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [2, 0]]])
+    ends = np.unique(np.sort(ends[mark[ends[:, 0]] != mark[ends[:, 1]]], axis=1), axis=0)
+    higher_first = known[ends[:, 0], 2] >= known[ends[:, 1], 2]
+    high = np.where(higher_first, ends[:, 0], ends[:, 1])
+    low = np.where(higher_first, ends[:, 1], ends[:, 0])
+    step = known[low, :2] - known[high, :2]
+    gap = np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9)
+    share = np.where(gap > WIDE_GAP * spacing, 0.5 * spacing / gap, 0.5)
+    places = known[high, :2] + share[:, None] * step
+    inside = shapely.contains_xy(polygon, places[:, 0], places[:, 1])
+    return np.sort(mark[ends[inside]], axis=1).astype(np.int64), places[inside]
 
 
 def main_directions(polygon: Polygon) -> Values:
@@ -95,7 +112,7 @@ def candidate_lines(
 
     `labels` (N,) are the planes of the points (N, 3), -1 for none; `planes` (P, 3) their coefficients.
     """
-    pairs, places = border_samples(points, labels)
+    pairs, places = border_samples(points, labels, polygon, spacing)
     directions = main_directions(polygon)
     lines: list[Line] = []
     found, number = np.unique(pairs, axis=0, return_inverse=True)
@@ -192,7 +209,7 @@ def align(lines: list[Line], polygon: Polygon, spacing: float) -> list[Line]:
             fixed.append((*line.normal, line.offset, line.low, line.high, False))
             continue
         middle = 0.5 * (line.low + line.high)
-        place = np.array(line.ends(0.0)).reshape(2, 2).mean(axis=0)
+        place = np.array(line.ends()).reshape(2, 2).mean(axis=0)
         moved, dropped = line, False
         for nx, ny, offset, low, high, edge in fixed:
             cross = line.normal[0] * ny - line.normal[1] * nx
@@ -211,3 +228,32 @@ def align(lines: list[Line], polygon: Polygon, spacing: float) -> list[Line]:
             if moved is line:
                 fixed.append((*line.normal, line.offset, line.low, line.high, False))
     return answer[:MOST_LINES]
+
+
+def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.float64]:
+    """Segments (S, 4) of the lines, lengthened by `extension` (m) and on to the next line or footprint edge.
+
+    A line that reaches only as far as its evidence would hang free and cut nothing.
+    """
+    if not lines:
+        return np.zeros((0, 4))
+    normal = np.array([line.normal for line in lines])
+    offset = np.array([line.offset for line in lines])
+    low = np.array([line.low for line in lines]) - extension
+    high = np.array([line.high for line in lines]) + extension
+    direction = np.column_stack([-normal[:, 1], normal[:, 0]])
+    foot = normal * offset[:, None]
+    rings = [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
+    starts = np.vstack([foot + direction * low[:, None], *(ring[:-1] for ring in rings)])
+    ends = np.vstack([foot + direction * high[:, None], *(ring[1:] for ring in rings)])
+    before = starts @ normal.T - offset
+    after = ends @ normal.T - offset
+    crosses = before * after <= 0.0
+    share = before / np.where(before == after, 1.0, before - after)
+    along = starts @ direction.T + share * ((ends - starts) @ direction.T)
+    crosses &= before != after
+    up = np.where(crosses & (along >= high), along, np.inf).min(axis=0)
+    down = np.where(crosses & (along <= low), along, -np.inf).max(axis=0)
+    last = np.where(np.isfinite(up), up + OVERSHOOT, high)
+    first = np.where(np.isfinite(down), down - OVERSHOOT, low)
+    return np.hstack([foot + direction * first[:, None], foot + direction * last[:, None]])
