@@ -1,4 +1,4 @@
-"""Run every benchmark (`python -m benchmarks`), or those named (`python -m benchmarks ground detection`)."""
+"""Run every benchmark (`python -m benchmarks`), or those named (`python -m benchmarks ground end_to_end`)."""
 
 from __future__ import annotations
 
@@ -7,8 +7,14 @@ import pkgutil
 import sys
 
 import benchmarks.accuracy
+import benchmarks.speed
 
-names = sys.argv[1:] or [found.name for found in pkgutil.iter_modules(benchmarks.accuracy.__path__)]
+there = {
+    found.name: f"{package.__name__}.{found.name}"
+    for package in (benchmarks.accuracy, benchmarks.speed)
+    for found in pkgutil.iter_modules(package.__path__)
+}
+names = sys.argv[1:] or list(there)
 sys.argv = sys.argv[:1]
 for name in names:
-    importlib.import_module(f"benchmarks.accuracy.{name}").main()
+    importlib.import_module(there[name]).main()

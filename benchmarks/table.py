@@ -30,7 +30,10 @@ def keep(name: str, title: str, rows: Sequence[Mapping[str, object]], command: s
         ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=RESULTS
     ).stdout.strip()
     cores = os.cpu_count()
-    head = f"# {title}\n\n`{command}` · commit {commit or 'none'} and what stands on it · Python {platform.python_version()}, {platform.system()}, {cores} cores\n"
+    head = (
+        f"# {title}\n\n`{command}` · commit {commit or 'none'} and what stands on it · "
+        f"Python {platform.python_version()}, {platform.system()}, {cores} cores\n"
+    )
     body = f"{head}\n{as_markdown(rows)}\n" + (f"\n{note}\n" if note else "")
     print(body)
     RESULTS.mkdir(exist_ok=True)

@@ -114,7 +114,7 @@ def test_a_bad_file_gets_one_line_and_status_2(tmp_path: Path, name: str, conten
 )
 def test_misuse_gets_one_line_and_status_2(words: list[str], nine_roofs_file: Path, tmp_path: Path) -> None:
     places = {"FILE": str(nine_roofs_file), "OUT": str(tmp_path / "out")}
-    done = eaves(*[word if word not in places else places[word] for word in words])
+    done = eaves(*[places.get(word, word) for word in words])
     if words[-1].startswith("FILE/"):
         done = eaves(*words[:1], nine_roofs_file, "-o", nine_roofs_file / "below-a-file")
     assert done.returncode == 2, done.stdout + done.stderr
@@ -136,7 +136,9 @@ def test_an_unknown_parameter_is_named(nine_roofs_file: Path, tmp_path: Path) ->
         ("flat ground", np.random.default_rng(0).random((4000, 3)) * [40, 40, 0.02] + [85000, 447000, 1]),
     ],
 )
-def test_points_without_buildings_give_valid_empty_outputs(name: str, xyz: np.ndarray, tmp_path: Path) -> None:
+def test_points_without_buildings_give_valid_empty_outputs(
+    name: str, xyz: np.ndarray, tmp_path: Path
+) -> None:
     write_laz(tmp_path / "points.laz", xyz)
     done = eaves("build", tmp_path / "points.laz", "-o", tmp_path / "out", "--jobs", "1")
     assert done.returncode == 0, done.stderr

@@ -73,7 +73,9 @@ def test_processes_give_what_one_process_gives(whole: Path, nine_roofs_file: Pat
     assert all(one[name].equals(two[name]) for name in one)
 
 
-def test_resume_does_not_compute_what_is_done(nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_resume_does_not_compute_what_is_done(
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from eaves.tiling import build as tiling
 
     monkeypatch.setattr(tiling, "write_outputs", lambda *args, **kwargs: 1 / 0)
@@ -87,7 +89,9 @@ def test_resume_does_not_compute_what_is_done(nine_roofs_file: Path, tmp_path: P
     assert "ZeroDivisionError" in summary.failed[0]
 
 
-def test_a_broken_building_keeps_the_others(nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_broken_building_keeps_the_others(
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from eaves.tiling import build as tiling
 
     real, seen = tiling.building_pass, []

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from eaves.tiling.outputs import Summary
 
 COMPLETE, INCOMPLETE, MISUSE, INTERRUPTED = 0, 1, 2, 130
-"""Exit statuses (design: 0 all there, 1 something missing, 2 the caller's mistake; 130 is the shell's for Ctrl-C)."""
+"""Exit statuses (design: 0 all there, 1 something missing, 2 the caller's mistake; 130 is the shell's for
+Ctrl-C)."""
 
 app = typer.Typer(
     name="eaves",
@@ -25,22 +26,30 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-Inputs = Annotated[list[str], typer.Argument(help="LAS, LAZ, COPC or text files, folders or globs.", metavar="INPUT…")]
+Inputs = Annotated[
+    list[str], typer.Argument(help="LAS, LAZ, COPC or text files, folders or globs.", metavar="INPUT…")
+]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write.")]
-Crs = Annotated[str | None, typer.Option(help="EPSG code, compound code (28992+5709), or a WKT or PROJJSON file.")]
+Crs = Annotated[
+    str | None, typer.Option(help="EPSG code, compound code (28992+5709), or a WKT or PROJJSON file.")
+]
 BoundsText = Annotated[str | None, typer.Option("--bounds", help="west,south,east,north in the CRS's unit.")]
 Clip = Annotated[Path | None, typer.Option(help="Polygons; points outside are not used.")]
 UseClasses = Annotated[bool, typer.Option("--use-classes", help="Believe the file's classes.")]
 Jobs = Annotated[int, typer.Option(help="Processes; 0 means one a core.", min=0)]
 Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Keep parts that are done and match.")]
-Published = Annotated[bool, typer.Option("--as-published", help="Every method with the numbers its paper prints.")]
+Published = Annotated[
+    bool, typer.Option("--as-published", help="Every method with the numbers its paper prints.")
+]
 Config = Annotated[Path | None, typer.Option(help="TOML with a table per stage: method and parameters.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also what happens inside.")]
 Footprints = Annotated[Path | None, typer.Option(help="Footprints to use instead of our own.")]
 IdField = Annotated[str | None, typer.Option(help="Field of the footprints that holds their id.")]
-Snap = Annotated[bool, typer.Option("--snap-footprints", help="Move given footprints to the eaves in the points.")]
+Snap = Annotated[
+    bool, typer.Option("--snap-footprints", help="Move given footprints to the eaves in the points.")
+]
 BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).", min=6)]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
 MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]
@@ -125,7 +134,8 @@ def ground(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """The same points in the same order: class 2 ground, 7 and 18 noise, 1 the rest (OUT.laz, or a folder)."""
+    """The same points in the same order: class 2 ground, 7 and 18 noise, 1 the rest (OUT.laz, or a
+    folder)."""
     from dataclasses import replace
 
     recipe = recipe_from(
@@ -232,7 +242,8 @@ def reconstruct(
 
 @app.command()
 def validate(
-    file: Annotated[Path, typer.Argument(help="CityJSON or CityJSONSeq.", metavar="FILE")], quiet: Quiet = False
+    file: Annotated[Path, typer.Argument(help="CityJSON or CityJSONSeq.", metavar="FILE")],
+    quiet: Quiet = False,
 ) -> None:
     """Every defect of every solid, by val3dity's code numbers; exit status 1 when there is one."""
     from eaves.validate import validate_file
@@ -393,7 +404,8 @@ def start_log(quiet: bool, verbose: bool) -> None:
 
 
 def progress(quiet: bool) -> Any:
-    """A context manager whose value hears progress: bars on a terminal, plain lines in a log, nothing if quiet."""
+    """A context manager whose value hears progress: bars on a terminal, plain lines in a log, nothing if
+    quiet."""
     from eaves.viewer.progress import bars, lines, nothing
 
     if quiet:

@@ -1,6 +1,7 @@
 """Methods as values, and the registry that names them.
 
-A method is a frozen pydantic model: its parameters are its fields, each declared once by `parameter(...)` with
+A method is a frozen pydantic model: its parameters are its fields, each declared once by `parameter(...)`
+with
 default, sentence, unit, range and the paper's symbol. Names pick methods only at the border (command line,
 configuration file); in Python one writes `classify_ground(cloud, AdaptiveTin(seed_cell=80))`.
 """
@@ -34,7 +35,8 @@ def parameter(
 ) -> Any:
     """Declare a method's parameter once.
 
-    `default=None` means: derived from the measured spacing and noise, by the rule the sentence states. `published`
+    `default=None` means: derived from the measured spacing and noise, by the rule the sentence states.
+    `published`
     is the number the paper prints, used by `Method.as_published()`. `limits` are pydantic's `ge, gt, le, lt`.
     """
     return Field(
@@ -119,7 +121,8 @@ def method_class(stage: str, name: str) -> type[Method]:
 def make_method(
     stage: str, name: str | None = None, parameters: dict[str, Any] | None = None, published: bool = False
 ) -> Method:
-    """The method of a stage by name (the default one for None), with parameters; ValueError names the bad one."""
+    """The method of a stage by name (the default one for None), with parameters; ValueError names the bad
+    one."""
     cls = method_class(stage, name or DEFAULTS[stage])
     unknown = set(parameters or {}) - set(cls.model_fields)
     if unknown:

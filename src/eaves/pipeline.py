@@ -1,7 +1,9 @@
 """The flow from points to buildings, in two passes. Read this file first.
 
-`block_pass` turns the points of one block into ground, rasters and regions; `building_pass` turns the points of one
-building, however many blocks it covers, into a model or a Failure. `tiling` runs the first over all blocks, joins
+`block_pass` turns the points of one block into ground, rasters and regions; `building_pass` turns the
+points of one
+building, however many blocks it covers, into a model or a Failure. `tiling` runs the first over all
+blocks, joins
 regions across seams, and runs the second over all buildings.
 """
 
@@ -24,6 +26,7 @@ from eaves.model import (
     Bounds,
     BuildingModel,
     Failure,
+    Finding,
     Footprint,
     Labels,
     PointCloud,
@@ -78,7 +81,8 @@ def make_recipe(
 ) -> Recipe:
     """The recipe for the methods named by stage; a stage not named uses its default.
 
-    A detector brings the ground filter of its own paper unless one is named. With `use_classes` buildings are the
+    A detector brings the ground filter of its own paper unless one is named. With `use_classes` buildings
+    are the
     points of class 6 unless a detector is named.
     """
     chosen = {stage: name for stage, name in (names or {}).items() if name}
@@ -95,7 +99,8 @@ def make_recipe(
 
 @dataclass(frozen=True, eq=False)
 class BlockResult:
-    """What the block pass found out about the points inside one block; arrays are (N,) and in canonical order."""
+    """What the block pass found out about the points inside one block; arrays are (N,) and in canonical
+    order."""
 
     block: Block
     xyz: Points
@@ -114,10 +119,16 @@ class BlockResult:
     """Labelled points within `SEAM` of the border, on both sides of it."""
     seconds: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def extent(self) -> Bounds:
+        """World metres of the block's points; there is at least one."""
+        return Bounds.of(self.xyz).moved(*self.block.origin)
+
 
 @dataclass(frozen=True, eq=False)
 class BuildingPoints:
-    """One building before it is modelled: its points (N,) about the origin of its home block, and the terrain around it."""
+    """One building before it is modelled: its points (N,) about the origin of its home block, and the
+    terrain around it."""
 
     home: Block
     xyz: Points
@@ -133,7 +144,8 @@ class BuildingPoints:
 
 @dataclass(frozen=True, eq=False)
 class BuildingResult:
-    """A model, or the Failure (with the footprint it concerns), and the roof plane of every point (N,), 0 for none."""
+    """A model, or the Failure (with the footprint it concerns), and the roof plane of every point (N,), 0
+    for none."""
 
     answer: BuildingModel | Failure
     point_id: NDArray[np.int64]
@@ -142,7 +154,8 @@ class BuildingResult:
 
     @classmethod
     def broken(cls, building: BuildingPoints, error: Exception) -> BuildingResult:
-        """What is left of a building whose pass raised: its place, its points, and the error as the reason."""
+        """What is left of a building whose pass raised: its place, its points, and the error as the
+        reason."""
         place = name_footprint(building.given or hull_of(building.xyz, building.spacing), building)
         failure = Failure("internal_error", f"{type(error).__name__}: {error}", "pipeline", place)
         return cls(failure, building.point_id, np.zeros(len(building.xyz), np.int32))
@@ -162,7 +175,8 @@ def make_scene(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Scene:
 def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
     """Ground, rasters and regions of one block.
 
-    `cloud` must hold the points of the block and of its surroundings up to `recipe.reach`, and no others: then the
+    `cloud` must hold the points of the block and of its surroundings up to `recipe.reach`, and no others:
+    then the
     answer is the same whichever files or tiles they came from.
     """
     clock = Clock()
@@ -173,7 +187,9 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
     clock.lap("ground")
     scene = make_scene(classified, core.grown(recipe.reach))
     clock.lap("rasters")
-    regions = detect_buildings(scene, recipe.detect) if recipe.detect else Regions(np.zeros(len(cloud), np.int32))
+    regions = (
+        detect_buildings(scene, recipe.detect) if recipe.detect else Regions(np.zeros(len(cloud), np.int32))
+    )
     clock.lap("detect")
 
     inside = core.contains(cloud.xyz)
@@ -211,13 +227,18 @@ def building_pass(building: BuildingPoints, recipe: Recipe) -> BuildingResult:
     if isinstance(footprint, Failure):
         blank = name_footprint(hull_of(building.xyz, building.spacing), building)
         return BuildingResult(
-            Failure(footprint.code, footprint.reason, footprint.stage, blank), building.point_id, plane, clock.laps
+            Failure(footprint.code, footprint.reason, footprint.stage, blank),
+            building.point_id,
+            plane,
+            clock.laps,
         )
     footprint = name_footprint(footprint, building)
     if recipe.lod == "0":
         return BuildingResult(BuildingModel(footprint, {}), building.point_id, plane, clock.laps)
 
-    rng = np.random.default_rng([building.home.column & 0xFFFFFFFF, building.home.row & 0xFFFFFFFF, building.number])
+    rng = np.random.default_rng(
+        [building.home.column & 0xFFFFFFFF, building.home.row & 0xFFFFFFFF, building.number]
+    )
     planes = segment_roof(points, building.spacing, recipe.roof, rng=rng)
     for number, found in enumerate(planes, 1):
         plane[roof[found.members]] = number
@@ -225,7 +246,9 @@ def building_pass(building: BuildingPoints, recipe: Recipe) -> BuildingResult:
 
     base, terrain = heights_under(footprint, building.terrain)
     if not np.isfinite(base):
-        answer: BuildingModel | Failure = Failure("no_ground", "no terrain under the footprint", "reconstruct")
+        answer: BuildingModel | Failure = Failure(
+            "no_ground", "no terrain under the footprint", "reconstruct"
+        )
     else:
         answer = reconstruct(points, footprint, planes, base, recipe.reconstruct)
     clock.lap("reconstruct")
@@ -249,11 +272,14 @@ def draw_footprint(points: Points, spacing: float, recipe: Recipe) -> Footprint 
 
 def hull_of(points: Points, spacing: float) -> Footprint:
     """The convex hull of points, widened by the spacing: the place of a building that has no outline."""
-    return Footprint(shapely.MultiPoint(points[:, :2]).convex_hull.buffer(max(spacing, 0.1), join_style="mitre"))
+    return Footprint(
+        shapely.MultiPoint(points[:, :2]).convex_hull.buffer(max(spacing, 0.1), join_style="mitre")
+    )
 
 
 def name_footprint(footprint: Footprint, building: BuildingPoints) -> Footprint:
-    """The footprint with its origin, score and, unless it was given one, the id of its representative point's cell."""
+    """The footprint with its origin, score and, unless it was given one, the id of its representative
+    point's cell."""
     home = building.home
     if footprint.id:
         return footprint.with_(origin=home.origin)
@@ -276,10 +302,16 @@ def heights_under(footprint: Footprint, terrain: Raster) -> tuple[float, float]:
 
 
 def keep_valid(model: BuildingModel, finest: str) -> BuildingModel | Failure:
-    """The model without the levels that are finer than asked for or not valid, with the reason for what went."""
-    findings = {lod: validate_model(model, lod) for lod in model.solids if lod <= finest}
-    good = {lod: model.solids[lod] for lod, found in findings.items() if not found}
-    bad = {lod: found[0] for lod, found in findings.items() if found}
+    """The model without the levels that are finer than asked for or not valid, with the reason for what
+    went."""
+    wanted = {lod: solids for lod, solids in model.solids.items() if lod <= finest}
+    bad: dict[str, Finding] = {}
+    if validate_model(model.with_(solids=wanted)):
+        for lod, solids in wanted.items():
+            found = validate_model(model.with_(solids={lod: solids}))
+            if found:
+                bad[lod] = found[0]
+    good = {lod: solids for lod, solids in wanted.items() if lod not in bad}
     reasons = "; ".join(f"LoD {lod}: {one.code} {one.name} {one.detail}" for lod, one in sorted(bad.items()))
     if not good:
         return Failure("invalid_solid", reasons or "no solid", "reconstruct")

@@ -17,7 +17,8 @@ from eaves.model.scene import ROOF
 class GivenClasses(Detector):
     """Regions of the points that the file itself calls building.
 
-    Points of the building classes are put in cells about as wide as the spacing allows; cells that touch, also
+    Points of the building classes are put in cells about as wide as the spacing allows; cells that touch,
+    also
     by a corner, are one building. Nothing is judged: what the vendor called building is building.
 
     Fidelity
@@ -34,7 +35,10 @@ class GivenClasses(Detector):
 
     classes: tuple[int, ...] = parameter((BUILDING, 67), "LAS classes that mean building.")
     cell: float | None = parameter(
-        None, "Cell in which points count as connected; default: twice the spacing, at least 0.5.", unit="m", gt=0
+        None,
+        "Cell in which points count as connected; default: twice the spacing, at least 0.5.",
+        unit="m",
+        gt=0,
     )
 
     @property

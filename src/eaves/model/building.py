@@ -23,7 +23,8 @@ GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE = "GroundSurface", "WallSurface", "Ro
 class Boundary:
     """The raw outline of a set of points: rings of points in order, as a tracer found them.
 
-    `rings` holds closed rings (M, 2) without repeated last point: the outer one counter-clockwise, then the holes
+    `rings` holds closed rings (M, 2) without repeated last point: the outer one counter-clockwise, then
+    the holes
     clockwise. `points` (N, 3) are all points of the region, `spacing` their mean distance in plan (m).
     """
 
@@ -51,7 +52,8 @@ class Footprint:
 class RoofPlane:
     """A plane z = a·x + b·y + c in local metres, and the points it was fitted to.
 
-    `members` (K,) are indices into the building's points. `polygon` is the plane's extent in plan where known.
+    `members` (K,) are indices into the building's points. `polygon` is the plane's extent in plan where
+    known.
     """
 
     coefficients: tuple[float, float, float]
@@ -84,7 +86,8 @@ class RoofPlane:
 
 @dataclass(frozen=True)
 class Face:
-    """One planar face of a solid: rings of vertex numbers (outer counter-clockwise from outside, then holes)."""
+    """One planar face of a solid: rings of vertex numbers (outer counter-clockwise from outside, then
+    holes)."""
 
     rings: tuple[tuple[int, ...], ...]
     surface: str

@@ -91,7 +91,8 @@ class PointCloud:
         return replace(self, xyz=snap(self.xyz + shift), origin=origin)
 
     def canonical_order(self) -> NDArray[np.int64]:
-        """Indices that put the points in the one order every method sees: by 1 m cell, row by row, then y, x, z.
+        """Indices that put the points in the one order every method sees: by 1 m cell, row by row, then
+        y, x, z.
 
         The order depends on the points alone, so no answer depends on the order of the file; neighbours
         in the order are neighbours in the plane, which is what insertion into a TIN and caches want.
@@ -102,7 +103,8 @@ class PointCloud:
     def from_world(
         cls, xyz: Points, origin: tuple[float, float] | None = None, **arrays: object
     ) -> PointCloud:
-        """A cloud from world coordinates in metres (N, 3); the origin defaults to the first point's block corner."""
+        """A cloud from world coordinates in metres (N, 3); the origin defaults to the first point's block
+        corner."""
         xyz = np.asarray(xyz, np.float64).reshape(-1, 3)
         if origin is None:
             finite = xyz[np.isfinite(xyz).all(axis=1)]

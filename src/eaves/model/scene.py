@@ -31,9 +31,7 @@ class Raster:
     @property
     def bounds(self) -> Bounds:
         rows, columns = self.shape
-        return Bounds(
-            self.west, self.north - rows * self.cell, self.west + columns * self.cell, self.north
-        )
+        return Bounds(self.west, self.north - rows * self.cell, self.west + columns * self.cell, self.north)
 
     def with_(self, **changes: object) -> Raster:
         """A copy with some fields replaced."""
@@ -46,7 +44,8 @@ class Raster:
         return row, column
 
     def at(self, xy: Points) -> Values:
-        """Bilinear values (N,) at points (N, 2 or 3); the nearest cell's beyond the rim; NaN where cells are."""
+        """Bilinear values (N,) at points (N, 2 or 3); the nearest cell's beyond the rim; NaN where cells
+        are."""
         rows, columns = self.shape
         x = np.clip((xy[:, 0] - self.west) / self.cell - 0.5, 0, columns - 1)
         y = np.clip((self.north - xy[:, 1]) / self.cell - 0.5, 0, rows - 1)
@@ -67,7 +66,8 @@ class Scene:
     dtm: Raster
     dsm: Raster
     spacing: float
-    """Mean spacing of the points in plan (m): one over the root of the density of last returns where points are."""
+    """Mean spacing of the points in plan (m): one over the root of the density of last returns where
+    points are."""
 
     height: Values = field(default_factory=lambda: np.zeros(0))
     """Height of every point above the terrain (N,), m."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from rasterio import Affine
 from rasterio.features import rasterize
-from rasterio.transform import from_origin
 from shapely import Polygon
 
 from eaves.model import Bounds, Raster
@@ -17,5 +17,9 @@ def burn(polygons: Sequence[Polygon], bounds: Bounds, cell: float) -> Raster:
     shape = (round(bounds.height / cell), round(bounds.width / cell))
     values = np.zeros(shape, np.float32)
     if polygons:
-        rasterize(((polygon, 1) for polygon in polygons), out=values, transform=from_origin(bounds.west, bounds.north, cell, cell))
+        rasterize(
+            ((polygon, 1) for polygon in polygons),
+            out=values,
+            transform=Affine(cell, 0.0, bounds.west, 0.0, -cell, bounds.north),
+        )
     return Raster(values, bounds.west, bounds.north, cell)

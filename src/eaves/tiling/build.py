@@ -91,7 +91,9 @@ def build(
     bounds = in_metres(options.bounds, system)
     clip, given = read_vectors(options, system)
     if options.classified is not None and len(sources) > 1:
-        raise InputError(f"{options.classified}: one file cannot hold {len(sources)} inputs; give a folder with -o")
+        raise InputError(
+            f"{options.classified}: one file cannot hold {len(sources)} inputs; give a folder with -o"
+        )
     claim(folder)
 
     plan = describe(sources, recipe, options)
@@ -203,11 +205,11 @@ def read_vectors(
 
     clip, given = None, None
     if options.clip is not None:
-        clip = shapely.union_all(read_polygons(options.clip, target=system).polygons)
+        clip = shapely.union_all(shapely.make_valid(read_polygons(options.clip, target=system)[0]))
         shapely.prepare(clip)
     if options.footprints is not None:
-        layer = read_polygons(options.footprints, id_field=options.id_field, target=system)
-        given = repair_footprints(layer.polygons, layer.ids, layer.attributes)
+        polygons, ids, attributes, _ = read_polygons(options.footprints, None, options.id_field, system)
+        given = repair_footprints(polygons, ids, attributes)
     return clip, given
 
 
@@ -233,7 +235,10 @@ def describe(sources: Sequence[Source], recipe: Recipe, options: Options) -> dic
     }
     return {
         "version": version("eaves"),
-        "inputs": [{"path": os.fspath(source.path), "points": source.count, "sha256": fingerprint(source.path)} for source in sources],
+        "inputs": [
+            {"path": os.fspath(source.path), "points": source.count, "sha256": fingerprint(source.path)}
+            for source in sources
+        ],
         "methods": methods,
         "use_classes": recipe.use_classes,
         "lod": recipe.lod,

@@ -1,4 +1,5 @@
-"""Between the passes: regions that share points across a seam become one building; every building gets a home block."""
+"""Between the passes: regions that share points across a seam become one building; every building gets a
+home block."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ class Seam:
 
 @dataclass(frozen=True, eq=False)
 class BuildingPlan:
-    """The parts a building is put together from: regions (block, label), or blocks under a given footprint."""
+    """The parts a building is put together from: regions (block, label), or blocks under a given
+    footprint."""
 
     number: int
     regions: tuple[tuple[Block, int], ...]
@@ -52,9 +54,11 @@ class HomePlan:
 
 
 def join_regions(seams: Sequence[Seam]) -> list[HomePlan]:
-    """Buildings from regions: two regions are one building when both blocks saw one and the same point in them.
+    """Buildings from regions: two regions are one building when both blocks saw one and the same point in
+    them.
 
-    A building is at home in the first (by column, row) of the blocks that hold points of it, and is numbered there
+    A building is at home in the first (by column, row) of the blocks that hold points of it, and is
+    numbered there
     in the order of its first label.
     """
     seams = sorted(seams, key=lambda seam: seam.block)
@@ -87,7 +91,8 @@ def join_regions(seams: Sequence[Seam]) -> list[HomePlan]:
 
 
 def assign_footprints(footprints: Sequence[Footprint], blocks: Sequence[Block]) -> list[HomePlan]:
-    """Buildings from given footprints (polygons in world metres): each at home in its representative point's block.
+    """Buildings from given footprints (polygons in world metres): each at home in its representative
+    point's block.
 
     Footprints that meet no block with points are left out; the caller counts them.
     """

@@ -13,17 +13,10 @@ from typing import Any
 import numpy as np
 import shapely
 
-from eaves.formats import (
-    MosaicWriter,
-    Source,
-    atomic,
-    write_cityjson,
-    write_cityjson_seq,
-    write_classified,
-    write_geopackage,
-    write_polygons,
-)
-from eaves.model import Block, Bounds, BuildingModel, Raster
+from eaves.formats import MosaicWriter, Source, write_cityjson, write_cityjson_seq, write_classified
+from eaves.formats.atomic import atomic
+from eaves.formats.geopackage import Row, write_geopackage, write_polygons
+from eaves.model import Block, Bounds, BuildingModel, Failure
 from eaves.pipeline import CELL, building_classes
 from eaves.raster.burn import burn
 from eaves.tiling.rows import building_row, roof_rows, world_polygon
@@ -61,7 +54,8 @@ class Summary:
     def as_text(self) -> str:
         """A few lines for the screen."""
         levels = ", ".join(
-            f"LoD {lod}: {count} ({100 * count / max(self.found, 1):.1f} %)" for lod, count in self.by_lod.items()
+            f"LoD {lod}: {count} ({100 * count / max(self.found, 1):.1f} %)"
+            for lod, count in self.by_lod.items()
         )
         lines = [
             f"{self.points:,} points, {self.found:,} buildings found = {self.modelled:,} modelled "
@@ -70,7 +64,9 @@ class Summary:
         for title, counts in (("failed", self.failures), ("coarser than asked for", self.fallbacks)):
             if counts:
                 lines.append(f"{title}: " + ", ".join(f"{code} {n}" for code, n in sorted(counts.items())))
-        lines.append(f"{self.elapsed:.1f} s, peak {self.run.get('peak_memory_mb', 0)} MB; results in {self.folder}")
+        lines.append(
+            f"{self.elapsed:.1f} s, peak {self.run.get('peak_memory_mb', 0)} MB; results in {self.folder}"
+        )
         return "\n".join(lines)
 
 
@@ -96,14 +92,18 @@ def write_outputs(
     for done, step in enumerate(steps):
         tell("write", done, len(steps))
         if step == "footprints":
-            files += [write_geopackage(folder / "footprints.gpkg", footprint_rows(store, homes), face_rows(store, homes), system)]
-            for name in ("geojson", "fgb"):
-                if name in formats:
-                    files += [write_polygons(folder / f"footprints.{name}", footprint_rows(store, homes), system)]
+            rows = footprint_rows(store, homes)
+            files.append(folder / "footprints.gpkg")
+            write_geopackage(files[-1], rows, face_rows(store, homes), system)
+            for name in [name for name in ("geojson", "fgb") if name in formats]:
+                files.append(folder / f"footprints.{name}")
+                write_polygons(files[-1], rows, system)
         elif step == "models":
-            files += [write_cityjson_seq(folder / "buildings.city.jsonl", models(store, homes), system)]
+            files.append(folder / "buildings.city.jsonl")
+            write_cityjson_seq(files[-1], answers(store, homes), system)
             if "cityjson" in formats:
-                files += [write_cityjson(folder / "buildings.city.json", models(store, homes), system)]
+                files.append(folder / "buildings.city.json")
+                write_cityjson(files[-1], answers(store, homes), system)
         elif step == "mask":
             files += write_mask(store, blocks, homes, folder / "mask.tif")
         elif step == "rasters":
@@ -178,65 +178,58 @@ def summarise(
     )
 
 
-def models(store: Store, homes: Sequence[Block]) -> Iterator[BuildingModel]:
-    """All models, home block by home block. A building without a solid still has its footprint (LoD 0)."""
+def answers(store: Store, homes: Sequence[Block]) -> Iterator[BuildingModel | Failure]:
+    """All models and failures, home block by home block."""
     for result in store.results(list(homes)):
-        answer = result.answer
-        if isinstance(answer, BuildingModel):
-            yield answer
-        elif answer.footprint is not None:
-            attributes = {"lod": "0", "failure_code": answer.code, "failure_reason": answer.reason}
-            yield BuildingModel(answer.footprint, {}, attributes=attributes)
+        yield result.answer
 
 
-def footprint_rows(store: Store, homes: Sequence[Block]) -> list[tuple[shapely.Polygon, dict[str, Any]]]:
+def footprint_rows(store: Store, homes: Sequence[Block]) -> list[Row]:
     """Polygon (world metres) and attributes of every building."""
     rows = []
-    for number, result in enumerate(store.results(list(homes)), 1):
-        assert result.answer.footprint is not None
-        rows.append((world_polygon(result.answer.footprint), building_row(number, result.answer)))
+    for number, answer in enumerate(answers(store, homes), 1):
+        assert answer.footprint is not None
+        rows.append(Row(world_polygon(answer.footprint), building_row(number, answer)))
     return rows
 
 
-def face_rows(store: Store, homes: Sequence[Block]) -> list[tuple[shapely.Polygon, dict[str, Any]]]:
+def face_rows(store: Store, homes: Sequence[Block]) -> list[Row]:
     """Polygon (world metres) and attributes of every roof face."""
-    return [row for result in store.results(list(homes)) for row in roof_rows(result.answer)]
+    return [Row(*row) for answer in answers(store, homes) for row in roof_rows(answer)]
 
 
-def extent_of(blocks: Sequence[Block]) -> Bounds:
-    """World metres of all blocks together."""
-    bounds = blocks[0].bounds
-    for block in blocks[1:]:
-        bounds = bounds.union(block.bounds)
-    return bounds
-
-
-def in_world(raster: Raster, block: Block) -> Raster:
-    """A block's raster with its corner in world metres."""
-    return raster.with_(west=raster.west + block.origin[0], north=raster.north + block.origin[1])
+def extent_of(store: Store, blocks: Sequence[Block]) -> Bounds:
+    """World metres of all points used, widened to whole cells."""
+    used = [store.load_block(block).extent for block in blocks if store.has("blocks", block)]
+    if not used:
+        return Bounds(0.0, 0.0, CELL, CELL)
+    whole = used[0]
+    for extent in used[1:]:
+        whole = whole.union(extent)
+    west, south = np.floor(whole.west / CELL) * CELL, np.floor(whole.south / CELL) * CELL
+    east, north = (np.floor(whole.east / CELL) + 1) * CELL, (np.floor(whole.north / CELL) + 1) * CELL
+    return Bounds(float(west), float(south), float(east), float(north))
 
 
 def write_surfaces(store: Store, blocks: Sequence[Block], folder: Path) -> list[Path]:
     """dtm.tif and dsm.tif over all blocks."""
-    written = []
-    for name in ("dtm", "dsm"):
-        path = folder / f"{name}.tif"
-        with MosaicWriter(path, extent_of(blocks), CELL, store.system) as mosaic:
+    written = [folder / "dtm.tif", folder / "dsm.tif"]
+    for path in written:
+        with MosaicWriter(path, extent_of(store, blocks), CELL, store.system) as mosaic:
             for block in blocks:
                 if store.has("blocks", block):
-                    mosaic.add(in_world(getattr(store.load_block(block), name), block))
-        written.append(path)
+                    mosaic.write(getattr(store.load_block(block), path.stem), block.bounds, block.origin)
     return written
 
 
 def write_mask(store: Store, blocks: Sequence[Block], homes: Sequence[Block], path: Path) -> list[Path]:
     """mask.tif with its world file: the footprints burnt into the raster cells whose centre they hold."""
-    polygons = [polygon for polygon, _ in footprint_rows(store, homes)]
+    polygons = [row.geometry for row in footprint_rows(store, homes)]
     tree = shapely.STRtree(polygons)
-    with MosaicWriter(path, extent_of(blocks), CELL, store.system, mask=True) as mosaic:
+    with MosaicWriter(path, extent_of(store, blocks), CELL, store.system, mask=True) as mosaic:
         for block in blocks:
             near = [polygons[i] for i in np.sort(tree.query(shapely.box(*vars(block.bounds).values())))]
-            mosaic.add(burn(near, block.bounds, CELL))
+            mosaic.write(burn(near, block.bounds, CELL), block.bounds)
     return [path, path.with_suffix(".tfw")]
 
 

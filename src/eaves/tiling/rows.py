@@ -53,7 +53,15 @@ def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
             rings = [solid.vertices[list(ring)] for ring in face.rings]
             rmse = answer.planes[face.plane].rmse if has_plane(answer, face.plane) else None
             polygon = Polygon(rings[0] + origin, [ring + origin for ring in rings[1:]])
-            yield polygon, {"building_id": answer.footprint.id, "lod": answer.lod, **face_figures(rings), "rmse_m": rmse}
+            yield (
+                polygon,
+                {
+                    "building_id": answer.footprint.id,
+                    "lod": answer.lod,
+                    **face_figures(rings),
+                    "rmse_m": rmse,
+                },
+            )
 
 
 def has_plane(model: BuildingModel, number: int | None) -> bool:
@@ -62,7 +70,8 @@ def has_plane(model: BuildingModel, number: int | None) -> bool:
 
 
 def face_figures(rings: list[Points]) -> dict[str, float | None]:
-    """Slope, azimuth (clockwise from grid north, None on the flat), sloped and projected area of a planar face."""
+    """Slope, azimuth (clockwise from grid north, None on the flat), sloped and projected area of a planar
+    face."""
     area = sum((area_vector(ring) for ring in rings), np.zeros(3))
     sloped, projected = float(np.linalg.norm(area)), float(abs(area[2]))
     slope = float(np.degrees(np.arccos(min(1.0, projected / sloped)))) if sloped else 0.0

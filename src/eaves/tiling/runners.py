@@ -17,7 +17,8 @@ Task = TypeVar("Task")
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a task ended: its answer, or the one-line reason it has none, and the peak memory of its process."""
+    """How a task ended: its answer, or the one-line reason it has none, and the peak memory of its
+    process."""
 
     index: int
     answer: Any = None
@@ -58,7 +59,8 @@ def run(
 
 
 def run_in_processes(work: Callable[[Task], Any], tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
-    """As `run`, in `jobs` processes. Tasks lost when a process dies are tried again, in the end each on its own,
+    """As `run`, in `jobs` processes. Tasks lost when a process dies are tried again, in the end each on
+    its own,
     so that the one that kills its process is the only one to fail.
     """
     left = dict(enumerate(tasks))
@@ -77,7 +79,9 @@ def run_in_processes(work: Callable[[Task], Any], tasks: Sequence[Task], jobs: i
                         died = True
                         if together == 1:
                             left.pop(futures[future])
-                            yield Outcome(futures[future], error="its process was killed, also when tried alone")
+                            yield Outcome(
+                                futures[future], error="its process was killed, also when tried alone"
+                            )
                         continue
                     left.pop(outcome.index)
                     yield outcome
@@ -87,7 +91,8 @@ def run_in_processes(work: Callable[[Task], Any], tasks: Sequence[Task], jobs: i
 
 
 def run_on_dask(work: Callable[[Task], Any], tasks: Sequence[Task], scheduler: str) -> Iterator[Outcome]:
-    """As `run`, on the workers of an existing Dask scheduler (`tcp://host:port`) that share the file system."""
+    """As `run`, on the workers of an existing Dask scheduler (`tcp://host:port`) that share the file
+    system."""
     try:
         from distributed import Client
         from distributed import as_completed as completed

@@ -24,7 +24,8 @@ def scatter_points(
 ) -> int:
     """Append every usable point to its block's file; the number of points kept.
 
-    `bounds` and `clip` are in world metres; points outside them, withheld points and points without a position stay
+    `bounds` and `clip` are in world metres; points outside them, withheld points and points without a
+    position stay
     out. `tell` hears how many points were read.
     """
     first, kept = 0, 0

@@ -1,4 +1,5 @@
-"""The working folder of a run: points by block, results by block and by building, each written whole or not at all."""
+"""The working folder of a run: points by block, results by block and by building, each written whole or
+not at all."""
 
 from __future__ import annotations
 

@@ -31,7 +31,11 @@ def plot_models(
             for face in solid.faces:
                 if face.surface != GROUND_SURFACE:
                     ring = solid.vertices[list(face.rings[0])]
-                    axes.add_collection3d(Poly3DCollection([ring], facecolors=COLOURS[face.surface], edgecolors="k", linewidths=0.5))
+                    axes.add_collection3d(
+                        Poly3DCollection(
+                            [ring], facecolors=COLOURS[face.surface], edgecolors="k", linewidths=0.5
+                        )
+                    )
         if len(points):
             axes.scatter(*points.T, s=0.6, c="tab:blue", depthshade=False)
             low, high = points.min(axis=0), points.max(axis=0)

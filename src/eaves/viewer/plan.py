@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import shapely
@@ -23,7 +22,9 @@ def shade(heights: NDArray[np.float32], cell: float) -> NDArray[np.float64]:
     """Hillshade (H, W) in 0 to 1 of a raster with row 0 north; NaN where the heights are."""
     down, east = np.gradient(heights.astype(np.float64), cell)
     azimuth, altitude = np.radians(SUN_AZIMUTH_DEG), np.radians(SUN_ALTITUDE_DEG)
-    light = np.array([np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)])
+    light = np.array(
+        [np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)]
+    )
     return np.clip((-east * light[0] + down * light[1] + light[2]) / np.sqrt(1 + east**2 + down**2), 0, 1)
 
 
@@ -36,7 +37,7 @@ def face_colour(slope_deg: float, azimuth_deg: float | None) -> NDArray[np.float
 
 def draw_plan(axes: Axes, folder: Path, surface: str = "dsm") -> None:
     """Draw a run's plan into axes in the coordinates of its reference system."""
-    raster = read_raster(folder / f"{surface}.tif")
+    raster, _ = read_raster(folder / f"{surface}.tif")
     bounds = raster.bounds
     axes.imshow(
         shade(raster.values, raster.cell),
@@ -46,12 +47,14 @@ def draw_plan(axes: Axes, folder: Path, surface: str = "dsm") -> None:
         vmax=1,
         interpolation="nearest",
     )
-    faces = read_polygons(folder / "footprints.gpkg", layer="roof_planes")
-    rings = [shapely.get_coordinates(polygon.exterior) for polygon in faces.polygons]
-    colours = [face_colour(row["slope_deg"], row["azimuth_deg"]) for row in faces.attributes]
-    axes.add_collection(PolyCollection(rings, facecolors=colours, edgecolors="0.3", linewidths=0.3, alpha=0.85))
-    prints = read_polygons(folder / "footprints.gpkg", layer="footprints")
-    for polygon, row in zip(prints.polygons, prints.attributes, strict=True):
+    faces, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="roof_planes")
+    rings = [shapely.get_coordinates(polygon.exterior) for polygon in faces]
+    colours = [face_colour(row["slope_deg"], row["azimuth_deg"]) for row in rows]
+    axes.add_collection(
+        PolyCollection(rings, facecolors=colours, edgecolors="0.3", linewidths=0.3, alpha=0.85)
+    )
+    prints, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="footprints")
+    for polygon, row in zip(prints, rows, strict=True):
         colour = "black" if row.get("lod") == "2.2" else "tab:red" if row.get("lod") is None else "tab:blue"
         for ring in (polygon.exterior, *polygon.interiors):
             axes.plot(*ring.xy, color=colour, linewidth=0.7)
@@ -60,9 +63,15 @@ def draw_plan(axes: Axes, folder: Path, surface: str = "dsm") -> None:
     axes.tick_params(labelsize=6)
 
 
-def plot_plan(folder: str | Path, path: str | Path, size_inches: float = 9.0, **save: Any) -> Path:
-    """A picture of a run's plan: roof faces coloured by azimuth, outlines black (LoD 2.2), blue (coarser) or red (none)."""
+def plan_figure(folder: str | Path, size_inches: float = 9.0) -> Figure:
+    """A run's plan: roof faces coloured by azimuth, outlines black (LoD 2.2), blue (coarser) or red
+    (none)."""
     figure = Figure(figsize=(size_inches, size_inches), layout="constrained")
     draw_plan(figure.subplots(), Path(folder))
-    figure.savefig(path, **{"dpi": 150, **save})
+    return figure
+
+
+def plot_plan(folder: str | Path, path: str | Path, dpi: int = 150) -> Path:
+    """Save the plan of a run; PNG, SVG or PDF by the extension."""
+    plan_figure(folder).savefig(path, dpi=dpi)
     return Path(path)

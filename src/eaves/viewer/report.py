@@ -9,11 +9,24 @@ import json
 from pathlib import Path
 from typing import Any
 
-from eaves.formats import atomic, read_polygons
+from eaves.formats import read_polygons
+from eaves.formats.atomic import atomic
 from eaves.tiling.outputs import Summary
-from eaves.viewer.plan import plot_plan
+from eaves.viewer.plan import plan_figure
 
-COLUMNS = ("id", "lod", "roof_type", "score", "area_m2", "h_ground", "h_eaves", "h_ridge", "rmse_m", "failure_code", "failure_reason")
+COLUMNS = (
+    "id",
+    "lod",
+    "roof_type",
+    "score",
+    "area_m2",
+    "h_ground",
+    "h_eaves",
+    "h_ridge",
+    "rmse_m",
+    "failure_code",
+    "failure_reason",
+)
 """Columns of the table, where a run has them."""
 
 STYLE = """
@@ -39,14 +52,14 @@ document.querySelectorAll('th').forEach((head, column) => head.addEventListener(
 def write_report(summary: Summary) -> Path:
     """Write report.html into the run's folder; its path."""
     path = summary.folder / "report.html"
-    prints = read_polygons(summary.folder / "footprints.gpkg", layer="footprints")
+    _, _, rows, _ = read_polygons(summary.folder / "footprints.gpkg", layer="footprints")
     page = "\n".join(
         [
             "<!doctype html><html lang='en'><head><meta charset='utf-8'><title>eaves report</title>",
             f"<style>{STYLE}</style></head><body><h1>Buildings</h1>",
             f"<pre>{html.escape(summary.as_text())}</pre>",
             plan_picture(summary.folder),
-            table(prints.attributes),
+            table(rows),
             f"<h2>Run</h2><pre>{html.escape(json.dumps(summary.run, indent=1, default=str))}</pre>",
             f"<script>{SCRIPT}</script></body></html>",
         ]
@@ -61,7 +74,7 @@ def plan_picture(folder: Path) -> str:
     if not (folder / "dsm.tif").exists():
         return ""
     buffer = io.BytesIO()
-    plot_plan(folder, buffer, format="png", dpi=130)  # type: ignore[arg-type]
+    plan_figure(folder).savefig(buffer, format="png", dpi=130)
     picture = base64.b64encode(buffer.getvalue()).decode()
     return f"<h2>Plan</h2><img alt='plan of the buildings' src='data:image/png;base64,{picture}'>"
 
@@ -70,8 +83,12 @@ def table(rows: list[dict[str, Any]]) -> str:
     """All buildings, a row each; a click on a heading sorts."""
     there = [name for name in COLUMNS if any(name in row for row in rows)]
     head = "".join(f"<th>{name}</th>" for name in there)
-    lines = "".join("<tr>" + "".join(f"<td>{cell(row.get(name))}</td>" for name in there) + "</tr>" for row in rows)
-    return f"<h2>{len(rows)} buildings</h2><table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
+    lines = "".join(
+        "<tr>" + "".join(f"<td>{cell(row.get(name))}</td>" for name in there) + "</tr>" for row in rows
+    )
+    return (
+        f"<h2>{len(rows)} buildings</h2><table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
+    )
 
 
 def cell(value: Any) -> str:
