@@ -2,7 +2,8 @@
 
 from eaves.validate.codes import RULES
 from eaves.validate.files import validate_file
+from eaves.validate.fit_to_points import Fit, fit_to_points
 from eaves.validate.models import validate_model
 from eaves.validate.primitives import Tolerances
 
-__all__ = ["RULES", "Tolerances", "validate_file", "validate_model"]
+__all__ = ["RULES", "Fit", "Tolerances", "fit_to_points", "validate_file", "validate_model"]

@@ -1,0 +1,112 @@
+"""How far roof points lie from the roof faces of a model: the definition all figures of fit share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from eaves.model import Mask, Points, Values
+
+NEAR = 0.3
+"""Radius in plan (m) within which a higher building point hides a point."""
+
+DROP = 0.6
+"""How much higher (m) a point must be to hide another: walls, balconies and under-eaves drop out."""
+
+STEEPEST = 1e-3
+"""Smallest upward share of a roof face's normal: a steeper face has no height at a place."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoofFaces:
+    """Roof faces as planes over polygons in plan.
+
+    `polygons` (F,) shapely polygons, `coefficients` (F, 3) with height a·x + b·y + c, `owner` (F,) the number
+    of the building each belongs to. Coordinates are metres about an origin near the faces.
+    """
+
+    polygons: NDArray[np.object_]
+    coefficients: NDArray[np.float64]
+    owner: NDArray[np.int64]
+
+    @property
+    def cosine(self) -> Values:
+        """Cosine (F,) of the slope of each face."""
+        a, b, _ = self.coefficients.T
+        return np.asarray(1.0 / np.sqrt(a * a + b * b + 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class RoofFit:
+    """Roof points against the highest face over them.
+
+    `face` (N,) is the face's number, -1 for a miss; `vertical` (N,) the point's height over it and `distance`
+    (N,) the distance along its normal (m), both NaN for a miss.
+    """
+
+    face: NDArray[np.int64]
+    vertical: Values
+    distance: Values
+
+
+def roof_point_mask(xyz: Points) -> Mask:
+    """Which building points (N, 3) are roof points: no other lies more than `DROP` above them within `NEAR`.
+
+    The mask depends on the cloud alone, so it is the same for every model compared.
+    """
+    if len(xyz) == 0:
+        return np.zeros(0, bool)
+    highest = xyz[:, 2].copy()
+    pairs = cKDTree(xyz[:, :2]).query_pairs(NEAR, output_type="ndarray")
+    np.maximum.at(highest, pairs[:, 0], xyz[pairs[:, 1], 2])
+    np.maximum.at(highest, pairs[:, 1], xyz[pairs[:, 0], 2])
+    return np.asarray(highest - xyz[:, 2] <= DROP)
+
+
+def collect_faces(faces: Sequence[Sequence[Points]], owner: Sequence[int]) -> RoofFaces:
+    """Roof faces from their rings (outer first) of points (M, 3); upright and empty ones are left out."""
+    polygons, coefficients, owners = [], [], []
+    for rings, building in zip(faces, owner, strict=True):
+        normal, centre = _newell(rings[0])
+        if abs(normal[2]) < STEEPEST:
+            continue
+        shape = shapely.Polygon(rings[0][:, :2], [ring[:, :2] for ring in rings[1:]])
+        polygons.append(shape if shape.is_valid else shape.buffer(0))
+        a, b = -normal[0] / normal[2], -normal[1] / normal[2]
+        coefficients.append((a, b, centre[2] - a * centre[0] - b * centre[1]))
+        owners.append(building)
+    return RoofFaces(
+        np.array(polygons, object), np.array(coefficients).reshape(-1, 3), np.array(owners, np.int64)
+    )
+
+
+def fit_roof(points: Points, faces: RoofFaces) -> RoofFit:
+    """Each point (N, 3) against the highest face at its x, y."""
+    face = np.full(len(points), -1)
+    if len(points) and len(faces.polygons):
+        tree = shapely.STRtree(shapely.points(points[:, :2]))
+        over, under = tree.query(faces.polygons, predicate="intersects")
+        a, b, c = faces.coefficients[over].T
+        height = a * points[under, 0] + b * points[under, 1] + c
+        order = np.lexsort((-over, height))  # the highest comes last; of equals the first face
+        face[under[order]] = over[order]
+    hit = face >= 0
+    vertical, distance = np.full((2, len(points)), np.nan)
+    a, b, c = faces.coefficients[face[hit]].T
+    vertical[hit] = points[hit, 2] - (a * points[hit, 0] + b * points[hit, 1] + c)
+    distance[hit] = vertical[hit] * faces.cosine[face[hit]]
+    return RoofFit(face, vertical, distance)
+
+
+def _newell(ring: Points) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Unit normal (3,) and centre (3,) of a ring (M, 3); a zero normal when it encloses nothing."""
+    centre = ring.mean(axis=0)
+    away = ring - centre
+    normal = np.cross(away, np.roll(away, -1, axis=0)).sum(axis=0)
+    length = np.linalg.norm(normal)
+    return (normal / length if length > 0 else normal), centre
