@@ -11,40 +11,42 @@ from eaves.model import Mask, PointCloud, Points
 
 CELL_M, CELL_SPACINGS = 10.0, 10.0
 """Side of the cells that are compared: 10 m, or ten spacings (about a hundred points) in thin data."""
-GROUP = 16
-"""Most points that a group of outliers has in one cell; also at most a quarter of the cell's points."""
-LOW_GAP_M = 1.0
-"""A low group lies at least this far below the next point of its cell and below what its neighbours
-foretell.
-"""
+GROUP = 32
+"""Most points of a cell that are looked at from either end."""
+SHALLOW_GAP_M, SHALLOW_GROUP, SHALLOW_SHARE = 1.0, 16, 0.25
+"""A gap of 1 m parts at most 16 points and a quarter of the cell from the rest: echoes gone astray."""
+DEEP_GAP_M, DEEP_SHARE = 5.0, 0.4
+"""A gap of 5 m parts at most four tenths of the cell from the rest: a mirror image of the ground."""
 HIGH_GAP_M = 10.0
-"""A high group lies this far above the rest of its cell, and no neighbour reaches as high: wires and masts
-do.
-"""
+"""A high group lies this far above the rest of its cell, and no neighbour reaches as high: wires do."""
 
 
 def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
     """Masks (N,) of low and of high outliers.
 
-    The plane is cut into cells, and once more into cells shifted by half a side, so that a group is whole
-    in one of them. A group is the few lowest (highest) points of a cell that a gap parts from the rest. It
-    is low when it also lies under the ground that the eight neighbours foretell: their second lowest
-    level, less the rise from there to their median (a slope repeats itself once more). It is high when no
-    neighbour has a point near its height. Cost: two passes over the points, 0.05 s per million.
+    The plane is cut into cells, and once more into cells shifted by half a side, so that a group is whole in
+    one of them. A group is the lowest (highest) points of a cell that a gap parts from the rest. A small low
+    group is an outlier when it lies a gap under the ground that the eight neighbours foretell: their second
+    lowest level, less the rise from there to their median (a slope repeats itself once more). A deep low
+    group, which may spread over several cells, must lie a gap under all but six of the 24 cells around. A
+    high group is an outlier when no neighbour has a point near its height. Cost: four passes over the
+    points, 0.1 s per million.
     """
     xyz = cloud.xyz
     low, high = np.zeros(len(xyz), bool), np.zeros(len(xyz), bool)
-    if len(xyz) < GROUP:
+    if len(xyz) < SHALLOW_GROUP:
         return low, high
     side = max(CELL_M, CELL_SPACINGS * measure_spacing(xyz))
     for shift in (0.0, 0.5):
-        place = (
-            np.floor(xyz[:, :2].min(axis=0) / side + shift) - shift
-        )  # cells fixed to the origin, not to the data
-        columns, rows = (np.floor((xyz[:, :2].max(axis=0) / side) - place)).astype(np.int64) + 1
+        # cells are fixed to the origin, not to the data
+        place = np.floor(xyz[:, :2].min(axis=0) / side + shift) - shift
+        columns, rows = np.floor(xyz[:, :2].max(axis=0) / side - place).astype(np.int64) + 1
         below, above = extremes_kernel(xyz, place * side, side, int(rows), int(columns))
-        low |= beyond_kernel(xyz, place * side, side, below, LOW_GAP_M, 1.0, True)
-        high |= beyond_kernel(xyz, place * side, side, above, HIGH_GAP_M, -1.0, False)
+        floor, ceiling = limits_kernel(below, above)
+        column = ((xyz[:, 0] - place[0] * side) / side).astype(np.int64)
+        row = ((xyz[:, 1] - place[1] * side) / side).astype(np.int64)
+        low |= xyz[:, 2] <= floor[row, column]
+        high |= xyz[:, 2] >= ceiling[row, column]
     return low, high & ~low
 
 
@@ -52,18 +54,16 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
 def extremes_kernel(
     xyz: Points, corner: NDArray[np.float64], side: float, rows: int, columns: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The `GROUP` + 1 lowest z and lowest -z of each cell, sorted, (rows, columns, GROUP + 2); the last is
-    the count.
-    """
-    below = np.full((rows, columns, GROUP + 2), np.inf)
-    above = np.full((rows, columns, GROUP + 2), np.inf)
-    below[:, :, GROUP + 1] = 0.0
-    above[:, :, GROUP + 1] = 0.0
+    """The `GROUP` lowest z and lowest -z of each cell, sorted, and its count: (rows, columns, GROUP + 1)."""
+    below = np.full((rows, columns, GROUP + 1), np.inf)
+    above = np.full((rows, columns, GROUP + 1), np.inf)
+    below[:, :, GROUP] = 0.0
+    above[:, :, GROUP] = 0.0
     for i in range(len(xyz)):
         row, column = int((xyz[i, 1] - corner[1]) / side), int((xyz[i, 0] - corner[0]) / side)
         for best, value in ((below[row, column], xyz[i, 2]), (above[row, column], -xyz[i, 2])):
-            best[GROUP + 1] += 1
-            k = GROUP
+            best[GROUP] += 1
+            k = GROUP - 1
             if value >= best[k]:
                 continue
             while k > 0 and best[k - 1] > value:
@@ -74,46 +74,52 @@ def extremes_kernel(
 
 
 @njit(cache=True)
-def beyond_kernel(
-    xyz: Points,
-    corner: NDArray[np.float64],
-    side: float,
-    best: NDArray[np.float64],
-    gap: float,
-    sign: float,
-    foretell: bool,
-) -> Mask:
-    """Points (N,) that belong to a group which a gap parts from its cell and from what the neighbours
-    foretell.
-    """
-    rows, columns = best.shape[0], best.shape[1]
-    limit = np.full((rows, columns), -np.inf)
-    around = np.empty(8)
+def group_below(sorted_z: NDArray[np.float64], most: int, gap: float, level: float) -> int:
+    """Points in the largest group of at most `most` that has a gap above it and lies under `level`."""
+    for size in range(min(most, GROUP - 1), 0, -1):
+        if sorted_z[size] - sorted_z[size - 1] >= gap and sorted_z[size - 1] <= level:
+            return size
+    return 0
+
+
+@njit(cache=True)
+def limits_kernel(
+    below: NDArray[np.float64], above: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Height of each cell (rows, columns) at and under which points are low, and at and over which high."""
+    rows, columns = below.shape[0], below.shape[1]
+    floor = np.full((rows, columns), -np.inf)
+    ceiling = np.full((rows, columns), np.inf)
+    near, wide = np.empty(8), np.empty(24)
     for row in range(rows):
         for column in range(columns):
-            most = min(GROUP, int(best[row, column, GROUP + 1]) // 4)
-            size = 0
-            for k in range(1, most + 1):
-                if best[row, column, k] - best[row, column, k - 1] >= gap:
-                    size = k
-            if size == 0:
+            count = below[row, column, GROUP]
+            if count == 0:
                 continue
-            found = 0
-            for r in range(max(0, row - 1), min(rows, row + 2)):
-                for c in range(max(0, column - 1), min(columns, column + 2)):
-                    if (r != row or c != column) and best[r, c, 0] < np.inf:
-                        around[found] = best[r, c, 0]
-                        found += 1
-            if found < 3:
+            close, far, top = 0, 0, -np.inf
+            for r in range(max(0, row - 2), min(rows, row + 3)):
+                for c in range(max(0, column - 2), min(columns, column + 3)):
+                    if (r == row and c == column) or below[r, c, GROUP] == 0:
+                        continue
+                    wide[far] = below[r, c, 0]
+                    far += 1
+                    if abs(r - row) <= 1 and abs(c - column) <= 1:
+                        near[close] = below[r, c, 0]
+                        close += 1
+                        top = max(top, -above[r, c, 0])
+            if close < 3:
                 continue
-            near = np.sort(around[:found])
-            level = 2 * near[1] - near[found // 2] if foretell else near[0]
-            while size > 0 and best[row, column, size - 1] > level - gap:
-                size -= 1
-            if size > 0 and best[row, column, size] - best[row, column, size - 1] >= gap:
-                limit[row, column] = best[row, column, size - 1]
-    found_points = np.zeros(len(xyz), np.bool_)
-    for i in range(len(xyz)):
-        row, column = int((xyz[i, 1] - corner[1]) / side), int((xyz[i, 0] - corner[0]) / side)
-        found_points[i] = sign * xyz[i, 2] <= limit[row, column]
-    return found_points
+            around = np.sort(near[:close])
+            level = 2 * around[1] - around[close // 2] - SHALLOW_GAP_M
+            most = min(SHALLOW_GROUP, int(SHALLOW_SHARE * count))
+            size = group_below(below[row, column], most, SHALLOW_GAP_M, level)
+            level = np.sort(wide[:far])[far // 4] - DEEP_GAP_M
+            most = int(DEEP_SHARE * count)
+            size = max(size, group_below(below[row, column], most, DEEP_GAP_M, level))
+            if size > 0:
+                floor[row, column] = below[row, column, size - 1]
+            most = min(SHALLOW_GROUP, int(SHALLOW_SHARE * count))
+            size = group_below(above[row, column], most, HIGH_GAP_M, -top - HIGH_GAP_M)
+            if size > 0:
+                ceiling[row, column] = -above[row, column, size - 1]
+    return floor, ceiling
