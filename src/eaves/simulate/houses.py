@@ -21,6 +21,7 @@ from eaves.simulate.roofs import (
     hip,
     mansard,
     pyramid,
+    rectangle,
     shed,
     shifted,
     wing,
@@ -90,11 +91,11 @@ def _upper(rng: np.random.Generator) -> float:
 
 
 def draw_detached(rng: np.random.Generator) -> Design:
-    """A house: 9 to 16 m by 7 to 11 m, one or two storeys, with dormers (one in three) and a chimney
+    """A house: 8 to 14.5 m by 6.5 to 10.5 m, one or two storeys, with dormers (one in three) and a chimney
     (half).
     """
     kind = str(rng.choice(list(DETACHED_SHARES), p=list(DETACHED_SHARES.values())))
-    length, width = rng.uniform(9.0, 16.0), rng.uniform(7.0, 11.0)
+    length, width = rng.uniform(8.0, 14.5), rng.uniform(6.5, 10.5)
     length = max(length, 1.1 * width)
     eaves = STOREY * rng.integers(1, 3) + rng.uniform(0.0, 0.7)
     slope = _tangent(kind, rng) if kind in SLOPES_DEG else 0.0
@@ -193,8 +194,10 @@ def draw_row(frontage: float, rng: np.random.Generator) -> Design:
 
 
 def draw_town_house(frontage: float, depth: float, rng: np.random.Generator) -> Design:
-    """A house between party walls, exactly as wide as its `frontage` (m), three to five storeys."""
-    eaves = STOREY * rng.integers(3, 6) + rng.uniform(0.0, 1.0)
+    """A house between party walls, exactly as wide as its `frontage` (m), two to five storeys, often with a
+    flat annex behind.
+    """
+    eaves = STOREY * rng.integers(2, 6) + rng.uniform(0.0, 1.0)
     pick = rng.random()
     if pick < 0.35:
         masses = gable(frontage, depth, float(np.tan(np.radians(rng.uniform(30.0, 50.0)))))
@@ -211,7 +214,12 @@ def draw_town_house(frontage: float, depth: float, rng: np.random.Generator) -> 
         masses += (
             chimney(rng.uniform(-0.3, 0.3) * frontage, 0.5, _height_on(masses[0], 0.0, 0.5) + 1.2, 0.9),
         )
-    return Design("town house", raised(masses, eaves))
+    masses = raised(masses, eaves)
+    if rng.random() < 0.6:
+        long = rng.uniform(2.5, 6.0)
+        plan = rectangle(frontage * rng.uniform(0.4, 1.0), long + 1.0, 0.0, depth / 2 + long / 2 - 0.5)
+        masses += (Mass(plan, ((0.0, 0.0, STOREY * rng.integers(1, 3) + 0.4),), "annex"),)
+    return Design("town house", masses)
 
 
 def draw_perimeter(length: float, width: float, rng: np.random.Generator) -> Design:

@@ -44,8 +44,8 @@ class Receiver:
     echo's first light is part of it. `threshold` is the least share of the pulse's energy that makes an echo.
     """
 
-    dead_zone: float = 0.7
-    threshold: float = 0.06
+    dead_zone: float = 1.3
+    threshold: float = 0.08
 
 
 @dataclass(frozen=True, eq=False)

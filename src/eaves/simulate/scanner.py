@@ -20,13 +20,13 @@ from eaves.simulate.town import Town
 class Scanner:
     """What the instrument and the survey add to the truth.
 
-    `divergence` is the full 1/e² angle of the beam (radians): 0.3 mrad at 1000 m lights a disc of 0.3 m.
+    `divergence` is the full 1/e² angle of the beam (radians): 0.4 mrad at 1000 m lights a disc of 0.4 m.
     `noise` is the standard deviation of a range (m), `strip_offset` that of the height of a whole strip (m),
     `outliers` the share of points that are gross errors, half of them low (0.5 to 15 m under ground), half
     high (15 to 80 m above it).
     """
 
-    divergence: float = 3e-4
+    divergence: float = 4e-4
     noise: float = 0.02
     strip_offset: float = 0.02
     outliers: float = 2e-5

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,23 +23,46 @@ from eaves.simulate.houses import (
     draw_town_house,
 )
 
-STREET = 13.0
+STREET = 11.0
 """Width of a street with its pavements (m)."""
 
-STYLE_SHARES = {
-    "detached": 0.42,
-    "rows": 0.20,
-    "perimeter": 0.10,
-    "town houses": 0.08,
-    "slabs": 0.07,
-    "hall": 0.06,
-    "church": 0.02,
-    "tower": 0.02,
-    "park": 0.03,
-}
-"""How often a block has each style."""
+SMALL_BLOCKS = ("detached", "rows", "town houses", "park")
+"""Blocks of many small buildings, which may be cut by the rim of the town."""
 
-BLOCK_TURN_DEG = 6.0
+TownStyle = Literal["mixed", "suburb", "centre"]
+
+BLOCK_SHARES: dict[TownStyle, dict[str, float]] = {
+    "mixed": {
+        "detached": 0.40,
+        "rows": 0.20,
+        "perimeter": 0.10,
+        "town houses": 0.10,
+        "slabs": 0.07,
+        "hall": 0.06,
+        "church": 0.02,
+        "tower": 0.02,
+        "park": 0.03,
+    },
+    "suburb": {"detached": 0.65, "rows": 0.25, "park": 0.10},
+    "centre": {
+        "town houses": 0.50,
+        "perimeter": 0.22,
+        "rows": 0.12,
+        "slabs": 0.05,
+        "church": 0.04,
+        "tower": 0.02,
+        "park": 0.05,
+    },
+}
+"""How often a block of a town holds what."""
+
+PLOTS_BEYOND = 20.0
+"""Plots are kept whose middle is at most this far outside the town (m)."""
+
+SHORTEST_ROW = 22.0
+"""A row of houses is at least so long (m)."""
+
+BLOCK_TURN_DEG = 4.0
 """A block turns away from the town's grid by up to this angle."""
 
 LOT_TURN_DEG = 3.0
@@ -91,37 +115,43 @@ class Plot:
         return np.stack([self.at(a * half[0], b * half[1]) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 
 
-def lay_streets(bounds: Bounds, rng: np.random.Generator) -> list[Plot]:
-    """The plots between the streets of a town: a grid of one direction, its blocks 60 to 110 m by 42 to 64 m.
+def lay_streets(bounds: Bounds, gap: float, rng: np.random.Generator) -> tuple[list[Plot], Plot]:
+    """The plots between the streets of a town: a grid of one direction, its blocks 55 to 95 m by 38 to 54 m.
 
-    Those at the rim stick out of `bounds`; what would stand outside is not built.
+    Those at the rim stick out of `bounds`; what would stand outside is not built. Two rows of blocks near
+    the middle stand apart by `gap` (m), for a canal or an embankment; the strip between them is the second
+    answer.
     """
     angle = rng.uniform(0.0, np.pi)
-    centre = np.array([(bounds.west + bounds.east) / 2, (bounds.south + bounds.north) / 2])
+    town = Plot((bounds.west + bounds.east) / 2, (bounds.south + bounds.north) / 2, float(angle), 0.0, 0.0)
     reach = float(np.hypot(bounds.width, bounds.height)) / 2 + 60.0
-    plots = []
+    strip_at = rng.uniform(-0.1, 0.1) * reach
+    plots, strip = [], town
     v = -reach
     while v < reach:
-        depth = rng.uniform(42.0, 64.0)
+        if gap > 0 and strip is town and v > strip_at:
+            middle = town.at(0.0, v + gap / 2)
+            strip = Plot(float(middle[0]), float(middle[1]), float(angle), 2 * reach, gap)
+            v += gap + STREET
+        depth = rng.uniform(38.0, 54.0)
         u = -reach + rng.uniform(0.0, 60.0)
         while u < reach:
-            length = rng.uniform(60.0, 110.0)
-            middle = np.array([u + length / 2, v + depth / 2])
-            x = centre[0] + middle[0] * np.cos(angle) - middle[1] * np.sin(angle)
-            y = centre[1] + middle[0] * np.sin(angle) + middle[1] * np.cos(angle)
+            length = rng.uniform(55.0, 95.0)
+            x, y = town.at(u + length / 2, v + depth / 2)
             turn = np.radians(rng.uniform(-BLOCK_TURN_DEG, BLOCK_TURN_DEG))
             plots.append(Plot(float(x), float(y), float(angle + turn), length, depth))
             u += length + STREET
         v += depth + STREET
-    inside = [plot for plot in plots if bounds.grown(20.0).contains(np.array([[plot.x, plot.y]])).all()]
-    return [inside[k] for k in rng.permutation(len(inside))]
+    near = [plot for plot in plots if bounds.grown(PLOTS_BEYOND).contains(np.array([[plot.x, plot.y]])).all()]
+    return [near[k] for k in rng.permutation(len(near))], strip
 
 
-def draw_block(plot: Plot, rng: np.random.Generator, built: bool = True) -> Block:
-    """A block of a random style on its plot, with its street trees and parked cars; a park where not
-    `built`.
+def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.random.Generator) -> Block:
+    """What stands on a plot, drawn by the town's style, with its street trees and parked cars.
+
+    A plot that is not `whole` gets small houses only; one that is not `built` is a park.
     """
-    styles: dict[str, Callable[[Plot, Block, np.random.Generator], None]] = {
+    blocks: dict[str, Callable[[Plot, Block, np.random.Generator], None]] = {
         "detached": _detached,
         "rows": _rows,
         "perimeter": _perimeter,
@@ -133,18 +163,21 @@ def draw_block(plot: Plot, rng: np.random.Generator, built: bool = True) -> Bloc
         "park": _park,
     }
     block = Block()
-    style = str(rng.choice(list(STYLE_SHARES), p=list(STYLE_SHARES.values())))
-    styles[style if built else "park"](plot, block, rng)
+    shares = BLOCK_SHARES[style]
+    kind = str(rng.choice(list(shares), p=list(shares.values())))
+    if not whole and kind not in SMALL_BLOCKS:
+        kind = "detached"
+    blocks[kind if built else "park"](plot, block, rng)
     for side in (-1.0, 1.0):
         _along_street(plot, block, side, rng)
     return block
 
 
 def _along_street(plot: Plot, block: Block, side: float, rng: np.random.Generator) -> None:
-    """Trees every 9 to 14 m on half of the streets, and cars at the kerb."""
+    """Trees every 7 to 12 m on four streets in five, and cars at the kerb."""
     kerb = side * (plot.depth / 2 + 2.0)
-    if rng.random() < 0.5:
-        step = rng.uniform(9.0, 14.0)
+    if rng.random() < 0.8:
+        step = rng.uniform(7.0, 12.0)
         for u in np.arange(-plot.length / 2 + 3.0, plot.length / 2, step):
             block.trees.append(plot.at(float(u), kerb))
     for u in np.arange(-plot.length / 2 + 6.0, plot.length / 2 - 4.0, 6.0):
@@ -170,7 +203,7 @@ def _detached(plot: Plot, block: Block, rng: np.random.Generator) -> None:
     for side in (-1.0, 1.0):
         u = -plot.length / 2
         while True:
-            frontage = rng.uniform(17.0, 24.0)
+            frontage = rng.uniform(13.0, 20.0)
             if u + frontage > plot.length / 2:
                 break
             middle, turn = u + frontage / 2, np.radians(rng.uniform(-LOT_TURN_DEG, LOT_TURN_DEG))
@@ -180,7 +213,7 @@ def _detached(plot: Plot, block: Block, rng: np.random.Generator) -> None:
                 block,
                 draw_detached(rng),
                 middle,
-                side * (plot.depth / 2 - rng.uniform(10.0, 12.5)),
+                side * (plot.depth / 2 - rng.uniform(7.5, 10.0)),
                 turn,
             )
             if rng.random() < 0.5:
@@ -203,12 +236,18 @@ def _rows(plot: Plot, block: Block, rng: np.random.Generator) -> None:
     """Two rows of houses back to back with sheds at the ends of the gardens."""
     for side in (-1.0, 1.0):
         room = plot.length - 4.0
-        _put(plot, block, draw_row(room, rng), 0.0, side * (plot.depth / 2 - 8.5), 0.0 if side < 0 else np.pi)
+        start = -room / 2
+        while room / 2 - start > SHORTEST_ROW:
+            design = draw_row(room / 2 - start, rng)
+            west, _, east, _ = design.outline.bounds
+            turn = 0.0 if side < 0 else np.pi
+            _put(plot, block, design, start + (east - west) / 2, side * (plot.depth / 2 - 7.5), turn)
+            start += east - west + 3.0
         for u in np.arange(-room / 2 + 3.0, room / 2, 6.0):
             if rng.random() < 0.4:
                 _put(plot, block, draw_garden_shed(rng), float(u), side * 3.2, np.pi / 2)
-            if rng.random() < 0.4:
-                block.trees.append(plot.at(float(u) + 2.5, side * rng.uniform(4.0, 8.0)))
+            if rng.random() < 0.6:
+                block.trees.append(plot.at(float(u) + 2.5, side * rng.uniform(4.0, 9.0)))
             if rng.random() < 0.5:
                 block.fences.append(
                     (plot.at(float(u) + 3.0, side * 1.0), plot.at(float(u) + 3.0, side * 10.0))
@@ -221,8 +260,8 @@ def _perimeter(plot: Plot, block: Block, rng: np.random.Generator) -> None:
     """One building around a courtyard with trees."""
     _put(plot, block, draw_perimeter(plot.length - 4.0, plot.depth - 4.0, rng), 0.0, 0.0)
     inner = Plot(plot.x, plot.y, plot.angle, plot.length - 34.0, plot.depth - 34.0)
-    block.trees.extend(_scatter(inner, int(rng.integers(1, 5)), rng))
-    block.shrubs.extend(_scatter(inner, 6, rng))
+    block.trees.extend(_scatter(inner, int(rng.integers(6, 16)), rng))
+    block.shrubs.extend(_scatter(inner, 10, rng))
 
 
 def _town_houses(plot: Plot, block: Block, rng: np.random.Generator) -> None:
@@ -242,7 +281,7 @@ def _town_houses(plot: Plot, block: Block, rng: np.random.Generator) -> None:
             )
             u += frontage
     inner = Plot(plot.x, plot.y, plot.angle, plot.length - 8.0, plot.depth - 30.0)
-    block.trees.extend(_scatter(inner, int(rng.integers(2, 7)), rng))
+    block.trees.extend(_scatter(inner, int(rng.integers(8, 22)), rng))
 
 
 def _slabs(plot: Plot, block: Block, rng: np.random.Generator) -> None:
@@ -250,7 +289,7 @@ def _slabs(plot: Plot, block: Block, rng: np.random.Generator) -> None:
     _put(plot, block, draw_slab(plot.length - 12.0, rng), 0.0, -plot.depth / 2 + 11.0)
     if plot.depth > 50.0:
         _put(plot, block, draw_slab(plot.length - 20.0, rng), rng.uniform(-4.0, 4.0), plot.depth / 2 - 11.0)
-    block.trees.extend(_scatter(plot, int(rng.integers(4, 10)), rng))
+    block.trees.extend(_scatter(plot, int(rng.integers(15, 35)), rng))
 
 
 def _hall(plot: Plot, block: Block, rng: np.random.Generator) -> None:
@@ -268,16 +307,16 @@ def _hall(plot: Plot, block: Block, rng: np.random.Generator) -> None:
 
 def _church(plot: Plot, block: Block, rng: np.random.Generator) -> None:
     _put(plot, block, draw_church(rng), 0.0, 0.0)
-    block.trees.extend(_scatter(plot, 8, rng))
+    block.trees.extend(_scatter(plot, 20, rng))
 
 
 def _tower(plot: Plot, block: Block, rng: np.random.Generator) -> None:
     _put(plot, block, draw_tower(rng), rng.uniform(-0.2, 0.2) * plot.length, 0.0)
-    block.trees.extend(_scatter(plot, 6, rng))
+    block.trees.extend(_scatter(plot, 15, rng))
 
 
 def _park(plot: Plot, block: Block, rng: np.random.Generator) -> None:
     """Trees and shrubs, a hut."""
-    block.trees.extend(_scatter(plot, int(plot.length * plot.depth / 90.0), rng))
+    block.trees.extend(_scatter(plot, int(plot.length * plot.depth / 50.0), rng))
     block.shrubs.extend(_scatter(plot, 25, rng))
     _put(plot, block, draw_garden_shed(rng), 0.0, 0.0)

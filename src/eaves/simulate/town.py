@@ -18,7 +18,7 @@ from eaves.simulate.furniture import hang_power_line, park_car, put_fence, span_
 from eaves.simulate.masses import Plane
 from eaves.simulate.ray_grid import RayGrid, index_town
 from eaves.simulate.roofs import make_building
-from eaves.simulate.streets import Block, Placement, Plot, draw_block, lay_streets
+from eaves.simulate.streets import Block, Placement, TownStyle, draw_block, lay_streets
 from eaves.simulate.surfaces import Surfaces, building_surfaces
 from eaves.simulate.terrain import Corridor, Terrain, TerrainKind, cut_corridor, make_terrain
 from eaves.simulate.vegetation import Foliage, grow_hedge, grow_shrub, grow_tree
@@ -41,6 +41,9 @@ APART = 0.05
 """Buildings that overlap by less than this (m²) touch in a party wall; more, and the later one is not
 built.
 """
+
+SHORTEST_CORRIDOR = 250.0
+"""A town whose side is shorter (m) has no canal and no embankment."""
 
 TRUNK_CLEARANCE = 0.6
 """A trunk stands at least this far from a wall (m); crowns may hang over roofs."""
@@ -80,7 +83,8 @@ def simulate_town(
     trees: float = 1.0,
     seed: int = 0,
     *,
-    leaf_loss: float = 1.0,
+    style: TownStyle = "mixed",
+    leaf_loss: float = 1.5,
 ) -> Town:
     """A town on a square of `area_km2`.
 
@@ -91,23 +95,28 @@ def simulate_town(
     terrain : `flat` (with a canal and bridges), `slope`, `hilly` or `terraced` (with an embankment).
     trees : share of the trees, shrubs and hedges of an ordinary town; 0 for none.
     seed : the same seed gives the same town.
-    leaf_loss : loss of a pulse's energy per metre of crown (1/m): about 1 in leaf, 0.4 out of leaf.
+    style : `suburb` (houses and gardens), `centre` (closed fronts, blocks around courts) or `mixed`.
+    leaf_loss : loss of a pulse's energy per metre of crown (1/m): about 1.5 in leaf, 0.5 out of leaf.
     """
     if area_km2 < 0.01:
         raise ValueError(f"area_km2 must be at least 0.01 (100 m by 100 m), not {area_km2}")
     side = float(np.round(np.sqrt(area_km2 * 1e6)))
     bounds = Bounds(0.0, 0.0, side, side)
-    plots = lay_streets(bounds, np.random.default_rng([seed, 31]))
+    corridor = (
+        _draw_corridor(terrain, np.random.default_rng([seed, 33])) if side >= SHORTEST_CORRIDOR else None
+    )
+    gap = 0.0 if corridor is None else 2 * corridor.reach
+    plots, strip = lay_streets(bounds, gap, np.random.default_rng([seed, 31]))
     ground = make_terrain(terrain, bounds, np.random.default_rng([seed, 32]))
-    corridor = _lay_corridor(terrain, bounds, plots, np.random.default_rng([seed, 33]))
     if corridor is not None:
+        corridor = replace(corridor, x=strip.x, y=strip.y, angle=strip.angle)
         ground = cut_corridor(ground, corridor)
-        plots = [plot for plot in plots if corridor.distance(_outline_of(plot)).min() > corridor.reach + 2.0]
     built = _Site(bounds, ground)
     limit = len(plots) * 1000 if buildings is None else buildings
     for number, plot in enumerate(plots):
         room = len(built.buildings) < limit
-        block = draw_block(plot, np.random.default_rng([seed, 34, number]), built=room)
+        whole = bool(bounds.grown(-RIM).contains(plot.corners()).all())
+        block = draw_block(plot, style, whole, room, np.random.default_rng([seed, 34, number]))
         for placement in block.placements:
             if len(built.buildings) < limit:
                 built.build(placement)
@@ -129,26 +138,10 @@ def simulate_town(
     )
 
 
-def _outline_of(plot: Plot) -> NDArray[np.float64]:
-    """Places on the border of a plot and at its middle (K, 2)."""
-    corners = plot.corners()
-    share = np.linspace(0.0, 1.0, 9)[:, None]
-    sides = [corners[k] + share * (corners[(k + 1) % 4] - corners[k]) for k in range(4)]
-    return np.concatenate([*sides, [[plot.x, plot.y]]])
-
-
-def _lay_corridor(
-    kind: TerrainKind, bounds: Bounds, plots: list[Plot], rng: np.random.Generator
-) -> Corridor | None:
-    """A canal in flat towns, an embankment in others, along a street; none where there are too few blocks."""
-    if len(plots) < 6:
-        return None
-    plot = min(
-        plots, key=lambda p: abs(np.hypot(p.x - bounds.width / 2, p.y - bounds.height / 2) - bounds.width / 5)
-    )
-    x, y = plot.at(0.0, plot.depth / 2 + 4.0)
+def _draw_corridor(kind: TerrainKind, rng: np.random.Generator) -> Corridor:
+    """A canal in flat towns, an embankment in others; its place is yet to be found."""
     height = -rng.uniform(1.2, 2.0) if kind == "flat" else rng.uniform(2.5, 4.5)
-    return Corridor(float(x), float(y), plot.angle, rng.uniform(4.0, 7.0), height)
+    return Corridor(0.0, 0.0, 0.0, rng.uniform(4.0, 7.0), height)
 
 
 def _extras(
