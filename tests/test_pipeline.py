@@ -117,6 +117,6 @@ def test_the_python_verbs_make_the_same_flow(nine_roofs: ExactScene) -> None:
     boundary = eaves.trace_outline(points, scene.spacing)
     footprint = eaves.regularise_outlines([boundary])[0]
     planes = eaves.segment_roof(points, scene.spacing)
-    model = eaves.reconstruct(points, footprint, planes, 0.0)
+    model = eaves.reconstruct_building(points, footprint, planes, 0.0)
     assert model
     assert eaves.validate_model(model) == []

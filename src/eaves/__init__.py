@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from eaves.outline import regularise_outlines, trace_outline
     from eaves.pipeline import make_recipe, make_scene
     from eaves.raster.surfaces import make_dsm, make_dtm
-    from eaves.reconstruct import reconstruct
+    from eaves.reconstruct import reconstruct_building
     from eaves.roof import segment_roof
     from eaves.validate import validate_file, validate_model
     from eaves.viewer.build import build
@@ -35,7 +35,7 @@ HOME = {
     "make_recipe": "eaves.pipeline",
     "make_scene": "eaves.pipeline",
     "read": "eaves.formats",
-    "reconstruct": "eaves.reconstruct",
+    "reconstruct_building": "eaves.reconstruct",
     "regularise_outlines": "eaves.outline",
     "segment_roof": "eaves.roof",
     "trace_outline": "eaves.outline",
@@ -53,7 +53,7 @@ __all__ = [
     "make_recipe",
     "make_scene",
     "read",
-    "reconstruct",
+    "reconstruct_building",
     "regularise_outlines",
     "segment_roof",
     "trace_outline",

@@ -39,7 +39,7 @@ from eaves.model.cloud import BUILDING
 from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.surfaces import make_dsm, make_dtm
-from eaves.reconstruct import Reconstructor, reconstruct
+from eaves.reconstruct import Reconstructor, reconstruct_building
 from eaves.roof import RoofMethod, segment_roof
 from eaves.validate import validate_model
 
@@ -250,7 +250,7 @@ def building_pass(building: BuildingPoints, recipe: Recipe) -> BuildingResult:
             "no_ground", "no terrain under the footprint", "reconstruct"
         )
     else:
-        answer = reconstruct(points, footprint, planes, base, recipe.reconstruct)
+        answer = reconstruct_building(points, footprint, planes, base, recipe.reconstruct)
     clock.lap("reconstruct")
     if isinstance(answer, BuildingModel):
         answer = keep_valid(answer, recipe.lod)

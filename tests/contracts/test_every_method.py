@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from eaves.detect import Detector, detect_buildings
 from eaves.ground import GroundMethod, classify_ground
-from eaves.methods import REGISTRY, Method, make_method, method_class
+from eaves.methods import REGISTRY, make_method, method_class
 from eaves.model import Block, BuildingModel, Failure, Footprint, PointCloud
 from eaves.model.cloud import GROUND
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.pipeline import make_scene
-from eaves.reconstruct import Reconstructor, reconstruct
+from eaves.reconstruct import Reconstructor, reconstruct_building
 from eaves.roof import RoofMethod, segment_roof
 from eaves.simulate.roofs import ExactScene, nine_roofs_on_a_slope
 
@@ -136,7 +136,10 @@ def test_detection_does_not_depend_on_the_order_of_points(name: str, true_ground
 def test_detection_moves_with_the_data(name: str, true_ground: PointCloud) -> None:
     method = make_method("detect", name)
     assert isinstance(method, Detector)
-    here, there = detect_buildings(scene_of(true_ground), method), detect_buildings(scene_of(moved(true_ground)), method)
+    here, there = (
+        detect_buildings(scene_of(true_ground), method),
+        detect_buildings(scene_of(moved(true_ground)), method),
+    )
     assert np.array_equal(here.label, there.label)
 
 
@@ -182,9 +185,9 @@ def test_a_model_moves_with_its_points(name: str, gable: Any) -> None:
     assert isinstance(method, Reconstructor)
     points, polygon, base = gable
     shift = np.array([2400.0, 1200.0, 0.0])
-    here = reconstruct(points, Footprint(polygon), segment_roof(points, 0.4), base, method)
+    here = reconstruct_building(points, Footprint(polygon), segment_roof(points, 0.4), base, method)
     far = shapely.transform(polygon, lambda xy: xy + shift[:2])
-    there = reconstruct(points + shift, Footprint(far), segment_roof(points + shift, 0.4), base, method)
+    there = reconstruct_building(points + shift, Footprint(far), segment_roof(points + shift, 0.4), base, method)
     assert isinstance(here, BuildingModel)
     assert isinstance(there, BuildingModel)
     assert here.solids.keys() == there.solids.keys()
@@ -220,7 +223,9 @@ def test_hard_points_give_an_answer_or_a_failure(stage: str, name: str, few: str
         assert isinstance(segment_roof(points, 0.5, method), list)
     elif isinstance(method, Reconstructor):
         finite = points[np.isfinite(points).all(axis=1)]
-        result = reconstruct(finite, Footprint(shapely.box(0, 0, 5, 5)), segment_roof(finite, 0.5), 0.0, method)
+        result = reconstruct_building(
+            finite, Footprint(shapely.box(0, 0, 5, 5)), segment_roof(finite, 0.5), 0.0, method
+        )
         assert isinstance(result, BuildingModel | Failure)
 
 

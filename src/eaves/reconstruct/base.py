@@ -12,7 +12,8 @@ from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
 class Reconstructor(Method):
     """Makes the solids of one building.
 
-    `model` sees the building's points (N, 3), its footprint and roof planes, all in the same local metres, and the
+    `model` sees the building's points (N, 3), its footprint and roof planes, all in the same local
+    metres, and the
     height of the solid's base (m). It answers a BuildingModel whose `solids` are closed, or a Failure.
     """
 
@@ -29,7 +30,7 @@ class Reconstructor(Method):
         raise NotImplementedError
 
 
-def reconstruct(
+def reconstruct_building(
     points: Points,
     footprint: Footprint,
     planes: list[RoofPlane],
