@@ -229,9 +229,10 @@ def claim(folder: Path) -> None:
 def describe(sources: Sequence[Source], recipe: Recipe, options: Options) -> dict[str, Any]:
     """What decides the result, as JSON: inputs with their hashes, methods with parameters, block, version."""
     stages = ("ground", "detect", "outline", "roof", "reconstruct")
+    chosen = {stage: getattr(recipe, stage) for stage in stages}
     methods = {
-        stage: {"method": getattr(recipe, stage).name, **getattr(recipe, stage).model_dump(mode="json")}
-        for stage in stages
+        stage: method and {"method": method.name, **method.model_dump(mode="json")}
+        for stage, method in chosen.items()
     }
     return {
         "version": version("eaves"),

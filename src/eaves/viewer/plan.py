@@ -20,7 +20,8 @@ SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG = 315.0, 45.0
 
 def shade(heights: NDArray[np.float32], cell: float) -> NDArray[np.float64]:
     """Hillshade (H, W) in 0 to 1 of a raster with row 0 north; NaN where the heights are."""
-    down, east = np.gradient(heights.astype(np.float64), cell)
+    padded = np.pad(heights.astype(np.float64), 1, mode="edge")
+    down, east = (slope[1:-1, 1:-1] for slope in np.gradient(padded, cell))
     azimuth, altitude = np.radians(SUN_AZIMUTH_DEG), np.radians(SUN_ALTITUDE_DEG)
     light = np.array(
         [np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)]
