@@ -10,10 +10,34 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 from shapely import Polygon
 
-from eaves.model import Labels, Points, Values
+from eaves.model import Labels, Mask, Points, Values
 
 WIDE_GAP = 2.0
 """Neighbours further apart than this many spacings have a shadow between them."""
+
+WINDOW = 1.2
+"""Width, in spacings, of the strip in which border places make one line."""
+
+FEWEST_SAMPLES = 3
+"""Border places that make a line."""
+
+MAIN_WEIGHT = 1.3
+"""How much more a line along the footprint is trusted than one along a plane's fall."""
+
+LEAST_WEIGHT = 0.15
+"""Weight of a border place where heights do not differ; one of a metre or more weighs 1."""
+
+FEWEST_IN_RECTANGLE = 6
+"""Points of a plane whose rectangle is worth drawing."""
+
+LEAST_FILLING = 0.7
+"""Share of its rectangle that a plane's points fill when it is one."""
+
+RECTANGLE_WEIGHT = 1e-3
+"""Support of a rectangle's side per square metre: any line found among border places goes before."""
+
+LEAST_FALL = 0.1
+"""Rise per metre below which a plane has no direction worth following."""
 
 MEETING_JUMP = 0.25
 """Two planes meet (m) where their heights at the border between their points differ by less."""
@@ -23,6 +47,9 @@ SAME_DIRECTION_DEG = 4.0
 
 OVERSHOOT = 0.01
 """How far (m) a line runs past the one it ends on, so that rounding leaves no gap."""
+
+PARALLEL = 1e-3
+"""A stretch that comes this little (m) nearer to a line runs along it and does not cross it."""
 
 MOST_LINES = 80
 """The best supported lines that are used; bounds the work on roofs of thousands of planes."""
@@ -55,14 +82,16 @@ class Line:
 
 def border_samples(
     points: Points, labels: Labels, polygon: Polygon, spacing: float
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Pairs of planes (M, 2) whose points are neighbours in a triangulation, and the places between (M, 2).
+) -> tuple[NDArray[np.int64], NDArray[np.float64], Values]:
+    """Pairs of planes (M, 2) whose points are neighbours, the places between (M, 2), and their weights (M,).
+
+    Neighbours are those of a triangulation. A place weighs what its height difference is worth, up to 1 m.
 
     Across a gap the place is half a spacing from the higher point: the gap is the shadow of its wall.
     """
     known = points[labels >= 0]
     mark = labels[labels >= 0]
-    nothing = np.zeros((0, 2), np.int64), np.zeros((0, 2))
+    nothing = np.zeros((0, 2), np.int64), np.zeros((0, 2)), np.zeros(0)
     if len(np.unique(mark)) < 2:
         return nothing
     try:
@@ -79,7 +108,8 @@ def border_samples(
     share = np.where(gap > WIDE_GAP * spacing, 0.5 * spacing / gap, 0.5)
     places = known[high, :2] + share[:, None] * step
     inside = shapely.contains_xy(polygon, places[:, 0], places[:, 1])
-    return np.sort(mark[ends[inside]], axis=1).astype(np.int64), places[inside]
+    weight = np.clip(known[high, 2] - known[low, 2], LEAST_WEIGHT, 1.0)
+    return np.sort(mark[ends[inside]], axis=1).astype(np.int64), places[inside], weight[inside]
 
 
 def main_directions(polygon: Polygon) -> Values:
@@ -112,85 +142,135 @@ def candidate_lines(
 
     `labels` (N,) are the planes of the points (N, 3), -1 for none; `planes` (P, 3) their coefficients.
     """
-    pairs, places = border_samples(points, labels, polygon, spacing)
-    directions = main_directions(polygon)
+    pairs, places, weights = border_samples(points, labels, polygon, spacing)
     lines: list[Line] = []
+    jumps = np.ones(len(places), bool)
     found, number = np.unique(pairs, axis=0, return_inverse=True)
     for one, (a, b) in enumerate(found.tolist()):
-        mine = places[number.ravel() == one]
-        meeting, rest = meeting_line(mine, planes[a], planes[b], spacing)
+        mine = np.flatnonzero(number.ravel() == one)
+        meeting, near = meeting_line(places[mine], planes[a], planes[b], spacing)
         if meeting is not None:
             lines.append(meeting)
-        lines += jump_lines(rest, line_angles(directions, planes[[a, b]]), spacing)
+            jumps[mine[near]] = False
+    if len(found):
+        used, main = np.unique(pairs), main_directions(polygon)
+        lines += jump_lines(places[jumps], weights[jumps], main, fall_angles(planes[used]), spacing)
+        for one in used.tolist():
+            lines += rectangle_lines(points[labels == one, :2], main, spacing)
     return align(lines, polygon, spacing)
 
 
 def meeting_line(
     places: NDArray[np.float64], one: NDArray[np.float64], other: NDArray[np.float64], spacing: float
-) -> tuple[Line | None, NDArray[np.float64]]:
-    """The line in which two planes meet, where their border (M, 2) runs along it, and the places elsewhere."""
+) -> tuple[Line | None, Mask]:
+    """The line in which two planes meet, where their border (M, 2) runs along it, and which places do (M,)."""
     a, b, c = one - other
     steep = float(np.hypot(a, b))
     if steep < 0.02:
-        return None, places
+        return None, np.zeros(len(places), bool)
     nx, ny, offset = a / steep, b / steep, -c / steep
     away = places @ np.array([nx, ny]) - offset
-    near = (np.abs(away) < max(1.5 * spacing, 0.3)) & (np.abs(away) * steep < MEETING_JUMP)
+    near = (np.abs(away) < max(1.5 * spacing, 0.3)) & (np.abs(away) * steep < max(MEETING_JUMP, steep * spacing))
     if near.sum() < 3:
-        return None, places
+        return None, np.zeros(len(places), bool)
     along = places[near] @ np.array([-ny, nx])
     low, high = float(along.min()), float(along.max())
     if high - low < 2.0 * spacing:
-        return None, places
-    return Line((nx, ny), offset, low, high, float(near.sum()), True), places[~near]
+        return None, np.zeros(len(places), bool)
+    return Line((nx, ny), offset, low, high, float(near.sum()), True), near
 
 
-def line_angles(directions: Values, planes: NDArray[np.float64]) -> Values:
-    """Angles (K,) in [0, π) a jump may have: along and across the footprint, and along the planes' falls."""
-    angles = [*directions, *(directions + np.pi / 2)]
-    tolerance = np.radians(SAME_DIRECTION_DEG)
-    for a, b, _ in planes.tolist():
-        if np.hypot(a, b) < 0.1:
-            continue
+def fall_angles(planes: NDArray[np.float64]) -> Values:
+    """Angles (K,) in [0, π) along and across the falls of sloped planes (P, 3), each direction once."""
+    steep = planes[np.hypot(planes[:, 0], planes[:, 1]) > LEAST_FALL]
+    angles: list[float] = []
+    for a, b, _ in steep.tolist():
         for angle in (np.arctan2(b, a), np.arctan2(a, -b)):
-            apart = np.abs(np.mod(np.array(angles) - angle + np.pi / 2, np.pi) - np.pi / 2)
-            if len(apart) == 0 or apart.min() > 2.0 * tolerance:
+            if all(angle_between(angle, other) > np.radians(SAME_DIRECTION_DEG) for other in angles):
                 angles.append(float(np.mod(angle, np.pi)))
     return np.array(angles)
 
 
-def jump_lines(places: NDArray[np.float64], angles: Values, spacing: float) -> list[Line]:
-    """Lines of given angles through the border places (M, 2), best supported first."""
+def angle_between(one: float, other: float) -> float:
+    """Angle (radians, at most π/2) between two undirected directions."""
+    return float(abs(np.mod(one - other + np.pi / 2, np.pi) - np.pi / 2))
+
+
+def jump_lines(
+    places: NDArray[np.float64], weights: Values, main: Values, falls: Values, spacing: float
+) -> list[Line]:
+    """Lines through the border places (M, 2) where heights jump, best supported first.
+
+    Their angles are those of the footprint, `main` and its perpendiculars, or else those of the planes' falls.
+    """
+    angles = [*main, *(main + np.pi / 2)]
+    trust = [MAIN_WEIGHT] * len(angles)
+    for angle in falls.tolist():
+        if all(angle_between(angle, other) > 2.0 * np.radians(SAME_DIRECTION_DEG) for other in angles):
+            angles.append(angle)
+            trust.append(1.0)
+    normals = np.column_stack([-np.sin(angles), np.cos(angles)])
     lines: list[Line] = []
-    width = max(1.2 * spacing, 0.25)
-    while len(places) >= 4 and len(lines) < 8:
-        best = None
-        for angle in angles.tolist():
-            nx, ny = -np.sin(angle), np.cos(angle)
-            offset = places @ np.array([nx, ny])
-            order = np.sort(offset)
-            count = np.searchsorted(order, order + width, side="right") - np.arange(len(order))
-            most = int(np.argmax(count))
-            if best is None or count[most] > best[0]:
-                best = (int(count[most]), nx, ny, float(order[most]))
-        assert best is not None
-        count_in, nx, ny, first = best
-        offset = places @ np.array([nx, ny])
-        near = (offset >= first) & (offset <= first + width)
+    width, gap = max(WINDOW * spacing, 0.25), max(2.5 * spacing, 0.8)
+    shortest = max(2.0 * spacing, 0.6)
+    while len(places) >= FEWEST_SAMPLES and len(lines) < MOST_LINES:
+        offsets = places @ normals.T
+        score, first = np.zeros(len(angles)), np.zeros(len(angles))
+        for number in range(len(angles)):
+            order = np.argsort(offsets[:, number], kind="stable")
+            column = offsets[order, number]
+            total = np.append(0.0, np.cumsum(weights[order]))
+            inside = total[np.searchsorted(column, column + width, side="right")] - total[:-1]
+            most = int(np.argmax(inside))
+            score[number], first[number] = trust[number] * inside[most], column[most]
+        best = int(np.argmax(score))
+        offset = offsets[:, best]
+        near = np.flatnonzero((offset >= first[best]) & (offset <= first[best] + width))
+        nx, ny = normals[best].tolist()
         along = places[near] @ np.array([-ny, nx])
-        low, high = float(along.min()), float(along.max())
-        if count_in < 4:
-            break
-        if high - low >= max(2.0 * spacing, 0.6):
-            lines.append(Line((nx, ny), float(np.median(offset[near])), low, high, float(count_in), False))
-        places = places[np.abs(offset - np.median(offset[near])) > width]
+        turn = np.argsort(along, kind="stable")
+        near, along = near[turn], along[turn]
+        stretch = np.split(np.arange(len(near)), np.flatnonzero(np.diff(along) > gap) + 1)
+        longest = max(stretch, key=lambda some: float(weights[near[some]].sum()))
+        low, high = float(along[longest[0]]), float(along[longest[-1]])
+        if len(longest) >= FEWEST_SAMPLES and high - low >= shortest:
+            middle = float(np.median(offset[near[longest]]))
+            lines.append(Line((nx, ny), middle, low, high, float(weights[near[longest]].sum()), False))
+        places = np.delete(places, near[longest], axis=0)
+        weights = np.delete(weights, near[longest])
     return lines
+
+
+def rectangle_lines(places: NDArray[np.float64], main: Values, spacing: float) -> list[Line]:
+    """The sides of the rectangle around a plane's points (K, 2), when they fill one along a main direction.
+
+    The sides of a dormer are too short to gather border places; its rectangle is not.
+    """
+    if len(places) < FEWEST_IN_RECTANGLE or len(main) == 0:
+        return []
+    best: tuple[float, float, Values, Values] | None = None
+    for angle in main.tolist():
+        turned = places @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        low, high = np.percentile(turned, [2.0, 98.0], axis=0)
+        low, high = low - 0.5 * spacing, high + 0.5 * spacing
+        area = float(np.prod(high - low))
+        if best is None or area < best[0]:
+            best = area, angle, low, high
+    assert best is not None
+    area, angle, low, high = best
+    if len(places) * spacing**2 < LEAST_FILLING * area:
+        return []
+    cosine, sine = float(np.cos(angle)), float(np.sin(angle))
+    weight = RECTANGLE_WEIGHT * len(places) * spacing**2
+    across = [Line((cosine, sine), float(u), low[1], high[1], weight, False) for u in (low[0], high[0])]
+    along = [Line((-sine, cosine), float(v), -high[0], -low[0], weight, False) for v in (low[1], high[1])]
+    return [*across, *along]
 
 
 def align(lines: list[Line], polygon: Polygon, spacing: float) -> list[Line]:
     """The lines, best supported first; jumps that nearly continue a footprint edge or a better line lie on it."""
     tolerance = np.radians(SAME_DIRECTION_DEG)
-    near = max(1.0 * spacing, 0.25)
+    near, beside_edge = max(1.0 * spacing, 0.25), max(0.5 * spacing, 0.15)
     fixed: list[tuple[float, float, float, float, float, bool]] = []
     for ring in (polygon.exterior, *polygon.interiors):
         places = np.asarray(ring.coords)[:, :2]
@@ -208,20 +288,22 @@ def align(lines: list[Line], polygon: Polygon, spacing: float) -> list[Line]:
             answer.append(line)
             fixed.append((*line.normal, line.offset, line.low, line.high, False))
             continue
-        middle = 0.5 * (line.low + line.high)
         place = np.array(line.ends()).reshape(2, 2).mean(axis=0)
         moved, dropped = line, False
         for nx, ny, offset, low, high, edge in fixed:
             cross = line.normal[0] * ny - line.normal[1] * nx
-            if abs(cross) > np.sin(tolerance) or abs(nx * place[0] + ny * place[1] - offset) > near:
+            apart = abs(nx * place[0] + ny * place[1] - offset)
+            if abs(cross) > np.sin(tolerance) or apart > near:
                 continue
-            sign = 1.0 if nx * line.normal[0] + ny * line.normal[1] > 0 else -1.0
             along = float(place @ [-ny, nx])
             half = 0.5 * (line.high - line.low)
+            if line.support < 1.0 and not edge and low - near <= along - half and along + half <= high + near:
+                dropped = True
             if edge and low - near <= along - half and along + half <= high + near:
+                if apart > beside_edge:
+                    continue
                 dropped = True
             moved = Line((nx, ny), offset, along - half, along + half, line.support, False)
-            del sign, middle
             break
         if not dropped:
             answer.append(moved)
@@ -248,10 +330,9 @@ def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.
     ends = np.vstack([foot + direction * high[:, None], *(ring[1:] for ring in rings)])
     before = starts @ normal.T - offset
     after = ends @ normal.T - offset
-    crosses = before * after <= 0.0
-    share = before / np.where(before == after, 1.0, before - after)
+    crosses = (before * after <= 0.0) & (np.abs(before - after) > PARALLEL)
+    share = before / np.where(crosses, before - after, 1.0)
     along = starts @ direction.T + share * ((ends - starts) @ direction.T)
-    crosses &= before != after
     up = np.where(crosses & (along >= high), along, np.inf).min(axis=0)
     down = np.where(crosses & (along <= low), along, -np.inf).max(axis=0)
     last = np.where(np.isfinite(up), up + OVERSHOOT, high)

@@ -1,0 +1,320 @@
+"""The parametric house under a set of roof points: closed solution, one fit, edges, and whether it is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from eaves.geometry.extents import extent_of
+from eaves.geometry.moments import ClosedHouse, border_growth, close_house, surface_moments
+from eaves.geometry.parametric_roof import (
+    ACROSS,
+    ALONG,
+    ANGLE,
+    CUT,
+    END_SLOPE,
+    GABLE,
+    HALF_RIDGE,
+    HIP,
+    LEFT_SLOPE,
+    PLANE,
+    RIGHT_SLOPE,
+    TOP,
+    RoofFit,
+    fit_roof,
+)
+from eaves.geometry.tin import Tin
+from eaves.geometry.tolerance import FLAT_SLOPE_DEG
+from eaves.model import Failure, Mask, Points
+
+LEAST_NOISE = 0.015
+"""Noise (m) under which a fit does not tell forms apart."""
+
+FEWEST_POINTS = 16
+"""Points a house of seven parameters is asked from."""
+
+CHOICE_POINTS, CHOICE_ROUNDS = 200, 12
+"""Points, and steps, with which the forms are compared before the one fit."""
+
+EMPTY_RADIUS = 4.0
+"""A triangle is empty ground when its circle is this many times wider than usual: one random point in 10^9."""
+
+HIP_FALL, FULL_HIP_FALL = 0.12, 0.8
+"""Fall of the ends as a share of the sides': below the first a gable, from the second a hip, between a half-hip."""
+
+SHORT_RIDGE = 0.1
+"""Ridge as a share of the length below which a hip is a pyramid."""
+
+PARAMETER_PRICE = 0.01
+"""What a parameter must save beyond Schwarz' half logarithm, as a share of the points: roofs are not exact."""
+
+
+@dataclass(frozen=True, eq=False)
+class House:
+    """A house with a simple roof: what it measures (m, radians), and how sure each number is.
+
+    `length` runs along the ridge (the eaves of a shed), `width` across; `x, y` is the rectangle's middle. `slope` is
+    the mean of both sides' slopes (radians), `ridge_offset` how far the ridge lies beside the middle. `deviations`
+    holds a standard deviation for each parameter by name, `inlier` (N,) the points the roof explains.
+    """
+
+    roof: str
+    x: float
+    y: float
+    orientation: float
+    length: float
+    width: float
+    eaves: float
+    ridge: float
+    slope: float
+    ridge_offset: float
+    deviations: dict[str, float]
+    rmse: float
+    fit: RoofFit = field(repr=False)
+    closed: ClosedHouse = field(repr=False)
+    edges: tuple[float, float, float, float] = field(repr=False)
+    """Rectangle in the axes of the fit: low and high along, low and high across (m)."""
+    inlier: Mask = field(repr=False)
+    empty_share: float = 0.0
+    """Share of the rectangle that the points, with their border, do not cover."""
+
+
+def fit_house(points: Points, plan: Polygon | None = None) -> House | Failure:
+    """The parametric house under roof points (N, 3), or a Failure when there are too few.
+
+    With a ground plan, place, orientation, length and width are those of its least rectangle.
+    """
+    if len(points) < FEWEST_POINTS:
+        return Failure("too_few_points", f"{len(points)} roof points for a parametric house", "reconstruct")
+    triangles = Tin(points[:, :2]).triangles
+    moments = surface_moments(points, triangles)
+    if moments.area <= 0.0 or min(moments.xx, moments.yy) <= 0.0:
+        return Failure("no_area", "the roof points lie on one line", "reconstruct")
+    growth = border_growth(len(points))
+    level = float(np.tan(np.radians(FLAT_SLOPE_DEG)) * np.sqrt(12.0 * moments.area) / 4.0)
+    closed = close_house(moments, level, growth)
+    best = choose_fit(points, closed)
+    inlier = np.abs(best.residuals) <= CUT * best.scale
+    if plan is not None:
+        best, frame = take_plan(best, points, plan)
+        inlier = np.abs(best.residuals) <= CUT * best.scale
+    else:
+        if best.form == PLANE:
+            best = settle_axes(best, points[inlier])
+        frame = measure_edges(best, points[inlier])
+    covered = covered_area(points, triangles) * growth**2
+    return describe_house(best, closed, frame, inlier, covered)
+
+
+def choose_fit(points: Points, closed: ClosedHouse) -> RoofFit:
+    """The fit of the form that explains the points best for its number of parameters."""
+    centre = np.array([closed.x, closed.y])
+    some = points[:: max(1, len(points) // CHOICE_POINTS)]
+    fits = [
+        fit_roof(form, some, centre, start_of(form, closed), LEAST_NOISE, CHOICE_ROUNDS)
+        for form in (PLANE, GABLE, HIP)
+    ]
+    scale = min(fit.scale for fit in fits)
+    price = max(0.5 * float(np.log(len(some))), PARAMETER_PRICE * len(some))
+    costs = []
+    for fit, parameters in zip(fits, (3, 5, 7), strict=True):
+        square = (fit.residuals / (CUT * scale)) ** 2
+        costs.append(0.5 * CUT**2 * float(np.sum(square / (1.0 + square))) + parameters * price)
+    chosen = fits[int(np.argmin(costs))]
+    return fit_roof(chosen.form, points, centre, chosen.parameters, LEAST_NOISE)
+
+
+def start_of(form: int, closed: ClosedHouse) -> NDArray[np.float64]:
+    """The closed solution as parameters (8,) of a form."""
+    start = np.zeros(8)
+    start[ANGLE] = closed.orientation
+    rise = max(abs(closed.rise), closed.rise_across, 0.1 * closed.width)
+    start[TOP] = closed.eaves + rise
+    if form == PLANE:
+        start[TOP] = closed.eaves + 0.5 * abs(closed.rise)
+        if closed.roof == "shed":
+            start[LEFT_SLOPE] = -closed.rise / closed.width
+        return start
+    start[LEFT_SLOPE] = start[RIGHT_SLOPE] = start[END_SLOPE] = 2.0 * rise / closed.width
+    start[HALF_RIDGE] = max(closed.length - closed.width, 0.0) / 2.0
+    return start
+
+
+def take_plan(
+    fit: RoofFit, points: Points, plan: Polygon
+) -> tuple[RoofFit, tuple[float, float, float, float, float, float]]:
+    """The fit to points (N, 3) in the axes of the plan's least rectangle, and its edges, which are exact."""
+    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(plan))
+    side = corners[1] - corners[0]
+    turn = np.arctan2(side[1], side[0]) - fit.parameters[ANGLE]
+    turn = np.mod(turn + np.pi / 4.0, np.pi / 2.0) - np.pi / 4.0
+    if fit.form == PLANE:
+        fit = turned_fit(fit, float(turn))
+        if abs(fit.parameters[END_SLOPE]) > abs(fit.parameters[LEFT_SLOPE]):
+            fit = turned_fit(fit, np.pi / 2.0)
+    else:
+        start = fit.parameters.copy()
+        start[ANGLE] += turn
+        fit = fit_roof(fit.form, points, fit.centre, start, LEAST_NOISE, turns=False)
+    along, across = fit.axes(corners)
+    return fit, (along.min(), along.max(), across.min(), across.max(), 0.0, 0.0)
+
+
+def settle_axes(fit: RoofFit, points: Points) -> RoofFit:
+    """The plane's fit with its axes along the sides of the least rectangle around points (N, 3), falling across.
+
+    A plane has no ridge to tell the orientation. The rectangle of least area is looked for around the closed
+    solution, then the axes are named so that the plane falls across.
+    """
+    best, angle = np.inf, 0.0
+    for width, steps in ((0.16, 17), (0.016, 9), (0.003, 7)):
+        middle = angle
+        for turn in middle + np.linspace(-width, width, steps):
+            west, east, south, north = measure_edges(turned_fit(fit, turn), points)[:4]
+            area = (east - west) * (north - south)
+            if area < best:
+                best, angle = area, float(turn)
+    settled = turned_fit(fit, angle)
+    along, across = settled.parameters[END_SLOPE], settled.parameters[LEFT_SLOPE]
+    level = np.tan(np.radians(FLAT_SLOPE_DEG))
+    if np.hypot(along, across) < level:
+        west, east, south, north = measure_edges(settled, points)[:4]
+        return settled if east - west >= north - south else turned_fit(settled, np.pi / 2.0)
+    return turned_fit(settled, np.pi / 2.0) if abs(along) > abs(across) else settled
+
+
+def turned_fit(fit: RoofFit, turn: float) -> RoofFit:
+    """The same plane in axes turned by `turn` (radians)."""
+    p = fit.parameters.copy()
+    cosine, sine = np.cos(turn), np.sin(turn)
+    gradient_along, gradient_across = p[END_SLOPE], -p[LEFT_SLOPE]
+    p[ANGLE] += turn
+    p[END_SLOPE] = cosine * gradient_along + sine * gradient_across
+    p[LEFT_SLOPE] = -(cosine * gradient_across - sine * gradient_along)
+    return RoofFit(fit.form, fit.centre, p, fit.residuals, fit.covariance, fit.scale)
+
+
+def measure_edges(fit: RoofFit, points: Points) -> tuple[float, float, float, float, float, float]:
+    """Low and high along, low and high across, in the axes of the fit, and a standard deviation for each axis."""
+    along, across = fit.axes(points)
+    west, east, end_deviation = extent_of(along)
+    south, north, side_deviation = extent_of(across)
+    return west, east, south, north, end_deviation, side_deviation
+
+
+def covered_area(points: Points, triangles: NDArray[np.int32]) -> float:
+    """Area (m²) of the triangles (T, 3) between points (N, 3), the wide ones over empty ground left out."""
+    a, b, c = points[triangles[:, 0], :2], points[triangles[:, 1], :2], points[triangles[:, 2], :2]
+    area = 0.5 * np.abs((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1]))
+    sides = np.hypot(*(b - a).T) * np.hypot(*(c - b).T) * np.hypot(*(a - c).T)
+    radius = sides / np.maximum(4.0 * area, 1e-12)
+    return float(area[radius <= EMPTY_RADIUS * np.median(radius)].sum())
+
+
+def describe_house(
+    fit: RoofFit,
+    closed: ClosedHouse,
+    frame: tuple[float, float, float, float, float, float],
+    inlier: Mask,
+    covered: float,
+) -> House:
+    """The house of a fit and its edges."""
+    west, east, south, north, end_deviation, side_deviation = frame
+    p = fit.parameters
+    length, width = east - west, north - south
+    along, across = 0.5 * (west + east), 0.5 * (south + north)
+    cosine, sine = np.cos(p[ANGLE]), np.sin(p[ANGLE])
+    x = fit.centre[0] + cosine * along - sine * across
+    y = fit.centre[1] + sine * along + cosine * across
+    corners = corner_heights(fit, west, east, south, north)
+    roof, slope, ridge = name_roof(fit, west, east, south, north)
+    eaves = min(corners) if roof in ("flat", "shed") else side_eaves(fit, south, north)
+    if roof == "flat":
+        eaves = ridge = float(np.mean(corners))
+    variance = np.maximum(np.diag(fit.covariance), 0.0)
+    tangent = float(np.tan(slope))
+    slope_variance = variance[[LEFT_SLOPE, END_SLOPE]].sum() if fit.form == PLANE else variance[LEFT_SLOPE]
+    edge = 0.5 * width * np.sqrt(slope_variance)
+    deviations = {
+        "x": float(np.hypot(cosine * end_deviation, sine * side_deviation) / np.sqrt(2.0)),
+        "y": float(np.hypot(sine * end_deviation, cosine * side_deviation) / np.sqrt(2.0)),
+        "orientation": orientation_deviation(fit, variance, length, width, end_deviation, side_deviation),
+        "length": float(np.sqrt(2.0) * end_deviation),
+        "width": float(np.sqrt(2.0) * side_deviation),
+        "ridge": float(
+            np.sqrt(variance[TOP]) if fit.form != PLANE else np.hypot(np.sqrt(variance[TOP]), edge)
+        ),
+        "eaves": float(np.sqrt(variance[TOP] + edge**2 + (tangent * side_deviation) ** 2)),
+        "slope": float(np.sqrt(slope_variance) / (1.0 + tangent**2)),
+    }
+    inside = fit.residuals[inlier]
+    return House(
+        roof,
+        float(x),
+        float(y),
+        float(np.mod(p[ANGLE], np.pi)),
+        float(length),
+        float(width),
+        float(eaves),
+        float(ridge),
+        slope,
+        float(p[ACROSS] - across) if fit.form != PLANE else 0.0,
+        deviations,
+        float(np.sqrt(np.mean(inside**2))) if len(inside) else 0.0,
+        fit,
+        closed,
+        (west, east, south, north),
+        inlier,
+        float(1.0 - covered / (length * width)),
+    )
+
+
+def corner_heights(fit: RoofFit, west: float, east: float, south: float, north: float) -> list[float]:
+    """Heights (m) of the roof over the rectangle's corners."""
+    cosine, sine = np.cos(fit.parameters[ANGLE]), np.sin(fit.parameters[ANGLE])
+    places = np.array([[west, south], [east, south], [east, north], [west, north]])
+    turn = np.array([[cosine, sine], [-sine, cosine]])
+    return [float(height) for height in fit.height_at(places @ turn + fit.centre)]
+
+
+def side_eaves(fit: RoofFit, south: float, north: float) -> float:
+    """Mean height (m) of the two eaves of a gable or hip."""
+    p = fit.parameters
+    left, right = p[LEFT_SLOPE] * (north - p[ACROSS]), p[RIGHT_SLOPE] * (p[ACROSS] - south)
+    return float(p[TOP] - 0.5 * (left + right))
+
+
+def name_roof(fit: RoofFit, west: float, east: float, south: float, north: float) -> tuple[str, float, float]:
+    """The roof's type, slope (radians) and ridge height (m)."""
+    p = fit.parameters
+    if fit.form == PLANE:
+        slope = float(np.arctan(np.hypot(p[LEFT_SLOPE], p[END_SLOPE])))
+        ridge = max(corner_heights(fit, west, east, south, north))
+        return ("flat" if slope < np.radians(FLAT_SLOPE_DEG) else "shed"), slope, ridge
+    slope = float(np.mean(np.arctan(p[[LEFT_SLOPE, RIGHT_SLOPE]])))
+    if fit.form == HIP:
+        run = min(east - p[ALONG], p[ALONG] - west) - p[HALF_RIDGE]
+        fall = p[END_SLOPE] * run / max(p[TOP] - side_eaves(fit, south, north), 1e-6)
+        if fall >= HIP_FALL:
+            short = 2.0 * p[HALF_RIDGE] < SHORT_RIDGE * (east - west)
+            name = "half_hip" if fall < FULL_HIP_FALL else "pyramid" if short else "hip"
+            return name, slope, float(p[TOP])
+    return "gable", slope, float(p[TOP])
+
+
+def orientation_deviation(
+    fit: RoofFit,
+    variance: NDArray[np.float64],
+    length: float,
+    width: float,
+    end_deviation: float,
+    side_deviation: float,
+) -> float:
+    """Standard deviation (radians) of the orientation: of the fit, or of the edges for a single plane."""
+    if fit.form != PLANE:
+        return float(np.sqrt(variance[ANGLE]))
+    return float(1.0 / np.hypot(length / max(side_deviation, 1e-6), width / max(end_deviation, 1e-6)))
