@@ -86,9 +86,11 @@ DEFAULTS: dict[str, str] = {
 REGISTRY: dict[str, dict[str, str]] = {
     "ground": {
         "adaptive_tin": "eaves.ground.adaptive_tin:AdaptiveTin",
+        "smooth_region": "eaves.ground.smooth_region:SmoothRegion",
     },
     "detect": {
         "planar_patches": "eaves.detect.planar_patches:PlanarPatches",
+        "consensus": "eaves.detect.consensus:Consensus",
         "given_classes": "eaves.detect.given_classes:GivenClasses",
     },
     "outline": {
