@@ -19,6 +19,11 @@ SAME_HEIGHT = 0.005
 in height.
 """
 
+NARROWEST = 0.01
+"""A face with a corner nearer than this (m) in plan to another corner or edge of it is refused: rounded to 1
+mm, its
+triangles would no longer lie in its plane."""
+
 Node = tuple[int, int]
 """A node of the plan, in whole coordinate steps."""
 Ring = list[Node]
@@ -38,6 +43,8 @@ def extrude_partition(faces: Sequence[tuple[Polygon, Plane]], base: float) -> So
     rings = [[_nodes(ring) for ring in _rings_of(polygon)] for polygon, _ in faces]
     _drop_straight_nodes(rings)
     _split_crossings(rings, [plane for _, plane in faces])
+    if any(_narrowest(face) < NARROWEST for face in rings):
+        raise ValueError("a face is narrower somewhere than rounding allows")
     levels = _levels_at_nodes(rings, [plane for _, plane in faces])
     if min(level for stack in levels.values() for level in stack) < base + SAME_HEIGHT:
         raise ValueError("the roof reaches below the base of the solid")
@@ -90,6 +97,27 @@ def _edges(rings: list[Ring]) -> list[tuple[Node, Node]]:
     return [edge for ring in rings for edge in zip(ring, ring[1:] + ring[:1], strict=True)]
 
 
+def _narrowest(face: list[Ring]) -> float:
+    """The least distance (m) of a corner of a face from another corner or edge of it; 0 when a ring is no
+    area.
+    """
+    if any(len(ring) < 3 for ring in face):
+        return 0.0
+    edges = np.array(_edges(face), np.float64) * COORDINATE_STEP
+    start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
+    towards = start[:, None] - start
+    length = np.maximum((along**2).sum(axis=1), COORDINATE_STEP**2)
+    share = np.clip((towards * along).sum(axis=2) / length, 0.0, 1.0)
+    distance = np.linalg.norm(towards - share[..., None] * along, axis=2)
+    corners = [corner for ring in face for corner in ring]
+    after = [corner for ring in face for corner in ring[1:] + ring[:1]]
+    place = {corner: number for number, corner in enumerate(corners)}
+    number = np.arange(len(corners))
+    distance[number, number] = np.inf
+    distance[[place[corner] for corner in after], number] = np.inf
+    return float(min(distance.min(), np.sqrt(length.min())))
+
+
 def _height(node: Node, plane: Plane) -> float:
     return plane[0] * node[0] * COORDINATE_STEP + plane[1] * node[1] * COORDINATE_STEP + plane[2]
 
@@ -110,9 +138,11 @@ def _drop_straight_nodes(rings: list[list[Ring]]) -> None:
 
 
 def _straight(p: Node, q: Node, r: Node) -> bool:
-    """Whether q lies on the segment from p to r, within one coordinate step."""
+    """Whether q lies on the segment from p to r, within two coordinate steps: snap rounding moves it so
+    far.
+    """
     ux, uy, vx, vy = r[0] - p[0], r[1] - p[1], q[0] - p[0], q[1] - p[1]
-    return abs(ux * vy - uy * vx) <= np.hypot(ux, uy) and ux * (r[0] - q[0]) + uy * (r[1] - q[1]) > 0
+    return abs(ux * vy - uy * vx) <= 2 * np.hypot(ux, uy) and ux * (r[0] - q[0]) + uy * (r[1] - q[1]) > 0
 
 
 def _split_crossings(rings: list[list[Ring]], planes: list[Plane]) -> None:

@@ -216,7 +216,7 @@ def _detached(plot: Plot, block: Block, rng: np.random.Generator) -> None:
                 side * (plot.depth / 2 - rng.uniform(7.5, 10.0)),
                 turn,
             )
-            if rng.random() < 0.5:
+            if rng.random() < 0.35:
                 place = middle + rng.uniform(-0.3, 0.3) * frontage, side * rng.uniform(2.5, 4.5)
                 _put(plot, block, draw_garden_shed(rng), *place, float(turn))
             border = plot.at(u, side * plot.depth / 2), plot.at(u, 0.0)
@@ -244,7 +244,7 @@ def _rows(plot: Plot, block: Block, rng: np.random.Generator) -> None:
             _put(plot, block, design, start + (east - west) / 2, side * (plot.depth / 2 - 7.5), turn)
             start += east - west + 3.0
         for u in np.arange(-room / 2 + 3.0, room / 2, 6.0):
-            if rng.random() < 0.4:
+            if rng.random() < 0.25:
                 _put(plot, block, draw_garden_shed(rng), float(u), side * 3.2, np.pi / 2)
             if rng.random() < 0.6:
                 block.trees.append(plot.at(float(u) + 2.5, side * rng.uniform(4.0, 9.0)))

@@ -18,7 +18,7 @@ from eaves.simulate.furniture import hang_power_line, park_car, put_fence, span_
 from eaves.simulate.masses import Plane
 from eaves.simulate.ray_grid import RayGrid, index_town
 from eaves.simulate.roofs import make_building
-from eaves.simulate.streets import Block, Placement, TownStyle, draw_block, lay_streets
+from eaves.simulate.streets import Block, Placement, Plot, TownStyle, draw_block, lay_streets
 from eaves.simulate.surfaces import Surfaces, building_surfaces
 from eaves.simulate.terrain import Corridor, Terrain, TerrainKind, cut_corridor, make_terrain
 from eaves.simulate.vegetation import Foliage, grow_hedge, grow_shrub, grow_tree
@@ -44,6 +44,9 @@ built.
 
 SHORTEST_CORRIDOR = 250.0
 """A town whose side is shorter (m) has no canal and no embankment."""
+
+GARDEN_REACH = 12.0
+"""What a block plants and parks stands at most this far outside its plot (m)."""
 
 TRUNK_CLEARANCE = 0.6
 """A trunk stands at least this far from a wall (m); crowns may hang over roofs."""
@@ -120,7 +123,7 @@ def simulate_town(
         for placement in block.placements:
             if len(built.buildings) < limit:
                 built.build(placement)
-        built.furnish(block, trees, leaf_loss, np.random.default_rng([seed, 35, number]))
+        built.furnish(plot, block, trees, leaf_loss, np.random.default_rng([seed, 35, number]))
     if buildings is not None and len(built.buildings) < buildings:
         logger.warning(
             "only %d of %d buildings fit on %.3g km²; ask for a larger area",
@@ -202,17 +205,16 @@ class _Site:
 
     def overlaps(self, outline: Polygon) -> bool:
         """Whether the outline stands in a building that is there."""
-        west, south, east, north = outline.bounds
-        for other in self.outlines:
-            box = other.bounds
-            apart = box[0] > east or box[2] < west or box[1] > north or box[3] < south
-            if not apart and shapely.intersection(other, outline).area > APART:
-                return True
-        return False
+        extent = Bounds(*outline.bounds)
+        near = (other for other in self.outlines if Bounds(*other.bounds).intersects(extent))
+        return any(shapely.intersection(other, outline).area > APART for other in near)
 
-    def furnish(self, block: Block, trees: float, leaf_loss: float, rng: np.random.Generator) -> None:
+    def furnish(
+        self, plot: Plot, block: Block, trees: float, leaf_loss: float, rng: np.random.Generator
+    ) -> None:
         """Plant and park what the block holds, where no building stands."""
-        near = [outline for outline in self.outlines]
+        around = Bounds.of(plot.corners()).grown(GARDEN_REACH)
+        near = [outline for outline in self.outlines if Bounds(*outline.bounds).intersects(around)]
         built = shapely.union_all([shapely.buffer(outline, TRUNK_CLEARANCE) for outline in near])
         shapely.prepare(built)
 
