@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -14,18 +15,18 @@ from eaves.geometry.rings import signed_area
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
 from eaves.outline.base import OutlineMethod
-from eaves.outline.corners import ends_of_edges, joined_edges, ring_of_edges
+from eaves.outline.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
 from eaves.outline.edges import Edges, common_axes, edge_shift_kernel, fit_edges
 from eaves.outline.polyline import cheapest_polyline
 
 OUTSIDE, INSIDE, MARGIN = 1.2, 4.0, 0.3
 """The strip of points that tells where they end: before the edge, behind it, off its ends; in spacings."""
-WIDEST, WIDE_SHARE = 3.0, 0.9
-"""The empty discs of a tenth of the area are wider; discs over 3 spacings are gaps, not the pattern's."""
+WIDEST, WIDE_SHARE = 2.0, 0.7
+"""The empty discs of three tenths of the area are wider; discs over 2 spacings are gaps."""
 LEAST_POINTS = 4
 """Fewer points in the strip tell nothing."""
-CORNER_REACH = 5.0
-"""A corner farther than this from the boundary, in spacings, is cut off; one of 25° still is not."""
+CORNER_REACH = 4.0
+"""A corner farther than this from the boundary, in spacings, is cut off; one of 30° still is not."""
 
 
 class GlobalFit(OutlineMethod):
@@ -39,9 +40,9 @@ class GlobalFit(OutlineMethod):
     corners are intersections; edges and jogs below `detail` go. At last every edge moves to the place where
     the points behind it end, which corrects the half spacing that points stay inside.
 
-    The cost of a polyline with K edges, F of them free, is
+    The cost of a polyline with K edges, F of them free, along M boundary points is
 
-        Σ_points d² / 2σ² + price · K + angle_price · F,    σ² = (scatter · spacing)² + blur²
+        Σ_points d² / 2σ² + price · log M · K + angle_price · F,    σ² = (scatter · spacing)² + blur²
 
     and an edge stands before the k-th point of its strip by the mean distance from a random place to the
     k-th point after it, for k = 1 with gaps g between the points' depths Σ g² / 2 Σ g: 1/density for random
@@ -71,11 +72,11 @@ class GlobalFit(OutlineMethod):
 
     alpha: float = parameter(1.15, "radius of the largest empty disc, in spacings", gt=0)
     share: float = parameter(0.95, "least share of the points inside, or alpha is widened", ge=0, le=1)
-    scatter: float = parameter(0.27, "scatter of a boundary point about its edge, in spacings", gt=0)
+    scatter: float = parameter(0.28, "scatter of a boundary point about its edge, in spacings", gt=0)
     blur: float = parameter(
         0.1, "horizontal blur of an edge: noise of the points and the laser's spot", unit="m", ge=0
     )
-    price: float = parameter(8.0, "price of an edge, in nats", gt=0)
+    price: float = parameter(1.8, "price of an edge, in nats per log of the number of boundary points", gt=0)
     angle_price: float = parameter(3.0, "further price of a direction of its own, in nats", ge=0)
     tolerance: float = parameter(8.0, "largest turn of an edge into a common direction", unit="°", ge=0)
     least: float = parameter(0.2, "least share of the outline along a frame of directions", ge=0, le=1)
@@ -127,32 +128,34 @@ class GlobalFit(OutlineMethod):
         far = int(np.argmax(((local - local.mean(axis=0)) ** 2).sum(axis=1)))
         local = np.roll(local, -far, axis=0)
         none = np.zeros(0)
-        starts, axis = cheapest_polyline(local, none, sigma, self.price, self.angle_price)
+        price = self.price * float(np.log(len(ring)))
+        starts, axis = cheapest_polyline(local, none, sigma, price, self.angle_price)
         free = fit_edges(local, starts, axis, none)
         axes = common_axes(free, sigma, np.radians(self.tolerance), self.least, self.frames)
         again = np.roll(local, -int(starts[len(starts) // 2]), axis=0)
-        starts, axis = cheapest_polyline(again, axes, sigma, self.price, self.angle_price)
+        starts, axis = cheapest_polyline(again, axes, sigma, price, self.angle_price)
         edges = fit_edges(again, starts, axis, axes)
+        drawing = Drawing(self.detail * spacing, CORNER_REACH * spacing, sigma, price)
         for candidate in (edges, free):
-            corners = self.drawn(candidate, points, spacing)
+            corners = self.drawn(candidate, points, spacing, drawing)
             if corners is not None and is_like(corners, local, 1.5 * spacing):
                 return np.asarray(corners + origin)
         return ring
 
-    def drawn(self, edges: Edges, xy: NDArray[np.float64], spacing: float) -> NDArray[np.float64] | None:
+    def drawn(
+        self, edges: Edges, xy: NDArray[np.float64], spacing: float, drawing: Drawing
+    ) -> NDArray[np.float64] | None:
         """The corners (C, 2) of the edges, moved to where the points end; None when under three are left."""
-        reach = CORNER_REACH * spacing
-        edges = joined_edges(edges, self.detail * spacing, reach)
+        edges = joined_edges(edges, drawing)
         if len(edges) < 3:
             return None
-        start, end = ends_of_edges(edges, reach)
-        length = ((end - start) * edges.direction).sum(axis=1)
+        start, _ = ends_of_edges(edges, drawing)
         shift = edge_shift_kernel(
             xy,
             edges.normal,
             edges.offset,
             start,
-            length,
+            edge_lengths(edges, drawing),
             OUTSIDE * spacing,
             INSIDE * spacing,
             MARGIN * spacing,
@@ -161,8 +164,9 @@ class GlobalFit(OutlineMethod):
         )
         told = np.isfinite(shift)
         shift = np.where(told, np.clip(shift, -OUTSIDE * spacing, OUTSIDE * spacing), -0.5 * spacing)
-        edges = joined_edges(edges.with_(offset=edges.offset + shift), 0.5 * self.detail * spacing, reach)
-        return ring_of_edges(edges, reach) if len(edges) > 2 else None
+        finer = replace(drawing, detail=0.5 * drawing.detail)
+        edges = joined_edges(edges.with_(offset=edges.offset + shift), finer)
+        return ring_of_edges(edges, finer) if len(edges) > 2 else None
 
 
 def is_like(ring: NDArray[np.float64], boundary: NDArray[np.float64], distance: float) -> bool:
