@@ -1,0 +1,97 @@
+"""Buildings of a CityJSON file as the evaluation sees them: roofs, all faces, footprint, volume, heights."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from eaves.formats import CityObject, read_cityjson
+from eaves.model import Points
+from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
+
+FLATTEST = 0.02
+"""Upward share of a normal over which a face without a known surface type counts as a roof."""
+
+Rings = list[Points]
+
+
+@dataclass(frozen=True, eq=False)
+class CityBuilding:
+    """One building with its parts at one level of detail, in world metres.
+
+    `roofs` and `faces` hold the rings of the roof faces and of all faces; `lod` is the level ("" when there
+    is no model); `lods` are all levels the file has of it.
+    """
+
+    id: str
+    lod: str
+    lods: tuple[str, ...]
+    roofs: tuple[Rings, ...]
+    faces: tuple[Rings, ...]
+    footprint: Polygon | MultiPolygon
+
+    @property
+    def volume(self) -> float:
+        """Volume (m³) the faces enclose, by the divergence theorem."""
+        if not self.faces:
+            return 0.0
+        centre = np.concatenate([face[0] for face in self.faces]).mean(axis=0)
+        total = 0.0
+        for ring in (ring for face in self.faces for ring in face):
+            away = ring - centre
+            total += float(np.einsum("i,ti->", away[0], np.cross(away[1:-1], away[2:])))
+        return total / 6.0
+
+    @property
+    def height(self) -> float:
+        """Highest minus lowest vertex (m)."""
+        z = np.concatenate([face[0][:, 2] for face in self.faces]) if self.faces else np.zeros(1)
+        return float(np.ptp(z))
+
+
+def read_buildings(path: str | Path, lod: str | None = None) -> list[CityBuilding]:
+    """The buildings of a file, each at a level of detail or, for None, at its finest; parts belong to their
+    building.
+    """
+    objects = read_cityjson(path)
+    members: dict[str, list[CityObject]] = defaultdict(list)
+    for item in objects.values():
+        if item.type in ("Building", "BuildingPart"):
+            members[item.parents[0] if item.parents else item.id].append(item)
+    return [_building(name, items, lod) for name, items in members.items()]
+
+
+def _building(name: str, items: list[CityObject], lod: str | None) -> CityBuilding:
+    geometries = [(item, geometry) for item in items for geometry in item.geometries]
+    lods = tuple(sorted({geometry.lod for _, geometry in geometries}))
+    wanted = lod if lod is not None else max((level for level in lods if level >= "1"), default="")
+    roofs: list[Rings] = []
+    faces: list[Rings] = []
+    ground: list[Polygon] = []
+    for item, geometry in geometries:
+        for face in (face for solid in geometry.solids for shell in solid for face in shell):
+            rings = [item.vertices[list(ring)] for ring in face.rings]
+            if geometry.lod == wanted:
+                faces.append(rings)
+                if face.surface == ROOF_SURFACE or (not face.surface and _faces_up(rings[0])):
+                    roofs.append(rings)
+            if geometry.lod == "0" or (face.surface == GROUND_SURFACE and geometry.lod == wanted):
+                ground.append(_shadow(rings))
+    plan = ground or [_shadow(rings) for rings in roofs]
+    footprint = shapely.union_all([shapely.make_valid(shape) for shape in plan], grid_size=0.001)
+    return CityBuilding(name, wanted if faces else "", lods, tuple(roofs), tuple(faces), footprint)
+
+
+def _shadow(rings: Rings) -> Polygon:
+    return Polygon(rings[0][:, :2], [ring[:, :2] for ring in rings[1:]])
+
+
+def _faces_up(ring: Points) -> bool:
+    away = ring - ring.mean(axis=0)
+    normal = np.cross(away, np.roll(away, -1, axis=0)).sum(axis=0)
+    return bool(normal[2] > FLATTEST * np.linalg.norm(normal))

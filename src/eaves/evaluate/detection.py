@@ -1,0 +1,112 @@
+"""Building detection against a reference, as in the ISPRS benchmark [rutzinger2009] [rottensteiner2014].
+
+Both are label images on one grid. Cells that hold no point, where a cloud is the reference, are left out; so
+are objects under 2.5 m². Compared are the areas, the objects, and the rims.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from eaves.evaluate.boundaries import rim_distances, rim_of
+from eaves.evaluate.matching import SMALLEST, Matching, Numbers, match_objects, relation_of
+from eaves.evaluate.scores import Agreement, root_mean_square
+from eaves.model import Mask
+
+LARGE_AREAS = (10.0, 50.0)
+"""Objects over these areas (m²) are counted apart."""
+
+TRUE_POSITIVE, FALSE_NEGATIVE, FALSE_POSITIVE, UNKNOWN = 1, 2, 3, 255
+"""Values of the map of agreement; 0 is ground in both."""
+
+
+@dataclass(frozen=True)
+class ObjectRow:
+    """One object: the set it is of, its area (m²), the share the other set covers, and its relation."""
+
+    set: str
+    label: int
+    area_m2: float
+    covered: float
+    found: bool
+    relation: str
+
+
+@dataclass(frozen=True, eq=False)
+class DetectionScore:
+    """Agreement by area, by objects, by objects over 10 and 50 m²; relations; RMS of the rims (m); map and
+    rows.
+    """
+
+    area: Agreement
+    objects: Agreement
+    objects_over: dict[float, Agreement]
+    relations: dict[str, int]
+    rms_m: float
+    map: NDArray[np.uint8]
+    rows: tuple[ObjectRow, ...]
+
+
+def label_objects(mask: Mask) -> Numbers:
+    """Labels (H, W) of the pieces of a mask: cells that share a side belong together."""
+    labels, _ = ndimage.label(mask)
+    return np.asarray(labels, np.int64)
+
+
+def evaluate_detection(
+    result: Numbers,
+    reference: Numbers,
+    cell: float,
+    known: Mask | None = None,
+    smallest: float = SMALLEST,
+) -> DetectionScore:
+    """Scores of a label image (H, W) against a reference one with cells of `cell` metres; 0 is no building.
+
+    Parameters
+    ----------
+    known
+        Where the truth is known (H, W): cells with points. By default everywhere.
+    smallest
+        Objects under this area (m²) are left out.
+    """
+    certain = np.ones(result.shape, bool) if known is None else known
+    matching, result, reference = match_objects(
+        np.where(certain, result, 0), np.where(certain, reference, 0), cell**2, smallest
+    )
+    shared = float(((result > 0) & (reference > 0)).sum()) * cell**2
+    area = Agreement(shared, (reference > 0).sum() * cell**2, shared, (result > 0).sum() * cell**2)
+    correct = matching.result.label[matching.result_covered >= 0.5]
+    rims = rim_of(np.isin(result, correct), cell), rim_of(reference > 0, cell)
+    agreement_map = np.where(result > 0, FALSE_POSITIVE, 0)
+    agreement_map[reference > 0] = FALSE_NEGATIVE
+    agreement_map[(result > 0) & (reference > 0)] = TRUE_POSITIVE
+    agreement_map[~certain] = UNKNOWN
+    return DetectionScore(
+        area,
+        matching.agreement(),
+        {limit: matching.agreement(limit) for limit in LARGE_AREAS},
+        matching.relations,
+        root_mean_square(rim_distances(*rims, cell)),
+        agreement_map.astype(np.uint8),
+        object_rows(matching),
+    )
+
+
+def object_rows(matching: Matching) -> tuple[ObjectRow, ...]:
+    """One row an object, those of the reference first."""
+    groups = matching.groups
+    count = int(max(g.max(initial=-1) for g in groups)) + 1
+    results, references = (np.bincount(g, minlength=count) for g in groups)
+    rows = []
+    for name, objects, covered, group in (
+        ("reference", matching.reference, matching.reference_covered, groups[1]),
+        ("result", matching.result, matching.result_covered, groups[0]),
+    ):
+        for label, area, share, g in zip(objects.label, objects.area, covered, group, strict=True):
+            relation = relation_of(int(references[g]), int(results[g]))
+            rows.append(ObjectRow(name, int(label), float(area), float(share), bool(share >= 0.5), relation))
+    return tuple(rows)

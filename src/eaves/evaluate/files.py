@@ -1,0 +1,268 @@
+"""Files compared with files: what `eaves evaluate` does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from eaves.evaluate.city import read_buildings
+from eaves.evaluate.detection import evaluate_detection
+from eaves.evaluate.footprints import Shapes, evaluate_footprints
+from eaves.evaluate.ground import evaluate_ground
+from eaves.evaluate.images import (
+    CELL,
+    burn_labels,
+    common_grid,
+    kind_of,
+    open_buildings,
+    plane_image,
+    roofs_of,
+)
+from eaves.evaluate.matching import Numbers
+from eaves.evaluate.models import evaluate_models, lay_points
+from eaves.evaluate.report import Evaluation, rows_of, write_report
+from eaves.evaluate.roof_planes import evaluate_planes
+from eaves.evaluate.scores import Agreement
+from eaves.evaluate.wireframes import evaluate_wireframe, read_wireframe
+from eaves.formats import InputError, read, read_polygons
+from eaves.model import Mask, PointCloud, Raster, Values
+from eaves.model.cloud import BUILDING, GROUND
+from eaves.validate import validate_file
+
+SAME_POINT = 0.02
+"""Points this near (m) are one point of two files."""
+
+
+def evaluate_files(
+    what: str,
+    result: Path,
+    reference: Path,
+    report: Path | None = None,
+    *,
+    lod: str | None = None,
+    footprints: Path | None = None,
+) -> Evaluation:
+    """How well a result agrees with a reference, by the field's measures.
+
+    Parameters ---------- what `ground`, `detection`, `footprints`, `planes` or `models`. result, reference
+    Clouds (LAS, LAZ, text with labels), label rasters, polygons, CityJSON, OBJ wireframes, as `what` allows.
+    report Folder to write the figures, rows and maps to. lod For models: the level of detail; by default the
+    finest of each building. footprints For models against a cloud: the polygons whose roof points count; by
+    default the models' own.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read or does not fit `what`.
+    ValueError
+        For another `what`.
+    """
+    if what == "models":
+        evaluation = compare_models(Path(result), Path(reference), lod, footprints)
+    elif what in COMPARISONS:
+        evaluation = COMPARISONS[what](Path(result), Path(reference))
+    else:
+        raise ValueError(
+            f"'{what}' cannot be evaluated; choose one of: {', '.join([*COMPARISONS, 'models'])}"
+        )
+    if report is not None:
+        write_report(evaluation, report)
+    return evaluation
+
+
+def compare_ground(result: Path, reference: Path) -> Evaluation:
+    """Ground classes of the points both clouds hold, matched by place."""
+    mine, true = (read(path) for path in (result, reference))
+    truth = true.xyz + [*true.origin, 0.0]
+    shift = np.array([mine.origin[0], mine.origin[1], 0.0])
+    near, which = cKDTree(mine.xyz).query(truth - shift, distance_upper_bound=SAME_POINT)
+    same = np.isfinite(near)
+    partner = np.asarray(which)[same]
+    score = evaluate_ground(_ground(mine, result)[partner], _ground(true, reference)[same])
+    figures: dict[str, float | int | str] = {
+        "points": score.points,
+        "points without a partner": int((~same).sum()),
+        "type I error": score.type_1,
+        "type II error": score.type_2,
+        "total error": score.total_error,
+        "kappa": score.kappa,
+        "F1": score.f1,
+    }
+    return Evaluation("ground", str(result), str(reference), figures)
+
+
+def compare_detection(result: Path, reference: Path) -> Evaluation:
+    """Label images of two sets of buildings."""
+    true = open_buildings(reference)
+    mine = open_buildings(result, true.system)
+    grid = common_grid(mine, true)
+    labels, _ = mine.label_image(grid)
+    truth, known = true.label_image(grid)
+    score = evaluate_detection(labels, truth, grid.cell, known)
+    figures = {
+        **_figures("area", score.area),
+        **_figures("objects", score.objects),
+        **{
+            name: value
+            for limit, agreement in score.objects_over.items()
+            for name, value in _figures(f"objects over {limit:g} m²", agreement).items()
+        },
+        **{f"relation {name}": count for name, count in score.relations.items()},
+        "RMS of outlines (m)": score.rms_m,
+    }
+    return Evaluation(
+        "detection",
+        str(result),
+        str(reference),
+        figures,
+        rows_of(score.rows),
+        map=score.map,
+        grid=grid,
+        system=true.system,
+    )
+
+
+def compare_footprints(result: Path, reference: Path) -> Evaluation:
+    """Polygons against polygons."""
+    true = open_buildings(reference)
+    mine = open_buildings(result, true.system)
+    for path, source in ((result, mine), (reference, true)):
+        if source.raster is not None or source.cloud is not None:
+            raise InputError.about(
+                path, "holds no polygons", "give GeoPackage, GeoJSON, shapefile or CityJSON"
+            )
+    score = evaluate_footprints(mine.polygons, true.polygons, mine.ids, true.ids)
+    figures = {
+        **_figures("area", score.area),
+        "footprints": score.results,
+        "reference polygons": score.references,
+        "pairs": score.pairs,
+        "mean IoU of pairs": score.mean_iou,
+        "RMS of outlines (m)": score.rms_m,
+        "median Hausdorff distance (m)": score.median_hausdorff_m,
+        "mean PoLiS distance (m)": score.mean_polis_m,
+        "vertices to one of the reference": score.vertex_ratio,
+    }
+    rows = rows_of(score.rows)
+    return Evaluation(
+        "footprints", str(result), str(reference), figures, rows, true.polygons, system=true.system
+    )
+
+
+def compare_planes(result: Path, reference: Path) -> Evaluation:
+    """Roof planes of city models or polygons, as label images with their heights."""
+    mine, true = open_buildings(result), open_buildings(reference)
+    grid = common_grid(mine, true, CELL)
+    (labels, height), (truth, true_height) = (_planes(path, grid) for path in (result, reference))
+    heights = (height, true_height) if height is not None and true_height is not None else (None, None)
+    score = evaluate_planes(labels, truth, grid.cell**2, *heights)
+    figures = {
+        **_figures("planes", score.planes),
+        **_figures("planes over 10 m²", score.planes_over_10),
+        **{f"relation {name}": count for name, count in score.relations.items()},
+        "RMS in plan (m)": score.rms_xy_m,
+        "RMS in height (m)": score.rms_z_m,
+    }
+    return Evaluation("planes", str(result), str(reference), figures, rows_of(score.rows))
+
+
+def compare_models(result: Path, reference: Path, lod: str | None, footprints: Path | None) -> Evaluation:
+    """Models against a classified cloud, reference models, or a wireframe against a wireframe."""
+    if kind_of(result) == "wireframe":
+        return _compare_wireframes(result, reference)
+    models = read_buildings(result, lod)
+    findings = validate_file(result)
+    truth = read_buildings(reference) if kind_of(reference) == "city" else []
+    cloud = None if truth else read(reference)
+    points = lay_points(truth) if cloud is None else _building_points(cloud, reference)
+    if footprints is not None:
+        system = None if cloud is None else cloud.system
+        shapes, ids, _, _ = read_polygons(footprints, target=system)
+        places = dict(zip(ids, shapes, strict=True))
+    else:
+        places = {item.id: item.footprint for item in truth or models if not item.footprint.is_empty}
+    score = evaluate_models(models, points, places, findings, truth, masked=cloud is not None)
+    figures: dict[str, float | int | str] = {
+        "buildings with roof points": score.buildings,
+        "roof points": score.roof_points,
+        "missed": score.missed,
+        "median distance (m)": score.median_m,
+        "median vertical distance (m)": score.median_vertical_m,
+        **{f"within {limit:g} m": share for limit, share in score.within.items()},
+        "RMSE by building, mean (m)": score.rmse_mean_m,
+        "RMSE by building, median (m)": score.rmse_median_m,
+        "RMSE of the nearest 95 %, mean (m)": score.rmse95_mean_m,
+        "RMSE of the nearest 95 %, median (m)": score.rmse95_median_m,
+        "models": score.models,
+        "faces per model": score.faces_per_building,
+        "roof faces": score.roof_faces,
+        **{f"models at LoD {name}": count for name, count in score.lods.items()},
+        "invalid models": score.invalid,
+        **{f"finding {code}": count for code, count in score.findings.items()},
+        "volume error": score.volume_error,
+        "height error (m)": score.height_error_m,
+    }
+    rows = rows_of(score.rows)
+    return Evaluation("models", str(result), str(reference), figures, rows, tuple(places.values()))
+
+
+COMPARISONS: dict[str, Callable[[Path, Path], Evaluation]] = {
+    "ground": compare_ground,
+    "detection": compare_detection,
+    "footprints": compare_footprints,
+    "planes": compare_planes,
+}
+
+
+def _compare_wireframes(result: Path, reference: Path) -> Evaluation:
+    if kind_of(reference) != "wireframe":
+        raise InputError.about(reference, "is no wireframe", "compare OBJ with OBJ")
+    score = evaluate_wireframe(read_wireframe(result), read_wireframe(reference))
+    figures = {
+        **_figures("corners", score.corners),
+        **_figures("edges", score.edges),
+        "mean offset of corners (m)": score.corner_offset_m,
+    }
+    return Evaluation("models", str(result), str(reference), figures)
+
+
+def _figures(name: str, agreement: Agreement) -> dict[str, float | int | str]:
+    return {
+        f"{name}, completeness": agreement.completeness,
+        f"{name}, correctness": agreement.correctness,
+        f"{name}, quality": agreement.quality,
+    }
+
+
+def _ground(cloud: PointCloud, path: Path) -> Mask:
+    """Ground points: class 2 of LAS, label 0 of text in the manner of the ISPRS filter test."""
+    if cloud.classification is None:
+        raise InputError.about(path, "has no classes", "give a classified cloud")
+    is_text = path.suffix.lower() not in (".las", ".laz")
+    filter_test = is_text and set(np.unique(cloud.classification)) <= {0, 1}
+    return np.asarray(cloud.classification == (0 if filter_test else GROUND))
+
+
+def _building_points(cloud: PointCloud, path: Path) -> Values:
+    """Points (N, 3) of class 6 in world metres."""
+    if cloud.classification is None:
+        raise InputError.about(path, "has no classes", "give a cloud with class 6 for buildings")
+    return np.asarray(cloud.xyz[cloud.classification == BUILDING] + [*cloud.origin, 0.0])
+
+
+def _planes(path: Path, grid: Raster) -> tuple[Numbers, Values | None]:
+    """Plane labels (H, W) of a file, and their heights where it tells them."""
+    if kind_of(path) == "city":
+        origin = (grid.west, grid.north)
+        return plane_image(roofs_of(read_buildings(path), origin), grid.with_(west=0.0, north=0.0))
+    if kind_of(path) == "raster":
+        source = open_buildings(path)
+        return source.label_image(grid)[0], None
+    import pyogrio
+
+    layers = [str(name) for name, _ in pyogrio.list_layers(path)]
+    polygons: Shapes = read_polygons(path, "roof_planes" if "roof_planes" in layers else None)[0]
+    return burn_labels(polygons, grid), None

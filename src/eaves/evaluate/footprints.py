@@ -1,0 +1,169 @@
+"""Footprints against reference polygons: overlap, distances of outlines, corners.
+
+Each reference polygon is compared with the result polygon that shares most area with it, and a result polygon
+with one reference only: the pair with the larger overlap goes first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
+
+from eaves.evaluate.scores import Agreement, ratio, root_mean_square
+
+STEP = 0.25
+"""Spacing (m) of the points along an outline whose distances are measured."""
+
+
+@dataclass(frozen=True)
+class FootprintRow:
+    """One reference building, and the footprint found for it; distances (m) are None where none was found."""
+
+    reference: str
+    result: str | None
+    area_m2: float
+    area_error_m2: float | None = None
+    iou: float = 0.0
+    rms_m: float | None = None
+    hausdorff_m: float | None = None
+    polis_m: float | None = None
+    vertices: int | None = None
+    vertices_reference: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class FootprintScore:
+    """Agreement of the areas; of the pairs: mean IoU, RMS, Hausdorff, PoLiS (m), and vertices to one of the
+    reference.
+    """
+
+    area: Agreement
+    pairs: int
+    references: int
+    results: int
+    mean_iou: float
+    rms_m: float
+    median_hausdorff_m: float
+    mean_polis_m: float
+    vertex_ratio: float
+    rows: tuple[FootprintRow, ...]
+
+
+Shapes = Sequence[Polygon | MultiPolygon]
+
+
+def evaluate_footprints(
+    result: Shapes,
+    reference: Shapes,
+    result_ids: Sequence[str] | None = None,
+    reference_ids: Sequence[str] | None = None,
+) -> FootprintScore:
+    """Scores of footprints against reference polygons, in metres of one system."""
+    found, wanted = (shapely.make_valid(np.array(list(shapes), object)) for shapes in (result, reference))
+    names = list(result_ids) if result_ids is not None else [str(k + 1) for k in range(len(found))]
+    wanted_names = (
+        list(reference_ids) if reference_ids is not None else [str(k + 1) for k in range(len(wanted))]
+    )
+    pairs = pair_by_overlap(found, wanted)
+    rows, offsets = [], []
+    for number, shape in enumerate(wanted):
+        partner = pairs.get(number)
+        row = FootprintRow(
+            wanted_names[number], None, float(shape.area), vertices_reference=count_vertices(shape)
+        )
+        if partner is not None:
+            distance = outline_distances(found[partner], shape)
+            offsets.append(distance)
+            row = _compared(row, names[partner], found[partner], shape, distance)
+        rows.append(row)
+    paired = [row for row in rows if row.result is not None]
+    both = shapely.union_all(found), shapely.union_all(wanted)
+    shared = float(shapely.intersection(*both).area)
+    return FootprintScore(
+        Agreement(shared, float(both[1].area), shared, float(both[0].area)),
+        len(paired),
+        len(wanted),
+        len(found),
+        _mean([row.iou for row in paired]),
+        root_mean_square(np.concatenate(offsets) if offsets else np.zeros(0)),
+        float(np.median([row.hausdorff_m for row in paired])) if paired else float("nan"),
+        _mean([row.polis_m for row in paired if row.polis_m is not None]),
+        ratio(sum(row.vertices or 0 for row in paired), sum(row.vertices_reference for row in paired)),
+        tuple(rows),
+    )
+
+
+def pair_by_overlap(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> dict[int, int]:
+    """Reference → result of the pairs that share most area, each polygon in one pair at most."""
+    if len(found) == 0 or len(wanted) == 0:
+        return {}
+    two, one = shapely.STRtree(found).query(wanted, predicate="intersects")
+    shared = shapely.area(shapely.intersection(found[one], wanted[two]))
+    pairs: dict[int, int] = {}
+    taken: set[int] = set()
+    for k in np.lexsort((one, two, -shared)):
+        if shared[k] > 0 and int(two[k]) not in pairs and int(one[k]) not in taken:
+            pairs[int(two[k])] = int(one[k])
+            taken.add(int(one[k]))
+    return pairs
+
+
+def outline_distances(
+    result: Polygon | MultiPolygon, reference: Polygon | MultiPolygon
+) -> NDArray[np.float64]:
+    """Distances (m) of points every 0.25 m along an outline from the reference outline."""
+    along = shapely.get_coordinates(shapely.segmentize(result.boundary, STEP))
+    return np.asarray(shapely.distance(shapely.points(along), reference.boundary))
+
+
+def polis(one: Polygon | MultiPolygon, two: Polygon | MultiPolygon) -> float:
+    """PoLiS distance (m) [avbelj2015], eq. 4: mean distance of the vertices of each from the outline of the
+    other.
+    """
+    means = [
+        shapely.distance(shapely.points(vertices_of(here)), there.boundary).mean()
+        for here, there in ((one, two), (two, one))
+    ]
+    return float(sum(means) / 2)
+
+
+def vertices_of(shape: Polygon | MultiPolygon) -> NDArray[np.float64]:
+    """The vertices (N, 2) of all rings, each once."""
+    rings = [ring for part in shapely.get_parts(shape) for ring in (part.exterior, *part.interiors)]
+    return np.concatenate([shapely.get_coordinates(ring)[:-1] for ring in rings])
+
+
+def count_vertices(shape: Polygon | MultiPolygon) -> int:
+    """Number of corners: vertices whose sides lie on one line within a centimetre do not count."""
+    return len(vertices_of(shapely.simplify(shape, 0.01)))
+
+
+def _compared(
+    row: FootprintRow,
+    name: str,
+    found: Polygon | MultiPolygon,
+    wanted: Polygon | MultiPolygon,
+    distance: NDArray[np.float64],
+) -> FootprintRow:
+    shared = float(found.intersection(wanted).area)
+    return FootprintRow(
+        row.reference,
+        name,
+        row.area_m2,
+        float(found.area - wanted.area),
+        ratio(shared, found.area + wanted.area - shared),
+        root_mean_square(distance),
+        max(float(distance.max()), float(outline_distances(wanted, found).max())),
+        polis(found, wanted),
+        count_vertices(found),
+        row.vertices_reference,
+    )
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else float("nan")

@@ -1,0 +1,143 @@
+"""Which objects of a result and of a reference stand for each other: overlaps, and the relations they form.
+
+Objects are the labels of two arrays of one shape: cells of label images, or points. An object is found when
+at least half of it is covered by objects of the other set; covered by how many does not matter, so that
+splitting and merging are no errors of detection but are told as relations 1:M, N:1 and N:M, as after the
+topological clarification of [rutzinger2009], section 2.3.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from eaves.evaluate.scores import Agreement
+from eaves.model import Mask, Values
+
+SMALLEST = 2.5
+"""Objects under this area (m²) are left out [isprs_evaluation]."""
+
+HALF = 0.5
+"""Part of an object that must be covered for it to be found [rutzinger2009].
+
+Two objects belong together when they share this part of either: less is a rim that is off, not a second
+partner.
+"""
+
+Numbers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Objects:
+    """Objects of one set: their `label` and `area` (m²), both (K,)."""
+
+    label: Numbers
+    area: Values
+
+    def __len__(self) -> int:
+        return len(self.label)
+
+
+@dataclass(frozen=True, eq=False)
+class Matching:
+    """Overlaps of the objects of a result and a reference.
+
+    `result_number` and `reference_number` (P,) are positions in the two sets, `shared` (P,) the area (m²)
+    they share.
+    """
+
+    result: Objects
+    reference: Objects
+    result_number: Numbers
+    reference_number: Numbers
+    shared: Values
+
+    @cached_property
+    def result_covered(self) -> Values:
+        """Share (K,) of each result object that the reference covers."""
+        covered = np.bincount(self.result_number, self.shared, len(self.result))
+        return np.asarray(covered / self.result.area)
+
+    @cached_property
+    def reference_covered(self) -> Values:
+        """Share (M,) of each reference object that the result covers."""
+        covered = np.bincount(self.reference_number, self.shared, len(self.reference))
+        return np.asarray(covered / self.reference.area)
+
+    @cached_property
+    def together(self) -> Mask:
+        """Which overlaps (P,) make partners: those of half of either object or more."""
+        return np.asarray(
+            (self.shared >= HALF * self.result.area[self.result_number])
+            | (self.shared >= HALF * self.reference.area[self.reference_number])
+        )
+
+    @cached_property
+    def groups(self) -> tuple[Numbers, Numbers]:
+        """The group each result (K,) and each reference object (M,) belongs to: those linked by overlaps."""
+        count, one = len(self.result) + len(self.reference), self.result_number[self.together]
+        two = self.reference_number[self.together] + len(self.result)
+        links = coo_array((np.ones(len(one)), (one, two)), shape=(count, count))
+        _, group = connected_components(links, directed=False)
+        return group[: len(self.result)].astype(np.int64), group[len(self.result) :].astype(np.int64)
+
+    @property
+    def relations(self) -> dict[str, int]:
+        """How many groups are 1:1, 1:M (one reference, several results), N:1, N:M, 1:0 and 0:1."""
+        result, reference = self.groups
+        count = int(max(result.max(initial=-1), reference.max(initial=-1))) + 1
+        sizes = zip(
+            np.bincount(reference, minlength=count), np.bincount(result, minlength=count), strict=True
+        )
+        found = Counter(relation_of(int(n), int(m)) for n, m in sizes)
+        return {name: found[name] for name in ("1:1", "1:M", "N:1", "N:M", "1:0", "0:1")}
+
+    def agreement(self, larger_than: float = 0.0) -> Agreement:
+        """Objects found and correct, of those over an area (m²); each set is judged by its own areas."""
+        one, two = self.reference.area > larger_than, self.result.area > larger_than
+        return Agreement(
+            int((self.reference_covered[one] >= HALF).sum()),
+            int(one.sum()),
+            int((self.result_covered[two] >= HALF).sum()),
+            int(two.sum()),
+        )
+
+
+def relation_of(reference: int, result: int) -> str:
+    """The name of a group of so many reference and result objects."""
+    if reference == 0 or result == 0:
+        return "0:1" if reference == 0 else "1:0"
+    return {(False, False): "1:1", (False, True): "1:M", (True, False): "N:1", (True, True): "N:M"}[
+        reference > 1, result > 1
+    ]
+
+
+def match_objects(
+    result: Numbers, reference: Numbers, area: float, smallest: float = SMALLEST
+) -> tuple[Matching, Numbers, Numbers]:
+    """The matching of two label arrays of one shape, 0 for none, and the arrays without the small objects.
+
+    `area` (m²) is what one element stands for: that of a cell, or one over the density of points.
+    """
+    if result.shape != reference.shape:
+        raise ValueError(f"label arrays of {result.shape} and {reference.shape} cannot be compared")
+    result, found = _without_small(result, area, smallest)
+    reference, wanted = _without_small(reference, area, smallest)
+    both = (result > 0) & (reference > 0)
+    pairs, counts = np.unique(np.stack([result[both], reference[both]]), axis=1, return_counts=True)
+    one, two = np.searchsorted(found.label, pairs[0]), np.searchsorted(wanted.label, pairs[1])
+    return Matching(found, wanted, one, two, (counts * area).astype(np.float64)), result, reference
+
+
+def _without_small(labels: Numbers, area: float, smallest: float) -> tuple[Numbers, Objects]:
+    """The labels with objects under `smallest` (m²) set to 0, and the objects that remain."""
+    label, count = np.unique(labels[labels > 0], return_counts=True)
+    large = count * area >= smallest
+    kept = np.where(np.isin(labels, label[large]), labels, 0)
+    return kept, Objects(label[large].astype(np.int64), (count[large] * area).astype(np.float64))

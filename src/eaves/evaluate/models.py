@@ -1,0 +1,235 @@
+"""Building models against roof points: distances, faces, levels of detail, validity, volumes.
+
+The definitions are those of `geometry.roof_fit`: roof points are building points inside a footprint that no
+other hides from above, each is compared with the highest roof face at its place; distances count along the
+face's normal.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from eaves.evaluate.city import CityBuilding
+from eaves.evaluate.footprints import pair_by_overlap
+from eaves.evaluate.scores import ratio, root_mean_square
+from eaves.geometry.roof_fit import collect_faces, fit_roof, roof_point_mask
+from eaves.model import Finding, Points, Values
+
+WITHIN = (0.1, 0.2, 0.5)
+"""Distances (m) whose share of roof points is told."""
+
+MISSED_RMSE = 1.0
+"""What a building without any face under its points counts as in the mean of the RMSE (m)."""
+
+TRIMMED = 95.0
+"""Percentage of a building's nearest points of which the trimmed RMSE is taken."""
+
+
+@dataclass(frozen=True)
+class ModelRow:
+    """One footprint: its roof points, how many have no face, and their distances (m); its model where there
+    is one.
+    """
+
+    footprint: str
+    points: int
+    missed: float
+    rmse_m: float
+    rmse95_m: float | None
+    rmse_vertical_m: float | None
+    model: str | None = None
+    lod: str = ""
+    faces: int = 0
+    volume_m3: float | None = None
+    volume_error_m3: float | None = None
+    height_error_m: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ModelScore:
+    """Fit of all roof points and by building; faces per model; models by LoD; findings by code."""
+
+    buildings: int
+    roof_points: int
+    missed: float
+    median_m: float
+    median_vertical_m: float
+    rmse_mean_m: float
+    rmse_median_m: float
+    rmse95_mean_m: float
+    rmse95_median_m: float
+    within: dict[float, float]
+    models: int
+    faces_per_building: float
+    roof_faces: int
+    lods: dict[str, int]
+    findings: dict[int, int] = field(default_factory=dict)
+    invalid: int = 0
+    volume_error: float = float("nan")
+    """Mean of |volume − reference| / reference over buildings that have both."""
+    height_error_m: float = float("nan")
+    rows: tuple[ModelRow, ...] = ()
+
+
+def evaluate_models(
+    models: Sequence[CityBuilding],
+    points: Points,
+    footprints: Mapping[str, Polygon | MultiPolygon],
+    findings: Sequence[Finding] = (),
+    reference: Sequence[CityBuilding] = (),
+    masked: bool = True,
+) -> ModelScore:
+    """Scores of models against building points (N, 3), by footprint; all in world metres.
+
+    Parameters
+    ----------
+    findings
+        What `validate_file` found in the models' file.
+    reference
+        Reference models, for the errors of volume and height; their footprints tell which belongs to which.
+    masked
+        Whether hidden points are left out first; not when the points were laid on reference roofs.
+    """
+    origin = _origin(points, models)
+    local = points - [*origin, 0.0]
+    building = _footprint_of(local, footprints, origin)
+    use = np.flatnonzero((building >= 0) & (roof_point_mask(local) if masked else True))
+    faces = collect_faces(
+        [[ring - [*origin, 0.0] for ring in rings] for model in models for rings in model.roofs],
+        [number for number, model in enumerate(models) for _ in model.roofs],
+    )
+    fit = fit_roof(local[use], faces)
+    distance, vertical = np.abs(fit.distance), np.abs(fit.vertical)
+    hit = np.isfinite(distance)
+    shapes = np.array(list(footprints.values()), object)
+    of_footprint = pair_by_overlap(np.array([model.footprint for model in models], object), shapes)
+    truth = pair_by_overlap(np.array([other.footprint for other in reference], object), shapes)
+    rows = [
+        _row(name, distance[mine], vertical[mine])
+        if (model := of_footprint.get(number)) is None
+        else _with_model(
+            _row(name, distance[mine], vertical[mine]),
+            models[model],
+            reference[truth[number]] if number in truth else None,
+        )
+        for number, name in enumerate(footprints)
+        for mine in [building[use] == number]
+    ]
+    seen = [row for row in rows if row.points]
+    near = np.where(hit, distance, np.inf)
+    modelled = [model for model in models if model.faces]
+    errors = [row for row in rows if row.volume_error_m3 is not None and row.volume_m3 is not None]
+    return ModelScore(
+        len(seen),
+        len(use),
+        ratio(float((~hit).sum()), len(use)),
+        _median(distance[hit]),
+        _median(vertical[hit]),
+        _mean([row.rmse_m for row in seen]),
+        _median(np.array([row.rmse_m for row in seen])),
+        _mean([MISSED_RMSE if row.rmse95_m is None else row.rmse95_m for row in seen]),
+        _median(np.array([MISSED_RMSE if row.rmse95_m is None else row.rmse95_m for row in seen])),
+        {limit: ratio(float((near < limit).sum()), len(use)) for limit in WITHIN},
+        len(modelled),
+        ratio(sum(len(model.faces) for model in modelled), len(modelled)),
+        sum(len(model.roofs) for model in models),
+        dict(sorted(Counter(model.lod or "0" for model in models).items())),
+        dict(sorted(Counter(finding.code for finding in findings).items())),
+        len({finding.building for finding in findings}),
+        _mean(
+            [
+                abs(row.volume_error_m3 or 0.0) / abs((row.volume_m3 or 0.0) - (row.volume_error_m3 or 0.0))
+                for row in errors
+            ]
+        ),
+        _mean([abs(row.height_error_m) for row in rows if row.height_error_m is not None]),
+        tuple(rows),
+    )
+
+
+def lay_points(buildings: Sequence[CityBuilding], step: float = 0.5) -> Points:
+    """Points (N, 3) on a grid of `step` metres on the highest roof faces of reference models."""
+    origin = _origin(np.zeros((0, 3)), buildings)
+    faces = collect_faces(
+        [[ring - [*origin, 0.0] for ring in rings] for item in buildings for rings in item.roofs],
+        [0 for item in buildings for _ in item.roofs],
+    )
+    spots = [np.zeros((0, 2))]
+    for shape in faces.polygons:
+        west, south, east, north = np.round(np.array(shape.bounds) / step)
+        x, y = np.meshgrid(
+            (np.arange(west, east + 1) + 0.5) * step, (np.arange(south, north + 1) + 0.5) * step
+        )
+        inside = shapely.contains_xy(shape, x.ravel(), y.ravel())
+        spots.append(np.stack([x.ravel()[inside], y.ravel()[inside]], axis=1))
+    flat = np.unique(np.concatenate(spots), axis=0)
+    over = fit_roof(np.column_stack([flat, np.zeros(len(flat))]), faces)
+    return np.column_stack([flat + origin, -over.vertical])[over.face >= 0]
+
+
+def _row(name: str, distance: Values, vertical: Values) -> ModelRow:
+    hit = np.isfinite(distance)
+    if not hit.any():
+        return ModelRow(name, len(distance), 1.0 if len(distance) else 0.0, MISSED_RMSE, None, None)
+    nearest = np.sort(distance[hit])[: max(1, int(np.ceil(hit.sum() * TRIMMED / 100.0)))]
+    return ModelRow(
+        name,
+        len(distance),
+        float(1.0 - hit.mean()),
+        root_mean_square(distance[hit]),
+        root_mean_square(nearest),
+        root_mean_square(vertical[hit]),
+    )
+
+
+def _with_model(row: ModelRow, model: CityBuilding, truth: CityBuilding | None) -> ModelRow:
+    return ModelRow(
+        row.footprint,
+        row.points,
+        row.missed,
+        row.rmse_m,
+        row.rmse95_m,
+        row.rmse_vertical_m,
+        model.id,
+        model.lod,
+        len(model.faces),
+        model.volume if model.faces else None,
+        model.volume - truth.volume if truth is not None and model.faces else None,
+        model.height - truth.height if truth is not None and model.faces else None,
+    )
+
+
+def _footprint_of(
+    local: Points, footprints: Mapping[str, Polygon | MultiPolygon], origin: tuple[float, float]
+) -> np.ndarray:
+    """The number (N,) of the footprint each point lies in, -1 for none; of several the last."""
+    inside = np.full(len(local), -1)
+    shapes = shapely.transform(np.array(list(footprints.values()), object), lambda xy: xy - np.array(origin))
+    if len(local) and len(shapes):
+        number, point = shapely.STRtree(shapely.points(local[:, :2])).query(shapes, predicate="contains")
+        inside[point] = number
+    return inside
+
+
+def _origin(points: Points, buildings: Sequence[CityBuilding]) -> tuple[float, float]:
+    """Whole metres near the data, for sums and products to keep their digits."""
+    if len(points):
+        x, y = np.floor(points[:, :2].min(axis=0))
+        return float(x), float(y)
+    corners = [ring[:, :2].min(axis=0) for item in buildings for rings in item.roofs for ring in rings[:1]]
+    x, y = np.floor(np.min(corners, axis=0)) if corners else (0.0, 0.0)
+    return float(x), float(y)
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if len(values) else float("nan")
+
+
+def _median(values: Values) -> float:
+    return float(np.median(values)) if len(values) else float("nan")

@@ -1,0 +1,121 @@
+"""The report of an evaluation: figures as JSON, rows as CSV and GeoPackage, the map as GeoTIFF."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
+
+from eaves.formats.atomic import atomic
+from eaves.model import CoordinateSystem, Raster
+from eaves.model.coordinates import LOCAL_METRES
+
+COLOURS = {1: (60, 160, 60, 255), 2: (60, 90, 200, 255), 3: (210, 60, 50, 255), 255: (200, 200, 200, 255)}
+"""Of the map: found green, missed blue, false red, unknown grey."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What an evaluation found: `figures` (measure → value) to print, `rows` by object, a map where there is
+    one.
+    """
+
+    what: str
+    result: str
+    reference: str
+    figures: dict[str, float | int | str]
+    rows: tuple[dict[str, Any], ...] = ()
+    shapes: tuple[Polygon | MultiPolygon, ...] = ()
+    """The polygon of each row, where rows are places."""
+    map: NDArray[np.uint8] | None = field(default=None, repr=False)
+    grid: Raster | None = field(default=None, repr=False)
+    """Where the map lies."""
+    system: CoordinateSystem = LOCAL_METRES
+
+    def table(self) -> list[tuple[str, str]]:
+        """Rows of (measure, value as text); what cannot be told is a dash."""
+        return [(name, _text(value)) for name, value in self.figures.items()]
+
+    def as_text(self) -> str:
+        """The table with its columns aligned."""
+        rows = self.table()
+        width = max((len(name) for name, _ in rows), default=0)
+        head = f"{self.what}: {self.result} against {self.reference}"
+        return "\n".join([head, *(f"  {name:<{width}}  {value}" for name, value in rows)])
+
+
+def write_report(evaluation: Evaluation, folder: str | Path) -> list[Path]:
+    """Write `<what>.json`, `<what>.csv` with the rows, and `.gpkg` and `.tif` where there are places and a
+    map.
+    """
+    stem = Path(folder) / evaluation.what
+    written = [stem.with_suffix(".json")]
+    document = {
+        "what": evaluation.what,
+        "result": evaluation.result,
+        "reference": evaluation.reference,
+        "figures": _plain(evaluation.figures),
+        "rows": _plain(evaluation.rows),
+    }
+    with atomic(written[0]) as temporary:
+        temporary.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    if evaluation.rows:
+        written.append(stem.with_suffix(".csv"))
+        with atomic(written[-1]) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(evaluation.rows[0]))
+            writer.writeheader()
+            writer.writerows(_plain(evaluation.rows))
+    if evaluation.shapes:
+        from eaves.formats.geopackage import Row, write_polygons
+
+        written.append(stem.with_suffix(".gpkg"))
+        places = [Row(shape, row) for shape, row in zip(evaluation.shapes, evaluation.rows, strict=True)]
+        write_polygons(written[-1], places, evaluation.system, layer=evaluation.what)
+    if evaluation.map is not None and evaluation.grid is not None:
+        written.append(stem.with_suffix(".tif"))
+        _write_map(written[-1], evaluation.map, evaluation.grid, evaluation.system)
+    return written
+
+
+def rows_of(rows: Sequence[Any]) -> tuple[dict[str, Any], ...]:
+    """Frozen rows as mappings."""
+    return tuple(asdict(row) for row in rows)
+
+
+def _write_map(path: Path, values: NDArray[np.uint8], grid: Raster, system: CoordinateSystem) -> None:
+    import rasterio
+
+    from eaves.formats.geotiff import profile_of, transform_of
+
+    profile = profile_of(grid.shape, transform_of(grid.west, grid.north, grid.cell, system), system)
+    with (
+        atomic(path) as temporary,
+        rasterio.open(temporary, "w", driver="GTiff", dtype="uint8", compress="DEFLATE", **profile) as image,
+    ):
+        image.write(values, 1)
+        image.write_colormap(1, COLOURS)
+
+
+def _text(value: float | int | str) -> str:
+    if isinstance(value, float):
+        return "–" if math.isnan(value) else f"{value:.4f}"
+    return str(value)
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON and CSV hold it: NaN becomes None, mappings and lists are gone through."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

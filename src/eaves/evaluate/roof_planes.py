@@ -1,0 +1,100 @@
+"""Roof planes against a reference, as in the ISPRS benchmark [rottensteiner2014], section 4.2.
+
+Planes are labels of cells (a cell is of its highest plane) or of points. Those of two sets belong together,
+and are found, by the rules of buildings; the rims give the error in plan, the heights of cells or points that
+planes share the error in height.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.evaluate.boundaries import rim_distances, rim_of
+from eaves.evaluate.detection import ObjectRow, object_rows
+from eaves.evaluate.matching import Matching, Numbers, match_objects
+from eaves.evaluate.scores import Agreement, root_mean_square
+from eaves.model import Values
+
+SMALLEST_PLANE = 0.0
+"""The benchmark counts roof planes of any size."""
+
+LARGE_PLANE = 10.0
+"""Planes over this area (m²) are counted apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneScore:
+    """Agreement by planes and by planes over 10 m², relations, and the RMS (m) in plan and in height.
+
+    The RMS are NaN where rims or heights are not given.
+    """
+
+    planes: Agreement
+    planes_over_10: Agreement
+    relations: dict[str, int]
+    rms_xy_m: float
+    rms_z_m: float
+    rows: tuple[ObjectRow, ...]
+
+
+def evaluate_planes(
+    result: Numbers,
+    reference: Numbers,
+    area: float,
+    result_height: Values | None = None,
+    reference_height: Values | None = None,
+) -> PlaneScore:
+    """Scores of plane labels of cells (H, W) or points (N,), 0 for none, against reference labels.
+
+    Parameters
+    ----------
+    area
+        What one element stands for (m²): the area of a cell, or one over the density of points.
+    result_height, reference_height
+        Heights (m) of the two sets of planes at the elements, same shapes; NaN where there is none.
+    """
+    matching, result, reference = match_objects(result, reference, area, SMALLEST_PLANE)
+    rms_xy = _rms_in_plan(matching, result, reference, float(np.sqrt(area))) if result.ndim == 2 else np.nan
+    rms_z = np.nan
+    if result_height is not None and reference_height is not None:
+        together = _labels_together(matching)
+        keys = result.astype(np.int64) * (int(reference.max(initial=0)) + 1) + reference
+        wanted = together[:, 0] * (int(reference.max(initial=0)) + 1) + together[:, 1]
+        both = np.isin(keys, wanted) & (result > 0) & (reference > 0)
+        difference = (result_height - reference_height)[both]
+        rms_z = root_mean_square(difference[np.isfinite(difference)])
+    return PlaneScore(
+        matching.agreement(),
+        matching.agreement(LARGE_PLANE),
+        matching.relations,
+        float(rms_xy),
+        float(rms_z),
+        object_rows(matching),
+    )
+
+
+def _labels_together(matching: Matching) -> NDArray[np.int64]:
+    """Pairs (P, 2) of labels of planes that belong together."""
+    pair = matching.together
+    return np.stack(
+        [
+            matching.result.label[matching.result_number[pair]],
+            matching.reference.label[matching.reference_number[pair]],
+        ],
+        axis=1,
+    )
+
+
+def _rms_in_plan(matching: Matching, result: Numbers, reference: Numbers, cell: float) -> float:
+    """RMS (m) of the rims of planes from the rims of the reference planes they belong to, group by group."""
+    groups, distances = matching.groups, [np.zeros(0)]
+    for group in np.intersect1d(*groups):
+        mine = np.isin(result, matching.result.label[groups[0] == group])
+        true = np.isin(reference, matching.reference.label[groups[1] == group])
+        rows, columns = (np.flatnonzero((mine | true).any(axis=axis)) for axis in (1, 0))
+        window = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        distances.append(rim_distances(rim_of(mine[window], cell), rim_of(true[window], cell), cell))
+    return root_mean_square(np.concatenate(distances))

@@ -1,0 +1,49 @@
+"""Completeness, correctness, quality: the three figures every comparison of two sets ends in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eaves.model import Values
+
+
+def ratio(part: float, whole: float) -> float:
+    """part / whole, NaN when there is no whole."""
+    return float(part / whole) if whole else float("nan")
+
+
+def root_mean_square(values: Values) -> float:
+    """√mean(v²), NaN when there is none."""
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How much of a reference was found and how much of a result is right [heipke1997].
+
+    `found` of `reference` and `correct` of `result` are areas (m²) or numbers of objects. By area found and
+    correct are equal; by objects they need not be, for one object may stand for several.
+    """
+
+    found: float
+    reference: float
+    correct: float
+    result: float
+
+    @property
+    def completeness(self) -> float:
+        """TP / (TP + FN)."""
+        return ratio(self.found, self.reference)
+
+    @property
+    def correctness(self) -> float:
+        """TP / (TP + FP)."""
+        return ratio(self.correct, self.result)
+
+    @property
+    def quality(self) -> float:
+        """TP / (TP + FN + FP), written so that it holds for both counts of TP [rutzinger2009], eq. 3."""
+        one, two = self.completeness, self.correctness
+        return ratio(one * two, one + two - one * two) if one + two else 0.0

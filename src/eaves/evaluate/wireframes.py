@@ -1,0 +1,83 @@
+"""Roof wireframes against reference wireframes: corners and edges, as in Building3D [wang2023]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from eaves.evaluate.scores import Agreement, ratio
+from eaves.formats import InputError
+from eaves.model import Points
+
+CORNER_RADIUS = 1.0
+"""Corners this near (m) or nearer are the same one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wireframe:
+    """Corners (V, 3) in metres and edges (E, 2) between them."""
+
+    corners: Points
+    edges: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class WireframeScore:
+    """Corners and edges found; mean distance (m) of the corners that are the same."""
+
+    corners: Agreement
+    edges: Agreement
+    corner_offset_m: float
+
+
+def evaluate_wireframe(
+    result: Wireframe, reference: Wireframe, radius: float = CORNER_RADIUS
+) -> WireframeScore:
+    """Scores of a wireframe: corners are paired one to one by least total distance; an edge is found when
+    both its corners are and the reference joins them.
+    """
+    distance = cdist(result.corners, reference.corners)
+    price = np.where(distance <= radius, distance, 1e6)
+    one, two = linear_sum_assignment(price)
+    good = distance[one, two] <= radius
+    one, two = one[good], two[good]
+    partner = np.full(len(result.corners), -1)
+    partner[one] = two
+    known = {frozenset(edge) for edge in reference.edges.tolist()}
+    mine = {frozenset(edge) for edge in partner[result.edges].tolist() if min(edge) >= 0}
+    shared = len(known & mine)
+    offsets = distance[one, two]
+    return WireframeScore(
+        Agreement(len(one), len(reference.corners), len(one), len(result.corners)),
+        Agreement(shared, len(reference.edges), shared, len(result.edges)),
+        ratio(float(offsets.sum()), len(offsets)),
+    )
+
+
+def read_wireframe(path: str | Path) -> Wireframe:
+    """The corners and edges of an OBJ file: its `v` and `l` lines, and the sides of its `f` faces."""
+    corners: list[list[float]] = []
+    edges: set[tuple[int, int]] = set()
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        for line in lines:
+            kind, *words = line.split() or [""]
+            if kind == "v":
+                corners.append([float(word) for word in words[:3]])
+            elif kind in ("l", "f"):
+                numbers = [int(word.split("/")[0]) for word in words]
+                chain = [n - 1 if n > 0 else len(corners) + n for n in numbers]
+                ends = chain[1:] + (chain[:1] if kind == "f" else [])
+                edges |= {(min(pair), max(pair)) for pair in zip(chain, ends, strict=False)}
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        raise InputError.about(
+            path, f"is no OBJ wireframe ({error})", "give a file of v and l lines"
+        ) from None
+    if not corners or any(not 0 <= number < len(corners) for edge in edges for number in edge):
+        raise InputError.about(path, "names corners it does not have", "give a file of v and l lines")
+    return Wireframe(np.array(corners), np.array(sorted(edges), np.int64).reshape(-1, 2))
