@@ -56,7 +56,7 @@ class Coverage:
     def following(self) -> Integers:
         """The half-edge (H,) that comes next on the ring around the cell to the left.
 
-        Where a cell touches itself in a node, the ring stays in its own corner.
+        Where a cell touches itself in a node, the ring follows what lies between, so every ring is simple.
         """
         size = self.count + 1
         leaving, arriving = self.start * size + self.cell + 1, self.end * size + self.cell + 1
@@ -69,7 +69,7 @@ class Coverage:
         for half in np.flatnonzero(last - first > 1):
             choices = order[first[half] : last[half]]
             back = np.arctan2(-step[half, 1], -step[half, 0])
-            turn = np.mod(back - angle[choices], 2.0 * np.pi)
+            turn = np.mod(angle[choices] - back, 2.0 * np.pi)
             answer[half] = choices[np.argmin(np.where(turn > 0.0, turn, 2.0 * np.pi))]
         return np.asarray(answer)
 

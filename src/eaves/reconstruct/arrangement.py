@@ -12,6 +12,7 @@ from eaves.geometry.arrangement import arrange
 from eaves.geometry.coverage import OUTSIDE, Coverage, Integers
 from eaves.geometry.labelling import label_nodes
 from eaves.geometry.neighbours import measure_spacing
+from eaves.geometry.simplification import absorb_slivers, drop_straight_nodes, merge_short_edges
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid
 from eaves.reconstruct.attributes import describe
@@ -26,6 +27,12 @@ from eaves.reconstruct.evidence import (
 from eaves.reconstruct.extrusion import extrude
 from eaves.reconstruct.lines import candidate_lines, extend
 from eaves.reconstruct.soundness import find_defect
+
+SMALLEST_FACE = 0.3
+"""Roof faces smaller than this (m²) go to their neighbour."""
+
+NARROWEST = 0.1
+"""Roof faces narrower than this (m), or than half a spacing, go to their neighbour."""
 
 RUNAWAY = 1e3
 """Cost (m²) of a metre beyond the heights a plane's points support: more than any misfit."""
@@ -89,7 +96,7 @@ class Arrangement(Reconstructor):
         if coverage is None:
             return Failure("no_area", "the footprint encloses no area", "reconstruct", footprint)
         cells = self.label_cells(coverage, roof, labels, coefficients, spacing, ground)
-        plan, chosen = coverage.merged(cells)
+        plan, chosen = tidy(*coverage.merged(cells), spacing)
         emit("plan", plan.polygons())
         solids: dict[str, tuple[Solid, ...]] = {}
         found = sound_solids(plan, coefficients[chosen], ground)
@@ -198,3 +205,14 @@ def sound_solids(plan: Coverage, planes: NDArray[np.float64], ground: float) -> 
     if solids is None or any(find_defect(solid) for solid in solids):
         return ()
     return tuple(solids)
+
+
+def tidy(plan: Coverage, chosen: Integers, spacing: float) -> tuple[Coverage, Integers]:
+    """The plan without slivers, short edges and needless nodes, and the plane (C,) of each of its cells."""
+    narrowest = max(NARROWEST, 0.5 * spacing)
+    plan, chosen = absorb_slivers(plan, chosen, SMALLEST_FACE, narrowest)
+    plan, chosen = drop_straight_nodes(plan, chosen)
+    plan, chosen = merge_short_edges(plan, chosen)
+    plan, chosen = plan.merged(chosen)
+    plan, chosen = absorb_slivers(plan, chosen, SMALLEST_FACE, narrowest)
+    return drop_straight_nodes(plan, chosen)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -17,6 +17,7 @@ from eaves.geometry.parametric_roof import (
     ANGLE,
     CUT,
     END_SLOPE,
+    FREE,
     GABLE,
     HALF_RIDGE,
     HIP,
@@ -45,6 +46,12 @@ EMPTY_RADIUS = 4.0
 
 HIP_FALL, FULL_HIP_FALL = 0.12, 0.8
 """Fall of the ends as a share of the sides': below the first a gable, from the second a hip, between a half-hip."""
+
+FARTHEST_OVERLAP = 0.5
+"""How far (m) the end planes of a pyramid may reach over its middle."""
+
+HIGHEST_PARAPET = 1.2
+"""Points up to this height (m) above the roof's plane belong to its rectangle."""
 
 SHORT_RIDGE = 0.1
 """Ridge as a share of the length below which a hip is a pyramid."""
@@ -103,9 +110,10 @@ def fit_house(points: Points, plan: Polygon | None = None) -> House | Failure:
         best, frame = take_plan(best, points, plan)
         inlier = np.abs(best.residuals) <= CUT * best.scale
     else:
+        rim = inlier | ((best.residuals > 0.0) & (best.residuals < HIGHEST_PARAPET))
         if best.form == PLANE:
-            best = settle_axes(best, points[inlier])
-        frame = measure_edges(best, points[inlier])
+            best = settle_axes(best, points[rim])
+        frame = measure_edges(best, points[rim])
     covered = covered_area(points, triangles) * growth**2
     return describe_house(best, closed, frame, inlier, covered)
 
@@ -114,18 +122,36 @@ def choose_fit(points: Points, closed: ClosedHouse) -> RoofFit:
     """The fit of the form that explains the points best for its number of parameters."""
     centre = np.array([closed.x, closed.y])
     some = points[:: max(1, len(points) // CHOICE_POINTS)]
-    fits = [
-        fit_roof(form, some, centre, start_of(form, closed), LEAST_NOISE, CHOICE_ROUNDS)
-        for form in (PLANE, GABLE, HIP)
-    ]
+    starts = [(PLANE, start_of(PLANE, closed)), (GABLE, start_of(GABLE, closed)), (HIP, start_of(HIP, closed))]
+    starts.append((GABLE, across_start(closed)))
+    fits = [fit_roof(form, some, centre, start, LEAST_NOISE, CHOICE_ROUNDS) for form, start in starts]
+    fits = [fit for fit in fits if is_roof(fit)]
     scale = min(fit.scale for fit in fits)
     price = max(0.5 * float(np.log(len(some))), PARAMETER_PRICE * len(some))
     costs = []
-    for fit, parameters in zip(fits, (3, 5, 7), strict=True):
+    for fit in fits:
         square = (fit.residuals / (CUT * scale)) ** 2
-        costs.append(0.5 * CUT**2 * float(np.sum(square / (1.0 + square))) + parameters * price)
-    chosen = fits[int(np.argmin(costs))]
-    return fit_roof(chosen.form, points, centre, chosen.parameters, LEAST_NOISE)
+        free = len(FREE[fit.form])
+        costs.append(0.5 * CUT**2 * float(np.sum(square / (1.0 + square))) + free * price)
+    for choice in np.argsort(costs, kind="stable"):
+        chosen = fits[choice]
+        final = fit_roof(chosen.form, points, centre, chosen.parameters, LEAST_NOISE)
+        if is_roof(final):
+            return final
+    return fit_roof(PLANE, points, centre, starts[0][1], LEAST_NOISE)
+
+
+def is_roof(fit: RoofFit) -> bool:
+    """Whether a fit has the shape of its form: sides and ends fall, and ends do not begin beyond the middle."""
+    p = fit.parameters
+    if fit.form == PLANE:
+        return True
+    falls = [p[LEFT_SLOPE], p[RIGHT_SLOPE]]
+    if fit.form == HIP:
+        falls.append(p[END_SLOPE])
+        if p[HALF_RIDGE] < -FARTHEST_OVERLAP:
+            return False
+    return bool(min(falls) > np.tan(np.radians(FLAT_SLOPE_DEG)))
 
 
 def start_of(form: int, closed: ClosedHouse) -> NDArray[np.float64]:
@@ -141,6 +167,15 @@ def start_of(form: int, closed: ClosedHouse) -> NDArray[np.float64]:
         return start
     start[LEFT_SLOPE] = start[RIGHT_SLOPE] = start[END_SLOPE] = 2.0 * rise / closed.width
     start[HALF_RIDGE] = max(closed.length - closed.width, 0.0) / 2.0
+    return start
+
+
+def across_start(closed: ClosedHouse) -> NDArray[np.float64]:
+    """Parameters (8,) of a gable whose ridge runs the other way than the closed solution's."""
+    start = start_of(GABLE, closed)
+    start[ANGLE] += np.pi / 2.0
+    rise = max(closed.rise_along, 0.1 * closed.length)
+    start[LEFT_SLOPE] = start[RIGHT_SLOPE] = 2.0 * rise / closed.length
     return start
 
 
@@ -271,6 +306,20 @@ def describe_house(
         inlier,
         float(1.0 - covered / (length * width)),
     )
+
+
+def squared_up(house: House) -> RoofFit:
+    """The fit with a full hip's ridge in the middle, its four eaves level, so that its hips end in the corners."""
+    if house.roof not in ("hip", "pyramid"):
+        return house.fit
+    west, east, south, north = house.edges
+    p = house.fit.parameters.copy()
+    p[ALONG], p[ACROSS] = 0.5 * (west + east), 0.5 * (south + north)
+    p[HALF_RIDGE] = 0.0 if house.roof == "pyramid" else min(max(p[HALF_RIDGE], 0.0), 0.45 * house.length)
+    fall = house.ridge - house.eaves
+    p[LEFT_SLOPE] = p[RIGHT_SLOPE] = 2.0 * fall / house.width
+    p[END_SLOPE] = fall / (0.5 * house.length - p[HALF_RIDGE])
+    return replace(house.fit, parameters=p)
 
 
 def corner_heights(fit: RoofFit, west: float, east: float, south: float, north: float) -> list[float]:

@@ -38,6 +38,10 @@ REACH_BACK = 1.5
 """How far (m) behind its last clear point a dormer may still meet the main roof."""
 
 
+FULL_SHARE = 0.5
+"""Share of its rectangle that the points of a part cover at least: parapets and L-shapes cover less."""
+
+
 @dataclass(frozen=True, eq=False)
 class RoofPart:
     """A rectangle in the axes of the house (west, east, south, north, m), and planes of which the lowest is its roof.
@@ -136,6 +140,9 @@ def shape_part(house: House, points: Points, members: NDArray[np.int64], raised:
         return None
     west, east, _ = extent_of(u[good])
     south, north, _ = extent_of(v[good])
+    spacing_square = house.length * house.width / max(int(house.inlier.sum()), 1)
+    if good.sum() * spacing_square < FULL_SHARE * (east - west) * (north - south):
+        return None
     edges = reach_main_roof(house, planes, (west, east, south, north))
     return RoofPart(edges, planes, raised, members) if edges[1] - edges[0] > 0.5 else None
 
@@ -158,11 +165,14 @@ def reach_main_roof(
     return max(west, left), min(east, right), max(moved[0], low), min(moved[1], high)
 
 
-def explained(house: House, parts: list[RoofPart], points: Points) -> Mask:
-    """The points (N, 3) that the main roof or a part explains."""
-    known = house.inlier.copy()
+def explained(house: House, parts: list[RoofPart], points: Points, tolerance: float) -> Mask:
+    """The points (N, 3) inside the rectangle that lie within `tolerance` (m) of the main roof, or belong to a part."""
+    slope = np.cos(house.slope)
+    known = np.abs(house.fit.residuals) * slope <= tolerance
     for part in parts:
         known[part.members] = True
     west, east, south, north = house.edges
     u, v = house.fit.axes(points)
-    return np.asarray(known & (u >= west) & (u <= east) & (v >= south) & (v <= north))
+    rim = tolerance
+    inside = (u >= west - rim) & (u <= east + rim) & (v >= south - rim) & (v <= north + rim)
+    return np.asarray(known & inside)

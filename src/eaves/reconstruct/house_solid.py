@@ -12,7 +12,7 @@ from shapely import Polygon
 from eaves.geometry.arrangement import arrange
 from eaves.model import Solid
 from eaves.reconstruct.extrusion import extrude
-from eaves.reconstruct.house import House
+from eaves.reconstruct.house import House, squared_up
 from eaves.reconstruct.house_parts import RoofPart, lowest, main_planes
 from eaves.reconstruct.soundness import find_defect
 
@@ -39,7 +39,7 @@ def solids_of(
     house: House, parts: list[RoofPart], base: float
 ) -> tuple[list[Solid], NDArray[np.float64]] | None:
     """The solids down to `base` (m), and the planes (C, 3) their roof faces number; None when they are not sound."""
-    main = main_planes(house.fit)
+    main = main_planes(squared_up(house))
     segments = creases(main, house.edges)
     for part in parts:
         segments += creases(part.planes, part.edges) + crossings(main, part.planes, part.edges)
@@ -116,7 +116,7 @@ def name_cells(
     house: House, parts: list[RoofPart], inside: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """The plane's number (C,) of every cell, told by a place inside it (C, 2), and the planes in the axes of the house."""
-    main = main_planes(house.fit)
+    main = main_planes(squared_up(house))
     planes = np.vstack([main, *(part.planes for part in parts)])
     u, v = house.fit.axes(inside)
     heights = planes[:, :1] * u + planes[:, 1:2] * v + planes[:, 2:]

@@ -43,8 +43,11 @@ class Moments(Reconstructor):
         ge=0.0,
         le=1.0,
     )
+    tolerance: float = parameter(
+        0.2, "Distance from the roof up to which it explains a point.", unit="m", gt=0.0
+    )
     unexplained_share: float = parameter(
-        0.15, "Share of the roof points that neither the roof nor its parts need explain.", ge=0.0, le=1.0
+        0.2, "Share of the roof points that neither the roof nor its parts need explain.", ge=0.0, le=1.0
     )
     min_part_area: float = parameter(
         2.0, "Area of the smallest dormer or terrace.", unit="m2", published=2.0, ge=0.0
@@ -86,7 +89,7 @@ class Moments(Reconstructor):
                 f"the points cover {1.0 - house.empty_share:.0%} of a rectangle of "
                 f"{house.length:.1f} m × {house.width:.1f} m; {allowed:.0%} may differ"
             )
-        unexplained = 1.0 - float(explained(house, parts, roof).mean())
+        unexplained = 1.0 - float(explained(house, parts, roof, self.tolerance).mean())
         if unexplained > self.unexplained_share:
             return (
                 f"{unexplained:.0%} of the roof points are off the {house.roof} roof; "
