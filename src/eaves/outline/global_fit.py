@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
@@ -17,6 +18,7 @@ from eaves.model import Boundary, Failure, Points
 from eaves.outline.base import OutlineMethod
 from eaves.outline.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
 from eaves.outline.edges import Edges, common_axes, edge_shift_kernel, fit_edges
+from eaves.outline.neighbours import share_edges
 from eaves.outline.polyline import cheapest_polyline
 
 OUTSIDE, INSIDE, MARGIN = 1.2, 4.0, 0.3
@@ -101,10 +103,18 @@ class GlobalFit(OutlineMethod):
         return Boundary(tuple(kept), points, spacing)
 
     def regularise(self, boundaries: list[Boundary], emit: Emit = ignore) -> list[Polygon | Failure]:
-        """The fitted polygons."""
-        return [self.fitted(boundary, emit) for boundary in boundaries]
+        """The fitted polygons; neighbours at most a spacing apart share their edges."""
+        answers: list[Polygon | Failure] = [self.fitted(boundary) for boundary in boundaries]
+        drawn = [number for number, answer in enumerate(answers) if not isinstance(answer, Failure)]
+        emit("fitted", [answers[number] for number in drawn])
+        if len(drawn) > 1:
+            gap = max(boundaries[number].spacing for number in drawn)
+            shared = share_edges([polygon for polygon in answers if isinstance(polygon, Polygon)], gap)
+            for number, polygon in zip(drawn, shared, strict=True):
+                answers[number] = polygon
+        return answers
 
-    def fitted(self, boundary: Boundary, emit: Emit) -> Polygon | Failure:
+    def fitted(self, boundary: Boundary) -> Polygon | Failure:
         """One boundary's polygon."""
         xy = boundary.points[:, :2]
         rings = [self.fitted_ring(ring, xy, boundary.spacing) for ring in boundary.rings]
@@ -119,8 +129,8 @@ class GlobalFit(OutlineMethod):
     ) -> NDArray[np.float64]:
         """The corners (C, 2) of one ring (M, 2) of the boundary of the points `xy` (N, 2).
 
-        What crosses itself or encloses another area than the boundary is not used: then it is the plain
-        polyline without common directions, and at last the boundary itself.
+        What crosses itself loses the smaller loops; what encloses another area than the boundary is not
+        used: then it is the polyline without common directions, and at last the boundary, simplified.
         """
         origin = ring[0].copy()
         local, points = ring - origin, xy - origin
@@ -138,9 +148,10 @@ class GlobalFit(OutlineMethod):
         drawing = Drawing(self.detail * spacing, CORNER_REACH * spacing, sigma, price)
         for candidate in (edges, free):
             corners = self.drawn(candidate, points, spacing, drawing)
+            corners = None if corners is None else simple_ring(corners)
             if corners is not None and is_like(corners, local, 1.5 * spacing):
                 return np.asarray(corners + origin)
-        return ring
+        return np.asarray(Polygon(ring).simplify(spacing).exterior.coords)[:-1]
 
     def drawn(
         self, edges: Edges, xy: NDArray[np.float64], spacing: float, drawing: Drawing
@@ -169,10 +180,22 @@ class GlobalFit(OutlineMethod):
         return ring_of_edges(edges, finer) if len(edges) > 2 else None
 
 
+def simple_ring(ring: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The ring (C, 2), or the largest loop of one that crosses itself; None when there is no area."""
+    if len(ring) < 3:
+        return None
+    polygon = Polygon(ring)
+    if polygon.is_valid:
+        return ring
+    whole = as_polygon(polygon)
+    if whole is None:
+        return None
+    loop = np.asarray(shapely.orient_polygons(whole).exterior.coords)[:-1]
+    return loop if signed_area(ring) > 0 else loop[::-1]
+
+
 def is_like(ring: NDArray[np.float64], boundary: NDArray[np.float64], distance: float) -> bool:
-    """Whether a ring (C, 2) is simple, and its area differs by less than a band of `distance` (m)."""
-    if len(ring) < 3 or not Polygon(ring).is_valid:
-        return False
+    """Whether the areas in a ring (C, 2) and in the boundary differ by less than a band of `distance` (m)."""
     length = float(np.hypot(*(boundary - np.roll(boundary, 1, axis=0)).T).sum())
     area = signed_area(boundary)
     return signed_area(ring) * area > 0 and abs(signed_area(ring) - area) <= distance * length
