@@ -92,9 +92,11 @@ def drop_straight_nodes(coverage: Coverage, labels: Integers) -> tuple[Coverage,
     return coverage, labels
 
 
-def merge_short_edges(coverage: Coverage, labels: Integers) -> tuple[Coverage, Integers]:
+def merge_short_edges(
+    coverage: Coverage, labels: Integers, shortest: float = SHORTEST_EDGE
+) -> tuple[Coverage, Integers]:
     """The coverage with its short edges shrunk to a node, all at once where that is sound, else one by one."""
-    halves, mover, goal = short_edges(coverage)
+    halves, mover, goal = short_edges(coverage, shortest)
     if len(halves) == 0:
         return coverage, labels
     target = np.arange(len(coverage.nodes))
@@ -108,7 +110,7 @@ def merge_short_edges(coverage: Coverage, labels: Integers) -> tuple[Coverage, I
         coverage, labels = simpler[0], labels[simpler[1]]
     refused: set[tuple[float, ...]] = set()
     for _ in range(4 * ROUNDS):
-        halves, mover, goal = short_edges(coverage)
+        halves, mover, goal = short_edges(coverage, shortest)
         trial = None
         for node, into in zip(mover.tolist(), goal.tolist(), strict=True):
             key = (*coverage.nodes[node].tolist(), *coverage.nodes[into].tolist())
@@ -127,14 +129,14 @@ def merge_short_edges(coverage: Coverage, labels: Integers) -> tuple[Coverage, I
     return coverage, labels
 
 
-def short_edges(coverage: Coverage) -> tuple[Integers, Integers, Integers]:
+def short_edges(coverage: Coverage, shortest: float) -> tuple[Integers, Integers, Integers]:
     """Half-edges too short to be meant, shortest first; the node of each that moves, and the one it moves to.
 
     Corners of the outline stay, other nodes on the outline move along it, nodes inside move freely.
     """
     rank = corner_rank(coverage)
     limit = np.where(
-        (rank[coverage.start] == 2) & (rank[coverage.end] == 2), SHORTEST_BORDER, SHORTEST_EDGE
+        (rank[coverage.start] == 2) & (rank[coverage.end] == 2), SHORTEST_BORDER, shortest
     )
     one_way = coverage.start < coverage.end
     halves = np.flatnonzero(one_way & (coverage.length < limit))

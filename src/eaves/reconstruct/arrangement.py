@@ -12,7 +12,7 @@ from eaves.geometry.arrangement import arrange
 from eaves.geometry.coverage import OUTSIDE, Coverage, Integers
 from eaves.geometry.labelling import label_nodes
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.simplification import absorb_slivers, drop_straight_nodes, merge_short_edges
+from eaves.geometry.simplification import SHORTEST_EDGE, absorb_slivers, drop_straight_nodes, merge_short_edges
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid
 from eaves.reconstruct.attributes import describe
@@ -33,6 +33,9 @@ SMALLEST_FACE = 0.3
 
 NARROWEST = 0.1
 """Roof faces narrower than this (m), or than half a spacing, go to their neighbour."""
+
+FIRMNESS = (1.0, 2.5, 6.0)
+"""Multiples of the shortest edge and the narrowest face, tried in turn until the solid is sound."""
 
 RUNAWAY = 1e3
 """Cost (m²) of a metre beyond the heights a plane's points support: more than any misfit."""
@@ -96,12 +99,14 @@ class Arrangement(Reconstructor):
         if coverage is None:
             return Failure("no_area", "the footprint encloses no area", "reconstruct", footprint)
         cells = self.label_cells(coverage, roof, labels, coefficients, spacing, ground)
-        plan, chosen = tidy(*coverage.merged(cells), spacing)
-        emit("plan", plan.polygons())
         solids: dict[str, tuple[Solid, ...]] = {}
-        found = sound_solids(plan, coefficients[chosen], ground)
-        if found:
-            solids["2.2"] = found
+        for firmness in FIRMNESS:
+            plan, chosen = tidy(*coverage.merged(cells), spacing, firmness)
+            found = sound_solids(plan, coefficients[chosen], ground)
+            if found:
+                solids["2.2"] = found
+                break
+        emit("plan", plan.polygons())
         for lod, (level_plan, heights) in self.levels(plan, coefficients[chosen], roof, ground).items():
             flat = np.column_stack([np.zeros((len(heights), 2)), heights])
             found = sound_solids(level_plan, flat, ground)
@@ -207,12 +212,14 @@ def sound_solids(plan: Coverage, planes: NDArray[np.float64], ground: float) -> 
     return tuple(solids)
 
 
-def tidy(plan: Coverage, chosen: Integers, spacing: float) -> tuple[Coverage, Integers]:
+def tidy(
+    plan: Coverage, chosen: Integers, spacing: float, firmness: float = 1.0
+) -> tuple[Coverage, Integers]:
     """The plan without slivers, short edges and needless nodes, and the plane (C,) of each of its cells."""
-    narrowest = max(NARROWEST, 0.5 * spacing)
+    narrowest = firmness * max(NARROWEST, 0.5 * spacing)
     plan, chosen = absorb_slivers(plan, chosen, SMALLEST_FACE, narrowest)
     plan, chosen = drop_straight_nodes(plan, chosen)
-    plan, chosen = merge_short_edges(plan, chosen)
+    plan, chosen = merge_short_edges(plan, chosen, firmness * SHORTEST_EDGE)
     plan, chosen = plan.merged(chosen)
     plan, chosen = absorb_slivers(plan, chosen, SMALLEST_FACE, narrowest)
     return drop_straight_nodes(plan, chosen)

@@ -106,7 +106,8 @@ def raise_columns(coverage: Coverage, planes: NDArray[np.float64], base: float) 
     )
     first = np.flatnonzero(new)
     last = np.append(first[1:], len(order)) - 1
-    middle = np.round(0.5 * (sorted_height[first] + sorted_height[last]), 4)
+    middle = 0.5 * (sorted_height[first] + sorted_height[last])
+    middle = np.round(np.round(middle / COORDINATE_STEP) * COORDINATE_STEP, 6)
     number = np.empty(len(order), np.int64)
     number[order] = np.cumsum(new) - 1
     return Columns(np.column_stack([coverage.nodes[node[first]], middle]), number)

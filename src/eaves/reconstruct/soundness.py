@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.model import Solid
@@ -11,6 +12,9 @@ from eaves.model.building import WALL_SURFACE
 
 FLATTEST_SHARE = 0.9
 """Share of `PLANARITY` a face may use; the rest is for the rounding of written coordinates."""
+
+MOST_FOLD_DEG = 9.0
+"""Angle (degrees) between triangles of one face; under half of val3dity's 20, as any two may be compared."""
 
 
 def find_defect(solid: Solid) -> str:
@@ -34,7 +38,7 @@ def find_defect(solid: Solid) -> str:
             continue
         if len(face.rings[0]) > 3 and height_error(solid, face.rings) > FLATTEST_SHARE * PLANARITY:
             return "a roof face that is not planar"
-    return plan_defect(solid)
+    return plan_defect(solid) or fold_defect(solid)
 
 
 def height_error(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> float:
@@ -47,18 +51,40 @@ def height_error(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> float:
 
 def plan_defect(solid: Solid) -> str:
     """What is wrong with the plan of the roof faces: rings that cross, faces that overlap."""
-    shapes = [
-        shapely.Polygon(
-            solid.vertices[list(face.rings[0]), :2],
-            [solid.vertices[list(hole), :2] for hole in face.rings[1:]],
-        )
-        for face in solid.faces
-        if face.surface != WALL_SURFACE
-    ]
-    polygons = np.array(shapes, object)
+    polygons = plan_polygons(solid)
     if not shapely.is_valid(polygons).all():
         return "a face whose rings cross"
     areas = shapely.area(polygons)
     if abs(areas[0] - areas[1:].sum()) > COORDINATE_STEP * shapely.length(polygons[0]):
         return "roof faces that do not cover the ground face"
+    return ""
+
+
+def plan_polygons(solid: Solid) -> NDArray[np.object_]:
+    """The faces that are not walls (F,) as polygons with heights, in plan."""
+    places = solid.vertices
+    shapes = [
+        shapely.Polygon(places[list(face.rings[0])], [places[list(hole)] for hole in face.rings[1:]])
+        for face in solid.faces
+        if face.surface != WALL_SURFACE
+    ]
+    return np.array(shapes, object)
+
+
+def fold_defect(solid: Solid) -> str:
+    """Whether a triangle of a roof face leans away from the others, as thin ones do when heights are rounded."""
+    polygons = plan_polygons(solid)[1:]
+    polygons = polygons[shapely.get_num_coordinates(polygons) > 4]
+    if len(polygons) == 0:
+        return ""
+    pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
+    corners = shapely.get_coordinates(pieces, include_z=True).reshape(-1, 4, 3)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    normal *= (np.sign(normal[:, 2]) / np.maximum(size, 1e-12))[:, None]
+    largest = np.lexsort((-size, owner))
+    head = largest[np.searchsorted(owner[largest], np.arange(len(polygons)))]
+    cosine = (normal * normal[head][owner]).sum(axis=1)
+    if np.any(cosine < np.cos(np.radians(MOST_FOLD_DEG))):
+        return "a roof face with a fold"
     return ""
