@@ -13,10 +13,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from shapely.geometry.base import BaseGeometry
-
 from eaves.formats import InputError, Source, common_system, find_inputs, open_source
-from eaves.model import Block, Bounds, CoordinateSystem, Failure, Footprint
+from eaves.model import Block, Bounds, Failure
 from eaves.pipeline import BuildingResult, Recipe, block_pass, building_pass, make_recipe
 from eaves.tiling.gather import Gatherer
 from eaves.tiling.join import HomePlan, Seam, assign_footprints, join_regions
@@ -24,6 +22,7 @@ from eaves.tiling.outputs import EVERYTHING, Summary, write_outputs
 from eaves.tiling.runners import Outcome, peak_memory_mb, run
 from eaves.tiling.scatter import scatter_points
 from eaves.tiling.store import Store
+from eaves.tiling.vectors import area_of, in_metres, read_area, read_footprints
 
 log = logging.getLogger("eaves")
 WORK_FOLDER = ".eaves-work"
@@ -89,7 +88,11 @@ def build(
     sources = [open_source(path, options.crs) for path in paths]
     system = common_system(sources)
     bounds = in_metres(options.bounds, system)
-    clip, given = read_vectors(options, system)
+    clip = None if options.clip is None else read_area(options.clip, system)
+    given = None
+    if options.footprints is not None:
+        area = area_of([source.bounds for source in sources], bounds, clip)
+        given = read_footprints(options.footprints, options.id_field, system, area)
     if options.classified is not None and len(sources) > 1:
         raise InputError(
             f"{options.classified}: one file cannot hold {len(sources)} inputs; give a folder with -o"
@@ -118,7 +121,8 @@ def build(
 
     blocks = store.blocks(options.block)
     work = partial(compute_block, store=store, recipe=recipe)
-    failed, peak, seams = [], peak_memory_mb(), []
+    failed: list[str] = []
+    peak = peak_memory_mb()
     left = [block for block in blocks if not store.has("blocks", block)]
     for done, outcome in enumerate(run(work, left, options.jobs, options.scheduler), 1):
         peak = max(peak, outcome.peak_mb)
@@ -127,11 +131,8 @@ def build(
     seams = [Seam.of(store.load_block(block)) for block in blocks if store.has("blocks", block)]
 
     homes = assign_footprints(given, blocks) if given is not None and blocks else join_regions(seams)
-    missed = len(given or ()) - sum(len(home.buildings) for home in homes) if given is not None else 0
-    if missed:
-        log.warning("%d footprints lie outside the points and were left out", missed)
     todo = [home for home in homes if not store.has("buildings", home.home)]
-    work_home = partial(compute_home, store=store, recipe=recipe)
+    work_home = partial(compute_home, store=store, recipe=recipe, snap=options.snap_footprints)
     for done, outcome in enumerate(run(work_home, todo, options.jobs, options.scheduler), 1):
         peak = max(peak, outcome.peak_mb)
         note_failure(outcome, [home.home for home in todo], "buildings of block", failed)
@@ -161,9 +162,11 @@ def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
     store.save("blocks", block, block_pass(store.load_cloud(block, recipe.reach), block, recipe))
 
 
-def compute_home(plan: HomePlan, store: Store, recipe: Recipe) -> None:
+def compute_home(plan: HomePlan, store: Store, recipe: Recipe, snap: bool = False) -> None:
     """The building pass for the buildings at home in one block, kept in the store."""
     gatherer = Gatherer(store)
+    if snap:
+        plan = gatherer.snapped(plan)
     results = []
     for building in plan.buildings:
         points = gatherer.gather(plan.home, building)
@@ -184,33 +187,6 @@ def note_failure(outcome: Outcome, blocks: Sequence[Block], what: str, failed: l
     if outcome.error:
         failed.append(f"{what} {blocks[outcome.index].name}: {outcome.error}")
         log.error("%s", failed[-1])
-
-
-def in_metres(bounds: Bounds | None, system: CoordinateSystem) -> Bounds | None:
-    """Bounds given in the system's unit, in metres."""
-    if bounds is None:
-        return None
-    unit = system.horizontal_unit_m
-    return Bounds(bounds.west * unit, bounds.south * unit, bounds.east * unit, bounds.north * unit)
-
-
-def read_vectors(
-    options: Options, system: CoordinateSystem
-) -> tuple[BaseGeometry | None, list[Footprint] | None]:
-    """The clip area and the given footprints, in world metres."""
-    import shapely
-
-    from eaves.formats import read_polygons
-    from eaves.outline.given import repair_footprints
-
-    clip, given = None, None
-    if options.clip is not None:
-        clip = shapely.union_all(shapely.make_valid(read_polygons(options.clip, target=system)[0]))
-        shapely.prepare(clip)
-    if options.footprints is not None:
-        polygons, ids, attributes, _ = read_polygons(options.footprints, None, options.id_field, system)
-        given = repair_footprints(polygons, ids, attributes)
-    return clip, given
 
 
 def claim(folder: Path) -> None:
@@ -248,6 +224,7 @@ def describe(sources: Sequence[Source], recipe: Recipe, options: Options) -> dic
         "bounds": None if options.bounds is None else list(vars(options.bounds).values()),
         "clip": None if options.clip is None else fingerprint(options.clip),
         "footprints": None if options.footprints is None else fingerprint(options.footprints),
+        "snap_footprints": options.snap_footprints,
     }
 
 

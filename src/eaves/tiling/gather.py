@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import shapely
 
 from eaves.model import Block, Bounds, Failure, Footprint, Raster
 from eaves.model.cloud import GROUND, NOISE_CLASSES, snap
+from eaves.model.scene import WALL
+from eaves.outline.snap import snap_footprints
 from eaves.pipeline import CANDIDATE_HEIGHT, CELL, BlockResult, BuildingPoints
-from eaves.tiling.join import BuildingPlan
+from eaves.tiling.join import BuildingPlan, HomePlan
 from eaves.tiling.store import Store
 
 MARGIN = 2.0
@@ -71,6 +75,27 @@ class Gatherer:
             number=plan.number,
             given=plan.given,
         )
+
+    def snapped(self, plan: HomePlan) -> HomePlan:
+        """The plan with its given footprints moved to the eaves in the points, neighbours together."""
+        buildings = [building for building in plan.buildings if building.given is not None]
+        footprints = [building.given for building in buildings if building.given is not None]
+        blocks = sorted({block for building in buildings for block, _ in building.regions})
+        points, spacing = [], 1.0
+        for block in blocks:
+            result = self.result(block)
+            if result is not None:
+                shift = np.array(
+                    [block.origin[0] - plan.home.origin[0], block.origin[1] - plan.home.origin[1], 0]
+                )
+                roof = (result.label > 0) & (result.part != WALL)
+                points.append(result.xyz[roof] + shift)
+                spacing = result.spacing
+        if not points:
+            return plan
+        moved = snap_footprints(footprints, np.concatenate(points), spacing)
+        pairs = zip(buildings, moved, strict=True)
+        return replace(plan, buildings=tuple(replace(building, given=given) for building, given in pairs))
 
     def terrain(self, home: Block, bounds: Bounds) -> Raster:
         """The terrain inside `bounds` (about the home block's corner), NaN where no block knows it."""

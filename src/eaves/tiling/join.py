@@ -11,6 +11,7 @@ import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from eaves.geometry.polygons import as_polygon
 from eaves.model import Block, Footprint
 from eaves.pipeline import BlockResult
 
@@ -112,8 +113,14 @@ def assign_footprints(footprints: Sequence[Footprint], blocks: Sequence[Block]) 
             continue
         point = footprint.polygon.representative_point()
         home = Block.at(point.x, point.y, side)
-        moved = shapely.transform(footprint.polygon, lambda xy, home=home: xy - np.array(home.origin))
-        homes.setdefault(home, []).append((under, footprint.with_(polygon=moved, origin=home.origin)))
+        moved = as_polygon(
+            shapely.transform(footprint.polygon, lambda xy, home=home: xy - np.array(home.origin))
+        )
+        if moved is None:
+            continue
+        homes.setdefault(home, []).append(
+            (under, footprint.with_(polygon=shapely.orient_polygons(moved), origin=home.origin))
+        )
     return [
         HomePlan(
             home,

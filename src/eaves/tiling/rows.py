@@ -51,7 +51,7 @@ def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
             if face.surface != ROOF_SURFACE:
                 continue
             rings = [solid.vertices[list(ring)] for ring in face.rings]
-            rmse = answer.planes[face.plane].rmse if has_plane(answer, face.plane) else None
+            rmse = rmse_of(answer, face.plane)
             polygon = Polygon(rings[0] + origin, [ring + origin for ring in rings[1:]])
             yield (
                 polygon,
@@ -64,9 +64,10 @@ def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
             )
 
 
-def has_plane(model: BuildingModel, number: int | None) -> bool:
-    """Whether a face's plane number names one of the model's planes."""
-    return number is not None and 0 <= number < len(model.planes)
+def rmse_of(model: BuildingModel, plane: int | None) -> float | None:
+    """The RMSE of the points of one of the model's planes, None where a face lies on none of them."""
+    known = plane is not None and 0 <= plane < len(model.planes)
+    return round(model.planes[plane].rmse, 4) if known and plane is not None else None
 
 
 def face_figures(rings: list[Points]) -> dict[str, float | None]:
@@ -87,4 +88,4 @@ def face_figures(rings: list[Points]) -> dict[str, float | None]:
 def area_vector(ring: Points) -> Points:
     """Half the sum of cross products along a ring (M, 3): its area times its normal (Newell)."""
     shifted = ring - ring[0]
-    return 0.5 * np.cross(shifted, np.roll(shifted, -1, axis=0)).sum(axis=0)
+    return np.asarray(0.5 * np.cross(shifted, np.roll(shifted, -1, axis=0)).sum(axis=0))

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from eaves.formats.atomic import atomic
-from eaves.model import Block, PointCloud
-from eaves.model.cloud import QUANTUM, CoordinateSystem
+from eaves.model import Block, CoordinateSystem, PointCloud
+from eaves.model.cloud import QUANTUM
 from eaves.pipeline import BlockResult, BuildingResult
 
 RECORD = np.dtype(

@@ -21,12 +21,14 @@ SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG = 315.0, 45.0
 def shade(heights: NDArray[np.float32], cell: float) -> NDArray[np.float64]:
     """Hillshade (H, W) in 0 to 1 of a raster with row 0 north; NaN where the heights are."""
     padded = np.pad(heights.astype(np.float64), 1, mode="edge")
-    down, east = (slope[1:-1, 1:-1] for slope in np.gradient(padded, cell))
+    down = np.gradient(padded, cell, axis=0)[1:-1, 1:-1]
+    east = np.gradient(padded, cell, axis=1)[1:-1, 1:-1]
     azimuth, altitude = np.radians(SUN_AZIMUTH_DEG), np.radians(SUN_ALTITUDE_DEG)
-    light = np.array(
+    light: NDArray[np.float64] = np.array(
         [np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)]
     )
-    return np.clip((-east * light[0] + down * light[1] + light[2]) / np.sqrt(1 + east**2 + down**2), 0, 1)
+    bright = (-east * light[0] + down * light[1] + light[2]) / np.sqrt(1 + east**2 + down**2)
+    return np.asarray(np.clip(bright, 0, 1))
 
 
 def face_colour(slope_deg: float, azimuth_deg: float | None) -> NDArray[np.float64]:
