@@ -85,8 +85,8 @@ def test_a_shift_by_one_metre_moves_area_and_outline() -> None:
     assert score.area.completeness == pytest.approx(0.9) and score.area.correctness == pytest.approx(0.9)
     assert score.area.quality == pytest.approx(90 / 110)
     assert score.objects.quality == 1
-    # the 20 sides at the right are 1 m off, so are those at the left but for two at each end, which are nearer
-    # to the line above or below; of those above and below all lie on the line but the last two, which stand
+    # the 20 sides at the right are 1 m off, so are those at the left but for two at each end, nearer to the
+    # line above or below; of those above and below all lie on the line but the last two, which stand
     # beyond it
     ends = 0.25**2 + 0.75**2
     squares = 20 * 1.0**2 + (16 * 1.0**2 + 2 * ends) + 2 * ends

@@ -55,7 +55,7 @@ def test_a_missing_plane_costs_completeness() -> None:
 def test_a_ridge_half_a_metre_off_moves_the_outlines_of_both_planes() -> None:
     score = evaluate_planes(gable(11), gable(10), AREA)
     assert score.planes.quality == 1 and score.relations["1:1"] == 2
-    # the wider plane has 12 sides half a metre off and two a quarter beyond a corner; the narrower one 12 sides
+    # the wider plane has 12 sides half a metre off and two a quarter beyond a corner; the narrower 12 sides
     # half a metre inside, of which the two at the ends are a quarter from the line above or below
     squares = (12 * 0.5**2 + 2 * 0.25**2) + (10 * 0.5**2 + 2 * 0.25**2)
     sides = 2 * (12 + 11) + 2 * (12 + 9)

@@ -11,8 +11,9 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from eaves.formats import CityObject, read_cityjson
-from eaves.model import Points
+from eaves.model import CoordinateSystem, Points
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
+from eaves.model.coordinates import LOCAL_METRES
 
 FLATTEST = 0.02
 """Upward share of a normal over which a face without a known surface type counts as a roof."""
@@ -34,6 +35,7 @@ class CityBuilding:
     roofs: tuple[Rings, ...]
     faces: tuple[Rings, ...]
     footprint: Polygon | MultiPolygon
+    system: CoordinateSystem = LOCAL_METRES
 
     @property
     def volume(self) -> float:
@@ -84,7 +86,9 @@ def _building(name: str, items: list[CityObject], lod: str | None) -> CityBuildi
                 ground.append(_shadow(rings))
     plan = ground or [_shadow(rings) for rings in roofs]
     footprint = shapely.union_all([shapely.make_valid(shape) for shape in plan], grid_size=0.001)
-    return CityBuilding(name, wanted if faces else "", lods, tuple(roofs), tuple(faces), footprint)
+    return CityBuilding(
+        name, wanted if faces else "", lods, tuple(roofs), tuple(faces), footprint, items[0].system
+    )
 
 
 def _shadow(rings: Rings) -> Polygon:

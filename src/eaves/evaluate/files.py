@@ -30,6 +30,7 @@ from eaves.evaluate.wireframes import evaluate_wireframe, read_wireframe
 from eaves.formats import InputError, read, read_polygons
 from eaves.model import Mask, PointCloud, Raster, Values
 from eaves.model.cloud import BUILDING, GROUND
+from eaves.model.coordinates import LOCAL_METRES
 from eaves.validate import validate_file
 
 SAME_POINT = 0.02
@@ -145,6 +146,9 @@ def compare_footprints(result: Path, reference: Path) -> Evaluation:
         "median Hausdorff distance (m)": score.median_hausdorff_m,
         "mean PoLiS distance (m)": score.mean_polis_m,
         "vertices to one of the reference": score.vertex_ratio,
+        **{f"relation {name}": count for name, count in score.relations.items()},
+        "mean IoU of united groups": score.mean_iou_united,
+        "RMS of outlines of united groups (m)": score.rms_united_m,
     }
     rows = rows_of(score.rows)
     return Evaluation(
@@ -179,8 +183,7 @@ def compare_models(result: Path, reference: Path, lod: str | None, footprints: P
     cloud = None if truth else read(reference)
     points = lay_points(truth) if cloud is None else _building_points(cloud, reference)
     if footprints is not None:
-        system = None if cloud is None else cloud.system
-        shapes, ids, _, _ = read_polygons(footprints, target=system)
+        shapes, ids, _, _ = read_polygons(footprints, target=None if cloud is None else cloud.system)
         places = dict(zip(ids, shapes, strict=True))
     else:
         places = {item.id: item.footprint for item in truth or models if not item.footprint.is_empty}
@@ -197,6 +200,7 @@ def compare_models(result: Path, reference: Path, lod: str | None, footprints: P
         "RMSE of the nearest 95 %, mean (m)": score.rmse95_mean_m,
         "RMSE of the nearest 95 %, median (m)": score.rmse95_median_m,
         "models": score.models,
+        "buildings without a model": score.without_model,
         "faces per model": score.faces_per_building,
         "roof faces": score.roof_faces,
         **{f"models at LoD {name}": count for name, count in score.lods.items()},
@@ -205,8 +209,11 @@ def compare_models(result: Path, reference: Path, lod: str | None, footprints: P
         "volume error": score.volume_error,
         "height error (m)": score.height_error_m,
     }
+    system = models[0].system if models else LOCAL_METRES
     rows = rows_of(score.rows)
-    return Evaluation("models", str(result), str(reference), figures, rows, tuple(places.values()))
+    return Evaluation(
+        "models", str(result), str(reference), figures, rows, tuple(places.values()), system=system
+    )
 
 
 COMPARISONS: dict[str, Callable[[Path, Path], Evaluation]] = {

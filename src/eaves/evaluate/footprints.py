@@ -1,20 +1,27 @@
 """Footprints against reference polygons: overlap, distances of outlines, corners.
 
 Each reference polygon is compared with the result polygon that shares most area with it, and a result polygon
-with one reference only: the pair with the larger overlap goes first.
+with one reference only: the pair with the larger overlap goes first. Maps divide a row of houses by address
+where the air shows one building; so the polygons that stand for each other (see `matching`) are also united
+and compared as groups.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from shapely import MultiPolygon, Polygon
 
+from eaves.evaluate.matching import HALF, RELATIONS, relation_of
 from eaves.evaluate.scores import Agreement, ratio, root_mean_square
+from eaves.geometry.tolerance import COORDINATE_STEP
 
 STEP = 0.25
 """Spacing (m) of the points along an outline whose distances are measured."""
@@ -52,6 +59,9 @@ class FootprintScore:
     mean_polis_m: float
     vertex_ratio: float
     rows: tuple[FootprintRow, ...]
+    relations: dict[str, int] = field(default_factory=dict)
+    mean_iou_united: float = float("nan")
+    rms_united_m: float = float("nan")
 
 
 Shapes = Sequence[Polygon | MultiPolygon]
@@ -95,7 +105,38 @@ def evaluate_footprints(
         _mean([row.polis_m for row in paired if row.polis_m is not None]),
         ratio(sum(row.vertices or 0 for row in paired), sum(row.vertices_reference for row in paired)),
         tuple(rows),
+        *_united(found, wanted),
     )
+
+
+def _united(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> tuple[dict[str, int], float, float]:
+    """How many groups of each relation there are; mean IoU of the groups' unions, and RMS (m) of their
+    outlines.
+    """
+    two, one = (
+        shapely.STRtree(found).query(wanted, predicate="intersects")
+        if len(found) and len(wanted)
+        else np.zeros((2, 0), np.int64)
+    )
+    shared = shapely.area(shapely.intersection(found[one], wanted[two]))
+    partners = (shared >= HALF * shapely.area(found[one])) | (shared >= HALF * shapely.area(wanted[two]))
+    count = len(found) + len(wanted)
+    ends = one[partners], two[partners] + len(found)
+    links = coo_array((np.ones(len(ends[0])), ends), shape=(count, count))
+    _, group = connected_components(links, directed=False)
+    relations: Counter[str] = Counter()
+    overlaps, offsets = [], [np.zeros(0)]
+    for number in range(int(group.max(initial=-1)) + 1):
+        mine = found[group[: len(found)] == number]
+        true = wanted[group[len(found) :] == number]
+        relations[relation_of(len(true), len(mine))] += 1
+        if len(mine) and len(true):
+            here, there = (shapely.union_all(shapes, grid_size=COORDINATE_STEP) for shapes in (mine, true))
+            both = float(here.intersection(there).area)
+            overlaps.append(ratio(both, here.area + there.area - both))
+            offsets.append(outline_distances(here, there))
+    named = {name: relations[name] for name in RELATIONS}
+    return named, _mean(overlaps), root_mean_square(np.concatenate(offsets))
 
 
 def pair_by_overlap(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> dict[int, int]:

@@ -81,11 +81,12 @@ def open_buildings(path: Path, target: CoordinateSystem | None = None) -> Buildi
     if kind == "city":
         buildings = [item for item in read_buildings(path) if not item.footprint.is_empty]
         shapes = tuple(item.footprint for item in buildings)
-        return BuildingSource(LOCAL_METRES, polygons=shapes, ids=tuple(item.id for item in buildings))
-    shapes_, ids, attributes, system = read_polygons(path, target=target)
+        system = buildings[0].system if buildings else LOCAL_METRES
+        return BuildingSource(system, polygons=shapes, ids=tuple(item.id for item in buildings))
+    outlines, ids, attributes, system = read_polygons(path, target=target)
     if all("id" in row for row in attributes):
         ids = [str(row["id"]) for row in attributes]
-    return BuildingSource(system, polygons=tuple(shapes_), ids=tuple(ids))
+    return BuildingSource(system, polygons=tuple(outlines), ids=tuple(ids))
 
 
 def common_grid(result: BuildingSource, reference: BuildingSource, cell: float = CELL) -> Raster:

@@ -30,6 +30,9 @@ Two objects belong together when they share this part of either: less is a rim t
 partner.
 """
 
+RELATIONS = ("1:1", "1:M", "N:1", "N:M", "1:0", "0:1")
+"""So many of the reference stand for so many of the result; 1:0 was missed, 0:1 is false."""
+
 Numbers = NDArray[np.int64]
 
 
@@ -96,7 +99,7 @@ class Matching:
             np.bincount(reference, minlength=count), np.bincount(result, minlength=count), strict=True
         )
         found = Counter(relation_of(int(n), int(m)) for n, m in sizes)
-        return {name: found[name] for name in ("1:1", "1:M", "N:1", "N:M", "1:0", "0:1")}
+        return {name: found[name] for name in RELATIONS}
 
     def agreement(self, larger_than: float = 0.0) -> Agreement:
         """Objects found and correct, of those over an area (m²); each set is judged by its own areas."""

@@ -68,6 +68,7 @@ class ModelScore:
     models: int
     faces_per_building: float
     roof_faces: int
+    without_model: int
     lods: dict[str, int]
     findings: dict[int, int] = field(default_factory=dict)
     invalid: int = 0
@@ -139,7 +140,8 @@ def evaluate_models(
         len(modelled),
         ratio(sum(len(model.faces) for model in modelled), len(modelled)),
         sum(len(model.roofs) for model in models),
-        dict(sorted(Counter(model.lod or "0" for model in models).items())),
+        len(models) - len(modelled),
+        dict(sorted(Counter(model.lod for model in modelled).items())),
         dict(sorted(Counter(finding.code for finding in findings).items())),
         len({finding.building for finding in findings}),
         _mean(

@@ -1,0 +1,60 @@
+"""Wireframes: corners and edges of a square with a diagonal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eaves.evaluate import evaluate_wireframe
+from eaves.evaluate.wireframes import Wireframe, read_wireframe
+from eaves.formats import InputError
+
+SQUARE = np.array([[0, 0, 5], [10, 0, 5], [10, 10, 5], [0, 10, 5]], float)
+EDGES = np.array([[0, 1], [1, 2], [2, 3], [0, 3], [0, 2]])
+FRAME = Wireframe(SQUARE, EDGES)
+
+
+def test_a_perfect_result_scores_perfectly() -> None:
+    score = evaluate_wireframe(FRAME, FRAME)
+    assert score.corners.quality == 1 and score.edges.quality == 1 and score.corner_offset_m == 0
+
+
+def test_a_missing_edge_costs_completeness_of_edges_only() -> None:
+    score = evaluate_wireframe(Wireframe(SQUARE, EDGES[:-1]), FRAME)
+    assert score.edges.completeness == 0.8 and score.edges.correctness == 1 and score.corners.quality == 1
+
+
+def test_a_corner_that_is_off_costs_its_edges_too() -> None:
+    moved = SQUARE.copy()
+    moved[2] += [2, 0, 0]
+    score = evaluate_wireframe(Wireframe(moved, EDGES), FRAME)
+    assert score.corners.completeness == 0.75 and score.edges.completeness == 0.4
+
+
+def test_a_corner_a_little_off_counts_with_its_offset() -> None:
+    moved = SQUARE.copy()
+    moved[2] += [0, 0, 0.4]
+    score = evaluate_wireframe(Wireframe(moved, EDGES), FRAME)
+    assert score.corners.quality == 1 and score.corner_offset_m == pytest.approx(0.1)
+
+
+def test_an_extra_corner_costs_correctness() -> None:
+    score = evaluate_wireframe(Wireframe(np.vstack([SQUARE, [[5, 5, 5]]]), EDGES), FRAME)
+    assert score.corners.correctness == 0.8 and score.corners.completeness == 1
+
+
+def test_lines_and_faces_of_an_obj_file_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "roof.obj"
+    vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in SQUARE)
+    path.write_text(vertices + "f 1/1 2/1 3/1 4/1\nl -4 -2\n", encoding="utf-8")
+    assert read_wireframe(path).edges.tolist() == sorted(EDGES.tolist())
+
+
+@pytest.mark.parametrize("text", ["", "v 1 2 x\n", "v 1 2 3\nl 1 9\n"])
+def test_a_bad_file_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "bad.obj"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"bad\.obj"):
+        read_wireframe(path)
