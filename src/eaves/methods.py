@@ -96,6 +96,7 @@ REGISTRY: dict[str, dict[str, str]] = {
     "outline": {
         "alpha_shape": "eaves.outline.alpha_shape:AlphaShape",
         "global_fit": "eaves.outline.global_fit:GlobalFit",
+        "ransac_lines": "eaves.outline.ransac_lines:RansacLines",
     },
     "roof": {
         "region_growing": "eaves.roof.region_growing:RegionGrowing",
@@ -103,6 +104,7 @@ REGISTRY: dict[str, dict[str, str]] = {
     },
     "reconstruct": {
         "prism": "eaves.reconstruct.prism:Prism",
+        "moments": "eaves.reconstruct.moments:Moments",
         "arrangement": "eaves.reconstruct.arrangement:Arrangement",
     },
 }

@@ -8,8 +8,6 @@ from itertools import pairwise
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 
 from eaves.geometry.rings import signed_area, split_loops
@@ -43,7 +41,7 @@ def triangulate(xy: NDArray[np.float64]) -> Mesh | None:
         return None
     triangles = found.simplices.astype(np.int64)
     x, y = xy[:, 0][triangles], xy[:, 1][triangles]
-    dx, dy = np.roll(x, -1, axis=1) - x, np.roll(y, -1, axis=1) - y
+    dx, dy = x[:, [1, 2, 0]] - x, y[:, [1, 2, 0]] - y
     area = 0.5 * np.abs(dx[:, 0] * dy[:, 1] - dy[:, 0] * dx[:, 1])
     sides = np.sqrt((dx * dx + dy * dy).prod(axis=1))
     radius = np.where(area > 1e-12, sides / np.maximum(4.0 * area, 1e-12), np.inf)
@@ -87,13 +85,34 @@ def alpha_rings(mesh: Mesh, radius: float, *, share: float = 0.0) -> tuple[NDArr
 
 def largest_part(mesh: Mesh, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The kept triangles (T,) of the part with the largest area; parts hang together over common sides."""
-    across = mesh.neighbours
-    rows, sides = np.nonzero(kept[:, None] & (across >= 0) & kept[across])
-    size = len(kept)
-    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, across[rows, sides])), shape=(size, size))
-    _, part = connected_components(graph, directed=False)
-    area = np.bincount(part, weights=np.where(kept, mesh.area, 0.0))
+    part, count = part_kernel(mesh.neighbours, kept)
+    area = np.bincount(part, weights=mesh.area, minlength=count + 1)
+    area[0] = 0.0
     return np.asarray(kept & (part == int(np.argmax(area))))
+
+
+@njit(cache=True)
+def part_kernel(neighbours: NDArray[np.int64], kept: NDArray[np.bool_]) -> tuple[NDArray[np.int64], int]:
+    part = np.zeros(len(kept), np.int64)
+    stack = np.empty(len(kept), np.int64)
+    count = 0
+    for first in range(len(kept)):
+        if not kept[first] or part[first] > 0:
+            continue
+        count += 1
+        part[first] = count
+        stack[0] = first
+        height = 1
+        while height > 0:
+            height -= 1
+            t = stack[height]
+            for k in range(3):
+                n = neighbours[t, k]
+                if n >= 0 and kept[n] and part[n] == 0:
+                    part[n] = count
+                    stack[height] = n
+                    height += 1
+    return part, count
 
 
 @njit(cache=True)

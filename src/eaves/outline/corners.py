@@ -37,7 +37,8 @@ def ends_of_edges(edges: Edges, drawing: Drawing) -> tuple[NDArray[np.float64], 
     of the feet of that point on both lines; if these are `detail` apart, each edge ends at its foot: a jog.
     """
     normal, offset = edges.normal, edges.offset
-    before, other = np.roll(normal, 1, axis=0), np.roll(offset, 1)
+    number = np.arange(len(edges))
+    before, other = normal[number - 1], offset[number - 1]
     sine = before[:, 0] * normal[:, 1] - before[:, 1] * normal[:, 0]
     meets = np.abs(sine) > np.sin(PARALLEL)
     safe = np.where(meets, sine, 1.0)
@@ -53,7 +54,7 @@ def ends_of_edges(edges: Edges, drawing: Drawing) -> tuple[NDArray[np.float64], 
         if np.hypot(*(foot - foot_before)) < drawing.detail:
             foot = foot_before = 0.5 * (foot + foot_before)
         start[k], end[k] = foot, foot_before
-    return start, np.roll(end, -1, axis=0)
+    return start, end[(number + 1) % len(edges)]
 
 
 def edge_lengths(edges: Edges, drawing: Drawing) -> NDArray[np.float64]:
@@ -108,7 +109,7 @@ def without(edges: Edges, one: int) -> Edges:
 
 def idle_corner(edges: Edges, drawing: Drawing) -> int | None:
     """The edge that should be one with the edge before it: parallel, hardly off, and the cheapest to join."""
-    change = np.abs(np.mod(edges.angle - np.roll(edges.angle, 1) + np.pi, 2 * np.pi) - np.pi)
+    change = np.abs(np.mod(edges.angle - edges.angle[np.arange(len(edges)) - 1] + np.pi, 2 * np.pi) - np.pi)
     best: tuple[float, int] | None = None
     for k in np.flatnonzero((change < PARALLEL) | (change > np.pi - PARALLEL)):
         point = edges.corner[k]
@@ -163,5 +164,5 @@ def ring_of_edges(edges: Edges, drawing: Drawing) -> NDArray[np.float64]:
     """The corners (C, 2) of the ring that the edges make, C ≥ K: a jog has two."""
     start, end = ends_of_edges(edges, drawing)
     corners = np.stack([start, end], axis=1).reshape(-1, 2)
-    new = np.abs(corners - np.roll(corners, 1, axis=0)).max(axis=1) > 1e-9
+    new = np.abs(corners - corners[np.arange(len(corners)) - 1]).max(axis=1) > 1e-9
     return np.asarray(corners[new])

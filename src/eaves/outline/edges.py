@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -42,9 +43,9 @@ class Edges:
         """Unit vectors (K, 2) of travel."""
         return np.stack([np.cos(self.angle), np.sin(self.angle)], axis=1)
 
-    def with_(self, **changes: NDArray[np.float64]) -> Edges:
+    def with_(self, **changes: Any) -> Edges:
         """A copy with some fields replaced."""
-        return replace(self, **changes)  # type: ignore[arg-type]
+        return replace(self, **changes)
 
     def take(self, which: NDArray[np.int64]) -> Edges:
         """The edges number `which`, in that order."""

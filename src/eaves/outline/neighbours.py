@@ -57,7 +57,7 @@ def ring_edges(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 def bridges_to(grower: Polygon, base: Polygon, gap: float) -> list[Polygon]:
-    """Strips that carry edges of `grower` on to longer edges of `base` that face them at most `gap` (m) away."""
+    """Strips that carry edges of `grower` on to longer edges of `base` that face them within `gap` (m)."""
     start, end = ring_edges(grower)
     base_start, base_end = ring_edges(base)
     strips = []
