@@ -9,23 +9,42 @@ import numpy as np
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.tin import Tin
 from eaves.ground.base import GroundMethod
+from eaves.ground.densification import Limits, densify, heights_above, measure_roughness
+from eaves.ground.seeds import lowest_of_cells, lowest_surface, seeds_by_opening
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Mask, PointCloud, Raster
-from eaves.raster.grid import heights_of, lowest_points, whole_cells
-from eaves.raster.interpolate import fill_linear
-from eaves.raster.morphology import opened
+from eaves.model import Mask, PointCloud
 
 
 class AdaptiveTin(GroundMethod):
     """Ground by progressive densification of a TIN."""
 
     name: ClassVar[str] = "adaptive_tin"
-    idea: ClassVar[str] = (
-        "A TIN of sure ground points takes in the points close enough to it, until none joins."
-    )
+    idea: ClassVar[str] = "A TIN of sure ground points takes in the points that fit it, until none joins."
     paper: ClassVar[str] = "axelsson2000"
 
-    seed_cell: float | None = parameter(None, "Largest object.", unit="m", published=None, gt=0)
+    seed_cell: float | None = parameter(None, "Largest object.", unit="m", gt=0)
+    widest_object: float = parameter(40.0, "Widest.", unit="m", gt=0)
+    object_slope: float = parameter(0.1, "s0", gt=0)
+    slope_share: float = parameter(0.3, "k1", ge=0)
+    angle: float = parameter(12.0, "angle", unit="degree", gt=0)
+    angle_gain: float = parameter(3.0, "ks", unit="degree", ge=0)
+    distance: float | None = parameter(None, "dm", unit="m")
+    distance_share: float = parameter(0.5, "dm = share*spacing")
+    distance_most: float = parameter(0.7, "cap")
+    tolerance: float | None = parameter(None, "t0", unit="m")
+    tolerance_gain: float = parameter(8.0, "")
+    tolerance_least: float = parameter(0.1, "")
+    tolerance_most: float = parameter(0.35, "")
+    slant_share: float = parameter(0.5, "k=share*spacing")
+    slant_most: float = parameter(0.7, "")
+    slope_cap: float = parameter(3.0, "")
+    mirror_rise: float = parameter(0.2, "")
+    mirror_slope: float = parameter(0.3, "")
+    mirror_reach: float = parameter(1.5, "cells")
+    steep: float = parameter(0.7, "")
+    fine: float = parameter(0.5, "")
+    cell_least: float = parameter(1.0, "")
+    rounds: int = parameter(8, "")
 
     @property
     def reach(self) -> float:
@@ -36,19 +55,33 @@ class AdaptiveTin(GroundMethod):
         if len(xyz) < 3:
             return np.ones(len(xyz), bool)
         spacing = measure_spacing(xyz)
-        cell = max(1.0, spacing)
-        bounds = whole_cells(cloud.bounds, cell)
-        number = lowest_points(xyz, bounds, cell)
-        low = fill_linear(Raster(heights_of(number, xyz[:, 2]), bounds.west, bounds.north, cell))
-        surface = low.values
-        objects = np.zeros(low.shape, bool)
-        for radius in range(1, round(18 / cell) + 1):
-            after = opened(surface, radius)
-            objects |= surface - after > 0.18 * radius * cell
-            surface = after
-        seeds = number[(number >= 0) & ~objects]
+        cell = max(self.cell_least, spacing)
+        if self.seed_cell is None:
+            seeds = seeds_by_opening(
+                lowest_surface(xyz, cell, self.widest_object),
+                self.widest_object,
+                self.object_slope,
+                self.slope_share,
+            )
+        else:
+            seeds = lowest_of_cells(xyz, self.seed_cell)
+        emit("seeds", xyz[seeds])
         tin = Tin(xyz, seeds)
-        base = tin.interpolated(xyz[:, 2], xyz)
-        ground: Mask = np.abs(xyz[:, 2] - np.where(np.isnan(base), np.inf, base)) < 0.3
-        ground[seeds] = True
-        return ground
+        limits = Limits(
+            distance=min(self.distance_most, self.distance_share * spacing),
+            angle=np.radians(self.angle),
+            angle_gain=np.radians(self.angle_gain),
+            mirror_rise=self.mirror_rise,
+            mirror_slope=self.mirror_slope,
+            mirror_reach=self.mirror_reach * cell,
+            steep=self.steep,
+        )
+        candidates = lowest_of_cells(xyz, max(self.fine, 0.5 * spacing))
+        waiting = np.ones(len(xyz), bool)
+        waiting[seeds] = False
+        densify(tin, xyz, candidates[waiting[candidates]], limits, self.rounds)
+        rough = measure_roughness(tin, xyz, 3.0 * cell)
+        t0 = min(self.tolerance_most, max(self.tolerance_least, self.tolerance_gain * rough))
+        above, slope = heights_above(tin, xyz)
+        slant = min(self.slant_most, self.slant_share * spacing)
+        return np.asarray(np.abs(above) < t0 + slant * np.minimum(slope, self.slope_cap))

@@ -1,0 +1,90 @@
+"""Where a TIN of the ground begins: the lowest points that no object carries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from eaves.model import Bounds, Grid, Mask, Points, Raster
+from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
+from eaves.raster.interpolate import fill_linear
+from eaves.raster.morphology import opened
+
+FIRST_SLOPE, FIRST_HEIGHT_M = 0.12, 0.2
+"""Rise (m per m of radius) and height (m) over the opened surface of an object in the first, rough pass."""
+SLOPE_SCALE_M = 8.0
+"""The slope of the terrain is measured after smoothing with this standard deviation: wider than a car."""
+ROUGH_STEP = 0.2
+"""Height over the opened surface that one cell of sloping terrain is allowed, per metre of cell and of
+slope.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class LowestPoints:
+    """The lowest point of each cell: its number (H, W), and its height moved to the centre of the cell."""
+
+    number: NDArray[np.int64]
+    surface: Raster
+    slope: Grid
+
+
+def lowest_of_cells(xyz: Points, side: float) -> NDArray[np.int64]:
+    """Numbers (K,) of the lowest point in each cell of the given side (m), cells fixed to the origin."""
+    number = lowest_points(xyz, whole_cells(Bounds.of(xyz), side), side)
+    return number[number != EMPTY]
+
+
+def lowest_surface(xyz: Points, cell: float, widest: float) -> LowestPoints:
+    """The surface of the lowest points, and the slope of the terrain in it as a first pass finds it.
+
+    A lowest point lies anywhere in its cell, which on a slope is a height error of slope × cell. So the
+    heights are moved along the slope to the centre of the cell.
+    """
+    bounds = whole_cells(Bounds.of(xyz), cell)
+    number = lowest_points(xyz, bounds, cell)
+    occupied = number != EMPTY
+    raw = fill_linear(Raster(heights_of(number, xyz[:, 2]), bounds.west, bounds.north, cell))
+    level = np.zeros(raw.shape, np.float32)
+    objects = stands_out(raw.values, cell, widest, level + np.float32(FIRST_SLOPE), FIRST_HEIGHT_M, level)
+    terrain = raw.with_(values=np.where(objects | ~occupied, np.nan, raw.values).astype(np.float32))
+    smooth = ndimage.gaussian_filter(fill_linear(terrain).values, SLOPE_SCALE_M / cell, truncate=2.5)
+    south, east = np.gradient(smooth, cell) if min(raw.shape) > 1 else (level, level)
+    rows, columns = np.nonzero(occupied)
+    at = xyz[number[occupied]]
+    moved = raw.values[occupied].astype(np.float64)
+    moved += east[occupied] * (bounds.west + (columns + 0.5) * cell - at[:, 0])
+    moved -= south[occupied] * (bounds.north - (rows + 0.5) * cell - at[:, 1])
+    centred = np.full(raw.shape, np.nan, np.float32)
+    centred[occupied] = moved
+    slope = np.hypot(south, east).astype(np.float32)
+    return LowestPoints(number, fill_linear(raw.with_(values=centred)), slope)
+
+
+def seeds_by_opening(
+    lowest: LowestPoints, widest: float, object_slope: float, slope_share: float
+) -> NDArray[np.int64]:
+    """Numbers (K,) of the lowest points that stand on no object up to `widest` (m) wide."""
+    cell = lowest.surface.cell
+    rise = (object_slope + slope_share * lowest.slope).astype(np.float32)
+    objects = stands_out(
+        lowest.surface.values, cell, widest, rise, 0.0, (ROUGH_STEP * cell * lowest.slope).astype(np.float32)
+    )
+    return lowest.number[(lowest.number != EMPTY) & ~objects]
+
+
+def stands_out(surface: Grid, cell: float, widest: float, rise: Grid, height: float, rough: Grid) -> Mask:
+    """Cells (H, W) that rise over the surface opened with a growing window.
+
+    A window of radius r takes away what is narrower than 2 r; a cell is an object's when it loses more than
+    `rise` · r + `height` + `rough` to one step [zhang2003, pingel2013].
+    """
+    objects = np.zeros(surface.shape, bool)
+    for radius in range(1, max(1, round(widest / 2.0 / cell)) + 1):
+        lower = opened(surface, radius)
+        objects |= surface - lower > rise * (radius * cell) + height + rough
+        surface = lower
+    return objects
