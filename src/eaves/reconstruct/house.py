@@ -42,10 +42,10 @@ CHOICE_POINTS, CHOICE_ROUNDS = 200, 12
 """Points, and steps, with which the forms are compared before the one fit."""
 
 EMPTY_RADIUS = 4.0
-"""A triangle is empty ground when its circle is this many times wider than usual: one random point in 10^9."""
+"""A triangle is empty ground when its circle is this many times wider than usual."""
 
 HIP_FALL, FULL_HIP_FALL = 0.12, 0.8
-"""Fall of the ends as a share of the sides': below the first a gable, from the second a hip, between a half-hip."""
+"""Fall of the ends as a share of the sides': a gable below the first, a hip from the second."""
 
 FARTHEST_OVERLAP = 0.5
 """How far (m) the end planes of a pyramid may reach over its middle."""
@@ -53,20 +53,24 @@ FARTHEST_OVERLAP = 0.5
 HIGHEST_PARAPET = 1.2
 """Points up to this height (m) above the roof's plane belong to its rectangle."""
 
+SQUARE_FALL_DEG = 4.0
+"""A shed that falls this nearly square to its sides (degrees) does so exactly; heights tell it best."""
+
 SHORT_RIDGE = 0.1
 """Ridge as a share of the length below which a hip is a pyramid."""
 
 PARAMETER_PRICE = 0.01
-"""What a parameter must save beyond Schwarz' half logarithm, as a share of the points: roofs are not exact."""
+"""What a parameter must save at least, as a share of the points, for roofs are not exact."""
 
 
 @dataclass(frozen=True, eq=False)
 class House:
     """A house with a simple roof: what it measures (m, radians), and how sure each number is.
 
-    `length` runs along the ridge (the eaves of a shed), `width` across; `x, y` is the rectangle's middle. `slope` is
-    the mean of both sides' slopes (radians), `ridge_offset` how far the ridge lies beside the middle. `deviations`
-    holds a standard deviation for each parameter by name, `inlier` (N,) the points the roof explains.
+    `length` runs along the ridge (the eaves of a shed), `width` across; `x, y` is the rectangle's middle.
+    `slope` is the mean of both sides' slopes (radians), `ridge_offset` how far the ridge lies beside the
+    middle. `deviations` holds a standard deviation for each parameter by name, `inlier` (N,) the points the
+    roof explains.
     """
 
     roof: str
@@ -106,6 +110,9 @@ def fit_house(points: Points, plan: Polygon | None = None) -> House | Failure:
     closed = close_house(moments, level, growth)
     best = choose_fit(points, closed)
     inlier = np.abs(best.residuals) <= CUT * best.scale
+    if best.form == HIP and max(end_falls(best, *measure_edges(best, points[inlier])[:4])) < HIP_FALL:
+        best = fit_roof(GABLE, points, best.centre, best.parameters, LEAST_NOISE)
+        inlier = np.abs(best.residuals) <= CUT * best.scale
     if plan is not None:
         best, frame = take_plan(best, points, plan)
         inlier = np.abs(best.residuals) <= CUT * best.scale
@@ -122,8 +129,12 @@ def choose_fit(points: Points, closed: ClosedHouse) -> RoofFit:
     """The fit of the form that explains the points best for its number of parameters."""
     centre = np.array([closed.x, closed.y])
     some = points[:: max(1, len(points) // CHOICE_POINTS)]
-    starts = [(PLANE, start_of(PLANE, closed)), (GABLE, start_of(GABLE, closed)), (HIP, start_of(HIP, closed))]
-    starts.append((GABLE, across_start(closed)))
+    starts = [
+        (PLANE, start_of(PLANE, closed)),
+        (GABLE, start_of(GABLE, closed)),
+        (HIP, start_of(HIP, closed)),
+        (GABLE, across_start(closed)),
+    ]
     fits = [fit_roof(form, some, centre, start, LEAST_NOISE, CHOICE_ROUNDS) for form, start in starts]
     fits = [fit for fit in fits if is_roof(fit)]
     scale = min(fit.scale for fit in fits)
@@ -142,7 +153,7 @@ def choose_fit(points: Points, closed: ClosedHouse) -> RoofFit:
 
 
 def is_roof(fit: RoofFit) -> bool:
-    """Whether a fit has the shape of its form: sides and ends fall, and ends do not begin beyond the middle."""
+    """Whether a fit has the shape of its form: sides and ends fall, ends do not begin beyond the middle."""
     p = fit.parameters
     if fit.form == PLANE:
         return True
@@ -200,10 +211,10 @@ def take_plan(
 
 
 def settle_axes(fit: RoofFit, points: Points) -> RoofFit:
-    """The plane's fit with its axes along the sides of the least rectangle around points (N, 3), falling across.
+    """The plane's fit with axes along the sides of the least rectangle around points (N, 3), falling across.
 
-    A plane has no ridge to tell the orientation. The rectangle of least area is looked for around the closed
-    solution, then the axes are named so that the plane falls across.
+    A plane has no ridge to tell the orientation. The rectangle of least area is looked for around the
+    closed solution, then the axes are named so that the plane falls across.
     """
     best, angle = np.inf, 0.0
     for width, steps in ((0.16, 17), (0.016, 9), (0.003, 7)):
@@ -219,7 +230,11 @@ def settle_axes(fit: RoofFit, points: Points) -> RoofFit:
     if np.hypot(along, across) < level:
         west, east, south, north = measure_edges(settled, points)[:4]
         return settled if east - west >= north - south else turned_fit(settled, np.pi / 2.0)
-    return turned_fit(settled, np.pi / 2.0) if abs(along) > abs(across) else settled
+    if abs(along) > abs(across):
+        settled = turned_fit(settled, np.pi / 2.0)
+        along, across = settled.parameters[END_SLOPE], settled.parameters[LEFT_SLOPE]
+    turn = float(np.arctan(along / across))
+    return turned_fit(settled, turn) if abs(turn) < np.radians(SQUARE_FALL_DEG) else settled
 
 
 def turned_fit(fit: RoofFit, turn: float) -> RoofFit:
@@ -234,7 +249,7 @@ def turned_fit(fit: RoofFit, turn: float) -> RoofFit:
 
 
 def measure_edges(fit: RoofFit, points: Points) -> tuple[float, float, float, float, float, float]:
-    """Low and high along, low and high across, in the axes of the fit, and a standard deviation for each axis."""
+    """Low and high along, low and high across, in the axes of the fit, and a deviation for each axis."""
     along, across = fit.axes(points)
     west, east, end_deviation = extent_of(along)
     south, north, side_deviation = extent_of(across)
@@ -242,10 +257,11 @@ def measure_edges(fit: RoofFit, points: Points) -> tuple[float, float, float, fl
 
 
 def covered_area(points: Points, triangles: NDArray[np.int32]) -> float:
-    """Area (m²) of the triangles (T, 3) between points (N, 3), the wide ones over empty ground left out."""
-    a, b, c = points[triangles[:, 0], :2], points[triangles[:, 1], :2], points[triangles[:, 2], :2]
-    area = 0.5 * np.abs((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1]))
-    sides = np.hypot(*(b - a).T) * np.hypot(*(c - b).T) * np.hypot(*(a - c).T)
+    """Area (m²) of the triangles (T, 3) between points (N, 3) without the wide ones over empty ground."""
+    a, b, c = (points[triangles[:, corner], :2] for corner in range(3))
+    first, second, third = b - a, c - b, a - c
+    area = 0.5 * np.abs(first[:, 0] * third[:, 1] - first[:, 1] * third[:, 0])
+    sides = np.hypot(*first.T) * np.hypot(*second.T) * np.hypot(*third.T)
     radius = sides / np.maximum(4.0 * area, 1e-12)
     return float(area[radius <= EMPTY_RADIUS * np.median(radius)].sum())
 
@@ -309,7 +325,7 @@ def describe_house(
 
 
 def squared_up(house: House) -> RoofFit:
-    """The fit with a full hip's ridge in the middle, its four eaves level, so that its hips end in the corners."""
+    """The fit with a full hip's ridge in the middle and level eaves, so that its hips end in the corners."""
     if house.roof not in ("hip", "pyramid"):
         return house.fit
     west, east, south, north = house.edges
@@ -346,13 +362,20 @@ def name_roof(fit: RoofFit, west: float, east: float, south: float, north: float
         return ("flat" if slope < np.radians(FLAT_SLOPE_DEG) else "shed"), slope, ridge
     slope = float(np.mean(np.arctan(p[[LEFT_SLOPE, RIGHT_SLOPE]])))
     if fit.form == HIP:
-        run = min(east - p[ALONG], p[ALONG] - west) - p[HALF_RIDGE]
-        fall = p[END_SLOPE] * run / max(p[TOP] - side_eaves(fit, south, north), 1e-6)
-        if fall >= HIP_FALL:
+        falls = end_falls(fit, west, east, south, north)
+        if max(falls) >= HIP_FALL:
             short = 2.0 * p[HALF_RIDGE] < SHORT_RIDGE * (east - west)
-            name = "half_hip" if fall < FULL_HIP_FALL else "pyramid" if short else "hip"
+            name = "half_hip" if min(falls) < FULL_HIP_FALL else "pyramid" if short else "hip"
             return name, slope, float(p[TOP])
     return "gable", slope, float(p[TOP])
+
+
+def end_falls(fit: RoofFit, west: float, east: float, south: float, north: float) -> tuple[float, float]:
+    """How far the western and the eastern end plane fall, as a share of the sides' fall."""
+    p = fit.parameters
+    sides = max(p[TOP] - side_eaves(fit, south, north), 1e-6)
+    west_run, east_run = p[ALONG] - west - p[HALF_RIDGE], east - p[ALONG] - p[HALF_RIDGE]
+    return float(p[END_SLOPE] * west_run / sides), float(p[END_SLOPE] * east_run / sides)
 
 
 def orientation_deviation(
@@ -366,4 +389,6 @@ def orientation_deviation(
     """Standard deviation (radians) of the orientation: of the fit, or of the edges for a single plane."""
     if fit.form != PLANE:
         return float(np.sqrt(variance[ANGLE]))
+    if abs(fit.parameters[END_SLOPE]) < 1e-9:  # turned to its fall
+        return float(np.sqrt(variance[END_SLOPE]) / max(abs(fit.parameters[LEFT_SLOPE]), 1e-6))
     return float(1.0 / np.hypot(length / max(side_deviation, 1e-6), width / max(end_deviation, 1e-6)))

@@ -44,10 +44,10 @@ FULL_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class RoofPart:
-    """A rectangle in the axes of the house (west, east, south, north, m), and planes of which the lowest is its roof.
+    """A rectangle in the axes of the house (m), and planes of which the lowest is its roof.
 
-    `planes` (P, 3) are a, b, c of z = a·u + b·v + c in those axes; `raised` says whether it stands above the main
-    roof or is cut into it; `members` (K,) are its points.
+    `planes` (P, 3) are a, b, c of z = a·u + b·v + c in those axes; `raised` says whether it stands above
+    the main roof or is cut into it; `members` (K,) are its points.
     """
 
     edges: tuple[float, float, float, float]
@@ -57,7 +57,7 @@ class RoofPart:
 
 
 def main_planes(fit: RoofFit) -> NDArray[np.float64]:
-    """The planes (P, 3) of the main roof, z = a·u + b·v + c in the axes of the house; the lowest is the roof."""
+    """The planes (P, 3) of the main roof, z = a·u + b·v + c in the house's axes; the lowest is the roof."""
     p = fit.parameters
     if fit.form == PLANE:
         return np.array([[p[END_SLOPE], -p[LEFT_SLOPE], p[TOP]]])
@@ -81,7 +81,7 @@ def lowest(
 
 
 def find_parts(house: House, points: Points, min_area: float) -> list[RoofPart]:
-    """The parts of at least `min_area` (m²) among the points (N, 3) that the main roof does not explain, largest first."""
+    """The parts of at least `min_area` (m²) in points (N, 3) that the main roof leaves, largest first."""
     west, east, south, north = house.edges
     u, v = house.fit.axes(points)
     inside = (u >= west) & (u <= east) & (v >= south) & (v <= north)
@@ -112,7 +112,7 @@ def clusters_of(points: Points, link: float) -> list[NDArray[np.int64]]:
 
 
 def shape_part(house: House, points: Points, members: NDArray[np.int64], raised: bool) -> RoofPart | None:
-    """The rectangle and the planes of a part: one plane, or a small gable across the main ridge; None for scatter."""
+    """The rectangle and planes of a part: one plane, or a small gable across the ridge; None for scatter."""
     own = points[members]
     u, v = house.fit.axes(own)
     start = np.zeros(8)
@@ -150,7 +150,7 @@ def shape_part(house: House, points: Points, members: NDArray[np.int64], raised:
 def reach_main_roof(
     house: House, planes: NDArray[np.float64], edges: tuple[float, float, float, float]
 ) -> tuple[float, float, float, float]:
-    """The edges (m) moved, where the part meets the main roof a little behind its last point, to that line."""
+    """The edges (m) moved, where the part meets the main roof just behind its last point, to that line."""
     west, east, south, north = edges
     steps = np.arange(0.0, REACH_BACK, 0.05)
     main = main_planes(house.fit)
@@ -166,7 +166,7 @@ def reach_main_roof(
 
 
 def explained(house: House, parts: list[RoofPart], points: Points, tolerance: float) -> Mask:
-    """The points (N, 3) inside the rectangle that lie within `tolerance` (m) of the main roof, or belong to a part."""
+    """The points (N, 3) inside that lie within `tolerance` (m) of the main roof, or belong to a part."""
     slope = np.cos(house.slope)
     known = np.abs(house.fit.residuals) * slope <= tolerance
     for part in parts:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.arrangement import arrange
+from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Solid
 from eaves.reconstruct.extrusion import extrude
 from eaves.reconstruct.house import House, squared_up
@@ -26,7 +27,7 @@ def rectangle_of(house: House) -> Polygon:
     """The plan of the main roof."""
     west, east, south, north = house.edges
     corners = np.array([[west, south], [east, south], [east, north], [west, north]])
-    return Polygon(to_world(house, corners))
+    return Polygon(np.round(to_world(house, corners) / COORDINATE_STEP) * COORDINATE_STEP)
 
 
 def to_world(house: House, places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -38,16 +39,20 @@ def to_world(house: House, places: NDArray[np.float64]) -> NDArray[np.float64]:
 def solids_of(
     house: House, parts: list[RoofPart], base: float
 ) -> tuple[list[Solid], NDArray[np.float64]] | None:
-    """The solids down to `base` (m), and the planes (C, 3) their roof faces number; None when they are not sound."""
+    """The solids down to `base` (m), and the planes (C, 3) their roof faces number; None when not sound."""
     main = main_planes(squared_up(house))
     segments = creases(main, house.edges)
     for part in parts:
         segments += creases(part.planes, part.edges) + crossings(main, part.planes, part.edges)
         west, east, south, north = part.edges
-        corners = [(west, south), (east, south), (east, north), (west, north)]
-        segments += [(*corners[k], *corners[(k + 1) % 4]) for k in range(4)]
-    places = np.array(segments, float).reshape(-1, 2)
-    coverage = arrange(rectangle_of(house), to_world(house, places).reshape(-1, 4))
+        sides = [(west, south), (east, south), (east, north), (west, north)]
+        segments += [(*sides[k], *sides[(k + 1) % 4]) for k in range(4)]
+    rectangle = rectangle_of(house)
+    places = to_world(house, np.array(segments, float).reshape(-1, 2))
+    corners = shapely.get_coordinates(rectangle)
+    for corner in corners:  # a hip that ends beside its corner by a rounding would leave a sliver
+        places[np.hypot(*(places - corner).T) < SHORTEST] = corner
+    coverage = arrange(rectangle, places.reshape(-1, 4))
     if coverage is None:
         return None
     inside = shapely.get_coordinates(shapely.point_on_surface(coverage.polygons()))
@@ -115,7 +120,7 @@ def clip_line(
 def name_cells(
     house: House, parts: list[RoofPart], inside: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The plane's number (C,) of every cell, told by a place inside it (C, 2), and the planes in the axes of the house."""
+    """The plane's number (C,) of every cell, by a place inside it (C, 2), and the planes."""
     main = main_planes(squared_up(house))
     planes = np.vstack([main, *(part.planes for part in parts)])
     u, v = house.fit.axes(inside)

@@ -1,0 +1,253 @@
+"""Moments of a triangulated surface, and the closed solutions for the house under it [maas_vosselman1999]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from eaves.model import Points
+
+FAR, NEAR = 0.445948490915965, 0.091576213509771
+FAR_WEIGHT, NEAR_WEIGHT = 0.223381589678011, 0.109951743655322
+"""Dunavant's six-point rule: exact for polynomials of degree 4 on a triangle."""
+
+SQUARISH = 1.2
+"""Length over width under which the axes of inertia are too vague to give the orientation."""
+
+DIRECTED = 0.3
+"""Difference of the height tensor's eigenvalues, as a share of their sum, from which it has a direction."""
+
+
+@dataclass(frozen=True)
+class SurfaceMoments:
+    """Central moments of order 0 to 2 of an area, plain and weighted with height, each divided by the area.
+
+    `xx, xy, yy` are the second moments (m²), `hx, hy` and `hxx, hxy, hyy` those weighted with the height
+    above the mean height (m², m³); `real` and `imaginary` are the fourth moment of x + iy, which turns with
+    four times the angle and tells the axes of a square.
+    """
+
+    area: float
+    x: float
+    y: float
+    height: float
+    xx: float
+    xy: float
+    yy: float
+    hx: float
+    hy: float
+    hxx: float
+    hxy: float
+    hyy: float
+    real: float
+    imaginary: float
+
+
+@njit(cache=True)
+def moments_kernel(
+    xyz: NDArray[np.float64], triangles: NDArray[np.int32], answer: NDArray[np.float64]
+) -> None:
+    """Integrals over triangles (T, 3) of points (N, 3): area, mean x, y, h, then central moments (14,)."""
+    far, near, far_weight, near_weight = FAR, NEAR, FAR_WEIGHT, NEAR_WEIGHT
+    origin_x, origin_y, origin_z = 0.0, 0.0, 0.0
+    for stage in range(2):
+        for entry in range(4 if stage else 0, 14):
+            answer[entry] = 0.0
+        for t in range(len(triangles)):
+            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            area = 0.5 * abs(
+                (xyz[b, 0] - xyz[a, 0]) * (xyz[c, 1] - xyz[a, 1])
+                - (xyz[c, 0] - xyz[a, 0]) * (xyz[b, 1] - xyz[a, 1])
+            )
+            if stage == 0:
+                answer[0] += area
+                answer[1] += area * (xyz[a, 0] + xyz[b, 0] + xyz[c, 0]) / 3.0
+                answer[2] += area * (xyz[a, 1] + xyz[b, 1] + xyz[c, 1]) / 3.0
+                answer[3] += area * (xyz[a, 2] + xyz[b, 2] + xyz[c, 2]) / 3.0
+                continue
+            for corner in range(6):
+                share = far if corner < 3 else near
+                weight = area * (far_weight if corner < 3 else near_weight)
+                wa, wb, wc = share, share, share
+                if corner % 3 == 0:
+                    wa = 1.0 - 2.0 * share
+                elif corner % 3 == 1:
+                    wb = 1.0 - 2.0 * share
+                else:
+                    wc = 1.0 - 2.0 * share
+                x = wa * xyz[a, 0] + wb * xyz[b, 0] + wc * xyz[c, 0] - origin_x
+                y = wa * xyz[a, 1] + wb * xyz[b, 1] + wc * xyz[c, 1] - origin_y
+                h = wa * xyz[a, 2] + wb * xyz[b, 2] + wc * xyz[c, 2] - origin_z
+                xx, xy, yy = x * x, x * y, y * y
+                answer[4] += weight * xx
+                answer[5] += weight * xy
+                answer[6] += weight * yy
+                answer[7] += weight * h * x
+                answer[8] += weight * h * y
+                answer[9] += weight * h * xx
+                answer[10] += weight * h * xy
+                answer[11] += weight * h * yy
+                answer[12] += weight * (xx * xx - 6.0 * xx * yy + yy * yy)
+                answer[13] += weight * 4.0 * xy * (xx - yy)
+        if answer[0] <= 0.0:
+            return
+        if stage == 0:
+            origin_x, origin_y = answer[1] / answer[0], answer[2] / answer[0]
+            origin_z = answer[3] / answer[0]
+    answer[1], answer[2], answer[3] = origin_x, origin_y, origin_z
+    for entry in range(4, 14):
+        answer[entry] /= answer[0]
+
+
+def surface_moments(xyz: Points, triangles: NDArray[np.int32]) -> SurfaceMoments:
+    """The moments of the surface of triangles (T, 3) over points (N, 3).
+
+    Integrals over triangles, unlike sums over points, do not follow the density of the points.
+    """
+    answer = np.zeros(14)
+    moments_kernel(np.ascontiguousarray(xyz, np.float64), triangles, answer)
+    return SurfaceMoments(*(float(value) for value in answer))
+
+
+@dataclass(frozen=True)
+class ClosedHouse:
+    """A house straight from moments: roof type, place, ridge orientation (radians), sizes and heights (m).
+
+    `length` runs along the ridge, `width` across. `rise` is Δ, ridge above eaves; for a shed its sign is
+    that of the fall across. `rise_along` and `rise_across` are Δu and Δv of the formulas, `tilt` the shed's
+    Δ.
+    """
+
+    roof: str
+    x: float
+    y: float
+    orientation: float
+    length: float
+    width: float
+    eaves: float
+    rise: float
+    rise_along: float
+    rise_across: float
+    tilt: float
+
+    @property
+    def ridge(self) -> float:
+        return self.eaves + abs(self.rise)
+
+    @property
+    def slope(self) -> float:
+        """Radians from the horizontal."""
+        run = self.width if self.roof in ("flat", "shed") else 0.5 * self.width
+        return float(np.arctan2(abs(self.rise), run))
+
+
+def close_house(moments: SurfaceMoments, level: float, growth: float = 1.0) -> ClosedHouse:
+    """The closed solution for a flat, shed, gable, hip or pyramid roof; rises under `level` (m) are flat.
+
+    `growth` is the ratio of the house's length and width to those of the area of its points: rises grow
+    with it, and the middle of the roof stays.
+    """
+    angle = axis_angle(moments, level)
+    along, across = turned(angle, moments.xx, moments.xy, moments.yy)
+    high_along, high_across = turned(angle, moments.hxx, moments.hxy, moments.hyy)
+    length, width = float(np.sqrt(12.0 * max(along, 1e-12))), float(np.sqrt(12.0 * max(across, 1e-12)))
+    rise_along, rise_across = -48.0 * high_along / length**2, -48.0 * high_across / width**2
+    cosine, sine = np.cos(angle), np.sin(angle)
+    tilt_along = 12.0 * (cosine * moments.hx + sine * moments.hy) / length
+    tilt_across = 12.0 * (cosine * moments.hy - sine * moments.hx) / width
+    tilted = max(abs(tilt_along), abs(tilt_across)) > max(abs(rise_along), abs(rise_across))
+    if (abs(tilt_along) > abs(tilt_across)) if tilted else (rise_along > rise_across):
+        angle += np.pi / 2.0
+        length, width = width, length
+        rise_along, rise_across = rise_across, rise_along
+        tilt_along, tilt_across = tilt_across, -tilt_along
+    mean = moments.height
+    if tilted and abs(tilt_across) > level:
+        roof, rise, eaves = "shed", tilt_across, mean - abs(tilt_across) / 2.0
+    elif rise_across <= level:
+        roof, rise, eaves = "flat", 0.0, mean
+    else:
+        roof, rise, eaves = closed_ridge(length, width, rise_along, rise_across, mean)
+    top = eaves + abs(rise)
+    if roof == "shed":
+        eaves -= 0.5 * (growth - 1.0) * abs(rise)
+    else:
+        eaves = top - growth * abs(rise)
+    return ClosedHouse(
+        roof,
+        moments.x,
+        moments.y,
+        float(np.mod(angle, np.pi)),
+        length * growth,
+        width * growth,
+        float(eaves),
+        float(rise * growth),
+        float(rise_along),
+        float(rise_across),
+        float(tilt_across),
+    )
+
+
+def border_growth(count: int) -> float:
+    """Ratio of a rectangle's sides to those of the hull of `count` points spread over it at random.
+
+    The hull of n points in a polygon of r corners loses the share 2r/3 · ln n / n of its area
+    [renyi_sulanke1963].
+    """
+    lost = 8.0 / 3.0 * float(np.log(max(count, 2))) / max(count, 2)
+    return float(np.sqrt(1.0 / max(1.0 - lost, 0.25)))
+
+
+def closed_ridge(
+    length: float, width: float, rise_along: float, rise_across: float, mean: float
+) -> tuple[str, float, float]:
+    """Roof type, Δ and eaves of a gable, hip or pyramid from Δu, Δv and the mean height h̄ (m).
+
+    A hip of equal slopes has Δu between none (gable) and that of its length and width; half-way between
+    decides.
+    """
+    share = min(width / length, 1.0)
+    hip_across = 1.0 - 7.0 / 15.0 * share
+    hip_along = share * (20.0 - 15.0 * share + 3.0 * share**2) / 15.0
+    if length < width / SQUARISH or rise_along < 0.5 * rise_across * hip_along / hip_across:
+        return "gable", rise_across, mean - rise_across / 2.0
+    rise = (rise_along + rise_across) / (hip_along + hip_across)
+    roof = "pyramid" if length < SQUARISH * width else "hip"
+    return roof, rise, mean - rise * (0.5 - share / 6.0)
+
+
+def axis_angle(moments: SurfaceMoments, level: float) -> float:
+    """Direction (radians) of the rectangle's axes: by inertia, or for squarish ones by the heights.
+
+    The axes of the height tensor are a ridge's, the tilt falls across a shed, and where the heights say
+    nothing (rises under `level`, m) or are the same all around, the fourth moment has the symmetry of a
+    square.
+    """
+    angle, large, small = principal_axis(moments.xx, moments.xy, moments.yy)
+    if large >= SQUARISH**2 * small:
+        return angle
+    size = float(np.sqrt(12.0 * large))
+    if 12.0 * np.hypot(moments.hx, moments.hy) > level * size:
+        return float(np.arctan2(moments.hy, moments.hx))
+    tall, first, second = principal_axis(moments.hxx, moments.hxy, moments.hyy)
+    sizes = abs(first), abs(second)
+    if 48.0 * max(sizes) > level * size**2 and abs(first - second) > DIRECTED * sum(sizes):
+        return tall
+    # ∫(x + iy)⁴ of a square along the axes is real and negative
+    return float(np.arctan2(-moments.imaginary, -moments.real)) / 4.0
+
+
+def principal_axis(xx: float, xy: float, yy: float) -> tuple[float, float, float]:
+    """Angle (radians) of the axis of the larger eigenvalue of a symmetric tensor, and both eigenvalues."""
+    half, middle = float(np.hypot(0.5 * (xx - yy), xy)), 0.5 * (xx + yy)
+    return 0.5 * float(np.arctan2(2.0 * xy, xx - yy)), middle + half, middle - half
+
+
+def turned(angle: float, xx: float, xy: float, yy: float) -> tuple[float, float]:
+    """The tensor's values along the direction `angle` (radians) and across it."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    along = cosine * cosine * xx + 2.0 * cosine * sine * xy + sine * sine * yy
+    return float(along), float(xx + yy - along)
