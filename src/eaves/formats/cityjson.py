@@ -1,0 +1,288 @@
+"""Building models as CityJSON 2.0 and CityJSONSeq 2.0, written (cityjson_read.py reads them back).
+
+A Building has LoD 0, its footprint as one MultiSurface at the lowest height of its solids (for a failure at
+`h_ground`), and one Solid for every LoD it reached, with GroundSurface, WallSurface and RoofSurface. An
+LoD of
+several solids becomes BuildingParts `<id>-1`, `<id>-2`, …, children of the Building, each with its solid.
+
+`model.attributes` are the Building's attributes; its entry `surfaces`, a sequence aligned with
+`model.planes` of
+attribute mappings (slope, azimuth, …), goes to the RoofSurfaces of those planes instead. Attributes are in
+metres;
+coordinates in the coordinate system's units, in steps of 0.001 of the unit or finer (never over 1 mm).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import date, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from eaves.formats.atomic import atomic
+from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid
+from eaves.model.building import ROOF_SURFACE
+from eaves.model.coordinates import LOCAL_METRES
+
+VERSION = "2.0"
+STEP_M = 0.001
+"""Largest step of written coordinates (m): the transform's scale is the power of ten at or under it."""
+CRS_URL = "https://www.opengis.net/def/crs/EPSG/0/"
+WKT_MEMBER = "coordinateSystemWkt"
+"""Member of the metadata with the system's WKT, where the URL does not tell it all (no code, heights
+apart)."""
+SURFACES = "surfaces"
+"""The entry of `BuildingModel.attributes` that holds the attributes of the roof planes."""
+
+Json = dict[str, Any]
+Result = BuildingModel | Failure
+
+
+def write_cityjson_seq(
+    path: str | Path,
+    models: Iterable[Result],
+    system: CoordinateSystem = LOCAL_METRES,
+    title: str = "",
+) -> int:
+    """Write one line of metadata and one line a building; return the number of buildings.
+
+    Models are taken one by one, so any number of them can stream through. A Failure that knows its
+    footprint is
+    written too, with LoD 0 and the attributes `failure_code` and `failure_reason`.
+
+    Parameters
+    ----------
+    path
+        The file (`.city.jsonl`); it appears when it is whole.
+    models
+        Buildings in metres about their footprint's origin.
+    system
+        Coordinate system the coordinates are written in.
+    title
+        Title in the metadata, if any.
+    """
+    count = 0
+    with atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+        writer: _Vertices | None = None
+        for model in models:
+            if footprint_of(model) is None:
+                continue
+            if writer is None:
+                writer = _Vertices(system, footprint_of(model))
+                file.write(_line(_frame(writer, system, title) | {"CityObjects": {}, "vertices": []}))
+            count += 1
+            writer = writer.emptied()
+            objects = _city_objects(model, writer, f"building-{count}")
+            feature = {"type": "CityJSONFeature", "id": next(iter(objects))}
+            file.write(_line(feature | {"CityObjects": objects, "vertices": writer.integers}))
+        if writer is None:
+            file.write(_line(_frame(_Vertices(system), system, title) | {"CityObjects": {}, "vertices": []}))
+    return count
+
+
+def write_cityjson(
+    path: str | Path,
+    models: Iterable[Result],
+    system: CoordinateSystem = LOCAL_METRES,
+    title: str = "",
+) -> int:
+    """Write all buildings as one CityJSON object (`.city.json`); return their number. See
+    `write_cityjson_seq`."""
+    writer, objects, count = _Vertices(system), {}, 0
+    for model in models:
+        if footprint_of(model) is None:
+            continue
+        if count == 0:
+            writer = _Vertices(system, footprint_of(model))
+        count += 1
+        objects.update(_city_objects(model, writer, f"building-{count}"))
+    city = _frame(writer, system, title) | {"CityObjects": objects, "vertices": writer.integers}
+    with atomic(path) as temporary:
+        temporary.write_text(_line(city), encoding="utf-8", newline="\n")
+    return count
+
+
+def reference_system(system: CoordinateSystem) -> str | None:
+    """The OGC URL of the system: of the compound code where registered, else of its horizontal part, else
+    None."""
+    if system.code is None:
+        return None
+    return CRS_URL + system.code.removeprefix("EPSG:").split("+")[0]
+
+
+def _says_all(system: CoordinateSystem) -> bool:
+    """Whether the system's code implies the unit of its heights."""
+    return system.horizontal_unit_m == system.vertical_unit_m or " + height" not in (system.wkt or "")
+
+
+def clean(value: Any) -> Any:
+    """A value as JSON can hold it: NaN and infinity become null, numpy's types Python's, dates text."""
+    if isinstance(value, Mapping):
+        return {str(key): clean(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return clean(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [clean(item) for item in (sorted(value) if isinstance(value, set | frozenset) else value)]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    return value.isoformat() if isinstance(value, date | datetime) else str(value)
+
+
+def footprint_of(result: Result) -> Footprint | None:
+    """The footprint of a model or a failure; None for a failure without."""
+    return result.footprint
+
+
+def attributes_of(result: Result) -> Json:
+    """What is written about a building: its footprint's attributes, overruled by its own, and why it
+    failed."""
+    footprint = result.footprint
+    attributes: Json = {} if footprint is None else {"score": footprint.score, **footprint.attributes}
+    if isinstance(result, BuildingModel):
+        attributes |= {name: value for name, value in result.attributes.items() if name != SURFACES}
+    else:
+        attributes |= {"failure_code": result.code, "failure_reason": result.reason}
+    return attributes
+
+
+class _Vertices:
+    """The vertex list of one feature, or of one file: coordinates to whole steps, each once."""
+
+    def __init__(self, system: CoordinateSystem, near: Footprint | None = None) -> None:
+        self.unit = np.array(system.unit_m)
+        self.scale = 10.0 ** np.floor(np.log10(STEP_M / self.unit) + 1e-9)
+        start = near.origin if near is not None else (0.0, 0.0)
+        self.translate = np.floor(np.array([*start, 0.0]) / self.unit)
+        self.integers: list[list[int]] = []
+        self._number: dict[tuple[int, ...], int] = {}
+
+    def emptied(self) -> _Vertices:
+        """The same frame with no vertices."""
+        fresh = object.__new__(_Vertices)
+        fresh.unit, fresh.scale, fresh.translate = self.unit, self.scale, self.translate
+        fresh.integers, fresh._number = [], {}
+        return fresh
+
+    def add(self, xyz: NDArray[np.float64], origin: tuple[float, float]) -> list[int]:
+        """Numbers of vertices (N, 3) given in metres about `origin`."""
+        steps = np.round(((xyz + np.array([*origin, 0.0])) / self.unit - self.translate) / self.scale).astype(
+            np.int64
+        )
+        numbers = []
+        for vertex in map(tuple, steps.tolist()):
+            number = self._number.setdefault(vertex, len(self.integers))
+            if number == len(self.integers):
+                self.integers.append(list(vertex))
+            numbers.append(number)
+        return numbers
+
+
+def _frame(vertices: _Vertices, system: CoordinateSystem, title: str) -> Json:
+    metadata = {"title": title} if title else {}
+    url = reference_system(system)
+    if url is not None:
+        metadata["referenceSystem"] = url
+    if system.wkt is not None and (system.code is None or "+" in system.code or not _says_all(system)):
+        metadata[WKT_MEMBER] = system.wkt
+    frame: Json = {"type": "CityJSON", "version": VERSION}
+    frame["transform"] = {"scale": vertices.scale.tolist(), "translate": vertices.translate.tolist()}
+    return frame | ({"metadata": metadata} if metadata else {})
+
+
+def _city_objects(result: Result, vertices: _Vertices, name: str) -> dict[str, Json]:
+    """The Building and its parts, the Building first."""
+    footprint = result.footprint
+    assert footprint is not None
+    identifier = footprint.id or name
+    solids = result.solids if isinstance(result, BuildingModel) else {}
+    attributes = attributes_of(result)
+    bottoms = [solid.vertices[:, 2].min() for parts in solids.values() for solid in parts]
+    base = min(bottoms) if bottoms else float(attributes.get("h_ground") or 0.0)
+    geometries = [_footprint_surface(footprint, base, vertices)]
+    parts: dict[str, Json] = {}
+    for lod in sorted(solids):
+        written = [
+            _solid(solid, lod, result, footprint.origin, vertices)  # type: ignore[arg-type]
+            for solid in solids[lod]
+        ]
+        if len(written) == 1:
+            geometries += written
+        else:
+            for number, geometry in enumerate(written, 1):
+                part = parts.setdefault(
+                    f"{identifier}-{number}",
+                    {"type": "BuildingPart", "parents": [identifier], "geometry": []},
+                )
+                part["geometry"].append(geometry)
+    building: Json = {"type": "Building", "attributes": clean(attributes)}
+    building |= {"children": list(parts)} if parts else {}
+    return {identifier: building | {"geometry": geometries}} | parts
+
+
+def _footprint_surface(footprint: Footprint, base: float, vertices: _Vertices) -> Json:
+    rings = list(_polygon_rings(footprint.polygon))
+    numbers = [
+        vertices.add(np.column_stack([ring, np.full(len(ring), base)]), footprint.origin) for ring in rings
+    ]
+    boundary = _distinct(numbers)
+    return {"type": "MultiSurface", "lod": "0", "boundaries": [boundary] if boundary else []}
+
+
+def _polygon_rings(polygon: Polygon) -> Iterator[NDArray[np.float64]]:
+    """Rings (M, 2) without repeated point, counter-clockwise outside, clockwise holes."""
+    if polygon.is_empty:
+        return
+    for ring, wanted in ((polygon.exterior, True), *((hole, False) for hole in polygon.interiors)):
+        points = np.asarray(ring.coords)[:-1, :2]
+        yield points if ring.is_ccw == wanted else points[::-1]
+
+
+def _solid(
+    solid: Solid, lod: str, model: BuildingModel, origin: tuple[float, float], vertices: _Vertices
+) -> Json:
+    numbers = vertices.add(solid.vertices, origin)
+    given: Sequence[Mapping[str, Any]] = model.attributes.get(SURFACES, ())
+    surfaces: list[Json] = []
+    number_of: dict[tuple[str, int | None], int] = {}
+    shell, values = [], []
+    for face in solid.faces:
+        boundary = _distinct([[numbers[vertex] for vertex in ring] for ring in face.rings])
+        if not boundary:
+            continue
+        key = (face.surface, face.plane)
+        if key not in number_of:
+            number_of[key] = len(surfaces)
+            about: Json = {"type": face.surface}
+            if face.surface == ROOF_SURFACE and face.plane is not None and 0 <= face.plane < len(given):
+                about |= clean(given[face.plane])
+            surfaces.append(about)
+        shell.append(boundary)
+        values.append(number_of[key])
+    semantics = {"surfaces": surfaces, "values": [values]}
+    return {"type": "Solid", "lod": lod, "boundaries": [shell], "semantics": semantics}
+
+
+def _distinct(rings: list[list[int]]) -> list[list[int]]:
+    """Rings without repeated neighbours; a hole that shrank to nothing goes, a face whose outer ring did
+    is empty."""
+    kept = [
+        [vertex for position, vertex in enumerate(ring) if vertex != ring[position - 1]]
+        if len(set(ring)) > 1
+        else []
+        for ring in rings
+    ]
+    if not kept or len(set(kept[0])) < 3:
+        return []
+    return [ring for ring in kept if len(set(ring)) >= 3]
+
+
+def _line(value: Json) -> str:
+    return json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"

@@ -1,0 +1,240 @@
+"""CityJSON and CityJSONSeq read: every city object with its vertices in world metres, as they were
+written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.formats.cityjson import WKT_MEMBER
+from eaves.formats.crs import parse_crs, system_of
+from eaves.formats.errors import InputError
+from eaves.model import CoordinateSystem, Face, Solid
+from eaves.model.coordinates import LOCAL_METRES
+
+REPAIR = "write it again, or check it with cjio or cjval"
+NESTING = {"MultiSurface": 1, "CompositeSurface": 1, "Solid": 2, "MultiSolid": 3, "CompositeSolid": 3}
+"""How many lists stand around a surface (a list of rings) in a geometry's boundaries (CityJSON 2.0,
+section 3.1)."""
+
+
+@dataclass(frozen=True, eq=False)
+class CityGeometry:
+    """One geometry of a city object: shells of surfaces of rings of vertex numbers."""
+
+    type: str
+    lod: str
+    solids: tuple[tuple[tuple[Face, ...], ...], ...]
+    """Solid → shell (the first is the outer one) → faces; surfaces outside solids are one solid of one shell.
+    `Face.surface` is the semantic type (empty when there is none), `Face.plane` the number in `surfaces`."""
+    surfaces: tuple[Mapping[str, Any], ...] = ()
+    """The semantic surfaces with their attributes."""
+
+    @property
+    def is_solid(self) -> bool:
+        """Whether the shells claim to be closed."""
+        return self.type.endswith("Solid")
+
+
+@dataclass(frozen=True, eq=False)
+class CityObject:
+    """A Building, BuildingPart or other object of the file."""
+
+    id: str
+    type: str
+    attributes: Mapping[str, Any]
+    geometries: tuple[CityGeometry, ...]
+    vertices: NDArray[np.float64]
+    """(V, 3) world metres, of the whole feature (CityJSONSeq) or file; the geometries' numbers point into
+    it."""
+    parents: tuple[str, ...] = ()
+    children: tuple[str, ...] = ()
+    system: CoordinateSystem = field(default=LOCAL_METRES)
+
+    def lod(self, name: str) -> tuple[CityGeometry, ...]:
+        """The geometries of one level of detail."""
+        return tuple(geometry for geometry in self.geometries if geometry.lod == name)
+
+    def as_solids(
+        self, geometry: CityGeometry, origin: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[Solid, ...]:
+        """The outer shell of every solid of a geometry, with its own vertices in metres about `origin`."""
+        return tuple(self._as_solid(shells[0], origin) for shells in geometry.solids if shells)
+
+    def _as_solid(self, faces: tuple[Face, ...], origin: tuple[float, float]) -> Solid:
+        used = sorted({number for face in faces for ring in face.rings for number in ring})
+        place = {number: position for position, number in enumerate(used)}
+        renumbered = tuple(
+            Face(tuple(tuple(place[n] for n in ring) for ring in face.rings), face.surface, face.plane)
+            for face in faces
+        )
+        return Solid(self.vertices[used] - [*origin, 0.0], renumbered)
+
+
+def read_cityjson(path: str | Path, crs: str | None = None) -> dict[str, CityObject]:
+    """All city objects of a CityJSON or CityJSONSeq file by id, in the file's order. See `iter_cityjson`."""
+    return {found.id: found for found in iter_cityjson(path, crs)}
+
+
+def iter_cityjson(path: str | Path, crs: str | None = None) -> Iterator[CityObject]:
+    """The city objects of a file, one by one; of CityJSONSeq one line is in memory at a time.
+
+    Parameters
+    ----------
+    path
+        `.city.json` or `.city.jsonl`.
+    crs
+        The system the coordinates are in, when the file names none and it is not in metres.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, no CityJSON 1.1 or 2.0, or its geometry points nowhere.
+    """
+    path = Path(path)
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            first = _parsed(path, file.readline(), 1)
+            if first is None:  # an object spread over many lines
+                file.seek(0)
+                first = _parsed(path, file.read(), 1, whole=True)
+            frame = _Frame(path, first or {}, crs)
+            yield from frame.objects(first or {})
+            for number, line in enumerate(file, 2):
+                if line.strip():
+                    feature = _parsed(path, line, number, whole=True) or {}
+                    if feature.get("type") != "CityJSONFeature":
+                        raise InputError.about(path, f"line {number} is no CityJSONFeature", REPAIR)
+                    yield from frame.objects(feature)
+    except OSError as error:
+        raise InputError.about(path, f"cannot be read ({error.strerror})", "check the path") from None
+    except UnicodeDecodeError:
+        raise InputError.about(path, "is not text", "give a CityJSON or CityJSONSeq file") from None
+
+
+def _parsed(path: Path, text: str, line: int, whole: bool = False) -> dict[str, Any] | None:
+    """The JSON object of a text; None when it is cut off and may go on in the next line (`whole` is
+    False)."""
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        if not whole and text.lstrip().startswith("{"):
+            return None
+        reason = getattr(error, "msg", "nested too deeply")
+        raise InputError.about(path, f"line {line} is not JSON ({reason})", REPAIR) from None
+    if not isinstance(value, dict):
+        raise InputError.about(path, f"line {line} is no JSON object", REPAIR)
+    return value
+
+
+class _Frame:
+    """Transform and coordinate system of the file: what every feature's integers mean."""
+
+    def __init__(self, path: Path, head: dict[str, Any], crs: str | None) -> None:
+        self.path = path
+        version = head.get("version")
+        if head.get("type") != "CityJSON" or version not in ("1.0", "1.1", "2.0"):
+            raise InputError.about(
+                path,
+                f"is {head.get('type')} {version}, not CityJSON 1.0 to 2.0",
+                "convert it with cjio upgrade",
+            )
+        transform = head.get("transform", {"scale": [1, 1, 1], "translate": [0, 0, 0]})
+        try:
+            self.scale = np.array(transform["scale"], np.float64).reshape(3)
+            self.translate = np.array(transform["translate"], np.float64).reshape(3)
+            finite = bool(np.isfinite([self.scale, self.translate]).all() and (self.scale != 0).all())
+        except (TypeError, KeyError, ValueError):
+            finite = False
+        if not finite:
+            raise InputError.about(path, "has a transform that is not scale and translate", REPAIR)
+        self.system = self._system_of(head, crs)
+
+    def objects(self, feature: dict[str, Any]) -> Iterator[CityObject]:
+        """The city objects of the file's head or of one feature."""
+        raw = feature.get("CityObjects", {})
+        try:
+            vertices = np.array(feature.get("vertices", []), np.float64).reshape(-1, 3)
+        except (TypeError, ValueError, OverflowError):
+            raise InputError.about(
+                self.path, "has vertices that are not triples of numbers", REPAIR
+            ) from None
+        if not isinstance(raw, dict) or not np.isfinite(vertices).all():
+            raise InputError.about(self.path, "has CityObjects or vertices that are damaged", REPAIR)
+        world = (vertices * self.scale + self.translate) * self.system.unit_m
+        world.flags.writeable = False
+        for name, value in raw.items():
+            yield self._object(name, value, world)
+
+    def _object(self, name: str, value: Any, world: NDArray[np.float64]) -> CityObject:
+        try:
+            geometries = [_geometry(entry, len(world)) for entry in value.get("geometry", [])]
+            return CityObject(
+                name,
+                str(value["type"]),
+                MappingProxyType(dict(value.get("attributes") or {})),
+                tuple(geometry for geometry in geometries if geometry is not None),
+                world,
+                tuple(map(str, value.get("parents") or ())),
+                tuple(map(str, value.get("children") or ())),
+                self.system,
+            )
+        except (TypeError, KeyError, ValueError, AttributeError, IndexError, RecursionError) as error:
+            raise InputError.about(self.path, f"object '{name}' is damaged ({error})", REPAIR) from None
+
+    def _system_of(self, head: dict[str, Any], crs: str | None) -> CoordinateSystem:
+        metadata = head.get("metadata")
+        told = metadata if isinstance(metadata, dict) else {}
+        url, wkt = told.get("referenceSystem"), told.get(WKT_MEMBER)
+        if crs is None and not isinstance(url, str) and not isinstance(wkt, str):
+            return LOCAL_METRES
+        code = str(url).rstrip("/").replace("::", ":").replace("/", ":").split(":")[-1]
+        text = crs or wkt or f"EPSG:{code}"
+        return system_of(parse_crs(str(text), self.path), self.path, (np.inf, np.inf))
+
+
+def _geometry(entry: dict[str, Any], vertex_count: int) -> CityGeometry | None:
+    kind = entry["type"]
+    if kind not in NESTING:
+        return None
+    semantics = entry.get("semantics") or {}
+    surfaces = tuple(dict(surface) for surface in semantics.get("surfaces") or ())
+    boundaries, values = entry["boundaries"], semantics.get("values")
+    for _ in range(3 - NESTING[kind]):
+        boundaries, values = [boundaries], None if values is None else [values]
+    solids = tuple(
+        tuple(
+            tuple(
+                _face(rings, _pick(values, solid, shell, surface), surfaces, vertex_count)
+                for surface, rings in enumerate(faces)
+            )
+            for shell, faces in enumerate(shells)
+        )
+        for solid, shells in enumerate(boundaries)
+    )
+    return CityGeometry(kind, str(entry.get("lod", "")), solids, surfaces)
+
+
+def _pick(values: Any, *path: int) -> int | None:
+    """The semantic value of a surface; null may stand for a whole shell or solid."""
+    for step in path:
+        if values is None:
+            return None
+        values = values[step]
+    return None if values is None else int(values)
+
+
+def _face(
+    rings: list[list[int]], value: int | None, surfaces: tuple[dict[str, Any], ...], vertex_count: int
+) -> Face:
+    numbers = tuple(tuple(map(int, ring)) for ring in rings)
+    if any(not 0 <= number < vertex_count for ring in numbers for number in ring):
+        raise ValueError(f"a face points outside the {vertex_count} vertices")
+    return Face(numbers, "" if value is None else str(surfaces[value]["type"]), value)

@@ -1,0 +1,155 @@
+"""The input points written back in their order, with our classes and labels: classified.laz."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+from laspy.vlrs.vlrlist import VLRList
+from numpy.typing import NDArray
+
+from eaves.formats.atomic import atomic
+from eaves.formats.crs import pyproj_crs
+from eaves.formats.errors import InputError
+from eaves.formats.las import FIRST_LAYERED_FORMAT, iter_records
+from eaves.formats.las_header import LasHeader
+from eaves.formats.source import CHUNK_POINTS, Source
+from eaves.formats.text import iter_text
+
+UNDATED = date(1, 1, 1)
+"""Stands for a missing creation date: today's would make two runs differ."""
+TEXT_SCALE = 0.001
+"""Step (m) of coordinates that came as text."""
+
+
+def write_classified(
+    source: Source,
+    path: str | Path,
+    classification: NDArray[np.uint8],
+    extra: Mapping[str, NDArray[Any]] | None = None,
+    chunk_points: int = CHUNK_POINTS,
+) -> None:
+    """Write the points of a file as LAZ: same records in the same order, classes replaced, dimensions added.
+
+    Withheld points keep all they had, their class included. Text becomes LAS 1.4, point format 6.
+
+    Parameters
+    ----------
+    source
+        The input file.
+    path
+        The LAZ file to write; it appears when it is whole.
+    classification
+        LAS class of every record of the file, (count,) uint8; a memory-mapped array is read piece by piece.
+    extra
+        Dimension name → values (count,): `building_id`, `plane_id`, `part`. One that the input has is
+        replaced.
+    chunk_points
+        How many points are in memory at a time.
+
+    Raises
+    ------
+    InputError
+        When the input cannot be read to its end or the output folder cannot be written.
+    ValueError
+        When an array's length is not the number of records.
+    """
+    arrays = dict(extra or {})
+    for name, values in {"classification": classification, **arrays}.items():
+        if len(values) != source.count:
+            raise ValueError(f"{name} has {len(values)} values, {source.path} has {source.count} points")
+    if isinstance(source.layout, LasHeader):
+        header, pieces = _las_header(source.layout), _las_pieces(source.layout, chunk_points)
+    else:
+        header, pieces = _text_header(source), _text_pieces(source, chunk_points)
+    _add_dimensions(header, arrays)
+    with (
+        atomic(path) as temporary,
+        temporary.open("w+b") as file,
+        laspy.LasWriter(file, header, do_compress=True, closefd=False) as writer,
+    ):
+        for first, records in pieces:
+            part = slice(first, first + len(records))
+            points = laspy.ScaleAwarePointRecord.zeros(len(records), header=header)
+            for name in records.dtype.names or ():
+                if name in points.array.dtype.names:
+                    points.array[name] = records[name]
+            _set_classes(points, header, np.asarray(classification[part], np.uint8))
+            for name, values in arrays.items():
+                points.array[name] = values[part]
+            writer.write_points(points)
+        if header.evlrs and header.version.minor >= 4:
+            writer.write_evlrs(header.evlrs)
+
+
+def _las_header(layout: LasHeader) -> laspy.LasHeader:
+    """The input's header without what is true of the input alone: compression and octree."""
+    with layout.path.open("rb") as file:
+        try:
+            header = laspy.LasHeader.read_from(file, read_evlrs=True)
+        except (laspy.LaspyException, ValueError, AssertionError, OverflowError, KeyError) as error:
+            raise InputError.about(
+                layout.path,
+                f"has a header that cannot be copied ({error})",
+                "write it again with another tool",
+            ) from None
+    kept = [vlr for vlr in header.vlrs if vlr.user_id not in ("copc", "laszip encoded")]
+    header._vlrs = VLRList(kept)
+    if header.evlrs is not None:
+        header.evlrs = VLRList([vlr for vlr in header.evlrs if vlr.user_id != "copc"])
+    header.creation_date = header.creation_date or UNDATED
+    return header
+
+
+def _las_pieces(layout: LasHeader, size: int) -> Iterator[tuple[int, NDArray[np.void]]]:
+    with layout.path.open("rb") as file:
+        record = laspy.LasHeader.read_from(file).point_format.dtype()
+    for position, records in iter_records(layout, size):
+        yield int(position[0]), records.reshape(-1).view(record)
+
+
+def _text_header(source: Source) -> laspy.LasHeader:
+    header = laspy.LasHeader(version="1.4", point_format=FIRST_LAYERED_FORMAT)
+    unit, bounds = source.system.horizontal_unit_m, source.bounds
+    header.scales = TEXT_SCALE / np.array(source.system.unit_m)
+    header.offsets = np.floor([bounds.west / unit, bounds.south / unit, 0.0])
+    header.creation_date = UNDATED
+    crs = pyproj_crs(source.system)
+    if crs is not None:
+        header.add_crs(crs)
+    return header
+
+
+def _text_pieces(source: Source, size: int) -> Iterator[tuple[int, NDArray[np.void]]]:
+    header = _text_header(source)
+    assert not isinstance(source.layout, LasHeader)
+    for chunk in iter_text(source.layout, size):
+        records = np.zeros(len(chunk), header.point_format.dtype())
+        steps = np.round((np.nan_to_num(chunk.xyz) - header.offsets) / header.scales)
+        records["X"], records["Y"], records["Z"] = np.clip(steps, -(2**31), 2**31 - 1).T.astype(np.int32)
+        records["bit_fields"] = 1 | 1 << 4
+        # A line without coordinates keeps its place, so that labels fit, and is marked as not to be used.
+        records["classification_flags"] = np.where(np.isfinite(chunk.xyz).all(axis=1), 0, 4)
+        yield int(chunk.position[0]), records
+
+
+def _add_dimensions(header: laspy.LasHeader, arrays: Mapping[str, NDArray[Any]]) -> None:
+    present = set(header.point_format.extra_dimension_names)
+    header.remove_extra_dims([name for name in arrays if name in present])
+    header.add_extra_dims([laspy.ExtraBytesParams(name, values.dtype) for name, values in arrays.items()])
+
+
+def _set_classes(
+    points: laspy.ScaleAwarePointRecord, header: laspy.LasHeader, classes: NDArray[np.uint8]
+) -> None:
+    """Replace the class of every point that is not withheld (LAS 1.4, tables 8 and 16)."""
+    if header.point_format.id >= FIRST_LAYERED_FORMAT:
+        withheld = (points.array["classification_flags"] & 4) != 0
+        points.array["classification"] = np.where(withheld, points.array["classification"], classes)
+    else:
+        raw = points.array["raw_classification"]
+        points.array["raw_classification"] = np.where((raw & 128) != 0, raw, (raw & 0xE0) | (classes & 31))

@@ -1,0 +1,158 @@
+"""Which coordinate system, which units: from what a file or a user says to `CoordinateSystem`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pyproj
+from pyproj.crs import CompoundCRS
+from pyproj.enums import WktVersion
+from pyproj.exceptions import CRSError
+
+from eaves.formats.errors import InputError
+from eaves.model import CoordinateSystem
+
+SAME_UNIT = 1e-9
+"""Relative difference under which two units are one: the two feet differ by 2e-6."""
+
+
+def parse_crs(text: str, path: str | Path = "--crs") -> pyproj.CRS:
+    """The system a text names: `EPSG:28992`, `28992+5709`, WKT, PROJJSON, or the path of a file with one
+    of the last.
+
+    Raises
+    ------
+    InputError
+        When it names none; `path` is what the message blames.
+    """
+    said = text.strip()
+    try:
+        if not set(said) & set("[{") and Path(said).is_file():
+            said = Path(said).read_text(encoding="utf-8").strip()
+        if said.replace("+", "").isdigit():
+            said = f"EPSG:{said}"
+        return pyproj.CRS.from_user_input(said)
+    except (CRSError, OSError, UnicodeDecodeError):
+        shown = text if len(text) < 60 else text[:57] + "..."
+        raise InputError.about(
+            path,
+            f"'{shown}' names no coordinate system",
+            "give an EPSG code (EPSG:28992), a compound one (28992+5709), or a file with WKT or PROJJSON",
+        ) from None
+
+
+def system_of(
+    crs: pyproj.CRS, path: str | Path, centre: tuple[float, float], vertical_unit: float | None = None
+) -> CoordinateSystem:
+    """The system of data whose middle is `centre` (in the system's own units).
+
+    A system without heights is taken to measure them in its horizontal unit, unless `vertical_unit` (m) is
+    known.
+
+    Raises
+    ------
+    InputError
+        When the system is not a plane one.
+    """
+    plain = crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
+    parts = plain.sub_crs_list if plain.is_compound else [plain]
+    horizontal = parts[0].source_crs if parts[0].is_bound and parts[0].source_crs is not None else parts[0]
+    if horizontal.is_geographic:
+        raise InputError.about(
+            path, f"coordinates are in degrees ({horizontal.name})", degrees_remedy(*centre)
+        )
+    if not (horizontal.is_projected or horizontal.is_engineering or horizontal.is_derived):
+        raise InputError.about(
+            path,
+            f"{horizontal.name} is a {horizontal.type_name}, not a plane system",
+            "reproject the data to a projected system",
+        )
+    axes = [axis for part in parts for axis in part.axis_info]
+    flat = [axis.unit_conversion_factor for axis in axes if axis.direction not in ("up", "down")]
+    upright = [axis.unit_conversion_factor for axis in axes if axis.direction in ("up", "down")]
+    unit = flat[0] if flat else 1.0
+    height_unit = upright[0] if upright else unit
+    if vertical_unit is not None and abs(vertical_unit - height_unit) > SAME_UNIT * height_unit:
+        height_unit, plain = vertical_unit, _with_heights_in(horizontal, vertical_unit)
+    return CoordinateSystem(plain.to_wkt(WktVersion.WKT2_2019), unit, height_unit, code_of(plain))
+
+
+def _with_heights_in(horizontal: pyproj.CRS, unit: float) -> pyproj.CRS:
+    """The plane system with heights above an unknown surface, measured in `unit` (m)."""
+    heights = pyproj.CRS.from_wkt(
+        'VERTCRS["height",VDATUM["unknown"],CS[vertical,1],'
+        f'AXIS["gravity-related height (H)",up],LENGTHUNIT["unit",{unit!r}]]'
+    )
+    return CompoundCRS(f"{horizontal.name} + height", [horizontal, heights])
+
+
+def code_of(crs: pyproj.CRS) -> str | None:
+    """`EPSG:7415`, `EPSG:28992+5703` for an unregistered pair, the horizontal code alone, or None."""
+    whole = crs.to_epsg()
+    if whole is not None or not crs.is_compound:
+        return None if whole is None else f"EPSG:{whole}"
+    codes = [part.to_epsg() for part in crs.sub_crs_list]
+    known = codes[: codes.index(None)] if None in codes else codes
+    return "EPSG:" + "+".join(str(code) for code in known) if known else None
+
+
+def pyproj_crs(system: CoordinateSystem) -> pyproj.CRS | None:
+    """The system as pyproj's object, None for a local one."""
+    return None if system.wkt is None else pyproj.CRS.from_wkt(system.wkt)
+
+
+def horizontal_crs(system: CoordinateSystem) -> pyproj.CRS | None:
+    """The plane part of the system, None for a local one."""
+    crs = pyproj_crs(system)
+    return crs.sub_crs_list[0] if crs is not None and crs.is_compound else crs
+
+
+def degrees_remedy(longitude: float, latitude: float) -> str:
+    """What to do with data in degrees: the EPSG code of the UTM zone of the place."""
+    if not (-180 <= longitude <= 180 and -90 <= latitude <= 90):
+        return "the coordinates do not fit that system; pass the right one with crs= or --crs"
+    zone = min(int((longitude + 180) // 6) + 1, 60)
+    code = (32600 if latitude >= 0 else 32700) + zone
+    return f"reproject the data to metres first, for example to UTM zone {zone}, EPSG:{code}"
+
+
+def agree(systems: Iterable[tuple[Path, CoordinateSystem]]) -> CoordinateSystem:
+    """The one system several files share; heights may be described in some of them only.
+
+    Raises
+    ------
+    InputError
+        When units or projections differ, or only some files say what they are in.
+    """
+    pairs = list(systems)
+    chosen_path, chosen = max(pairs, key=lambda pair: (pair[1].wkt is not None, len(pair[1].wkt or "")))
+    remedy = "reproject them to one system, run them apart, or say with crs= or --crs what all of them are in"
+    for path, system in pairs:
+        for mine, others in zip(system.unit_m, chosen.unit_m, strict=True):
+            if abs(mine - others) > SAME_UNIT * others:
+                raise InputError.about(
+                    path, f"its units ({mine:.6g} m) are not those of {chosen_path} ({others:.6g} m)", remedy
+                )
+        if system.wkt != chosen.wkt and not _same_plane(system, chosen):
+            raise InputError.about(
+                path,
+                f"its system ({describe(system)}) is not that of {chosen_path} ({describe(chosen)})",
+                remedy,
+            )
+    return chosen
+
+
+def describe(system: CoordinateSystem) -> str:
+    """Code, else name, else `none`."""
+    crs = pyproj_crs(system)
+    return system.code or (crs.name if crs is not None else "none")
+
+
+def _same_plane(one: CoordinateSystem, other: CoordinateSystem) -> bool:
+    first, second = horizontal_crs(one), horizontal_crs(other)
+    if first is None or second is None:
+        return first is second
+    return first.equals(second, ignore_axis_order=True) or (
+        first.to_epsg() is not None and first.to_epsg() == second.to_epsg()
+    )

@@ -1,0 +1,232 @@
+"""Footprints and roof planes as GeoPackage, FlatGeobuf or GeoJSON; polygons of any vector file read."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyogrio
+import shapely
+from numpy.typing import NDArray
+from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, FieldError, GeometryError
+from shapely import MultiPolygon, Polygon
+
+from eaves.formats.atomic import atomic
+from eaves.formats.crs import describe, parse_crs, pyproj_crs, system_of
+from eaves.formats.errors import InputError
+from eaves.model import CoordinateSystem
+from eaves.model.coordinates import LOCAL_METRES
+
+DRIVERS = {
+    ".gpkg": "GPKG",
+    ".fgb": "FlatGeobuf",
+    ".geojson": "GeoJSON",
+    ".json": "GeoJSON",
+}
+OGR_ERRORS = (DataSourceError, DataLayerError, FeatureError, FieldError, GeometryError)
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A feature: its geometry in world metres (None for none) and its attributes."""
+
+    geometry: Polygon | MultiPolygon | None
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+
+
+def write_geopackage(
+    path: str | Path,
+    footprints: Sequence[Row],
+    roof_planes: Sequence[Row] = (),
+    system: CoordinateSystem = LOCAL_METRES,
+) -> None:
+    """Write the layers `footprints` and `roof_planes` of a GeoPackage, geometry in the system's units.
+
+    A column's type is that of its values: whole numbers, numbers, truth, text; what is missing or NaN is
+    null. The
+    columns stand in the order in which the rows bring them up.
+    """
+    with atomic(path) as temporary:
+        for layer, rows in (("footprints", footprints), ("roof_planes", roof_planes)):
+            _write_layer(temporary, rows, system, "GPKG", layer)
+
+
+def write_polygons(
+    path: str | Path, rows: Sequence[Row], system: CoordinateSystem = LOCAL_METRES, layer: str = "footprints"
+) -> None:
+    """Write one layer in the format of the file's extension: .gpkg, .fgb, .geojson.
+
+    Raises
+    ------
+    InputError
+        For another extension.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in DRIVERS:
+        raise InputError.about(path, f"'{suffix}' is no known vector format", f"use {', '.join(DRIVERS)}")
+    with atomic(path) as temporary:
+        _write_layer(temporary, rows, system, DRIVERS[suffix], layer)
+
+
+def read_polygons(
+    path: str | Path,
+    layer: str | None = None,
+    id_field: str | None = None,
+    target: CoordinateSystem | None = None,
+) -> tuple[list[Polygon | MultiPolygon], list[str], list[dict[str, Any]], CoordinateSystem]:
+    """The polygons of a vector file in world metres, their ids, their attributes, and the system they are in.
+
+    Parameters
+    ----------
+    path
+        Shapefile, GeoPackage, GeoJSON, FlatGeobuf, or what else GDAL reads.
+    layer
+        The layer of a file of several; by default its first layer of polygons.
+    id_field
+        The field that names the features; by default they are numbered from 1.
+    target
+        The system wanted: polygons in another one are reprojected. One of the two without a place on Earth is
+        taken to be in the other.
+
+    Returns
+    -------
+    polygons
+        Polygon or MultiPolygon as they are, invalid ones too; features without geometry are left out.
+    ids, attributes, system
+        One id and one mapping a polygon; `target` when given, else the file's own system.
+
+    Raises
+    ------
+    InputError
+        For a missing or unreadable file, a missing layer or field, a layer that holds no polygons.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError.about(path, "does not exist", "give a vector file of polygons")
+    meta, wkb, columns = _read_layer(path, layer)
+    names = [str(name) for name in meta["fields"]]
+    if id_field is not None and id_field not in names:
+        raise InputError.about(
+            path, f"has no field '{id_field}'", f"choose one of: {', '.join(names) or 'none'}"
+        )
+    shapes = shapely.force_2d(shapely.from_wkb(wkb, on_invalid="ignore"))
+    kinds = {shape.geom_type for shape in shapes if shape is not None}
+    if kinds - {"Polygon", "MultiPolygon"}:
+        raise InputError.about(
+            path, f"holds {', '.join(sorted(kinds))} and must hold polygons", "choose another layer or file"
+        )
+    kinds_of = dict(zip(names, meta["dtypes"], strict=True))
+    kept = [n for n, shape in enumerate(shapes) if shape is not None and not shape.is_empty]
+    polygons, system = _in_metres(path, shapes[kept], meta["crs"], target)
+    attributes = [{name: _plain(columns[k][n], kinds_of[name]) for k, name in enumerate(names)} for n in kept]
+    ids = [str(row[id_field]) if id_field else str(n + 1) for n, row in zip(kept, attributes, strict=True)]
+    return polygons, ids, attributes, system
+
+
+def _read_layer(path: Path, layer: str | None) -> tuple[dict[str, Any], NDArray[np.object_], list[Any]]:
+    try:
+        layers = pyogrio.list_layers(path)
+        names = [str(name) for name, _ in layers]
+        if layer is None:
+            polygonal = [str(name) for name, kind in layers if kind is not None and "Polygon" in str(kind)]
+            layer = next(iter(polygonal or names), None)
+        elif layer not in names:
+            raise InputError.about(
+                path, f"has no layer '{layer}'", f"choose one of: {', '.join(names) or 'none'}"
+            )
+        meta, _, wkb, columns = pyogrio.raw.read(path, layer=layer)
+    except (*OGR_ERRORS, ValueError, OSError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError.about(
+            path,
+            "is not a vector file that can be read",
+            "give a shapefile, GeoPackage, GeoJSON or FlatGeobuf",
+        ) from None
+    if wkb is None:
+        raise InputError.about(path, f"layer '{layer}' has no geometry", "choose a layer of polygons")
+    return meta, wkb, columns
+
+
+def _in_metres(
+    path: Path, shapes: NDArray[np.object_], crs: str | None, target: CoordinateSystem | None
+) -> tuple[list[Polygon | MultiPolygon], CoordinateSystem]:
+    source = parse_crs(crs, path) if crs else None
+    wanted = pyproj_crs(target) if target is not None else None
+    if source is not None and wanted is not None:
+        from pyproj import Transformer
+
+        flat = wanted.sub_crs_list[0] if wanted.is_compound else wanted
+        if not source.equals(flat, ignore_axis_order=True):
+            move = Transformer.from_crs(source, flat, always_xy=True).transform
+            shapes = shapely.transform(shapes, lambda xy: np.column_stack(move(xy[:, 0], xy[:, 1])))
+            if not np.isfinite(shapely.get_coordinates(shapes)).all():
+                assert target is not None
+                raise InputError.about(
+                    path,
+                    f"cannot be reprojected to {describe(target)}",
+                    "reproject it, for example with ogr2ogr",
+                )
+    system = target
+    if system is None:
+        corners = shapely.bounds(shapes) if len(shapes) else np.zeros((1, 4))
+        centre = (float(np.nanmean(corners[:, ::2])), float(np.nanmean(corners[:, 1::2])))
+        system = LOCAL_METRES if source is None else system_of(source, path, centre)
+    unit = system.horizontal_unit_m
+    return list(shapely.transform(shapes, lambda xy: xy * unit)) if unit != 1.0 else list(shapes), system
+
+
+def _write_layer(path: Path, rows: Sequence[Row], system: CoordinateSystem, driver: str, layer: str) -> None:
+    shapes = np.array([row.geometry for row in rows] or [], dtype=object)
+    upright = len(shapes) > 0 and bool(shapely.has_z(shapes).all())
+    if system.unit_m != (1.0, 1.0, 1.0) and len(shapes):
+        unit = np.array(system.unit_m if upright else system.unit_m[:2])
+        shapes = shapely.transform(shapes, lambda xyz: xyz / unit, include_z=upright)
+    several = any(shape is not None and shape.geom_type == "MultiPolygon" for shape in shapes)
+    names = list(dict.fromkeys(name for row in rows for name in row.attributes))
+    columns = [_column([row.attributes.get(name) for row in rows]) for name in names]
+    with warnings.catch_warnings():  # a local system has no projection to tell, and the reader has said so
+        warnings.filterwarnings("ignore", message="'crs' was not provided")
+        pyogrio.raw.write(
+            path,
+            geometry=shapely.to_wkb(shapes) if len(shapes) else shapes,
+            field_data=[values for values, _ in columns],
+            field_mask=[missing for _, missing in columns],
+            fields=np.array(names, dtype=object),
+            layer=layer,
+            driver=driver,
+            geometry_type=("MultiPolygon" if several else "Polygon") + (" Z" if upright else ""),
+            promote_to_multi=several,
+            crs=system.wkt,
+            append=path.exists(),
+        )
+
+
+def _column(values: list[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """An array of the one type that holds all values, and where they are missing."""
+    plain = [_plain(value) for value in values]
+    missing = np.array([value is None for value in plain])
+    known = [value for value in plain if value is not None]
+    for kinds, dtype, filler in ((bool, np.bool_, False), (int, np.int64, 0), (int | float, np.float64, 0.0)):
+        if known and all(
+            isinstance(value, kinds) and (kinds is bool or not isinstance(value, bool)) for value in known
+        ):
+            return np.array([filler if value is None else value for value in plain], dtype), missing
+    return np.array([None if value is None else str(value) for value in plain], dtype=object), missing
+
+
+def _plain(value: Any, kind: str = "") -> Any:
+    """A Python value; None for NaN and for what is missing.
+
+    `kind` is the column's type: whole numbers and truths come as floats from a column with gaps.
+    """
+    value = value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    if isinstance(value, float) and kind == "bool":
+        return bool(value)
+    return int(value) if isinstance(value, float) and kind.startswith(("int", "uint")) else value

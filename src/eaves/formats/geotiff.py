@@ -1,0 +1,154 @@
+"""Rasters as GeoTIFF: the building mask with its world file, DTM and DSM as Cloud-Optimised GeoTIFF.
+
+Files are in the coordinate system's units: the cell size in its horizontal unit (0.5 m in a system of feet is
+0.5 / 0.3048 ft), heights in its vertical unit.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rasterio
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.transform import Affine
+
+from eaves.formats.atomic import atomic
+from eaves.formats.crs import system_of
+from eaves.formats.errors import InputError
+from eaves.model import CoordinateSystem, Mask, Raster
+from eaves.model.coordinates import LOCAL_METRES
+
+log = logging.getLogger("eaves")
+
+COG_OPTIONS: dict[str, Any] = {
+    "driver": "COG",
+    "compress": "DEFLATE",
+    "predictor": "YES",
+    "blocksize": 512,
+    "overview_resampling": "AVERAGE",
+    "bigtiff": "IF_SAFER",
+}
+
+
+def transform_of(west: float, north: float, cell: float, system: CoordinateSystem) -> Affine:
+    """From column and row to the system's coordinates; `west`, `north` (outer corner) and `cell` are world
+    metres."""
+    unit = system.horizontal_unit_m
+    return Affine(cell / unit, 0.0, west / unit, 0.0, -cell / unit, north / unit)
+
+
+def profile_of(raster_shape: tuple[int, int], transform: Affine, system: CoordinateSystem) -> dict[str, Any]:
+    """What rasterio needs to know of a raster of one band."""
+    rows, columns = raster_shape
+    return {
+        "height": rows,
+        "width": columns,
+        "count": 1,
+        "transform": transform,
+        "crs": None if system.wkt is None else rasterio.CRS.from_wkt(system.wkt),
+    }
+
+
+def write_raster(
+    path: str | Path,
+    raster: Raster,
+    system: CoordinateSystem = LOCAL_METRES,
+    origin: tuple[float, float] = (0.0, 0.0),
+) -> None:
+    """Write heights as float32 Cloud-Optimised GeoTIFF; NaN is the no-data value.
+
+    Parameters
+    ----------
+    path
+        The file; it appears when it is whole.
+    raster
+        Heights (H, W) in metres, placed in metres about `origin`.
+    system
+        The coordinate system; position, cell and heights are converted to its units.
+    origin
+        World metres of the raster's local (0, 0).
+    """
+    transform = transform_of(raster.west + origin[0], raster.north + origin[1], raster.cell, system)
+    heights = (raster.values / np.float32(system.vertical_unit_m)).astype(np.float32)
+    profile = profile_of(raster.shape, transform, system) | COG_OPTIONS
+    with (
+        atomic(path) as temporary,
+        rasterio.open(temporary, "w", dtype="float32", nodata=np.nan, **profile) as image,
+    ):
+        image.write(heights, 1)
+
+
+def write_mask(
+    path: str | Path,
+    mask: Mask,
+    west: float,
+    north: float,
+    cell: float,
+    system: CoordinateSystem = LOCAL_METRES,
+) -> None:
+    """Write a building mask (H, W), row 0 north, as uint8 GeoTIFF of 0 and 1, with its world file beside
+    (`.tfw`).
+
+    `west`, `north` (the outer corner) and `cell` are world metres.
+    """
+    transform = transform_of(west, north, cell, system)
+    rows, columns = mask.shape
+    profile = profile_of((rows, columns), transform, system)
+    profile |= {"driver": "GTiff", "compress": "DEFLATE", "bigtiff": "IF_SAFER"}
+    if min(rows, columns) >= 256:
+        profile |= {"tiled": True, "blockxsize": 256, "blockysize": 256}
+    with atomic(path) as temporary, rasterio.open(temporary, "w", dtype="uint8", **profile) as image:
+        image.write(mask.astype(np.uint8), 1)
+    write_world_file(Path(path).with_suffix(".tfw"), transform)
+
+
+def write_world_file(path: Path, transform: Affine) -> None:
+    """Write the six lines of a world file: A, D, B, E and the centre of the upper left cell."""
+    x, y = transform @ (0.5, 0.5) if hasattr(transform, "__matmul__") else transform * (0.5, 0.5)
+    lines = [transform.a, transform.d, transform.b, transform.e, x, y]
+    with atomic(path) as temporary:
+        temporary.write_text("".join(f"{value:.12g}\n" for value in lines), encoding="ascii")
+
+
+def read_raster(
+    path: str | Path, origin: tuple[float, float] = (0.0, 0.0)
+) -> tuple[Raster, CoordinateSystem]:
+    """The first band of a raster file in metres about `origin`, and its coordinate system; NaN where no
+    data is.
+
+    Raises
+    ------
+    InputError
+        When it is no raster of square north-up cells in a plane system.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            with rasterio.open(path) as image:
+                values = image.read(1, masked=True).astype(np.float32).filled(np.nan)
+                transform, bounds = image.transform, image.bounds
+                wkt = image.crs.to_wkt() if image.crs else None
+    except RasterioError:
+        raise InputError.about(path, "is not a raster that can be read", "give a GeoTIFF") from None
+    if transform.b or transform.d or transform.e >= 0 or abs(transform.a + transform.e) > 1e-6 * transform.a:
+        raise InputError.about(
+            path, "has cells that are not square and north-up", "resample it with gdalwarp"
+        )
+    system = LOCAL_METRES
+    if wkt is not None:
+        from eaves.formats.crs import parse_crs
+
+        centre = (bounds.left + bounds.right) / 2, (bounds.bottom + bounds.top) / 2
+        system = system_of(parse_crs(wkt, path), path, centre)
+    unit = system.horizontal_unit_m
+    raster = Raster(
+        values * np.float32(system.vertical_unit_m),
+        transform.c * unit - origin[0],
+        transform.f * unit - origin[1],
+        transform.a * unit,
+    )
+    return raster, system

@@ -1,0 +1,84 @@
+"""Points of LAS, LAZ and COPC files, in the file's order and units; only the fields a detector needs are
+read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import lazrs
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.formats.chunk import Chunk
+from eaves.formats.copc import chunks_within
+from eaves.formats.errors import InputError
+from eaves.formats.las_header import COPY_AGAIN, LasHeader
+from eaves.formats.laz import decompress, read_chunk_table
+
+NEEDED = (
+    lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL
+    | lazrs.SELECTIVE_DECOMPRESS_Z
+    | lazrs.SELECTIVE_DECOMPRESS_CLASSIFICATION
+    | lazrs.SELECTIVE_DECOMPRESS_FLAGS
+)
+EVERYTHING = lazrs.SELECTIVE_DECOMPRESS_ALL
+FIRST_LAYERED_FORMAT = 6
+"""From this point format on, classes have a byte of their own (LAS 1.4, tables 7 and 16)."""
+
+
+def iter_las(
+    header: LasHeader, rectangle: tuple[float, float, float, float] | None, size: int
+) -> Iterator[Chunk]:
+    """Chunks of about `size` points; with a rectangle (west, south, east, north), of COPC only the nodes
+    it meets."""
+    for position, records in iter_records(header, size, rectangle, NEEDED):
+        yield _decode(header, position, records)
+
+
+def iter_records(
+    header: LasHeader,
+    size: int,
+    rectangle: tuple[float, float, float, float] | None = None,
+    selection: int = EVERYTHING,
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
+    """Positions (N,) and point records (N, record length) as bytes, decompressed, about `size` at a time."""
+    if not header.count:
+        return
+    with header.path.open("rb") as file:
+        if not header.compressed:
+            file.seek(header.data_offset)
+            for first in range(0, header.count, size):
+                number = min(size, header.count - first)
+                data = file.read(number * header.record_length)
+                if len(data) < number * header.record_length:
+                    raise InputError.about(header.path, f"ends before point {first + number}", COPY_AGAIN)
+                records = np.frombuffer(data, np.uint8).reshape(number, header.record_length)
+                yield np.arange(first, first + number), records
+            return
+        table = read_chunk_table(file, header)
+        which = np.arange(len(table.points))
+        if rectangle is not None and header.copc is not None:
+            which = chunks_within(file, header, table, rectangle)
+        yield from decompress(file, header, table, which, selection, size)
+
+
+def _decode(header: LasHeader, position: NDArray[np.int64], records: NDArray[np.uint8]) -> Chunk:
+    """The fields of LAS 1.4, tables 7 (formats 0 to 5) and 16 (6 to 10)."""
+    stored = [
+        np.ndarray(len(records), "<i4", records, 4 * axis, (header.record_length,)) for axis in range(3)
+    ]
+    xyz = np.empty((len(records), 3))
+    for axis in range(3):
+        np.multiply(stored[axis], header.scales[axis], out=xyz[:, axis])
+        xyz[:, axis] += header.offsets[axis]
+    layered = header.point_format >= FIRST_LAYERED_FORMAT
+    bits, shift = (np.uint8(15), np.uint8(4)) if layered else (np.uint8(7), np.uint8(3))
+    returns, flags = records[:, 14], records[:, 15]
+    return Chunk(
+        xyz,
+        position,
+        return_number=returns & bits,
+        number_of_returns=returns >> shift & bits,
+        classification=records[:, 16].copy() if layered else flags & np.uint8(31),
+        withheld=(flags & np.uint8(4 if layered else 128)) != 0,
+    )

@@ -1,0 +1,252 @@
+"""What the header of a LAS, LAZ or COPC file says, believed only as far as the file's size allows."""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import pyproj
+from pyproj.exceptions import CRSError
+
+from eaves.formats.errors import InputError
+from eaves.formats.geokeys import crs_of_geokeys
+
+SIGNATURE = b"LASF"
+RECORD_LENGTHS = {0: 20, 1: 28, 2: 26, 3: 34, 4: 57, 5: 63, 6: 30, 7: 36, 8: 38, 9: 59, 10: 67}
+"""Bytes of a point record by point format (LAS 1.4, section 2.6)."""
+HEADER_LENGTHS = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375, 5: 393}
+"""Bytes of the header by minor version."""
+VLR_HEADER, EVLR_HEADER = 54, 60
+WKT_RECORD = 2112
+KEPT_RECORD_BYTES = 1 << 20
+"""A projection, laszip or COPC record longer than this is damage, not data."""
+LARGEST_RECORD_COUNT = 10_000
+BOMB_POINTS, BOMB_POINTS_PER_BYTE = 20_000_000, 50
+"""Compressed points take a byte or more each; so many in so few bytes are made to fill memory."""
+COPY_AGAIN = "copy or download it again"
+WRITE_AGAIN = "write it again with another tool (for example lasinfo -repair, las2las or PDAL)"
+
+
+@dataclass(frozen=True)
+class LasHeader:
+    """The part of a checked header that reading points needs. Coordinates are in the file's units."""
+
+    path: Path
+    size: int
+    version: tuple[int, int]
+    point_format: int
+    record_length: int
+    count: int
+    data_offset: int
+    scales: tuple[float, float, float]
+    offsets: tuple[float, float, float]
+    lowest: tuple[float, float, float]
+    highest: tuple[float, float, float]
+    compressed: bool
+    records: tuple[tuple[str, int, bytes], ...]
+    """Owner, id and data of the projection, laszip and COPC records."""
+
+    def record(self, owner: str, number: int) -> bytes | None:
+        """The data of one record, None when there is none."""
+        return next((data for who, what, data in self.records if (who, what) == (owner, number)), None)
+
+    @property
+    def laszip(self) -> bytes:
+        """The record that describes the compression; empty for uncompressed points."""
+        return self.record("laszip encoded", 22204) or b""
+
+    @property
+    def copc(self) -> bytes | None:
+        """The COPC info record, None for other files."""
+        return self.record("copc", 1)
+
+    @property
+    def extent_is_known(self) -> bool:
+        """Whether the bounding box can be meant: finite, ordered, within what the record can store."""
+        for low, high, scale, offset in zip(
+            self.lowest, self.highest, self.scales, self.offsets, strict=True
+        ):
+            reach = scale * 2**31 + 1.0
+            if not (low <= high and abs(low - offset) <= reach and abs(high - offset) <= reach):
+                return False
+        return any(self.lowest) or any(self.highest)
+
+    def crs(self) -> tuple[pyproj.CRS | None, float | None]:
+        """The coordinate system and the vertical unit (m), None where the file does not tell.
+
+        Raises
+        ------
+        InputError
+            When it tells one that cannot be understood.
+        """
+        wkt = self.record("LASF_Projection", WKT_RECORD)
+        text = (wkt or b"").rstrip(b"\0 ").decode("utf-8", "replace")
+        if text:
+            try:
+                return pyproj.CRS.from_wkt(text), None
+            except CRSError:
+                raise InputError.about(
+                    self.path,
+                    "its WKT coordinate system cannot be read",
+                    "pass the right one with crs= or --crs",
+                ) from None
+        keys = {number: data for owner, number, data in self.records if owner == "LASF_Projection"}
+        return crs_of_geokeys(keys)
+
+
+def is_las(path: Path) -> bool:
+    """Whether a file begins as LAS, LAZ and COPC do."""
+    with path.open("rb") as file:
+        return file.read(4) == SIGNATURE
+
+
+def read_las_header(path: Path) -> LasHeader:
+    """The checked header of a file; only the header and the records that matter are read.
+
+    Raises
+    ------
+    InputError
+        When the header contradicts itself or the size of the file.
+    """
+    with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        head = file.read(375)
+        if head[:4] != SIGNATURE:
+            raise InputError.about(
+                path, f"begins with {head[:4]!r}, not with LASF", "give a LAS, LAZ or COPC file"
+            )
+        if len(head) < 227:
+            raise InputError.about(path, f"is cut off after {size} bytes, within its header", COPY_AGAIN)
+        return _parse(path, file, head, size)
+
+
+def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:
+    def refuse(rule: str, remedy: str = WRITE_AGAIN) -> InputError:
+        return InputError.about(path, rule, remedy)
+
+    major, minor = head[24], head[25]
+    header_size, data_offset, record_count = struct.unpack_from("<HII", head, 94)
+    format_byte, record_length, count = struct.unpack_from("<BHI", head, 104)
+    scales, offsets = struct.unpack_from("<3d", head, 131), struct.unpack_from("<3d", head, 155)
+    east, west, north, south, top, bottom = struct.unpack_from("<6d", head, 179)
+    point_format, compressed = format_byte & 0x3F, bool(format_byte & 0xC0)
+    if major != 1 or minor not in HEADER_LENGTHS:
+        raise refuse(f"is LAS {major}.{minor}, known are 1.0 to 1.5")
+    if header_size < HEADER_LENGTHS[minor] or header_size > data_offset:
+        raise refuse(f"states a header of {header_size} bytes before points at byte {data_offset}")
+    if data_offset > size:
+        raise refuse(f"promises points from byte {data_offset} but has {size} bytes", COPY_AGAIN)
+    if point_format not in RECORD_LENGTHS:
+        raise refuse(f"has point format {point_format}, known are 0 to 10")
+    if record_length < RECORD_LENGTHS[point_format]:
+        raise refuse(
+            f"states point records of {record_length} bytes, format {point_format} needs "
+            f"{RECORD_LENGTHS[point_format]}"
+        )
+    if not all(math.isfinite(value) and value != 0 for value in scales):
+        raise refuse(f"has coordinate scales {scales}, which must be finite and not zero")
+    if not all(math.isfinite(value) for value in offsets):
+        raise refuse(f"has coordinate offsets {offsets}, which must be finite")
+    first_evlr = evlr_count = 0
+    if minor >= 4:
+        first_evlr, evlr_count, long_count = struct.unpack_from("<QIQ", head, 235)
+        count = long_count or count
+    records = _read_records(file, path, header_size, record_count, data_offset, VLR_HEADER)
+    records += _read_records(file, path, first_evlr, evlr_count, size, EVLR_HEADER)
+    header = LasHeader(
+        path=path,
+        size=size,
+        version=(major, minor),
+        point_format=point_format,
+        record_length=record_length,
+        count=count,
+        data_offset=data_offset,
+        scales=scales,
+        offsets=offsets,
+        lowest=(west, south, bottom),
+        highest=(east, north, top),
+        compressed=compressed,
+        records=records,
+    )
+    _check_points(header, refuse)
+    return header
+
+
+def _check_points(header: LasHeader, refuse: object) -> None:
+    path, space = header.path, header.size - header.data_offset
+    if not header.compressed:
+        if header.count * header.record_length > space:
+            held = space // header.record_length
+            raise InputError.about(
+                path,
+                f"is cut off: the header promises {header.count} points, the file holds {held}",
+                COPY_AGAIN,
+            )
+        return
+    _check_laszip(header)
+    if header.count > BOMB_POINTS and header.count > BOMB_POINTS_PER_BYTE * space:
+        raise InputError.about(
+            path,
+            f"promises {header.count} points in {space} bytes, which no survey compresses to",
+            WRITE_AGAIN,
+        )
+
+
+def _check_laszip(header: LasHeader) -> None:
+    """Compressor 2 (by chunk) or 3 (by chunk and layer), with items that add up to the record (LASzip's
+    VLR)."""
+    data = header.laszip
+    if len(data) < 34:
+        raise InputError.about(header.path, "is compressed but has no laszip record", WRITE_AGAIN)
+    compressor, chunk_size, item_count = (
+        *struct.unpack_from("<H", data, 0),
+        *struct.unpack_from("<I", data, 12),
+        *struct.unpack_from("<H", data, 32),
+    )
+    if compressor not in (2, 3) or chunk_size == 0:
+        raise InputError.about(
+            header.path,
+            f"is compressed by method {compressor} in chunks of {chunk_size} points, which this reader "
+            "does not know",
+            WRITE_AGAIN,
+        )
+    sizes = [
+        struct.unpack_from("<H", data, 36 + 6 * k)[0] for k in range(min(item_count, (len(data) - 34) // 6))
+    ]
+    if len(sizes) != item_count or sum(sizes) != header.record_length:
+        raise InputError.about(
+            header.path,
+            f"compresses records of {sum(sizes)} bytes but states {header.record_length}",
+            WRITE_AGAIN,
+        )
+
+
+def _read_records(
+    file: BinaryIO, path: Path, start: int, count: int, end: int, header_length: int
+) -> tuple[tuple[str, int, bytes], ...]:
+    """The records that matter among `count` ones from byte `start`, none of which may pass byte `end`."""
+    if count > LARGEST_RECORD_COUNT:
+        raise InputError.about(path, f"announces {count} variable length records", WRITE_AGAIN)
+    kept = []
+    for _ in range(count):
+        file.seek(start)
+        head = file.read(header_length)
+        if len(head) < header_length or start + header_length > end:
+            raise InputError.about(path, f"has a variable length record cut off at byte {start}", COPY_AGAIN)
+        owner = head[2:18].split(b"\0")[0].decode("ascii", "replace")
+        number, length = struct.unpack_from("<HQ" if header_length == EVLR_HEADER else "<HH", head, 18)
+        if start + header_length + length > end:
+            raise InputError.about(
+                path,
+                f"has a variable length record of {length} bytes at byte {start}, past its end",
+                COPY_AGAIN,
+            )
+        wanted = owner in ("LASF_Projection", "laszip encoded") or (owner, number) == ("copc", 1)
+        if wanted and length <= KEPT_RECORD_BYTES:
+            kept.append((owner, number, file.read(length)))
+        start += header_length + length
+    return tuple(kept)

@@ -1,0 +1,139 @@
+"""The chunks of a compressed LAS file: where they are, which ones a rectangle needs, what they hold."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, BinaryIO
+
+import lazrs
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.formats.errors import InputError
+from eaves.formats.las_header import COPY_AGAIN, RECORD_LENGTHS, WRITE_AGAIN, LasHeader
+
+CHUNK_BYTES = 1 << 30
+"""Largest chunk (bytes, decompressed) this reader takes; laszip's usual 50,000 points are 2 MB."""
+VARIABLE_CHUNKS = 0xFFFFFFFF
+LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}
+"""Compressed layers of a chunk by point format; every extra byte is one more (LASzip 1.4 specification)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ChunkTable:
+    """Chunks in the file's order: first byte, bytes, points and the position of the first point, each
+    (K,)."""
+
+    offset: NDArray[np.int64]
+    length: NDArray[np.int64]
+    points: NDArray[np.int64]
+
+    @property
+    def first(self) -> NDArray[np.int64]:
+        return np.cumsum(self.points) - self.points
+
+
+def read_chunk_table(file: BinaryIO, header: LasHeader) -> ChunkTable:
+    """The chunk table of a file, checked against its size and its number of points.
+
+    Raises
+    ------
+    InputError
+        When the table is missing or promises what the file cannot hold.
+    """
+    start = header.data_offset + 8
+    file.seek(header.data_offset)
+    place = struct.unpack("<q", file.read(8).ljust(8, b"\0"))[0]
+    if place == -1:  # a writer that could not seek leaves the place in the last eight bytes
+        file.seek(header.size - 8)
+        place = struct.unpack("<q", file.read(8))[0]
+    if not start <= place <= header.size - 8:
+        raise InputError.about(header.path, "is cut off: its chunk table is missing", COPY_AGAIN)
+    file.seek(place)
+    version, number = struct.unpack("<II", file.read(8))
+    if version != 0 or number * header.record_length > place - start:
+        raise InputError.about(
+            header.path, f"has a chunk table of {number} chunks for {place - start} bytes", COPY_AGAIN
+        )
+    file.seek(header.data_offset)
+    description = guard(header, lambda: lazrs.LazVlr(header.laszip))
+    entries = guard(header, lambda: lazrs.read_chunk_table(file, description))
+    table = np.array(entries, np.float64).reshape(-1, 2)
+    size = struct.unpack_from("<I", header.laszip, 12)[0]
+    if size != VARIABLE_CHUNKS:
+        table[:, 0] = np.clip(header.count - size * np.arange(len(table)), 0, size)
+    if table[:, 1].sum() > place - start or table[:, 0].sum() != header.count:
+        raise InputError.about(
+            header.path,
+            f"has chunks of {table[:, 0].sum():.0f} points in {table[:, 1].sum():.0f} bytes, but the header "
+            f"states {header.count} points and the file has {place - start} bytes of them",
+            COPY_AGAIN,
+        )
+    if len(table) and table[:, 0].max() * header.record_length > CHUNK_BYTES:
+        raise InputError.about(
+            header.path, f"has a chunk of {table[:, 0].max():.0f} points, too large to open", WRITE_AGAIN
+        )
+    points, length = table.astype(np.int64).T
+    return ChunkTable(start + np.cumsum(length) - length, length, points)
+
+
+def decompress(
+    file: BinaryIO, header: LasHeader, table: ChunkTable, which: NDArray[np.int64], selection: int, size: int
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
+    """Runs of about `size` points of the chunks numbered `which` (rising).
+
+    Yields positions (N,) and records (N, record length); fields outside `selection` (lazrs's bits) are zero.
+    """
+    if not len(which):
+        return
+    run = (np.cumsum(table.points[which]) - table.points[which]) // size
+    for part in np.split(which, np.flatnonzero(np.diff(run)) + 1):
+        pieces = []
+        for number in part:
+            file.seek(int(table.offset[number]))
+            piece = file.read(int(table.length[number]))
+            _check_layers(header, piece, int(number))
+            pieces.append(piece)
+        counts = [(int(table.points[k]), int(table.length[k])) for k in part]
+        total = int(table.points[part].sum())
+        records = np.zeros(total * header.record_length, np.uint8)
+        call = partial(
+            lazrs.decompress_points_with_chunk_table,
+            b"".join(pieces),
+            header.laszip,
+            records,
+            counts,
+            lazrs.DecompressionSelection(selection),
+        )
+        guard(header, call)
+        positions = np.concatenate([table.first[k] + np.arange(table.points[k]) for k in part])
+        yield positions, records.reshape(total, header.record_length)
+
+
+def guard(header: LasHeader, call: Callable[[], Any]) -> Any:
+    """What a call into lazrs returns; any complaint of it, a Rust panic included, becomes an InputError."""
+    try:
+        return call()
+    except (lazrs.LazrsError, ValueError, TypeError, OverflowError, OSError, MemoryError):
+        pass
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":  # pyo3's own class, which no module exports
+            raise
+    raise InputError.about(header.path, "holds compressed points that are damaged", COPY_AGAIN)
+
+
+def _check_layers(header: LasHeader, piece: bytes, number: int) -> None:
+    """A chunk of layers says the size of each: together they must fit, or memory is asked for that never
+    fills."""
+    if header.point_format < 6:
+        return
+    layers = LAYERS[header.point_format] + header.record_length - RECORD_LENGTHS[header.point_format]
+    start = header.record_length + 4
+    sizes = np.frombuffer(piece[start : start + 4 * layers], "<u4")
+    if len(sizes) < layers or sizes.sum(dtype=np.int64) > len(piece):
+        raise InputError.about(
+            header.path, f"holds compressed points that are damaged (chunk {number})", COPY_AGAIN
+        )
