@@ -57,7 +57,7 @@ LINE_RATE = 100.0
 def fly(
     flight: Flight, bounds: Bounds, level: float, top: float, density: float, pattern: Pattern, seed: int
 ) -> Iterator[Pulses]:
-    """The pulses of all strips over `bounds` (m) in batches, whose mean density there is `density` (1/m²).
+    """The pulses of all strips over `bounds` (m) in batches; their mean density there is `density` (1/m²).
 
     `level` is the mean height of the ground (m), `top` that of the highest thing.
     """
@@ -70,9 +70,9 @@ def fly(
     reach = half_diagonal + flight.swath / 2
     count = 2 * int(np.ceil(reach / spacing_of_strips))
     heading = np.radians(flight.heading_deg)
-    per_strip = density * (1 - flight.overlap)
-    for strip in range(count):
-        offset = (strip + 0.5 - count / 2) * spacing_of_strips
+    offsets = [(strip + 0.5 - count / 2) * spacing_of_strips for strip in range(count)]
+    per_strip = density / _strips_over(bounds, middle, float(heading), offsets, flight.swath)
+    for strip, offset in enumerate(offsets):
         if abs(offset) > reach:
             continue
         turn = heading + (np.pi if strip % 2 else 0.0)
@@ -80,6 +80,19 @@ def fly(
         rng = np.random.default_rng([seed, 11, strip])
         swept = _mirror(flight, pattern, per_strip, half_diagonal, rng)
         yield from _aim(flight, bounds, level, middle, turn, side * offset, strip + 1, swept, rng)
+
+
+def _strips_over(
+    bounds: Bounds, middle: NDArray[np.float64], heading: float, offsets: list[float], swath: float
+) -> float:
+    """How many strips cover a place of the town, in the mean."""
+    share = (np.arange(50) + 0.5) / 50
+    x, y = np.meshgrid(bounds.west + share * bounds.width, bounds.south + share * bounds.height)
+    across = -(x - middle[0]) * np.sin(heading) + (y - middle[1]) * np.cos(heading)
+    return (
+        float(np.mean([np.sum(np.abs(across - offset) < swath / 2) for offset in offsets]) * len(offsets))
+        / x.size
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +118,9 @@ def _mirror(
     below the aircraft.
     """
     half = float(np.radians(flight.half_angle_deg))
+    radius = flight.height * float(np.tan(half))
+    if pattern == "ellipse":  # the circle looks ahead and back by its radius
+        half_length += radius
     spacing = float(np.sqrt(half / (np.tan(half) * density)))
     per_line = max(2, round(2 * half * flight.height / spacing))
     lines = int(np.ceil(2 * half_length / spacing))
@@ -115,7 +131,6 @@ def _mirror(
     straight = np.zeros(len(line))
     if pattern == "ellipse":
         turn = 2 * np.pi * share
-        radius = flight.height * np.tan(half)
         lead = np.asarray(radius * np.cos(turn), np.float64)
         angle = np.asarray(np.arctan(np.tan(half) * np.sin(turn)), np.float64)
         return _Sweep(along, lead, angle, time, spacing)

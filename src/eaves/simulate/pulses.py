@@ -19,12 +19,12 @@ MAX_ECHOES = 6
 LEAF_STEP = 0.2
 """Step (m) at which the loss in leaves is summed."""
 
-CLUMP = 0.45
+CLUMP = 1.0
 """Side (m) of the clumps of leaves; a share of them is empty, so crowns have gaps that every strip sees
 alike.
 """
 
-FILLED_CLUMPS = 0.5
+FILLED_CLUMPS = 0.35
 """Share of the clumps that hold leaves."""
 
 WATER_MIRROR = 0.9975
@@ -44,7 +44,7 @@ class Receiver:
     echo's first light is part of it. `threshold` is the least share of the pulse's energy that makes an echo.
     """
 
-    dead_zone: float = 1.3
+    dead_zone: float = 0.7
     threshold: float = 0.08
 
 

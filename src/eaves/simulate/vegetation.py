@@ -61,17 +61,17 @@ def _one(
 
 
 def grow_tree(
-    x: float, y: float, ground: float, rng: np.random.Generator, leaf_loss: float = 1.5
+    x: float, y: float, ground: float, rng: np.random.Generator, leaf_loss: float = 2.5
 ) -> tuple[Foliage, Surfaces]:
     """A tree's leaves and its trunk.
 
-    Three in four are broadleaved: height 5 to 20 m (mean 10), crown as wide as 0.4 to 0.7 of it, of one to
+    Three in four are broadleaved: height 5 to 20 m (mean 10), crown as wide as 0.45 to 0.75 of it, of one to
     four lobes. The others are conifers. `leaf_loss` (1/m) is the loss of energy per metre of crown.
     """
     height = float(np.clip(rng.gamma(6.0, 1.75), 4.0, 22.0))
     parts = []
     if rng.random() < 0.75:
-        radius = height * rng.uniform(0.2, 0.34)
+        radius = height * rng.uniform(0.22, 0.38)
         clear = height * rng.uniform(0.15, 0.35)
         for _ in range(int(rng.integers(1, 5))):
             share = rng.uniform(0.6, 1.0)
