@@ -270,6 +270,51 @@ def evaluate(
 
 
 @app.command()
+def simulate(
+    out: Out,
+    area: Annotated[float, typer.Option(help="Area of the town (km²).", min=0.001)] = 0.09,
+    buildings: Annotated[
+        int | None, typer.Option(help="Number of buildings; what the area holds by default.")
+    ] = None,
+    density: Annotated[float, typer.Option(help="Points a square metre.", min=0.1, max=100)] = 10.0,
+    noise: Annotated[float, typer.Option(help="Standard deviation of a range (m).", min=0)] = 0.02,
+    pattern: Annotated[str, typer.Option(help="How the beam moves; see the documentation.")] = "lines",
+    terrain: Annotated[str, typer.Option(help="flat, slope, hilly or terraced.")] = "flat",
+    trees: Annotated[float, typer.Option(help="How many trees; 1 is a leafy suburb.", min=0)] = 1.0,
+    seed: Annotated[int, typer.Option(help="Same seed, same bytes.", min=0)] = 0,
+    model: Annotated[
+        Path | None, typer.Option(help="Scan the buildings of this CityJSON file instead.")
+    ] = None,
+    crs: Crs = None,
+    quiet: Quiet = False,
+) -> None:
+    """A town of which every plane, corner and point label is known, and its scan."""
+    from typing import get_args
+
+    from eaves.simulate import scan_town, simulate_town, town_of_model, write_simulation
+    from eaves.simulate.flight import Pattern
+    from eaves.simulate.terrain import TerrainKind
+
+    start_log(quiet, verbose=False)
+    for name, value, choices in (
+        ("--pattern", pattern, get_args(Pattern)),
+        ("--terrain", terrain, get_args(TerrainKind)),
+    ):
+        if value not in choices:
+            raise ValueError(f"{name} {value}: unknown; choose one of: {', '.join(choices)}")
+    if model is not None:
+        town = town_of_model(model, trees=trees, seed=seed, crs=crs)
+    else:
+        town = simulate_town(area, buildings, terrain, trees, seed)
+    scene = scan_town(town, density, noise, pattern, seed)
+    told = {"area_km2": area, "density": density, "noise_m": noise, "pattern": pattern, "seed": seed}
+    told |= {"terrain": terrain, "trees": trees, "model": None if model is None else model.name}
+    files = write_simulation(scene, out, told)
+    if not quiet:
+        typer.echo(f"{len(scene.cloud):,} points, {len(scene.buildings)} buildings; {files['points']}")
+
+
+@app.command()
 def methods(stage: Annotated[str | None, typer.Argument(help="One stage only.")] = None) -> None:
     """Every method: name, idea, paper, parameters."""
     from eaves.methods import DEFAULTS, REGISTRY, method_class

@@ -68,7 +68,13 @@ class Recipe:
     @property
     def reach(self) -> float:
         """Width (m) of the surroundings a block is computed with: the largest of the methods'."""
-        return max(self.ground.reach, self.detect.reach if self.detect else 0.0, 2 * SEAM)
+        return max(self.ground.reach, self.scene_reach)
+
+    @property
+    def scene_reach(self) -> float:
+        """Width (m) of the surroundings the detector sees: its reach, in whole 3 m (all cells' multiple)."""
+        needed = max(self.detect.reach if self.detect else 0.0, 2 * SEAM)
+        return float(np.ceil(needed / 3.0) * 3.0)
 
 
 def make_recipe(
@@ -176,32 +182,32 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
     """Ground, rasters and regions of one block.
 
     `cloud` must hold the points of the block and of its surroundings up to `recipe.reach`, and no others:
-    then the
-    answer is the same whichever files or tiles they came from.
+    then the answer is the same whichever files or tiles they came from.
     """
     clock = Clock()
     cloud = cloud.about(block.origin)
     cloud = cloud.take(cloud.canonical_order())
-    core = Bounds(0.0, 0.0, block.side, block.side)
-    classified = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes)
+    cloud = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes)
     clock.lap("ground")
-    scene = make_scene(classified, core.grown(recipe.reach))
+    core = Bounds(0.0, 0.0, block.side, block.side)
+    seen = core.grown(recipe.scene_reach)
+    cloud = cloud.take(seen.contains(cloud.xyz))
+    scene = make_scene(cloud, seen)
     clock.lap("rasters")
-    regions = (
-        detect_buildings(scene, recipe.detect) if recipe.detect else Regions(np.zeros(len(cloud), np.int32))
-    )
+    nothing = Regions(np.zeros(len(cloud), np.int32))
+    regions = detect_buildings(scene, recipe.detect) if recipe.detect else nothing
     clock.lap("detect")
 
     inside = core.contains(cloud.xyz)
-    seam = (regions.label > 0) & core.grown(SEAM).contains(cloud.xyz) & ~core.grown(-SEAM).contains(cloud.xyz)
-    ids = cloud.point_id if cloud.point_id is not None else np.arange(len(cloud))
+    near_border = core.grown(SEAM).contains(cloud.xyz) & ~core.grown(-SEAM).contains(cloud.xyz)
+    seam = near_border & (regions.label > 0)
     part = regions.part if regions.part is not None else np.zeros(len(cloud), np.uint8)
-    assert classified.classification is not None
+    assert cloud.classification is not None and cloud.point_id is not None
     return BlockResult(
         block=block,
         xyz=cloud.xyz[inside],
-        point_id=ids[inside],
-        classification=classified.classification[inside],
+        point_id=cloud.point_id[inside],
+        classification=cloud.classification[inside],
         label=regions.label[inside],
         part=part[inside],
         height=scene.height[inside].astype(np.float32),
@@ -209,7 +215,7 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
         dtm=crop(scene.dtm, core),
         dsm=crop(scene.dsm, core),
         spacing=scene.spacing,
-        seam_id=ids[seam],
+        seam_id=cloud.point_id[seam],
         seam_label=regions.label[seam],
         seconds=clock.laps,
     )
