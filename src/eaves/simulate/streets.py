@@ -59,6 +59,13 @@ BLOCK_SHARES: dict[TownStyle, dict[str, float]] = {
 PLOTS_BEYOND = 20.0
 """Plots are kept whose middle is at most this far outside the town (m)."""
 
+BLOCK_DEPTH: dict[TownStyle, tuple[float, float]] = {
+    "mixed": (38.0, 54.0),
+    "suburb": (38.0, 54.0),
+    "centre": (32.0, 46.0),
+}
+"""Depth of a block between two streets (m)."""
+
 SHORTEST_ROW = 22.0
 """A row of houses is at least so long (m)."""
 
@@ -115,8 +122,10 @@ class Plot:
         return np.stack([self.at(a * half[0], b * half[1]) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 
 
-def lay_streets(bounds: Bounds, gap: float, rng: np.random.Generator) -> tuple[list[Plot], Plot]:
-    """The plots between the streets of a town: a grid of one direction, its blocks 55 to 95 m by 38 to 54 m.
+def lay_streets(
+    bounds: Bounds, style: TownStyle, gap: float, rng: np.random.Generator
+) -> tuple[list[Plot], Plot]:
+    """The plots between the streets of a town: a grid of one direction, its blocks 55 to 95 m long.
 
     Those at the rim stick out of `bounds`; what would stand outside is not built. Two rows of blocks near
     the middle stand apart by `gap` (m), for a canal or an embankment; the strip between them is the second
@@ -133,7 +142,7 @@ def lay_streets(bounds: Bounds, gap: float, rng: np.random.Generator) -> tuple[l
             middle = town.at(0.0, v + gap / 2)
             strip = Plot(float(middle[0]), float(middle[1]), float(angle), 2 * reach, gap)
             v += gap + STREET
-        depth = rng.uniform(38.0, 54.0)
+        depth = rng.uniform(*BLOCK_DEPTH[style])
         u = -reach + rng.uniform(0.0, 60.0)
         while u < reach:
             length = rng.uniform(55.0, 95.0)

@@ -113,7 +113,7 @@ def simulate_town(
         _draw_corridor(terrain, np.random.default_rng([seed, 33])) if side >= SHORTEST_CORRIDOR else None
     )
     gap = 0.0 if corridor is None else 2 * corridor.reach
-    plots, strip = lay_streets(bounds, gap, np.random.default_rng([seed, 31]))
+    plots, strip = lay_streets(bounds, style, gap, np.random.default_rng([seed, 31]))
     ground = make_terrain(terrain, bounds, np.random.default_rng([seed, 32]))
     if corridor is not None:
         corridor = replace(corridor, x=strip.x, y=strip.y, angle=strip.angle)
