@@ -77,7 +77,7 @@ class Method(BaseModel):
 
 DEFAULTS: dict[str, str] = {
     "ground": "adaptive_tin",
-    "detect": "planar_patches",
+    "detect": "consensus",
     "outline": "global_fit",
     "roof": "global_refinement",
     "reconstruct": "arrangement",
@@ -101,6 +101,7 @@ REGISTRY: dict[str, dict[str, str]] = {
     "roof": {
         "region_growing": "eaves.roof.region_growing:RegionGrowing",
         "global_refinement": "eaves.roof.global_refinement:GlobalRefinement",
+        "tin_faces": "eaves.roof.tin_faces:TinFaces",
     },
     "reconstruct": {
         "prism": "eaves.reconstruct.prism:Prism",

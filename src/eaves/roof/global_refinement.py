@@ -12,7 +12,14 @@ from eaves.model import Labels, Points, RoofPlane
 from eaves.roof.base import RoofMethod
 from eaves.roof.labelling import drop_crumbs, near_regions, relabel_kernel, worth_kernel
 from eaves.roof.region_growing import RegionGrowing, join_tolerance
-from eaves.roof.regions import fit_labels, grow_kernel, join_coplanar, roof_planes, touching_regions
+from eaves.roof.regions import (
+    fit_labels,
+    grow_kernel,
+    join_coplanar,
+    roof_planes,
+    touching_regions,
+    without_gaps,
+)
 
 LEFT_NEIGHBOURS = 6
 """Neighbours among the points left over: the fewest that tell a plane from chance."""
@@ -157,9 +164,7 @@ class GlobalRefinement(RoofMethod):
 
     def join(self, points: Points, labels: Labels, local: LocalPlanes) -> Labels:
         """Labels (N,) with near coplanar regions made one."""
-        count = int(labels.max(initial=0))
-        kept = np.unique(labels, return_inverse=True)[1].astype(np.int32)
-        labels = kept if (labels == 0).any() else kept + np.int32(1)
+        labels = without_gaps(labels)
         count = int(labels.max(initial=0))
         near = near_regions(labels, points, count, max(self.join_gap, 3.0 * local.spacing))
         near |= touching_regions(labels, local.neighbours[:, :12], count)

@@ -18,6 +18,7 @@ from eaves.roof.regions import (
     roof_planes,
     seed_order,
     touching_regions,
+    without_gaps,
 )
 
 FEWEST_NEIGHBOURS, MOST_NEIGHBOURS = 10, 40
@@ -181,6 +182,7 @@ class RegionGrowing(RoofMethod):
 
     def join(self, points: Points, labels: Labels, local: LocalPlanes) -> Labels:
         """Labels (N,) with touching coplanar regions made one."""
+        labels = without_gaps(labels)
         touching = touching_regions(labels, local.neighbours[:, :12], int(labels.max(initial=0)))
         return join_coplanar(points, labels, touching, join_tolerance(local.noise), 1.2)
 

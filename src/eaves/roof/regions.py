@@ -149,6 +149,12 @@ def join_kernel(
         touching[first, first] = False
 
 
+def without_gaps(labels: Labels) -> Labels:
+    """The labels (N,) numbered 1…K in their order, 0 kept."""
+    present = np.unique(labels[labels > 0])
+    return np.where(labels > 0, np.searchsorted(present, labels) + 1, 0).astype(np.int32)
+
+
 def touching_regions(labels: Labels, neighbours: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
     """Which of K regions touch (K, K): a point of one is a neighbour (N, M) of a point of the other."""
     touching = np.zeros((count + 1, count + 1), bool)
