@@ -1,0 +1,94 @@
+"""From evidence to odds: the weights of the consensus, and what each of them is about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eaves.detect.evidence import Evidence
+from eaves.detect.segments import Segments
+from eaves.model import Labels, Mask, Points, Values
+
+SHARPNESS = 1.5
+"""The regression was shrunk towards even odds; this undoes it."""
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Log odds of a surface for each unit of the terms of `judge_segments`."""
+
+    constant: float
+    area: float
+    rough: float
+    width: float
+    height: float
+    through: float
+    several: float
+
+
+WITH_ECHOES = Weights(2.1, area=0.8, rough=-3.6, width=0.46, height=1.9, through=-3.1, several=-4.75)
+WITHOUT_ECHOES = Weights(2.0, area=0.86, rough=-3.6, width=0.58, height=1.1, through=-5.3, several=0.0)
+
+SHED_M2, DOOR_M, SHED_HEIGHT_M, ROUGH_M = 6.0, 2.5, 2.5, 0.05
+"""Where the terms are zero: the smallest shed, its width and height, a residual no roof's noise explains."""
+VEHICLE_WIDTH_M = 2.45
+"""Road vehicles and containers are narrower (the legal limit is 2.55 m, and points stop short of edges)."""
+VEHICLE_HEIGHT_M = 4.2
+VEHICLE_LENGTH = 1.5
+"""Vehicles are at least so many times longer than wide."""
+
+
+def judge_segments(segments: Segments, echoes: bool) -> Values:
+    """Log odds (K,) that each surface is a roof."""
+    weight = WITH_ECHOES if echoes else WITHOUT_ECHOES
+    odds = (
+        weight.constant
+        + weight.area * np.clip(np.log2(np.maximum(segments.area, 0.1) / SHED_M2), -2.0, 4.0)
+        + weight.rough * np.clip(np.log(np.maximum(segments.residual, 1e-4) / ROUGH_M), 0.0, 1.0)
+        + weight.width * np.clip(segments.width - DOOR_M, -2.0, 2.0)
+        + weight.height * np.clip(segments.height - SHED_HEIGHT_M, -1.0, 1.5)
+        + weight.through * segments.through
+        + weight.several * segments.several
+    )
+    return np.asarray(SHARPNESS * odds, np.float64)
+
+
+def judge_cells(evidence: Evidence, max_residual: float, echoes: bool) -> Values:
+    """Log odds (H, W) of cells in no surface: chimneys and eaves split few pulses, crowns many."""
+    if echoes:
+        return np.asarray(2.0 - 5.0 * evidence.several - evidence.through, np.float64)
+    rough = np.clip(np.log(np.minimum(evidence.residual, 10.0) / max_residual), -1.5, 2.0)
+    return np.asarray(-0.8 - 0.3 * rough - evidence.through, np.float64)
+
+
+def score_regions(region: Labels, odds: Values) -> Values:
+    """How sure each region 1…K of (H, W) is, 0 to 1: the logistic of its cells' mean odds."""
+    count = int(region.max(initial=0))
+    size = np.bincount(region.ravel(), minlength=count + 1)[1:]
+    total = np.bincount(region.ravel(), weights=np.clip(odds, -8.0, 8.0).ravel(), minlength=count + 1)[1:]
+    return np.asarray(1.0 / (1.0 + np.exp(-total / np.maximum(size, 1))), np.float64)
+
+
+def looks_like_vehicle(xyz: Points, height: Values, number: Labels) -> Mask:
+    """Which of the regions 0…K is as long, as narrow and as low as a van, a lorry or a container, (K + 1,).
+
+    Length and width are those of the rectangle with the same second moments as the points.
+    """
+    count = int(number.max(initial=0)) + 1
+    inside = np.flatnonzero(number > 0)
+    which = number[inside]
+    size = np.maximum(np.bincount(which, minlength=count), 1)
+    x, y = (xyz[inside, axis] for axis in (0, 1))
+    mean_x = np.bincount(which, weights=x, minlength=count) / size
+    mean_y = np.bincount(which, weights=y, minlength=count) / size
+    x, y = x - mean_x[which], y - mean_y[which]
+    xx, xy, yy = (np.bincount(which, weights=term, minlength=count) / size for term in (x * x, x * y, y * y))
+    middle, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    length = np.sqrt(12 * (middle + spread))
+    width = np.sqrt(12 * np.maximum(middle - spread, 0.0))
+    top = np.zeros(count)
+    np.maximum.at(top, which, height[inside])
+    narrow = (width < VEHICLE_WIDTH_M) & (length > VEHICLE_LENGTH * width) & (top < VEHICLE_HEIGHT_M)
+    narrow[0] = False
+    return np.asarray(narrow, np.bool_)

@@ -1,0 +1,122 @@
+"""The consensus: evidence, segments, the cut and the whole, on scenes with exact truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eaves.detect import detect_buildings
+from eaves.detect.borders import source_side
+from eaves.detect.consensus import Consensus
+from eaves.detect.evidence import gather_evidence, regress_planes, window_sum
+from eaves.detect.segments import find_segments, inner_width
+from eaves.geometry.plane_moments import sums_of
+from eaves.model.scene import ROOF, WALL
+from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
+
+
+@pytest.mark.parametrize("density", [1.0, 2.0, 4.0, 8.0, 25.0])
+@pytest.mark.parametrize("returns", [True, False])
+def test_two_houses_are_found_and_the_tree_is_not(density: float, returns: bool) -> None:
+    scene, what = two_houses_and_a_tree(density).scene(returns)
+    found = detect_buildings(scene, Consensus())
+    assert found.count == 2
+    assert (found.label[what < 0] > 0).mean() < 0.05
+    for house in (1, 2):
+        assert (found.label[what == house] > 0).mean() > 0.95
+    assert ((found.score > 0.5) & (found.score <= 1.0)).all()
+
+
+def test_a_crown_over_the_eaves_is_not_part_of_the_house() -> None:
+    made = MadeScene(density=10.0)
+    made.box(20.0, 20.0, 32.0, 30.0, 5.0, 1)
+    made.tree(35.0, 25.0, 4.0, 11.0, -1)
+    scene, what = made.scene()
+    found = detect_buildings(scene, Consensus())
+    assert found.count == 1
+    assert (found.label[what == 1] > 0).mean() > 0.9
+    assert (found.label[what < 0] > 0).mean() < 0.1
+
+
+def test_a_van_is_no_building_and_a_shed_is() -> None:
+    made = MadeScene(density=12.0)
+    made.box(10.0, 10.0, 15.5, 12.1, 2.4, -1)
+    made.box(30.0, 30.0, 33.6, 33.2, 2.4, 1)
+    scene, what = made.scene()
+    found = detect_buildings(scene, Consensus())
+    assert found.count == 1
+    assert (found.label[what == 1] > 0).mean() > 0.9
+    assert not (found.label[what < 0] > 0).any()
+
+
+def test_walls_belong_to_their_house_as_walls() -> None:
+    made = MadeScene(density=10.0)
+    made.box(20.0, 20.0, 32.0, 30.0, 6.0, 1)
+    y = made.rng.uniform(20.0, 30.0, 600)
+    made.add(np.c_[np.full(600, 31.95), y], made.rng.uniform(0.8, 4.8, 600), 2)
+    scene, what = made.scene()
+    found = detect_buildings(scene, Consensus())
+    assert found.count == 1
+    assert found.part is not None
+    assert (found.part[what == 2] == WALL).mean() > 0.9
+    assert (found.part[what == 1] == ROOF).mean() > 0.95
+
+
+def test_a_chimney_is_part_of_its_roof() -> None:
+    made = two_houses_and_a_tree(12.0)
+    xy = made.scatter(40.0, 40.0, 40.8, 40.8)
+    made.add(xy, np.full(len(xy), 7.3), 3)
+    scene, what = made.scene()
+    found = detect_buildings(scene, Consensus())
+    assert (found.label[what == 3] > 0).all()
+
+
+def test_a_terrace_on_a_slope_is_not_a_building() -> None:
+    made = MadeScene(density=8.0)
+    scene, _ = made.scene()
+    assert detect_buildings(scene, Consensus()).count == 0
+
+
+def test_the_residual_beside_a_ridge_is_that_of_the_faces() -> None:
+    scene, what = two_houses_and_a_tree(8.0).scene()
+    evidence = gather_evidence(scene, scene.cloud.xyz, what == 1, 0.5)
+    assert np.median(evidence.residual[evidence.candidate]) < 0.03
+    assert (evidence.residual[evidence.candidate] < 0.12).mean() > 0.9
+    segments = find_segments(evidence, evidence.candidate & (evidence.residual < 0.12), 0.12)
+    assert (segments.area > 30.0).sum() == 2
+
+
+def test_a_plane_is_regressed_exactly() -> None:
+    xy = np.random.default_rng(0).uniform(0, 3, (50, 2))
+    z = 0.4 * xy[:, 0] - 0.2 * xy[:, 1] + 1.0
+    a, b, mean, rmse, width = regress_planes(sums_of(np.c_[xy, z], np.zeros(50, int), 1))
+    assert np.allclose([a[0], b[0], rmse[0]], [0.4, -0.2, 0.0], atol=1e-6)
+    assert np.allclose(mean[0, 2] - a[0] * mean[0, 0] - b[0] * mean[0, 1], 1.0)
+    assert 0.7 < width[0] < 1.0
+
+
+def test_windows_sum_three_by_three_cells() -> None:
+    values = np.zeros((5, 6))
+    values[0, 0], values[2, 3] = 1.0, 2.0
+    assert window_sum(values)[1].tolist() == [1.0, 1.0, 2.0, 2.0, 2.0, 0.0]
+
+
+def test_the_width_of_a_segment_is_that_of_its_largest_square() -> None:
+    label = np.zeros((12, 12), np.int32)
+    label[1:8, 2:7] = 1
+    label[10, :] = 2
+    assert inner_width(label, 2).tolist() == [5.0, 1.0]
+
+
+def test_the_cut_is_the_least() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        gain, loss = rng.uniform(0, 3, (2, 6)).round(2)
+        one, two = np.array([0, 1, 2, 3, 4, 0]), np.array([1, 2, 3, 4, 5, 3])
+        price = rng.uniform(0, 2, 6).round(2)
+        states = (np.arange(64)[:, None] >> np.arange(6)) & 1
+        energy = (~states.astype(bool) * gain + states * loss).sum(axis=1)
+        energy = energy + (price * (states[:, one] != states[:, two])).sum(axis=1)
+        cut = source_side(gain, loss, (one, two, price))
+        found = int((cut * (1 << np.arange(6))).sum())
+        assert energy[found] == pytest.approx(energy.min())
