@@ -87,6 +87,7 @@ REGISTRY: dict[str, dict[str, str]] = {
     "ground": {
         "adaptive_tin": "eaves.ground.adaptive_tin:AdaptiveTin",
         "smooth_region": "eaves.ground.smooth_region:SmoothRegion",
+        "contours": "eaves.ground.contours:ContourGround",
     },
     "detect": {
         "planar_patches": "eaves.detect.planar_patches:PlanarPatches",
