@@ -158,7 +158,7 @@ def check_faces(boundaries: Boundaries, limits: Tolerances) -> tuple[dict[int, t
             if codes.get(int(face), (0, ""))[0] != 104:
                 codes[int(face)] = (208, "an inner ring runs the same way round as the outer one")
         good[list(codes)] = False
-    triangles = triangulate(boundaries, flat, np.flatnonzero(good))
+    triangles = triangulate(boundaries, shadow, np.flatnonzero(good))
     deviation = np.rad2deg(normal_deviations(triangles, boundaries.face_count))
     for face in np.flatnonzero(deviation > limits.normals):
         codes[int(face)] = (204, f"the normals of its triangles differ by {deviation[face]:.1f} degrees")

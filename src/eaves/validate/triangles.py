@@ -31,7 +31,11 @@ class Triangles:
 
 
 def triangulate(boundaries: Boundaries, flat: NDArray[np.float64], faces: Integers) -> Triangles:
-    """Constrained Delaunay triangles of each of some valid faces, from its points (P, 2) in its plane."""
+    """Constrained Delaunay triangles of each of some valid faces.
+
+    `flat` (P, 2) are the points on two of the axes: there they are whole numbers, so that points on one line
+    stay on it and no triangle lies across a third one.
+    """
     cut = shapely.constrained_delaunay_triangles(as_polygons(boundaries, flat, faces))
     pieces, owner = shapely.get_parts(cut, return_index=True)
     corner = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
