@@ -182,9 +182,10 @@ def absorb_slivers(
 
 
 def widths(coverage: Coverage) -> Values:
-    """Twice the area over the perimeter (C,) of every cell: the width of a long one (m)."""
+    """Width (C,; m) of the rectangle that has the cell's area and perimeter; a square's side where none has."""
     mine: Mask = coverage.cell >= 0
     perimeter: NDArray[np.float64] = np.bincount(
         coverage.cell[mine], coverage.length[mine], coverage.count
     )
-    return np.asarray(2.0 * coverage.area / np.maximum(perimeter, 1e-9))
+    excess = np.sqrt(np.maximum(perimeter**2 - 16.0 * coverage.area, 0.0))
+    return np.asarray(0.25 * (perimeter - excess))

@@ -12,7 +12,12 @@ from eaves.geometry.arrangement import arrange
 from eaves.geometry.coverage import OUTSIDE, Coverage, Integers
 from eaves.geometry.labelling import label_nodes
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.simplification import SHORTEST_EDGE, absorb_slivers, drop_straight_nodes, merge_short_edges
+from eaves.geometry.simplification import (
+    SHORTEST_EDGE,
+    absorb_slivers,
+    drop_straight_nodes,
+    merge_short_edges,
+)
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid
 from eaves.reconstruct.attributes import describe
@@ -22,6 +27,7 @@ from eaves.reconstruct.evidence import (
     LOWEST_ROOF,
     PRISM_PERCENTILE,
     is_roof_point,
+    level_unexplained,
     points_inside,
 )
 from eaves.reconstruct.extrusion import extrude
@@ -53,8 +59,14 @@ class Arrangement(Reconstructor):
     misfit_limit: float = parameter(
         0.4, "Distance from a plane at which a point's misfit stops growing.", unit="m", gt=0.0
     )
-    border_price: float = parameter(0.12, "Price of a metre of border, in m2 of misfit.", unit="m", ge=0.0)
-    plane_price: float = parameter(0.4, "Price of a plane in use, in m2 of misfit.", unit="m2", ge=0.0)
+    gross_limit: float = parameter(
+        2.0,
+        "Distance from a plane at which a point's gross misfit, added to the other, stops growing.",
+        unit="m",
+        gt=0.0,
+    )
+    border_price: float = parameter(0.2, "Price of a metre of border, in m2 of misfit.", unit="m", ge=0.0)
+    plane_price: float = parameter(0.8, "Price of a plane in use, in m2 of misfit.", unit="m2", ge=0.0)
     extension: float = parameter(1.0, "How far a line reaches beyond its evidence.", unit="m", ge=0.0)
     overshoot: float = parameter(
         0.5, "How far a plane may rise above or fall below its own points.", unit="m", ge=0.0
@@ -62,6 +74,8 @@ class Arrangement(Reconstructor):
     reach_beyond: float = parameter(
         1.0, "How far in plan a sloped plane may run beyond its own points.", unit="m", ge=0.0
     )
+    narrowest: float = parameter(0.5, "Width of the narrowest roof face, in spacings.", ge=0.0)
+    smallest: float = parameter(0.5, "Area of the smallest roof face.", unit="m2", ge=0.0)
     level_jump: float = parameter(
         3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", published=3.0, gt=0.0
     )
@@ -91,7 +105,14 @@ class Arrangement(Reconstructor):
         planes = [planes[number] for number in used]
         labels = np.where(labels >= 0, np.searchsorted(used, labels), -1).astype(np.int32)
         height = max(float(np.percentile(roof[:, 2], PRISM_PERCENTILE)), ground + LOWEST_ROOF)
-        coefficients = np.array([*(plane.coefficients for plane in planes), (0.0, 0.0, height)])
+        labels, levels = level_unexplained(roof, labels, len(planes), spacing)
+        coefficients = np.array(
+            [
+                *(plane.coefficients for plane in planes),
+                *((0.0, 0.0, level) for level in levels),
+                (0.0, 0.0, height),
+            ]
+        )
         lines = candidate_lines(roof, labels, coefficients, footprint.polygon, spacing)
         segments = extend(lines, footprint.polygon, self.extension)
         emit("lines", segments)
@@ -101,7 +122,9 @@ class Arrangement(Reconstructor):
         cells = self.label_cells(coverage, roof, labels, coefficients, spacing, ground)
         solids: dict[str, tuple[Solid, ...]] = {}
         for firmness in FIRMNESS:
-            plan, chosen = tidy(*coverage.merged(cells), spacing, firmness)
+            plan, chosen = tidy(
+                *coverage.merged(cells), self.smallest, max(NARROWEST, self.narrowest * spacing), firmness
+            )
             found = sound_solids(plan, coefficients[chosen], ground)
             if found:
                 solids["2.2"] = found
@@ -135,7 +158,8 @@ class Arrangement(Reconstructor):
         point, cell = shapely.STRtree(polygons).query(shapely.points(roof[:, :2]), predicate="intersects")
         rise = roof[:, :2] @ planes[:, :2].T + planes[:, 2]
         misfit = np.abs(roof[:, 2:] - rise) / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1))
-        cost = np.minimum(misfit / self.misfit_limit, 1.0) * spacing**2
+        cost = np.minimum(misfit / self.misfit_limit, 1.0) + np.minimum(misfit / self.gross_limit, 1.0)
+        cost *= spacing**2
         data = np.zeros((coverage.count, len(planes)))
         np.add.at(data, cell, cost[point])
         data += RUNAWAY * self.beyond_support(coverage, roof, labels, planes, ground)
@@ -213,13 +237,13 @@ def sound_solids(plan: Coverage, planes: NDArray[np.float64], ground: float) -> 
 
 
 def tidy(
-    plan: Coverage, chosen: Integers, spacing: float, firmness: float = 1.0
+    plan: Coverage, chosen: Integers, smallest: float, narrowest: float, firmness: float = 1.0
 ) -> tuple[Coverage, Integers]:
     """The plan without slivers, short edges and needless nodes, and the plane (C,) of each of its cells."""
-    narrowest = firmness * max(NARROWEST, 0.5 * spacing)
-    plan, chosen = absorb_slivers(plan, chosen, SMALLEST_FACE, narrowest)
+    narrowest = firmness * narrowest
+    plan, chosen = absorb_slivers(plan, chosen, smallest, narrowest)
     plan, chosen = drop_straight_nodes(plan, chosen)
     plan, chosen = merge_short_edges(plan, chosen, firmness * SHORTEST_EDGE)
     plan, chosen = plan.merged(chosen)
-    plan, chosen = absorb_slivers(plan, chosen, SMALLEST_FACE, narrowest)
+    plan, chosen = absorb_slivers(plan, chosen, smallest, narrowest)
     return drop_straight_nodes(plan, chosen)

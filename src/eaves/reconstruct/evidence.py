@@ -8,7 +8,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from eaves.model import Mask, Points
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from eaves.model import Labels, Mask, Points
 
 TOP_RADIUS, TOP_DEPTH = 0.3, 0.6
 """A roof point has no other point more than 0.6 m above it within 0.3 m in plan (methods.md, section 8)."""
@@ -21,6 +24,18 @@ FEWEST_POINTS = 3
 
 LOWEST_ROOF = 0.5
 """A roof is at least this high (m) above the base: nothing is built lower, and solids keep a wall."""
+
+FEWEST_IN_LEVEL = 6
+"""Points that make a level of what no plane explains."""
+
+LEAST_LEVEL = 1.0
+"""Area (m²) that makes a level of what no plane explains."""
+
+CLUSTER_REACH = 2.0
+"""Points without a plane that are this many spacings apart stand together."""
+
+LEVEL_STEP = 0.5
+"""Points without a plane stand together only when their heights differ by less (m)."""
 
 
 def is_roof_point(points: Points) -> Mask:
@@ -39,3 +54,27 @@ def points_inside(points: Points, polygon: Polygon) -> NDArray[np.int64]:
     shapely.prepare(polygon)
     inside = shapely.contains_xy(polygon, points[:, 0], points[:, 1])
     return np.flatnonzero(inside & np.isfinite(points).all(axis=1))
+
+
+def level_unexplained(
+    points: Points, labels: Labels, count: int, spacing: float
+) -> tuple[Labels, list[float]]:
+    """Labels (N,) with clusters of the points that have none numbered from `count` on, and their heights (m).
+
+    What no plane explains but stands together, a cluttered roof or a dome, is better a level than nothing.
+    """
+    answer = labels.copy()
+    loose = np.flatnonzero(labels < 0)
+    heights: list[float] = []
+    fewest = max(FEWEST_IN_LEVEL, int(np.ceil(LEAST_LEVEL / spacing**2)))
+    if len(loose) < fewest:
+        return answer, heights
+    scaled = points[loose] * np.array([1.0, 1.0, CLUSTER_REACH * spacing / LEVEL_STEP])
+    pairs = cKDTree(scaled).query_pairs(CLUSTER_REACH * spacing, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(loose),) * 2)
+    cluster = connected_components(graph, directed=False)[1]
+    for number in np.flatnonzero(np.bincount(cluster) >= fewest).tolist():
+        mine = loose[cluster == number]
+        answer[mine] = count + len(heights)
+        heights.append(float(np.median(points[mine, 2])))
+    return answer, heights
