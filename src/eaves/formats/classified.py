@@ -24,6 +24,8 @@ UNDATED = date(1, 1, 1)
 """Stands for a missing creation date: today's would make two runs differ."""
 TEXT_SCALE = 0.001
 """Step (m) of coordinates that came as text."""
+UNCHANGED = 255
+"""In place of a class: the point was not used, keep what the file says of it."""
 
 
 def write_classified(
@@ -44,7 +46,8 @@ def write_classified(
     path
         The LAZ file to write; it appears when it is whole.
     classification
-        LAS class of every record of the file, (count,) uint8; a memory-mapped array is read piece by piece.
+        LAS class of every record of the file, (count,) uint8, or `UNCHANGED`; a memory-mapped array is read
+        piece by piece.
     extra
         Dimension name → values (count,): `building_id`, `plane_id`, `part`. One that the input has is
         replaced.
@@ -146,10 +149,11 @@ def _add_dimensions(header: laspy.LasHeader, arrays: Mapping[str, NDArray[Any]])
 def _set_classes(
     points: laspy.ScaleAwarePointRecord, header: laspy.LasHeader, classes: NDArray[np.uint8]
 ) -> None:
-    """Replace the class of every point that is not withheld (LAS 1.4, tables 8 and 16)."""
+    """Replace every class but those of withheld points (LAS 1.4, tables 8 and 16) and where `UNCHANGED`."""
     if header.point_format.id >= FIRST_LAYERED_FORMAT:
-        withheld = (points.array["classification_flags"] & 4) != 0
-        points.array["classification"] = np.where(withheld, points.array["classification"], classes)
+        kept = ((points.array["classification_flags"] & 4) != 0) | (classes == UNCHANGED)
+        points.array["classification"] = np.where(kept, points.array["classification"], classes)
     else:
         raw = points.array["raw_classification"]
-        points.array["raw_classification"] = np.where((raw & 128) != 0, raw, (raw & 0xE0) | (classes & 31))
+        kept = ((raw & 128) != 0) | (classes == UNCHANGED)
+        points.array["raw_classification"] = np.where(kept, raw, (raw & 0xE0) | (classes & 31))

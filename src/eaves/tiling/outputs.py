@@ -8,13 +8,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import shapely
 
 from eaves.formats import MosaicWriter, Source, write_cityjson, write_cityjson_seq, write_classified
 from eaves.formats.atomic import atomic
+from eaves.formats.classified import UNCHANGED
 from eaves.formats.geopackage import Row, write_geopackage, write_polygons
 from eaves.model import Block, Bounds, BuildingModel, Failure
 from eaves.pipeline import CELL, building_classes
@@ -23,8 +24,6 @@ from eaves.tiling.rows import building_row, roof_rows, world_polygon
 from eaves.tiling.store import Store
 
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified")
-UNCHANGED = 255
-"""In the class arrays: the point was not used (withheld, outside the bounds), keep what the file says."""
 
 
 @dataclass(frozen=True)
@@ -241,34 +240,50 @@ def write_points(
     folder: Path,
     single: Path | None,
 ) -> list[Path]:
-    """The classified points of every source; arrays on disk, so memory does not grow with the input."""
-    total = sum(source.count for source in sources)
+    """The classified points of every source. What is known of each point is gathered in files, which are
+    opened anew for every block, so that memory does not grow with the input.
+    """
+    total = max(sum(source.count for source in sources), 1)
+    types = {"classes": np.uint8, "part": np.uint8, "building_id": np.int32, "plane_id": np.int32}
 
-    def array(name: str, dtype: type, fill: int) -> np.memmap[Any, Any]:
-        made = np.memmap(store.folder / name, dtype, "w+", shape=(max(total, 1),))
-        made[:] = fill
-        return made
+    def opened(mode: Literal["w+", "r+", "r"]) -> dict[str, np.memmap[Any, Any]]:
+        return {
+            name: np.memmap(store.folder / f"{name}.bin", dtype, mode, shape=(total,))
+            for name, dtype in types.items()
+        }
 
-    classes, part = array("class", np.uint8, UNCHANGED), array("part", np.uint8, 0)
-    building, plane = array("building", np.int32, 0), array("plane", np.int32, 0)
-    first_plane = 0
-    for number, result in enumerate(store.results(list(homes)), 1):
-        building[result.point_id] = number
-        plane[result.point_id] = np.where(result.plane > 0, result.plane + first_plane, 0)
-        first_plane += int(result.plane.max(initial=0))
+    opened("w+")["classes"][:] = UNCHANGED
+    number, first_plane = 0, 0
+    for home in homes:
+        known = opened("r+")
+        for result in store.results([home]):
+            number += 1
+            known["building_id"][result.point_id] = number
+            known["plane_id"][result.point_id] = np.where(result.plane > 0, result.plane + first_plane, 0)
+            first_plane += int(result.plane.max(initial=0))
     for block in blocks:
         if store.has("blocks", block):
-            found = store.load_block(block)
-            classes[found.point_id] = building_classes(found, building[found.point_id])
-            part[found.point_id] = found.part
-    written, start = [], 0
+            known, found = opened("r+"), store.load_block(block)
+            building = known["building_id"][found.point_id]
+            known["classes"][found.point_id] = building_classes(found, building)
+            known["part"][found.point_id] = found.part
+    written: list[Path] = []
+    start = 0
     for source in sources:
-        path = single or folder / (
-            "classified.laz" if len(sources) == 1 else f"classified_{Path(source.path).stem}.laz"
-        )
-        mine = slice(start, start + source.count)
-        extra = {} if single else {"building_id": building[mine], "plane_id": plane[mine], "part": part[mine]}
-        write_classified(source, path, classes[mine], extra)
+        path = single or folder / classified_name(source, len(sources) == 1, written)
+        known = opened("r")
+        mine = {key: values[start : start + source.count] for key, values in known.items()}
+        classes = mine.pop("classes")
+        write_classified(source, path, classes, {} if single else mine)
         written.append(path)
         start += source.count
     return written
+
+
+def classified_name(source: Source, alone: bool, taken: Sequence[Path]) -> str:
+    """Name of the classified copy of a source; files of one name from two folders get a number behind."""
+    stem = "classified" if alone else f"classified_{Path(source.path).stem}"
+    names, number = {path.stem for path in taken}, 1
+    while (stem if number == 1 else f"{stem}-{number}") in names:
+        number += 1
+    return f"{stem}.laz" if number == 1 else f"{stem}-{number}.laz"

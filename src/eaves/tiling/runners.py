@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -59,35 +60,45 @@ def run(
 
 
 def run_in_processes(work: Callable[[Task], Any], tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
-    """As `run`, in `jobs` processes. Tasks lost when a process dies are tried again, in the end each on
-    its own,
-    so that the one that kills its process is the only one to fail.
+    """As `run`, in `jobs` processes. Tasks lost when a process dies are tried again, in the end each on its
+    own, so that the one that kills its process is the only one to fail.
     """
     left = dict(enumerate(tasks))
     together = jobs
     while left:
         before = len(left)
         batches = [left] if together > 1 else [{index: task} for index, task in left.items()]
-        died = False
         for batch in [dict(batch) for batch in batches]:
-            with ProcessPoolExecutor(together, mp_context=multiprocessing.get_context("spawn")) as pool:
-                futures = {pool.submit(attempt, work, index, task): index for index, task in batch.items()}
-                for future in as_completed(futures):
-                    try:
-                        outcome = future.result()
-                    except BrokenProcessPool:
-                        died = True
-                        if together == 1:
-                            left.pop(futures[future])
-                            yield Outcome(
-                                futures[future], error="its process was killed, also when tried alone"
-                            )
-                        continue
-                    left.pop(outcome.index)
-                    yield outcome
-        if died and left:
+            for outcome in run_batch(work, batch, together):
+                left.pop(outcome.index)
+                yield outcome
+            if together == 1:
+                for index in batch.keys() & left.keys():
+                    left.pop(index)
+                    yield Outcome(index, error="its process was killed, also when tried alone")
+        if left:
             log.warning("a worker process was killed; %d lost tasks are tried again", len(left))
             together = together if len(left) < before else 1
+
+
+def run_batch(work: Callable[[Task], Any], batch: dict[int, Task], jobs: int) -> Iterator[Outcome]:
+    """Outcomes of the tasks (by number) that a pool of `jobs` processes ends before one of them dies."""
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=ignore_interrupt)
+    try:
+        futures = [pool.submit(attempt, work, index, task) for index, task in batch.items()]
+        for future in as_completed(futures):
+            try:
+                yield future.result()
+            except BrokenProcessPool:
+                continue
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def ignore_interrupt() -> None:
+    """Leave Ctrl-C to the process that started this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def run_on_dask(work: Callable[[Task], Any], tasks: Sequence[Task], scheduler: str) -> Iterator[Outcome]:
