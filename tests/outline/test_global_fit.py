@@ -32,7 +32,7 @@ def scanned(shape: Polygon, density: float, seed: int = 1, noise: float = 0.03) 
 
 
 def outlined(points: NDArray[np.float64], density: float) -> Polygon:
-    method = GlobalFit()
+    method = GlobalFit(spot=0.0)  # a beam without width
     boundary = trace_outline(points, density**-0.5, method)
     assert isinstance(boundary, Boundary)
     footprint = regularise_outlines([boundary], method)[0]
@@ -85,11 +85,11 @@ def test_edge_stands_where_the_points_end__on_average(lines_along_the_edge: bool
     for _ in range(200):
         if lines_along_the_edge:
             depth = np.repeat(rng.uniform(0, 0.8) + 0.8 * np.arange(4), 40)
-            xy = np.stack([rng.uniform(0, 10, len(depth)), depth], axis=1)
+            xyz = np.stack([rng.uniform(0, 10, len(depth)), depth, np.zeros(len(depth))], axis=1)
         else:
-            xy = rng.uniform([0, 0], [10, 4], (160, 2))
+            xyz = rng.uniform([0, 0, 0], [10, 4, 0.1], (160, 3))
         edge = (np.array([[0.0, 1.0]]), np.zeros(1), np.zeros((1, 2)), np.full(1, 10.0))
-        shifts.append(edge_shift_kernel(xy, *edge, 1.0, 3.2, 0.0, 0.0, 4)[0])
+        shifts.append(edge_shift_kernel(xyz, *edge, 1.0, 3.2, 0.0, 0.0, 0.5, 4)[0])
     assert abs(np.mean(shifts)) < 0.04
 
 

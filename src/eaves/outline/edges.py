@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from eaves.outline.polyline import FREE
 
 RIGHT_ANGLE = np.pi / 2
+WALL_ABOVE, WALL_STEEP = 0.6, 1.7
+"""A point with another this much above it (m), and steeper than 60°, is on a wall."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +143,7 @@ def frame_axes(moments: NDArray[np.float64], turns: NDArray[np.int64]) -> list[f
 
 @njit(cache=True)
 def edge_shift_kernel(
-    xy: NDArray[np.float64],
+    xyz: NDArray[np.float64],
     normal: NDArray[np.float64],
     offset: NDArray[np.float64],
     start: NDArray[np.float64],
@@ -150,34 +152,60 @@ def edge_shift_kernel(
     inside: float,
     margin: float,
     blur: float,
+    beside: float,
     least: int,
 ) -> NDArray[np.float64]:
     """How far (K,) every edge must move along its normal to where the points end; NaN where too few tell.
 
-    `xy` (N, 2) are the points; an edge runs from `start` (K, 2) over `length` (K,) with `normal` (K, 2).
+    `xyz` (N, 3) are the points; an edge runs from `start` (K, 2) over `length` (K,) with `normal` (K, 2).
     The points from `outside` before it to `inside` behind it and `margin` away from its ends are sorted by
     depth. The edge lies before the k-th of them by what lies, on average, between a place chosen at random
     among them and the k-th point after it. That holds for random points (1/density) and for scan lines
-    along the edge (half their distance) alike. k is larger than 1 where `blur` (m) has thrown points over
-    the edge.
+    along the edge (half their distance) alike. k is larger than 1 where
+    `blur` (m) has thrown points over the edge. Points of the wall below, which would make the edge look
+    crowded, are passed over: within `beside` (m) in plan another one stands `WALL_ABOVE` (m), and more,
+    above them.
     """
     shift = np.full(len(normal), np.nan)
-    depth = np.empty(len(xy))
+    depth = np.empty(len(xyz))
+    member = np.empty(len(xyz), np.int64)
+    kept = np.empty(len(xyz))
     for k in range(len(normal)):
         nx, ny = normal[k]
         room = min(margin, 0.25 * length[k])
         count = 0
-        for i in range(len(xy)):
-            d = nx * xy[i, 0] + ny * xy[i, 1] - offset[k]
+        for i in range(len(xyz)):
+            d = nx * xyz[i, 0] + ny * xyz[i, 1] - offset[k]
             if d < -outside or d > inside:
                 continue
-            along = ny * (xy[i, 0] - start[k, 0]) - nx * (xy[i, 1] - start[k, 1])
+            along = ny * (xyz[i, 0] - start[k, 0]) - nx * (xyz[i, 1] - start[k, 1])
             if room < along < length[k] - room:
                 depth[count] = d
+                member[count] = i
                 count += 1
         if count < least:
             continue
-        x = np.sort(depth[:count])
+        order = np.argsort(depth[:count])
+        roof = 0
+        for a in range(count):
+            i = member[order[a]]
+            wall = False
+            for way in (1, -1):
+                b = a + way
+                while not wall and 0 <= b < count and abs(depth[order[b]] - depth[order[a]]) < beside:
+                    j = member[order[b]]
+                    b += way
+                    rise = xyz[j, 2] - xyz[i, 2]
+                    if rise > WALL_ABOVE:
+                        dx, dy = xyz[j, 0] - xyz[i, 0], xyz[j, 1] - xyz[i, 1]
+                        apart = np.sqrt(dx * dx + dy * dy)
+                        wall = apart < beside and rise > WALL_ABOVE + WALL_STEEP * apart
+            if not wall:
+                kept[roof] = depth[order[a]]
+                roof += 1
+        if roof < least:
+            continue
+        x, count = kept[:roof], roof
         total = x[count - 1] - x[0]
         if total <= 0.0:
             continue

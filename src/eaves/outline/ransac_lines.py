@@ -131,7 +131,8 @@ def longest_run_kernel(
 ) -> tuple[int, int, int]:
     """The longest run of free ring points near one line through two of them: first, last, count.
 
-    Near is within `near` (m); at most `skip` points in a row may lie farther off. Lines go through points 1, 2, 4, … apart.
+    Near is within `near` (m); at most `skip` points in a row may lie farther off. Lines go through points
+    1, 2, 4, … apart.
     """
     size = len(ring)
     best_first, best_last, best_count = 0, -1, 0

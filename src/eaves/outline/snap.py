@@ -19,6 +19,8 @@ SAME_PLACE_M = 0.02
 """Vertices and edges of neighbours nearer than this are the same."""
 LEAST_LENGTH = 3.0
 """Shorter edges, in spacings, tell nothing of their own."""
+BLUR_M, BESIDE_M, LEAST_POINTS = 0.1, 0.5, 9
+"""As in the global fit: blur of an edge (m), reach from roof to wall points (m), points that tell."""
 STIFFNESS = 0.05
 """Weight of staying in place, against 1 for an edge that tells: keeps blunt corners from sliding away."""
 
@@ -38,7 +40,7 @@ def snap_footprints(footprints: Sequence[Footprint], points: Points, spacing: fl
     first, second = free_edges(rings)
     moved = nodes.copy()
     for together in (True, False):
-        shift, normal, length = edge_shifts(moved, first, second, points[:, :2], spacing)
+        shift, normal, length = edge_shifts(moved, first, second, points, spacing)
         told = np.isfinite(shift)
         if not told.any():
             break
@@ -110,10 +112,10 @@ def edge_shifts(
     nodes: NDArray[np.float64],
     first: NDArray[np.int64],
     second: NDArray[np.int64],
-    xy: NDArray[np.float64],
+    points: Points,
     spacing: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """How far (E,) each edge lies from the end of the points, its inward normal (E, 2) and its length (E,).
+    """How far (E,) each edge lies from the points' end, its inward normal (E, 2) and its length (E,).
 
     NaN where the edge is short, has no points behind it, or the points go on before it (a building that the
     map does not know).
@@ -124,7 +126,17 @@ def edge_shifts(
     offset = (normal * nodes[first]).sum(axis=1)
     outside, inside = REACH_M + 2.0 * spacing, REACH_M + 4.0 * spacing
     shift = edge_shift_kernel(
-        xy, normal, offset, nodes[first], length, outside, inside, 2.0 * spacing, 0.1, int(LEAST_LENGTH) * 3
+        points,
+        normal,
+        offset,
+        nodes[first],
+        length,
+        outside,
+        inside,
+        2.0 * spacing,
+        BLUR_M,
+        BESIDE_M,
+        LEAST_POINTS,
     )
     useless = (length < LEAST_LENGTH * spacing) | (np.abs(shift) > REACH_M)
     return np.where(useless, np.nan, shift), normal, length
