@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eaves.model import Points
 
@@ -22,7 +23,17 @@ def measure_spacing(xyz: Points) -> float:
     side = 0.5
     while True:
         column, row = (x / side).astype(np.int64), (y / side).astype(np.int64)
-        occupied = len(np.unique(row * (int(column.max()) + 1) + column))
+        occupied = count_different(row * (int(column.max()) + 1) + column)
         if len(xyz) >= POINTS_PER_CELL * occupied or occupied == 1:
             return float(np.sqrt(occupied * side * side / len(xyz)))
         side *= 2.0
+
+
+def count_different(keys: NDArray[np.int64]) -> int:
+    """How many different values there are among keys (N,) ≥ 0; a table where it is not much larger than N."""
+    top = int(keys.max()) + 1
+    if top > 64 * len(keys):
+        return len(np.unique(keys))
+    seen = np.zeros(top, bool)
+    seen[keys] = True
+    return int(np.count_nonzero(seen))

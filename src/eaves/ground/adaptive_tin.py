@@ -25,25 +25,26 @@ class AdaptiveTin(GroundMethod):
     seed_cell: float | None = parameter(None, "Largest object.", unit="m", gt=0)
     widest_object: float = parameter(40.0, "Widest.", unit="m", gt=0)
     object_slope: float = parameter(0.1, "s0", gt=0)
-    slope_share: float = parameter(0.3, "k1", ge=0)
+    slope_share: float = parameter(0.5, "k1", ge=0)
     angle: float = parameter(12.0, "angle", unit="degree", gt=0)
     angle_gain: float = parameter(3.0, "ks", unit="degree", ge=0)
     distance: float | None = parameter(None, "dm", unit="m")
-    distance_share: float = parameter(0.5, "dm = share*spacing")
-    distance_most: float = parameter(0.7, "cap")
+    distance_share: float = parameter(0.65, "dm = share*spacing")
+    distance_most: float = parameter(0.9, "cap")
     tolerance: float | None = parameter(None, "t0", unit="m")
     tolerance_gain: float = parameter(8.0, "")
     tolerance_least: float = parameter(0.1, "")
     tolerance_most: float = parameter(0.35, "")
     slant_share: float = parameter(0.5, "k=share*spacing")
-    slant_most: float = parameter(0.7, "")
-    slope_cap: float = parameter(3.0, "")
-    mirror_rise: float = parameter(0.2, "")
-    mirror_slope: float = parameter(0.3, "")
+    slant_most: float = parameter(0.9, "")
+    slope_cap: float = parameter(2.0, "")
+    mirror_rise: float = parameter(0.3, "")
+    mirror_slope: float = parameter(0.5, "")
     mirror_reach: float = parameter(1.5, "cells")
     steep: float = parameter(0.7, "")
     fine: float = parameter(0.5, "")
     cell_least: float = parameter(1.0, "")
+    noise: float = parameter(0.02, "")
     rounds: int = parameter(8, "")
 
     @property
@@ -67,6 +68,7 @@ class AdaptiveTin(GroundMethod):
             seeds = lowest_of_cells(xyz, self.seed_cell)
         emit("seeds", xyz[seeds])
         tin = Tin(xyz, seeds)
+        rough = measure_roughness(tin, xyz, 3.0 * cell)
         limits = Limits(
             distance=min(self.distance_most, self.distance_share * spacing),
             angle=np.radians(self.angle),
@@ -75,12 +77,12 @@ class AdaptiveTin(GroundMethod):
             mirror_slope=self.mirror_slope,
             mirror_reach=self.mirror_reach * cell,
             steep=self.steep,
+            noise=self.noise,
         )
         candidates = lowest_of_cells(xyz, max(self.fine, 0.5 * spacing))
         waiting = np.ones(len(xyz), bool)
         waiting[seeds] = False
         densify(tin, xyz, candidates[waiting[candidates]], limits, self.rounds)
-        rough = measure_roughness(tin, xyz, 3.0 * cell)
         t0 = min(self.tolerance_most, max(self.tolerance_least, self.tolerance_gain * rough))
         above, slope = heights_above(tin, xyz)
         slant = min(self.slant_most, self.slant_share * spacing)

@@ -16,7 +16,8 @@ from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCL
 class GroundMethod(Method):
     """Tells ground from everything else.
 
-    `ground_mask` sees a cloud without noise, in canonical order, about the origin of its block, with or without
+    `ground_mask` sees a cloud without noise, in canonical order, about the origin of its block, with or
+    without
     returns, and answers a mask (N,). It may be given 0, 1, 2, collinear or duplicate points.
     """
 
@@ -42,7 +43,8 @@ def classify_ground(
     method
         The filter; the default is `AdaptiveTin()`.
     use_classes
-        Believe the file's classes 2, 7 and 18 instead of filtering, and keep its other classes; without any class 2 the method runs
+        Believe the file's classes 2, 7 and 18 instead of filtering, and keep its other classes; without
+        any class 2 the method runs
         all the same.
     debug
         A folder or a callback that receives every named intermediate.

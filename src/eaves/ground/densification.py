@@ -33,6 +33,8 @@ class Limits:
     """Farthest vertex that is mirrored at, m."""
     steep: float
     """Facets at least this steep may hide a break line."""
+    noise: float
+    """A point nearer to the facet than this (m) is ground, and tells the TIN nothing new."""
 
 
 def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits, rounds: int) -> int:
@@ -46,7 +48,7 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
         if len(waiting) == 0 or len(tin.vertices) == 0:
             return number
         whole = np.round((xyz[waiting, :2] - tin.corner) / QUANTUM).astype(np.int64)
-        fits = fits_kernel(
+        fits, new = fits_kernel(
             xyz,
             waiting,
             whole,
@@ -62,10 +64,11 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
             limits.mirror_slope,
             limits.mirror_reach,
             limits.steep,
+            limits.noise,
         )
         if not fits.any():
             return number
-        tin.insert(waiting[fits])
+        tin.insert(waiting[new])
         waiting, hint = waiting[~fits], hint[~fits]
     return rounds
 
@@ -130,9 +133,10 @@ def fits_kernel(
     mirror_slope: float,
     mirror_reach: float,
     steep: float,
-) -> Mask:
-    """Which candidates (K,) fit the TIN; `hint` (K,) receives the triangle of each."""
-    fits = np.zeros(len(numbers), np.bool_)
+    noise: float,
+) -> tuple[Mask, Mask]:
+    """Which candidates (K,) fit the TIN, and which of them change it; `hint` (K,) receives their triangles."""
+    fits, new = np.zeros(len(numbers), np.bool_), np.zeros(len(numbers), np.bool_)
     last = 0
     for i in range(len(numbers)):
         p = numbers[i]
@@ -157,7 +161,7 @@ def fits_kernel(
         if away > 0.0:
             widest = np.arctan2(off, away)
         if off <= distance and widest <= angle + angle_gain * min(slope, 1.5):
-            fits[i] = True
+            fits[i], new[i] = True, off > noise
             continue
         reach = np.hypot(x - xyz[nearest, 0], y - xyz[nearest, 1])
         if slope < steep or reach > mirror_reach:
@@ -175,8 +179,8 @@ def fits_kernel(
         if away > 0.0 or slope > mirror_slope:
             continue
         off = abs(z - (2.0 * xyz[nearest, 2] - height))
-        fits[i] = off <= distance and off <= mirror_rise * reach
-    return fits
+        fits[i] = new[i] = off <= distance and off <= mirror_rise * reach
+    return fits, new
 
 
 @njit(cache=True)
