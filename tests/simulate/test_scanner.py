@@ -9,7 +9,14 @@ import pytest
 import shapely
 
 from eaves.model import Bounds
-from eaves.simulate import Flight, Scanner, scan_town, simulate_town
+from eaves.simulate import (
+    DEVELOPMENT_SCENES,
+    JUDGING_SCENES,
+    Flight,
+    Scanner,
+    scan_town,
+    simulate_town,
+)
 from eaves.simulate.exact import ExactBuilding, ExactScene
 from eaves.simulate.pulses import Receiver, gaussian_beam, pencil_beam, trace_pulses
 from eaves.simulate.ray_grid import index_town
@@ -186,3 +193,8 @@ def test_files_are_the_same_for_the_same_seed(tmp_path: Path) -> None:
     assert files == ["points.laz", "reference.city.json", "reference.gpkg", "simulation.json"]
     for name in files:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_judging_scenes_share_no_seed_with_others() -> None:
+    judged, open_to_all = {s.seed for s in JUDGING_SCENES}, {s.seed for s in DEVELOPMENT_SCENES}
+    assert len(judged) == len(JUDGING_SCENES) and not judged & open_to_all and min(judged) > 9000

@@ -6,11 +6,14 @@ from importlib import import_module
 from typing import Any
 
 _WHERE = {
+    "DEVELOPMENT_SCENES": "standard",
+    "JUDGING_SCENES": "standard",
     "ExactBuilding": "exact",
     "ExactFace": "exact",
     "ExactScene": "exact",
     "Flight": "flight",
     "Scanner": "scanner",
+    "StandardScene": "standard",
     "Town": "town",
     "nine_roofs_on_a_slope": "roofs",
     "scan_town": "scanner",

@@ -16,6 +16,9 @@ Pattern = Literal["lines", "zigzag", "ellipse", "random"]
 BATCH = 200_000
 """Pulses made and traced at a time."""
 
+BEYOND = 20.0
+"""Pulses are aimed this far outside the town too (m): on low ground they come in from there."""
+
 ABOVE = 30.0
 """Pulses that only look down (pattern `random`) start this far above the highest thing (m)."""
 
@@ -78,8 +81,9 @@ def fly(
         turn = heading + (np.pi if strip % 2 else 0.0)
         side = -1.0 if strip % 2 else 1.0
         rng = np.random.default_rng([seed, 11, strip])
-        swept = _mirror(flight, pattern, per_strip, half_diagonal, rng)
-        yield from _aim(flight, bounds, level, middle, turn, side * offset, strip + 1, swept, rng)
+        lateral = side * offset
+        for swept in _mirror(flight, pattern, per_strip, half_diagonal + BEYOND, lateral, rng):
+            yield _aim(flight, bounds, level, middle, turn, lateral, strip + 1, swept, rng)
 
 
 def _strips_over(
@@ -109,36 +113,43 @@ class _Sweep:
 
 
 def _mirror(
-    flight: Flight, pattern: Pattern, density: float, half_length: float, rng: np.random.Generator
-) -> _Sweep:
-    """The pulses of one strip, in its own coordinates.
+    flight: Flight,
+    pattern: Pattern,
+    density: float,
+    half_length: float,
+    offset: float,
+    rng: np.random.Generator,
+) -> Iterator[_Sweep]:
+    """The pulses of one strip in its own coordinates, some lines of the mirror at a time.
 
     lines: a turning polygon, parallel lines. zigzag: an oscillating mirror, whose speed is even. ellipse: a
-    turning wedge, a circle on the ground of which we keep both arcs. Spacing along and across are equal
-    below the aircraft.
+    turning wedge, a circle on the ground. Spacing along and across are equal below the aircraft. Angles that
+    look past the town, which is a disc of radius `half_length` (m) to the side at `offset`, are left out.
     """
     half = float(np.radians(flight.half_angle_deg))
     radius = flight.height * float(np.tan(half))
-    if pattern == "ellipse":  # the circle looks ahead and back by its radius
-        half_length += radius
     spacing = float(np.sqrt(half / (np.tan(half) * density)))
     per_line = max(2, round(2 * half * flight.height / spacing))
-    lines = int(np.ceil(2 * half_length / spacing))
-    line = np.repeat(np.arange(float(lines)), per_line)
-    share = np.tile((np.arange(float(per_line)) + 0.5) / per_line, lines)
-    time = (line + share) / LINE_RATE
-    along = -half_length + rng.uniform(0.0, spacing) + line * spacing
-    straight = np.zeros(len(line))
-    if pattern == "ellipse":
-        turn = 2 * np.pi * share
-        lead = np.asarray(radius * np.cos(turn), np.float64)
-        angle = np.asarray(np.arctan(np.tan(half) * np.sin(turn)), np.float64)
-        return _Sweep(along, lead, angle, time, spacing)
-    swing = 2 * share - 1
-    if pattern == "zigzag":
-        swing = np.where(line % 2 == 0, swing, -swing)
-        along = along + share * spacing
-    return _Sweep(along, straight, half * swing, time, spacing)
+    share = (np.arange(float(per_line)) + 0.5) / per_line
+    turn = 2 * np.pi * share
+    angle = np.arctan(np.tan(half) * np.sin(turn)) if pattern == "ellipse" else half * (2 * share - 1)
+    lead = radius * np.cos(turn) if pattern == "ellipse" else np.zeros(per_line)
+    across = flight.height * np.tan(angle)
+    near = np.abs(offset + across) < half_length
+    if pattern == "zigzag":  # every second line swings the other way
+        near |= np.abs(offset - across) < half_length
+    share, angle, lead = share[near], angle[near], lead[near]
+    start = -half_length - np.abs(lead).max(initial=0.0) + rng.uniform(0.0, spacing)
+    lines, at_once = int(np.ceil(-2 * start / spacing)) + 1, max(1, BATCH // max(len(share), 1))
+    for first in range(0, lines, at_once):
+        line = np.arange(float(first), float(min(first + at_once, lines)))
+        time = (line[:, None] + share).reshape(-1)
+        swing = np.tile(angle, len(line))
+        along = np.repeat(start + line * spacing, len(share))
+        if pattern == "zigzag":
+            swing = np.where(np.floor(time) % 2 == 0, swing, -swing)
+            along = start + time * spacing
+        yield _Sweep(along, np.tile(lead, len(line)), swing, time / LINE_RATE, spacing)
 
 
 def _aim(
@@ -151,8 +162,8 @@ def _aim(
     strip: int,
     swept: _Sweep,
     rng: np.random.Generator,
-) -> Iterator[Pulses]:
-    """The pulses of a strip that can meet the town, with their jitter."""
+) -> Pulses:
+    """Those of some pulses that can meet the town, with their jitter."""
     ahead = np.array([np.cos(turn), np.sin(turn)])
     left = np.array([-ahead[1], ahead[0]])
     across = offset + flight.height * np.tan(swept.angle)
@@ -162,15 +173,12 @@ def _aim(
         + np.outer(swept.along + swept.lead + shake[:, 0], ahead)
         + np.outer(across + shake[:, 1], left)
     )
-    wide = bounds.grown(20.0)
-    kept = np.flatnonzero(wide.contains(target))
-    for first in range(0, len(kept), BATCH):
-        some = kept[first : first + BATCH]
-        foot = middle + np.outer(swept.along[some], ahead) + offset * left
-        origins = np.column_stack([foot, np.full(len(some), level + flight.height)])
-        aim = np.column_stack([target[some], np.full(len(some), level)]) - origins
-        aim /= np.linalg.norm(aim, axis=1, keepdims=True)
-        yield Pulses(origins, aim, strip, swept.time_s[some])
+    kept = np.flatnonzero(bounds.grown(BEYOND).contains(target))
+    foot = middle + np.outer(swept.along[kept], ahead) + offset * left
+    origins = np.column_stack([foot, np.full(len(kept), level + flight.height)])
+    aim = np.column_stack([target[kept], np.full(len(kept), level)]) - origins
+    aim /= np.linalg.norm(aim, axis=1, keepdims=True)
+    return Pulses(origins, aim, strip, swept.time_s[kept])
 
 
 def _from_above(bounds: Bounds, top: float, density: float, seed: int) -> Iterator[Pulses]:

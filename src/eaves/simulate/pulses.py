@@ -16,7 +16,7 @@ from eaves.simulate.vegetation import CONE, ELLIPSOID
 MAX_ECHOES = 6
 """Echoes kept of one pulse; AHN3 holds up to 5, IGN LiDAR HD up to 6."""
 
-LEAF_STEP = 0.2
+LEAF_STEP = 0.25
 """Step (m) at which the loss in leaves is summed."""
 
 CLUMP = 1.0
@@ -32,8 +32,11 @@ WATER_MIRROR = 0.9975
 nothing.
 """
 
-DEPOSITS = 512
-"""Room for partial reflections of one pulse; later ones are dropped."""
+BIN = 0.05
+"""Length of a range bin (m) in which partial reflections are gathered; their mean range stays exact."""
+
+BINS = 8192
+"""Range bins of one pulse, 400 m; what lies deeper is gathered in the last."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,7 @@ def trace_pulses(
     return ranges, labels, echoes
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fullness_kernel(x, y, z, seed):  # type: ignore[no-untyped-def]
     """How full of leaves the clump at a point is: 0, or 0.5 to 1.5 times 1 / the share that is filled."""
     mixed = np.uint64(np.int64(np.floor(x / CLUMP)) & 0x1FFFFF)
@@ -136,13 +139,16 @@ def fullness_kernel(x, y, z, seed):  # type: ignore[no-untyped-def]
     return (0.5 + share / FILLED_CLUMPS) / FILLED_CLUMPS
 
 
-@njit(cache=True)
-def inside_kernel(body, shape, x, y, z):  # type: ignore[no-untyped-def]
-    """Whether a point is inside a body of leaves."""
-    dx, dy, w = x - body[0], y - body[1], (z - body[2]) / body[5]
+@njit(cache=True, error_model="numpy")
+def inside_kernel(bodies, k, shape, x, y, z):  # type: ignore[no-untyped-def]
+    """Whether a point is inside body number k of the leaves."""
+    dx, dy, w = x - bodies[k, 0], y - bodies[k, 1], (z - bodies[k, 2]) / bodies[k, 5]
     if w < -1.0 or w > 1.0:
         return False
-    u, v = (dx * body[6] + dy * body[7]) / body[3], (dy * body[6] - dx * body[7]) / body[4]
+    u, v = (
+        (dx * bodies[k, 6] + dy * bodies[k, 7]) / bodies[k, 3],
+        (dy * bodies[k, 6] - dx * bodies[k, 7]) / bodies[k, 4],
+    )
     if shape == ELLIPSOID:
         return u * u + v * v + w * w <= 1.0
     if shape == CONE:
@@ -151,7 +157,7 @@ def inside_kernel(body, shape, x, y, z):  # type: ignore[no-untyped-def]
     return abs(u) <= 1.0 and abs(v) <= 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def trace_kernel(  # type: ignore[no-untyped-def]
     origins, directions, offsets, energies, heights, water, west, south, cell, tops, lowest, highest,
     triangles, label, starts, members, bodies, shapes, leaf_label, leaf_starts, leaf_members,
@@ -159,9 +165,8 @@ def trace_kernel(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Trace every ray of every pulse through the grid, gather what returns, and cut it into echoes."""
     columns, rows = water.shape
-    at = np.empty(DEPOSITS)
-    amount = np.empty(DEPOSITS)
-    source = np.empty(DEPOSITS, np.int32)
+    amount, moment, largest = np.zeros(BINS), np.zeros(BINS), np.zeros(BINS)
+    source = np.zeros(BINS, np.int32)
     for p in range(origins.shape[0]):
         ox, oy, oz = origins[p, 0], origins[p, 1], origins[p, 2]
         ax, ay, az = directions[p, 0], directions[p, 1], directions[p, 2]
@@ -169,7 +174,8 @@ def trace_kernel(  # type: ignore[no-untyped-def]
         length = np.sqrt(ax * ax + az * az)
         ux, uy, uz = -az / length, 0.0, ax / length
         vx, vy, vz = ay * uz - az * uy, az * ux - ax * uz, ax * uy - ay * ux
-        found = 0
+        base = max(0.0, (highest + 0.5 - oz) / az) - 1.0
+        first_bin, last_bin = BINS, -1
         for ray in range(offsets.shape[0]):
             du, dv = offsets[ray, 0], offsets[ray, 1]
             dx, dy, dz = ax + du * ux + dv * vx, ay + du * uy + dv * vy, az + du * uz + dv * vz
@@ -236,31 +242,44 @@ def trace_kernel(  # type: ignore[no-untyped-def]
                             hit_cos = abs(det) / np.sqrt(nx * nx + ny * ny + nz * nz)
                     end = min(until, hit)
                     if leaf_starts[square + 1] > leaf_starts[square]:
-                        t = (np.floor(here / LEAF_STEP) + 0.5) * LEAF_STEP
-                        if t < here:
+                        crown_low, crown_high = 1e30, -1e30
+                        for m in range(leaf_starts[square], leaf_starts[square + 1]):
+                            k = leaf_members[m]
+                            crown_low = min(crown_low, bodies[k, 2] - bodies[k, 5])
+                            crown_high = max(crown_high, bodies[k, 2] + bodies[k, 5])
+                        begin = max(here, (crown_high - oz) / dz)
+                        under = min(end, (crown_low - oz) / dz)
+                        t = (np.floor(begin / LEAF_STEP) + 0.5) * LEAF_STEP
+                        if t < begin:
                             t += LEAF_STEP
-                        while t < end and energy > 0.0:
+                        while t < under and energy > 0.0:
                             x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
                             loss, kind = 0.0, -1
                             for m in range(leaf_starts[square], leaf_starts[square + 1]):
                                 k = leaf_members[m]
-                                if inside_kernel(bodies[k], shapes[k], x, y, z):
+                                if inside_kernel(bodies, k, shapes[k], x, y, z):
                                     loss = max(loss, bodies[k, 8])
                                     kind = leaf_label[k]
                             if kind >= 0:
                                 full = fullness_kernel(x, y, z, seed)
-                                lost = energy * (1.0 - np.exp(-loss * full * LEAF_STEP))
-                                if lost > 1e-3 and found < DEPOSITS:
-                                    at[found], amount[found], source[found] = t, lost, kind
-                                    found += 1
+                                lost = 0.0
+                                if full > 0.0:
+                                    lost = energy * (1.0 - np.exp(-loss * full * LEAF_STEP))
+                                if lost > 1e-3:
+                                    place = gather_kernel(
+                                        t, lost, kind, base, amount, moment, largest, source
+                                    )
+                                    first_bin, last_bin = min(first_bin, place), max(last_bin, place)
                                 energy = energy - lost if energy - lost > 2e-3 else 0.0
                             t += LEAF_STEP
                     if hit <= until + TOUCH:
                         if hit_label == 1 and -az < WATER_MIRROR:
                             energy = 0.0
-                        if energy > 0.0 and found < DEPOSITS:
-                            at[found], amount[found], source[found] = hit, energy * hit_cos, hit_label
-                            found += 1
+                        if energy > 0.0:
+                            place = gather_kernel(
+                                hit, energy * hit_cos, hit_label, base, amount, moment, largest, source
+                            )
+                            first_bin, last_bin = min(first_bin, place), max(last_bin, place)
                         energy = 0.0
                 if next_x < next_y:
                     here, i = next_x, i + step_i
@@ -268,25 +287,42 @@ def trace_kernel(  # type: ignore[no-untyped-def]
                 else:
                     here, j = next_y, j + step_j
                     next_y += slow_y
-        echoes[p] = cut_echoes_kernel(at, amount, source, found, dead_zone, threshold, ranges[p], labels[p])
+        echoes[p] = cut_echoes_kernel(
+            amount, moment, largest, source, first_bin, last_bin, dead_zone, threshold, ranges[p], labels[p]
+        )
+        amount[first_bin : last_bin + 1] = 0.0
+        moment[first_bin : last_bin + 1] = 0.0
+        largest[first_bin : last_bin + 1] = 0.0
 
 
-@njit(cache=True)
-def cut_echoes_kernel(at, amount, source, found, dead_zone, threshold, ranges, labels):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def gather_kernel(t, energy, label, base, amount, moment, largest, source):  # type: ignore[no-untyped-def]
+    """Add a reflection to its range bin and answer which that is; a bin remembers its largest source."""
+    place = min(max(int((t - base) / BIN), 0), BINS - 1)
+    amount[place] += energy
+    moment[place] += energy * t
+    if source[place] == label and largest[place] > 0.0:
+        largest[place] += energy
+    elif energy > largest[place]:
+        largest[place], source[place] = energy, label
+    return place
+
+
+@njit(cache=True, error_model="numpy")
+def cut_echoes_kernel(  # type: ignore[no-untyped-def]
+    amount, moment, largest, source, first_bin, last_bin, dead_zone, threshold, ranges, labels
+):  # fmt: skip
     """Write the echoes of one pulse to `ranges` and `labels`; answers how many there are."""
-    for k in range(1, found):  # insertion sort: few, and the rays come nearly in order
-        t, e, s = at[k], amount[k], source[k]
-        m = k - 1
-        while m >= 0 and at[m] > t:
-            at[m + 1], amount[m + 1], source[m + 1] = at[m], amount[m], source[m]
-            m -= 1
-        at[m + 1], amount[m + 1], source[m + 1] = t, e, s
-    count, first = 0, 0
-    while first < found and count < ranges.shape[0]:
-        last, total, moment = first, 0.0, 0.0
-        while last < found and at[last] < at[first] + dead_zone:
+    count, first = 0, first_bin
+    while first <= last_bin and count < ranges.shape[0]:
+        if amount[first] == 0.0:
+            first += 1
+            continue
+        end = moment[first] / amount[first] + dead_zone
+        last, total, weighted = first, 0.0, 0.0
+        while last <= last_bin and (amount[last] == 0.0 or moment[last] / amount[last] < end):
             total += amount[last]
-            moment += amount[last] * at[last]
+            weighted += moment[last]
             last += 1
         if total >= threshold:
             best, label = 0.0, source[first]
@@ -294,10 +330,10 @@ def cut_echoes_kernel(at, amount, source, found, dead_zone, threshold, ranges, l
                 share = 0.0
                 for m in range(first, last):
                     if source[m] == source[k]:
-                        share += amount[m]
-                if share > best:
+                        share += largest[m]
+                if largest[k] > 0.0 and share > best:
                     best, label = share, source[k]
-            ranges[count], labels[count] = moment / total, label
+            ranges[count], labels[count] = weighted / total, label
             count, first = count + 1, last
         else:
             first += 1

@@ -29,12 +29,6 @@ logger = logging.getLogger(__name__)
 ORIGIN = (2400.0, 4800.0)
 """World metres of local (0, 0): a corner of blocks."""
 
-JUDGING_SEEDS = (9001, 9002, 9003, 9004)
-"""Towns for judging only: no default of any method is chosen on them."""
-
-JUDGING_DENSITIES = (3.0, 8.0, 25.0)
-"""Densities (1/m²) of the judging scans."""
-
 RIM = 2.0
 """Buildings stay this far inside the town's bounds (m): none is cut."""
 
@@ -48,6 +42,9 @@ SHORTEST_CORRIDOR = 250.0
 
 GARDEN_REACH = 12.0
 """What a block plants and parks stands at most this far outside its plot (m)."""
+
+SEARCH = 50.0
+"""Side of the squares in which neighbours are looked up (m)."""
 
 TRUNK_CLEARANCE = 0.6
 """A trunk stands at least this far from a wall (m); crowns may hang over roofs."""
@@ -174,6 +171,13 @@ def _extras(
     return extras
 
 
+def _squares(extent: Bounds) -> list[tuple[int, int]]:
+    """The squares of a coarse grid that a rectangle meets."""
+    columns = range(int(extent.west // SEARCH), int(extent.east // SEARCH) + 1)
+    rows = range(int(extent.south // SEARCH), int(extent.north // SEARCH) + 1)
+    return [(column, row) for column in columns for row in rows]
+
+
 class _Site:
     """The town while it is being built."""
 
@@ -183,6 +187,7 @@ class _Site:
         self.surfaces: list[Surfaces] = []
         self.leaves: list[Foliage] = []
         self.outlines: list[Polygon] = []
+        self.at: dict[tuple[int, int], list[int]] = {}
         self.faces = 0
 
     def build(self, placement: Placement) -> None:
@@ -206,14 +211,21 @@ class _Site:
             logger.info("a %s is left out: %s", design.kind, reason)
             return
         self.buildings.append(building)
+        for square in _squares(Bounds(*building.footprint.bounds)):
+            self.at.setdefault(square, []).append(len(self.outlines))
         self.outlines.append(building.footprint)
         self.faces += len(building.faces)
 
     def overlaps(self, outline: Polygon) -> bool:
         """Whether the outline stands in a building that is there."""
-        extent = Bounds(*outline.bounds)
-        near = (other for other in self.outlines if Bounds(*other.bounds).intersects(extent))
+        near = self.near(Bounds(*outline.bounds))
         return any(shapely.intersection(other, outline).area > APART for other in near)
+
+    def near(self, extent: Bounds) -> list[Polygon]:
+        """The outlines whose bounds meet a rectangle, in the order they were built."""
+        numbers = sorted({k for square in _squares(extent) for k in self.at.get(square, ())})
+        some = [self.outlines[k] for k in numbers]
+        return [outline for outline in some if Bounds(*outline.bounds).intersects(extent)]
 
     def install(self, seed: int) -> None:
         """Put on the buildings what no reference model has."""
@@ -230,8 +242,7 @@ class _Site:
         self, plot: Plot, block: Block, trees: float, leaf_loss: float, rng: np.random.Generator
     ) -> None:
         """Plant and park what the block holds, where no building stands."""
-        around = Bounds.of(plot.corners()).grown(GARDEN_REACH)
-        near = [outline for outline in self.outlines if Bounds(*outline.bounds).intersects(around)]
+        near = self.near(Bounds.of(plot.corners()).grown(GARDEN_REACH))
         built = shapely.union_all([shapely.buffer(outline, TRUNK_CLEARANCE) for outline in near])
         shapely.prepare(built)
 
