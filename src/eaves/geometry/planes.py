@@ -8,6 +8,7 @@ import numpy as np
 import pgeof
 from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from eaves.model import Points, Values
 
@@ -22,6 +23,10 @@ NOISE_QUANTILE, NOISE_QUANTILE_NORMAL = 0.35, -0.385
 
 MIN_NOISE, MAX_NOISE = 0.012, 0.15
 """Noise (m): no roof is flatter than the first; what scatters more than the second is a crown, not a roof."""
+
+
+FEW_QUERIES = 1500
+"""Fewer neighbour searches are faster in one thread than starting several."""
 
 
 @njit(cache=True)
@@ -175,17 +180,25 @@ def planes_around(queries: Points, xyz: Points, count: int, most: int) -> LocalP
     """The planes around queries (M, 3), through their nearest of points (N, 3), N ≥ 3; see `local_planes`."""
     most = min(max(most, count), len(xyz))
     count = min(count, most)
-    among = np.ascontiguousarray(xyz, np.float32)
-    found, squares = pgeof.knn_search(among, np.ascontiguousarray(queries, np.float32), most)
-    neighbours = found.astype(np.int64)
+    neighbours, farthest = nearest(queries, xyz, most)
     normals, eigenvalues = np.zeros((len(queries), 3)), np.zeros((len(queries), 3))
     counts = np.zeros(len(queries), np.int64)
     local_planes_kernel(xyz, neighbours, count, LINE_RATIO, normals, eigenvalues, counts)
     total = eigenvalues.sum(axis=1)
     curvature = eigenvalues[:, 0] / np.where(total > 0.0, total, 1.0)  # [xiao2014], eq. 3
-    spacing = float(np.sqrt(np.median(squares[:, -1]) * np.pi / most))
+    spacing = float(np.median(farthest) * np.sqrt(np.pi / most))
     noise = measure_noise(eigenvalues[:, 0], counts)
     return LocalPlanes(neighbours, counts, normals, eigenvalues, curvature, noise, max(spacing, 1e-3))
+
+
+def nearest(queries: Points, xyz: Points, count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The `count` nearest (M, count) of points (N, 3) to queries (M, 3), and the distance (M,) of the last."""
+    if len(queries) < FEW_QUERIES:
+        distances, found = cKDTree(xyz, balanced_tree=False).query(queries, k=[*range(1, count + 1)])
+        return np.ascontiguousarray(found, np.int64), np.asarray(distances, np.float64)[:, -1]
+    among = np.ascontiguousarray(xyz, np.float32)
+    near, squares = pgeof.knn_search(among, np.ascontiguousarray(queries, np.float32), count)
+    return near.astype(np.int64), np.sqrt(squares[:, -1].astype(np.float64))
 
 
 def measure_noise(smallest_eigenvalues: Values, counts: NDArray[np.int64]) -> float:

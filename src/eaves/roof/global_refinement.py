@@ -90,7 +90,7 @@ class GlobalRefinement(RoofMethod):
     )
     join_gap: float = parameter(
         1.5,
-        "Gap in plan over which coplanar pieces are one plane; never less than 3 spacings.",
+        "Gap in plan over which coplanar pieces twice as wide are one plane; at least 3 spacings.",
         unit="m",
         gt=0.0,
     )
@@ -108,9 +108,12 @@ class GlobalRefinement(RoofMethod):
         labels = start.join(points, labels, local)
         labels = start.give_back(points, labels, local)
         emit("grown", labels)
+        tried = np.zeros(len(points), bool)
         for turn in range(self.rounds):
             before = labels
-            labels = self.propose(points, labels, local)
+            if np.sum((labels == 0) & ~tried) >= self.fewest_points(local):
+                tried = labels == 0
+                labels = self.propose(points, labels, local)
             labels = self.relabel(points, labels, local)
             labels = self.join(points, labels, local)
             labels = self.pay(points, labels, local)
@@ -166,7 +169,10 @@ class GlobalRefinement(RoofMethod):
         """Labels (N,) with near coplanar regions made one."""
         labels = without_gaps(labels)
         count = int(labels.max(initial=0))
-        near = near_regions(labels, points, count, max(self.join_gap, 3.0 * local.spacing))
+        gap = max(self.join_gap, 3.0 * local.spacing)
+        near = near_regions(labels, points, count, gap)
+        wide = np.bincount(labels, minlength=count + 1)[1:] * local.spacing**2 >= (2.0 * gap) ** 2
+        near &= wide[:, None] & wide[None, :]
         near |= touching_regions(labels, local.neighbours[:, :12], count)
         return join_coplanar(points, labels, near, join_tolerance(local.noise), 1.2)
 
