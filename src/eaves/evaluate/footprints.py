@@ -126,9 +126,10 @@ def _united(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> tuple[di
     _, group = connected_components(links, directed=False)
     relations: Counter[str] = Counter()
     overlaps, offsets = [], [np.zeros(0)]
-    for number in range(int(group.max(initial=-1)) + 1):
-        mine = found[group[: len(found)] == number]
-        true = wanted[group[len(found) :] == number]
+    everyone = np.concatenate([found, wanted])
+    order = np.argsort(group, kind="stable")
+    for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if count else []:
+        mine, true = everyone[members[members < len(found)]], everyone[members[members >= len(found)]]
         relations[relation_of(len(true), len(mine))] += 1
         if len(mine) and len(true):
             here, there = (shapely.union_all(shapes, grid_size=COORDINATE_STEP) for shapes in (mine, true))

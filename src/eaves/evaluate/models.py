@@ -111,17 +111,16 @@ def evaluate_models(
     shapes = np.array(list(footprints.values()), object)
     of_footprint = pair_by_overlap(np.array([model.footprint for model in models], object), shapes)
     truth = pair_by_overlap(np.array([other.footprint for other in reference], object), shapes)
-    rows = [
-        _row(name, distance[mine], vertical[mine])
-        if (model := of_footprint.get(number)) is None
-        else _with_model(
-            _row(name, distance[mine], vertical[mine]),
-            models[model],
-            reference[truth[number]] if number in truth else None,
-        )
-        for number, name in enumerate(footprints)
-        for mine in [building[use] == number]
-    ]
+    order = np.argsort(building[use], kind="stable")
+    ends = np.searchsorted(building[use][order], np.arange(len(shapes) + 1))
+    rows = []
+    for number, name in enumerate(footprints):
+        mine = order[ends[number] : ends[number + 1]]
+        row = _row(name, distance[mine], vertical[mine])
+        if number in of_footprint:
+            true = reference[truth[number]] if number in truth else None
+            row = _with_model(row, models[of_footprint[number]], true)
+        rows.append(row)
     seen = [row for row in rows if row.points]
     near = np.where(hit, distance, np.inf)
     modelled = [model for model in models if model.faces]

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from eaves.evaluate.boundaries import rim_distances, rim_of
 from eaves.evaluate.detection import ObjectRow, object_rows
@@ -90,11 +91,22 @@ def _labels_together(matching: Matching) -> NDArray[np.int64]:
 
 def _rms_in_plan(matching: Matching, result: Numbers, reference: Numbers, cell: float) -> float:
     """RMS (m) of the rims of planes from the rims of the reference planes they belong to, group by group."""
-    groups, distances = matching.groups, [np.zeros(0)]
-    for group in np.intersect1d(*groups):
-        mine = np.isin(result, matching.result.label[groups[0] == group])
-        true = np.isin(reference, matching.reference.label[groups[1] == group])
-        rows, columns = (np.flatnonzero((mine | true).any(axis=axis)) for axis in (1, 0))
-        window = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        distances.append(rim_distances(rim_of(mine[window], cell), rim_of(true[window], cell), cell))
+    mine = _group_image(result, matching.result.label, matching.groups[0])
+    true = _group_image(reference, matching.reference.label, matching.groups[1])
+    distances = [np.zeros(0)]
+    boxes = zip(ndimage.find_objects(mine), ndimage.find_objects(true), strict=False)
+    for group, (one, two) in enumerate(boxes, 1):
+        if one is None or two is None:
+            continue
+        window = tuple(
+            slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, two, strict=True)
+        )
+        rims = rim_of(mine[window] == group, cell), rim_of(true[window] == group, cell)
+        distances.append(rim_distances(*rims, cell))
     return root_mean_square(np.concatenate(distances))
+
+
+def _group_image(labels: Numbers, label: Numbers, group: Numbers) -> Numbers:
+    """The group, from 1, of each cell's object; 0 for none."""
+    place = np.searchsorted(label, labels)
+    return np.where(labels > 0, np.append(group, -1)[place] + 1, 0)
