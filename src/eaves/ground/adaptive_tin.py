@@ -25,7 +25,8 @@ class AdaptiveTin(GroundMethod):
     seed_cell: float | None = parameter(None, "Largest object.", unit="m", gt=0)
     widest_object: float = parameter(40.0, "Widest.", unit="m", gt=0)
     object_slope: float = parameter(0.1, "s0", gt=0)
-    slope_share: float = parameter(0.5, "k1", ge=0)
+    slope_share: float = parameter(0.4, "k1", ge=0)
+    level_share: float = parameter(0.25, "")
     angle: float = parameter(12.0, "angle", unit="degree", gt=0)
     angle_gain: float = parameter(3.0, "ks", unit="degree", ge=0)
     distance: float | None = parameter(None, "dm", unit="m")
@@ -63,6 +64,7 @@ class AdaptiveTin(GroundMethod):
                 self.widest_object,
                 self.object_slope,
                 self.slope_share,
+                self.level_share,
             )
         else:
             seeds = lowest_of_cells(xyz, self.seed_cell)

@@ -135,7 +135,7 @@ def fits_kernel(
     steep: float,
     noise: float,
 ) -> tuple[Mask, Mask]:
-    """Which candidates (K,) fit the TIN, and which of them change it; `hint` (K,) receives their triangles."""
+    """Which candidates (K,) fit the TIN, and which change it; `hint` (K,) receives their triangles."""
     fits, new = np.zeros(len(numbers), np.bool_), np.zeros(len(numbers), np.bool_)
     last = 0
     for i in range(len(numbers)):

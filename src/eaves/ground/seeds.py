@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from eaves.ground.terraces import find_terraces
 from eaves.model import Bounds, Grid, Mask, Points, Raster
 from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
 from eaves.raster.interpolate import fill_linear
@@ -35,7 +36,7 @@ class LowestPoints:
 def lowest_of_cells(xyz: Points, side: float) -> NDArray[np.int64]:
     """Numbers (K,) of the lowest point in each cell of the given side (m), cells fixed to the origin."""
     number = lowest_points(xyz, whole_cells(Bounds.of(xyz), side), side)
-    return number[number != EMPTY]
+    return np.asarray(number[number != EMPTY])
 
 
 def lowest_surface(xyz: Points, cell: float, widest: float) -> LowestPoints:
@@ -52,7 +53,7 @@ def lowest_surface(xyz: Points, cell: float, widest: float) -> LowestPoints:
     objects = stands_out(raw.values, cell, widest, level + np.float32(FIRST_SLOPE), FIRST_HEIGHT_M, level)
     terrain = raw.with_(values=np.where(objects | ~occupied, np.nan, raw.values).astype(np.float32))
     smooth = ndimage.gaussian_filter(fill_linear(terrain).values, SLOPE_SCALE_M / cell, truncate=2.5)
-    south, east = np.gradient(smooth, cell) if min(raw.shape) > 1 else (level, level)
+    south, east = (level, level) if min(raw.shape) < 2 else np.asarray(np.gradient(smooth, cell))
     rows, columns = np.nonzero(occupied)
     at = xyz[number[occupied]]
     moved = raw.values[occupied].astype(np.float64)
@@ -65,15 +66,22 @@ def lowest_surface(xyz: Points, cell: float, widest: float) -> LowestPoints:
 
 
 def seeds_by_opening(
-    lowest: LowestPoints, widest: float, object_slope: float, slope_share: float
+    lowest: LowestPoints, widest: float, object_slope: float, slope_share: float, level_share: float
 ) -> NDArray[np.int64]:
-    """Numbers (K,) of the lowest points that stand on no object up to `widest` (m) wide."""
-    cell = lowest.surface.cell
+    """Numbers (K,) of the lowest points that stand on no object up to `widest` (m) wide.
+
+    The opening is done twice: what stood between objects stands alone once they are gone. Then terraces
+    return.
+    """
+    surface, occupied = lowest.surface, lowest.number != EMPTY
+    cell = surface.cell
     rise = (object_slope + slope_share * lowest.slope).astype(np.float32)
-    objects = stands_out(
-        lowest.surface.values, cell, widest, rise, 0.0, (ROUGH_STEP * cell * lowest.slope).astype(np.float32)
-    )
-    return lowest.number[(lowest.number != EMPTY) & ~objects]
+    rough = (ROUGH_STEP * cell * lowest.slope).astype(np.float32)
+    objects = stands_out(surface.values, cell, widest, rise, 0.0, rough)
+    bare = surface.with_(values=np.where(objects | ~occupied, np.nan, surface.values).astype(np.float32))
+    objects |= stands_out(fill_linear(bare).values, cell, widest, rise, 0.0, rough)
+    objects &= ~find_terraces(surface, objects, occupied, level_share)
+    return np.asarray(lowest.number[occupied & ~objects])
 
 
 def stands_out(surface: Grid, cell: float, widest: float, rise: Grid, height: float, rough: Grid) -> Mask:

@@ -182,5 +182,5 @@ def region_areas(xyz: Points, region: NDArray[np.int64], side: float) -> Values:
     cell -= cell.min(axis=0)
     key = (region * (int(cell[:, 0].max()) + 1) + cell[:, 0]) * (int(cell[:, 1].max()) + 1) + cell[:, 1]
     _, first = np.unique(key, return_index=True)
-    cells: Values = np.bincount(region[first], minlength=int(region.max()) + 1) * (side * side)
-    return cells
+    cells = np.bincount(region[first], minlength=int(region.max()) + 1)
+    return np.asarray(cells * (side * side), np.float64)

@@ -1,0 +1,133 @@
+"""Terrain that an opening took for an object: wide, and joined to the ground without a step."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from eaves.model import Labels, Mask, Raster
+
+STEP_M = 0.3
+"""A larger misfit between two cells of 1 m parts them; it grows with the root of the cell."""
+STEEP_SHARE = 0.2
+"""Share of the height difference that counts as misfit even where the slope goes on: walls go on too."""
+REACH_CELLS = 1.5
+"""Cells farther than this from a point were interpolated and say nothing of steps."""
+LEAST_AREA_M2 = 200.0
+"""Smaller pieces have too short a rim to judge."""
+ROUNDS = 2
+"""A terrace may join the ground over another terrace."""
+
+
+def find_terraces(surface: Raster, objects: Mask, occupied: Mask, share: float) -> Mask:
+    """The object cells (H, W) that are terrain.
+
+    Object cells that continue each other smoothly make a piece. Its rim is counted where it meets the ground:
+    level, or as a step down. A roof meets the ground by steps on nearly all sides, also when it is flush with
+    the ground uphill; a spur, a terrace, or a high field at the rim of the data does not. A piece is terrain
+    when more than `share` of its counted rim is level.
+    """
+    z = surface.values.astype(np.float64)
+    cell = surface.cell
+    step = STEP_M * np.sqrt(max(1.0, cell))
+    known = ndimage.distance_transform_edt(~occupied) <= REACH_CELLS if not occupied.all() else occupied
+    misfit = misfit_kernel(z)
+    left = objects.copy()
+    for _ in range(ROUNDS):
+        piece, count = pieces_kernel(left, misfit, step)
+        level, down = rim_kernel(left, piece, count, misfit, z, step, known)
+        area = np.bincount(piece.ravel(), minlength=count + 1) * cell * cell
+        terrain = (level > share * (level + down)) & (area >= LEAST_AREA_M2)
+        terrain[0] = False
+        if not terrain.any():
+            break
+        left &= ~terrain[piece]
+    return objects & ~left
+
+
+@njit(cache=True)
+def misfit_kernel(z: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How badly each cell goes on into its neighbour east (0) and south (1), (2, H, W), m.
+
+    The height difference, or its deviation from the difference just before or just after, whichever is least:
+    a steep but even slope goes on, a wall between two levels does not.
+    """
+    rows, columns = z.shape
+    misfit = np.full((2, rows, columns), np.inf)
+    for row in range(rows):
+        for column in range(columns):
+            for k in range(2):
+                r, c = row + k, column + 1 - k
+                if r >= rows or c >= columns:
+                    continue
+                here = z[r, c] - z[row, column]
+                before, after = 0.0, 0.0
+                if row - k >= 0 and column - 1 + k >= 0:
+                    before = z[row, column] - z[row - k, column - 1 + k]
+                if r + k < rows and c + 1 - k < columns:
+                    after = z[r + k, c + 1 - k] - z[r, c]
+                bend = min(abs(here - before), abs(here - after)) + STEEP_SHARE * abs(here)
+                misfit[k, row, column] = min(abs(here), bend)
+    return misfit
+
+
+@njit(cache=True)
+def pieces_kernel(objects: Mask, misfit: NDArray[np.float64], step: float) -> tuple[Labels, int]:
+    """Labels (H, W) of object cells joined by misfits under `step`, 0 elsewhere, and how many there are."""
+    rows, columns = objects.shape
+    piece = np.zeros((rows, columns), np.int32)
+    stack = np.empty(rows * columns, np.int64)
+    count = 0
+    for first in range(rows * columns):
+        if piece[first // columns, first % columns] != 0 or not objects[first // columns, first % columns]:
+            continue
+        count += 1
+        piece[first // columns, first % columns] = count
+        stack[0], top = first, 1
+        while top > 0:
+            top -= 1
+            row, column = stack[top] // columns, stack[top] % columns
+            for side in range(4):
+                r = row + (1 if side == 1 else (-1 if side == 3 else 0))
+                c = column + (1 if side == 0 else (-1 if side == 2 else 0))
+                if r < 0 or c < 0 or r >= rows or c >= columns or piece[r, c] != 0 or not objects[r, c]:
+                    continue
+                if misfit[side % 2, min(row, r), min(column, c)] < step:
+                    piece[r, c] = count
+                    stack[top] = r * columns + c
+                    top += 1
+    return piece, count
+
+
+@njit(cache=True)
+def rim_kernel(
+    objects: Mask,
+    piece: Labels,
+    count: int,
+    misfit: NDArray[np.float64],
+    z: NDArray[np.float64],
+    step: float,
+    known: Mask,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Cell sides where each piece (count + 1,) meets ground without a step, and where it steps down."""
+    level, down = np.zeros(count + 1), np.zeros(count + 1)
+    rows, columns = objects.shape
+    for row in range(rows):
+        for column in range(columns):
+            for k in range(2):
+                r, c = row + k, column + 1 - k
+                if r >= rows or c >= columns or piece[r, c] == piece[row, column]:
+                    continue
+                if not known[r, c] or not known[row, column]:
+                    continue
+                if misfit[k, row, column] < step:
+                    if objects[row, column] != objects[r, c]:
+                        level[piece[row, column]] += 1
+                        level[piece[r, c]] += 1
+                elif z[r, c] < z[row, column]:
+                    down[piece[row, column]] += 1
+                else:
+                    down[piece[r, c]] += 1
+    return level, down
