@@ -1,0 +1,1 @@
+"""What a country of tiles costs, and whether the tiling can be seen in the result."""

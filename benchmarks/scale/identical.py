@@ -1,0 +1,148 @@
+"""The same buildings, whatever the files, the order of points and who computes.
+
+usage: python -m benchmarks.scale.identical [--area KM2] [--density D]   (EAVES_DATA adds ign_urban)
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import laspy
+import numpy as np
+
+from benchmarks.table import keep
+from eaves.simulate import scan_town, simulate_town, write_simulation
+from eaves.tiling.build import Options, build
+
+SCHEDULER_PORT = 18786
+
+
+def write_part(las: laspy.LasData, which: np.ndarray, path: Path) -> None:
+    """Some points of a file as a file of their own."""
+    part = laspy.LasData(las.header)
+    part.points = las.points[which]
+    part.write(path)
+
+
+def split(las: laspy.LasData, folder: Path, columns: int, shift: float, shuffle: bool) -> Path:
+    """The cloud in columns² files cut along a grid shifted by a share of its step."""
+    folder.mkdir()
+    x, y = np.asarray(las.x), np.asarray(las.y)
+    order = np.random.default_rng(1).permutation(len(x)) if shuffle else np.arange(len(x))
+    step = max(np.ptp(x), np.ptp(y)) / columns
+    column = np.floor((x - x.min()) / step + shift).astype(int)
+    row = np.floor((y - y.min()) / step + shift).astype(int)
+    key = (column * 1000 + row)[order]
+    for value in np.unique(key):
+        write_part(las, order[key == value], folder / f"part_{value}.laz")
+    return folder
+
+
+def digest(out: Path) -> str:
+    """A hash of all models with ids, and of the class and building of every point by place."""
+    state = hashlib.sha256((out / "buildings.city.jsonl").read_bytes())
+    rows = []
+    for path in sorted(out.glob("classified*.laz")):
+        las = laspy.read(path)
+        fields = (las.X, las.Y, las.Z, las.classification, las.building_id, las.plane_id, las.return_number)
+        rows.append(np.column_stack([np.asarray(values, np.int64) for values in fields]))
+    table = np.concatenate(rows)
+    state.update(table[np.lexsort(table.T)].tobytes())
+    return state.hexdigest()[:12]
+
+
+@contextmanager
+def cluster() -> Iterator[str]:
+    """A Dask scheduler and two workers as processes on loopback."""
+    address = f"tcp://127.0.0.1:{SCHEDULER_PORT}"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--no-dashboard"]
+    started = [subprocess.Popen([*words, "--port", str(SCHEDULER_PORT)], **quiet)]
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--host", "127.0.0.1"]
+    started += [subprocess.Popen([*worker, "--nthreads", "1", "--no-dashboard"], **quiet) for _ in range(2)]
+    try:
+        yield address
+    finally:
+        for process in reversed(started):
+            process.terminate()
+            process.wait(30)
+
+
+def variants(points: Path, place: Path, block: float) -> Iterator[tuple[str, float, int, str]]:
+    """Name, seconds, buildings and digest of every way to run the same points."""
+    las = laspy.read(points)
+    folders = {
+        "one file": points,
+        "4 files": split(las, place / "four", 2, 0.0, False),
+        "36 files": split(las, place / "many", 6, 0.0, False),
+        "cut elsewhere": split(las, place / "other", 3, 0.37, False),
+        "points shuffled": split(las, place / "shuffled", 2, 0.0, True),
+    }
+
+    def once(name: str, source: Path, options: Options) -> tuple[str, float, int, str]:
+        out = place / "out" / name
+        started = time.perf_counter()
+        summary = build(source, out, options=options)
+        return name, time.perf_counter() - started, summary.found, digest(out)
+
+    for name, source in folders.items():
+        yield once(name, source, Options(block=block))
+    yield once("two processes", folders["4 files"], Options(block=block, jobs=2))
+    with cluster() as address:
+        yield once("Dask, two workers", folders["one file"], Options(block=block, scheduler=address))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--area", type=float, default=1.0)
+    parser.add_argument("--density", type=float, default=2.0)
+    asked = parser.parse_args()
+    rows: list[dict[str, object]] = []
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        town = simulate_town(asked.area, terrain="hilly", seed=11)
+        points = write_simulation(scan_town(town, asked.density, seed=11), place / "town")["points"]
+        jobs = [(f"town, {asked.area:g} km²", points, 240.0)]
+        data = os.environ.get("EAVES_DATA")
+        if data:
+            tiles = [laspy.read(path) for path in sorted(Path(data, "ign_urban").glob("*.laz"))]
+            whole = laspy.LasData(tiles[0].header)
+            whole.points = laspy.ScaleAwarePointRecord(
+                np.concatenate([tile.points.array for tile in tiles]),
+                tiles[0].point_format,
+                tiles[0].points.scales,
+                tiles[0].points.offsets,
+            )
+            whole.write(place / "ign.laz")
+            jobs += [("ign_urban", place / "ign.laz", 240.0), ("ign_urban", place / "ign.laz", 30.0)]
+        for number, (data_name, source, block) in enumerate(jobs):
+            (place / str(number)).mkdir()
+            first = ""
+            for name, seconds, found, hashed in variants(source, place / str(number), block):
+                first = first or hashed
+                rows.append(
+                    {
+                        "data": data_name,
+                        "block m": block,
+                        "way": name,
+                        "s": round(seconds, 1),
+                        "buildings": found,
+                        "digest": hashed,
+                        "identical": "yes" if hashed == first else "NO",
+                    }
+                )
+                print(rows[-1], flush=True)
+    keep("identical", "The tiling cannot be seen in the result", rows, "python -m benchmarks.scale.identical")
+
+
+if __name__ == "__main__":
+    main()
