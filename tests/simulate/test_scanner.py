@@ -198,3 +198,16 @@ def test_files_are_the_same_for_the_same_seed(tmp_path: Path) -> None:
 def test_judging_scenes_share_no_seed_with_others() -> None:
     judged, open_to_all = {s.seed for s in JUDGING_SCENES}, {s.seed for s in DEVELOPMENT_SCENES}
     assert len(judged) == len(JUDGING_SCENES) and not judged & open_to_all and min(judged) > 9000
+
+
+@pytest.mark.parametrize("pattern", ["lines", "zigzag", "ellipse", "random"])
+def test_scan_too_thin_to_hit_anything_is_empty(pattern: str) -> None:
+    scene = scan_town(town_of(), 1e-5, pattern=pattern)  # type: ignore[arg-type]
+    assert len(scene.cloud) <= 4 and len(scene.plane) == len(scene.cloud)
+
+
+def test_density_and_noise_that_cannot_be_are_refused() -> None:
+    with pytest.raises(ValueError, match="density must be above 0"):
+        scan_town(town_of(), 0.0)
+    with pytest.raises(ValueError, match="noise must be at least 0"):
+        scan_town(town_of(), 1.0, -0.1)

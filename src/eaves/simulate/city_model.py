@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,8 @@ from eaves.simulate.surfaces import Surfaces
 from eaves.simulate.terrain import CELL, MARGIN, Terrain
 from eaves.simulate.town import TRUNK_CLEARANCE, Town
 from eaves.simulate.vegetation import Foliage, grow_tree
+
+logger = logging.getLogger(__name__)
 
 RIM = 20.0
 """The town's bounds lie this far outside the outermost building (m)."""
@@ -67,9 +70,11 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
     for name, solid, _ in solids:
         local = Solid(solid.vertices - [*origin, 0.0], solid.faces)
         building = _building(name, local, len(buildings) + 1, faces)
-        if building is not None:
-            buildings.append(building)
-            faces += len(building.faces)
+        if building is None:
+            logger.warning("%s: '%s' has no roof to scan and is left out", path, name)
+            continue
+        buildings.append(building)
+        faces += len(building.faces)
     east, north = np.ceil(corners.max(axis=0)[:2] - origin + RIM)
     bounds = Bounds(0.0, 0.0, float(east), float(north))
     terrain = _terrain_through(buildings, bounds)
@@ -83,7 +88,7 @@ def _shells(found: CityObject) -> tuple[Solid, ...]:
     finest = max(found.geometries, key=lambda geometry: geometry.lod, default=None)
     if finest is None:
         return ()
-    return tuple(solid for solid in found.as_solids(finest) if len(solid.faces) > 3)
+    return tuple(solid for solid in found.as_solids(finest) if solid.faces)
 
 
 def _building(name: str, solid: Solid, number: int, first_face: int) -> ExactBuilding | None:

@@ -64,6 +64,10 @@ def scan_town(
     hidden. seed : the same seed gives the same points.
     flight, scanner : the survey and the instrument; `noise` replaces the scanner's own.
     """
+    if not density > 0:
+        raise ValueError(f"density must be above 0 points per m², not {density}")
+    if not noise >= 0:
+        raise ValueError(f"noise must be at least 0 m, not {noise}")
     survey, device = flight or Flight(), scanner or Scanner()
     grid = town.ray_grid()
     beam = pencil_beam() if pattern == "random" else gaussian_beam()

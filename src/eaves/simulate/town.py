@@ -104,6 +104,8 @@ def simulate_town(
     """
     if area_km2 < 0.01:
         raise ValueError(f"area_km2 must be at least 0.01 (100 m by 100 m), not {area_km2}")
+    if buildings is not None and buildings < 0:
+        raise ValueError(f"buildings must be at least 0, not {buildings}")
     side = float(np.round(np.sqrt(area_km2 * 1e6)))
     bounds = Bounds(0.0, 0.0, side, side)
     corridor = (
