@@ -136,6 +136,33 @@ def test_planes_of_models_shifted_by_a_metre(tmp_path: Path) -> None:
     assert 0.5 < float(figures["RMS in plan (m)"]) < 0.8
 
 
+def write_planes(path: Path, split: float) -> Path:
+    """A roof of 10 by 10 m in two planes, parted at x = `split`, four points in each square metre."""
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(0.25, 10, 0.5), np.arange(0.25, 10, 0.5)))
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales, header.offsets = [0.001] * 3, [WEST, SOUTH, 0.0]
+    header.add_extra_dim(laspy.ExtraBytesParams("plane_id", "uint32"))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = x + WEST, y + SOUTH, 10 - abs(x - 5)
+    las.plane_id = np.where(x < split, 1, 2).astype(np.uint32)
+    las.write(path)
+    return path
+
+
+def test_planes_of_points_are_matched_by_place(tmp_path: Path) -> None:
+    true, mine = write_planes(tmp_path / "true.laz", 5.0), write_planes(tmp_path / "mine.laz", 6.0)
+    evaluation = evaluate_files("planes", mine, true)
+    assert evaluation.figures["planes, quality"] == 1 and evaluation.figures["relation 1:1"] == 2
+    areas = {(row["set"], row["label"]): row["area_m2"] for row in evaluation.rows}
+    assert areas["result", 1] / areas["reference", 1] == pytest.approx(1.2)
+    assert areas["result", 2] / areas["reference", 2] == pytest.approx(0.8)
+
+
+def test_a_cloud_without_plane_numbers_is_refused(tmp_path: Path, cloud: Path) -> None:
+    with pytest.raises(InputError, match="plane_id"):
+        evaluate_files("planes", cloud, cloud)
+
+
 def test_the_filter_test_of_the_isprs_has_ground_zero(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     xyz = rng.uniform(0, 50, (200, 3)) + [WEST, SOUTH, 100]

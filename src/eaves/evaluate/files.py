@@ -21,6 +21,7 @@ from eaves.evaluate.images import (
     plane_image,
     roofs_of,
 )
+from eaves.evaluate.labelled_points import SAME_POINT, pair_points, read_labelled_points
 from eaves.evaluate.matching import Numbers
 from eaves.evaluate.models import evaluate_models, lay_points
 from eaves.evaluate.report import Evaluation, rows_of, write_report
@@ -32,9 +33,6 @@ from eaves.model import Mask, PointCloud, Raster, Values
 from eaves.model.cloud import BUILDING, GROUND
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.validate import validate_file
-
-SAME_POINT = 0.02
-"""Points this near (m) are one point of two files."""
 
 
 def evaluate_files(
@@ -157,12 +155,15 @@ def compare_footprints(result: Path, reference: Path) -> Evaluation:
 
 
 def compare_planes(result: Path, reference: Path) -> Evaluation:
-    """Roof planes of city models or polygons, as label images with their heights."""
-    mine, true = open_buildings(result), open_buildings(reference)
-    grid = common_grid(mine, true, CELL)
-    (labels, height), (truth, true_height) = (_planes(path, grid) for path in (result, reference))
-    heights = (height, true_height) if height is not None and true_height is not None else (None, None)
-    score = evaluate_planes(labels, truth, grid.cell**2, *heights)
+    """Roof planes of city models or polygons as label images with heights, or plane numbers of points."""
+    if kind_of(result) == kind_of(reference) == "cloud":
+        score = evaluate_planes(*pair_points(read_labelled_points(result), read_labelled_points(reference)))
+    else:
+        mine, true = open_buildings(result), open_buildings(reference)
+        grid = common_grid(mine, true, CELL)
+        (labels, height), (truth, true_height) = (_planes(path, grid) for path in (result, reference))
+        heights = (height, true_height) if height is not None and true_height is not None else (None, None)
+        score = evaluate_planes(labels, truth, grid.cell**2, *heights)
     figures = {
         **_figures("planes", score.planes),
         **_figures("planes over 10 m²", score.planes_over_10),
