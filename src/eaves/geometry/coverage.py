@@ -101,7 +101,9 @@ class Coverage:
         """Area (C,) of every cell (m²)."""
         cells = np.array([cell for cell, _ in self.rings], np.int64)
         inside = cells >= 0
-        return np.bincount(cells[inside], self.ring_area[inside], minlength=self.count)
+        return np.asarray(
+            np.bincount(cells[inside], self.ring_area[inside], minlength=self.count), np.float64
+        )
 
     def polygons(self) -> NDArray[np.object_]:
         """The cells (C,) as shapely polygons."""
@@ -173,7 +175,9 @@ class Coverage:
         return answer
 
     def split(self, halves: Integers, places: NDArray[np.float64]) -> Coverage:
-        """A new node at `places` (K, 2) on each of the edges `halves` (K,), one of the two half-edges given."""
+        """A new node at `places` (K, 2) on each of the edges `halves` (K,), one of the two half-edges
+        given.
+        """
         if len(halves) == 0:
             return self
         middle = len(self.nodes) + np.arange(len(halves))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from eaves.model import Values
@@ -24,9 +24,11 @@ SWEEPS = 4
 def label_nodes(
     data: NDArray[np.float64], edges: Integers, border: Values, price: Values, start: Integers | None = None
 ) -> Integers:
-    """A label (N,) for each node, of low Σ data + Σ border over edges with two labels + Σ price of labels used.
+    """A label (N,) for each node, of low Σ data + Σ border over edges with two labels + Σ price of labels
+    used.
 
-    `data` (N, L) is the cost of each label at each node, `edges` (E, 2) join nodes, `border` (E,) is paid when
+    `data` (N, L) is the cost of each label at each node, `edges` (E, 2) join nodes, `border` (E,) is paid
+    when
     their labels differ, `price` (L,) once for each label in use. Expansion moves by minimal cuts
     [boykov2001], then labels that cost more than they save are given up.
     """
@@ -65,7 +67,9 @@ def energy_of(
 def expand(
     cost: NDArray[np.float64], edges: Integers, border: Values, labels: Integers, label: int
 ) -> Integers:
-    """The labels after the cheapest choice, for all nodes together, of keeping their label or taking `label`."""
+    """The labels after the cheapest choice, for all nodes together, of keeping their label or taking
+    `label`.
+    """
     count = len(labels)
     keep, take = cost[np.arange(count), labels].copy(), cost[:, label].copy()
     fixed = labels == label
@@ -87,9 +91,9 @@ def expand(
     # A node on the source's side takes the label; it then pays its arc to the sink.
     capacity = np.concatenate([backward, forward, to_source, to_sink])
     whole = np.minimum(np.round(capacity * SCALE), 1e9).astype(np.int32)
-    graph = csr_matrix((whole, (rows, columns)), shape=(count + 2, count + 2))
+    graph = csr_array((whole, (rows, columns)), shape=(count + 2, count + 2))
     flow = maximum_flow(graph, source, sink).flow
-    residual = graph - flow
+    residual = csr_array(graph - flow)
     residual.data[residual.data < 0] = 0
     residual.eliminate_zeros()
     reached = breadth_first_order(residual, source, return_predecessors=False)
@@ -101,7 +105,9 @@ def expand(
 def without_label(
     cost: NDArray[np.float64], edges: Integers, border: Values, labels: Integers, label: int
 ) -> Integers:
-    """The labels after every node with `label` took the cheapest other one in use, looking at its neighbours."""
+    """The labels after every node with `label` took the cheapest other one in use, looking at its
+    neighbours.
+    """
     others = np.setdiff1d(np.unique(labels), [label])
     answer = labels.copy()
     if len(others) == 0:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from eaves.geometry.coverage import OUTSIDE, Coverage, Integers
 from eaves.model import Mask, Values
@@ -18,16 +17,15 @@ SHORTEST_EDGE = 0.10
 SHORTEST_BORDER = 0.02
 """Edges between two corners of the outline shorter than this (m) become a node."""
 
-AREA_SLACK = 1e-3
-"""Change of the covered area (m² per metre of outline) that moving nodes may cause, besides what they mean to."""
-
 ROUNDS = 12
+"""Passes after which simplifying stops, finished or not."""
 
 
 def contract(coverage: Coverage, target: Integers) -> tuple[Coverage, Integers] | None:
     """The coverage with every node moved into node `target` (V,), and the cells kept.
 
-    Cells that lose their area vanish and their neighbours close up. None where edges would fall together otherwise.
+    Cells that lose their area vanish and their neighbours close up. None where edges would fall together
+    otherwise.
     """
     start, end, cell = target[coverage.start], target[coverage.end], coverage.cell
     stays = start != end
@@ -54,15 +52,15 @@ def is_sound(coverage: Coverage) -> bool:
         return False
     covered = float(shapely.area(polygons).sum())
     outer = sum(
-        -area
-        for (cell, _), area in zip(coverage.rings, coverage.ring_area, strict=True)
-        if cell == OUTSIDE
+        -area for (cell, _), area in zip(coverage.rings, coverage.ring_area, strict=True) if cell == OUTSIDE
     )
-    return abs(covered - outer) <= 1e-6 * max(covered, 1.0)
+    return bool(abs(covered - outer) <= 1e-6 * max(covered, 1.0))
 
 
 def drop_straight_nodes(coverage: Coverage, labels: Integers) -> tuple[Coverage, Integers]:
-    """The coverage without the nodes of two edges that lie on the line between their neighbours; and its labels (C,)."""
+    """The coverage without the nodes of two edges that lie on the line between their neighbours; and its
+    labels (C,).
+    """
     for _ in range(ROUNDS):
         degree = np.bincount(coverage.start, minlength=len(coverage.nodes))
         last = np.zeros(len(coverage.nodes), np.int64)
@@ -95,7 +93,9 @@ def drop_straight_nodes(coverage: Coverage, labels: Integers) -> tuple[Coverage,
 def merge_short_edges(
     coverage: Coverage, labels: Integers, shortest: float = SHORTEST_EDGE
 ) -> tuple[Coverage, Integers]:
-    """The coverage with its short edges shrunk to a node, all at once where that is sound, else one by one."""
+    """The coverage with its short edges shrunk to a node, all at once where that is sound, else one by
+    one.
+    """
     halves, mover, goal = short_edges(coverage, shortest)
     if len(halves) == 0:
         return coverage, labels
@@ -135,9 +135,7 @@ def short_edges(coverage: Coverage, shortest: float) -> tuple[Integers, Integers
     Corners of the outline stay, other nodes on the outline move along it, nodes inside move freely.
     """
     rank = corner_rank(coverage)
-    limit = np.where(
-        (rank[coverage.start] == 2) & (rank[coverage.end] == 2), SHORTEST_BORDER, shortest
-    )
+    limit = np.where((rank[coverage.start] == 2) & (rank[coverage.end] == 2), SHORTEST_BORDER, shortest)
     one_way = coverage.start < coverage.end
     halves = np.flatnonzero(one_way & (coverage.length < limit))
     halves = halves[np.argsort(coverage.length[halves], kind="stable")]
@@ -163,7 +161,9 @@ def corner_rank(coverage: Coverage) -> Integers:
 def absorb_slivers(
     coverage: Coverage, labels: Integers, smallest_area: float, narrowest: float
 ) -> tuple[Coverage, Integers]:
-    """The coverage with cells that are too small (m²) or narrow (m) given to the neighbour they share most with."""
+    """The coverage with cells that are too small (m²) or narrow (m) given to the neighbour they share most
+    with.
+    """
     for _ in range(ROUNDS):
         twin = coverage.cell[coverage.twin]
         inner = (coverage.cell >= 0) & (twin >= 0)
@@ -182,10 +182,10 @@ def absorb_slivers(
 
 
 def widths(coverage: Coverage) -> Values:
-    """Width (C,; m) of the rectangle that has the cell's area and perimeter; a square's side where none has."""
+    """Width (C,; m) of the rectangle that has the cell's area and perimeter; a square's side where none
+    has.
+    """
     mine: Mask = coverage.cell >= 0
-    perimeter: NDArray[np.float64] = np.bincount(
-        coverage.cell[mine], coverage.length[mine], coverage.count
-    )
+    perimeter = np.bincount(coverage.cell[mine], coverage.length[mine], coverage.count)
     excess = np.sqrt(np.maximum(perimeter**2 - 16.0 * coverage.area, 0.0))
     return np.asarray(0.25 * (perimeter - excess))

@@ -2,72 +2,105 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from eaves.geometry.arrangement import arrange
-from eaves.geometry.coverage import OUTSIDE, Coverage, Integers
-from eaves.geometry.labelling import label_nodes
+from eaves.geometry.coverage import Coverage, Integers
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.simplification import (
-    SHORTEST_EDGE,
-    absorb_slivers,
-    drop_straight_nodes,
-    merge_short_edges,
-)
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid
-from eaves.reconstruct.attributes import describe
+from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid
+from eaves.reconstruct.attributes import describe, surface_heights
 from eaves.reconstruct.base import Reconstructor
+from eaves.reconstruct.cell_labels import Prices, label_cells
 from eaves.reconstruct.evidence import (
     FEWEST_POINTS,
     LOWEST_ROOF,
     PRISM_PERCENTILE,
+    faces_as_planes,
     is_roof_point,
     level_unexplained,
     points_inside,
 )
-from eaves.reconstruct.extrusion import extrude
+from eaves.reconstruct.levels import flat_plan, group_levels
 from eaves.reconstruct.lines import candidate_lines, extend
-from eaves.reconstruct.soundness import find_defect
-
-SMALLEST_FACE = 0.3
-"""Roof faces smaller than this (m²) go to their neighbour."""
+from eaves.reconstruct.raising import Raised, raise_plan, without_numbers
 
 NARROWEST = 0.1
-"""Roof faces narrower than this (m), or than half a spacing, go to their neighbour."""
+"""Roof faces narrower than this (m) are slivers at any density."""
 
-FIRMNESS = (1.0, 2.5, 6.0)
-"""Multiples of the shortest edge and the narrowest face, tried in turn until the solid is sound."""
-
-RUNAWAY = 1e3
-"""Cost (m²) of a metre beyond the heights a plane's points support: more than any misfit."""
+WORSE_BY = 0.05
+"""A finer level is given up when its RMSE is greater than a coarser one's by more than this (m)."""
 
 
 class Arrangement(Reconstructor):
-    """to be written"""
+    """The solids at LoD 1.2, 1.3 and 2.2 from one plan.
+
+    Lines cut the footprint into cells: where two roof planes meet, where heights jump between the points
+    of two planes, the sides of planes that are rectangles, and the footprint itself; lines that nearly
+    coincide become one, and each is lengthened to the next, so that it cuts. All is rounded to a 1 mm grid
+    by snap
+    rounding, which keeps the plan a plan. A graph cut gives every cell the plane that fits its points,
+    at a price for each metre of border and each plane, and never one that would leave the heights its own
+    points
+    support. Cells with one plane are merged, slivers and short edges go, and the plan is raised with
+    vertices that all faces share. The coarser levels merge the same cells further.
+
+    Formula
+    -------
+    min Σ_cells Σ_points a² [min((d/τ)², 1) + min(d/g, 1)] + β Σ_borders length + γ · planes in use,
+
+    d the distance of a roof point from the cell's plane, a the spacing, τ, g the limits, β, γ the prices;
+    solved by
+    expansion moves [boykov2001], and planes that cost more than they save are given up.
+
+    Fidelity
+    --------
+    Own method, on ideas of the 3DBAG's [peters2022]: lines, arrangement, graph cut, extrusion; its 3 m
+    jump for
+    LoD 1.3 and its 70th percentile are kept. Regularisation, the support rule, rectangles, levels for
+    clutter, and the shared columns are ours.
+
+    Fails where
+    -----------
+    Curved roofs become strips or levels. A roof part smaller than a few points, or narrower than half a
+    spacing, is
+    not seen. Overhangs and passages are filled to the ground. Codes: `too_few_points`, `no_area`,
+    `not_closed`; `no_plane`, `poor_fit` and `not_closed` as the reason of a fallback.
+
+    Complexity
+    ----------
+    O(N log N) in points; lines are at most `MOST_LINES`, so cells are bounded; each cut is polynomial in
+    cells.
+
+    References
+    ----------
+    [peters2022], [boykov2001], [kolmogorov2004].
+    """
 
     name: ClassVar[str] = "arrangement"
     idea: ClassVar[str] = (
-        "Lines cut the footprint into cells; a graph cut gives each its plane; cells are raised."
+        "Lines cut the footprint into cells; a graph cut gives each its plane; the plan is raised."
     )
     paper: ClassVar[str] = "peters2022"
 
     misfit_limit: float = parameter(
-        0.4, "Distance from a plane at which a point's misfit stops growing.", unit="m", gt=0.0
+        0.35, "Distance from a plane at which a point's misfit stops growing.", unit="m", symbol="τ", gt=0.0
     )
     gross_limit: float = parameter(
-        2.0,
-        "Distance from a plane at which a point's gross misfit, added to the other, stops growing.",
-        unit="m",
-        gt=0.0,
+        2.0, "Distance at which a point's gross misfit, added, stops growing.", unit="m", symbol="g", gt=0.0
     )
-    border_price: float = parameter(0.2, "Price of a metre of border, in m2 of misfit.", unit="m", ge=0.0)
-    plane_price: float = parameter(0.8, "Price of a plane in use, in m2 of misfit.", unit="m2", ge=0.0)
-    extension: float = parameter(1.0, "How far a line reaches beyond its evidence.", unit="m", ge=0.0)
+    border_price: float = parameter(
+        0.2, "Price of a metre of border, in square metres of misfit.", unit="m", symbol="β", ge=0.0
+    )
+    plane_price: float = parameter(
+        0.8, "Price of a plane in use, in square metres of misfit.", unit="m2", symbol="γ", ge=0.0
+    )
+    extension: float = parameter(
+        1.0, "How far a line reaches beyond its evidence before it ends on the next one.", unit="m", ge=0.0
+    )
     overshoot: float = parameter(
         0.5, "How far a plane may rise above or fall below its own points.", unit="m", ge=0.0
     )
@@ -78,6 +111,9 @@ class Arrangement(Reconstructor):
     smallest: float = parameter(0.5, "Area of the smallest roof face.", unit="m2", ge=0.0)
     level_jump: float = parameter(
         3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", published=3.0, gt=0.0
+    )
+    least_fit: float = parameter(
+        0.5, "Share of roof points that LoD 2.2 explains to half a metre, or it is given up.", ge=0.0, le=1.0
     )
 
     def model(
@@ -93,157 +129,123 @@ class Arrangement(Reconstructor):
         top = inside[is_roof_point(points[inside])]
         roof = points[top]
         if len(roof) < FEWEST_POINTS:
-            return Failure(
-                "too_few_points", f"{len(roof)} roof points inside the footprint", "reconstruct", footprint
-            )
+            reason = f"{len(roof)} roof points inside the footprint"
+            return Failure("too_few_points", reason, self.stage, footprint)
         spacing = measure_spacing(roof)
+        labels, coefficients = self.supported_planes(points, roof, top, planes, spacing, ground)
+        plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
+        if plan is None:
+            return Failure("no_area", "the footprint encloses no area", self.stage, footprint)
+        prices = Prices(
+            self.misfit_limit,
+            self.gross_limit,
+            self.border_price,
+            self.plane_price,
+            self.overshoot,
+            self.reach_beyond,
+        )
+        chosen = label_cells(plan, roof, labels, coefficients, spacing, ground, prices)
+        plan, chosen = plan.merged(chosen)
+        emit("plan", plan.polygons())
+        emit("plane of each cell", chosen)
+        limits = (self.smallest, max(NARROWEST, self.narrowest * spacing))
+        fine = raise_plan(plan, chosen, coefficients, ground, *limits)
+        solids = self.coarse_solids(plan, roof, ground, limits)
+        fallback: dict[str, Any] = {}
+        if not planes:
+            fallback = fallen_back("no_plane", "no roof plane was found among the points")
+        elif not fine.solids:
+            fallback = fallen_back("not_closed", f"LoD 2.2 has {fine.defect}")
+        else:
+            fallback = self.compare(fine, solids, roof)
+        if not fallback:
+            solids["2.2"] = fine.solids
+        if not solids:
+            return Failure(
+                "not_closed", f"no level gave a closed solid: {fine.defect}", self.stage, footprint
+            )
+        kept = coefficients[fine.labels] if "2.2" in solids else np.zeros((0, 3))
+        model = BuildingModel(footprint, solids)
+        model = model.with_(planes=faces_as_planes(model, kept, points, top))
+        return model.with_(attributes={**describe(model, points[inside], roof, ground), **fallback})
+
+    def supported_planes(
+        self,
+        points: Points,
+        roof: Points,
+        top: NDArray[np.int64],
+        planes: list[RoofPlane],
+        spacing: float,
+        ground: float,
+    ) -> tuple[Labels, NDArray[np.float64]]:
+        """The plane of each roof point (N,), -1 for none, and the coefficients (P, 3).
+
+        To the given planes come levels for clutter; the last is the level for where nothing is known.
+        """
         owner = np.full(len(points), -1, np.int32)
         for number, plane in enumerate(planes):
             owner[plane.members] = number
-        labels = owner[top]
-        used = np.unique(labels[labels >= 0])
-        planes = [planes[number] for number in used]
-        labels = np.where(labels >= 0, np.searchsorted(used, labels), -1).astype(np.int32)
+        used, number_of = np.unique(owner[top], return_inverse=True)
+        labels: Labels = (number_of.ravel() - int(used[0] == -1)).astype(np.int32)
+        known = [planes[number].coefficients for number in used[used >= 0]]
+        labels, levels = level_unexplained(roof, labels, len(known), spacing)
         height = max(float(np.percentile(roof[:, 2], PRISM_PERCENTILE)), ground + LOWEST_ROOF)
-        labels, levels = level_unexplained(roof, labels, len(planes), spacing)
-        coefficients = np.array(
-            [
-                *(plane.coefficients for plane in planes),
-                *((0.0, 0.0, level) for level in levels),
-                (0.0, 0.0, height),
-            ]
-        )
-        lines = candidate_lines(roof, labels, coefficients, footprint.polygon, spacing)
-        segments = extend(lines, footprint.polygon, self.extension)
-        emit("lines", segments)
-        coverage = arrange(footprint.polygon, segments)
-        if coverage is None:
-            return Failure("no_area", "the footprint encloses no area", "reconstruct", footprint)
-        cells = self.label_cells(coverage, roof, labels, coefficients, spacing, ground)
-        solids: dict[str, tuple[Solid, ...]] = {}
-        for firmness in FIRMNESS:
-            plan, chosen = tidy(
-                *coverage.merged(cells), self.smallest, max(NARROWEST, self.narrowest * spacing), firmness
-            )
-            found = sound_solids(plan, coefficients[chosen], ground)
-            if found:
-                solids["2.2"] = found
-                break
-        emit("plan", plan.polygons())
-        for lod, (level_plan, heights) in self.levels(plan, coefficients[chosen], roof, ground).items():
-            flat = np.column_stack([np.zeros((len(heights), 2)), heights])
-            found = sound_solids(level_plan, flat, ground)
-            if found:
-                solids[lod] = found
-        if not solids:
-            return Failure("not_closed", "no level of detail gave a closed solid", "reconstruct", footprint)
-        faces = tuple(
-            RoofPlane(tuple(coefficients[label]), np.zeros(0, np.int64), 0.0, polygon)
-            for label, polygon in zip(chosen, plan.polygons(), strict=True)
-        )
-        model = BuildingModel(footprint, solids, faces)
-        return model.with_(attributes=describe(model, points[inside], roof, ground))
+        rows = [*known, *((0.0, 0.0, level) for level in levels), (0.0, 0.0, height)]
+        return labels, np.array(rows, np.float64)
 
-    def label_cells(
+    def cut(
         self,
-        coverage: Coverage,
+        footprint: Footprint,
         roof: Points,
-        labels: NDArray[np.int32],
+        labels: Labels,
         planes: NDArray[np.float64],
         spacing: float,
-        ground: float,
-    ) -> Integers:
-        """The plane (C,) of every cell."""
-        polygons = coverage.polygons()
-        point, cell = shapely.STRtree(polygons).query(shapely.points(roof[:, :2]), predicate="intersects")
-        rise = roof[:, :2] @ planes[:, :2].T + planes[:, 2]
-        misfit = np.abs(roof[:, 2:] - rise) / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1))
-        cost = np.minimum(misfit / self.misfit_limit, 1.0) + np.minimum(misfit / self.gross_limit, 1.0)
-        cost *= spacing**2
-        data = np.zeros((coverage.count, len(planes)))
-        np.add.at(data, cell, cost[point])
-        data += RUNAWAY * self.beyond_support(coverage, roof, labels, planes, ground)
-        data[:, -1] += 0.3 * coverage.area + 1e-6
-        halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
-        edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
-        return label_nodes(
-            data, edges, self.border_price * coverage.length[halves], np.full(len(planes), self.plane_price)
-        )
+        emit: Emit,
+    ) -> Coverage | None:
+        """The cells the candidate lines cut the footprint into; the footprint alone when they cannot be
+        rounded.
+        """
+        lines = candidate_lines(roof, labels, planes, footprint.polygon, spacing)
+        segments = extend(lines, footprint.polygon, self.extension)
+        emit("lines", segments)
+        plan = arrange(footprint.polygon, segments)
+        return plan if plan is not None else arrange(footprint.polygon, np.zeros((0, 4)))
 
-    def beyond_support(
-        self,
-        coverage: Coverage,
-        roof: Points,
-        labels: NDArray[np.int32],
-        planes: NDArray[np.float64],
-        ground: float,
-    ) -> NDArray[np.float64]:
-        """How far (C, P; m) each plane leaves the heights of its own points over each cell."""
-        low, high = np.full(len(planes), -np.inf), np.full(len(planes), np.inf)
-        steepness = np.hypot(planes[:, 0], planes[:, 1])
-        for number in range(len(planes) - 1):
-            z = roof[labels == number, 2]
-            low[number], high[number] = np.percentile(z, [1.0, 99.0])
-        margin = self.overshoot + self.reach_beyond * steepness
-        inner = coverage.cell != OUTSIDE
-        z = coverage.nodes[coverage.start[inner]] @ planes[:, :2].T + planes[:, 2]
-        floor = np.maximum(low - margin, ground + LOWEST_ROOF)
-        beyond = np.maximum(np.maximum(floor - z, z - high - margin), 0.0)
-        worst = np.zeros((coverage.count, len(planes)))
-        np.maximum.at(worst, coverage.cell[inner], beyond)
-        return worst
-
-    def levels(
-        self, plan: Coverage, planes: NDArray[np.float64], roof: Points, ground: float
-    ) -> dict[str, tuple[Coverage, NDArray[np.float64]]]:
-        """The plans of LoD 1.3 and 1.2, with the height of each cell."""
-        polygons = plan.polygons()
-        point, cell = shapely.STRtree(polygons).query(shapely.points(roof[:, :2]), predicate="intersects")
-        whole = float(np.percentile(roof[:, 2], PRISM_PERCENTILE))
-        middle = np.array(
-            [
-                whole
-                if not (cell == c).any()
-                else float(np.percentile(roof[point[cell == c], 2], PRISM_PERCENTILE))
-                for c in range(plan.count)
-            ]
-        )
-        group = np.arange(plan.count)
-        halves = np.flatnonzero((plan.cell >= 0) & (plan.cell[plan.twin] > plan.cell))
-        for half in halves.tolist():
-            a, b = int(plan.cell[half]), int(plan.cell[plan.twin[half]])
-            if abs(middle[a] - middle[b]) < self.level_jump:
-                group[group == group[b]] = group[a]
+    def coarse_solids(
+        self, plan: Coverage, roof: Points, ground: float, limits: tuple[float, float]
+    ) -> dict[str, tuple[Solid, ...]]:
+        """The solids at LoD 1.2 and 1.3 that are sound."""
+        groups: dict[str, Integers] = {
+            "1.2": np.zeros(plan.count, np.int64),
+            "1.3": group_levels(plan, roof, self.level_jump),
+        }
         answer = {}
-        for lod, label in (("1.3", group), ("1.2", np.zeros(plan.count, np.int64))):
-            merged, names = plan.merged(np.unique(label, return_inverse=True)[1].astype(np.int64))
-            number = np.unique(label, return_inverse=True)[1]
-            heights = []
-            for name in names:
-                mine = np.isin(cell, np.flatnonzero(number == name))
-                heights.append(
-                    float(np.percentile(roof[point[mine], 2], PRISM_PERCENTILE)) if mine.any() else whole
-                )
-            answer[lod] = (merged, np.maximum(heights, ground + LOWEST_ROOF))
+        for lod, group in groups.items():
+            level, planes = flat_plan(plan, group, roof, ground)
+            raised = raise_plan(level, np.arange(level.count), planes, ground, *limits)
+            if raised.solids:
+                answer[lod] = without_numbers(raised.solids)
         return answer
 
+    def compare(self, fine: Raised, coarse: dict[str, tuple[Solid, ...]], roof: Points) -> dict[str, Any]:
+        """Why LoD 2.2 is given up for a coarser level, as attributes; empty when it is not."""
+        error = errors_of(fine.solids, roof)
+        rmse, share = float(np.sqrt(np.mean(error**2))), float(np.mean(error < 0.5))
+        if share < self.least_fit:
+            return fallen_back("poor_fit", f"LoD 2.2 is within 0.5 m of {share:.0%} of the roof points only")
+        for lod, solids in sorted(coarse.items(), reverse=True):
+            other = float(np.sqrt(np.mean(errors_of(solids, roof) ** 2)))
+            if rmse > other + WORSE_BY:
+                return fallen_back("poor_fit", f"RMSE {rmse:.2f} m at LoD 2.2, {other:.2f} m at LoD {lod}")
+        return {}
 
-def sound_solids(plan: Coverage, planes: NDArray[np.float64], ground: float) -> tuple[Solid, ...]:
-    """The solids over a plan, or none when one has a defect."""
-    solids = extrude(plan, planes, ground)
-    if solids is None or any(find_defect(solid) for solid in solids):
-        return ()
-    return tuple(solids)
+
+def fallen_back(code: str, reason: str) -> dict[str, Any]:
+    """The attributes of a building that does not reach LoD 2.2."""
+    return {"fallback_code": code, "fallback_reason": reason}
 
 
-def tidy(
-    plan: Coverage, chosen: Integers, smallest: float, narrowest: float, firmness: float = 1.0
-) -> tuple[Coverage, Integers]:
-    """The plan without slivers, short edges and needless nodes, and the plane (C,) of each of its cells."""
-    narrowest = firmness * narrowest
-    plan, chosen = absorb_slivers(plan, chosen, smallest, narrowest)
-    plan, chosen = drop_straight_nodes(plan, chosen)
-    plan, chosen = merge_short_edges(plan, chosen, firmness * SHORTEST_EDGE)
-    plan, chosen = plan.merged(chosen)
-    plan, chosen = absorb_slivers(plan, chosen, smallest, narrowest)
-    return drop_straight_nodes(plan, chosen)
+def errors_of(solids: tuple[Solid, ...], roof: Points) -> NDArray[np.float64]:
+    """Distances (N,; m) of roof points (N, 3) from the roof over them."""
+    height, cosine, _ = surface_heights(solids, roof[:, :2])
+    return np.nan_to_num(np.abs(roof[:, 2] - height) * cosine, nan=0.0)

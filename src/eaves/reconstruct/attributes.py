@@ -94,7 +94,9 @@ def surface_heights(
 
 
 def describe(model: BuildingModel, points: Points, roof: Points, ground: float) -> dict[str, Any]:
-    """The attributes of a model: `points` (N, 3) are the building's inside the footprint, `roof` (R, 3) its roof points."""
+    """The attributes of a model: `points` (N, 3) are the building's inside the footprint, `roof` (R, 3)
+    its roof points.
+    """
     solids = model.solids[model.lod]
     roof_faces, wall_area = describe_faces(solids)
     height, cosine, number = surface_heights(solids, roof[:, :2])
@@ -168,7 +170,9 @@ def share_without(points: Points, model: BuildingModel) -> float:
 
 
 def roof_type(faces: list[dict[str, Any]]) -> str:
-    """flat, shed, gable, hip, pyramid or complex, from the roof faces that cover a tenth of the plan or more."""
+    """flat, shed, gable, hip, pyramid or complex, from the roof faces that cover a tenth of the plan or
+    more.
+    """
     whole = sum(face["projected_m2"] for face in faces)
     main = [face for face in faces if face["projected_m2"] >= MAIN_FACE_SHARE * whole]
     sloped = [face for face in main if face["slope_deg"] >= LEVEL_SLOPE_DEG]

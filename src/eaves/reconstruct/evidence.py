@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-
-from eaves.model import Labels, Mask, Points
+from eaves.model import BuildingModel, Labels, Mask, Points, RoofPlane
+from eaves.reconstruct.attributes import surface_heights
 
 TOP_RADIUS, TOP_DEPTH = 0.3, 0.6
 """A roof point has no other point more than 0.6 m above it within 0.3 m in plan (methods.md, section 8)."""
@@ -78,3 +78,31 @@ def level_unexplained(
         answer[mine] = count + len(heights)
         heights.append(float(np.median(points[mine, 2])))
     return answer, heights
+
+
+def faces_as_planes(
+    model: BuildingModel, coefficients: NDArray[np.float64], points: Points, top: NDArray[np.int64]
+) -> tuple[RoofPlane, ...]:
+    """The roof faces of LoD 2.2 as planes (F, 3: a, b, c), with the roof points (numbers `top`) under
+    each.
+    """
+    if len(coefficients) == 0:
+        return ()
+    solids = model.solids["2.2"]
+    height, cosine, number = surface_heights(solids, points[top, :2])
+    error = (points[top, 2] - height) * cosine
+    shapes = [
+        shapely.Polygon(
+            solid.vertices[list(face.rings[0]), :2],
+            [solid.vertices[list(hole), :2] for hole in face.rings[1:]],
+        )
+        for solid in solids
+        for face in solid.faces
+        if face.plane is not None
+    ]
+    answer = []
+    for face, (row, shape) in enumerate(zip(coefficients.tolist(), shapes, strict=True)):
+        mine = number == face
+        rmse = float(np.sqrt(np.mean(error[mine] ** 2))) if mine.any() else 0.0
+        answer.append(RoofPlane((row[0], row[1], row[2]), top[mine], rmse, shape))
+    return tuple(answer)

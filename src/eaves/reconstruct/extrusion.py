@@ -24,7 +24,8 @@ ROUNDS = 40
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """The vertices over the nodes: `vertex` (H,) is the number of the roof vertex of each half-edge's cell over its start.
+    """The vertices over the nodes: `vertex` (H,) is the number of the roof vertex of each half-edge's cell
+    over its start.
 
     Vertices of a node have consecutive numbers, from low to high.
     """
@@ -34,12 +35,14 @@ class Columns:
 
 
 def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> list[Solid] | None:
-    """The solids between the base (m) and the planes (C, 3: a, b, c) of the cells, one for each connected part.
+    """The solids between the base (m) and the planes (C, 3: a, b, c) of the cells, one for each connected
+    part.
 
     `Face.plane` of a roof face is the number of its cell. None when the plan keeps touching itself.
 
     Over each node of the plan stands a column of vertices, one for each height that occurs among the cells
-    around it and one for the base where the outside meets it. Every face takes its vertices from the columns, so faces
+    around it and one for the base where the outside meets it. Every face takes its vertices from the
+    columns, so faces
     share them, and a wall takes all those between its foot and its top, so none lies on another's edge. Edges
     along which two planes cross are split there first. A column's stretch that more than two walls
     share is a self-contact: there the corner of one cell steps back.
@@ -114,7 +117,9 @@ def raise_columns(coverage: Coverage, planes: NDArray[np.float64], base: float) 
 
 
 def wall_spans(coverage: Coverage, columns: Columns) -> tuple[Integers, NDArray[np.int64]]:
-    """The half-edges (W,) that carry a wall, and its vertex numbers (W, 4): foot and top over start, foot and top over end."""
+    """The half-edges (W,) that carry a wall, and its vertex numbers (W, 4): foot and top over start, foot
+    and top over end.
+    """
     top_start, top_end = columns.vertex, columns.vertex[coverage.following]
     foot_start, foot_end = top_end[coverage.twin], top_start[coverage.twin]
     wall = (
@@ -143,7 +148,9 @@ def find_contact(coverage: Coverage, columns: Columns) -> int | None:
 
 
 def close_solid(coverage: Coverage, columns: Columns, names: Integers) -> Solid:
-    """The solid of a connected plan: one ground face, a roof face for each cell, named by `names` (C,), the walls."""
+    """The solid of a connected plan: one ground face, a roof face for each cell, named by `names` (C,),
+    the walls.
+    """
     ground: list[list[int]] = []
     roofs: list[list[list[int]]] = [[] for _ in range(coverage.count)]
     vertex = columns.vertex
@@ -166,7 +173,8 @@ def close_solid(coverage: Coverage, columns: Columns, names: Integers) -> Solid:
 def step_back(
     coverage: Coverage, planes: NDArray[np.float64], base: float, place: NDArray[np.float64]
 ) -> tuple[Coverage, Integers] | None:
-    """The coverage with one corner at `place` (2,) cut off and given to the lower neighbour, and the cells kept.
+    """The coverage with one corner at `place` (2,) cut off and given to the lower neighbour, and the cells
+    kept.
 
     The corner is that of a cell higher than both its neighbours around the node; the narrowest is taken. None
     where no corner can step back.
@@ -222,7 +230,9 @@ def cut_corner(coverage: Coverage, first: int, second: int, lower: int) -> tuple
 
 
 def opening_is_flat(coverage: Coverage, first: int, second: int) -> bool:
-    """Whether the corner between two half-edges from one node is 180 degrees or more, so that no chord cuts it."""
+    """Whether the corner between two half-edges from one node is 180 degrees or more, so that no chord
+    cuts it.
+    """
     a = coverage.nodes[coverage.end[first]] - coverage.nodes[coverage.start[first]]
     b = coverage.nodes[coverage.end[second]] - coverage.nodes[coverage.start[second]]
     return bool(a[0] * b[1] - a[1] * b[0] <= 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -45,6 +46,9 @@ MEETING_JUMP = 0.25
 SAME_DIRECTION_DEG = 4.0
 """Directions nearer than this are one."""
 
+SAME_LINE = 0.4
+"""Parallel lines nearer than this (m), or than the spacing, are one."""
+
 OVERSHOOT = 0.01
 """How far (m) a line runs past the one it ends on, so that rounding leaves no gap."""
 
@@ -54,10 +58,15 @@ PARALLEL = 1e-3
 MOST_LINES = 80
 """The best supported lines that are used; bounds the work on roofs of thousands of planes."""
 
+SHORTEST_EDGE = 0.3
+"""Footprint edges shorter than this (m) have no direction to align with."""
+
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A stretch of the line `normal · x = offset`, from `low` to `high` along its direction (turned left of the normal)."""
+    """A stretch of the line `normal · x = offset`, from `low` to `high` along its direction (turned left
+    of the normal).
+    """
 
     normal: tuple[float, float]
     offset: float
@@ -66,6 +75,13 @@ class Line:
     support: float
     meeting: bool
     """Whether two planes meet here, so that the line may not be moved."""
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """x, y halfway."""
+        nx, ny = self.normal
+        along = 0.5 * (self.low + self.high)
+        return nx * self.offset - ny * along, ny * self.offset + nx * along
 
     def ends(self) -> list[float]:
         """x, y, x, y of the stretch."""
@@ -113,7 +129,9 @@ def border_samples(
 
 
 def main_directions(polygon: Polygon) -> Values:
-    """Angles (K,) in [0, π/2) of the footprint's edges, longest together first; with their perpendiculars understood."""
+    """Angles (K,) in [0, π/2) of the footprint's edges, longest together first; with their perpendiculars
+    understood.
+    """
     rings = [polygon.exterior, *polygon.interiors]
     steps = np.vstack([np.diff(np.asarray(ring.coords)[:, :2], axis=0) for ring in rings])
     length = np.hypot(steps[:, 0], steps[:, 1])
@@ -163,14 +181,18 @@ def candidate_lines(
 def meeting_line(
     places: NDArray[np.float64], one: NDArray[np.float64], other: NDArray[np.float64], spacing: float
 ) -> tuple[Line | None, Mask]:
-    """The line in which two planes meet, where their border (M, 2) runs along it, and which places do (M,)."""
+    """The line in which two planes meet, where their border (M, 2) runs along it, and which places do
+    (M,).
+    """
     a, b, c = one - other
     steep = float(np.hypot(a, b))
     if steep < 0.02:
         return None, np.zeros(len(places), bool)
     nx, ny, offset = a / steep, b / steep, -c / steep
     away = places @ np.array([nx, ny]) - offset
-    near = (np.abs(away) < max(1.5 * spacing, 0.3)) & (np.abs(away) * steep < max(MEETING_JUMP, steep * spacing))
+    near = (np.abs(away) < max(1.5 * spacing, 0.3)) & (
+        np.abs(away) * steep < max(MEETING_JUMP, steep * spacing)
+    )
     if near.sum() < 3:
         return None, np.zeros(len(places), bool)
     along = places[near] @ np.array([-ny, nx])
@@ -201,7 +223,8 @@ def jump_lines(
 ) -> list[Line]:
     """Lines through the border places (M, 2) where heights jump, best supported first.
 
-    Their angles are those of the footprint, `main` and its perpendiculars, or else those of the planes' falls.
+    Their angles are those of the footprint, `main` and its perpendiculars, or else those of the planes'
+    falls.
     """
     angles = [*main, *(main + np.pi / 2)]
     trust = [MAIN_WEIGHT] * len(angles)
@@ -268,48 +291,72 @@ def rectangle_lines(places: NDArray[np.float64], main: Values, spacing: float) -
 
 
 def align(lines: list[Line], polygon: Polygon, spacing: float) -> list[Line]:
-    """The lines, best supported first; jumps that nearly continue a footprint edge or a better line lie on it."""
-    tolerance = np.radians(SAME_DIRECTION_DEG)
-    near, beside_edge = max(1.0 * spacing, 0.25), max(0.5 * spacing, 0.15)
-    fixed: list[tuple[float, float, float, float, float, bool]] = []
-    for ring in (polygon.exterior, *polygon.interiors):
-        places = np.asarray(ring.coords)[:, :2]
-        for start, end in zip(places[:-1], places[1:], strict=True):
-            length = float(np.hypot(*(end - start)))
-            if length < 0.3:
-                continue
-            dx, dy = (end - start) / length
-            nx, ny = dy, -dx
-            along = (float(start @ [-ny, nx]), float(end @ [-ny, nx]))
-            fixed.append((nx, ny, float(start @ [nx, ny]), min(along), max(along), True))
+    """The lines, best supported first; a jump that nearly runs along a footprint edge or a better line
+    lies on it.
+
+    A jump beside an edge of the footprint, and the side of a rectangle beside a line, add nothing and go.
+    """
+    near, beside = max(spacing, SAME_LINE), max(0.5 * spacing, 0.15)
+    edges = footprint_edges(polygon)
+    fixed = list(edges)
     answer: list[Line] = []
     for line in sorted(lines, key=lambda line: (not line.meeting, -line.support, line.offset)):
         if line.meeting:
             answer.append(line)
-            fixed.append((*line.normal, line.offset, line.low, line.high, False))
+            fixed.append(line)
             continue
-        place = np.array(line.ends()).reshape(2, 2).mean(axis=0)
-        moved, dropped = line, False
-        for nx, ny, offset, low, high, edge in fixed:
-            cross = line.normal[0] * ny - line.normal[1] * nx
-            apart = abs(nx * place[0] + ny * place[1] - offset)
-            if abs(cross) > np.sin(tolerance) or apart > near:
+        moved: Line | None = None
+        needless = False
+        for other in fixed:
+            apart = distance_between(line, other)
+            if apart > near:
                 continue
-            along = float(place @ [-ny, nx])
-            half = 0.5 * (line.high - line.low)
-            if line.support < 1.0 and not edge and low - near <= along - half and along + half <= high + near:
-                dropped = True
-            if edge and low - near <= along - half and along + half <= high + near:
-                if apart > beside_edge:
-                    continue
-                dropped = True
-            moved = Line((nx, ny), offset, along - half, along + half, line.support, False)
+            onto = laid_on(line, other)
+            covered = other.low - near <= onto.low and onto.high <= other.high + near
+            edge = any(other is one for one in edges)
+            if edge and covered and apart > beside:
+                continue
+            needless = covered and (edge or line.support < 1.0)
+            moved = onto
             break
-        if not dropped:
-            answer.append(moved)
-            if moved is line:
-                fixed.append((*line.normal, line.offset, line.low, line.high, False))
+        if moved is None:
+            fixed.append(line)
+        if not needless:
+            answer.append(moved or line)
     return answer[:MOST_LINES]
+
+
+def footprint_edges(polygon: Polygon) -> list[Line]:
+    """The edges of the footprint that are long enough to align with."""
+    answer = []
+    for ring in (polygon.exterior, *polygon.interiors):
+        places = np.asarray(ring.coords)[:, :2]
+        for start, end in pairwise(places):
+            dx, dy = (end - start).tolist()
+            length = float(np.hypot(dx, dy))
+            if length >= SHORTEST_EDGE:
+                nx, ny = dy / length, -dx / length
+                low = float(start @ np.array([-ny, nx]))
+                offset = float(start @ np.array([nx, ny]))
+                answer.append(Line((nx, ny), offset, low, low + length, length, True))
+    return answer
+
+
+def distance_between(line: Line, other: Line) -> float:
+    """Distance (m) of the middle of a line from another; infinite when their directions differ."""
+    cross = line.normal[0] * other.normal[1] - line.normal[1] * other.normal[0]
+    if abs(cross) > np.sin(np.radians(SAME_DIRECTION_DEG)):
+        return float("inf")
+    x, y = line.middle
+    return abs(other.normal[0] * x + other.normal[1] * y - other.offset)
+
+
+def laid_on(line: Line, other: Line) -> Line:
+    """The stretch of `other`'s line that lies beside `line`."""
+    x, y = line.middle
+    along = -other.normal[1] * x + other.normal[0] * y
+    half = 0.5 * (line.high - line.low)
+    return Line(other.normal, other.offset, along - half, along + half, line.support, False)
 
 
 def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.float64]:

@@ -20,7 +20,8 @@ MOST_FOLD_DEG = 9.0
 def find_defect(solid: Solid) -> str:
     """What is wrong with a solid extruded from a plan, in a few words; empty when it is sound.
 
-    Walls stand on one plan edge each and are planar by construction. What is checked is what rounding and merging of
+    Walls stand on one plan edge each and are planar by construction. What is checked is what rounding and
+    merging of
     heights could break: edges used once each way, roof planes, rings that stay simple, faces with area.
     """
     rings = [ring for face in solid.faces for ring in face.rings]
@@ -72,7 +73,9 @@ def plan_polygons(solid: Solid) -> NDArray[np.object_]:
 
 
 def fold_defect(solid: Solid) -> str:
-    """Whether a triangle of a roof face leans away from the others, as thin ones do when heights are rounded."""
+    """Whether a triangle of a roof face leans away from the others, as thin ones do when heights are
+    rounded.
+    """
     polygons = plan_polygons(solid)[1:]
     polygons = polygons[shapely.get_num_coordinates(polygons) > 4]
     if len(polygons) == 0:

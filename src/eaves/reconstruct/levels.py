@@ -1,0 +1,61 @@
+"""The coarser levels of detail from the plan of the finest: LoD 1.3 and 1.2."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.geometry.coverage import Coverage, Integers
+from eaves.model import Points, Values
+from eaves.reconstruct.cell_labels import points_in_cells
+from eaves.reconstruct.evidence import LOWEST_ROOF, PRISM_PERCENTILE
+
+
+def group_levels(plan: Coverage, roof: Points, jump: float) -> Integers:
+    """A group (C,) for each cell: neighbours whose heights differ by less than `jump` (m) are one level.
+
+    Neighbours join in the order of their height difference, and a group's height is that of all its
+    points, so a row of
+    small steps does not run together into one level.
+    """
+    point, cell = points_in_cells(plan, roof)
+    heights = roof[point, 2]
+    group = np.arange(plan.count)
+    halves = np.flatnonzero((plan.cell >= 0) & (plan.cell[plan.twin] > plan.cell))
+    pairs = np.unique(np.column_stack([plan.cell[halves], plan.cell[plan.twin[halves]]]), axis=0)
+    height = heights_of(group[cell], heights, plan.count)
+    while len(pairs):
+        one, other = group[pairs[:, 0]], group[pairs[:, 1]]
+        step = np.abs(height[one] - height[other])
+        step = np.where(one == other, np.inf, np.where(np.isnan(step), 0.0, step))
+        nearest = int(np.argmin(step))
+        if not step[nearest] < jump:
+            break
+        group[group == other[nearest]] = one[nearest]
+        mine = group[cell] == one[nearest]
+        height[one[nearest]] = np.percentile(heights[mine], PRISM_PERCENTILE) if mine.any() else np.nan
+    return np.unique(group, return_inverse=True)[1].ravel().astype(np.int64)
+
+
+def flat_plan(
+    plan: Coverage, group: Integers, roof: Points, ground: float
+) -> tuple[Coverage, NDArray[np.float64]]:
+    """The plan with the cells of a group (C,) made one, and a horizontal plane (G, 3) for each of its
+    cells.
+    """
+    merged, names = plan.merged(group)
+    point, cell = points_in_cells(merged, roof)
+    whole = float(np.percentile(roof[:, 2], PRISM_PERCENTILE))
+    height = heights_of(cell, roof[point, 2], merged.count)
+    height = np.maximum(np.where(np.isnan(height), whole, height), ground + LOWEST_ROOF)
+    return merged, np.column_stack([np.zeros((len(names), 2)), height])
+
+
+def heights_of(cell: Integers, heights: Values, count: int) -> Values:
+    """The roof height (C,) of each cell: the 70th percentile of its points' heights; NaN without points."""
+    answer = np.full(count, np.nan)
+    order = np.argsort(cell, kind="stable")
+    first = np.searchsorted(cell[order], np.arange(count + 1))
+    for number in np.flatnonzero(np.diff(first)).tolist():
+        answer[number] = np.percentile(heights[order[first[number] : first[number + 1]]], PRISM_PERCENTILE)
+    return answer
