@@ -10,7 +10,7 @@ regions across seams, and runs the second over all buildings.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,6 +23,7 @@ from eaves.ground import GroundMethod, classify_ground
 from eaves.methods import DEFAULTS, Method, make_method, method_class
 from eaves.model import (
     Block,
+    Boundary,
     Bounds,
     BuildingModel,
     Failure,
@@ -147,6 +148,11 @@ class BuildingPoints:
     """Number among the buildings of its home block: the seed of its random numbers."""
     given: Footprint | None = None
 
+    @property
+    def roof_points(self) -> Points:
+        """The points (M, 3) that are not on walls."""
+        return np.asarray(self.xyz[self.part != WALL])
+
 
 @dataclass(frozen=True, eq=False)
 class BuildingResult:
@@ -221,15 +227,34 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
     )
 
 
-def building_pass(building: BuildingPoints, recipe: Recipe) -> BuildingResult:
-    """Footprint, roof planes and solids of one building."""
+def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:
+    """A footprint for each building that is not given one; those of one home block are regularised together,
+    so that neighbours share their edges.
+    """
+    drawn: list[Footprint | Failure] = [
+        building.given or Failure("no_outline", "the outline stage answered nothing", "outline")
+        for building in buildings
+    ]
+    boundaries: dict[int, Boundary] = {}
+    for number, building in enumerate(buildings):
+        if building.given is None:
+            boundary = trace_outline(building.roof_points, building.spacing, recipe.outline)
+            if isinstance(boundary, Failure):
+                drawn[number] = boundary
+            else:
+                boundaries[number] = boundary
+    regular = regularise_outlines(list(boundaries.values()), recipe.outline)
+    for number, footprint in zip(boundaries, regular, strict=True):
+        drawn[number] = footprint
+    return drawn
+
+
+def building_pass(building: BuildingPoints, footprint: Footprint | Failure, recipe: Recipe) -> BuildingResult:
+    """Roof planes and solids of one building with its footprint."""
     clock = Clock()
     roof = np.flatnonzero(building.part != WALL)
-    points = building.xyz[roof]
+    points = building.roof_points
     plane = np.zeros(len(building.xyz), np.int32)
-
-    footprint = building.given or draw_footprint(points, building.spacing, recipe)
-    clock.lap("outline")
     if isinstance(footprint, Failure):
         blank = name_footprint(hull_of(building.xyz, building.spacing), building)
         return BuildingResult(
@@ -266,14 +291,6 @@ def building_pass(building: BuildingPoints, recipe: Recipe) -> BuildingResult:
     else:
         answer = answer.with_(attributes={**answer.attributes, "h_ground": terrain})
     return BuildingResult(answer, building.point_id, plane, clock.laps)
-
-
-def draw_footprint(points: Points, spacing: float, recipe: Recipe) -> Footprint | Failure:
-    """The regular footprint of a building's roof points (N, 3)."""
-    boundary = trace_outline(points, spacing, recipe.outline)
-    if isinstance(boundary, Failure):
-        return boundary
-    return regularise_outlines([boundary], recipe.outline)[0]
 
 
 def hull_of(points: Points, spacing: float) -> Footprint:

@@ -14,8 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from eaves.formats import InputError, Source, common_system, find_inputs, open_source
-from eaves.model import Block, Bounds, Failure
-from eaves.pipeline import BuildingResult, Recipe, block_pass, building_pass, make_recipe
+from eaves.model import Block, Bounds, Failure, Footprint
+from eaves.pipeline import (
+    BuildingPoints,
+    BuildingResult,
+    Clock,
+    Recipe,
+    block_pass,
+    building_pass,
+    draw_footprints,
+    make_recipe,
+)
 from eaves.tiling.gather import Gatherer
 from eaves.tiling.join import HomePlan, Seam, assign_footprints, join_regions
 from eaves.tiling.outputs import EVERYTHING, Summary, write_outputs
@@ -167,19 +176,33 @@ def compute_home(plan: HomePlan, store: Store, recipe: Recipe, snap: bool = Fals
     gatherer = Gatherer(store)
     if snap:
         plan = gatherer.snapped(plan)
-    results = []
-    for building in plan.buildings:
-        points = gatherer.gather(plan.home, building)
-        if isinstance(points, Failure):
-            results.append(BuildingResult.without_points(points))
-            continue
+    gathered = [gatherer.gather(plan.home, building) for building in plan.buildings]
+    results = [BuildingResult.without_points(none) for none in gathered if isinstance(none, Failure)]
+    buildings = [building for building in gathered if not isinstance(building, Failure)]
+    clock = Clock()
+    footprints = draw_all(buildings, recipe)
+    clock.lap("outline")
+    for building, footprint in zip(buildings, footprints, strict=True):
         try:
-            results.append(building_pass(points, recipe))
+            results.append(building_pass(building, footprint, recipe))
         except Exception as error:  # one building must not take the others of its block with it
             log.warning("a building of block %s failed: %s: %s", plan.home.name, type(error).__name__, error)
             log.debug("traceback", exc_info=True)
-            results.append(BuildingResult.broken(points, error))
+            results.append(BuildingResult.broken(building, error))
+    if results:
+        results[0].seconds.update(clock.laps)
     store.save("buildings", plan.home, results)
+
+
+def draw_all(buildings: list[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:
+    """The footprints of a block's buildings together; one by one where one of them breaks the others."""
+    try:
+        return draw_footprints(buildings, recipe)
+    except Exception as error:
+        if len(buildings) == 1:
+            log.debug("traceback", exc_info=True)
+            return [Failure("internal_error", f"{type(error).__name__}: {error}", "outline")]
+        return [draw_all([building], recipe)[0] for building in buildings]
 
 
 def note_failure(outcome: Outcome, blocks: Sequence[Block], what: str, failed: list[str]) -> None:
