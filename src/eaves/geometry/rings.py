@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 def signed_area(ring: NDArray[np.float64]) -> float:
     """Area (m²) inside a ring (M, 2), positive when it runs counter-clockwise."""
+    if len(ring) < 3:
+        return 0.0
     x, y = (ring - ring[0]).T
     return float(0.5 * (np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
 

@@ -210,10 +210,12 @@ def edge_shift_kernel(
         if total <= 0.0:
             continue
         rank = min(int(blur * count / total), count // 4)
+        span = x[count - 1 - rank] - x[0]
+        if span <= 0.0:
+            continue
         ahead = 0.0
         for j in range(count - 1 - rank):
             gap = x[j + 1] - x[j]
             ahead += gap * (0.5 * gap + x[j + 1 + rank] - x[j + 1])
-        ahead /= x[count - 1 - rank] - x[0]
-        shift[k] = x[rank] - ahead
+        shift[k] = x[rank] - ahead / span
     return shift

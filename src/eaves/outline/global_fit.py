@@ -59,8 +59,9 @@ class GlobalFit(OutlineMethod):
     [jung2017]; the mean distance ahead is the forward recurrence time of [cox1962]. The combination is
     ours.
 
-    The beam of a scanner has a width: a pulse that strikes the edge with a part of its spot is placed outside. The
-    points cannot tell how far; `spot` is a quarter of a usual spot of 0.3 m. For a beam without width it is 0.
+    The beam of a scanner has a width: a pulse that strikes the edge with a part of its spot is placed
+    outside. The points cannot tell how far; `spot` is a quarter of a usual spot of 0.3 m. For a beam
+    without width it is 0.
 
     *Fails where* a jog or passage is narrower than twice the spacing; where trees touch the roof and were
     not taken out before (a bulge); on curves, which become polygons with a scatter's sagitta.
@@ -101,11 +102,14 @@ class GlobalFit(OutlineMethod):
         """The rings of the alpha shape of `points` (N, 3), with the spacing where they are sparse."""
         xy = points[:, :2]
         mesh = triangulate(xy)
-        wide = None if mesh is None else wide_radius(mesh, WIDEST * spacing, WIDE_SHARE)
-        if mesh is None or wide is None:
-            return Failure("no_area", f"{len(points)} points enclose no area", "outline")
-        spacing = float(np.clip(np.sqrt(2.0) * wide, 0.7 * spacing, 2.0 * spacing))
-        rings = alpha_rings(mesh, self.alpha * spacing, share=self.share, sparse=self.sparse)
+        if mesh is not None:
+            wide = wide_radius(mesh, WIDEST * spacing, WIDE_SHARE) or spacing
+            spacing = float(np.clip(np.sqrt(2.0) * wide, 0.7 * spacing, 2.0 * spacing))
+        rings = (
+            ()
+            if mesh is None
+            else alpha_rings(mesh, self.alpha * spacing, share=self.share, sparse=self.sparse)
+        )
         if not rings:
             return Failure("no_area", f"{len(points)} points enclose no area", "outline")
         kept = [xy[ring] for ring in rings]
