@@ -92,6 +92,10 @@ REGISTRY: dict[str, dict[str, str]] = {
     "detect": {
         "planar_patches": "eaves.detect.planar_patches:PlanarPatches",
         "consensus": "eaves.detect.consensus:Consensus",
+        "contours": "eaves.detect.contours:Contours",
+        "roof_attributes": "eaves.detect.roof_attributes:RoofAttributes",
+        "height_texture": "eaves.detect.height_texture:HeightTexture",
+        "normal_echo": "eaves.detect.normal_echo:NormalEcho",
         "given_classes": "eaves.detect.given_classes:GivenClasses",
     },
     "outline": {

@@ -1,0 +1,139 @@
+"""Buildings as what is left of the normalised surface after edges and quadratic gradient (Fc-S)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from scipy import ndimage
+
+from eaves.detect.base import Detector
+from eaves.detect.cells import side_near
+from eaves.detect.surface_grid import (
+    EIGHT,
+    SurfaceGrid,
+    connected,
+    grow_back,
+    nearest_surface,
+    no_regions,
+    opened_by_area,
+    regions_of_cells,
+    share_in,
+)
+from eaves.methods import Emit, ignore, parameter
+from eaves.model import Mask, Regions, Scene, Values
+
+
+class Contours(Detector):
+    """Building labels by Fc-S: the second half, from the normalised surface to buildings.
+
+    The surface is interpolated by nearest neighbour, which keeps the jump at walls, and the terrain found
+    from contours (`ground.Contours`) is taken off. Low objects go by height; groups with little edge
+    information (Sobel) go, because a building has strong edges. The quadratic gradient, small on roofs level
+    or oblique and large on crowns, deletes cells first, which shrinks large vegetation and parts it from
+    buildings; only then the size threshold removes what is left of it. The cores grow back, step by step, to
+    the whole building.
+
+    Quadratic gradient of a cell: Δ²·√(z_xx² + 2 z_xy² + z_yy²), the second differences of the surface (m).
+
+    Fidelity -------- The document prints no number and gives its steps in words only; every threshold here is
+    ours. Steps 4 to 6 follow its order: edges before vegetation, quadratic gradient before size. "Less edge
+    information" is read as: less than `min_edge` of the group's rim has a Sobel height difference over
+    `edge_height`. The "iteration" of step 6 is read as growth from the cores into cells of like height, at
+    most `regrow` far. Steps 1 to 3 make the ground. The largest quadratic gradient follows the spacing: on a
+    roof of 45° the nearest point lies half a spacing off and so as much too high or too low.
+
+    Fails where
+    -----------
+    Roofs full of dormers and machinery are as rough as crowns; steep roofs at wide cells; hedges and bridges
+    pass as smooth, edged and large; buildings in a slope lose the edge on one side.
+
+    Complexity
+    ----------
+    A nearest-neighbour search for the empty cells; the rest linear in cells.
+
+    References
+    ----------
+    [ren_fcs]
+    """
+
+    name: ClassVar[str] = "contours"
+    idea: ClassVar[str] = "edges keep, quadratic gradient shrinks vegetation, then size decides (Fc-S)"
+    paper: ClassVar[str] = "ren_fcs"
+    ground_method: ClassVar[str] = "contours"
+
+    cell: float | None = parameter(
+        None, "Side of a cell; default: the spacing, at least 0.5.", unit="m", gt=0.0
+    )
+    min_height: float = parameter(2.0, "Lower objects (cars) are removed.", unit="m", ge=0.0)
+    edge_height: float = parameter(1.5, "A Sobel height difference this large is an edge.", unit="m", gt=0.0)
+    min_edge: float = parameter(0.5, "Share of a group's rim that must be edge.", ge=0.0, le=1.0)
+    max_bend: float | None = parameter(
+        None,
+        "Cells with a larger quadratic gradient are deleted; default: 3 spacings, at least 0.5.",
+        unit="m",
+        gt=0.0,
+    )
+    min_area: float = parameter(10.0, "Smaller groups of smooth cells are vegetation.", unit="m²", ge=0.0)
+    max_step: float = parameter(1.0, "Largest step in height while growing back.", unit="m", gt=0.0)
+    regrow: float = parameter(2.0, "How far cores grow back.", unit="m", ge=0.0)
+
+    @property
+    def reach(self) -> float:
+        return 30.0
+
+    def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
+        grid = nearest_surface(scene, self.cell or side_near(max(0.5, scene.spacing)))
+        if grid is None:
+            return no_regions(scene)
+        high = grid.high(self.min_height)
+        emit("high cells", high)
+        edged = self.keep_edged(grid, high)
+        emit("edged groups", edged)
+        bend = quadratic_gradient(grid.surface)
+        emit("quadratic gradient", bend)
+        smooth = edged & (bend <= (self.max_bend or max(0.5, 3.0 * scene.spacing)))
+        core = opened_by_area(
+            ndimage.binary_opening(smooth, np.ones((2, 2), bool)), self.min_area / grid.side**2
+        )
+        emit("cores", core)
+        whole = grow_back(core, edged, grid.surface, self.max_step, round(self.regrow / grid.side))
+        label, count = connected(whole)
+        emit("buildings", label)
+        return regions_of_cells(scene, grid, label, share_in(label, count, smooth), self.min_height)
+
+    def keep_edged(self, grid: SurfaceGrid, high: Mask) -> Mask:
+        """The groups of high cells (H, W) whose rims are edges: step 4."""
+        label, count = connected(high)
+        rim = high & ~ndimage.binary_erosion(high, EIGHT)
+        edge = rim & (sobel_height(grid.surface) >= self.edge_height)
+        size = np.bincount(label[rim], minlength=count + 1)
+        hits = np.bincount(label[edge], minlength=count + 1)
+        keep = hits >= self.min_edge * size
+        keep[0] = False
+        return np.asarray(keep[label], np.bool_)
+
+
+def filled(surface: Values) -> Values:
+    """The surface (H, W) with its gaps taken from the nearest cell."""
+    gap = ~np.isfinite(surface)
+    if not gap.any() or gap.all():
+        return np.nan_to_num(surface)
+    nearest = ndimage.distance_transform_edt(gap, return_distances=False, return_indices=True)
+    return np.asarray(surface[tuple(nearest)], np.float64)
+
+
+def sobel_height(surface: Values) -> Values:
+    """Height difference (m, (H, W)) across two cells by Sobel's operator."""
+    whole = filled(surface)
+    return np.hypot(ndimage.sobel(whole, axis=0), ndimage.sobel(whole, axis=1)) / 4.0
+
+
+def quadratic_gradient(surface: Values) -> Values:
+    """Length (m, (H, W)) of the second differences of the surface."""
+    whole = filled(surface)
+    line = np.array([1.0, -2.0, 1.0])
+    xx, yy = ndimage.convolve1d(whole, line, axis=1), ndimage.convolve1d(whole, line, axis=0)
+    half = np.array([-0.5, 0.0, 0.5])
+    xy = ndimage.correlate1d(ndimage.correlate1d(whole, half, axis=0), half, axis=1)
+    return np.asarray(np.sqrt(xx**2 + 2.0 * xy**2 + yy**2), np.float64)

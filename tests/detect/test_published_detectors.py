@@ -1,0 +1,156 @@
+"""The published detectors on scenes with exact truth, and their formulas on exact surfaces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eaves.detect import Detector, detect_buildings
+from eaves.detect.consensus import Consensus
+from eaves.detect.contours import Contours, quadratic_gradient, sobel_height
+from eaves.detect.height_texture import HeightTexture, local_texture
+from eaves.detect.normal_echo import NormalEcho, find_neighbours
+from eaves.detect.planar_patches import PlanarPatches
+from eaves.detect.roof_attributes import RoofAttributes, micro_normals, roughness
+from eaves.detect.surface_grid import grow_back, nearest_surface, opened_by_area
+from eaves.model.scene import TREE, WALL
+from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
+
+EVERY: list[type[Detector]] = [Contours, RoofAttributes, HeightTexture, NormalEcho]
+
+
+@pytest.mark.parametrize("cls", EVERY)
+@pytest.mark.parametrize("density", [4.0, 12.0])
+def test_two_houses_are_found_and_the_tree_is_not(cls: type[Detector], density: float) -> None:
+    scene, what = two_houses_and_a_tree(density).scene()
+    found = detect_buildings(scene, cls())
+    assert found.count == 2
+    assert (found.label[what < 0] > 0).mean() < 0.05
+    for house in (1, 2):
+        assert (found.label[what == house] > 0).mean() > 0.9
+
+
+@pytest.mark.parametrize("cls", EVERY)
+def test_without_returns_the_houses_are_still_found(cls: type[Detector]) -> None:
+    scene, what = two_houses_and_a_tree(8.0).scene(returns=False)
+    found = detect_buildings(scene, cls())
+    assert all((found.label[what == house] > 0).mean() > 0.9 for house in (1, 2))
+
+
+@pytest.mark.parametrize("cls", EVERY)
+def test_bare_land_has_no_building(cls: type[Detector]) -> None:
+    scene, _ = MadeScene(density=6.0).scene()
+    assert detect_buildings(scene, cls()).count == 0
+
+
+def plane(a: float, b: float, side: float) -> np.ndarray:
+    """Heights (8, 9) of z = ax + by, row 0 north."""
+    row, column = np.mgrid[0:8, 0:9]
+    return a * column * side - b * row * side
+
+
+def test_micro_normals_are_those_of_the_plane() -> None:
+    normal = micro_normals(plane(0.5, -0.25, 0.7), 0.7)[1:, :-1]
+    exact = np.array([-0.5, 0.25, 1.0]) / np.sqrt(1 + 0.25 + 0.0625)
+    assert np.allclose(normal, exact)
+
+
+def test_roughness_is_half_the_twist() -> None:
+    assert np.allclose(roughness(plane(0.5, -0.25, 1.0))[1:, :-1], 0.0)
+    row, column = np.mgrid[0:5, 0:5]
+    assert np.allclose(roughness(0.3 * row * column)[1:, :-1], 0.15)
+
+
+def test_planes_have_no_quadratic_gradient_and_no_texture() -> None:
+    surface = plane(0.8, 0.3, 0.5)
+    assert np.allclose(quadratic_gradient(surface)[1:-1, 1:-1], 0.0)
+    assert np.allclose(local_texture(surface)[1:-1, 1:-1], 0.0, atol=1e-6)
+
+
+def test_the_quadratic_gradient_of_a_bowl_is_exact() -> None:
+    row, column = np.mgrid[0:7, 0:7]
+    bowl = 0.5 * (0.2 * column**2 + 0.1 * row**2) + 0.05 * row * column
+    exact = np.sqrt(0.2**2 + 0.1**2 + 2 * 0.05**2)
+    assert np.allclose(quadratic_gradient(bowl)[1:-1, 1:-1], exact)
+
+
+def test_the_texture_of_noise_is_its_deviation() -> None:
+    noise = np.random.default_rng(2).normal(0.0, 0.3, (200, 200))
+    assert np.sqrt((local_texture(noise) ** 2).mean()) == pytest.approx(0.3 * np.sqrt(6 / 9), rel=0.03)
+
+
+def test_sobel_measures_the_step() -> None:
+    step = np.zeros((6, 6))
+    step[:, 3:] = 4.0
+    assert sobel_height(step)[3].max() == pytest.approx(4.0)
+
+
+def test_growth_stops_at_steps_and_at_the_rim() -> None:
+    surface = np.zeros((5, 9))
+    surface[:, 6:] = 5.0
+    core = np.zeros((5, 9), bool)
+    core[2, 2] = True
+    allowed = np.ones((5, 9), bool)
+    grown = grow_back(core, allowed, surface, 1.0, 20)
+    assert grown[:, :6].all()
+    assert not grown[:, 6:].any()
+    assert grow_back(core, allowed, surface, 1.0, 1).sum() == 5
+
+
+def test_opening_by_area_keeps_the_large() -> None:
+    mask = np.zeros((6, 6), bool)
+    mask[0, :2], mask[3:5, 3:5] = True, True
+    assert opened_by_area(mask, 3).sum() == 4
+
+
+def test_the_nearest_surface_keeps_the_jump() -> None:
+    made = MadeScene(density=2.0)
+    made.box(20.0, 20.0, 40.0, 40.0, 9.0, 1)
+    scene, _ = made.scene()
+    grid = nearest_surface(scene, 0.5)
+    assert grid is not None
+    heights = grid.surface[np.isfinite(grid.surface)]
+    assert ((np.abs(heights) < 0.2) | (np.abs(heights - 9.0) < 0.2)).all()
+
+
+def test_normals_and_curvature_are_those_of_a_plane_and_of_a_ball() -> None:
+    rng = np.random.default_rng(3)
+    flat = np.c_[rng.uniform(0, 10, (800, 2)), np.zeros(800)]
+    flat[:, 2] = 0.5 * flat[:, 0]
+    near = find_neighbours(flat, 16)
+    assert np.allclose(near.upright(flat), 1 / np.sqrt(1.25), atol=1e-3)
+    assert near.curvature(flat).max() < 1e-3
+    ball = rng.normal(0, 1, (800, 3))
+    assert np.median(find_neighbours(ball, 16).curvature(ball)) > 0.08
+
+
+def test_walls_and_trees_are_kept_as_parts() -> None:
+    made = two_houses_and_a_tree(12.0)
+    y = made.rng.uniform(35.0, 45.0, 900)
+    made.add(np.c_[np.full(900, 34.98), y], made.rng.uniform(1.2, 5.5, 900), 3)
+    scene, what = made.scene()
+    found = detect_buildings(scene, NormalEcho())
+    assert found.part is not None
+    assert (found.part[what == 3] == WALL).mean() > 0.8
+    assert np.isin(found.part[what < 0], (WALL, TREE)).mean() > 0.7
+    assert (found.part[what < 0] == TREE).mean() > 0.3
+    assert (found.label[what == 3] > 0).mean() > 0.8
+
+
+HARD = {
+    "one": np.array([[5.0, 5.0, 9.0]]),
+    "two": np.array([[5.0, 5.0, 9.0], [6.0, 5.0, 9.0]]),
+    "collinear": np.c_[np.linspace(5, 25, 60), np.full(60, 5.0), np.full(60, 9.0)],
+    "upright": np.c_[np.full((60, 2), 5.0), np.linspace(3, 25, 60)],
+    "duplicate": np.tile([[5.0, 5.0, 9.0]], (60, 1)),
+}
+
+
+@pytest.mark.parametrize("points", list(HARD))
+@pytest.mark.parametrize("cls", [*EVERY, PlanarPatches, Consensus])
+@pytest.mark.parametrize("land", [True, False])
+def test_hard_points_give_no_building_and_no_traceback(cls: type[Detector], points: str, land: bool) -> None:
+    made = MadeScene(density=2.0 if land else 0.0, size=30.0)
+    made.add(HARD[points][:, :2], HARD[points][:, 2], 1)
+    scene, _ = made.scene()
+    assert detect_buildings(scene, cls()).count == 0
