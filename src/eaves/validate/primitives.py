@@ -31,6 +31,9 @@ from eaves.validate.triangles import Triangles, normal_deviations, triangulate
 NORMALS_DEG = 20.0
 """Largest angle between the normals of two triangles of a polygon; val3dity's default `planarity_n_tol`."""
 
+EVEN = 1e-6
+"""Polygons whose points are this near (m) to their plane have no fold."""
+
 SOLID_TYPES = ("Solid", "MultiSolid", "CompositeSolid")
 
 
@@ -158,8 +161,9 @@ def check_faces(boundaries: Boundaries, limits: Tolerances) -> tuple[dict[int, t
             if codes.get(int(face), (0, ""))[0] != 104:
                 codes[int(face)] = (208, "an inner ring runs the same way round as the outer one")
         good[list(codes)] = False
+    uneven = np.flatnonzero(good & (planes.distance > EVEN))
+    deviation = np.rad2deg(normal_deviations(triangulate(boundaries, flat, uneven), boundaries.face_count))
     triangles = triangulate(boundaries, shadow, np.flatnonzero(good))
-    deviation = np.rad2deg(normal_deviations(triangles, boundaries.face_count))
     for face in np.flatnonzero(deviation > limits.normals):
         codes[int(face)] = (204, f"the normals of its triangles differ by {deviation[face]:.1f} degrees")
     return codes, triangles

@@ -33,8 +33,9 @@ class Triangles:
 def triangulate(boundaries: Boundaries, flat: NDArray[np.float64], faces: Integers) -> Triangles:
     """Constrained Delaunay triangles of each of some valid faces.
 
-    `flat` (P, 2) are the points on two of the axes: there they are whole numbers, so that points on one line
-    stay on it and no triangle lies across a third one.
+    `flat` (P, 2) are the points in two dimensions: on the plane of their face, where Delaunay triangles are
+    the best shaped (what code 204 is defined on), or on two of the axes, where they are whole numbers, so
+    that points on one line stay on it and no triangle lies across a third one (what shells need).
     """
     cut = shapely.constrained_delaunay_triangles(as_polygons(boundaries, flat, faces))
     pieces, owner = shapely.get_parts(cut, return_index=True)
