@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from eaves.model import Bounds, Face, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.simulate.exact import ExactBuilding, ExactFace
+from eaves.simulate.solids import extrude_partition
 from eaves.simulate.surfaces import Surfaces
 from eaves.simulate.terrain import CELL, MARGIN, Terrain
 from eaves.simulate.town import TRUNK_CLEARANCE, Town
@@ -37,6 +39,11 @@ LOWEST_ROOF_NORMAL = 0.05
 
 GROUND_NEIGHBOURS = 6
 """The terrain at a place is the mean of the bases of so many nearest buildings, weighted by distance."""
+
+CLOSING_GRIDS = (0.001, 0.005, 0.01, 0.02)
+"""Grids (m) to which the corners of roof faces are snapped until a solid closes over them; the first that
+does.
+"""
 
 SMOOTHING = 5.0
 """Standard deviation (m) of the filter that rounds the terrain between buildings."""
@@ -75,6 +82,14 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
             continue
         buildings.append(building)
         faces += len(building.faces)
+    open_shells = sum(building.closed is None for building in buildings)
+    if open_shells:
+        logger.warning(
+            "%s: %d of %d buildings cannot be closed over their roofs; their references are as the file has them",
+            path,
+            open_shells,
+            len(buildings),
+        )
     east, north = np.ceil(corners.max(axis=0)[:2] - origin + RIM)
     bounds = Bounds(0.0, 0.0, float(east), float(north))
     terrain = _terrain_through(buildings, bounds)
@@ -116,9 +131,38 @@ def _building(name: str, solid: Solid, number: int, first_face: int) -> ExactBui
         return None
     base = float(solid.vertices[:, 2].min())
     plan = shapely.orient_polygons(outline)
-    return ExactBuilding(
-        number, "model", plan, plan, tuple(faces), base, Solid(solid.vertices, tuple(shell)), name
-    )
+    scanned = Solid(solid.vertices, tuple(shell))
+    closed = _close(faces, base)
+    if closed is None:
+        logger.info("'%s' cannot be closed over its roof; its reference is as the file has it", name)
+    return ExactBuilding(number, "model", plan, plan, tuple(faces), base, scanned, closed, name)
+
+
+def _close(faces: list[ExactFace], base: float) -> Solid | None:
+    """The closed solid over roof faces that may leave cracks; None when it would touch itself."""
+    for grid in CLOSING_GRIDS:
+        cells = _tile(faces, grid)
+        try:
+            solid = extrude_partition([(cell, faces[k].coefficients) for cell, k in cells], base)
+        except ValueError:
+            continue
+        named = (replace(f, plane=cells[f.plane][1]) if f.plane is not None else f for f in solid.faces)
+        return Solid(solid.vertices, tuple(named))
+    return None
+
+
+def _tile(faces: list[ExactFace], grid: float) -> list[tuple[Polygon, int]]:
+    """Polygons that share their nodes on a grid (m), each with the position of the highest face over it."""
+    network = shapely.union_all([shapely.boundary(face.polygon) for face in faces], grid_size=grid)
+    over: dict[int, list[Polygon]] = {}
+    for cell in shapely.get_parts(shapely.polygonize([network])):
+        place = shapely.get_coordinates(shapely.point_on_surface(cell))
+        there = [k for k, face in enumerate(faces) if shapely.contains_xy(face.polygon, *place[0])]
+        if there:
+            over.setdefault(max(there, key=lambda k: float(faces[k].height_at(place)[0])), []).append(cell)
+    return [
+        (part, k) for k in sorted(over) for part in shapely.get_parts(shapely.coverage_union_all(over[k]))
+    ]
 
 
 def _normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:

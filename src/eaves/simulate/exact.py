@@ -44,7 +44,10 @@ class ExactBuilding:
     faces: tuple[ExactFace, ...]
     base: float
     shell: Solid | None = None
-    """The solid as somebody else made it, for buildings of a city model; its roof faces name `faces`."""
+    """The surfaces as somebody else made them, for buildings of a city model: what is scanned. Its roof faces
+    name `faces`."""
+    closed: Solid | None = None
+    """The closed solid over those roof faces, where there is one."""
     name: str = ""
 
     @property
@@ -54,7 +57,7 @@ class ExactBuilding:
     def solid(self) -> Solid:
         """The closed solid: the faces, extruded straight down from the eaves to the base."""
         if self.shell is not None:
-            return self.shell
+            return self.closed or self.shell
         return extrude_partition([(face.polygon, face.coefficients) for face in self.faces], self.base)
 
     def model(self, origin: tuple[float, float] = (0.0, 0.0)) -> BuildingModel:
@@ -71,18 +74,18 @@ class ExactBuilding:
             ExactFace(translate(face.polygon, x, y), _moved(face.coefficients, x, y), face.number)
             for face in self.faces
         )
-        shell = (
-            None
-            if self.shell is None
-            else Solid(self.shell.vertices + np.array([x, y, 0.0]), self.shell.faces)
-        )
         return replace(
             self,
             footprint=translate(self.footprint, x, y),
             walls=translate(self.walls, x, y),
             faces=faces,
-            shell=shell,
+            shell=_moved_solid(self.shell, x, y),
+            closed=_moved_solid(self.closed, x, y),
         )
+
+
+def _moved_solid(solid: Solid | None, x: float, y: float) -> Solid | None:
+    return None if solid is None else Solid(solid.vertices + np.array([x, y, 0.0]), solid.faces)
 
 
 def _moved(plane: Plane, x: float, y: float) -> Plane:
