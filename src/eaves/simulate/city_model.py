@@ -85,7 +85,7 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
     open_shells = sum(building.closed is None for building in buildings)
     if open_shells:
         logger.warning(
-            "%s: %d of %d buildings cannot be closed over their roofs; their references are as the file has them",
+            "%s: %d of %d buildings cannot be closed over their roofs and are referred to as they are",
             path,
             open_shells,
             len(buildings),
