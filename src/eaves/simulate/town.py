@@ -274,8 +274,3 @@ class _Site:
             place = np.array([x, y])
             if free(place):
                 self.surfaces.append(park_car(x, y, level(place), angle, rng))
-
-
-def without_trees(town: Town) -> Town:
-    """The same town with no leaves (trunks stay)."""
-    return replace(town, foliage=Foliage.none())
