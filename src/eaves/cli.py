@@ -461,16 +461,24 @@ def progress(quiet: bool) -> Any:
 def main() -> None:
     """Entry point: a caller's mistake is one line and status 2, never a traceback."""
     try:
-        app()
-    except KeyboardInterrupt:
-        typer.echo("interrupted: nothing half-written; run again with --resume to go on", err=True)
-        sys.exit(INTERRUPTED)
+        status = app(standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        typer.echo("interrupted: nothing is half-written; run again with --resume to go on", err=True)
+        status = INTERRUPTED
     except (ValueError, OSError) as error:
         if "--verbose" in sys.argv or "-v" in sys.argv:
             raise
-        message = " ".join(str(error).split())
-        typer.echo(f"error: {message}", err=True)
-        sys.exit(MISUSE)
+        typer.echo(f"error: {' '.join(str(error).split())}", err=True)
+        status = MISUSE
+    except Exception as error:
+        # a wrong word on the command line; typer brings its own click, so its classes have no fixed name
+        told = getattr(error, "format_message", None)
+        if told is None:
+            raise
+        helped = type(error).__name__ == "NoArgsIsHelpError"
+        typer.echo(told() if helped else f"error: {' '.join(told().split())}; see --help", err=not helped)
+        status = MISUSE
+    sys.exit(status or COMPLETE)
 
 
 if __name__ == "__main__":
