@@ -33,10 +33,18 @@ ROUNDS = 25
 
 @njit(cache=True)
 def roof_height_kernel(
-    form: int, p: NDArray[np.float64], x: float, y: float, slopes: NDArray[np.float64]
+    form: int,
+    p: NDArray[np.float64],
+    cosine: float,
+    sine: float,
+    x: float,
+    y: float,
+    slopes: NDArray[np.float64],
 ) -> Any:
-    """Height of the roof at (x, y), and its derivatives by the eight parameters (`slopes`, 8)."""
-    cosine, sine = np.cos(p[0]), np.sin(p[0])
+    """Height of the roof at (x, y), and its derivatives by the eight parameters (`slopes`, 8).
+
+    `cosine` and `sine` are those of the ridge's angle.
+    """
     u, v = cosine * x + sine * y, -sine * x + cosine * y
     slopes[:] = 0.0
     slopes[3] = 1.0
@@ -116,18 +124,19 @@ def fit_roof_kernel(
     scale, best, shrink = 1.0, np.inf, 1.0
     for turn in range(rounds):
         if turn == 0 or turn == 3 or turn == 6:
+            cosine, sine = np.cos(parameters[0]), np.sin(parameters[0])
             for i in range(count):
-                residuals[i] = abs(
-                    xyz[i, 2] - roof_height_kernel(form, parameters, xyz[i, 0], xyz[i, 1], slopes)
-                )
+                height = roof_height_kernel(form, parameters, cosine, sine, xyz[i, 0], xyz[i, 1], slopes)
+                residuals[i] = abs(xyz[i, 2] - height)
             scale = max(1.4826 * np.median(residuals), floor)
             best = np.inf
             trial[:] = parameters
         cost = 0.0
         matrix[:] = 0.0
         vector[:] = 0.0
+        cosine, sine = np.cos(trial[0]), np.sin(trial[0])
         for i in range(count):
-            away = xyz[i, 2] - roof_height_kernel(form, trial, xyz[i, 0], xyz[i, 1], slopes)
+            away = xyz[i, 2] - roof_height_kernel(form, trial, cosine, sine, xyz[i, 0], xyz[i, 1], slopes)
             square = (away / (cut * scale)) ** 2
             cost += square / (1.0 + square)
             weight = 1.0 / (1.0 + square) ** 2
@@ -161,8 +170,10 @@ def fit_roof_kernel(
             trial[groups[k, 0]] += shrink * step[k]
             if groups[k, 1] != groups[k, 0]:
                 trial[groups[k, 1]] += shrink * step[k]
+    cosine, sine = np.cos(parameters[0]), np.sin(parameters[0])
     for i in range(count):
-        residuals[i] = xyz[i, 2] - roof_height_kernel(form, parameters, xyz[i, 0], xyz[i, 1], slopes)
+        height = roof_height_kernel(form, parameters, cosine, sine, xyz[i, 0], xyz[i, 1], slopes)
+        residuals[i] = xyz[i, 2] - height
     for k in range(free):
         for q in range(k):
             normal[q, k] = normal[k, q]

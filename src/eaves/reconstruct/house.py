@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.extents import extent_of
 from eaves.geometry.moments import ClosedHouse, border_growth, close_house, surface_moments
 from eaves.geometry.parametric_roof import (
     ACROSS,
@@ -31,18 +29,19 @@ from eaves.geometry.parametric_roof import (
 from eaves.geometry.tin import Tin
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import Failure, Mask, Points
-
-LEAST_NOISE = 0.015
-"""Noise (m) under which a fit does not tell forms apart."""
+from eaves.reconstruct.house_edges import (
+    LEAST_NOISE,
+    covered_area,
+    measure_edges,
+    settle_axes,
+    take_plan,
+)
 
 FEWEST_POINTS = 16
 """Points a house of seven parameters is asked from."""
 
-CHOICE_POINTS, CHOICE_ROUNDS = 200, 12
+CHOICE_POINTS, CHOICE_ROUNDS = 160, 10
 """Points, and steps, with which the forms are compared before the one fit."""
-
-EMPTY_RADIUS = 4.0
-"""A triangle is empty ground when its circle is this many times wider than usual."""
 
 HIP_FALL, FULL_HIP_FALL = 0.12, 0.8
 """Fall of the ends as a share of the sides': a gable below the first, a hip from the second."""
@@ -52,9 +51,6 @@ FARTHEST_OVERLAP = 0.5
 
 HIGHEST_PARAPET = 1.2
 """Points up to this height (m) above the roof's plane belong to its rectangle."""
-
-SQUARE_FALL_DEG = 4.0
-"""A shed that falls this nearly square to its sides (degrees) does so exactly; heights tell it best."""
 
 SHORT_RIDGE = 0.1
 """Ridge as a share of the length below which a hip is a pyramid."""
@@ -188,82 +184,6 @@ def across_start(closed: ClosedHouse) -> NDArray[np.float64]:
     rise = max(closed.rise_along, 0.1 * closed.length)
     start[LEFT_SLOPE] = start[RIGHT_SLOPE] = 2.0 * rise / closed.length
     return start
-
-
-def take_plan(
-    fit: RoofFit, points: Points, plan: Polygon
-) -> tuple[RoofFit, tuple[float, float, float, float, float, float]]:
-    """The fit to points (N, 3) in the axes of the plan's least rectangle, and its edges, which are exact."""
-    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(plan))
-    side = corners[1] - corners[0]
-    turn = np.arctan2(side[1], side[0]) - fit.parameters[ANGLE]
-    turn = np.mod(turn + np.pi / 4.0, np.pi / 2.0) - np.pi / 4.0
-    if fit.form == PLANE:
-        fit = turned_fit(fit, float(turn))
-        if abs(fit.parameters[END_SLOPE]) > abs(fit.parameters[LEFT_SLOPE]):
-            fit = turned_fit(fit, np.pi / 2.0)
-    else:
-        start = fit.parameters.copy()
-        start[ANGLE] += turn
-        fit = fit_roof(fit.form, points, fit.centre, start, LEAST_NOISE, turns=False)
-    along, across = fit.axes(corners)
-    return fit, (along.min(), along.max(), across.min(), across.max(), 0.0, 0.0)
-
-
-def settle_axes(fit: RoofFit, points: Points) -> RoofFit:
-    """The plane's fit with axes along the sides of the least rectangle around points (N, 3), falling across.
-
-    A plane has no ridge to tell the orientation. The rectangle of least area is looked for around the
-    closed solution, then the axes are named so that the plane falls across.
-    """
-    best, angle = np.inf, 0.0
-    for width, steps in ((0.16, 17), (0.016, 9), (0.003, 7)):
-        middle = angle
-        for turn in middle + np.linspace(-width, width, steps):
-            west, east, south, north = measure_edges(turned_fit(fit, turn), points)[:4]
-            area = (east - west) * (north - south)
-            if area < best:
-                best, angle = area, float(turn)
-    settled = turned_fit(fit, angle)
-    along, across = settled.parameters[END_SLOPE], settled.parameters[LEFT_SLOPE]
-    level = np.tan(np.radians(FLAT_SLOPE_DEG))
-    if np.hypot(along, across) < level:
-        west, east, south, north = measure_edges(settled, points)[:4]
-        return settled if east - west >= north - south else turned_fit(settled, np.pi / 2.0)
-    if abs(along) > abs(across):
-        settled = turned_fit(settled, np.pi / 2.0)
-        along, across = settled.parameters[END_SLOPE], settled.parameters[LEFT_SLOPE]
-    turn = float(np.arctan(along / across))
-    return turned_fit(settled, turn) if abs(turn) < np.radians(SQUARE_FALL_DEG) else settled
-
-
-def turned_fit(fit: RoofFit, turn: float) -> RoofFit:
-    """The same plane in axes turned by `turn` (radians)."""
-    p = fit.parameters.copy()
-    cosine, sine = np.cos(turn), np.sin(turn)
-    gradient_along, gradient_across = p[END_SLOPE], -p[LEFT_SLOPE]
-    p[ANGLE] += turn
-    p[END_SLOPE] = cosine * gradient_along + sine * gradient_across
-    p[LEFT_SLOPE] = -(cosine * gradient_across - sine * gradient_along)
-    return RoofFit(fit.form, fit.centre, p, fit.residuals, fit.covariance, fit.scale)
-
-
-def measure_edges(fit: RoofFit, points: Points) -> tuple[float, float, float, float, float, float]:
-    """Low and high along, low and high across, in the axes of the fit, and a deviation for each axis."""
-    along, across = fit.axes(points)
-    west, east, end_deviation = extent_of(along)
-    south, north, side_deviation = extent_of(across)
-    return west, east, south, north, end_deviation, side_deviation
-
-
-def covered_area(points: Points, triangles: NDArray[np.int32]) -> float:
-    """Area (m²) of the triangles (T, 3) between points (N, 3) without the wide ones over empty ground."""
-    a, b, c = (points[triangles[:, corner], :2] for corner in range(3))
-    first, second, third = b - a, c - b, a - c
-    area = 0.5 * np.abs(first[:, 0] * third[:, 1] - first[:, 1] * third[:, 0])
-    sides = np.hypot(*first.T) * np.hypot(*second.T) * np.hypot(*third.T)
-    radius = sides / np.maximum(4.0 * area, 1e-12)
-    return float(area[radius <= EMPTY_RADIUS * np.median(radius)].sum())
 
 
 def describe_house(

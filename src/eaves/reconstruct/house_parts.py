@@ -26,7 +26,8 @@ from eaves.geometry.parametric_roof import (
     fit_roof,
 )
 from eaves.model import Mask, Points
-from eaves.reconstruct.house import FEWEST_POINTS, LEAST_NOISE, House
+from eaves.reconstruct.house import FEWEST_POINTS, House
+from eaves.reconstruct.house_edges import LEAST_NOISE
 
 LEAST_STEP = 0.15
 """Residual (m) under which nothing stands on a roof, however exact the points are."""
@@ -37,6 +38,9 @@ LINK = 2.0
 REACH_BACK = 1.5
 """How far (m) behind its last clear point a dormer may still meet the main roof."""
 
+
+NARROWEST = 0.8
+"""Width (m) under which a part is a parapet or a gutter."""
 
 FULL_SHARE = 0.5
 """Share of its rectangle that the points of a part cover at least: parapets and L-shapes cover less."""
@@ -144,7 +148,8 @@ def shape_part(house: House, points: Points, members: NDArray[np.int64], raised:
     if good.sum() * spacing_square < FULL_SHARE * (east - west) * (north - south):
         return None
     edges = reach_main_roof(house, planes, (west, east, south, north))
-    return RoofPart(edges, planes, raised, members) if edges[1] - edges[0] > 0.5 else None
+    narrow = min(edges[1] - edges[0], edges[3] - edges[2]) < NARROWEST
+    return None if narrow else RoofPart(edges, planes, raised, members)
 
 
 def reach_main_roof(

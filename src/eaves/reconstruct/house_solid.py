@@ -48,9 +48,9 @@ def solids_of(
         sides = [(west, south), (east, south), (east, north), (west, north)]
         segments += [(*sides[k], *sides[(k + 1) % 4]) for k in range(4)]
     rectangle = rectangle_of(house)
-    places = to_world(house, np.array(segments, float).reshape(-1, 2))
-    corners = shapely.get_coordinates(rectangle)
-    for corner in corners:  # a hip that ends beside its corner by a rounding would leave a sliver
+    lines = reach_out(np.array(segments, float).reshape(-1, 4), house.edges)
+    places = to_world(house, lines.reshape(-1, 2))
+    for corner in shapely.get_coordinates(rectangle):
         places[np.hypot(*(places - corner).T) < SHORTEST] = corner
     coverage = arrange(rectangle, places.reshape(-1, 4))
     if coverage is None:
@@ -63,6 +63,24 @@ def solids_of(
     if not solids or any(find_defect(solid) for solid in solids):
         return None
     return solids, world
+
+
+def reach_out(segments: NDArray[np.float64], edges: Edges) -> NDArray[np.float64]:
+    """Segments (S, 4) with the ends that lie on the rectangle's sides moved a little outwards.
+
+    The sides are rounded to the grid, and an end that misses its side by a rounding cuts nothing. Ends in
+    corners stay, for they are set onto the corner, and a hip beside its corner would leave a sliver.
+    """
+    west, east, south, north = edges
+    answer = segments.copy()
+    for end, other in ((slice(0, 2), slice(2, 4)), (slice(2, 4), slice(0, 2))):
+        place, way = segments[:, end], segments[:, end] - segments[:, other]
+        near = np.column_stack([np.abs(place[:, :1] - [west, east]), np.abs(place[:, 1:] - [south, north])])
+        on = (near < 1e-6).any(axis=1)
+        corner = (near[:, :2].min(axis=1) < SHORTEST) & (near[:, 2:].min(axis=1) < SHORTEST)
+        length = np.hypot(way[:, 0], way[:, 1])[:, None]
+        answer[:, end] = np.where((on & ~corner)[:, None], place + 2.0 * SHORTEST * way / length, place)
+    return answer
 
 
 def creases(planes: NDArray[np.float64], edges: Edges) -> list[tuple[float, float, float, float]]:

@@ -13,10 +13,10 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid
 from eaves.reconstruct.attributes import describe
 from eaves.reconstruct.base import Reconstructor
-from eaves.reconstruct.evidence import is_roof_point
+from eaves.reconstruct.evidence import is_roof_point, points_inside
 from eaves.reconstruct.house import House, fit_house
 from eaves.reconstruct.house_parts import LEAST_STEP, RoofPart, explained, find_parts
-from eaves.reconstruct.house_solid import solids_of
+from eaves.reconstruct.house_solid import rectangle_of, solids_of
 
 EMPTY_MEAN, EMPTY_SPREAD = 0.04, 0.4
 """Share of a full rectangle that n random points seem to leave empty, and √n times its standard deviation.
@@ -151,8 +151,11 @@ class Moments(Reconstructor):
         solids, faces = found
         reach = max(CUT * house.fit.scale, LEAST_STEP)
         planes = tuple(members_on(points, (float(a), float(b), float(c)), reach) for a, b, c in faces)
-        model = BuildingModel(footprint, {"2.2": solids}, planes)
-        return model.with_(attributes={**describe(model, points, roof, ground), **measures(house, parts)})
+        plan = rectangle_of(house)
+        model = BuildingModel(footprint.with_(polygon=plan), {"2.2": solids}, planes)
+        seen, top = points[points_inside(points, plan)], roof[points_inside(roof, plan)]
+        attributes = {**describe(model, seen, top, ground), **measures(house, parts)}
+        return model.with_(footprint=footprint, attributes=attributes)
 
 
 def members_on(points: Points, coefficients: tuple[float, float, float], reach: float) -> RoofPlane:
