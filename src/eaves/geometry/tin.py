@@ -33,6 +33,8 @@ class Tin:
         (M, 3) the corners of each triangle, counter-clockwise; `OUTSIDE` among them marks a hull edge.
     neighbours
         (M, 3) the triangle across from each corner.
+    waiting
+        Numbers of the points inserted so far, while they all lie on one line.
     """
 
     def __init__(self, xy: Points, first: NDArray[np.int64] | None = None) -> None:
@@ -44,7 +46,7 @@ class Tin:
         self._vertices = np.full((capacity, 3), OUTSIDE, np.int32)
         self._neighbours = np.full((capacity, 3), -1, np.int32)
         self._count = 0
-        self._waiting = np.zeros(0, np.int64)
+        self.waiting = np.zeros(0, np.int64)
         self._start = np.zeros(len(xy) + 1, np.int32)
         self.insert(np.arange(len(xy)) if first is None else first)
 
@@ -64,20 +66,20 @@ class Tin:
 
     def insert(self, numbers: NDArray[np.int64]) -> None:
         """Add points by their numbers; one that lies exactly on a vertex is passed over."""
-        numbers = np.concatenate([self._waiting, np.asarray(numbers, np.int64)])
+        numbers = np.concatenate([self.waiting, np.asarray(numbers, np.int64)])
         if len(numbers) == 0:
             return
         numbers = numbers[np.argsort(hilbert_kernel(self.whole[numbers]), kind="stable")]
         if self._count == 0:
             first = first_triangle_kernel(self.whole, numbers)
             if first[2] < 0:
-                self._waiting = numbers
+                self.waiting = numbers
                 return
             a, b, c = first
             self._vertices[:4] = [(a, b, c), (b, a, OUTSIDE), (c, b, OUTSIDE), (a, c, OUTSIDE)]
             self._neighbours[:4] = [(2, 3, 1), (3, 2, 0), (1, 3, 0), (2, 1, 0)]
             self._count = 4
-            self._waiting = np.zeros(0, np.int64)
+            self.waiting = np.zeros(0, np.int64)
         self._count = insert_kernel(
             self.whole, numbers, self._vertices, self._neighbours, self._count, self._start
         )

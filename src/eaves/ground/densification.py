@@ -5,14 +5,19 @@ line.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from eaves.geometry.tin import OUTSIDE, Ids, Tin, walk
 from eaves.model import Mask, Points, Values
 from eaves.model.cloud import QUANTUM
+
+STEEPEST_RIM = 1.5
+"""A facet at the hull that is steeper is a sliver, and says nothing of the terrain beyond."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +81,10 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
 def heights_above(tin: Tin, xyz: Points) -> tuple[Values, Values]:
     """Height (N,) of points over the TIN of some of them, and the slope (N,) of the facet."""
     triangle = tin.located(xyz)
-    if len(tin.vertices) == 0:
-        return np.full(len(xyz), np.inf), np.zeros(len(xyz))
-    above, slope = above_kernel(xyz, tin.vertices, triangle)
+    if len(tin.vertices) == 0:  # all on one line: the nearest point is all there is to compare with
+        nearest = cKDTree(xyz[tin.waiting, :2]).query(xyz[:, :2])[1]
+        return xyz[:, 2] - xyz[tin.waiting[nearest], 2], np.zeros(len(xyz))
+    above, slope = above_kernel(xyz, tin.vertices, tin.neighbours, triangle)
     return above, slope
 
 
@@ -95,25 +101,37 @@ def measure_roughness(tin: Tin, xyz: Points, longest: float) -> float:
 
 
 @njit(cache=True)
-def facet_at(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) -> tuple[float, float, float]:
-    """Height of a facet at (x, y), its slope, and the distance of (x, y) from the hull (0 inside)."""
+def facet_inside(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) -> Any:
+    """Height of a finite facet's plane at (x, y), and its slope."""
     a, b, c = vertices[triangle, 0], vertices[triangle, 1], vertices[triangle, 2]
-    if a == OUTSIDE or b == OUTSIDE or c == OUTSIDE:
-        if a == OUTSIDE:
-            a, b = b, c
-        elif b == OUTSIDE:
-            a, b = c, a
-        ux, uy = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1]
-        along = ((x - xyz[a, 0]) * ux + (y - xyz[a, 1]) * uy) / (ux * ux + uy * uy)
-        along = min(1.0, max(0.0, along))
-        away = np.hypot(x - xyz[a, 0] - along * ux, y - xyz[a, 1] - along * uy)
-        return xyz[a, 2] + along * (xyz[b, 2] - xyz[a, 2]), 0.0, away
     ux, uy, uz = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1], xyz[b, 2] - xyz[a, 2]
     vx, vy, vz = xyz[c, 0] - xyz[a, 0], xyz[c, 1] - xyz[a, 1], xyz[c, 2] - xyz[a, 2]
     area = ux * vy - uy * vx
     east, north = (uz * vy - uy * vz) / area, (ux * vz - uz * vx) / area
     height = xyz[a, 2] + east * (x - xyz[a, 0]) + north * (y - xyz[a, 1])
-    return height, np.sqrt(east * east + north * north), 0.0
+    return height, np.sqrt(east * east + north * north)
+
+
+@njit(cache=True)
+def facet_at(xyz: Points, vertices: Ids, neighbours: Ids, triangle: int, x: float, y: float) -> Any:
+    """Height of a facet at (x, y), its slope, and the distance of (x, y) from the hull (0 inside).
+
+    Outside the hull the facet behind the hull's edge goes on, or where that is steep the edge's height does.
+    """
+    for k in range(3):
+        if vertices[triangle, k] != OUTSIDE:
+            continue
+        a, b = vertices[triangle, (k + 1) % 3], vertices[triangle, (k + 2) % 3]
+        ux, uy = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1]
+        along = ((x - xyz[a, 0]) * ux + (y - xyz[a, 1]) * uy) / (ux * ux + uy * uy)
+        along = min(1.0, max(0.0, along))
+        away = np.hypot(x - xyz[a, 0] - along * ux, y - xyz[a, 1] - along * uy)
+        height, slope = facet_inside(xyz, vertices, neighbours[triangle, k], x, y)
+        if slope <= STEEPEST_RIM:
+            return height, slope, away
+        return xyz[a, 2] + along * (xyz[b, 2] - xyz[a, 2]), 0.0, away
+    height, slope = facet_inside(xyz, vertices, triangle, x, y)
+    return height, slope, 0.0
 
 
 @njit(cache=True)
@@ -146,7 +164,7 @@ def fits_kernel(
         )
         hint[i] = here
         last = here
-        height, slope, away = facet_at(xyz, vertices, here, x, y)
+        height, slope, away = facet_at(xyz, vertices, neighbours, here, x, y)
         off = abs(z - height) / np.sqrt(1.0 + slope * slope)
         nearest, closest, widest = -1, np.inf, 0.0
         for k in range(3):
@@ -175,7 +193,7 @@ def fits_kernel(
             int(np.round((mx - corner[0]) / QUANTUM)),
             int(np.round((my - corner[1]) / QUANTUM)),
         )
-        height, slope, away = facet_at(xyz, vertices, across, mx, my)
+        height, slope, away = facet_at(xyz, vertices, neighbours, across, mx, my)
         if away > 0.0 or slope > mirror_slope:
             continue
         off = abs(z - (2.0 * xyz[nearest, 2] - height))
@@ -184,11 +202,11 @@ def fits_kernel(
 
 
 @njit(cache=True)
-def above_kernel(xyz: Points, vertices: Ids, triangle: Ids) -> tuple[Values, Values]:
+def above_kernel(xyz: Points, vertices: Ids, neighbours: Ids, triangle: Ids) -> tuple[Values, Values]:
     """Height of each point (N,) over the facet at it, and the facet's slope."""
     above, slope = np.empty(len(xyz)), np.empty(len(xyz))
     for i in range(len(xyz)):
-        height, slope[i], _ = facet_at(xyz, vertices, triangle[i], xyz[i, 0], xyz[i, 1])
+        height, slope[i], _ = facet_at(xyz, vertices, neighbours, triangle[i], xyz[i, 0], xyz[i, 1])
         above[i] = xyz[i, 2] - height
     return above, slope
 

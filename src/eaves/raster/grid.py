@@ -25,9 +25,12 @@ def empty_raster(bounds: Bounds, cell: float, value: float = np.nan) -> Raster:
 
 
 def whole_cells(bounds: Bounds, cell: float) -> Bounds:
-    """The bounds widened to multiples of the cell (m)."""
-    west, south = np.floor(bounds.west / cell) * cell, np.floor(bounds.south / cell) * cell
-    east, north = (np.floor(bounds.east / cell) + 1) * cell, (np.floor(bounds.north / cell) + 1) * cell
+    """The bounds widened to multiples of the cell (m), so that every point on their rim has a cell.
+
+    A cell holds its west and its north side, as `Raster.cell_of` counts.
+    """
+    west, north = np.floor(bounds.west / cell) * cell, np.ceil(bounds.north / cell) * cell
+    east, south = (np.floor(bounds.east / cell) + 1) * cell, (np.ceil(bounds.south / cell) - 1) * cell
     return Bounds(float(west), float(south), float(east), float(north))
 
 
