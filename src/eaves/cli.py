@@ -462,8 +462,9 @@ def main() -> None:
     """Entry point: a caller's mistake is one line and status 2, never a traceback."""
     try:
         status = app(standalone_mode=False)
+    except SystemExit as end:  # how typer passes Ctrl-C on
+        status = end.code
     except (KeyboardInterrupt, typer.Abort):
-        typer.echo("interrupted: nothing is half-written; run again with --resume to go on", err=True)
         status = INTERRUPTED
     except (ValueError, OSError) as error:
         if "--verbose" in sys.argv or "-v" in sys.argv:
@@ -478,6 +479,8 @@ def main() -> None:
         helped = type(error).__name__ == "NoArgsIsHelpError"
         typer.echo(told() if helped else f"error: {' '.join(told().split())}; see --help", err=not helped)
         status = MISUSE
+    if status == INTERRUPTED:
+        typer.echo("interrupted: nothing is half-written; run again with --resume to go on", err=True)
     sys.exit(status or COMPLETE)
 
 

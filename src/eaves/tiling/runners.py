@@ -92,6 +92,10 @@ def run_batch(work: Callable[[Task], Any], batch: dict[int, Task], jobs: int) ->
                 yield future.result()
             except BrokenProcessPool:
                 continue
+    except BaseException:  # Ctrl-C, or the caller wants no more: do not wait for what is under way
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
