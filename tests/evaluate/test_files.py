@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
-from tests.validate.make_files import box, city, solid
 
 from eaves.evaluate import evaluate_files
 from eaves.formats import InputError, write_mask
 from eaves.formats.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
+from tests.validate.make_files import box, city, solid
 
 SYSTEM = CoordinateSystem(rasterio.CRS.from_epsg(32632).to_wkt(), code="EPSG:32632")
 WEST, SOUTH = 500_000.0, 5_400_000.0
@@ -189,6 +189,29 @@ def test_an_unknown_comparison_is_refused_with_the_ones_there_are(cloud: Path) -
 def test_a_cloud_has_no_footprints_to_compare(tmp_path: Path, cloud: Path) -> None:
     with pytest.raises(InputError, match="polygons"):
         evaluate_files("footprints", cloud, polygons(tmp_path / "f.gpkg", HOUSE))
+
+
+def test_a_cloud_and_polygons_have_no_common_planes(tmp_path: Path) -> None:
+    cloud = write_planes(tmp_path / "planes.laz", 5.0)
+    with pytest.raises(InputError, match="cloud"):
+        evaluate_files("planes", cloud, polygons(tmp_path / "f.gpkg", HOUSE))
+
+
+def test_cityjson_is_known_by_its_content_too(tmp_path: Path) -> None:
+    model = write_city(tmp_path / "model.json")
+    assert evaluate_files("footprints", model, polygons(tmp_path / "f.gpkg", HOUSE)).figures["pairs"] == 1
+
+
+@pytest.mark.parametrize("what", ["ground", "detection", "footprints", "planes", "models"])
+def test_a_file_that_is_not_there_or_empty_is_refused_in_one_line(tmp_path: Path, what: str) -> None:
+    for name in ("none.laz", "none.gpkg", "none.city.json", "none.tif", "none.obj", "none.txt"):
+        for there in (False, True):
+            path = tmp_path / name
+            if there:
+                path.write_bytes(b"")
+            with pytest.raises(InputError) as raised:
+                evaluate_files(what, path, path)
+            assert "\n" not in str(raised.value) and name in str(raised.value)
 
 
 @pytest.mark.skipif("EAVES_DATA" not in os.environ, reason="EAVES_DATA is not set")

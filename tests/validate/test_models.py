@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from tests.validate.make_files import Shell, box, dented_box, inside_out
 
 from eaves.model import BuildingModel, Face, Footprint, Solid
 from eaves.validate import validate_model
+from tests.validate.make_files import Shell, box, dented_box, inside_out, prism
 
 
 def solid_of(shell: Shell, origin: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Solid:
@@ -60,6 +60,21 @@ def test_rounding_to_the_grid_can_make_a_model_invalid() -> None:
     lower = pit.vertices.copy()
     lower[np.isclose(lower[:, 2], 0.001), 2] = 0.0004
     assert [f.code for f in validate_model(model_of(l2_2=(Solid(lower, pit.faces),)))] == [306] * 4
+
+
+def test_corners_on_one_oblique_line_make_no_self_intersection() -> None:
+    """Once cut into triangles across a third corner, the base of this house met walls it only touches."""
+    # fmt: off
+    outline = [
+        (5184, 2027), (6674, 2206), (6853, 717), (8342, 896), (8163, 2385), (7984, 3875), (7805, 5364),
+        (7625, 6853), (7446, 8342), (5957, 8163), (4468, 7984), (4647, 6495), (4826, 5006), (3337, 4826),
+        (3158, 6316), (2979, 7805), (1489, 7626), (0, 7447), (179, 5957), (1668, 6137), (1848, 4647),
+        (358, 4468), (537, 2979), (2027, 3158), (2206, 1669), (717, 1490), (896, 0), (2385, 179),
+        (3874, 359), (3695, 1848),
+    ]
+    # fmt: on
+    assert shapely.Polygon(outline).is_valid
+    assert validate_model(model_of(l2_2=(solid_of(prism(outline, 0, 3000)),))) == []
 
 
 def test_a_vertex_that_is_not_finite_is_refused() -> None:

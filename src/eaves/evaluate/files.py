@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pyogrio
 from scipy.spatial import cKDTree
 
 from eaves.evaluate.city import read_buildings
@@ -269,8 +270,9 @@ def _planes(path: Path, grid: Raster) -> tuple[Numbers, Values | None]:
     if kind_of(path) == "raster":
         source = open_buildings(path)
         return source.label_image(grid)[0], None
-    import pyogrio
-
+    if kind_of(path) == "cloud":
+        remedy = "compare two clouds with plane_id, or CityJSON or polygons"
+        raise InputError.about(path, "is a cloud and the other file is none", remedy)
     layers = [str(name) for name, _ in pyogrio.list_layers(path)]
     polygons: Shapes = read_polygons(path, "roof_planes" if "roof_planes" in layers else None)[0]
     return burn_labels(polygons, grid), None

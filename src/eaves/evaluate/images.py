@@ -16,7 +16,7 @@ from shapely import MultiPolygon, Polygon
 from eaves.evaluate.city import CityBuilding, read_buildings
 from eaves.evaluate.detection import label_objects
 from eaves.evaluate.matching import Numbers
-from eaves.formats import read, read_polygons, read_raster
+from eaves.formats import InputError, read, read_polygons, read_raster
 from eaves.geometry.roof_fit import RoofFaces, collect_faces
 from eaves.model import Bounds, CoordinateSystem, Mask, PointCloud, Raster, Values
 from eaves.model.cloud import BUILDING
@@ -30,6 +30,9 @@ RASTERS = (".tif", ".tiff", ".vrt", ".img")
 CLOUDS = (".las", ".laz", ".xyz", ".txt", ".asc", ".csv")
 CITY = (".city.json", ".city.jsonl", ".jsonl")
 
+HEAD = 1 << 16
+"""Bytes of a file named .json in which CityJSON names itself."""
+
 
 def kind_of(path: Path) -> str:
     """`raster`, `cloud`, `city`, `wireframe` or `polygons`, by the file's name."""
@@ -37,6 +40,9 @@ def kind_of(path: Path) -> str:
     for kind, endings in (("raster", RASTERS), ("cloud", CLOUDS), ("city", CITY), ("wireframe", (".obj",))):
         if name.endswith(endings):
             return kind
+    if name.endswith(".json") and path.is_file():
+        with path.open("rb") as file:
+            return "city" if b'"CityJSON"' in file.read(HEAD) else "polygons"
     return "polygons"
 
 
@@ -77,6 +83,8 @@ def open_buildings(path: Path, target: CoordinateSystem | None = None) -> Buildi
         return BuildingSource(system, raster=raster)
     if kind == "cloud":
         cloud = read(path)
+        if cloud.classification is None:
+            raise InputError.about(path, "has no classes", "give a cloud with class 6 for buildings")
         return BuildingSource(cloud.system, cloud=cloud)
     if kind == "city":
         buildings = [item for item in read_buildings(path) if not item.footprint.is_empty]
@@ -164,8 +172,6 @@ def _from_raster(raster: Raster, grid: Raster) -> tuple[Numbers, Mask]:
 
 def _from_cloud(cloud: PointCloud, grid: Raster) -> tuple[Numbers, Mask]:
     """A cell is of the class of its highest point; cells without points are not known."""
-    if cloud.classification is None:
-        raise ValueError("the cloud has no classes; give one with class 6 for buildings")
     use = cloud.take(~cloud.noise)
     top = highest_points(use.xyz, grid.bounds.moved(-cloud.origin[0], -cloud.origin[1]), grid.cell)
     assert use.classification is not None
