@@ -120,3 +120,15 @@ def test_the_cut_is_the_least() -> None:
         cut = source_side(gain, loss, (one, two, price))
         found = int((cut * (1 << np.arange(6))).sum())
         assert energy[found] == pytest.approx(energy.min())
+
+
+def test_a_glass_roof_is_found_by_its_rim_and_a_pond_is_not() -> None:
+    made = MadeScene(density=12.0)
+    for west, south, east, north in ((20, 20, 27, 21), (20, 26, 27, 27), (20, 21, 21, 26), (26, 21, 27, 26)):
+        made.box(west, south, east, north, 2.6, 1)
+    made.taken.append((21.0, 21.0, 26.0, 26.0))
+    made.taken.append((40.0, 40.0, 46.0, 46.0))
+    scene, what = made.scene()
+    found = detect_buildings(scene, Consensus())
+    assert found.count == 1
+    assert (found.label[what == 1] > 0).mean() > 0.9

@@ -14,10 +14,13 @@ from eaves.detect.evidence import LEAST_POINTS, Evidence, gather_evidence
 from eaves.detect.judgement import judge_cells, judge_segments, looks_like_vehicle, score_regions
 from eaves.detect.members import part_of_points
 from eaves.detect.segments import Segments, find_segments, inner_width
+from eaves.detect.voids import find_roof_voids, raise_rims
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, Regions, Scene, Values
 from eaves.model.scene import ROOF
 
+RIM_ODDS = 3.0
+"""Log odds of the rim of a roof that swallows the beam."""
 SMALL_SEGMENT_M2 = 2.0
 """Smaller surfaces say no more than their cells do."""
 
@@ -29,10 +32,11 @@ class Consensus(Detector):
     plane of the nine windows that hold it, so ridges and eaves are as flat as the faces beside them and
     crowns never are. Cells of agreeing planes form surfaces, and each surface is judged as a whole: area,
     width, residual, height, the share of pulses with several echoes, the share of points that reach the
-    ground through it. Cells in no surface (walls, chimneys, machinery, crowns) are judged by their echoes. A
-    graph cut then finds the labelling of least energy, in which neighbours whose surfaces continue each other
-    want the same label and a jump in height lets them part. Connected cells with a core of roof surfaces are
-    buildings; narrow long ones alone on the street are vehicles.
+    ground through it. Cells in no surface (walls, chimneys, machinery, crowns) are judged by their echoes; a
+    hole in the data with a level, raised rim is a roof of glass or water. A graph cut then finds the
+    labelling of least energy, in which neighbours whose surfaces continue each other want the same label and
+    a jump in height lets them part. Connected cells with a core of roof surfaces are buildings; narrow long
+    ones alone on the street are vehicles.
 
     Energy: Σ_cells odds(c)·[label(c) is against its odds] + λ Σ_neighbours exp(-(d/s)²)·[labels differ],
     where d is how far the highest points miss each other's surface.
@@ -109,8 +113,10 @@ class Consensus(Detector):
         emit("segments", segments.label)
         odds, roof = self.judge(evidence, segments, echoes)
         emit("odds", odds)
+        void, rims = find_roof_voids(evidence)
+        odds, roof = raise_rims(odds, rims, RIM_ODDS), roof | void
         odds = np.where(ndimage.distance_transform_edt(~roof) * side <= self.max_rough, odds, -self.sure)
-        building = cut_cells(evidence, odds, self.sure, self.smoothness, self.max_jump)
+        building = void | cut_cells(evidence, odds, self.sure, self.smoothness, self.max_jump)
         emit("cut", building)
         region = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
