@@ -6,9 +6,19 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.coverage import Coverage, coverage_of
 from eaves.geometry.tolerance import COORDINATE_STEP
+
+NARROWEST_NECK = 0.03
+"""Parts of a footprint held together or apart by less than this (m) touch, for all that can be built."""
+
+SMALLEST_PART = 0.1
+"""Parts of a footprint smaller than this (m²) are not parts."""
+
+MOST_CUTS = 20
+"""Necks cut through one by one, where corners of a footprint touch."""
 
 
 def arrange(
@@ -16,13 +26,15 @@ def arrange(
 ) -> Coverage | None:
     """The cells that segments (S, 4: x, y, x, y) cut a polygon into, nodes on the grid (m).
 
-    Ends that hang free cut nothing. None when the polygon has no area on the grid.
+    Ends that hang free cut nothing. Necks and gaps narrower than `NARROWEST_NECK` are parted and filled
+    first. None when
+    the polygon has no area on the grid.
     """
-    whole = shapely.set_precision(polygon, grid)
-    if whole.geom_type != "Polygon" or whole.is_empty:
+    whole = without_necks(shapely.set_precision(polygon, grid), grid)
+    if whole.is_empty:
         return None
     if len(segments) == 0:
-        return coverage_of(np.array([whole], object), grid)
+        return coverage_of(shapely.get_parts(whole), grid)
     lines = shapely.linestrings(np.asarray(segments, float).reshape(-1, 2, 2))
     net = shapely.union_all(np.append(lines, whole.boundary), grid_size=grid)
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
@@ -31,3 +43,27 @@ def arrange(
     shapely.prepare(whole)
     inside = shapely.contains_properly(whole, shapely.point_on_surface(cells))
     return coverage_of(cells[inside], grid) if inside.any() else None
+
+
+def without_necks(polygon: BaseGeometry, grid: float) -> BaseGeometry:
+    """The polygonal shape, parted at its necks and with its clefts filled where they are too narrow to be
+    built.
+
+    A shape that is nowhere so narrow comes back as it is.
+    """
+    if shapely.minimum_clearance(polygon) < NARROWEST_NECK:
+        reach = 0.5 * NARROWEST_NECK
+        for distance in (reach, -2.0 * reach, reach):
+            polygon = shapely.buffer(polygon, distance, join_style="mitre", mitre_limit=3.0)
+        polygon = shapely.set_precision(polygon, grid)
+    for _ in range(MOST_CUTS):
+        if shapely.minimum_clearance(polygon) >= 0.5 * NARROWEST_NECK:
+            break
+        neck = shapely.buffer(shapely.minimum_clearance_line(polygon), NARROWEST_NECK, cap_style="square")
+        polygon = shapely.set_precision(shapely.difference(polygon, neck), grid)
+    parts = [
+        part
+        for part in shapely.get_parts(polygon)
+        if part.geom_type == "Polygon" and part.area > SMALLEST_PART
+    ]
+    return shapely.MultiPolygon(parts)

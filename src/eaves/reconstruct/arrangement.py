@@ -135,7 +135,7 @@ class Arrangement(Reconstructor):
         labels, coefficients = self.supported_planes(points, roof, top, planes, spacing, ground)
         plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
         if plan is None:
-            return Failure("no_area", "the footprint encloses no area", self.stage, footprint)
+            return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
         prices = Prices(
             self.misfit_limit,
             self.gross_limit,

@@ -8,10 +8,16 @@ from numpy.typing import NDArray
 
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.model import Solid
-from eaves.model.building import WALL_SURFACE
+from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
 
 FLATTEST_SHARE = 0.9
 """Share of `PLANARITY` a face may use; the rest is for the rounding of written coordinates."""
+
+CLOSEST = 2.0 * COORDINATE_STEP
+"""Corners and edges nearer than this (m) could fall together when coordinates are written."""
+
+LOWEST_WALL = 0.05
+"""A roof is at least this high (m) above the base of the solid, everywhere."""
 
 MOST_FOLD_DEG = 9.0
 """Angle (degrees) between triangles of one face; under half of val3dity's 20, as any two may be compared."""
@@ -39,6 +45,10 @@ def find_defect(solid: Solid) -> str:
             continue
         if len(face.rings[0]) > 3 and height_error(solid, face.rings) > FLATTEST_SHARE * PLANARITY:
             return "a roof face that is not planar"
+    ground = solid.vertices[solid.faces[0].rings[0][0], 2]
+    roof = {v for face in solid.faces if face.surface == ROOF_SURFACE for v in face.rings[0]}
+    if solid.vertices[list(roof), 2].min() < ground + LOWEST_WALL:
+        return "a roof that reaches the ground"
     return plan_defect(solid) or fold_defect(solid)
 
 
@@ -55,6 +65,8 @@ def plan_defect(solid: Solid) -> str:
     polygons = plan_polygons(solid)
     if not shapely.is_valid(polygons).all():
         return "a face whose rings cross"
+    if shapely.minimum_clearance(polygons).min() < CLOSEST:
+        return "corners too close to each other"
     areas = shapely.area(polygons)
     if abs(areas[0] - areas[1:].sum()) > COORDINATE_STEP * shapely.length(polygons[0]):
         return "roof faces that do not cover the ground face"

@@ -1,0 +1,127 @@
+"""The arrangement on exact roofs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+
+from eaves.model import BuildingModel, Failure, Footprint, RoofPlane
+from eaves.reconstruct import reconstruct_building
+from eaves.reconstruct.arrangement import Arrangement
+from eaves.validate.models import validate_model
+
+BOX = shapely.box(0, 0, 12, 8)
+
+
+def scan(height: object, density: float = 10.0, noise: float = 0.02, polygon: shapely.Polygon = BOX) ->
+np.ndarray:
+    """Points (N, 3) spread over a polygon, on the surface z = height(x, y)."""
+    rng = np.random.default_rng(1)
+    west, south, east, north = polygon.bounds
+    count = int(density * (east - west) * (north - south))
+    xy = np.column_stack([rng.uniform(west, east, count), rng.uniform(south, north, count)])
+    xy = xy[shapely.contains_xy(polygon, xy[:, 0], xy[:, 1])]
+    return np.column_stack([xy, height(xy[:, 0], xy[:, 1]) + noise * rng.normal(size=len(xy))])  # type:
+    ignore[operator]
+
+
+def owned(points: np.ndarray, rows: list[tuple[float, float, float]]) -> list[RoofPlane]:
+    """The planes with the points that are nearest to each."""
+    rise = points[:, :2] @ np.array(rows)[:, :2].T + np.array(rows)[:, 2]
+    nearest = np.abs(points[:, 2:] - rise).argmin(axis=1)
+    return [RoofPlane(row, np.flatnonzero(nearest == number), 0.02) for number, row in enumerate(rows)]
+
+
+def model_of(points: np.ndarray, rows: list[tuple[float, float, float]], polygon: shapely.Polygon = BOX) ->
+BuildingModel:
+    answer = reconstruct_building(points, Footprint(polygon), owned(points, rows), 0.0, Arrangement())
+    assert isinstance(answer, BuildingModel)
+    assert not validate_model(answer)
+    return answer
+
+
+def test_gable_has_two_faces_and_its_volume() -> None:
+    points = scan(lambda x, y: 7.0 - 0.5 * abs(y - 4.0))
+    model = model_of(points, [(0.0, 0.5, 5.0), (0.0, -0.5, 9.0)])
+    assert model.lod == "2.2" and set(model.solids) == {"1.2", "1.3", "2.2"}
+    assert len(model.planes) == 2
+    assert model.attributes["roof_type"] == "gable"
+    assert model.attributes["volume_m3"] == pytest.approx(12 * 8 * 6.0, rel=0.005)
+    assert model.attributes["h_ridge"] == pytest.approx(7.0, abs=0.02)
+    assert model.attributes["h_eaves"] == pytest.approx(5.0, abs=0.02)
+    faces = sorted(model.attributes["roof_faces"], key=lambda face: face["azimuth_deg"])
+    assert [face["azimuth_deg"] for face in faces] == pytest.approx([0.0, 180.0], abs=0.5)
+    assert [face["projected_m2"] for face in faces] == pytest.approx([48.0, 48.0], abs=0.1)
+
+
+def test_hip_has_four_faces_that_meet_in_shared_vertices() -> None:
+    rows = [(0.0, 0.5, 4.0), (0.0, -0.5, 8.0), (0.5, 0.0, 4.0), (-0.5, 0.0, 10.0)]
+    points = scan(lambda x, y: np.min([a * x + b * y + c for a, b, c in rows], axis=0))
+    model = model_of(points, rows)
+    assert len(model.planes) == 4 and model.attributes["roof_type"] == "hip"
+    exact = 4.0 * 96 + 2.0 * (8 * 8 / 2 - 8 * 8 / 6) + 2.0 * 4 * 8 / 2
+    assert model.attributes["volume_m3"] == pytest.approx(exact, rel=0.005)
+
+
+def test_tower_beside_a_low_part_jumps_where_it_does() -> None:
+    points = scan(lambda x, y: np.where(x < 5.0, 9.0, 4.0))
+    model = model_of(points, [(0.0, 0.0, 9.0), (0.0, 0.0, 4.0)])
+    assert model.attributes["volume_m3"] == pytest.approx(40 * 9 + 56 * 4, rel=0.01)
+    assert len([face for solid in model.solids["1.3"] for face in solid.faces if face.surface == "RoofSurface"]) == 2
+
+
+def test_flat_dormer_stands_on_its_slope() -> None:
+    inside = shapely.box(4, 1, 7, 3)
+
+    def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.where(shapely.contains_xy(inside, x, y), 8.0, 4.0 + y)
+
+    points = scan(height, density=15.0)
+    model = model_of(points, [(0.0, 1.0, 4.0), (0.0, 0.0, 8.0)])
+    dormer = min(model.attributes["roof_faces"], key=lambda face: face["area_m2"])
+    assert dormer["slope_deg"] == pytest.approx(0.0, abs=0.2)
+    assert dormer["projected_m2"] == pytest.approx(6.0, rel=0.25)
+
+
+def test_no_plane_runs_away_over_empty_ground() -> None:
+    points = scan(lambda x, y: 4.0 + y)
+    points = points[points[:, 0] < 6.0]
+    points = points[points[:, 1] < 3.0]
+    model = model_of(points, [(0.0, 1.0, 4.0)])
+    assert model.attributes["h_max"] + 1.6 >= model.attributes["h_ridge"]
+    assert model.attributes["share_no_data"] > 0.5
+
+
+def test_the_answer_does_not_depend_on_a_second_look() -> None:
+    points = scan(lambda x, y: 7.0 - 0.5 * abs(y - 4.0))
+    rows = [(0.0, 0.5, 5.0), (0.0, -0.5, 9.0)]
+    first, second = model_of(points, rows), model_of(points, rows)
+    for lod, solids in first.solids.items():
+        assert all(
+            np.array_equal(one.vertices, other.vertices) and one.faces == other.faces
+            for one, other in zip(solids, second.solids[lod], strict=True)
+        )
+
+
+def test_without_planes_the_building_is_a_block_and_says_so() -> None:
+    points = scan(lambda x, y: np.full_like(x, 5.0))
+    answer = reconstruct_building(points, Footprint(BOX), [], 0.0, Arrangement())
+    assert isinstance(answer, BuildingModel)
+    assert "2.2" not in answer.solids
+    assert answer.attributes["fallback_code"] == "no_plane"
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_too_few_points_are_a_failure(count: int) -> None:
+    points = np.tile([6.0, 4.0, 5.0], (count, 1)).reshape(-1, 3)
+    answer = reconstruct_building(points, Footprint(BOX), [], 0.0, Arrangement())
+    assert isinstance(answer, Failure) and answer.code == "too_few_points"
+
+
+def test_points_on_a_line_give_an_answer() -> None:
+    points = np.column_stack([np.linspace(0.1, 11.9, 50), np.full(50, 4.0), np.full(50, 5.0)])
+    planes = [RoofPlane((0.0, 0.0, 5.0), np.arange(25), 0.0), RoofPlane((0.0, 0.0, 5.0), np.arange(25, 50),
+    0.0)]
+    answer = reconstruct_building(points, Footprint(BOX), planes, 0.0, Arrangement())
+    assert isinstance(answer, BuildingModel) and not validate_model(answer)
