@@ -10,7 +10,11 @@ from hypothesis.extra.numpy import arrays
 from eaves.model import Block, Bounds, PointCloud, Raster
 from eaves.model.cloud import canonical_order, snap
 
-points = arrays(np.float64, st.tuples(st.integers(0, 60), st.just(3)), elements=st.integers(-3000, 3000).map(lambda k: k / 997))
+points = arrays(
+    np.float64,
+    st.tuples(st.integers(0, 60), st.just(3)),
+    elements=st.integers(-3000, 3000).map(lambda k: k / 997),
+)
 
 
 @settings(deadline=None)
