@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eaves.formats import InputError
 from eaves.validate import RULES, Tolerances, validate_file
 
 FILES = Path(__file__).parent / "files"
@@ -87,9 +88,25 @@ def test_a_tolerance_that_is_not_positive_is_refused() -> None:
         Tolerances(snap=0.0)
 
 
-def test_a_file_that_is_not_there_raises() -> None:
-    with pytest.raises(FileNotFoundError):
+def test_a_file_that_is_not_there_is_refused_in_one_line() -> None:
+    with pytest.raises(InputError, match=r"nothing\.city\.json: cannot be read .*; check the path"):
         validate_file(FILES / "nothing.city.json")
+
+
+def test_a_broken_line_of_a_cityjsonseq_is_a_finding(tmp_path: Path) -> None:
+    path = tmp_path / "cut.city.jsonl"
+    head = {"type": "CityJSON", "version": "2.0", "CityObjects": {}, "vertices": []}
+    path.write_text(json.dumps(head) + '\n{"type": "CityJSONFeature", "id"', encoding="utf-8")
+    assert [finding.code for finding in validate_file(path)] == [901]
+
+
+def test_a_file_spread_over_many_lines_is_read(tmp_path: Path) -> None:
+    source = FILES / "302_shell_not_closed_invalid.city.json"
+    path = tmp_path / "indented.city.json"
+    path.write_text(
+        json.dumps(json.loads(source.read_text(encoding="utf-8")), indent=2), encoding="utf-8-sig"
+    )
+    assert validate_file(path) == validate_file(source)
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.formats import InputError
 from eaves.model import Finding
 from eaves.validate.boundaries import FINEST_STEP, Integers
 from eaves.validate.codes import make_finding
@@ -60,36 +60,61 @@ class Grid:
 def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> list[Finding]:
     """All findings of a CityJSON or CityJSONSeq file, in the order of its buildings; none means valid.
 
-    Checked are the coordinates as written (whole numbers and transform). A file that cannot be read as
-    CityJSON gives finding 901 or 904; a file that is not there raises FileNotFoundError.
+    Checked are the coordinates as written (whole numbers and transform). Of CityJSONSeq some features are in
+    memory at a time.
+
+    Raises ------ InputError When there is no such file, or it may not be read. What is in it is never an
+    error: a file that is no CityJSON gives finding 901 or 904.
     """
+    findings: list[Finding] = []
     try:
-        documents = _documents(Path(path).read_text(encoding="utf-8"))
+        documents = _documents(Path(path))
+        head: Any = next(documents, None)
+        grid = _read_head(head, findings)
+        if grid is None:
+            return findings
+        findings += _check_templates(head, tolerances)
+        batch = [head]
+        for document in documents:
+            batch.append(document)
+            if len(batch) == FEATURES_AT_ONCE:
+                findings += _check_batch(batch, grid, tolerances)
+                batch = []
+        return findings + _check_batch(batch, grid, tolerances)
+    except OSError as error:
+        raise InputError.about(path, f"cannot be read ({error.strerror})", "check the path") from None
     except (ValueError, RecursionError) as error:
-        return [make_finding(901, "", "file", f"it is not JSON: {error}")]
-    head = documents[0] if documents else None
+        return [*findings, make_finding(901, "", "file", f"it is not JSON: {error}")]
+
+
+def _read_head(head: Any, findings: list[Finding]) -> Grid | None:
+    """The grid of a file by its first object, or None with the reason added to the findings."""
     if not isinstance(head, dict) or head.get("type") != "CityJSON":
-        return [make_finding(901, "", "file", 'it does not start with an object of type "CityJSON"')]
+        reason = 'it does not start with an object of type "CityJSON"'
+        findings.append(make_finding(901, "", "file", reason))
+        return None
     if str(head.get("version")) not in VERSIONS:
-        versions = ", ".join(VERSIONS)
-        return [make_finding(904, "", "file", f"version is {head.get('version')!r}; known are {versions}")]
+        reason = f"version is {head.get('version')!r}; known are {', '.join(VERSIONS)}"
+        findings.append(make_finding(904, "", "file", reason))
+        return None
     try:
-        grid = _grid(head)
+        return _grid(head)
     except ValueError as error:
-        return [make_finding(901, "", "file", str(error))]
-    findings = _check_templates(head, tolerances)
-    features = iter(documents)
-    while batch := list(islice(features, FEATURES_AT_ONCE)):
-        findings += _check_batch(batch, grid, tolerances)
-    return findings
+        findings.append(make_finding(901, "", "file", str(error)))
+        return None
 
 
-def _documents(text: str) -> list[Any]:
-    """The JSON values of a file: one, or one a line."""
-    try:
-        return [json.loads(text)]
-    except json.JSONDecodeError:
-        return [json.loads(line) for line in text.splitlines() if line.strip()]
+def _documents(path: Path) -> Iterator[Any]:
+    """The JSON values of a file: one over all its lines, or one a line."""
+    with path.open(encoding="utf-8-sig") as file:
+        first = file.readline()
+        try:
+            yield json.loads(first)
+        except json.JSONDecodeError:
+            yield json.loads(first + file.read())
+        for line in file:
+            if line.strip():
+                yield json.loads(line)
 
 
 def _grid(head: dict[str, Any]) -> Grid:
