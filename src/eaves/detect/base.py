@@ -10,16 +10,21 @@ from numpy.typing import NDArray
 
 from eaves.methods import Emit, Method, emitter, ignore, make_method
 from eaves.model import Labels, Points, Regions, Scene
+from eaves.model.scene import ROOF, WALL
 
 MIN_AREA_M2 = 6.0
 MIN_HEIGHT_M = 2.0
 """The smallest shed that counts as a building."""
 
+TALL_SHARE = 0.1
+"""A building is as high as a tenth of its points: roof, not chimney."""
+
 
 class Detector(Method):
     """Tells which points belong to which building.
 
-    `label` sees a scene whose cloud is in canonical order, about the origin of its block; noise points are still in
+    `label` sees a scene whose cloud is in canonical order, about the origin of its block; noise points
+    are still in
     it (class 7, 18) and must get label 0. Labels need not be consecutive; points of trees and ground get 0.
     """
 
@@ -39,7 +44,8 @@ def detect_buildings(
     min_height: float = MIN_HEIGHT_M,
     debug: str | Path | Emit | None = None,
 ) -> Regions:
-    """Regions numbered 1…K from west to east, each at least `min_area` (m²) large and `min_height` (m) high."""
+    """Regions numbered 1…K from west to east, each at least `min_area` (m²) large and `min_height` (m)
+    high."""
     detector = method or make_method("detect")
     assert isinstance(detector, Detector)
     order = scene.cloud.canonical_order()
@@ -49,28 +55,29 @@ def detect_buildings(
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
     score = found.score[kept - 1] if len(found.score) else np.ones(len(kept))
-    part = None if found.part is None else found.part[back]
+    part = None
+    if found.part is not None:
+        gone = (label == 0) & np.isin(found.part, (ROOF, WALL))
+        part = np.where(gone, 0, found.part).astype(np.uint8)[back]
     return Regions(label[back], score, part)
 
 
 def keep_regions(
     label: Labels, scene: Scene, min_area: float, min_height: float
 ) -> tuple[Labels, NDArray[np.int64]]:
-    """Labels (N,) renumbered 1…K by the regions' westernmost cell, without the small and the low; the old numbers (K,)."""
+    """Labels (N,) renumbered 1…K by the regions' westernmost cell, without the small and the low; the old
+    numbers (K,)."""
     inside = np.flatnonzero(label > 0)
     if len(inside) == 0:
         return np.zeros_like(label), np.zeros(0, np.int64)
     numbers, which = np.unique(label[inside], return_inverse=True)
     area = covered_area(scene.cloud.xyz[inside], which, len(numbers), scene.spacing)
-    order = np.lexsort((scene.height[inside], which))
+    order = np.argsort(which, kind="stable")
     count = np.bincount(which, minlength=len(numbers))
     start = np.cumsum(count) - count
-    top = scene.height[inside][order][start + (count * 9) // 10]  # the 90th percentile: roof, not chimney
-    good = np.flatnonzero((area >= min_area) & (top >= min_height))
-    west = np.full(len(numbers), np.inf)
-    np.minimum.at(west, which, scene.cloud.xyz[inside, 0])
-    south = np.full(len(numbers), np.inf)
-    np.minimum.at(south, which, scene.cloud.xyz[inside, 1])
+    tall = np.bincount(which[scene.height[inside] >= min_height], minlength=len(numbers))
+    good = np.flatnonzero((area >= min_area) & (tall > TALL_SHARE * count))
+    west, south = (np.minimum.reduceat(scene.cloud.xyz[inside[order], axis], start) for axis in (0, 1))
     good = good[np.lexsort((south[good], west[good]))]
     new = np.zeros(len(numbers), np.int32)
     new[good] = np.arange(1, len(good) + 1, dtype=np.int32)
@@ -79,13 +86,12 @@ def keep_regions(
     return result, numbers[good].astype(np.int64)
 
 
-def covered_area(
-    xyz: Points, which: NDArray[np.int64], count: int, spacing: float
-) -> NDArray[np.float64]:
-    """Area (m²) that the points of each of `count` groups cover: occupied cells about twice the spacing wide."""
+def covered_area(xyz: Points, which: NDArray[np.int64], count: int, spacing: float) -> NDArray[np.float64]:
+    """Area (m²) that the points of each of `count` groups cover: occupied cells about twice the spacing
+    wide."""
     side = max(0.5, 2.0 * spacing)
     cell = np.floor(xyz[:, :2] / side).astype(np.int64)
     cell -= cell.min(axis=0)
     key = (which * (int(cell[:, 0].max()) + 1) + cell[:, 0]) * (int(cell[:, 1].max()) + 1) + cell[:, 1]
     _, first = np.unique(key, return_index=True)
-    return np.bincount(which[first], minlength=count) * side * side
+    return np.asarray(np.bincount(which[first], minlength=count) * (side * side), np.float64)

@@ -58,8 +58,7 @@ def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float) -> 
     count = np.bincount(cell, minlength=cells.size).reshape(shape)
     sums = sums_of(xyz[chosen], cell, cells.size).reshape(*shape, 10)
     slope_east, slope_north, level, residual = best_planes(sums, cells)
-    top = np.full(cells.size, -np.inf)
-    np.maximum.at(top, cell, xyz[chosen, 2])
+    top = cells.extreme(np.where(candidate, xyz[:, 2], -np.inf))
 
     around = window_sum(count.astype(np.float64))
     several = np.zeros(shape)

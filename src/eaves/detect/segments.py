@@ -100,5 +100,6 @@ def inner_width(label: Labels, count: int) -> Values:
             border |= padded[row : row + label.shape[0], column : column + label.shape[1]] != label
         inside = (label > 0) & ~border
         distance = ndimage.distance_transform_cdt(inside, metric="chessboard")
-        np.maximum.at(width, label.ravel(), 2.0 * distance.ravel() + 1.0)
+        some = np.flatnonzero(label)
+        np.maximum.at(width, label.ravel()[some], 2.0 * distance.ravel()[some] + 1.0)
     return width[1:]
