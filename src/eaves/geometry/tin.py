@@ -16,7 +16,7 @@ OUTSIDE = -1
 """The vertex at infinity: a triangle that has it stands for the outside of one hull edge."""
 
 ROUNDING = 1.2e-15
-"""Relative error bound of the in-circle determinant in doubles, Shewchuk (1997), (10 + 96ε)ε rounded up."""
+"""Relative error bound of the in-circle determinant in doubles, [shewchuk1997], (10 + 96ε)ε rounded up."""
 
 
 class Tin:
@@ -350,6 +350,9 @@ def linear_kernel(xy: Points, heights: Values, vertices: Ids, triangle: Ids, tar
         vx, vy = xy[c, 0] - xy[a, 0], xy[c, 1] - xy[a, 1]
         wx, wy = targets[i, 0] - xy[a, 0], targets[i, 1] - xy[a, 1]
         area = ux * vy - uy * vx
+        if area == 0.0:  # three points whose turn is less than a double can tell
+            found[i] = heights[a]
+            continue
         s, t = (wx * vy - wy * vx) / area, (ux * wy - uy * wx) / area
         found[i] = heights[a] + s * (heights[b] - heights[a]) + t * (heights[c] - heights[a])
     return found

@@ -19,6 +19,9 @@ from eaves.model.cloud import QUANTUM
 STEEPEST_RIM = 1.5
 """A facet at the hull that is steeper is a sliver, and says nothing of the terrain beyond."""
 
+UPRIGHT = 1e6
+"""Slope of a facet that has no area."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -107,6 +110,8 @@ def facet_inside(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) 
     ux, uy, uz = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1], xyz[b, 2] - xyz[a, 2]
     vx, vy, vz = xyz[c, 0] - xyz[a, 0], xyz[c, 1] - xyz[a, 1], xyz[c, 2] - xyz[a, 2]
     area = ux * vy - uy * vx
+    if area == 0.0:  # three points whose turn is less than a double can tell
+        return xyz[a, 2], UPRIGHT
     east, north = (uz * vy - uy * vz) / area, (ux * vz - uz * vx) / area
     height = xyz[a, 2] + east * (x - xyz[a, 0]) + north * (y - xyz[a, 1])
     return height, np.sqrt(east * east + north * north)
