@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from eaves.methods import Emit, Method, emitter, ignore, make_method
 from eaves.model import Labels, Points, Regions, Scene
-from eaves.model.scene import ROOF, WALL
 
 MIN_AREA_M2 = 6.0
 MIN_HEIGHT_M = 2.0
@@ -57,7 +56,7 @@ def detect_buildings(
     score = found.score[kept - 1] if len(found.score) else np.ones(len(kept))
     part = None
     if found.part is not None:
-        gone = (label == 0) & np.isin(found.part, (ROOF, WALL))
+        gone = (found.label > 0) & (label == 0)
         part = np.where(gone, 0, found.part).astype(np.uint8)[back]
     return Regions(label[back], score, part)
 
