@@ -7,6 +7,7 @@ import pytest
 
 from eaves.model import Failure
 from eaves.reconstruct.arrangement import Arrangement
+from eaves.reconstruct.plane_intersection import PlaneIntersection
 from eaves.reconstruct.prism import Prism
 from eaves.validate.models import validate_model
 
@@ -16,7 +17,7 @@ from .made_buildings import make_building
 def assert_valid_or_failure(seed: int) -> None:
     points, footprint, planes, ground = make_building(seed)
     before = points.copy()
-    for method in (Arrangement(), Prism()):
+    for method in (Arrangement(), PlaneIntersection(), Prism()):
         answer = method.model(points, footprint, planes, ground)
         if isinstance(answer, Failure):
             assert answer.reason

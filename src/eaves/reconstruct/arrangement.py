@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.arrangement import arrange
-from eaves.geometry.coverage import Coverage, Integers
+from eaves.geometry.coverage import Coverage
 from eaves.geometry.neighbours import measure_spacing
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid
@@ -17,16 +17,14 @@ from eaves.reconstruct.base import Reconstructor
 from eaves.reconstruct.cell_labels import Prices, label_cells
 from eaves.reconstruct.evidence import (
     FEWEST_POINTS,
-    LOWEST_ROOF,
-    PRISM_PERCENTILE,
     faces_as_planes,
     is_roof_point,
-    level_unexplained,
     points_inside,
+    support_of,
 )
-from eaves.reconstruct.levels import flat_plan, group_levels
+from eaves.reconstruct.levels import coarse_solids
 from eaves.reconstruct.lines import candidate_lines, extend
-from eaves.reconstruct.raising import Raised, raise_plan, without_numbers
+from eaves.reconstruct.raising import Raised, raise_plan
 
 NARROWEST = 0.1
 """Roof faces narrower than this (m) are slivers at any density."""
@@ -132,7 +130,7 @@ class Arrangement(Reconstructor):
             reason = f"{len(roof)} roof points inside the footprint"
             return Failure("too_few_points", reason, self.stage, footprint)
         spacing = measure_spacing(roof)
-        labels, coefficients = self.supported_planes(points, roof, top, planes, spacing, ground)
+        labels, coefficients = support_of(points, top, planes, spacing, ground)
         plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
         if plan is None:
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
@@ -150,7 +148,7 @@ class Arrangement(Reconstructor):
         emit("plane of each cell", chosen)
         limits = (self.smallest, max(NARROWEST, self.narrowest * spacing))
         fine = raise_plan(plan, chosen, coefficients, ground, *limits)
-        solids = self.coarse_solids(plan, roof, ground, limits)
+        solids = coarse_solids(plan, roof, ground, self.level_jump, limits)
         fallback: dict[str, Any] = {}
         if not planes:
             fallback = fallen_back("no_plane", "no roof plane was found among the points")
@@ -169,30 +167,6 @@ class Arrangement(Reconstructor):
         model = model.with_(planes=faces_as_planes(model, kept, points, top))
         return model.with_(attributes={**describe(model, points[inside], roof, ground), **fallback})
 
-    def supported_planes(
-        self,
-        points: Points,
-        roof: Points,
-        top: NDArray[np.int64],
-        planes: list[RoofPlane],
-        spacing: float,
-        ground: float,
-    ) -> tuple[Labels, NDArray[np.float64]]:
-        """The plane of each roof point (N,), -1 for none, and the coefficients (P, 3).
-
-        To the given planes come levels for clutter; the last is the level for where nothing is known.
-        """
-        owner = np.full(len(points), -1, np.int32)
-        for number, plane in enumerate(planes):
-            owner[plane.members] = number
-        used, number_of = np.unique(owner[top], return_inverse=True)
-        labels: Labels = (number_of.ravel() - int(used[0] == -1)).astype(np.int32)
-        known = [planes[number].coefficients for number in used[used >= 0]]
-        labels, levels = level_unexplained(roof, labels, len(known), spacing)
-        height = max(float(np.percentile(roof[:, 2], PRISM_PERCENTILE)), ground + LOWEST_ROOF)
-        rows = [*known, *((0.0, 0.0, level) for level in levels), (0.0, 0.0, height)]
-        return labels, np.array(rows, np.float64)
-
     def cut(
         self,
         footprint: Footprint,
@@ -210,22 +184,6 @@ class Arrangement(Reconstructor):
         emit("lines", segments)
         plan = arrange(footprint.polygon, segments)
         return plan if plan is not None else arrange(footprint.polygon, np.zeros((0, 4)))
-
-    def coarse_solids(
-        self, plan: Coverage, roof: Points, ground: float, limits: tuple[float, float]
-    ) -> dict[str, tuple[Solid, ...]]:
-        """The solids at LoD 1.2 and 1.3 that are sound."""
-        groups: dict[str, Integers] = {
-            "1.2": np.zeros(plan.count, np.int64),
-            "1.3": group_levels(plan, roof, self.level_jump),
-        }
-        answer = {}
-        for lod, group in groups.items():
-            level, planes = flat_plan(plan, group, roof, ground)
-            raised = raise_plan(level, np.arange(level.count), planes, ground, *limits)
-            if raised.solids:
-                answer[lod] = without_numbers(raised.solids)
-        return answer
 
     def compare(self, fine: Raised, coarse: dict[str, tuple[Solid, ...]], roof: Points) -> dict[str, Any]:
         """Why LoD 2.2 is given up for a coarser level, as attributes; empty when it is not."""

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
+
 from eaves.methods import Emit, Method, emitter, ignore, make_method
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
+from eaves.model.cloud import canonical_order
 
 
 class Reconstructor(Method):
     """Makes the solids of one building.
 
-    `model` sees the building's points (N, 3), its footprint and roof planes, all in the same local
-    metres, and the
-    height of the solid's base (m). It answers a BuildingModel whose `solids` are closed, or a Failure.
+    `model` sees the building's points (N, 3) in canonical order, its footprint and roof planes, all in the
+    same
+    local metres, and the height of the solid's base (m). It answers a BuildingModel whose `solids` are
+    closed,
+    or a Failure.
     """
 
     stage: ClassVar[str] = "reconstruct"
@@ -49,18 +55,16 @@ def reconstruct_building(
     modeller = method or make_method("reconstruct")
     assert isinstance(modeller, Reconstructor)
     emit = emitter(debug)
-    answer = modeller.model(points, footprint, planes, ground, emit)
-    if isinstance(answer, BuildingModel):
-        return answer.with_(attributes={"method": modeller.name, "lod": answer.lod, **answer.attributes})
-    simple = Prism().model(points, footprint, planes, ground, emit)
-    if isinstance(simple, Failure):
-        return simple
-    return simple.with_(
-        attributes={
-            "method": Prism.name,
-            "lod": simple.lod,
-            "fallback_code": answer.code,
-            "fallback_reason": answer.reason,
-            **simple.attributes,
-        }
-    )
+    order = canonical_order(points)
+    place = np.empty(len(points), np.int64)
+    place[order] = np.arange(len(points))
+    ordered = [replace(plane, members=np.sort(place[plane.members])) for plane in planes]
+    answer = modeller.model(points[order], footprint, ordered, ground, emit)
+    facts: dict[str, object] = {"method": modeller.name}
+    if isinstance(answer, Failure):
+        facts = {"method": Prism.name, "fallback_code": answer.code, "fallback_reason": answer.reason}
+        answer = Prism().model(points[order], footprint, ordered, ground, emit)
+    if isinstance(answer, Failure):
+        return answer
+    back = tuple(replace(plane, members=np.sort(order[plane.members])) for plane in answer.planes)
+    return answer.with_(planes=back, attributes={**facts, "lod": answer.lod, **answer.attributes})

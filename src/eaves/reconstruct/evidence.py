@@ -80,6 +80,26 @@ def level_unexplained(
     return answer, heights
 
 
+def support_of(
+    points: Points, top: NDArray[np.int64], planes: list[RoofPlane], spacing: float, ground: float
+) -> tuple[Labels, NDArray[np.float64]]:
+    """The plane of each roof point, -1 for none (T,), and the coefficients of the planes (P, 3).
+
+    `top` (T,) are the numbers of the roof points among `points` (N, 3). To the given planes come levels
+    for clutter; the last is the level for where nothing is known.
+    """
+    owner = np.full(len(points), -1, np.int32)
+    for number, plane in enumerate(planes):
+        owner[plane.members] = number
+    used, number_of = np.unique(owner[top], return_inverse=True)
+    labels: Labels = (number_of.ravel() - int(used[0] == -1)).astype(np.int32)
+    known = [planes[number].coefficients for number in used[used >= 0]]
+    labels, levels = level_unexplained(points[top], labels, len(known), spacing)
+    height = max(float(np.percentile(points[top, 2], PRISM_PERCENTILE)), ground + LOWEST_ROOF)
+    rows = [*known, *((0.0, 0.0, level) for level in levels), (0.0, 0.0, height)]
+    return labels, np.array(rows, np.float64)
+
+
 def faces_as_planes(
     model: BuildingModel, coefficients: NDArray[np.float64], points: Points, top: NDArray[np.int64]
 ) -> tuple[RoofPlane, ...]:

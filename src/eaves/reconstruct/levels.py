@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.coverage import Coverage, Integers
-from eaves.model import Points, Values
+from eaves.model import Points, Solid, Values
 from eaves.reconstruct.cell_labels import points_in_cells
 from eaves.reconstruct.evidence import LOWEST_ROOF, PRISM_PERCENTILE
+from eaves.reconstruct.raising import raise_plan, without_numbers
 
 
 def group_levels(plan: Coverage, roof: Points, jump: float) -> Integers:
@@ -58,4 +59,20 @@ def heights_of(cell: Integers, heights: Values, count: int) -> Values:
     first = np.searchsorted(cell[order], np.arange(count + 1))
     for number in np.flatnonzero(np.diff(first)).tolist():
         answer[number] = np.percentile(heights[order[first[number] : first[number + 1]]], PRISM_PERCENTILE)
+    return answer
+
+
+def coarse_solids(
+    plan: Coverage, roof: Points, ground: float, jump: float, limits: tuple[float, float]
+) -> dict[str, tuple[Solid, ...]]:
+    """The sound solids at LoD 1.2 and 1.3 over a plan; `limits` are the smallest (m²) and the narrowest
+    (m) face.
+    """
+    groups = {"1.2": np.zeros(plan.count, np.int64), "1.3": group_levels(plan, roof, jump)}
+    answer = {}
+    for lod, group in groups.items():
+        level, planes = flat_plan(plan, group, roof, ground)
+        raised = raise_plan(level, np.arange(level.count), planes, ground, *limits)
+        if raised.solids:
+            answer[lod] = without_numbers(raised.solids)
     return answer
