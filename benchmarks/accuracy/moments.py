@@ -277,8 +277,8 @@ def main() -> None:
         list(row_rows(Path(folder))),
         COMMAND,
         "To reach: 0.10 m and 1°. Source 5: 0.1–0.2 m. Each house is the two largest planes that face each "
-        "other among the points of class 6 within its footprint; where an annex cuts the rear slope, the width "
-        "and the eaves say so.",
+        "other among the points of class 6 within its footprint; where an annex cuts the rear slope, width "
+        "and eaves say so.",
     )
 
 

@@ -62,7 +62,7 @@ class Tally:
 def compare(
     tally: Tally, labels: NDArray[np.int64], planes: list[RoofPlane], areas: dict[int, float], density: float
 ) -> list[tuple[int, RoofPlane]]:
-    """Count planes found and right by the 50 % rule over points; the pairs of true face and plane that agree."""
+    """Count planes found and right by the 50 % rule over points; the pairs of face and plane that agree."""
     mine = np.zeros(len(labels), np.int64)
     for number, plane in enumerate(planes):
         mine[plane.members] = number + 1
@@ -251,8 +251,8 @@ def main() -> None:
         list(scene_rows()),
         COMMAND,
         "To reach at 10 points/m², 3 cm: completeness 0.95, correctness 0.97, RMSXY 0.15 m, RMSZ 0.04 m. The "
-        "models leave clutter out (solar panels, balconies, lift houses), the points have it: *with clutter as real* counts "
-        "planes on it as right. Planes agree by half of their points.",
+        "models leave clutter out (solar panels, balconies, lift houses), the points have it: *with clutter "
+        "as real* counts planes on it as right. Planes agree by half of their points.",
     )
     keep(
         "roof-distances",

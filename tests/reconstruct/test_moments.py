@@ -234,3 +234,23 @@ def test_a_tree_is_not_a_house() -> None:
 def test_degenerate_points_give_a_failure(points: np.ndarray) -> None:
     footprint = Footprint(shapely.box(0, 0, 1, 1))
     assert isinstance(Moments().model(points, footprint, [], 0.0), Failure)
+
+
+def test_order_of_points_does_not_matter() -> None:
+    points = roof_points("hip", 6.0, 0.03, 8)
+    shuffled = points[np.random.default_rng(9).permutation(len(points))]
+    first, second = model_of(points), model_of(shuffled)
+    assert isinstance(first, BuildingModel)
+    assert isinstance(second, BuildingModel)
+    assert np.array_equal(first.solids["2.2"][0].vertices, second.solids["2.2"][0].vertices)
+
+
+def test_an_uneven_half_hip_is_named_and_sound() -> None:
+    rng = np.random.default_rng(10)
+    u, v = rng.uniform(-7, 7, 1000), rng.uniform(-4, 4, 1000)
+    z = 5 + np.minimum(3 - 0.75 * abs(v), 1.5 + 1.0 * (7 - abs(u))) + rng.normal(0, 0.03, 1000)
+    model = model_of(np.c_[u, v, z])
+    assert isinstance(model, BuildingModel), model
+    assert model.attributes["house_type"] == "half_hip"
+    assert len(model.planes) == 4
+    assert all(find_defect(solid) == "" for solid in model.solids["2.2"])

@@ -129,6 +129,7 @@ def choose_fit(points: Points, closed: ClosedHouse) -> RoofFit:
         (PLANE, start_of(PLANE, closed)),
         (GABLE, start_of(GABLE, closed)),
         (HIP, start_of(HIP, closed)),
+        (HIP, half_hip_start(closed)),
         (GABLE, across_start(closed)),
     ]
     fits = [fit_roof(form, some, centre, start, LEAST_NOISE, CHOICE_ROUNDS) for form, start in starts]
@@ -174,6 +175,14 @@ def start_of(form: int, closed: ClosedHouse) -> NDArray[np.float64]:
         return start
     start[LEFT_SLOPE] = start[RIGHT_SLOPE] = start[END_SLOPE] = 2.0 * rise / closed.width
     start[HALF_RIDGE] = max(closed.length - closed.width, 0.0) / 2.0
+    return start
+
+
+def half_hip_start(closed: ClosedHouse) -> NDArray[np.float64]:
+    """Parameters (8,) of a roof whose ends begin half-way up."""
+    start = start_of(HIP, closed)
+    start[END_SLOPE] *= 1.3
+    start[HALF_RIDGE] = max(0.5 * closed.length - 0.2 * closed.width, 0.0)
     return start
 
 

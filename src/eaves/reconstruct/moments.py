@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from eaves.geometry.parametric_roof import CUT
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid
+from eaves.model.cloud import canonical_order
 from eaves.reconstruct.attributes import describe
 from eaves.reconstruct.base import Reconstructor
 from eaves.reconstruct.evidence import is_roof_point, points_inside
@@ -102,7 +103,9 @@ class Moments(Reconstructor):
         emit: Emit = ignore,
     ) -> BuildingModel | Failure:
         """The parametric house of one building from its points (N, 3), or the Failure that says why not."""
-        roof = points[is_roof_point(points)]
+        finite = points[np.isfinite(points).all(axis=1)]
+        roof = finite[is_roof_point(finite)]
+        roof = roof[canonical_order(roof)]
         house = fit_house(roof, footprint.polygon if self.ground_plan else None)
         if isinstance(house, Failure):
             return replace(house, footprint=footprint)
@@ -110,16 +113,14 @@ class Moments(Reconstructor):
         emit("house", house)
         parts = find_parts(house, roof, self.min_part_area)
         emit("parts", parts)
-        doubt = self.doubt(house, parts, roof)
-        if doubt:
-            return Failure("not_a_house", doubt, "reconstruct", footprint)
-        found = solids_of(house, parts, ground)
-        if found is None:
-            return Failure(
-                "not_sound", "the parts of the roof do not make a sound solid", "reconstruct", footprint
-            )
-        solids, faces = found
-        return self.present(house, parts, (tuple(solids), faces), points, roof, footprint, ground)
+        for count in range(len(parts), -1, -1):  # the smallest part may be one that cannot be built
+            doubt = self.doubt(house, parts[:count], roof)
+            if doubt:
+                return Failure("not_a_house", doubt, "reconstruct", footprint)
+            found = solids_of(house, parts[:count], ground)
+            if found is not None:
+                return self.present(house, parts[:count], found, points, roof, footprint, ground)
+        return Failure("not_sound", "the roof does not make a sound solid", "reconstruct", footprint)
 
     def doubt(self, house: House, parts: list[RoofPart], roof: Points) -> str:
         """Why the points are not those of a house with this roof; empty when they are."""
@@ -141,7 +142,7 @@ class Moments(Reconstructor):
         self,
         house: House,
         parts: list[RoofPart],
-        found: tuple[tuple[Solid, ...], NDArray[np.float64]],
+        found: tuple[list[Solid], NDArray[np.float64]],
         points: Points,
         roof: Points,
         footprint: Footprint,
@@ -152,7 +153,7 @@ class Moments(Reconstructor):
         reach = max(CUT * house.fit.scale, LEAST_STEP)
         planes = tuple(members_on(points, (float(a), float(b), float(c)), reach) for a, b, c in faces)
         plan = rectangle_of(house)
-        model = BuildingModel(footprint.with_(polygon=plan), {"2.2": solids}, planes)
+        model = BuildingModel(footprint.with_(polygon=plan), {"2.2": tuple(solids)}, planes)
         seen, top = points[points_inside(points, plan)], roof[points_inside(roof, plan)]
         attributes = {**describe(model, seen, top, ground), **measures(house, parts)}
         return model.with_(footprint=footprint, attributes=attributes)

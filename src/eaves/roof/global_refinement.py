@@ -73,7 +73,7 @@ class GlobalRefinement(RoofMethod):
     )
     paper: ClassVar[str] = "isack2012"
 
-    start: RegionGrowing = RegionGrowing()
+    start: RegionGrowing = parameter(RegionGrowing(), "What grows the first planes.", unit="method")
     outlier_share: float = parameter(
         3.5,
         "Distance from every plane, in multiples of the noise, at which a point is better left out.",
