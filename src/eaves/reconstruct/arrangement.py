@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from eaves.geometry.arrangement import arrange
 from eaves.geometry.coverage import Coverage
 from eaves.geometry.neighbours import measure_spacing
+from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid
 from eaves.reconstruct.attributes import describe, surface_heights
@@ -18,7 +19,6 @@ from eaves.reconstruct.cell_labels import Prices, label_cells
 from eaves.reconstruct.evidence import (
     FEWEST_POINTS,
     faces_as_planes,
-    is_roof_point,
     points_inside,
     support_of,
 )
@@ -124,7 +124,7 @@ class Arrangement(Reconstructor):
     ) -> BuildingModel | Failure:
         """The model of one building from its points (N, 3) and roof planes."""
         inside = points_inside(points, footprint.polygon)
-        top = inside[is_roof_point(points[inside])]
+        top = inside[roof_point_mask(points[inside])]
         roof = points[top]
         if len(roof) < FEWEST_POINTS:
             reason = f"{len(roof)} roof points inside the footprint"

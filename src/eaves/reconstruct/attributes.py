@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from eaves.geometry.roof_fit import collect_faces, fit_roof
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
@@ -65,32 +66,16 @@ def surface_heights(
 
     Roof faces are counted through all solids; where there is none the height is NaN and the number -1.
     """
-    height, cosine = np.full(len(xy), np.nan), np.ones(len(xy))
-    number = np.full(len(xy), -1)
-    shapes, heads, normals = [], [], []
-    for solid in solids:
-        vectors = face_vectors(solid)
-        for face, vector in zip(solid.faces, vectors, strict=True):
-            if face.surface == ROOF_SURFACE:
-                places = solid.vertices
-                shapes.append(
-                    shapely.Polygon(
-                        places[list(face.rings[0]), :2], [places[list(hole), :2] for hole in face.rings[1:]]
-                    )
-                )
-                heads.append(places[list(face.rings[0])].mean(axis=0))
-                normals.append(vector / np.linalg.norm(vector))
-    if not shapes or len(xy) == 0:
-        return height, cosine, number
-    tree = shapely.STRtree(shapes)
-    point, face_of = tree.query(shapely.points(xy), predicate="intersects")
-    head, normal = np.array(heads)[face_of], np.array(normals)[face_of]
-    z = head[:, 2] - ((xy[point] - head[:, :2]) * normal[:, :2]).sum(axis=1) / normal[:, 2]
-    order = np.argsort(z, kind="stable")
-    height[point[order]] = z[order]
-    cosine[point[order]] = normal[order, 2]
-    number[point[order]] = face_of[order]
-    return height, cosine, number
+    rings = [
+        [solid.vertices[list(ring)] for ring in face.rings]
+        for solid in solids
+        for face in solid.faces
+        if face.surface == ROOF_SURFACE
+    ]
+    faces = collect_faces(rings, [0] * len(rings))
+    fit = fit_roof(np.column_stack([xy, np.zeros(len(xy))]), faces)
+    cosine = np.append(faces.cosine, 1.0)
+    return -fit.vertical, cosine[fit.face], fit.face
 
 
 def describe(model: BuildingModel, points: Points, roof: Points, ground: float) -> dict[str, Any]:

@@ -10,11 +10,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from eaves.model import BuildingModel, Labels, Mask, Points, RoofPlane
+from eaves.model import BuildingModel, Labels, Points, RoofPlane
 from eaves.reconstruct.attributes import surface_heights
-
-TOP_RADIUS, TOP_DEPTH = 0.3, 0.6
-"""A roof point has no other point more than 0.6 m above it within 0.3 m in plan (methods.md, section 8)."""
 
 PRISM_PERCENTILE = 70.0
 """Height of a flat-topped model: percentile of the roof points, as the 3DBAG publishes it."""
@@ -36,17 +33,6 @@ CLUSTER_REACH = 2.0
 
 LEVEL_STEP = 0.5
 """Points without a plane stand together only when their heights differ by less (m)."""
-
-
-def is_roof_point(points: Points) -> Mask:
-    """Which points (N, 3) are the highest around: walls, balconies and what lies under eaves drop out."""
-    if len(points) == 0:
-        return np.zeros(0, bool)
-    top = points[:, 2].copy()
-    pairs = cKDTree(points[:, :2]).query_pairs(TOP_RADIUS, output_type="ndarray")
-    np.maximum.at(top, pairs[:, 0], points[pairs[:, 1], 2])
-    np.maximum.at(top, pairs[:, 1], points[pairs[:, 0], 2])
-    return np.asarray(top - points[:, 2] <= TOP_DEPTH)
 
 
 def points_inside(points: Points, polygon: Polygon) -> NDArray[np.int64]:

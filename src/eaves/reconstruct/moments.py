@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.parametric_roof import CUT
+from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid
 from eaves.model.cloud import canonical_order
 from eaves.reconstruct.attributes import describe
 from eaves.reconstruct.base import Reconstructor
-from eaves.reconstruct.evidence import is_roof_point, points_inside
+from eaves.reconstruct.evidence import points_inside
 from eaves.reconstruct.house import House, fit_house
 from eaves.reconstruct.house_parts import LEAST_STEP, RoofPart, explained, find_parts
 from eaves.reconstruct.house_solid import rectangle_of, solids_of
@@ -104,7 +105,7 @@ class Moments(Reconstructor):
     ) -> BuildingModel | Failure:
         """The parametric house of one building from its points (N, 3), or the Failure that says why not."""
         finite = points[np.isfinite(points).all(axis=1)]
-        roof = finite[is_roof_point(finite)]
+        roof = finite[roof_point_mask(finite)]
         roof = roof[canonical_order(roof)]
         house = fit_house(roof, footprint.polygon if self.ground_plan else None)
         if isinstance(house, Failure):

@@ -9,6 +9,7 @@ import numpy as np
 from eaves.geometry.arrangement import arrange
 from eaves.geometry.coverage import Coverage, Integers
 from eaves.geometry.neighbours import measure_spacing
+from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
 from eaves.reconstruct.attributes import describe
@@ -17,7 +18,6 @@ from eaves.reconstruct.cell_labels import points_in_cells
 from eaves.reconstruct.evidence import (
     FEWEST_POINTS,
     faces_as_planes,
-    is_roof_point,
     points_inside,
     support_of,
 )
@@ -67,9 +67,7 @@ class PlaneIntersection(Reconstructor):
     """
 
     name: ClassVar[str] = "plane_intersection"
-    idea: ClassVar[str] = (
-        "Adjacent planes intersected, jumps along the main directions, divisions by vote."
-    )
+    idea: ClassVar[str] = "Adjacent planes intersected, jumps along the main directions, divisions by vote."
     paper: ClassVar[str] = "xiao2014"
 
     extension: float = parameter(
@@ -91,7 +89,7 @@ class PlaneIntersection(Reconstructor):
     ) -> BuildingModel | Failure:
         """The polyhedron of one building from its points (N, 3) and roof planes."""
         inside = points_inside(points, footprint.polygon)
-        top = inside[is_roof_point(points[inside])]
+        top = inside[roof_point_mask(points[inside])]
         roof = points[top]
         if len(roof) < FEWEST_POINTS:
             reason = f"{len(roof)} roof points inside the footprint"

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from eaves.geometry.arrangement import arrange
+from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
 from eaves.reconstruct.attributes import describe
@@ -15,7 +16,6 @@ from eaves.reconstruct.evidence import (
     FEWEST_POINTS,
     LOWEST_ROOF,
     PRISM_PERCENTILE,
-    is_roof_point,
     points_inside,
 )
 from eaves.reconstruct.extrusion import extrude
@@ -73,7 +73,7 @@ class Prism(Reconstructor):
     ) -> BuildingModel | Failure:
         """The block model of one building from its points (N, 3)."""
         inside = points_inside(points, footprint.polygon)
-        roof = points[inside[is_roof_point(points[inside])]]
+        roof = points[inside[roof_point_mask(points[inside])]]
         if len(roof) < FEWEST_POINTS:
             return Failure(
                 "too_few_points", f"{len(roof)} roof points inside the footprint", "reconstruct", footprint
