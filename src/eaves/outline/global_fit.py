@@ -18,6 +18,7 @@ from eaves.model import Boundary, Failure, Points
 from eaves.outline.base import OutlineMethod
 from eaves.outline.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
 from eaves.outline.edges import Edges, common_axes, edge_shift_kernel, fit_edges
+from eaves.outline.low_parts import low_parts
 from eaves.outline.neighbours import share_edges
 from eaves.outline.polyline import cheapest_polyline
 
@@ -59,6 +60,9 @@ class GlobalFit(OutlineMethod):
     [jung2017]; the mean distance ahead is the forward recurrence time of [cox1962]. The combination is
     ours.
 
+    Before that, points on walls and balconies are set aside: small, narrow surfaces well below a larger one
+    beside them (`low_parts`).
+
     The beam of a scanner has a width: a pulse that strikes the edge with a part of its spot is placed
     outside. The points cannot tell how far; `spot` is a quarter of a usual spot of 0.3 m. For a beam
     without width it is 0.
@@ -96,12 +100,22 @@ class GlobalFit(OutlineMethod):
     least: float = parameter(0.2, "least share of the outline along a frame of directions", ge=0, le=1)
     frames: int = parameter(2, "most right-angled frames of directions in one building", ge=0)
     detail: float = parameter(1.5, "shortest edge and smallest jog, in spacings", ge=0)
+    balcony: float = parameter(
+        5.0, "surfaces smaller than this below a larger one do not count", unit="m²", ge=0
+    )
+    deep: float = parameter(1.7, "unless they are deeper than this", unit="m", ge=0)
     min_hole: float = parameter(10.0, "inner boundaries smaller than this are dropped", unit="m²", ge=0)
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3), with the spacing where they are sparse."""
-        xy = points[:, :2]
-        mesh = triangulate(xy)
+        mesh = triangulate(points[:, :2])
+        if mesh is not None:
+            low = low_parts(
+                mesh, points[:, 2], self.alpha * 2.0 * spacing, self.balcony / spacing**2, self.deep
+            )
+            if low.any():
+                points = points[~low]
+                mesh = triangulate(points[:, :2])
         if mesh is not None:
             wide = wide_radius(mesh, WIDEST * spacing, WIDE_SHARE) or spacing
             spacing = float(np.clip(np.sqrt(2.0) * wide, 0.7 * spacing, 2.0 * spacing))
@@ -112,7 +126,7 @@ class GlobalFit(OutlineMethod):
         )
         if not rings:
             return Failure("no_area", f"{len(points)} points enclose no area", "outline")
-        kept = [xy[ring] for ring in rings]
+        kept = [points[ring, :2] for ring in rings]
         kept = [ring for k, ring in enumerate(kept) if k == 0 or -signed_area(ring) >= self.min_hole]
         emit("alpha rings", kept)
         return Boundary(tuple(kept), points, spacing)
