@@ -11,11 +11,13 @@ from scipy import ndimage
 from eaves.ground.terraces import find_terraces
 from eaves.model import Bounds, Grid, Mask, Points, Raster
 from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
-from eaves.raster.interpolate import fill_linear
+from eaves.raster.interpolate import fill_linear, fill_smooth
 from eaves.raster.morphology import opened
 
 FIRST_SLOPE, FIRST_HEIGHT_M = 0.12, 0.2
 """Rise (m per m of radius) and height (m) over the opened surface of an object in the first, rough pass."""
+WINDOW_GROWTH = 1.15
+"""Ratio of one window to the next, once they differ by more than a cell."""
 SLOPE_SCALE_M = 8.0
 """The slope of the terrain is measured after smoothing with this standard deviation: wider than a car."""
 ROUGH_STEP = 0.2
@@ -48,11 +50,12 @@ def lowest_surface(xyz: Points, cell: float, widest: float) -> LowestPoints:
     bounds = whole_cells(Bounds.of(xyz), cell)
     number = lowest_points(xyz, bounds, cell)
     occupied = number != EMPTY
-    raw = fill_linear(Raster(heights_of(number, xyz[:, 2]), bounds.west, bounds.north, cell))
+    heights = fill_smooth(heights_of(number, xyz[:, 2]))
+    raw = Raster(heights, bounds.west, bounds.north, cell)
     level = np.zeros(raw.shape, np.float32)
     objects = stands_out(raw.values, cell, widest, level + np.float32(FIRST_SLOPE), FIRST_HEIGHT_M, level)
-    terrain = raw.with_(values=np.where(objects | ~occupied, np.nan, raw.values).astype(np.float32))
-    smooth = ndimage.gaussian_filter(fill_linear(terrain).values, SLOPE_SCALE_M / cell, truncate=2.5)
+    terrain = fill_smooth(np.where(objects | ~occupied, np.nan, raw.values).astype(np.float32))
+    smooth = ndimage.gaussian_filter(terrain, SLOPE_SCALE_M / cell, truncate=2.5)
     south, east = (level, level) if min(raw.shape) < 2 else np.asarray(np.gradient(smooth, cell))
     rows, columns = np.nonzero(occupied)
     at = xyz[number[occupied]]
@@ -91,7 +94,9 @@ def stands_out(surface: Grid, cell: float, widest: float, rise: Grid, height: fl
     `rise` · r + `height` + `rough` to one step [zhang2003, pingel2013].
     """
     objects = np.zeros(surface.shape, bool)
-    for radius in range(1, max(1, round(widest / 2.0 / cell)) + 1):
+    radius, widest_radius = 0, max(1, round(widest / 2.0 / cell))
+    while radius < widest_radius:
+        radius = min(widest_radius, max(radius + 1, round(radius * WINDOW_GROWTH)))
         lower = opened(surface, radius)
         objects |= surface - lower > rise * (radius * cell) + height + rough
         surface = lower

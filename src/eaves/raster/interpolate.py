@@ -47,3 +47,27 @@ def interpolate_cells(xy: Points, heights: Values, wanted: Mask) -> Grid:
     if outside.any():
         values[outside] = heights[cKDTree(xy).query(target[outside])[1]]
     return values.astype(np.float32)
+
+
+def fill_smooth(values: Grid) -> Grid:
+    """Empty cells (H, W) take the mean of ever wider neighbourhoods, blended: rough, and fast.
+
+    Means of 2 by 2 cells, and of those, until none is empty; then each level fills the finer one bilinearly.
+    """
+    known = np.isfinite(values)
+    if known.all() or not known.any():
+        return values
+    coarse = fill_smooth(halve(values))
+    fine = ndimage.zoom(coarse, 2, order=1, mode="nearest", grid_mode=True)
+    return np.where(known, values, fine[: values.shape[0], : values.shape[1]]).astype(np.float32)
+
+
+def halve(values: Grid) -> Grid:
+    """Means of the filled cells in squares of 2 by 2, NaN where all are empty."""
+    rows, columns = values.shape
+    even = np.full((rows + rows % 2, columns + columns % 2), np.nan, np.float32)
+    even[:rows, :columns] = values
+    known = np.isfinite(even)
+    total = np.where(known, even, 0.0).reshape(even.shape[0] // 2, 2, -1, 2).sum(axis=(1, 3))
+    count = known.reshape(even.shape[0] // 2, 2, -1, 2).sum(axis=(1, 3))
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan).astype(np.float32)

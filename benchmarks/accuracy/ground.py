@@ -1,0 +1,312 @@
+"""How good the ground filters are: real samples, simulated towns, speed, memory, and what the choice of
+numbers is worth.
+
+`python -m benchmarks.accuracy.ground [--maps DIR] [--left-out] [--speed] [--towns]`; the data is found by
+EAVES_DATA.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+import tracemalloc
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import laspy
+import matplotlib
+import numpy as np
+
+from benchmarks.table import keep
+from eaves.evaluate.ground import evaluate_ground
+from eaves.ground import GroundMethod, classify_ground
+from eaves.ground.adaptive_tin import AdaptiveTin
+from eaves.ground.contours import ContourGround
+from eaves.ground.smooth_region import SmoothRegion
+from eaves.model import Mask, PointCloud
+from eaves.raster.grid import cell_centres
+from eaves.raster.surfaces import make_dtm
+from eaves.simulate.scanner import scan_town
+from eaves.simulate.town import simulate_town
+
+COMMAND = "python -m benchmarks.accuracy.ground"
+ISPRS = ("11", "12", "21", "31", "41", "51", "52", "53")
+CROPS = ("Amsterdam", "Biesbosch")
+METHODS: dict[str, GroundMethod] = {
+    "adaptive_tin": AdaptiveTin(),
+    "adaptive_tin, as published": AdaptiveTin.as_published(),
+    "smooth_region": SmoothRegion(),
+    "contours": ContourGround(),
+}
+OTHERS: dict[str, list[float | None]] = {
+    "SMRF, one set": [9.13, 3.09, 1.85, 2.47, 10.47, 3.35, 4.11, 7.28, 5.22, 4.89, 1.95],
+    "CSF, best one set": [32.02, 4.30, 5.59, 7.36, 16.72, 16.95, 41.74, 34.05, 19.84, 10.47, 22.56],
+    "adaptive TIN (Axelsson), by sample": [
+        10.76,
+        3.25,
+        4.25,
+        4.78,
+        13.91,
+        2.72,
+        3.07,
+        8.91,
+        6.46,
+        None,
+        None,
+    ],
+    "SMRF, by sample": [8.28, 2.92, 1.10, 0.91, 5.91, 1.43, 3.82, 2.43, 3.35, None, None],
+}
+"""Total errors in per cent of others: each ISPRS sample, their mean, the two crops."""
+LEFT_OUT = dict(
+    object_slope=(0.1, 0.12, 0.14), slope_share=(0.2, 0.3, 0.4), level_share=(0.2, 0.28), angle=(12.0, 14.0)
+)
+"""The numbers among which the left-out choice is made."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A cloud with the truth of its points; `classes` are the reference's where it has any."""
+
+    cloud: PointCloud
+    truth: Mask
+    classes: np.ndarray | None = None
+
+
+def read_isprs(data: Path, name: str) -> Sample:
+    rows = np.loadtxt(data / "isprs_filter" / f"samp{name}.txt")
+    return Sample(PointCloud.from_world(rows[:, :3]), rows[:, 3] == 0)
+
+
+def read_las(path: Path) -> Sample:
+    las = laspy.read(path)
+    cloud = PointCloud.from_world(
+        np.c_[las.x, las.y, las.z],
+        return_number=np.asarray(las.return_number),
+        number_of_returns=np.asarray(las.number_of_returns),
+    )
+    classes = np.asarray(las.classification)
+    return Sample(cloud, classes == 2, classes)
+
+
+def percent(part: Mask, whole: Mask) -> float:
+    return float(100.0 * (part & whole).sum() / max(1, whole.sum()))
+
+
+def total_error(sample: Sample, ground: Mask, ignored: tuple[int, ...] = ()) -> float:
+    """Total error in per cent, without the points of the ignored classes."""
+    counted = np.ones(len(ground), bool)
+    if sample.classes is not None:
+        counted = ~np.isin(sample.classes, ignored)
+    return 100.0 * evaluate_ground(ground[counted], sample.truth[counted]).total_error
+
+
+def compare_methods(data: Path) -> None:
+    """Total errors of every method on the samples, beside those of others."""
+    samples = {name: read_isprs(data, name) for name in ISPRS}
+    crops = {name: read_las(data / "ahn3_ground" / f"{name}_manually_classified.las") for name in CROPS}
+    columns = [*ISPRS, "mean", *CROPS]
+    rows: list[dict[str, object]] = []
+    for label, method in METHODS.items():
+        errors: list[float | None] = [
+            total_error(s, classify_ground(s.cloud, method).ground) for s in samples.values()
+        ]
+        errors.append(float(np.mean([e for e in errors if e is not None])))
+        errors += [total_error(s, classify_ground(s.cloud, method).ground, (9,)) for s in crops.values()]
+        rows.append({"method": label, **dict(zip(columns, errors, strict=True))})
+    rows += [
+        {"method": label, **dict(zip(columns, figures, strict=True))} for label, figures in OTHERS.items()
+    ]
+    note = "Total error in per cent; Amsterdam and Biesbosch without water (class 9)."
+    keep("ground-samples", "Ground: total error on the samples", rows, COMMAND, note)
+
+
+def judge_dense(data: Path) -> None:
+    """Delft and the crops against their classes, with and without water and bridges."""
+    paths = {name: data / "ahn3_ground" / f"{name}_manually_classified.las" for name in CROPS}
+    paths["Delft"] = data / "delft" / "ahn3.laz"
+    rows: list[dict[str, object]] = []
+    for (name, path), (label, method) in product(paths.items(), METHODS.items()):
+        sample = read_las(path)
+        assert sample.classes is not None
+        ground = classify_ground(sample.cloud, method).ground
+        score = evaluate_ground(ground, sample.truth)
+        dry = ~np.isin(sample.classes, (9, 26))
+        rows.append(
+            {
+                "data": name,
+                "method": label,
+                "total error %": 100.0 * score.total_error,
+                "type I %": 100.0 * score.type_1,
+                "type II %": 100.0 * score.type_2,
+                "F1": score.f1,
+                "F1 without water, bridges": evaluate_ground(ground[dry], sample.truth[dry]).f1,
+                "class 6 called ground %": percent(ground, sample.classes == 6),
+                "water called ground %": percent(ground, sample.classes == 9),
+                "bridge called ground %": percent(ground, sample.classes == 26),
+            }
+        )
+    note = "Delft by others: SMRF F1 0.960 (1.0 % of class 6), CSF 0.954 (0.5 %), WhiteboxTools 0.930."
+    keep("ground-dense", "Ground: dense data with classes", rows, COMMAND, note)
+
+
+def judge_towns() -> None:
+    """Simulated towns: total error, and the DTM under buildings where the terrain has no step."""
+    rows: list[dict[str, object]] = []
+    for terrain, trees, density in product(("hilly", "terraced"), (1.0, 3.0), (1.0, 5.0, 25.0)):
+        town = simulate_town(0.0256, terrain=terrain, trees=trees, seed=4)
+        scene = scan_town(town, density=density, seed=4)
+        cloud = classify_ground(scene.cloud)
+        truth = scene.truth_class == 2
+        score = evaluate_ground(cloud.ground, truth)
+        dtm = make_dtm(cloud, town.bounds)
+        row, column = dtm.cell_of(scene.cloud.xyz[scene.building > 0])
+        under = np.zeros(dtm.shape, bool)
+        inside = (row >= 0) & (row < dtm.shape[0]) & (column >= 0) & (column < dtm.shape[1])
+        under[row[inside], column[inside]] = True
+        height = town.terrain.at(cell_centres(dtm)).reshape(dtm.shape)
+        steps = np.hypot(*np.gradient(height, dtm.cell)) > 1.0
+        error = (dtm.values - height)[under & ~steps]
+        rows.append(
+            {
+                "terrain": terrain,
+                "trees": trees,
+                "points/m²": density,
+                "points": len(truth),
+                "total error %": 100.0 * score.total_error,
+                "type I %": 100.0 * score.type_1,
+                "type II %": 100.0 * score.type_2,
+                "DTM RMSE under buildings m": float(np.sqrt(np.mean(error**2))) if len(error) else None,
+            }
+        )
+    keep("ground-towns", "Ground: simulated towns", rows, f"{COMMAND} --towns", "To reach: 1.5 %, 0.15 m.")
+
+
+def leave_one_out(data: Path) -> None:
+    """What the numbers are worth on a sample that had no say in them."""
+    samples = [read_isprs(data, name) for name in ISPRS]
+    choices = [dict(zip(LEFT_OUT, values, strict=True)) for values in product(*LEFT_OUT.values())]
+    errors = np.array(
+        [
+            [total_error(s, classify_ground(s.cloud, AdaptiveTin(**c)).ground) for s in samples]
+            for c in choices
+        ]
+    )
+    rows: list[dict[str, object]] = []
+    for k, name in enumerate(ISPRS):
+        chosen = int(np.argmin(np.delete(errors, k, axis=1).mean(axis=1)))
+        rows.append({"sample": name, "left out %": errors[chosen, k], "best for it %": errors[:, k].min()})
+    best = int(np.argmin(errors.mean(axis=1)))
+    left_out = float(np.mean([row["left out %"] for row in rows]))
+    note = (
+        f"{len(choices)} sets. Mean when each sample's set is chosen by the other seven: {left_out:.2f} %; "
+        f"the best one set for all: {errors[best].mean():.2f} % {choices[best]}."
+    )
+    keep("ground-left-out", "Ground: leave-one-out choice", rows, f"{COMMAND} --left-out", note)
+
+
+def speed_clouds(data: Path) -> Iterator[tuple[str, PointCloud]]:
+    yield "delft", read_las(data / "delft" / "ahn3.laz").cloud
+    las = laspy.read(data / "autzen" / "autzen_full.laz")
+    xyz = np.c_[las.x, las.y, las.z] * 0.3048
+    middle = np.median(xyz[:, :2], axis=0)
+    yield "autzen, 360 m", PointCloud.from_world(xyz[(np.abs(xyz[:, :2] - middle) < 180.0).all(axis=1)])
+
+
+def measure_speed(data: Path) -> None:
+    """Points per CPU second, and the peak memory, reading left out and kernels compiled."""
+    rows: list[dict[str, object]] = []
+    for name, cloud in speed_clouds(data):
+        classify_ground(cloud)
+        start = time.process_time()
+        classify_ground(cloud)
+        used = time.process_time() - start
+        ordered = cloud.take(cloud.canonical_order())
+        start = time.process_time()
+        AdaptiveTin().ground_mask(ordered)
+        alone = time.process_time() - start
+        tracemalloc.start()
+        classify_ground(cloud)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        rows.append(
+            {
+                "data": name,
+                "points": len(cloud),
+                "classify_ground, M points/s": len(cloud) / used / 1e6,
+                "the method alone, M points/s": len(cloud) / alone / 1e6,
+                "peak MB per million points": peak / len(cloud),
+            }
+        )
+    keep(
+        "ground-speed",
+        "Ground: speed and memory",
+        rows,
+        f"{COMMAND} --speed",
+        "CSF 0.88, SMRF 0.20 M points/s.",
+    )
+
+
+def draw_maps(data: Path, folder: Path) -> None:
+    """Maps of type I (blue) and type II (red) errors of the four worst samples."""
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    folder.mkdir(parents=True, exist_ok=True)
+    judged = []
+    for name in ISPRS:
+        sample = read_isprs(data, name)
+        ground = classify_ground(sample.cloud).ground
+        judged.append((total_error(sample, ground), name, sample, ground))
+    for error, name, sample, ground in sorted(judged, key=lambda item: -item[0])[:4]:
+        x, y, z = sample.cloud.xyz.T
+        tall = np.ptp(y) / np.ptp(x)
+        figure, (left, right) = plt.subplots(1, 2, figsize=(20, 10 * tall + 1))
+        size = 4 if len(x) > 20000 else 9
+        left.scatter(x, y, c=z, s=size, cmap="terrain", vmin=np.quantile(z, 0.01), vmax=np.quantile(z, 0.99))
+        left.set_title(f"sample {name}: height")
+        for colour, which in (
+            ("0.85", sample.truth & ground),
+            ("#b5d6b5", ~sample.truth & ~ground),
+            ("tab:blue", sample.truth & ~ground),
+            ("tab:red", ~sample.truth & ground),
+        ):
+            right.scatter(x[which], y[which], c=colour, s=size)
+        right.set_title(f"total error {error:.2f} %; blue type I, red type II, green object")
+        for axes in (left, right):
+            axes.set_aspect("equal")
+        figure.tight_layout()
+        figure.savefig(folder / f"ground_errors_{name}.png", dpi=60)
+        plt.close(figure)
+
+
+def main() -> None:
+    """Print and keep the tables that are asked for; those of the real samples by default."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--maps", type=Path, help="folder for maps of the errors in the four worst samples")
+    parser.add_argument("--left-out", action="store_true", help="leave-one-out choice of the parameters")
+    parser.add_argument("--speed", action="store_true", help="points per second and memory")
+    parser.add_argument("--towns", action="store_true", help="simulated towns")
+    wanted = parser.parse_args()
+    if wanted.towns:
+        judge_towns()
+    folder = os.environ.get("EAVES_DATA")
+    if not folder:
+        print("EAVES_DATA names no folder with the benchmark data: only simulated towns can be judged")
+        return
+    data = Path(folder)
+    if wanted.maps:
+        draw_maps(data, wanted.maps)
+    if wanted.left_out:
+        leave_one_out(data)
+    if wanted.speed:
+        measure_speed(data)
+    if not (wanted.maps or wanted.left_out or wanted.speed or wanted.towns):
+        compare_methods(data)
+        judge_dense(data)
+
+
+if __name__ == "__main__":
+    main()
