@@ -155,3 +155,21 @@ def test_ground_writes_one_file(nine_roofs_file: Path, tmp_path: Path) -> None:
     assert np.array_equal(before.X, after.X)
     assert set(np.unique(after.classification)) <= {1, 2, 7, 18}
     assert (np.asarray(after.classification) == 2).mean() > 0.3
+
+
+def test_a_corrupt_file_among_good_ones_leaves_the_rest(nine_roofs_file: Path, tmp_path: Path) -> None:
+    tiles = tmp_path / "tiles"
+    tiles.mkdir()
+    whole = nine_roofs_file.read_bytes()
+    (tiles / "good.laz").write_bytes(whole)
+    (tiles / "cut.laz").write_bytes(whole[: len(whole) // 2])
+    done = eaves("build", tiles, "-o", tmp_path / "out", "--jobs", "1")
+    assert done.returncode == 1
+    assert "incomplete" in done.stderr and "cut.laz" in done.stderr
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["found"] == 9
+
+
+def test_a_second_run_gives_the_same_bytes(built: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
+    assert eaves("build", nine_roofs_file, "-o", tmp_path, "--jobs", "2").returncode == 0
+    for name in ("buildings.city.jsonl", "mask.tif", "dtm.tif", "classified.laz"):
+        assert (built / name).read_bytes() == (tmp_path / name).read_bytes(), name

@@ -94,7 +94,8 @@ def build(
     recipe, options = recipe or make_recipe(), options or Options()
     folder = Path(out)
     paths = find_inputs([inputs] if isinstance(inputs, str | Path) else inputs)
-    sources = [open_source(path, options.crs) for path in paths]
+    failed: list[str] = []
+    sources = open_all(paths, options.crs, failed)
     system = common_system(sources)
     bounds = in_metres(options.bounds, system)
     clip = None if options.clip is None else read_area(options.clip, system)
@@ -125,14 +126,21 @@ def build(
             read += points
             tell("read", read, total)
 
-        scatter_points(sources, store, options.block, bounds, clip, read_more)
-        store.keep_plan(plan)
+        unread = scatter_points(sources, store, options.block, bounds, clip, read_more)
+        if len(unread) == len(sources):
+            raise InputError(unread[0])
+        failed += unread
+        if not unread:
+            store.keep_plan(plan)
 
     blocks = store.blocks(options.block)
+    if not blocks:
+        log.warning("no points left to use: see the bounds, the clip area and the files")
     work = partial(compute_block, store=store, recipe=recipe)
-    failed: list[str] = []
     peak = peak_memory_mb()
     left = [block for block in blocks if not store.has("blocks", block)]
+    if left:  # what was joined without them no longer holds
+        store.forget("buildings")
     for done, outcome in enumerate(run(work, left, options.jobs, options.scheduler), 1):
         peak = max(peak, outcome.peak_mb)
         note_failure(outcome, left, "block", failed)
@@ -164,6 +172,22 @@ def build(
     if summary.complete:
         store.discard()
     return summary
+
+
+def open_all(paths: Sequence[Path], crs: str | None, failed: list[str]) -> list[Source]:
+    """The sources that can be opened; the others are noted in `failed`. InputError when there is none."""
+    sources = []
+    for path in paths:
+        try:
+            sources.append(open_source(path, crs))
+        except InputError as error:
+            if len(paths) == 1:
+                raise
+            failed.append(str(error))
+            log.error("%s", error)
+    if not sources:
+        raise InputError(failed[0])
+    return sources
 
 
 def compute_block(block: Block, store: Store, recipe: Recipe) -> None:

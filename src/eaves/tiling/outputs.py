@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -13,7 +14,14 @@ from typing import Any, Literal
 import numpy as np
 import shapely
 
-from eaves.formats import MosaicWriter, Source, write_cityjson, write_cityjson_seq, write_classified
+from eaves.formats import (
+    InputError,
+    MosaicWriter,
+    Source,
+    write_cityjson,
+    write_cityjson_seq,
+    write_classified,
+)
 from eaves.formats.atomic import atomic
 from eaves.formats.classified import UNCHANGED
 from eaves.formats.geopackage import Row, write_geopackage, write_polygons
@@ -23,6 +31,7 @@ from eaves.raster.burn import burn
 from eaves.tiling.rows import building_row, roof_rows, world_polygon
 from eaves.tiling.store import Store
 
+log = logging.getLogger("eaves")
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified")
 
 
@@ -274,8 +283,11 @@ def write_points(
         known = opened("r")
         mine = {key: values[start : start + source.count] for key, values in known.items()}
         classes = mine.pop("classes")
-        write_classified(source, path, classes, {} if single else mine)
-        written.append(path)
+        try:
+            write_classified(source, path, classes, {} if single else mine)
+            written.append(path)
+        except InputError as error:  # a damaged file; scattering it has said so
+            log.debug("%s", error)
         start += source.count
     return written
 

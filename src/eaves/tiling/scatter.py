@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from eaves.formats import Source, iter_chunks
+from eaves.formats import Chunk, InputError, Source, iter_chunks
 from eaves.model import Block, Bounds
 from eaves.model.cloud import QUANTUM
 from eaves.tiling.store import RECORD, Store
+
+log = logging.getLogger("eaves")
 
 
 def scatter_points(
@@ -21,44 +24,49 @@ def scatter_points(
     bounds: Bounds | None = None,
     clip: BaseGeometry | None = None,
     tell: Callable[[int], None] = lambda points: None,
-) -> int:
-    """Append every usable point to its block's file; the number of points kept.
+) -> list[str]:
+    """Append every usable point to its block's file; why files could not be read to their end, one line each.
 
     `bounds` and `clip` are in world metres; points outside them, withheld points and points without a
-    position stay
-    out. `tell` hears how many points were read.
+    position stay out. `tell` hears how many points were read.
     """
-    first, kept = 0, 0
+    first, unread = 0, []
     for source in sources:
-        for chunk in iter_chunks(source, bounds):
-            xyz = chunk.xyz
-            usable = np.isfinite(xyz).all(axis=1)
-            if bounds is not None:
-                usable &= bounds.contains(xyz)
-            if clip is not None:
-                usable &= shapely.contains_xy(clip, xyz[:, 0], xyz[:, 1])
-            index = np.floor(xyz[:, :2] / side)
-            index[~usable] = 0
-            column, row = index[:, 0].astype(np.int64), index[:, 1].astype(np.int64)
-            records = np.zeros(len(xyz), RECORD)
-            local = xyz.copy()
-            local[~usable] = 0
-            local[:, 0] -= column * side
-            local[:, 1] -= row * side
-            records["xyz"] = np.round(local / QUANTUM)
-            records["point_id"] = chunk.position + first
-            for name in ("return_number", "number_of_returns", "classification"):
-                values = getattr(chunk, name)
-                if values is not None:
-                    records[name] = values
-            order = np.flatnonzero(usable)
-            order = order[np.lexsort((row[order], column[order]))]
-            if len(order):
-                changes = np.flatnonzero(np.diff(column[order]) | np.diff(row[order])) + 1
-                for group in np.split(order, changes):
-                    where = Block(int(column[group[0]]), int(row[group[0]]), side)
-                    store.append_points(where, records[group])
-            kept += len(order)
-            tell(len(xyz))
+        try:
+            for chunk in iter_chunks(source, bounds):
+                scatter_chunk(chunk, first, store, side, bounds, clip)
+                tell(len(chunk))
+        except InputError as error:
+            log.error("%s", error)
+            unread.append(str(error))
         first += source.count
-    return kept
+    return unread
+
+
+def scatter_chunk(
+    chunk: Chunk, first: int, store: Store, side: float, bounds: Bounds | None, clip: BaseGeometry | None
+) -> None:
+    """Append a chunk's usable points to the files of their blocks; `first` is the id of its file's first point."""
+    xyz = chunk.xyz
+    usable = np.isfinite(xyz).all(axis=1)
+    if bounds is not None:
+        usable &= bounds.contains(xyz)
+    if clip is not None:
+        usable &= shapely.contains_xy(clip, xyz[:, 0], xyz[:, 1])
+    kept = np.flatnonzero(usable)
+    if len(kept) == 0:
+        return
+    index = np.floor(xyz[kept, :2] / side).astype(np.int64)
+    column, row = index.T
+    records = np.zeros(len(kept), RECORD)
+    local = xyz[kept] - np.column_stack([index * side, np.zeros(len(kept))])
+    records["xyz"] = np.round(local / QUANTUM)
+    records["point_id"] = chunk.position[kept] + first
+    for name, missing in (("return_number", 1), ("number_of_returns", 1), ("classification", 0)):
+        values = getattr(chunk, name)
+        records[name] = missing if values is None else values[kept]
+    order = np.lexsort((row, column))
+    changes = np.flatnonzero(np.diff(column[order]) | np.diff(row[order])) + 1
+    for group in np.split(order, changes):
+        block = Block(int(column[group[0]]), int(row[group[0]]), side)
+        store.append_points(block, records[group])

@@ -95,6 +95,11 @@ class Store:
         with atomic(self.folder / kind / f"{block.name}.pickle") as temporary:
             temporary.write_bytes(pickle.dumps(value, protocol=5))
 
+    def forget(self, kind: str) -> None:
+        """Remove all results of a kind."""
+        for path in (self.folder / kind).glob("*.pickle"):
+            path.unlink()
+
     def has(self, kind: str, block: Block) -> bool:
         """Whether a block's result is there."""
         return (self.folder / kind / f"{block.name}.pickle").exists()
