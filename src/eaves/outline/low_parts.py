@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from eaves.geometry.alpha import Mesh
 from eaves.model import Mask, Values
 
-STEP_M, STEEP = 0.25, 0.7
-"""Neighbours belong to one surface when they differ by no more than this (m), and 35°, in height."""
+STEP_M, STEEP = 0.5, 1.2
+"""Neighbours belong to one surface when they differ in height by no more than this (m) and 50°."""
 WALL_WIDTH_M, LONG_M = 0.5, 6.0
 """Points of a wall lie in a strip this narrow (m); a balcony is no longer than that (m)."""
 LOW_M = 1.5
@@ -37,7 +37,7 @@ def low_parts_kernel(
     least: float,
     deep: float,
 ) -> NDArray[np.bool_]:
-    """Surfaces by union over the sides of triangles (T, 3); then the height beside goes from large to small."""
+    """Surfaces by union over the triangles' sides (T, 3); then the height beside goes from one to the next."""
     size = len(xy)
     root = np.arange(size)
     for t in range(len(triangles)):
