@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import Literal
 
 import laspy
 import matplotlib
@@ -155,7 +156,8 @@ def judge_dense(data: Path) -> None:
 def judge_towns() -> None:
     """Simulated towns: total error, and the DTM under buildings where the terrain has no step."""
     rows: list[dict[str, object]] = []
-    for terrain, trees, density in product(("hilly", "terraced"), (1.0, 3.0), (1.0, 5.0, 25.0)):
+    terrains: tuple[Literal["hilly", "terraced"], ...] = ("hilly", "terraced")
+    for terrain, trees, density in product(terrains, (1.0, 3.0), (1.0, 5.0, 25.0)):
         town = simulate_town(0.0256, terrain=terrain, trees=trees, seed=4)
         scene = scan_town(town, density=density, seed=4)
         cloud = classify_ground(scene.cloud)

@@ -52,6 +52,7 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
     """
     waiting = candidates.copy()
     hint = np.full(len(waiting), -1, np.int32)
+    judged = np.full((len(waiting), 3), OUTSIDE, np.int32)
     for number in range(rounds):
         if len(waiting) == 0 or len(tin.vertices) == 0:
             return number
@@ -65,6 +66,7 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
             tin.vertices,
             tin.neighbours,
             hint,
+            judged,
             limits.distance,
             limits.angle,
             limits.angle_gain,
@@ -77,7 +79,7 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
         if not fits.any():
             return number
         tin.insert(waiting[new])
-        waiting, hint = waiting[~fits], hint[~fits]
+        waiting, hint, judged = waiting[~fits], hint[~fits], judged[~fits]
     return rounds
 
 
@@ -149,6 +151,7 @@ def fits_kernel(
     vertices: Ids,
     neighbours: Ids,
     hint: Ids,
+    judged: Ids,
     distance: float,
     angle: float,
     angle_gain: float,
@@ -158,17 +161,29 @@ def fits_kernel(
     steep: float,
     noise: float,
 ) -> tuple[Mask, Mask]:
-    """Which candidates (K,) fit the TIN, and which change it; `hint` (K,) receives their triangles."""
+    """Which candidates (K,) fit the TIN, and which change it.
+
+    `hint` (K,) receives the triangle of each and `judged` (K, 3) its vertices: who did not fit a triangle
+    does not fit it later.
+    """
     fits, new = np.zeros(len(numbers), np.bool_), np.zeros(len(numbers), np.bool_)
     last = 0
     for i in range(len(numbers)):
-        p = numbers[i]
+        p, known = numbers[i], hint[i]
+        if (
+            known >= 0
+            and vertices[known, 0] == judged[i, 0]
+            and vertices[known, 1] == judged[i, 1]
+            and vertices[known, 2] == judged[i, 2]
+        ):
+            continue
         x, y, z = xyz[p, 0], xyz[p, 1], xyz[p, 2]
         here = walk(
             whole, vertices, neighbours, hint[i] if hint[i] >= 0 else last, targets[i, 0], targets[i, 1]
         )
         hint[i] = here
         last = here
+        judged[i, 0], judged[i, 1], judged[i, 2] = vertices[here, 0], vertices[here, 1], vertices[here, 2]
         height, slope, away = facet_at(xyz, vertices, neighbours, here, x, y)
         off = abs(z - height) / np.sqrt(1.0 + slope * slope)
         nearest, closest, widest = -1, np.inf, 0.0
