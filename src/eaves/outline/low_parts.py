@@ -37,7 +37,7 @@ def low_parts_kernel(
     least: float,
     deep: float,
 ) -> NDArray[np.bool_]:
-    """Surfaces by union over the triangles' sides (T, 3); then the height beside goes from one to the next."""
+    """Surfaces by union over sides of triangles (T, 3); then the height beside goes from one to the next."""
     size = len(xy)
     root = np.arange(size)
     for t in range(len(triangles)):
