@@ -46,7 +46,7 @@ def scatter_points(
 def scatter_chunk(
     chunk: Chunk, first: int, store: Store, side: float, bounds: Bounds | None, clip: BaseGeometry | None
 ) -> None:
-    """Append a chunk's usable points to the files of their blocks; `first` is the id of its file's first point."""
+    """Append a chunk's usable points to the files of their blocks; `first` is the id its file begins with."""
     xyz = chunk.xyz
     usable = np.isfinite(xyz).all(axis=1)
     if bounds is not None:
