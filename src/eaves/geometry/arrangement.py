@@ -20,6 +20,9 @@ SMALLEST_PART = 0.1
 MOST_CUTS = 20
 """Necks cut through one by one, where corners of a footprint touch."""
 
+CORNER_REACH = 0.03
+"""A segment that passes a corner of the polygon nearer than this (m) goes through it."""
+
 
 def arrange(
     polygon: Polygon, segments: NDArray[np.float64], grid: float = COORDINATE_STEP
@@ -35,7 +38,7 @@ def arrange(
         return None
     if len(segments) == 0:
         return coverage_of(shapely.get_parts(whole), grid)
-    lines = shapely.linestrings(np.asarray(segments, float).reshape(-1, 2, 2))
+    lines = through_corners(np.asarray(segments, float), shapely.get_coordinates(whole))
     net = shapely.union_all(np.append(lines, whole.boundary), grid_size=grid)
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
     if len(cells) == 0:
@@ -43,6 +46,24 @@ def arrange(
     shapely.prepare(whole)
     inside = shapely.contains_properly(whole, shapely.point_on_surface(cells))
     return coverage_of(cells[inside], grid) if inside.any() else None
+
+
+def through_corners(segments: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.object_]:
+    """The segments (S, 4) as lines that bend through the corners (K, 2) they would nearly touch."""
+    start, end = segments[:, None, :2], segments[:, None, 2:]
+    step = end - start
+    length = np.maximum(np.hypot(step[..., 0], step[..., 1]), COORDINATE_STEP)
+    away = corners[None] - start
+    along = (away * step).sum(axis=2) / length**2
+    apart = np.abs(step[..., 0] * away[..., 1] - step[..., 1] * away[..., 0]) / length
+    near = (apart < CORNER_REACH) & (along > 0.0) & (along < 1.0)
+    ends = segments.reshape(-1, 2, 2)
+    lines = shapely.linestrings(ends)
+    for line in np.flatnonzero(near.any(axis=1)).tolist():
+        some = np.flatnonzero(near[line])
+        some = some[np.argsort(along[line, some], kind="stable")]
+        lines[line] = shapely.linestrings(np.vstack([ends[line, :1], corners[some], ends[line, 1:]]))
+    return np.asarray(lines)
 
 
 def without_necks(polygon: BaseGeometry, grid: float) -> BaseGeometry:

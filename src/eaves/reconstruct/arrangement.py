@@ -29,6 +29,9 @@ from eaves.reconstruct.raising import Raised, raise_plan
 NARROWEST = 0.1
 """Roof faces narrower than this (m) are slivers at any density."""
 
+LARGEST_ERROR = 2.0
+"""Distances above this (m) count as this when levels are compared: what they measure is no roof."""
+
 WORSE_BY = 0.05
 """A finer level is given up when its RMSE is greater than a coarser one's by more than this (m)."""
 
@@ -204,6 +207,6 @@ def fallen_back(code: str, reason: str) -> dict[str, Any]:
 
 
 def errors_of(solids: tuple[Solid, ...], roof: Points) -> NDArray[np.float64]:
-    """Distances (N,; m) of roof points (N, 3) from the roof over them."""
+    """Distances (N,; m) of roof points (N, 3) from the roof over them, a tree's above it cut off."""
     height, cosine, _ = surface_heights(solids, roof[:, :2])
-    return np.nan_to_num(np.abs(roof[:, 2] - height) * cosine, nan=0.0)
+    return np.minimum(np.nan_to_num(np.abs(roof[:, 2] - height) * cosine, nan=0.0), LARGEST_ERROR)
