@@ -21,6 +21,8 @@ from eaves.model.scene import ROOF
 
 RIM_ODDS = 3.0
 """Log odds of the rim of a roof that swallows the beam."""
+VEHICLE_MOST_M2 = 60.0
+"""An articulated lorry, with the cells at its rim, is no larger."""
 SMALL_SEGMENT_M2 = 2.0
 """Smaller surfaces say no more than their cells do."""
 
@@ -152,7 +154,10 @@ class Consensus(Detector):
         above = ~scene.cloud.ground & ~scene.cloud.noise & (scene.height > 0.5)
         number = np.where(above, region.ravel()[evidence.cells.cell], 0).astype(np.int32)
         part = part_of_points(xyz, number, evidence, region, self.max_residual)
-        vehicle = looks_like_vehicle(xyz, scene.height, np.where(part == ROOF, number, 0))
+        size = np.bincount(region.ravel()) * evidence.cells.side**2
+        small = np.where(size[number] <= VEHICLE_MOST_M2, number, 0)
+        vehicle = looks_like_vehicle(xyz, scene.height, np.where(part == ROOF, small, 0))
+        vehicle = np.r_[vehicle, np.zeros(len(size) - len(vehicle), bool)]
         part[vehicle[number]] = 0
         number[vehicle[number]] = 0
         return Regions(number, score_regions(region, odds), part)

@@ -35,7 +35,11 @@ SHED_M2, DOOR_M, SHED_HEIGHT_M, ROUGH_M = 6.0, 2.5, 2.5, 0.05
 VEHICLE_WIDTH_M = 2.45
 """Road vehicles and containers are narrower (the legal limit is 2.55 m, and points stop short of edges)."""
 VEHICLE_HEIGHT_M = 4.2
-VEHICLE_LENGTH = 1.5
+VEHICLE_LEVEL_M = 0.6
+"""Half the range of heights on top of a vehicle; what leaves it is something else."""
+VEHICLE_FLAT = 0.75
+"""So much of a vehicle is at that level; a shed with a pitched roof has less."""
+VEHICLE_LENGTH = 1.9
 """Vehicles are at least so many times longer than wide."""
 
 
@@ -73,13 +77,16 @@ def score_regions(region: Labels, odds: Values) -> Values:
 def looks_like_vehicle(xyz: Points, height: Values, number: Labels) -> Mask:
     """Which of the regions 0…K is as long, as narrow and as low as a van, a lorry or a container, (K + 1,).
 
-    Length and width are those of the rectangle with the same second moments as the points.
+    Length and width are those of the rectangle with the same second moments as the points at the level of the
+    region's middle height: what hangs over it, or stands beside it, does not count.
     """
     count = int(number.max(initial=0)) + 1
     inside = np.flatnonzero(number > 0)
-    which = number[inside]
+    low = middle_of_groups(height[inside], number[inside], count)
+    level = inside[np.abs(height[inside] - low[number[inside]]) < VEHICLE_LEVEL_M]
+    which = number[level]
     size = np.maximum(np.bincount(which, minlength=count), 1)
-    x, y = (xyz[inside, axis] for axis in (0, 1))
+    x, y = (xyz[level, axis] for axis in (0, 1))
     mean_x = np.bincount(which, weights=x, minlength=count) / size
     mean_y = np.bincount(which, weights=y, minlength=count) / size
     x, y = x - mean_x[which], y - mean_y[which]
@@ -87,8 +94,18 @@ def looks_like_vehicle(xyz: Points, height: Values, number: Labels) -> Mask:
     middle, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
     length = np.sqrt(12 * (middle + spread))
     width = np.sqrt(12 * np.maximum(middle - spread, 0.0))
-    top = np.zeros(count)
-    np.maximum.at(top, which, height[inside])
-    narrow = (width < VEHICLE_WIDTH_M) & (length > VEHICLE_LENGTH * width) & (top < VEHICLE_HEIGHT_M)
-    narrow[0] = False
-    return np.asarray(narrow, np.bool_)
+    narrow = (width < VEHICLE_WIDTH_M) & (length > VEHICLE_LENGTH * width) & (low < VEHICLE_HEIGHT_M)
+    flat = size >= VEHICLE_FLAT * np.bincount(number[inside], minlength=count)
+    flat[0] = False
+    return np.asarray(narrow & flat, np.bool_)
+
+
+def middle_of_groups(values: Values, which: Labels, count: int) -> Values:
+    """Median (count,) of the values (N,) of each group (N,) 0…count-1; zero where a group is empty."""
+    order = np.lexsort((values, which))
+    size = np.bincount(which, minlength=count)
+    start = np.cumsum(size) - size
+    middle = np.zeros(count)
+    some = size > 0
+    middle[some] = values[order][(start + size // 2)[some]]
+    return middle
