@@ -38,18 +38,27 @@ def label_nodes(
     if labels == 1 or count == 0:
         return current
     best = energy_of(cost, edges, border, price, current)
+    gain = np.bincount(edges.ravel(), np.repeat(border, 2), count)
+    settled = np.zeros(labels, bool)
     for _ in range(SWEEPS):
         before = best
         for label in range(labels):
+            here = cost[np.arange(count), current]
+            if settled[label] or not np.any((cost[:, label] < here + gain) & (current != label)):
+                continue
+            settled[label] = True
             moved = expand(cost, edges, border, current, label)
             energy = energy_of(cost, edges, border, price, moved)
             if energy < best - 1.0 / SCALE:
                 current, best = moved, energy
+                settled[:] = False
+                settled[label] = True
         for label in np.unique(current).tolist():
             moved = without_label(cost, edges, border, current, label)
             energy = energy_of(cost, edges, border, price, moved)
             if energy < best - 1.0 / SCALE:
                 current, best = moved, energy
+                settled[:] = False
         if best > before - 1.0 / SCALE:
             break
     return current
