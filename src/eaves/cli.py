@@ -53,7 +53,9 @@ Snap = Annotated[
 BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).", min=6)]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
 MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]
-Formats = Annotated[str, typer.Option(help="More formats, comma-separated: obj,geojson,fgb,cityjson.")]
+Formats = Annotated[
+    str, typer.Option(help="More formats, comma-separated: obj,glb,3dtiles,cityjson,geojson,fgb,parquet.")
+]
 
 
 @app.command()
@@ -106,7 +108,7 @@ def build(
         footprints=footprints,
         id_field=id_field,
         snap_footprints=snap_footprints,
-        formats=tuple(name for name in formats.split(",") if name),
+        formats=tuple(name.strip() for name in formats.split(",") if name.strip()),
         jobs=jobs,
         scheduler=scheduler,
         resume=resume,

@@ -8,7 +8,6 @@ from typing import Any
 
 _HOMES = {
     "InputError": "errors",
-    "atomic": "atomic",
     "Chunk": "chunk",
     "Source": "source",
     "common_system": "source",
@@ -23,7 +22,11 @@ _HOMES = {
     "write_cityjson": "cityjson",
     "write_cityjson_seq": "cityjson",
     "read_polygons": "geopackage",
+    "write_3dtiles": "tiles3d",
     "write_geopackage": "geopackage",
+    "write_geoparquet": "parquet",
+    "write_glb": "glb",
+    "write_obj": "obj",
     "MosaicWriter": "mosaic",
     "read_raster": "geotiff",
     "write_mask": "geotiff",

@@ -188,7 +188,7 @@ def _write_layer(path: Path, rows: Sequence[Row], system: CoordinateSystem, driv
         shapes = shapely.transform(shapes, lambda xyz: xyz / unit, include_z=upright)
     several = any(shape is not None and shape.geom_type == "MultiPolygon" for shape in shapes)
     names = list(dict.fromkeys(name for row in rows for name in row.attributes))
-    columns = [_column([row.attributes.get(name) for row in rows]) for name in names]
+    columns = [column_of([row.attributes.get(name) for row in rows]) for name in names]
     with warnings.catch_warnings():  # a local system has no projection to tell, and the reader has said so
         warnings.filterwarnings("ignore", message="'crs' was not provided")
         pyogrio.raw.write(
@@ -206,7 +206,7 @@ def _write_layer(path: Path, rows: Sequence[Row], system: CoordinateSystem, driv
         )
 
 
-def _column(values: list[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+def column_of(values: list[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """An array of the one type that holds all values, and where they are missing."""
     plain = [_plain(value) for value in values]
     missing = np.array([value is None for value in plain])

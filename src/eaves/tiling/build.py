@@ -25,6 +25,7 @@ from eaves.pipeline import (
     draw_footprints,
     make_recipe,
 )
+from eaves.tiling.exports import check_formats
 from eaves.tiling.gather import Gatherer
 from eaves.tiling.join import HomePlan, Seam, assign_footprints, join_regions
 from eaves.tiling.outputs import EVERYTHING, Summary, write_outputs
@@ -53,6 +54,7 @@ class Options:
     id_field: str | None = None
     snap_footprints: bool = False
     formats: tuple[str, ...] = ()
+    """Names of further formats (tiling.exports)."""
     jobs: int = 1
     scheduler: str | None = None
     resume: bool = False
@@ -92,6 +94,7 @@ def build(
     """
     started = time.time()
     recipe, options = recipe or make_recipe(), options or Options()
+    check_formats(options.formats)
     folder = Path(out)
     paths = find_inputs([inputs] if isinstance(inputs, str | Path) else inputs)
     failed: list[str] = []

@@ -18,16 +18,16 @@ from eaves.formats import (
     InputError,
     MosaicWriter,
     Source,
-    write_cityjson,
     write_cityjson_seq,
     write_classified,
 )
 from eaves.formats.atomic import atomic
 from eaves.formats.classified import UNCHANGED
-from eaves.formats.geopackage import Row, write_geopackage, write_polygons
+from eaves.formats.geopackage import Row, write_geopackage
 from eaves.model import Block, Bounds, BuildingModel, Failure
 from eaves.pipeline import CELL, building_classes
 from eaves.raster.burn import burn
+from eaves.tiling.exports import export_footprints, export_models
 from eaves.tiling.rows import building_row, roof_rows, world_polygon
 from eaves.tiling.store import Store
 
@@ -103,15 +103,11 @@ def write_outputs(
             rows = footprint_rows(store, homes)
             files.append(folder / "footprints.gpkg")
             write_geopackage(files[-1], rows, face_rows(store, homes), system)
-            for name in [name for name in ("geojson", "fgb") if name in formats]:
-                files.append(folder / f"footprints.{name}")
-                write_polygons(files[-1], rows, system)
+            files += export_footprints(folder, rows, system, formats)
         elif step == "models":
             files.append(folder / "buildings.city.jsonl")
             write_cityjson_seq(files[-1], answers(store, homes), system)
-            if "cityjson" in formats:
-                files.append(folder / "buildings.city.json")
-                write_cityjson(files[-1], answers(store, homes), system)
+            files += export_models(folder, lambda: answers(store, homes), system, formats)
         elif step == "mask":
             files += write_mask(store, blocks, homes, folder / "mask.tif")
         elif step == "rasters":

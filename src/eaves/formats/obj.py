@@ -1,0 +1,81 @@
+"""Building models as Wavefront OBJ with a material library.
+
+Coordinates are in the coordinate system's units, z up, less an offset of whole units that a line near the
+top states (`# offset x y z`): programs that read OBJ keep seven digits, and world coordinates need ten.
+Every building is an object and a group named by its id, at its finest level of detail; every kind of surface
+has its material. A building without a model is a comment with its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from eaves.formats.atomic import atomic
+from eaves.formats.cityjson import footprint_of
+from eaves.formats.crs import describe
+from eaves.formats.meshes import COLOURS, SURFACES, mesh_of
+from eaves.model import BuildingModel, CoordinateSystem, Failure
+from eaves.model.coordinates import LOCAL_METRES
+
+DECIMALS = 4
+"""Of a coordinate: a tenth of a millimetre, or of a thousandth of a foot."""
+
+
+def write_obj(
+    path: str | Path, models: Iterable[BuildingModel | Failure], system: CoordinateSystem = LOCAL_METRES
+) -> int:
+    """Write `path` (`.obj`) and the materials beside it (`.mtl`); return the number of buildings with a mesh.
+
+    Parameters
+    ----------
+    path
+        The file; it appears when it is whole.
+    models
+        Buildings in metres about their footprint's origin, taken one by one.
+    system
+        Coordinate system whose units the coordinates are in.
+    """
+    path = Path(path)
+    unit = np.array(system.unit_m)
+    offset: np.ndarray | None = None
+    count, start = 0, 1
+    with atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(f"# eaves: buildings, z up; coordinates plus offset are in {describe(system)}\n")
+        for number, model in enumerate(models, 1):
+            footprint = footprint_of(model)
+            name = "_".join((footprint.id if footprint else "").split()) or f"building-{number}"
+            mesh = mesh_of(model)
+            if mesh is None or footprint is None:
+                reason = "" if isinstance(model, BuildingModel) else f": {model.code}, {model.reason}"
+                file.write(" ".join(f"# {name} has no model{reason}".split()) + "\n")
+                continue
+            world = (mesh.vertices + np.array([*footprint.origin, 0.0])) / unit
+            if offset is None:
+                offset = np.floor(np.array([*world.min(axis=0)[:2], 0.0]))
+                file.write("# offset {:.0f} {:.0f} {:.0f}\n".format(*offset))
+                file.write(f"mtllib {path.with_suffix('.mtl').name}\n")
+            file.write(f"o {name}\ng {name}\n")
+            for row in world - offset:
+                file.write("v " + " ".join(f"{value:.{DECIMALS}f}" for value in row) + "\n")
+            for kind, surface in enumerate(SURFACES):
+                triangles = mesh.triangles_of(kind) + start
+                if len(triangles):
+                    file.write(f"usemtl {surface}\n")
+                    file.writelines(f"f {a} {b} {c}\n" for a, b, c in triangles.tolist())
+            start += len(world)
+            count += 1
+    with atomic(path.with_suffix(".mtl")) as temporary:
+        temporary.write_text(materials(), encoding="utf-8", newline="\n")
+    return count
+
+
+def materials() -> str:
+    """One matt material for every kind of surface."""
+    lines = []
+    for surface, colour in COLOURS.items():
+        shown = " ".join(f"{part:.2f}" for part in colour)
+        lines.append(f"newmtl {surface}\nKa {shown}\nKd {shown}\nKs 0 0 0\nd 1\nillum 1\n")
+    return "\n".join(lines)

@@ -1,0 +1,84 @@
+"""Footprints as GeoParquet 1.1, by pyarrow, which the extra `parquet` installs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from eaves.formats.atomic import atomic
+from eaves.formats.crs import horizontal_crs
+from eaves.formats.errors import InputError
+from eaves.formats.geopackage import Row, column_of
+from eaves.model import CoordinateSystem
+from eaves.model.coordinates import LOCAL_METRES
+
+VERSION = "1.1.0"
+ROWS_A_GROUP = 50_000
+"""Rows of a row group: a reader of one window reads only the groups whose boxes it touches."""
+
+
+def require_pyarrow() -> None:
+    """Nothing, where pyarrow is installed.
+
+    Raises
+    ------
+    InputError
+        When it is not.
+    """
+    if find_spec("pyarrow") is None:
+        raise InputError("GeoParquet needs pyarrow, which is missing; run: pip install 'eaves[parquet]'")
+
+
+def write_geoparquet(path: str | Path, rows: Sequence[Row], system: CoordinateSystem = LOCAL_METRES) -> None:
+    """Write one row a feature: its attributes, `geometry` as WKB in the system's units, `bbox` for fast
+    windows. Columns have the types that `write_geopackage` gives them.
+
+    Raises
+    ------
+    InputError
+        When pyarrow is not installed.
+    """
+    require_pyarrow()
+    import pyarrow
+    import pyarrow.parquet
+
+    shapes = np.array([row.geometry for row in rows] or [], dtype=object)
+    if system.horizontal_unit_m != 1.0 and len(shapes):
+        shapes = shapely.transform(shapes, lambda xy: xy / system.horizontal_unit_m)
+    columns: dict[str, Any] = {}
+    for name in dict.fromkeys(name for row in rows for name in row.attributes):
+        values, missing = column_of([row.attributes.get(name) for row in rows])
+        kind = pyarrow.string() if values.dtype == object else None
+        columns[name] = pyarrow.array(values, type=kind, mask=missing)
+    corners = shapely.bounds(shapes).reshape(-1, 4)
+    names = ("xmin", "ymin", "xmax", "ymax")
+    boxes = [pyarrow.array(corners[:, axis], from_pandas=True) for axis in range(4)]
+    columns["bbox"] = pyarrow.StructArray.from_arrays(boxes, names)
+    columns["geometry"] = pyarrow.array(list(shapely.to_wkb(shapes)), pyarrow.binary())
+    about = geo_metadata(shapes, corners, system)
+    table = pyarrow.table(columns).replace_schema_metadata({b"geo": json.dumps(about).encode()})
+    with atomic(path) as temporary:
+        pyarrow.parquet.write_table(table, temporary, compression="zstd", row_group_size=ROWS_A_GROUP)
+
+
+def geo_metadata(
+    shapes: np.ndarray[Any, Any], corners: np.ndarray[Any, Any], system: CoordinateSystem
+) -> dict[str, Any]:
+    """The `geo` entry of the file's metadata, as the specification wants it."""
+    crs = horizontal_crs(system)
+    column: dict[str, Any] = {
+        "encoding": "WKB",
+        "geometry_types": sorted({shape.geom_type for shape in shapes if shape is not None}),
+        "crs": None if crs is None else crs.to_json_dict(),
+        "covering": {"bbox": {name: ["bbox", name] for name in ("xmin", "ymin", "xmax", "ymax")}},
+    }
+    if len(corners) and not np.isnan(corners).all():
+        low, high = np.nanmin(corners[:, :2], axis=0), np.nanmax(corners[:, 2:], axis=0)
+        column["bbox"] = [*low.tolist(), *high.tolist()]
+    return {"version": VERSION, "primary_column": "geometry", "columns": {"geometry": column}}

@@ -1,0 +1,252 @@
+"""Building models as 3D Tiles 1.1: `tileset.json` and one GLB a block.
+
+A tile holds the buildings whose coordinates share an origin (those at home in one block), at their finest
+level of detail, in one mesh about that origin; every building is a feature with its attributes. The tile's
+transform takes it to Earth-centred coordinates: its axes are the images of 100 m east, north and up in the
+coordinate system at the tile's middle, so grid convergence and scale are in it, and a block of 240 m leaves
+the curve of the Earth by 2 mm. Heights above a geoid need its grid, which PROJ may not have; a warning says
+so, and `asset.extras` what was added. Data with no place on Earth make a tileset in local metres. Tiles are
+leaves of a quadtree.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+import pyproj
+from numpy.typing import NDArray
+from pyproj.transformer import TransformerGroup
+
+from eaves.formats.atomic import atomic
+from eaves.formats.cityjson import attributes_of, clean
+from eaves.formats.crs import horizontal_crs, pyproj_crs
+from eaves.formats.features import EXTENSIONS, add_feature_numbers, add_property_table
+from eaves.formats.glb import GlbParts, Json, scene_extras, y_up
+from eaves.formats.meshes import SURFACES, Mesh, mesh_of
+from eaves.model import BuildingModel, CoordinateSystem, Failure
+from eaves.model.coordinates import LOCAL_METRES
+
+log = logging.getLogger("eaves")
+ARM = 100.0
+"""Length (m) over which the directions of the axes are measured."""
+CHILDREN = 8
+"""Most tiles a node holds before it is split into quarters."""
+ERROR_SHARE = 1 / 16
+"""A node's geometric error as a share of its diameter: at Cesium's 16 pixels and a usual screen its tiles
+come into view from about four diameters away."""
+GEOCENTRIC, GEODETIC = "EPSG:4978", "EPSG:4979"
+
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Leaf:
+    """One tile with content: its middle in the plane (m), its corners (8, 3) in the tileset's coordinates."""
+
+    middle: tuple[float, float]
+    corners: NDArray[np.float64]
+    tile: Json
+
+
+def write_3dtiles(
+    folder: str | Path, models: Iterable[BuildingModel | Failure], system: CoordinateSystem = LOCAL_METRES
+) -> int:
+    """Write `tileset.json` and `content/*.glb` into a folder; return the number of buildings with a mesh.
+
+    Parameters
+    ----------
+    folder
+        Made when missing. An older tileset in it goes first; the new `tileset.json` is written last.
+    models
+        Buildings in metres about their footprint's origin, those of one origin next to each other; one
+        origin's buildings are in memory at a time.
+    system
+        Coordinate system of the buildings.
+    """
+    folder = Path(folder)
+    (folder / "tileset.json").unlink(missing_ok=True)
+    earth = Earth(system)
+    leaves: list[Leaf] = []
+    count = 0
+    for origin, buildings in by_origin(models):
+        name = f"content/{len(leaves) + 1}.glb"
+        with atomic(folder / name) as temporary:
+            low, high = write_content(temporary, buildings, origin, system)
+        base = np.array([0.0, 0.0, low[2]])
+        frame = earth.frame(np.array([*origin, low[2]]), (low + high) / 2 - base)
+        leaves.append(leaf_of(name, frame, origin, low - base, high - base))
+        count += len(buildings)
+    for stale in (folder / "content").glob("*.glb"):
+        if not (stale.stem.isdigit() and int(stale.stem) <= len(leaves)):
+            stale.unlink()
+    nothing: Json = {"boundingVolume": {"sphere": [0, 0, 0, 1]}, "geometricError": 0}
+    root = node_of(leaves) if leaves else nothing
+    extras = {"crs": system.code, "geoid_height_added_m": earth.lifts()}
+    asset = {"version": "1.1", "generator": f"eaves {version('eaves')}", "extras": extras}
+    tileset: Json = {"asset": asset, "geometricError": 2 * root["geometricError"]}
+    tileset["root"] = {"refine": "ADD", **root}
+    with atomic(folder / "tileset.json") as temporary:
+        temporary.write_text(json.dumps(tileset, allow_nan=False), encoding="utf-8")
+    return count
+
+
+def by_origin(
+    models: Iterable[BuildingModel | Failure],
+) -> Iterator[tuple[tuple[float, float], list[tuple[BuildingModel, Mesh]]]]:
+    """The buildings that have a mesh, by the origin they share."""
+    solid = (
+        (model, mesh)
+        for model in models
+        if isinstance(model, BuildingModel) and (mesh := mesh_of(model)) is not None and len(mesh.triangles)
+    )
+    for origin, group in groupby(solid, key=lambda pair: pair[0].footprint.origin):
+        yield origin, list(group)
+
+
+def write_content(
+    path: Path,
+    buildings: Sequence[tuple[BuildingModel, Mesh]],
+    origin: tuple[float, float],
+    system: CoordinateSystem,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Write the GLB of one tile, heights above its lowest point; its lowest and highest coordinates (3,)."""
+    extents = [(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for _, mesh in buildings]
+    low = np.min([extent[0] for extent in extents], axis=0)
+    high = np.max([extent[1] for extent in extents], axis=0)
+    rows = [
+        {"id": model.footprint.id, "lod": model.lod}
+        | {
+            key: value
+            for key, value in clean(attributes_of(model)).items()
+            if not isinstance(value, list | dict)
+        }
+        for model, _ in buildings
+    ]
+    with GlbParts(path) as parts:
+        primitives = []
+        for kind in range(len(SURFACES)):
+            pieces = [mesh.flat_shaded(kind) for _, mesh in buildings]
+            sizes = [len(positions) for positions, _, _ in pieces]
+            if not sum(sizes):
+                continue
+            starts = np.cumsum([0, *sizes[:-1]])
+            positions = np.concatenate([piece[0] for piece in pieces]) - [0, 0, low[2]]
+            normals = np.concatenate([piece[1] for piece in pieces])
+            triangles = np.concatenate(
+                [piece[2] + start for piece, start in zip(pieces, starts, strict=True)]
+            )
+            primitive = parts.primitive(y_up(positions), y_up(normals), triangles, kind)
+            numbers = np.repeat(np.arange(len(buildings)), sizes)
+            primitives.append(add_feature_numbers(parts, primitive, numbers, len(buildings)))
+        parts.add("meshes", {"primitives": primitives})
+        scene: Json = {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "extensionsUsed": EXTENSIONS}
+        scene["extensions"] = add_property_table(parts, rows)
+        parts.assemble(scene, scene_extras(system, origin), path)
+    return low, high
+
+
+def leaf_of(
+    name: str,
+    frame: Matrix,
+    origin: tuple[float, float],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> Leaf:
+    """The tile of a content file whose coordinates lie between `low` and `high` (3,) in its frame (4, 4)."""
+    middle, half = (low + high) / 2, (high - low) / 2
+    choice = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    corners = np.where(choice == 1, high, low) @ frame[:3, :3].T + frame[:3, 3]
+    box = [*middle.tolist(), half[0], 0.0, 0.0, 0.0, half[1], 0.0, 0.0, 0.0, half[2]]
+    tile = {
+        "transform": frame.T.ravel().tolist(),
+        "boundingVolume": {"box": [float(value) for value in box]},
+        "geometricError": 0.0,
+        "content": {"uri": name},
+    }
+    return Leaf((origin[0] + float(middle[0]), origin[1] + float(middle[1])), corners, tile)
+
+
+def node_of(leaves: Sequence[Leaf]) -> Json:
+    """A tile over all leaves: their parent when they are few, else of the nodes over their quarters."""
+    corners = np.concatenate([leaf.corners for leaf in leaves])
+    centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    radius = float(np.linalg.norm(corners - centre, axis=1).max())
+    node: Json = {
+        "boundingVolume": {"sphere": [*centre.tolist(), radius]},
+        "geometricError": 2 * radius * ERROR_SHARE,
+    }
+    middles = np.array([leaf.middle for leaf in leaves])
+    split = (middles.min(axis=0) + middles.max(axis=0)) / 2
+    quarter = (middles[:, 0] > split[0]) + 2 * (middles[:, 1] > split[1])
+    if len(leaves) <= CHILDREN or len(np.unique(quarter)) == 1:
+        return node | {"children": [leaf.tile for leaf in leaves]}
+    quarters = [
+        [leaf for leaf, mine in zip(leaves, quarter, strict=True) if mine == number] for number in range(4)
+    ]
+    return node | {"children": [node_of(quarter) for quarter in quarters if quarter]}
+
+
+class Earth:
+    """Puts places of a coordinate system into Earth-centred coordinates."""
+
+    def __init__(self, system: CoordinateSystem) -> None:
+        self.unit = np.array(system.unit_m)
+        self._added: list[float] = []
+        plane = horizontal_crs(system)
+        self.known = plane is not None
+        if plane is None:
+            return
+        self._flat = pyproj.Transformer.from_crs(plane, GEODETIC, always_xy=True)
+        self._round = pyproj.Transformer.from_crs(GEODETIC, GEOCENTRIC, always_xy=True)
+        whole = pyproj_crs(system)
+        self._upright = None
+        if whole is not None and whole.is_compound:
+            with warnings.catch_warnings():  # said below in our own words
+                warnings.filterwarnings("ignore", message="Best transformation is not available")
+                group = TransformerGroup(whole, GEODETIC, always_xy=True)
+            self._upright = group.transformers[0] if group.transformers else None
+            if not group.best_available:
+                log.warning(
+                    "3dtiles: PROJ lacks the geoid grid of %s, so heights are taken as above the ellipsoid; "
+                    "install the grid (pyproj sync) or raise the tileset in the viewer",
+                    whole.name,
+                )
+
+    def frame(self, start: NDArray[np.float64], middle: NDArray[np.float64]) -> Matrix:
+        """The matrix (4, 4) from metres east, north and up of `start` (3,) to the tileset's coordinates,
+        exact at `middle` (3,), counted from `start`."""
+        matrix = np.eye(4)
+        if not self.known:
+            matrix[:3, 3] = start
+            return matrix
+        ends = self.geocentric(start + middle + np.vstack([np.zeros(3), ARM * np.eye(3)]))
+        matrix[:3, :3] = ((ends[1:] - ends[0]) / ARM).T
+        matrix[:3, 3] = ends[0] - matrix[:3, :3] @ middle
+        return matrix
+
+    def geocentric(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Earth-centred metres of places (N, 3) in the system's metres, all with the first one's geoid."""
+        x, y, z = (xyz / self.unit).T
+        longitude, latitude = self._flat.transform(x, y)
+        lift = self._geoid_height(float(x[0]), float(y[0]), float(z[0]))
+        return np.column_stack(self._round.transform(longitude, latitude, xyz[:, 2] + lift))
+
+    def _geoid_height(self, x: float, y: float, z: float) -> float:
+        lifted = z * self.unit[2]
+        if self._upright is not None:
+            answer = float(self._upright.transform(x, y, z)[2])
+            lifted = answer if np.isfinite(answer) else lifted
+        self._added.append(lifted - z * self.unit[2])
+        return self._added[-1]
+
+    def lifts(self) -> list[float]:
+        """The least and the greatest geoid height (m) that was added."""
+        return [round(min(self._added), 3), round(max(self._added), 3)] if self._added else [0.0, 0.0]

@@ -1,0 +1,66 @@
+"""The formats written on request, by the names of `--formats`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from eaves.formats import write_3dtiles, write_cityjson, write_geoparquet, write_glb, write_obj
+from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.parquet import require_pyarrow
+from eaves.model import BuildingModel, CoordinateSystem, Failure
+
+FOOTPRINT_FILES = {
+    "geojson": (write_polygons, "footprints.geojson"),
+    "fgb": (write_polygons, "footprints.fgb"),
+    "parquet": (write_geoparquet, "footprints.parquet"),
+}
+MODEL_FILES = {
+    "cityjson": (write_cityjson, "buildings.city.json"),
+    "obj": (write_obj, "buildings.obj"),
+    "glb": (write_glb, "buildings.glb"),
+    "3dtiles": (write_3dtiles, "3dtiles"),
+}
+
+
+def check_formats(names: Sequence[str]) -> None:
+    """Nothing, when every name is one of a format that can be written here.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, or a format whose library is missing.
+    """
+    choices = [*MODEL_FILES, *FOOTPRINT_FILES]
+    for name in names:
+        if name not in choices:
+            raise ValueError(f"--formats {name}: unknown format; choose among: {', '.join(choices)}")
+    if "parquet" in names:
+        require_pyarrow()
+
+
+def export_footprints(
+    folder: Path, rows: Sequence[Row], system: CoordinateSystem, names: Sequence[str]
+) -> list[Path]:
+    """Write the footprints in the formats named; the files written."""
+    written = []
+    for name, (write, file) in FOOTPRINT_FILES.items():
+        if name in names:
+            write(folder / file, rows, system)
+            written.append(folder / file)
+    return written
+
+
+def export_models(
+    folder: Path,
+    models: Callable[[], Iterator[BuildingModel | Failure]],
+    system: CoordinateSystem,
+    names: Sequence[str],
+) -> list[Path]:
+    """Write the models, streamed anew for every format named; the files written, for 3D Tiles the tileset."""
+    written = []
+    for name, (write, file) in MODEL_FILES.items():
+        if name in names:
+            write(folder / file, models(), system)
+            written.append(folder / file / "tileset.json" if name == "3dtiles" else folder / file)
+    return written

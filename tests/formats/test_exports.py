@@ -1,0 +1,268 @@
+"""Every export is opened by a reader we did not write, and holds what was put in."""
+
+from __future__ import annotations
+
+import json
+import struct
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+import pytest
+import shapely
+from shapely import Polygon
+
+from eaves.formats import write_3dtiles, write_cityjson, write_geoparquet, write_glb, write_obj
+from eaves.formats.crs import parse_crs, system_of
+from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.meshes import mesh_of_solids
+from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
+from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
+from eaves.tiling.exports import check_formats
+
+trimesh = pytest.importorskip("trimesh")
+
+ORIGIN = (84960.0, 447120.0)
+DUTCH = system_of(parse_crs("EPSG:28992"), "test", ORIGIN)
+OREGON_FEET = system_of(parse_crs("EPSG:2994"), "test", (636000.0, 849000.0))
+COURT = Polygon([(0, 0), (6, 0), (12, 0), (12, 10), (0, 10)], [[(3, 3), (3, 6), (8, 6), (8, 3)]])
+
+
+def block_with_court(base: float = 2.0, height: float = 7.0) -> Solid:
+    """A building around a court: its roof and ground have a hole, and a vertex on a straight edge."""
+    rings = [np.asarray(ring.coords)[:-1] for ring in (COURT.exterior, *COURT.interiors)]
+    flat = np.concatenate(rings)
+    count = len(flat)
+    vertices = np.vstack([np.column_stack([flat, np.full(count, z)]) for z in (base, base + height)])
+    starts = np.cumsum([0, *map(len, rings)])
+    lower = [tuple(range(a, b)) for a, b in pairwise(starts)]
+    faces = [Face(tuple(tuple(v + count for v in ring) for ring in lower), ROOF_SURFACE, 0)]
+    faces.append(Face(tuple(ring[::-1] for ring in lower), GROUND_SURFACE))
+    for ring in lower:
+        faces += [
+            Face(((a, b, b + count, a + count),), WALL_SURFACE)
+            for a, b in zip(ring, ring[1:] + ring[:1], strict=True)
+        ]
+    return Solid(vertices, tuple(faces))
+
+
+def model_at(origin: tuple[float, float], name: str) -> BuildingModel:
+    attributes = {"h_ground": 2.0, "roof_type": "flat", "h_roof_70p": None}
+    return BuildingModel(Footprint(COURT, origin, name, 0.9), {"2.2": (block_with_court(),)}, (), attributes)
+
+
+@pytest.fixture
+def town() -> list[BuildingModel | Failure]:
+    """Two blocks with a building each, and a building without a model."""
+    failure = Failure("no_plane", "no plane has\n3 points", "roof", Footprint(COURT, ORIGIN, "c"))
+    return [model_at(ORIGIN, "a b"), failure, model_at((ORIGIN[0] + 240, ORIGIN[1]), "d")]
+
+
+def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
+    """JSON and numbers of a GLB file."""
+    data = path.read_bytes()
+    magic, version, length = struct.unpack_from("<4sII", data)
+    assert (magic, version, length) == (b"glTF", 2, len(data))
+    size, kind = struct.unpack_from("<I4s", data, 12)
+    assert kind == b"JSON"
+    return json.loads(data[20 : 20 + size]), data[28 + size :]
+
+
+def test_triangles_close_around_a_court() -> None:
+    mesh = mesh_of_solids([block_with_court()])
+    solid = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
+    assert solid.is_watertight and solid.is_winding_consistent
+    assert solid.volume == pytest.approx(COURT.area * 7.0)
+
+
+def test_a_sloped_concave_face_is_covered() -> None:
+    ring = np.array([[0, 0], [9, 0], [9, 4], [5, 4], [5, 8], [0, 8]], float)
+    vertices = np.column_stack([ring, 0.7 * ring[:, 0] - 1.3 * ring[:, 1] + 5])
+    mesh = mesh_of_solids([Solid(vertices, (Face((tuple(range(6)),), ROOF_SURFACE),))])
+    found = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
+    assert found.area == pytest.approx(Polygon(ring).area * np.sqrt(1 + 0.7**2 + 1.3**2))
+    assert (found.face_normals[:, 2] > 0).all()
+
+
+def test_trimesh_reads_the_obj(tmp_path: Path, town: list[BuildingModel | Failure]) -> None:
+    path = tmp_path / "town.obj"
+    assert write_obj(path, iter(town), DUTCH) == 2
+    lines = path.read_text(encoding="utf-8").splitlines()
+    offset = np.array([float(v) for v in next(x for x in lines if "offset " in x and "# o" in x).split()[2:]])
+    assert [line for line in lines if line.startswith("g ")] == ["g a_b", "g d"]
+    assert "# c has no model: no_plane, no plane has 3 points" in lines
+    whole = trimesh.load(path, force="mesh", process=False)
+    assert np.allclose(whole.bounds[0] + offset, [*ORIGIN, 2.0])
+    assert np.allclose(whole.bounds[1] + offset, [ORIGIN[0] + 252, ORIGIN[1] + 10, 9.0])
+    whole.merge_vertices(merge_tex=True, merge_norm=True)
+    assert whole.is_watertight and whole.volume == pytest.approx(2 * COURT.area * 7.0)
+    library = (tmp_path / "town.mtl").read_text(encoding="utf-8")
+    assert all(f"newmtl {name}\n" in library for name in (GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE))
+
+
+def test_obj_in_feet_is_in_feet(tmp_path: Path) -> None:
+    write_obj(tmp_path / "feet.obj", [model_at((193920.0, 258960.0), "a")], OREGON_FEET)
+    mesh = trimesh.load(tmp_path / "feet.obj", force="mesh")
+    assert np.allclose(mesh.extents, np.array([12, 10, 7]) / 0.3048, atol=1e-3)
+
+
+def test_trimesh_reads_the_glb(tmp_path: Path, town: list[BuildingModel | Failure]) -> None:
+    path = tmp_path / "town.glb"
+    assert write_glb(path, iter(town), DUTCH) == 2
+    scene = trimesh.load(path)
+    assert np.allclose(scene.bounds, [[0, 2, -10], [252, 9, 0]], atol=1e-5)
+    whole = scene.to_mesh()
+    whole.merge_vertices(merge_tex=True, merge_norm=True)
+    assert whole.is_watertight and whole.volume == pytest.approx(2 * COURT.area * 7.0, rel=1e-5)
+    document, _ = read_glb(path)
+    assert document["asset"]["extras"]["origin"] == [*ORIGIN, 0.0]
+    assert document["asset"]["extras"]["crs"] == "EPSG:28992"
+    nodes = {node["name"]: node for node in document["nodes"]}
+    assert list(nodes) == ["a b", "c", "d"]
+    assert nodes["d"]["extras"]["roof_type"] == "flat" and nodes["d"]["extras"]["h_roof_70p"] is None
+    assert "mesh" not in nodes["c"] and nodes["c"]["extras"]["failure_code"] == "no_plane"
+
+
+def test_glb_normals_are_those_of_the_faces(tmp_path: Path) -> None:
+    write_glb(tmp_path / "one.glb", [model_at(ORIGIN, "a")], DUTCH)
+    document, numbers = read_glb(tmp_path / "one.glb")
+    for primitive in document["meshes"][0]["primitives"]:
+        accessor = document["accessors"][primitive["attributes"]["NORMAL"]]
+        view = document["bufferViews"][accessor["bufferView"]]
+        start = view["byteOffset"] + accessor["byteOffset"]
+        size = 4 * (accessor["count"] - 1) * 6 + 12
+        raw = np.frombuffer(numbers[start : start + size] + bytes(12), "<f4").reshape(-1, 6)[:, :3]
+        assert np.allclose(np.linalg.norm(raw, axis=1), 1.0)
+        name = document["materials"][primitive["material"]]["name"]
+        up = {ROOF_SURFACE: 1.0, GROUND_SURFACE: -1.0, WALL_SURFACE: 0.0}[name]
+        assert np.allclose(raw[:, 1], up)
+
+
+@pytest.mark.parametrize("system", [DUTCH, OREGON_FEET], ids=["metres", "feet"])
+def test_tiles_lie_where_the_buildings_are(tmp_path: Path, system: CoordinateSystem) -> None:
+    start = ORIGIN if system is DUTCH else (193920.0, 258960.0)
+    town = [
+        model_at((start[0] + 240 * i, start[1] + 240 * j), f"{i}-{j}") for i in range(4) for j in range(4)
+    ]
+    assert write_3dtiles(tmp_path / "tiles", iter(town), system) == 16
+    tileset = json.loads((tmp_path / "tiles" / "tileset.json").read_text(encoding="utf-8"))
+    check_tile(tileset["root"], tileset["geometricError"], tmp_path / "tiles")
+    to_earth = pyproj.Transformer.from_crs(pyproj.CRS(system.wkt), "EPSG:4979", always_xy=True)
+    to_centre = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
+    found = sorted(leaves(tileset["root"]), key=lambda tile: int(Path(tile["content"]["uri"]).stem))
+    assert len(found) == 16
+    for model, tile in zip(
+        town, sorted(found, key=lambda t: int(Path(t["content"]["uri"]).stem)), strict=True
+    ):
+        y_up = trimesh.load(tmp_path / "tiles" / tile["content"]["uri"], force="mesh").vertices
+        z_up = np.column_stack([y_up[:, 0], -y_up[:, 2], y_up[:, 1]])
+        matrix = np.array(tile["transform"]).reshape(4, 4).T
+        placed = z_up @ matrix[:3, :3].T + matrix[:3, 3]
+        world = model.solids["2.2"][0].vertices + np.array([*model.footprint.origin, 0.0])
+        degrees = to_earth.transform(world[:, 0] / system.unit_m[0], world[:, 1] / system.unit_m[1])
+        wanted = np.column_stack(to_centre.transform(*degrees, world[:, 2]))
+        apart = np.linalg.norm(placed[:, None] - wanted[None], axis=2)
+        assert apart.min(axis=1).max() < 0.002 and apart.min(axis=0).max() < 0.002
+
+
+def check_tile(tile: dict[str, Any], error: float, folder: Path) -> None:
+    """What the schema of 3D Tiles 1.1 asks of a tile and its children."""
+    assert 0 <= tile["geometricError"] <= error
+    ((kind, numbers),) = tile["boundingVolume"].items()
+    assert len(numbers) == {"box": 12, "sphere": 4}[kind] and np.isfinite(numbers).all()
+    assert tile.get("refine", "ADD") == "ADD"
+    assert set(tile) <= {"boundingVolume", "geometricError", "refine", "transform", "content", "children"}
+    if "content" in tile:
+        document, _ = read_glb(folder / tile["content"]["uri"])
+        assert document["extensionsUsed"] == ["EXT_mesh_features", "EXT_structural_metadata"]
+    assert len(tile.get("children", [0])) > 0
+    for child in tile.get("children", []):
+        check_tile(child, tile["geometricError"], folder)
+
+
+def leaves(tile: dict[str, Any]) -> list[dict[str, Any]]:
+    below = [leaf for child in tile.get("children", []) for leaf in leaves(child)]
+    return [*([tile] if "content" in tile else []), *below]
+
+
+def test_a_tile_knows_its_buildings(tmp_path: Path) -> None:
+    second = model_at(ORIGIN, "süd").with_(attributes={"roof_type": "gabled", "1st floor": 3})
+    write_3dtiles(tmp_path, [model_at(ORIGIN, "a"), second], DUTCH)
+    document, numbers = read_glb(tmp_path / "content" / "1.glb")
+    metadata = document["extensions"]["EXT_structural_metadata"]
+    (table,) = metadata["propertyTables"]
+    schema = metadata["schema"]["classes"][table["class"]]["properties"]
+    assert table["count"] == 2 and set(table["properties"]) == set(schema)
+
+    def bytes_of(view: int) -> bytes:
+        found = document["bufferViews"][view]
+        assert found["byteOffset"] % 8 == 0
+        return numbers[found["byteOffset"] :][: found["byteLength"]]
+
+    ends = np.frombuffer(bytes_of(table["properties"]["id"]["stringOffsets"]), "<u4")
+    names = bytes_of(table["properties"]["id"]["values"])
+    assert [names[a:b].decode() for a, b in pairwise(ends)] == ["a", "süd"]
+    assert schema["_1st_floor"]["name"] == "1st floor"
+    floors = np.frombuffer(bytes_of(table["properties"]["_1st_floor"]["values"]), "<f8")
+    assert floors.tolist() == [schema["_1st_floor"]["noData"], 3.0]
+    for primitive in document["meshes"][0]["primitives"]:
+        accessor = document["accessors"][primitive["attributes"]["_FEATURE_ID_0"]]
+        assert accessor["count"] == document["accessors"][primitive["attributes"]["POSITION"]]["count"]
+
+
+def test_geopandas_reads_the_parquet(tmp_path: Path) -> None:
+    geopandas = pytest.importorskip("geopandas")
+    pytest.importorskip("pyarrow")
+    moved = shapely.transform(COURT, lambda xy: xy + np.array([193920.0, 258960.0]))
+    rows = [
+        Row(moved, {"id": "a", "floors": 3, "h": 2.5}),
+        Row(moved, {"id": "b", "floors": None, "h": None}),
+    ]
+    write_geoparquet(tmp_path / "f.parquet", rows, OREGON_FEET)
+    frame = geopandas.read_parquet(tmp_path / "f.parquet")
+    assert frame.crs.to_epsg() == 2994
+    assert list(frame["id"]) == ["a", "b"] and frame["floors"][0] == 3 and np.isnan(frame["floors"][1])
+    assert frame.geometry[0].area == pytest.approx(COURT.area / 0.3048**2)
+    east = 193920.0 / 0.3048
+    assert len(geopandas.read_parquet(tmp_path / "f.parquet", bbox=(east, 0, east + 9, 1e7))) == 2
+    assert len(geopandas.read_parquet(tmp_path / "f.parquet", bbox=(0, 0, 9, 9))) == 0
+
+
+@pytest.mark.parametrize("name", ["f.geojson", "f.fgb"])
+def test_geopandas_reads_the_other_vector_files(tmp_path: Path, name: str) -> None:
+    geopandas = pytest.importorskip("geopandas")
+    write_polygons(tmp_path / name, [Row(COURT, {"id": "a"})], DUTCH)
+    frame = geopandas.read_file(tmp_path / name)
+    assert list(frame["id"]) == ["a"] and frame.geometry[0].area == pytest.approx(COURT.area)
+
+
+def test_cjio_reads_the_cityjson(tmp_path: Path, town: list[BuildingModel | Failure]) -> None:
+    from cjio.cityjson import CityJSON
+
+    write_cityjson(tmp_path / "town.city.json", town, DUTCH)
+    with (tmp_path / "town.city.json").open(encoding="utf-8") as file:
+        city = CityJSON(file=file)
+    assert city.get_version() == "2.0" and city.get_epsg() == 28992
+    assert sorted(city.j["CityObjects"]) == ["a b", "c", "d"]
+
+
+def test_an_unknown_format_is_refused_in_one_line() -> None:
+    with pytest.raises(ValueError, match="--formats dwg: unknown format; choose among: cityjson, obj, glb"):
+        check_formats(["obj", "dwg"])
+
+
+def test_nothing_to_write_gives_readable_files(tmp_path: Path) -> None:
+    assert write_obj(tmp_path / "no.obj", [], DUTCH) == 0
+    assert write_glb(tmp_path / "no.glb", [], DUTCH) == 0
+    assert write_3dtiles(tmp_path / "no", [], DUTCH) == 0
+    write_geoparquet(tmp_path / "no.parquet", [], DUTCH)
+    assert read_glb(tmp_path / "no.glb")[0]["nodes"] == []
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "no",
+        "no.glb",
+        "no.mtl",
+        "no.obj",
+        "no.parquet",
+    ]
