@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
@@ -37,6 +39,8 @@ def label_nodes(
     current = np.argmin(cost, axis=1).astype(np.int64) if start is None else start.copy()
     if labels == 1 or count == 0:
         return current
+    edges, border = one_edge_per_pair(edges, border)
+    network = Network.of(count, edges)
     best = energy_of(cost, edges, border, price, current)
     gain = np.bincount(edges.ravel(), np.repeat(border, 2), count)
     settled = np.zeros(labels, bool)
@@ -47,7 +51,7 @@ def label_nodes(
             if settled[label] or not np.any((cost[:, label] < here + gain) & (current != label)):
                 continue
             settled[label] = True
-            moved = expand(cost, edges, border, current, label)
+            moved = expand(network, cost, edges, border, current, label)
             energy = energy_of(cost, edges, border, price, moved)
             if energy < best - 1.0 / SCALE:
                 current, best = moved, energy
@@ -73,42 +77,76 @@ def energy_of(
     return float(data + border[differs].sum() + price[np.unique(labels)].sum())
 
 
-def expand(
-    cost: NDArray[np.float64], edges: Integers, border: Values, labels: Integers, label: int
-) -> Integers:
-    """The labels after the cheapest choice, for all nodes together, of keeping their label or taking
-    `label`.
+@dataclass(frozen=True, eq=False)
+class Network:
+    """The arcs of the flow problem, made once: only their capacities change from cut to cut.
+
+    Arcs run between the nodes of each edge, both ways, from the source to every node and from every node
+    to the sink,
+    and back. `order` puts capacities in that sequence into the rows of the matrix.
     """
+
+    order: Integers
+    columns: NDArray[np.int32]
+    first: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, count: int, edges: Integers) -> Network:
+        """The network over `count` nodes joined by `edges` (E, 2), each pair once."""
+        nodes, source, sink = np.arange(count), np.full(count, count), np.full(count, count + 1)
+        rows = np.concatenate([edges[:, 0], edges[:, 1], source, nodes, nodes, sink])
+        columns = np.concatenate([edges[:, 1], edges[:, 0], nodes, source, sink, nodes])
+        order = np.lexsort((columns, rows))
+        first = np.searchsorted(rows[order], np.arange(count + 3))
+        return cls(order, columns[order].astype(np.int32), first.astype(np.int32))
+
+    def cut(self, capacity: Values) -> Integers:
+        """The nodes on the source's side of the minimal cut under capacities (A,), in the sequence of the
+        arcs.
+        """
+        size = len(self.first) - 1
+        whole = np.minimum(np.round(capacity[self.order] * SCALE), 1e9).astype(np.int32)
+        graph = csr_array((whole, self.columns, self.first), shape=(size, size))
+        flow = csr_array(maximum_flow(graph, size - 2, size - 1).flow)
+        residual = csr_array((whole - flow.data, self.columns.copy(), self.first.copy()), shape=(size, size))
+        residual.eliminate_zeros()
+        reached = breadth_first_order(residual, size - 2, return_predecessors=False)
+        return np.asarray(reached[reached < size - 2], np.int64)
+
+
+def expand(
+    network: Network,
+    cost: NDArray[np.float64],
+    edges: Integers,
+    border: Values,
+    labels: Integers,
+    label: int,
+) -> Integers:
+    """The labels after the cheapest choice, for all nodes together, of keeping theirs or taking `label`."""
     count = len(labels)
     keep, take = cost[np.arange(count), labels].copy(), cost[:, label].copy()
     fixed = labels == label
     keep[fixed] = LARGEST
     take[fixed] = 0.0
-    first, second = edges[:, 0], edges[:, 1]
-    same = labels[first] == labels[second]
+    same = labels[edges[:, 0]] == labels[edges[:, 1]]
     # A pair with two labels pays unless both take the new one: its cost is split into node and arc terms
-    # after Kolmogorov and Zabih 2004, table 2.
-    np.subtract.at(take, second[~same], border[~same])
-    forward = border
-    backward = np.where(same, border, 0.0)
+    # after [kolmogorov2004], table 2.
+    take -= np.bincount(edges[~same, 1], border[~same], count)
     low = np.minimum(keep, take)
-    to_source, to_sink = keep - low, take - low
-    source, sink = count, count + 1
-    nodes = np.arange(count)
-    rows = np.concatenate([first, second, np.full(count, source), nodes])
-    columns = np.concatenate([second, first, nodes, np.full(count, sink)])
+    none = np.zeros(count)
     # A node on the source's side takes the label; it then pays its arc to the sink.
-    capacity = np.concatenate([backward, forward, to_source, to_sink])
-    whole = np.minimum(np.round(capacity * SCALE), 1e9).astype(np.int32)
-    graph = csr_array((whole, (rows, columns)), shape=(count + 2, count + 2))
-    flow = maximum_flow(graph, source, sink).flow
-    residual = csr_array(graph - flow)
-    residual.data[residual.data < 0] = 0
-    residual.eliminate_zeros()
-    reached = breadth_first_order(residual, source, return_predecessors=False)
+    capacity = [np.where(same, border, 0.0), border, keep - low, none, take - low, none]
     answer = labels.copy()
-    answer[reached[reached < count]] = label
+    answer[network.cut(np.concatenate(capacity))] = label
     return answer
+
+
+def one_edge_per_pair(edges: Integers, border: Values) -> tuple[Integers, Values]:
+    """The pairs of nodes (E, 2) that edges join, each once, and the sum of their prices (E,)."""
+    if len(edges) == 0:
+        return edges, border
+    pairs, number = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
+    return pairs, np.asarray(np.bincount(number.ravel(), border, len(pairs)), np.float64)
 
 
 def without_label(
