@@ -43,9 +43,10 @@ class AdaptiveTin(GroundMethod):
     --------
     Followed [axelsson2000]: low outliers first (`find_outliers`), seeds, distance and angles, mirroring,
     rounds until nothing joins, limits from the statistics of the surface. The paper prints no number;
-    those of `as_published()` are `seed_cell` = 80 m, wider than the widest building of its time, and
-    rounds to the end. With `seed_cell` the seeds are the lowest points of such cells, as in the paper. We
-    leave it, because the lowest point of a cell misses every hilltop and terrace, in this:
+    those of `as_published()` are ours, after its words: seeds from cells of 40 m, wider than the widest
+    building, a distance of 1.4 m, which a TIN needs to climb from seeds so far apart, and rounds to the
+    end. With `seed_cell` the seeds are the lowest points of such cells, as in the paper. The lowest point
+    of a wide cell misses every hilltop and terrace, so by default we leave it in this:
 
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
       pingel2013], up to `widest_object`. The rise that makes an object grows with the slope of the terrain,
@@ -63,10 +64,12 @@ class AdaptiveTin(GroundMethod):
 
     Fails where
     -----------
-    Water is taken for ground, and a bridge that goes on at the level of its road too. A building wider than
-    `widest_object` in both directions stays when it has no step (a ramp), a hill narrower than it goes
-    when it is steep on all sides. A kerb of three decimetres on dense data is cut off, a step of two is kept.
-    Dense low plants that no pulse passes are ground. Piles and rocks on bare, thin data lose their tops.
+    Water is taken for ground, and a bridge that goes on at the level of its road too. A building wider
+    than `widest_object` in both directions stays, and so does a wide one whose lowest step is under
+    (0.12 + 0.3 slope) times half its width: a hall of 35 m on a slope of 0.3 that rises 3.7 m uphill.
+    A hill narrower than the window goes when it is steep on all sides. A kerb of three decimetres on dense
+    data is cut off, a step of two decimetres is kept. Dense low plants that no pulse passes are ground.
+    Heaps and rocks in thin data lose their tops.
 
     Complexity
     ----------
@@ -86,7 +89,7 @@ class AdaptiveTin(GroundMethod):
         None,
         "Seeds are the lowest points of cells this wide; None takes those that survive the opening.",
         unit="m",
-        published=80.0,
+        published=40.0,
         gt=0,
     )
     widest_object: float = parameter(36.0, "Widest object the opening takes away.", unit="m", gt=0)
@@ -106,8 +109,10 @@ class AdaptiveTin(GroundMethod):
         unit="m",
         gt=0,
     )
-    distance_share: float = parameter(0.65, "Largest distance to the facet, in spacings.", symbol="d", gt=0)
-    distance_most: float = parameter(0.9, "The same, at most.", unit="m", symbol="d", gt=0)
+    distance_share: float = parameter(
+        0.65, "Largest distance to the facet, in spacings.", symbol="d", published=10.0, gt=0
+    )
+    distance_most: float = parameter(0.9, "The same, at most.", unit="m", symbol="d", published=1.4, gt=0)
     angle: float = parameter(14.0, "Largest angle to the facet.", unit="degree", symbol="α", gt=0, le=90)
     angle_gain: float = parameter(
         3.0, "Added to the angle per unit of the facet's slope.", unit="degree", symbol="γ", ge=0
