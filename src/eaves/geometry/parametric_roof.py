@@ -221,7 +221,8 @@ def fit_roof(
 ) -> RoofFit:
     """The robust least-squares fit of a form to points (N, 3), from `start` (8,).
 
-    `floor` is the least noise (m); without `turns` the orientation stays as it starts.
+    `floor` is the least noise (m); without `turns` the orientation stays as it starts. A fit of fewer than
+    `ROUNDS` rounds is a comparison, and its covariance is left at zero.
     """
     local = points - np.array([centre[0], centre[1], 0.0])
     moved = [group for group in FREE[form] if turns or group != (ANGLE,)]
@@ -229,12 +230,21 @@ def fit_roof(
     parameters = start.astype(np.float64).copy()
     residuals, normal = np.zeros(len(points)), np.zeros((len(groups), len(groups)))
     scale = float(fit_roof_kernel(form, local, groups, parameters, floor, CUT, rounds, residuals, normal))
-    kept = residuals[np.abs(residuals) < CUT * scale]
-    variance = float(kept @ kept) / max(len(kept) - len(groups), 1)
-    level = np.sqrt(np.maximum(np.diag(normal), 1e-12))
-    inverse = np.linalg.inv(normal / np.outer(level, level) + 1e-9 * np.eye(len(groups)))
-    tie = np.zeros((8, len(groups)))
-    tie[groups[:, 0], np.arange(len(groups))] = 1.0
-    tie[groups[:, 1], np.arange(len(groups))] = 1.0
-    covariance = tie @ (inverse / np.outer(level, level) * variance) @ tie.T
+    covariance = np.zeros((8, 8))
+    if rounds >= ROUNDS:
+        covariance = covariance_of(groups, normal, residuals[np.abs(residuals) < CUT * scale])
     return RoofFit(form, centre, parameters, residuals, covariance, scale)
+
+
+def covariance_of(
+    groups: NDArray[np.int64], normal: NDArray[np.float64], residuals: Values
+) -> NDArray[np.float64]:
+    """Covariance (8, 8) of the parameters from the normal matrix (k, k) and the explained residuals (M,)."""
+    free = len(groups)
+    variance = float(residuals @ residuals) / max(len(residuals) - free, 1)
+    level = np.sqrt(np.maximum(np.diag(normal), 1e-12))
+    inverse = np.linalg.inv(normal / np.outer(level, level) + 1e-9 * np.eye(free))
+    tie = np.zeros((8, free))
+    tie[groups[:, 0], np.arange(free)] = 1.0
+    tie[groups[:, 1], np.arange(free)] = 1.0
+    return np.asarray(tie @ (inverse / np.outer(level, level) * variance) @ tie.T)

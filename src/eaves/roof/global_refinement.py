@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eaves.geometry.planes import LocalPlanes, local_planes
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Labels, Points, RoofPlane
+from eaves.model import Labels, Mask, Points, RoofPlane, Values
 from eaves.roof.base import RoofMethod
 from eaves.roof.labelling import drop_crumbs, near_regions, relabel_kernel, worth_kernel
 from eaves.roof.region_growing import RegionGrowing, join_tolerance
@@ -187,13 +188,25 @@ class GlobalRefinement(RoofMethod):
             planes, _, sizes = fit_labels(points, labels, count)
             planes[sizes < 3] = (0.0, 0.0, 0.0, 1e9)
             weights, worth = np.full(count, local.noise**-2), np.zeros(count)
-            worth_kernel(points, ring, planes, weights, outlier, labels, worth)
+            worth_kernel(points, ring, planes, weights, outlier, self.smoothness, labels, worth)
             worth[sizes == 0] = np.inf
-            if count == 0 or worth.min() >= self.price * fewest * outlier:
+            dropped = apart(
+                worth, worth < self.price * fewest * outlier, touching_regions(labels, ring, count)
+            )
+            if len(dropped) == 0:
                 return labels
-            labels = np.where(labels == 1 + int(np.argmin(worth)), 0, labels).astype(np.int32)
+            labels = np.where(np.isin(labels, dropped + 1), 0, labels).astype(np.int32)
             relabel_kernel(points, ring, planes, weights, outlier, self.smoothness, 4, labels)
 
     def fewest_points(self, local: LocalPlanes) -> int:
         """Points of the smallest plane."""
         return max(5, int(self.min_area / local.spacing**2))
+
+
+def apart(worth: Values, poor: Mask, touching: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The poor planes (K,) that go together: the least worth first, none that touches one that goes."""
+    going = np.zeros(len(worth), bool)
+    for number in np.argsort(worth, kind="stable")[: int(poor.sum())]:
+        if not (touching[number] & going).any():
+            going[number] = True
+    return np.flatnonzero(going)

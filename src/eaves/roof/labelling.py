@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
 from eaves.model import Labels, Points
 
@@ -72,12 +73,14 @@ def worth_kernel(
     planes: NDArray[np.float64],
     weights: NDArray[np.float64],
     outlier: float,
+    smoothness: float,
     labels: NDArray[np.int32],
     worth: NDArray[np.float64],
 ) -> None:
     """What every plane (K,) saves: the cost of its points without it, less the cost with it.
 
-    Without it a point goes to the cheapest of the planes that touch it, or becomes an outlier.
+    Without it a point goes to the cheapest of the planes that touch it, or becomes an outlier; with it, it
+    pays for neighbours of other labels. So a plane that passes through a crown by chance saves little.
     """
     count = len(planes)
     touching = np.zeros((count + 1, count + 1), np.bool_)
@@ -100,6 +103,11 @@ def worth_kernel(
                 mine = cost
             elif cost < cheapest:
                 cheapest = cost
+        others = 0
+        for column in range(1, neighbours.shape[1]):
+            if labels[neighbours[i, column]] != own:
+                others += 1
+        mine += smoothness * others / max(neighbours.shape[1] - 1, 1)
         worth[own - 1] += cheapest - mine
 
 
@@ -160,14 +168,19 @@ def near_regions(labels: Labels, xyz: Points, count: int, gap: float) -> NDArray
     if count == 0 or len(xyz) == 0:
         return np.zeros((count, count), bool)
     cell = np.floor(xyz[:, :2] / gap).astype(np.int64)
-    cell -= cell.min(axis=0)
-    columns, rows = (int(size) + 1 for size in cell.max(axis=0))
-    occupied = np.zeros((count + 1, rows + 2, columns + 2), np.float32)
-    occupied[labels, cell[:, 1] + 1, cell[:, 0] + 1] = 1.0
-    wide = np.zeros_like(occupied)
-    for down in (-1, 0, 1):
-        for right in (-1, 0, 1):
-            wide += np.roll(occupied, (down, right), axis=(1, 2))
-    near = (wide[1:].reshape(count, -1) @ occupied[1:].reshape(count, -1).T) > 0
+    cell -= cell.min(axis=0) - 1
+    columns = int(cell[:, 0].max()) + 2
+    place = cell[:, 1] * columns + cell[:, 0]
+    places = int(place.max()) + columns + 2
+    pairs = np.unique(place[labels > 0] * np.int64(count) + labels[labels > 0] - 1)
+    where, label = pairs // count, pairs % count
+    ones = np.ones(len(pairs), np.float32)
+    occupied = csr_matrix((ones, (label, where)), shape=(count, places))
+    steps = [down * columns + right for down in (-1, 0, 1) for right in (-1, 0, 1)]
+    wide = csr_matrix(
+        (np.tile(ones, 9), (np.tile(label, 9), np.concatenate([where + step for step in steps]))),
+        shape=(count, places),
+    )
+    near = np.asarray((wide @ occupied.T).toarray() > 0)
     np.fill_diagonal(near, False)
     return np.ascontiguousarray(near | near.T)
