@@ -7,11 +7,12 @@ import pkgutil
 import sys
 
 import benchmarks.accuracy
+import benchmarks.scale
 import benchmarks.speed
 
 there = {
     found.name: f"{package.__name__}.{found.name}"
-    for package in (benchmarks.accuracy, benchmarks.speed)
+    for package in (benchmarks.accuracy, benchmarks.speed, benchmarks.scale)
     for found in pkgutil.iter_modules(package.__path__)
 }
 names = sys.argv[1:] or list(there)
