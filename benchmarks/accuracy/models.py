@@ -298,7 +298,7 @@ def main() -> None:
     data = Path(os.environ["EAVES_DATA"])
     note = (
         "Fit: roof points to the highest face along its normal, at the finest level reached; a miss counts "
-        " against the shares, and a building with no face counts 1 m. Validity by `eaves.validate`."
+        "against the shares, and a building with no face counts 1 m. Validity by `eaves.validate`."
     )
     keep("models-fit", "Building models by reconstructor", list(rows(data)), COMMAND, note)
     corners = [building3d(data, method) for method in (Arrangement(), PlaneIntersection())]

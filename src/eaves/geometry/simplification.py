@@ -57,9 +57,13 @@ def is_sound(coverage: Coverage) -> bool:
     return bool(abs(covered - outer) <= 1e-6 * max(covered, 1.0))
 
 
-def drop_straight_nodes(coverage: Coverage, labels: Integers) -> tuple[Coverage, Integers]:
+def drop_straight_nodes(
+    coverage: Coverage, labels: Integers, inner: float = STRAIGHT
+) -> tuple[Coverage, Integers]:
     """The coverage without the nodes of two edges that lie on the line between their neighbours; and its
     labels (C,).
+
+    Nodes inside the coverage may be `inner` (m) away from that line, those on the outline `STRAIGHT`.
     """
     for _ in range(ROUNDS):
         degree = np.bincount(coverage.start, minlength=len(coverage.nodes))
@@ -68,13 +72,16 @@ def drop_straight_nodes(coverage: Coverage, labels: Integers) -> tuple[Coverage,
         first = np.zeros(len(coverage.nodes), np.int64)
         first[coverage.start[::-1]] = np.arange(len(coverage.start))[::-1]
         node = np.flatnonzero(degree == 2)
+        on_outline = np.zeros(len(coverage.nodes), bool)
+        on_outline[coverage.start[coverage.cell == OUTSIDE]] = True
         one, other = coverage.end[first[node]], coverage.end[last[node]]
         place, a, b = coverage.nodes[node], coverage.nodes[one], coverage.nodes[other]
         chord = b - a
         length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-9)
         away = np.abs(chord[:, 0] * (place - a)[:, 1] - chord[:, 1] * (place - a)[:, 0]) / length
         along = ((place - a) * chord).sum(axis=1) / length**2
-        needless = (away <= STRAIGHT) & (along > 0.0) & (along < 1.0)
+        reach = np.where(on_outline[node], STRAIGHT, inner)
+        needless = (away <= reach) & (along > 0.0) & (along < 1.0)
         chosen = np.zeros(len(coverage.nodes), bool)
         target = np.arange(len(coverage.nodes))
         for number in np.flatnonzero(needless).tolist():

@@ -12,6 +12,7 @@ from eaves.geometry.simplification import (
     SHORTEST_EDGE,
     absorb_slivers,
     drop_straight_nodes,
+    is_sound,
     merge_short_edges,
 )
 from eaves.model import Solid
@@ -21,6 +22,9 @@ from eaves.reconstruct.soundness import find_defect
 
 FIRMNESS = (1.0, 2.5, 6.0)
 """Multiples of the shortest edge and the narrowest face, tried in turn until the solids are sound."""
+
+JOG = 0.15
+"""A border inside the plan that leaves a straight line by less than this (m) is straight."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +73,9 @@ def tidy(
     plan, labels = merge_short_edges(plan, labels, shortest)
     plan, labels = plan.merged(labels)
     plan, labels = absorb_slivers(plan, labels, smallest, narrowest)
-    return drop_straight_nodes(plan, labels)
+    plan, labels = drop_straight_nodes(plan, labels)
+    straight = drop_straight_nodes(plan, labels, JOG)
+    return straight if is_sound(straight[0]) else (plan, labels)
 
 
 def number_faces(solids: list[Solid], labels: Integers) -> Raised:
