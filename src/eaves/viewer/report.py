@@ -1,98 +1,208 @@
-"""report.html: one page with the plan, the table of buildings and the summary, that opens from disk."""
+"""report.html: one page with the 3D scene, the table, the figures and the summary, that opens from disk.
+
+The scene is drawn by the page's own WebGL2 (the folder `page`, 40 kB): the ready-made viewers put 1 to 5 MB
+of script into every report, more than the data, and none picks a building out of points and meshes together.
+"""
 
 from __future__ import annotations
 
 import base64
 import html
-import io
 import json
+import zlib
+from importlib.resources import files
 from pathlib import Path
+from string import Template
 from typing import Any
 
-from eaves.formats import read_polygons
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
 from eaves.formats.atomic import atomic
+from eaves.model import Points, Raster
+from eaves.model.building import LODS
 from eaves.tiling.outputs import Summary
-from eaves.viewer.plan import plan_figure
+from eaves.viewer.contents import Contents, local_rings, read_contents
+from eaves.viewer.surfaces import CityFace, cut_into_triangles, edges_of
 
-COLUMNS = (
-    "id",
-    "lod",
-    "roof_type",
-    "score",
-    "area_m2",
-    "h_ground",
-    "h_eaves",
-    "h_ridge",
-    "rmse_m",
-    "failure_code",
-    "failure_reason",
-)
+SCRIPTS = ("arrays", "camera", "draw", "colours", "table", "main", "listen")
+COLUMNS = {
+    "id": "id",
+    "lod": "LoD",
+    "roof_type": "roof",
+    "score": "score",
+    "area_m2": "area (m²)",
+    "h_ground": "ground (m)",
+    "h_eaves": "eaves (m)",
+    "h_ridge": "ridge (m)",
+    "roof_face_count": "faces",
+    "volume_m3": "volume (m³)",
+    "points": "points",
+    "rmse_m": "RMSE (m)",
+    "failure_code": "failure",
+    "failure_reason": "reason",
+}
 """Columns of the table, where a run has them."""
-
-STYLE = """
-:root { color-scheme: light dark; font: 15px/1.45 system-ui, sans-serif; }
-body { max-width: 1100px; margin: 2rem auto; padding: 0 1rem; }
-img { max-width: 100%; background: white; }
-table { border-collapse: collapse; font-size: 13px; width: 100%; }
-th, td { text-align: left; padding: 2px 8px; border-bottom: 1px solid #8884; }
-th { cursor: pointer; position: sticky; top: 0; background: Canvas; }
-pre { white-space: pre-wrap; }
-"""
-SCRIPT = """
-document.querySelectorAll('th').forEach((head, column) => head.addEventListener('click', () => {
-  const body = head.closest('table').tBodies[0], up = head.dataset.up = head.dataset.up === '1' ? '0' : '1';
-  const value = row => { const text = row.cells[column].textContent, number = parseFloat(text);
-    return isNaN(number) ? text : number; };
-  const order = (a, b) => { const x = value(a), y = value(b); return x < y ? -1 : x > y ? 1 : 0; };
-  [...body.rows].sort((a, b) => up === '1' ? order(a, b) : order(b, a)).forEach(row => body.append(row));
-}));
-"""
+MILLIMETRES = 1000.0
+UNKNOWN_DISTANCE = 32767
+UNKNOWN_HEIGHT = 2_000_000_000
+"""Stand for NaN, in millimetres."""
+DRAPE = 0.15
+"""Outlines are drawn this much (m) over the terrain, in pieces no longer than `DRAPE_STEP` (m)."""
+DRAPE_STEP = 3.0
 
 
 def write_report(summary: Summary) -> Path:
     """Write report.html into the run's folder; its path."""
-    path = summary.folder / "report.html"
-    _, _, rows, _ = read_polygons(summary.folder / "footprints.gpkg", layer="footprints")
-    page = "\n".join(
-        [
-            "<!doctype html><html lang='en'><head><meta charset='utf-8'><title>eaves report</title>",
-            f"<style>{STYLE}</style></head><body><h1>Buildings</h1>",
-            f"<pre>{html.escape(summary.as_text())}</pre>",
-            plan_picture(summary.folder),
-            table(rows),
-            f"<h2>Run</h2><pre>{html.escape(json.dumps(summary.run, indent=1, default=str))}</pre>",
-            f"<script>{SCRIPT}</script></body></html>",
-        ]
-    )
+    return write_page(read_contents(summary.folder), summary.as_text())
+
+
+def write_page(contents: Contents, text: str) -> Path:
+    """Write report.html into the folder of `contents`; `text` is the summary of the run."""
+    path = contents.folder / "report.html"
     with atomic(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        temporary.write_text(render(contents, text), encoding="utf-8")
     return path
 
 
-def plan_picture(folder: Path) -> str:
-    """The plan as an image inside the page; nothing where there are no rasters."""
-    if not (folder / "dsm.tif").exists():
-        return ""
-    buffer = io.BytesIO()
-    plan_figure(folder).savefig(buffer, format="png", dpi=130)
-    picture = base64.b64encode(buffer.getvalue()).decode()
-    return f"<h2>Plan</h2><img alt='plan of the buildings' src='data:image/png;base64,{picture}'>"
-
-
-def table(rows: list[dict[str, Any]]) -> str:
-    """All buildings, a row each; a click on a heading sorts."""
-    there = [name for name in COLUMNS if any(name in row for row in rows)]
-    head = "".join(f"<th>{name}</th>" for name in there)
-    lines = "".join(
-        "<tr>" + "".join(f"<td>{cell(row.get(name))}</td>" for name in there) + "</tr>" for row in rows
+def render(contents: Contents, text: str) -> str:
+    """The page as text, with its style, script and data inside."""
+    folder = files("eaves.viewer").joinpath("page")
+    parts = {name: folder.joinpath(name).read_text("utf-8") for name in ("page.html", "style.css")}
+    script = "\n".join(folder.joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS)
+    names = [Path(entry["path"]).name for entry in contents.run.get("inputs", ())]
+    title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: " if names else ""
+    shown, found = len(contents.rows), contents.buildings
+    heading = f"{found:,} buildings" if shown == found else f"{shown:,} of {found:,} buildings"
+    return Template(parts["page.html"]).substitute(
+        title=html.escape(f"{title}buildings by eaves"),
+        headline=html.escape(text.split("\n")[0]),
+        style=parts["style.css"],
+        script=script,
+        shown=html.escape(say_shown(contents)),
+        heading=heading,
+        lods="".join(f"<option>{lod}</option>" for lod in lods_of(contents)),
+        summary=html.escape(text),
+        run=html.escape(json.dumps(contents.run, indent=1, default=str)),
+        data=json.dumps(page_data(contents), separators=(",", ":")).replace("</", "<\\/"),
     )
-    return (
-        f"<h2>{len(rows)} buildings</h2><table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
+
+
+def say_shown(contents: Contents) -> str:
+    """How much of the run is drawn."""
+    sample, rows = contents.points, len(contents.rows)
+    parts = [f"all {len(sample):,} points drawn"]
+    if len(sample) < sample.total:
+        ours = int(np.count_nonzero(sample.building))
+        parts = [
+            f"{len(sample):,} of {sample.total:,} points drawn (thinned for the page)",
+            f"on buildings {ours:,} of {sample.on_buildings:,}",
+        ]
+    parts.append(
+        f"{rows:,} of {contents.buildings:,} buildings, those nearest to the middle"
+        if rows < contents.buildings
+        else f"all {rows:,} buildings"
     )
+    return "; ".join(parts)
 
 
-def cell(value: Any) -> str:
-    """A value as table text."""
-    if value is None or value != value:
-        return ""
-    return html.escape(f"{value:.2f}" if isinstance(value, float) else str(value))
+def lods_of(contents: Contents) -> list[str]:
+    """The levels of detail that the models have, finest first; `0`, the footprint, always."""
+    return [LODS[number] for number in sorted({0, *(face.lod for face in contents.faces)}, reverse=True)]
+
+
+def page_data(contents: Contents) -> dict[str, Any]:
+    """What the script reads: rows, names, and the packed arrays."""
+    there = [name for name in COLUMNS if any(row.get(name) is not None for row in contents.rows)]
+    rows_high, columns = contents.terrain.shape
+    return {
+        "rows": contents.rows,
+        "columns": [{"name": name, "title": COLUMNS[name]} for name in there],
+        "lods": LODS,
+        "base": contents.base,
+        "modelled": bool(contents.faces),
+        "terrain": {
+            "rows": rows_high,
+            "columns": columns,
+            "cell": contents.cell,
+            "west": contents.corner[0],
+            "north": contents.corner[1],
+        },
+        "arrays": {name: pack(values) for name, values in page_arrays(contents).items()},
+    }
+
+
+def page_arrays(contents: Contents) -> dict[str, NDArray[Any]]:
+    """Points, triangles, edges, outlines and terrain; buildings count from 1, 0 is none."""
+    points = contents.points
+    faces = contents.faces + [
+        CityFace(rings, number, 0, 0) for number, rings in enumerate(flat_footprints(contents))
+    ]
+    surfaces = cut_into_triangles(faces)
+    edges, edge_face = edges_of(contents.faces)
+    outlines, outline_row = draped_outlines(contents)
+    numbers = {int(row["number"]): place for place, row in enumerate(contents.rows, 1) if row.get("number")}
+    row_of = np.zeros(max([*numbers, int(points.building.max(initial=0))], default=0) + 1, np.uint32)
+    row_of[list(numbers)] = list(numbers.values())
+    distance = np.clip(np.nan_to_num(contents.distance * MILLIMETRES, nan=1e9), -32767, UNKNOWN_DISTANCE)
+    heights = np.nan_to_num(contents.terrain * MILLIMETRES, nan=UNKNOWN_HEIGHT)
+    return {
+        "point_xyz": millimetres(points.xyz),
+        "point_class": points.classification,
+        "point_building": row_of[points.building],
+        "point_plane": np.where(points.plane > 0, points.plane % 255 + 1, 0).astype(np.uint8),
+        "point_distance": np.round(distance).astype(np.int16),
+        "triangle_xyz": millimetres(surfaces.corners),
+        "triangle_building": (surfaces.figure("building") + 1).astype(np.uint32),
+        "triangle_lod": surfaces.figure("lod").astype(np.uint8),
+        "triangle_kind": surfaces.figure("kind").astype(np.uint8),
+        "edge_xyz": millimetres(edges),
+        "edge_building": np.array([contents.faces[k].building + 1 for k in edge_face], np.uint32),
+        "edge_lod": np.array([contents.faces[k].lod for k in edge_face], np.uint8),
+        "outline_xyz": millimetres(outlines),
+        "outline_building": outline_row.astype(np.uint32),
+        "terrain": np.round(heights).astype(np.int32),
+    }
+
+
+def millimetres(xyz: Points) -> NDArray[np.int32]:
+    """Coordinates as whole millimetres."""
+    return np.asarray(np.round(xyz * MILLIMETRES), np.int32)
+
+
+def pack(values: NDArray[Any]) -> dict[str, str]:
+    """Base64 of the deflated bytes, those of one significance together."""
+    flat = np.ascontiguousarray(values).reshape(-1)
+    planes = flat.astype(flat.dtype.newbyteorder("<")).view(np.uint8).reshape(len(flat), flat.itemsize).T
+    packed = zlib.compress(np.ascontiguousarray(planes).tobytes(), 6)
+    return {"type": flat.dtype.name, "data": base64.b64encode(packed).decode("ascii")}
+
+
+def terrain_heights(contents: Contents, xy: Points) -> NDArray[np.float64]:
+    """Heights (N,) of the drawn terrain at places (N, 2); 0 where it is not known."""
+    if not contents.terrain.size:
+        return np.zeros(len(xy))
+    raster = Raster(contents.terrain, *contents.corner, contents.cell)
+    return np.asarray(np.nan_to_num(raster.at(xy), nan=0.0))
+
+
+def flat_footprints(contents: Contents) -> list[tuple[Points, ...]]:
+    """The rings of every footprint, level, at the highest terrain under its corners."""
+    flat = []
+    for shape in contents.polygons:
+        rings = local_rings(shapely.get_parts(shape)[0])
+        height = float(terrain_heights(contents, rings[0]).max(initial=-np.inf)) + DRAPE
+        flat.append(tuple(np.column_stack([ring, np.full(len(ring), height)]) for ring in rings))
+    return flat
+
+
+def draped_outlines(contents: Contents) -> tuple[Points, NDArray[np.int64]]:
+    """The outlines on the terrain in short pieces, (E, 2, 3), and the row (from 1) of each."""
+    pieces, owner = [np.zeros((0, 2, 3))], [np.zeros(0, np.int64)]
+    for number, shape in enumerate(contents.polygons, 1):
+        for ring in local_rings(shapely.segmentize(shape, DRAPE_STEP)):
+            upright = np.column_stack([ring, terrain_heights(contents, ring) + DRAPE])
+            pieces.append(np.stack([upright, np.roll(upright, -1, axis=0)], axis=1))
+            owner.append(np.full(len(ring), number))
+    return np.concatenate(pieces), np.concatenate(owner)

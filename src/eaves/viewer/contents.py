@@ -1,0 +1,228 @@
+"""What a run's folder holds, brought to one local frame and to a size a page can draw."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rasterio
+import shapely
+from numpy.typing import NDArray
+from rasterio.enums import Resampling
+from rasterio.errors import NotGeoreferencedWarning
+from rasterio.windows import from_bounds
+from shapely import MultiPolygon, Polygon
+
+from eaves.formats import iter_cityjson, read_polygons
+from eaves.formats.crs import parse_crs, system_of
+from eaves.geometry.roof_fit import collect_faces, fit_roof
+from eaves.model import Bounds, CoordinateSystem, Points, Values
+from eaves.model.building import LODS
+from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.scene import ROOF
+from eaves.viewer.sample import Sample, classified_files, sample_points
+from eaves.viewer.surfaces import SURFACES, CityFace, collect_city_faces
+
+POINTS_SHOWN = 300_000
+BUILDINGS_SHOWN = 4_000
+"""More than these are thinned, and the page says so: what an office computer turns smoothly."""
+TERRAIN_CELLS = 250
+"""The terrain is drawn with at most this many cells a side."""
+MARGIN = 30.0
+"""Surroundings (m) shown around the buildings where only some of them are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """A run as it is drawn: everything in metres about `origin` (world metres), heights about `base`.
+
+    `rows` and `polygons` are the buildings shown (B,), `faces` those of their models; `distance` (N,) is how
+    far each roof point of the sample lies over the roof face at its place, NaN for other points; `terrain`
+    (H, W) has row 0 north, its north-west corner at `corner`, and cells of `cell` metres.
+    """
+
+    folder: Path
+    origin: tuple[float, float]
+    base: float
+    system: CoordinateSystem
+    rows: list[dict[str, Any]]
+    polygons: list[Polygon | MultiPolygon]
+    faces: list[CityFace]
+    points: Sample
+    distance: Values
+    terrain: NDArray[np.float32]
+    corner: tuple[float, float]
+    cell: float
+    buildings: int
+    """How many the run found, shown or not."""
+    run: dict[str, Any] = field(default_factory=dict)
+
+
+def read_contents(
+    folder: str | Path, points: int = POINTS_SHOWN, buildings: int = BUILDINGS_SHOWN
+) -> Contents:
+    """The contents of a run's folder; what a run did not write is empty.
+
+    Raises
+    ------
+    InputError
+        When the folder holds no footprints, or a file of it is damaged.
+    """
+    folder = Path(folder)
+    polygons, _, rows, system = read_polygons(folder / "footprints.gpkg", layer="footprints")
+    system = system_of_folder(folder) or system
+    found = len(rows)
+    shown = nearest_to_the_middle(polygons, buildings)
+    polygons, rows = [polygons[k] for k in shown], [rows[k] for k in shown]
+    window = window_of(polygons) if len(shown) < found else None
+    terrain, bounds = read_terrain(folder / "dtm.tif", system, window)
+    expected = sum(int(row.get("points") or 0) for row in rows)
+    sample = sample_points(classified_files(folder), system, points, window, expected=expected)
+    centre = middle_of(bounds, polygons, sample)
+    base = base_of(terrain, sample)
+    shift = np.array([*centre, base])
+
+    numbers = {str(row["id"]): number for number, row in enumerate(rows)}
+    models = folder / "buildings.city.jsonl"
+    faces = [
+        CityFace(tuple(ring - shift for ring in face.rings), face.building, face.lod, face.kind)
+        for face in (collect_city_faces(iter_cityjson(models), numbers) if models.exists() else [])
+    ]
+    sample = sample.with_(xyz=sample.xyz - shift)
+    run = folder / "run.json"
+    west, north = (bounds.west, bounds.north) if bounds else centre
+    return Contents(
+        folder=folder,
+        origin=centre,
+        base=base,
+        system=system,
+        rows=rows,
+        polygons=[shapely.transform(shape, lambda xy: xy - shift[:2]) for shape in polygons],
+        faces=faces,
+        points=sample,
+        distance=distances_to_roofs(sample, faces),
+        terrain=terrain - np.float32(base),
+        corner=(west - centre[0], north - centre[1]),
+        cell=bounds.width / terrain.shape[1] if bounds else 1.0,
+        buildings=found,
+        run=json.loads(run.read_text(encoding="utf-8")) if run.exists() else {},
+    )
+
+
+def system_of_folder(folder: Path) -> CoordinateSystem | None:
+    """The reference system of a run, with its vertical unit, as its terrain says; None without one."""
+    path = folder / "dtm.tif"
+    if not path.exists():
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        with rasterio.open(path) as image:
+            if not image.crs:
+                return LOCAL_METRES
+            bounds = image.bounds
+            centre = (bounds.left + bounds.right) / 2, (bounds.bottom + bounds.top) / 2
+            return system_of(parse_crs(image.crs.to_wkt(), path), path, centre)
+
+
+def nearest_to_the_middle(polygons: list[Polygon | MultiPolygon], limit: int) -> NDArray[np.int64]:
+    """The numbers of at most `limit` polygons, in their order: those nearest to the median of all."""
+    if len(polygons) <= limit:
+        return np.arange(len(polygons))
+    centres = shapely.get_coordinates(shapely.centroid(polygons))
+    away = np.hypot(*(centres - np.median(centres, axis=0)).T)
+    return np.asarray(np.sort(np.argsort(away, kind="stable")[:limit]))
+
+
+def window_of(polygons: list[Polygon | MultiPolygon]) -> Bounds:
+    """World metres around polygons, with a margin."""
+    west, south, east, north = (float(value) for value in shapely.total_bounds(polygons))
+    return Bounds(west, south, east, north).grown(MARGIN)
+
+
+def read_terrain(
+    path: Path, system: CoordinateSystem, window: Bounds | None
+) -> tuple[NDArray[np.float32], Bounds | None]:
+    """Heights (H, W) of the terrain at the page's resolution (its overviews are read) and where they lie."""
+    nothing = np.zeros((0, 0), np.float32), None
+    if not path.exists():
+        return nothing
+    unit = system.horizontal_unit_m
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        with rasterio.open(path) as image:
+            part = Bounds(*(value * unit for value in image.bounds))
+            if window is not None:
+                part = Bounds(
+                    max(part.west, window.west),
+                    max(part.south, window.south),
+                    min(part.east, window.east),
+                    min(part.north, window.north),
+                )
+            if part.width <= 0 or part.height <= 0:
+                return nothing
+            cell = max(part.width, part.height) / TERRAIN_CELLS
+            cell = max(cell, image.transform.a * unit)
+            shape = max(1, round(part.height / cell)), max(1, round(part.width / cell))
+            sides = (side / unit for side in (part.west, part.south, part.east, part.north))
+            heights = image.read(
+                1,
+                window=from_bounds(*sides, transform=image.transform),
+                out_shape=shape,
+                masked=True,
+                resampling=Resampling.average,
+            )
+    values = heights.astype(np.float32).filled(np.nan) * np.float32(system.vertical_unit_m)
+    return np.asarray(values, np.float32), part
+
+
+def middle_of(
+    bounds: Bounds | None, polygons: list[Polygon | MultiPolygon], sample: Sample
+) -> tuple[float, float]:
+    """The middle (whole world metres) of what is drawn."""
+    if bounds is None and polygons:
+        bounds = window_of(polygons)
+    if bounds is None and len(sample):
+        bounds = Bounds.of(sample.xyz)
+    if bounds is None:
+        return 0.0, 0.0
+    return float(round((bounds.west + bounds.east) / 2)), float(round((bounds.south + bounds.north) / 2))
+
+
+def base_of(terrain: NDArray[np.float32], sample: Sample) -> float:
+    """A low height (whole metres) of what is drawn, so that the page's heights are small numbers."""
+    heights = terrain[np.isfinite(terrain)] if np.isfinite(terrain).any() else sample.xyz[:, 2]
+    return float(np.floor(np.percentile(heights, 1))) if len(heights) else 0.0
+
+
+def distances_to_roofs(sample: Sample, faces: list[CityFace]) -> Values:
+    """How far (m) each roof point (N,) lies over the finest model's roof face at its place, along the normal;
+    NaN for points of no roof."""
+    finest = finest_levels(faces)
+    roofs = [f for f in faces if f.kind == SURFACES.index("RoofSurface") and f.lod == finest.get(f.building)]
+    measured = (sample.building > 0) & ((sample.part == ROOF) | (sample.part == 0))
+    distance = np.full(len(sample), np.nan)
+    fit = fit_roof(sample.xyz[measured], collect_faces([f.rings for f in roofs], [f.building for f in roofs]))
+    distance[measured] = fit.distance
+    return distance
+
+
+def finest_levels(faces: list[CityFace]) -> dict[int, int]:
+    """The finest level of detail (a number in LODS) that each building has a solid of."""
+    finest: dict[int, int] = {}
+    for face in faces:
+        if LODS[face.lod] != "0":
+            finest[face.building] = max(finest.get(face.building, 0), face.lod)
+    return finest
+
+
+def local_rings(shape: Polygon | MultiPolygon) -> list[Points]:
+    """The rings (M, 2) of a polygon, without repeated last point."""
+    return [
+        np.asarray(shapely.get_coordinates(ring)[:-1])
+        for part in shapely.get_parts(shape)
+        for ring in (part.exterior, *part.interiors)
+    ]

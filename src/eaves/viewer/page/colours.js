@@ -1,0 +1,84 @@
+// What a colour says: for points and models a way from values to colours, with its legend.
+const CLASSES = {
+  1: ['other', '#8d9b6f'], 2: ['ground', '#b59a74'], 3: ['low vegetation', '#a6c36f'], 4: ['medium vegetation', '#6ba14f'],
+  5: ['high vegetation', '#3f7f3f'], 6: ['building', '#d0563b'], 7: ['low noise', '#e03fd8'], 9: ['water', '#4f8fd0'], 18: ['high noise', '#e03fd8'],
+};
+const SET = ['#4e79a7', '#f28e2b', '#59a14f', '#b07aa1', '#76b7b2', '#edc948', '#9c755f', '#ff9da7', '#8cd17d', '#86bcb6'];
+const LOD_COLOURS = { '2.2': '#4c9f70', '1.3': '#e0b040', '1.2': '#e07b39', '0': '#8a8fa3', none: '#d23b3b' };
+const VIRIDIS = ['#440154', '#3b528b', '#21918c', '#5ec962', '#fde725'];
+const DIVERGING = ['#2f6fd6', '#7fb0d8', '#a9b5a4', '#e39a6b', '#d0302f'];
+const CYCLE = ['#e0524d', '#d9c23f', '#4dab5b', '#3f7fd0', '#e0524d'];
+const NOTHING = '#8b8b8b';
+
+const bytes = colour => [1, 3, 5].map(place => parseInt(colour.slice(place, place + 2), 16));
+
+function ramp(colours) {
+  const stops = colours.map(bytes), last = stops.length - 1;
+  return share => {
+    const place = Math.min(last - 1e-6, Math.max(0, share * last)), low = Math.floor(place), part = place - low;
+    return stops[low].map((value, channel) => Math.round(value + part * (stops[low + 1][channel] - value)));
+  };
+}
+
+// Answers a colour for a number; NaN is grey.
+function scaleOf(colours, low, high, unit, names) {
+  const at = ramp(colours), grey = bytes(NOTHING), span = high > low ? high - low : 1;
+  return { colour: value => Number.isFinite(value) ? at((value - low) / span) : grey, legend: { colours, low, high, unit, names } };
+}
+
+// Answers a colour for a word.
+function setOf(words, known = {}) {
+  const table = new Map(words.map((word, place) => [word, known[word] || SET[place % SET.length]]));
+  return { colour: word => bytes(table.get(word) || NOTHING), legend: { words: [...table] } };
+}
+
+function spread(values, lowest = 0.02, highest = 0.98) {
+  const finite = Float64Array.from(values).filter(Number.isFinite).sort();
+  return finite.length ? [finite[Math.floor(lowest * (finite.length - 1))], finite[Math.floor(highest * (finite.length - 1))]] : [0, 1];
+}
+
+const column = (rows, name) => rows.map(row => row[name] === null || row[name] === undefined ? NaN : Number(row[name]));
+const words = (rows, name, missing) => rows.map(row => row[name] || missing);
+const distinct = list => [...new Set(list)].sort();
+
+// Way of colouring points → function of a point's number giving its colour, and a legend.
+function pointColours(way, { points, rows }) {
+  if (way === 'height') {
+    const heights = points.xyz.filter((_, place) => place % 3 === 2), scale = scaleOf(VIRIDIS, ...spread(heights), 'm');
+    scale.legend.shift = points.base;
+    return { at: number => scale.colour(points.xyz[3 * number + 2]), legend: scale.legend };
+  }
+  if (way === 'building') return { at: number => points.building[number] ? bytes(SET[points.building[number] * 7 % SET.length]) : bytes(NOTHING), legend: { text: `${rows.length} buildings, a colour each; grey: none` } };
+  if (way === 'plane') return { at: number => points.plane[number] ? bytes(SET[points.plane[number] * 3 % SET.length]) : bytes(NOTHING), legend: { text: 'neighbouring roof planes differ; grey: on no plane' } };
+  if (way === 'distance') {
+    const scale = scaleOf(DIVERGING, -0.3, 0.3, 'm over the model’s roof');
+    return { at: number => scale.colour(points.distance[number] === 32767 ? NaN : points.distance[number] / 1000), legend: scale.legend };
+  }
+  const there = distinct(points.classification), table = there.map(code => CLASSES[code] || [`class ${code}`, NOTHING]);
+  const colours = new Map(there.map((code, place) => [code, bytes(table[place][1])]));
+  return { at: number => colours.get(points.classification[number]), legend: { words: table } };
+}
+
+// Way of colouring models → function of (triangle's number, row's number) giving its colour, and a legend.
+function modelColours(way, { triangles, rows }) {
+  if (way === 'surface') {
+    const scale = setOf(['roof', 'wall', 'ground'], { roof: '#cf6a50', wall: '#d9d3c5', ground: '#8a8fa3' });
+    return { at: number => scale.colour(['ground', 'wall', 'roof'][triangles.kind[number]]), legend: scale.legend };
+  }
+  if (way === 'slope') {
+    const scale = scaleOf(VIRIDIS, 0, 60, '° of slope');
+    return { at: number => triangles.kind[number] === 2 ? scale.colour(triangles.slope[number]) : bytes('#c9c5bb'), legend: scale.legend };
+  }
+  if (way === 'azimuth') {
+    const scale = scaleOf(CYCLE, 0, 360, '', ['N', 'E', 'S', 'W', 'N']);
+    return { at: number => triangles.kind[number] === 2 && triangles.slope[number] >= 2 ? scale.colour(triangles.azimuth[number]) : bytes('#c9c5bb'), legend: scale.legend };
+  }
+  if (way === 'fit') {
+    const fit = column(rows, 'rmse_m'), scale = scaleOf(['#3f9b6a', '#e7d04a', '#d23b3b'], 0, 0.5, 'm RMSE');
+    return { at: (number, row) => scale.colour(fit[row]), legend: scale.legend };
+  }
+  const name = { lod: 'lod', type: 'roof_type', failure: 'failure_code' }[way];
+  const values = words(rows, name, way === 'failure' ? 'as asked for' : 'none');
+  const scale = setOf(distinct(values), way === 'lod' ? LOD_COLOURS : { 'as asked for': '#7fa98f', none: LOD_COLOURS.none });
+  return { at: (number, row) => scale.colour(values[row]), legend: scale.legend };
+}

@@ -1,0 +1,112 @@
+// Mouse, fingers, keys and the controls.
+function listenToCanvas(viewer) {
+  const { canvas, camera } = viewer, down = new Map();
+  let moved = 0;
+  canvas.addEventListener('pointerdown', event => {
+    canvas.setPointerCapture(event.pointerId);
+    down.set(event.pointerId, [event.clientX, event.clientY]);
+    moved = 0;
+  });
+  canvas.addEventListener('pointermove', event => {
+    if (!down.has(event.pointerId)) return;
+    const [x, y] = down.get(event.pointerId), [right, lower] = [event.clientX - x, event.clientY - y];
+    moved += Math.hypot(right, lower);
+    if (down.size === 2) {
+      const [other] = [...down].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
+      camera.zoom(Math.hypot(x - other[0], y - other[1]) / Math.max(1, Math.hypot(event.clientX - other[0], event.clientY - other[1])));
+      camera.pan(right / 2, lower / 2, canvas.clientHeight);
+    } else if (event.buttons & 6 || event.shiftKey || event.ctrlKey) camera.pan(right, lower, canvas.clientHeight);
+    else camera.turn(-right * 0.006, lower * 0.006);
+    down.set(event.pointerId, [event.clientX, event.clientY]);
+    viewer.ask();
+  });
+  const lift = event => {
+    const box = canvas.getBoundingClientRect();
+    if (down.delete(event.pointerId) && moved < 4 && event.type === 'pointerup' && event.button === 0) {
+      viewer.choose(viewer.painter.pick(camera, viewer.look, event.clientX - box.left, event.clientY - box.top) - 1, false);
+      viewer.ask();
+    }
+  };
+  canvas.addEventListener('pointerup', lift);
+  canvas.addEventListener('pointercancel', lift);
+  canvas.addEventListener('dblclick', () => viewer.look.chosen && viewer.choose(viewer.look.chosen - 1));
+  canvas.addEventListener('contextmenu', event => event.preventDefault());
+  canvas.addEventListener('wheel', event => {
+    event.preventDefault();
+    camera.zoom(Math.exp(Math.max(-0.4, Math.min(0.4, event.deltaY * (event.deltaMode ? 0.04 : 0.0015)))));
+    viewer.ask();
+  }, { passive: false });
+  canvas.addEventListener('keydown', event => {
+    const arrows = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key], count = viewer.scene.rows.length;
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (arrows && event.shiftKey) camera.pan(40 * arrows[0], 40 * arrows[1], canvas.clientHeight);
+    else if (arrows) camera.turn(-0.1 * arrows[0], 0.1 * arrows[1]);
+    else if ('+='.includes(event.key)) camera.zoom(0.85);
+    else if ('-_'.includes(event.key)) camera.zoom(1 / 0.85);
+    else if (event.key === 'Escape') viewer.choose(-1);
+    else if ('nNpP'.includes(event.key) && count) viewer.choose((viewer.look.chosen - 1 + ('nN'.includes(event.key) ? 1 : -1) + count + (viewer.look.chosen ? 0 : 'nN'.includes(event.key) ? 0 : 1)) % count);
+    else if ({ h: 1, a: 1, s: 1, o: 1 }[event.key]) viewer.view({ h: 'home', a: 'above', s: 'side', o: 'oblique' }[event.key]);
+    else if (event.key === '/') byId('find').focus();
+    else return;
+    event.preventDefault();
+    viewer.ask();
+  });
+}
+
+function listenToControls(viewer) {
+  for (const control of document.querySelectorAll('#controls input:not(#find), #controls select')) control.addEventListener('input', () => viewer.refresh());
+  for (const button of document.querySelectorAll('[data-view]')) button.addEventListener('click', () => viewer.view(button.dataset.view));
+  const find = byId('find');
+  find.addEventListener('change', () => {
+    const wanted = find.value.trim(), { rows } = viewer.scene;
+    let number = rows.findIndex(row => row.id === wanted);
+    if (number < 0 && wanted) number = rows.findIndex(row => String(row.id).includes(wanted));
+    if (number >= 0) viewer.choose(number);
+    else if (wanted) byId('said').textContent = `no building here has an id with ${wanted} in it`;
+  });
+  byId('theme').addEventListener('click', () => {
+    const root = document.documentElement, dark = getComputedStyle(root).colorScheme === 'dark' || (getComputedStyle(root).colorScheme !== 'light' && matchMedia('(prefers-color-scheme: dark)').matches);
+    root.dataset.theme = dark ? 'light' : 'dark';
+    viewer.refresh();
+  });
+}
+
+// What the address says behind '#': id=…&view=above&theme=dark&lod=1.2&points=distance&models=fit&off=ground,walls
+function obeyAddress(viewer) {
+  const told = new URLSearchParams(location.hash.slice(1));
+  if (told.has('theme')) document.documentElement.dataset.theme = told.get('theme');
+  for (const [name, control] of [['lod', 'lod'], ['points', 'point-colour'], ['models', 'model-colour'], ['size', 'size']]) if (told.has(name)) byId(control).value = told.get(name);
+  for (const [name, on] of [['on', true], ['off', false]]) for (const box of (told.get(name) || '').split(',')) if (byId(box)) byId(box).checked = on;
+  viewer.refresh();
+  if (told.has('id')) viewer.choose(viewer.scene.rows.findIndex(row => row.id === told.get('id')));
+  for (const view of (told.get('view') || '').split(',')) if (view) viewer.view(view);
+}
+
+async function start() {
+  const charts = byId('charts'), { rows } = page;
+  let viewer = null;
+  const table = new Table(byId('buildings'), page.columns, rows, number => {
+    if (!viewer) return;
+    viewer.choose(number);
+    byId('scene').scrollIntoView({ block: 'nearest' });
+  });
+  drawCharts(charts, rows);
+  byId('ids').append(...rows.map(row => element('option', { value: row.id })));
+  try {
+    viewer = new Viewer(readData(await unpackAll(page.arrays)));
+    viewer.table = table;
+    listenToCanvas(viewer);
+    listenToControls(viewer);
+    obeyAddress(viewer);
+    addEventListener('hashchange', () => obeyAddress(viewer));
+    window.eaves = viewer;
+    viewer.painter.resize();
+    viewer.painter.paint(viewer.camera, viewer.look);
+    document.documentElement.dataset.ready = 'yes';
+  } catch (error) {
+    byId('trouble').textContent = `No 3D view: ${error.message}.`;
+    byId('trouble').hidden = false;
+    document.documentElement.dataset.ready = 'no';
+  }
+}
+start();

@@ -1,0 +1,108 @@
+"""Models cut into triangles and edges, as the page and the pictures draw them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from eaves.formats import CityObject
+from eaves.model import Points
+from eaves.model.building import GROUND_SURFACE, LODS, ROOF_SURFACE, WALL_SURFACE
+
+SURFACES = (GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE)
+"""Numbered 0, 1, 2 in `Surfaces.kind`."""
+
+
+@dataclass(frozen=True, eq=False)
+class CityFace:
+    """A face: its rings (M, 3), outer first, the building's number among those given, its level of detail and
+    its kind as numbers in `LODS` and `SURFACES`.
+    """
+
+    rings: tuple[Points, ...]
+    building: int
+    lod: int
+    kind: int
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """Triangles of faces: `corners` (T, 3, 3), counter-clockwise from outside; `face` (T,) numbers in
+    `faces`."""
+
+    corners: Points
+    face: NDArray[np.int64]
+    faces: tuple[CityFace, ...]
+
+    def figure(self, name: str) -> NDArray[np.int64]:
+        """`building`, `lod` or `kind` of every triangle (T,)."""
+        return np.array([getattr(face, name) for face in self.faces], np.int64)[self.face]
+
+
+def collect_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -> list[CityFace]:
+    """The faces of solids of the buildings whose ids `numbers` holds; a part's belong to its building."""
+    faces = []
+    for item in objects:
+        building = numbers.get(item.parents[0] if item.parents else item.id)
+        if building is None:
+            continue
+        for geometry in item.geometries:
+            if geometry.lod not in LODS[1:]:
+                continue
+            lod = LODS.index(geometry.lod)
+            for face in (face for solid in geometry.solids for shell in solid for face in shell):
+                kind = SURFACES.index(face.surface) if face.surface in SURFACES else 0
+                rings = tuple(item.vertices[list(ring)] for ring in face.rings)
+                faces.append(CityFace(rings, building, lod, kind))
+    return faces
+
+
+def cut_into_triangles(faces: Sequence[CityFace]) -> Surfaces:
+    """Constrained Delaunay triangles of planar faces, found on each face's own plane."""
+    frames = [_frame(face.rings[0]) for face in faces]
+    flat = [
+        _polygon([(ring - frame[0]) @ frame[1:3].T for ring in face.rings])
+        for face, frame in zip(faces, frames, strict=True)
+    ]
+    shapes = np.array(flat, object)
+    broken = ~shapely.is_valid(shapes)
+    shapes[broken] = shapely.buffer(shapes[broken], 0)
+    pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(shapes), return_index=True)
+    uv = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
+    clockwise = _twice_area(uv) < 0
+    uv[clockwise] = uv[clockwise][:, ::-1]
+    frame = np.array(frames).reshape(-1, 4, 3)[owner]
+    corners = frame[:, None, 0] + np.einsum("tkc,tcd->tkd", uv, frame[:, 1:3])
+    return Surfaces(np.asarray(corners), np.asarray(owner, np.int64), tuple(faces))
+
+
+def edges_of(faces: Sequence[CityFace]) -> tuple[Points, NDArray[np.int64]]:
+    """The two ends of every ring edge, (E, 2, 3), and the number (E,) of its face."""
+    ends = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for face in faces for ring in face.rings]
+    owner = [number for number, face in enumerate(faces) for ring in face.rings for _ in range(len(ring))]
+    return np.concatenate([np.zeros((0, 2, 3)), *ends]), np.array(owner, np.int64)
+
+
+def _frame(ring: Points) -> NDArray[np.float64]:
+    """Origin, two directions on the ring's plane and its normal, (4, 3)."""
+    away = ring - ring[0]
+    normal = np.cross(away, np.roll(away, -1, axis=0)).sum(axis=0)
+    length = float(np.linalg.norm(normal))
+    normal = normal / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    aside = np.cross([0.0, 0.0, 1.0], normal)
+    long = float(np.linalg.norm(aside))
+    first = aside / long if long > 1e-9 else np.array([1.0, 0.0, 0.0])
+    return np.stack([ring[0], first, np.cross(normal, first), normal])
+
+
+def _polygon(rings: list[NDArray[np.float64]]) -> shapely.Polygon:
+    return shapely.Polygon(rings[0], rings[1:])
+
+
+def _twice_area(corner: NDArray[np.float64]) -> NDArray[np.float64]:
+    one, two = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    return np.asarray(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
