@@ -53,8 +53,7 @@ def test_gable_shares_its_ridge_and_has_no_wall_under_it() -> None:
     planes = np.array([[0.0, 0.5, 4.0] if one else [0.0, -0.5, 7.0] for one in south])
     (solid,) = extrude(plan, planes, 0.0) or []
     assert find_defect(solid) == ""
-    assert len(solid.faces) == 1 + 2 + 6  # the gable walls are cut at the ridge's ends by no more than a
-    vertex
+    assert len(solid.faces) == 1 + 2 + 6  # each gable wall stands on two plan edges, one for each roof face
     assert measure_volume(solid) == pytest.approx(10 * 6 * 4.75)
 
 
