@@ -267,8 +267,8 @@ map's footprints over 10 m² that the outlines (alpha shape) half cover. ign_urb
 ign_buildings: polygons over 100 m² found (touching ones united), outlines that touch no polygon, IoU of each.
 Towns: per object, completeness/correctness over 10 m², then over 50 m²; the seeds are not those the weights
 of `consensus` were fitted on. Reference errors: in ign_buildings class 6 misses the house in the south-west,
-the polygons leave out annexes and roof overhangs that the cloud shows (class 6 reaches no more), and two sheds,
-one of them class 6, have no polygon."""
+the polygons leave out annexes and roof overhangs that the cloud shows (class 6 reaches no more), and two
+sheds, one of them class 6, have no polygon."""
 
 
 if __name__ == "__main__":
