@@ -136,8 +136,7 @@ def ground(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """The same points in the same order: class 2 ground, 7 and 18 noise, 1 the rest (OUT.laz, or a
-    folder)."""
+    """The same points in the same order: class 2 ground, 7 and 18 noise, 1 others (OUT.laz, or a folder)."""
     from dataclasses import replace
 
     recipe = recipe_from(
@@ -314,6 +313,44 @@ def simulate(
     files = write_simulation(scene, out, told)
     if not quiet:
         typer.echo(f"{len(scene.cloud):,} points, {len(scene.buildings)} buildings; {files['points']}")
+
+
+@app.command()
+def view(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    browser: Annotated[bool, typer.Option(help="Open it, or only make it.")] = True,
+    again: Annotated[bool, typer.Option("--again", help="Make the page anew.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Open the 3D page of a run; it is made when it is missing."""
+    from eaves.viewer.open import open_report
+
+    start_log(quiet, verbose=False)
+    path = open_report(folder, browser, again)
+    if not quiet:
+        typer.echo(f"report: {path}")
+
+
+@app.command()
+def plot(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG, SVG or PDF; OUT/<what>.png.")] = None,
+    what: Annotated[str, typer.Option(help="plan, errors, section or models.")] = "plan",
+    reference: Annotated[
+        Path | None, typer.Option(help="For errors: polygons, or the detection.tif of `eaves evaluate`.")
+    ] = None,
+    building: Annotated[str | None, typer.Option(help="For section: the building's id.")] = None,
+    size: Annotated[float, typer.Option(help="Width (cm).", min=2, max=200)] = 18.0,
+    dpi: Annotated[int, typer.Option(help="Dots an inch.", min=30, max=1200)] = 300,
+    quiet: Quiet = False,
+) -> None:
+    """A picture of a run for print: plan, errors against a reference, cross-section, all models."""
+    from eaves.viewer.plot import plot_run
+
+    start_log(quiet, verbose=False)
+    path = plot_run(folder, out, what, reference=reference, building=building, size_cm=size, dpi=dpi)
+    if not quiet:
+        typer.echo(f"picture: {path}")
 
 
 @app.command()

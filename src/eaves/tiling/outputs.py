@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -76,6 +77,31 @@ class Summary:
             f"{self.elapsed:.1f} s, peak {self.run.get('peak_memory_mb', 0)} MB; results in {self.folder}"
         )
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return str(self._notebook().summary_html(self))
+
+    def footprints(self) -> Any:
+        """The footprints as a geopandas.GeoDataFrame (`pip install eaves[notebook]`)."""
+        return self._notebook().footprint_frame(self.folder)
+
+    def roof_planes(self) -> Any:
+        """The roof faces as a geopandas.GeoDataFrame (`pip install eaves[notebook]`)."""
+        return self._notebook().footprint_frame(self.folder, "roof_planes")
+
+    def point_arrays(self, building: int | None = None) -> Any:
+        """The classified points as arrays (`eaves.viewer.sample.Sample`), of one building by its number or
+        all."""
+        return self._notebook().point_arrays(self.folder, building)
+
+    def meshes(self) -> dict[str, Any]:
+        """A trimesh.Trimesh of every building's finest model, by id (`pip install eaves[notebook]`)."""
+        return dict(self._notebook().building_meshes(self.folder))
+
+    @staticmethod
+    def _notebook() -> Any:
+        # by name, when asked: a summary does not know the viewer, a notebook that shows one needs it
+        return import_module("eaves.viewer.notebook")
 
 
 def write_outputs(
@@ -245,8 +271,10 @@ def write_points(
     folder: Path,
     single: Path | None,
 ) -> list[Path]:
-    """The classified points of every source. What is known of each point is gathered in files, which are
-    opened anew for every block, so that memory does not grow with the input.
+    """The classified points of every source.
+
+    What is known of each point is gathered in files, which are opened anew for every block, so that
+    memory does not grow with the input.
     """
     total = max(sum(source.count for source in sources), 1)
     types = {"classes": np.uint8, "part": np.uint8, "building_id": np.int32, "plane_id": np.int32}

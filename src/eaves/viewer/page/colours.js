@@ -67,11 +67,11 @@ function modelColours(way, { triangles, rows }) {
   }
   if (way === 'slope') {
     const scale = scaleOf(VIRIDIS, 0, 60, '° of slope');
-    return { at: number => triangles.kind[number] === 2 ? scale.colour(triangles.slope[number]) : bytes('#c9c5bb'), legend: scale.legend };
+    return { at: number => triangles.kind[number] === 2 ? scale.colour(triangles.slope[number]) : bytes('#f4f1ea'), legend: scale.legend };
   }
   if (way === 'azimuth') {
     const scale = scaleOf(CYCLE, 0, 360, '', ['N', 'E', 'S', 'W', 'N']);
-    return { at: number => triangles.kind[number] === 2 && triangles.slope[number] >= 2 ? scale.colour(triangles.azimuth[number]) : bytes('#c9c5bb'), legend: scale.legend };
+    return { at: number => triangles.kind[number] === 2 && triangles.slope[number] >= 2 ? scale.colour(triangles.azimuth[number]) : bytes('#f4f1ea'), legend: scale.legend };
   }
   if (way === 'fit') {
     const fit = column(rows, 'rmse_m'), scale = scaleOf(['#3f9b6a', '#e7d04a', '#d23b3b'], 0, 0.5, 'm RMSE');

@@ -1,0 +1,80 @@
+"""A run's results as notebooks want them: an HTML summary, GeoDataFrames, arrays, meshes."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eaves.formats import iter_cityjson, read_polygons
+from eaves.model.coordinates import LOCAL_METRES
+from eaves.viewer.contents import system_of_folder
+from eaves.viewer.plan import plan_figure
+from eaves.viewer.sample import Sample, classified_files, sample_points
+from eaves.viewer.surfaces import collect_city_faces, cut_into_triangles
+
+if TYPE_CHECKING:
+    from eaves.tiling.outputs import Summary
+
+
+def summary_html(summary: Summary) -> str:
+    """The summary as HTML: its lines, a small plan where there are rasters, and the files."""
+    lines = html.escape(summary.as_text()).replace("\n", "<br>")
+    picture = ""
+    if (summary.folder / "dsm.tif").exists() and (summary.folder / "footprints.gpkg").exists():
+        buffer = io.BytesIO()
+        plan_figure(summary.folder, 5.0).savefig(buffer, format="png", dpi=100)
+        encoded = base64.b64encode(buffer.getvalue()).decode("ascii")
+        picture = f"<br><img alt='plan of the buildings' src='data:image/png;base64,{encoded}'>"
+    names = ", ".join(html.escape(path.name) for path in summary.files)
+    return f"<div><b>eaves</b><br>{lines}{picture}<br><small>{names}</small></div>"
+
+
+def footprint_frame(folder: Path, layer: str = "footprints") -> Any:
+    """A layer of footprints.gpkg as a geopandas.GeoDataFrame, in the run's reference system."""
+    return _optional("geopandas").read_file(folder / "footprints.gpkg", layer=layer)
+
+
+def point_arrays(folder: Path, building: int | None = None) -> Sample:
+    """The classified points (of one building by its number, all for None) in world metres."""
+    return sample_points(
+        classified_files(folder), system_of_folder(folder) or LOCAL_METRES, building=building
+    )
+
+
+def building_meshes(folder: Path) -> dict[str, Any]:
+    """A trimesh.Trimesh of every building's finest model by id, in metres about the building's lowest corner,
+    which `metadata["origin"]` holds."""
+    trimesh = _optional("trimesh")
+    _, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="footprints")
+    ids = [str(row["id"]) for row in rows]
+    faces = collect_city_faces(
+        iter_cityjson(folder / "buildings.city.jsonl"), {name: number for number, name in enumerate(ids)}
+    )
+    meshes = {}
+    for number, name in enumerate(ids):
+        mine = [face for face in faces if face.building == number]
+        mine = [face for face in mine if face.lod == max(face.lod for face in mine)]
+        if not mine:
+            continue
+        corners = cut_into_triangles(mine).corners
+        origin = np.floor(corners.min(axis=(0, 1)))
+        meshes[name] = trimesh.Trimesh(
+            (corners - origin).reshape(-1, 3),
+            np.arange(3 * len(corners)).reshape(-1, 3),
+            metadata={"origin": origin, "id": name},
+            process=True,
+        )
+    return meshes
+
+
+def _optional(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError:
+        raise ImportError(f"{name} is not installed; pip install eaves[notebook]") from None
