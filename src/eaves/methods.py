@@ -1,9 +1,8 @@
 """Methods as values, and the registry that names them.
 
 A method is a frozen pydantic model: its parameters are its fields, each declared once by `parameter(...)`
-with
-default, sentence, unit, range and the paper's symbol. Names pick methods only at the border (command line,
-configuration file); in Python one writes `classify_ground(cloud, AdaptiveTin(seed_cell=80))`.
+with default, sentence, unit, range and the paper's symbol. Names pick methods only at the border (command
+line, configuration file); in Python one writes `classify_ground(cloud, AdaptiveTin(seed_cell=80))`.
 """
 
 from __future__ import annotations
@@ -36,15 +35,12 @@ def parameter(
     """Declare a method's parameter once.
 
     `default=None` means: derived from the measured spacing and noise, by the rule the sentence states.
-    `published`
-    is the number the paper prints, used by `Method.as_published()`. `limits` are pydantic's `ge, gt, le, lt`.
+    `published` is the number the paper prints, used by `Method.as_published()`. `limits` are pydantic's
+    `ge, gt, le, lt`.
     """
-    return Field(
-        default,
-        description=sentence,
-        json_schema_extra={"unit": unit, "symbol": symbol, "published": published},
-        **limits,  # type: ignore[arg-type]
-    )
+    extra = {"unit": unit, "symbol": symbol, "published": published}
+    declared: dict[str, Any] = {"description": sentence, "json_schema_extra": extra, **limits}
+    return Field(default, **declared)
 
 
 class Method(BaseModel):

@@ -187,7 +187,9 @@ def test_a_model_moves_with_its_points(name: str, gable: Any) -> None:
     shift = np.array([2400.0, 1200.0, 0.0])
     here = reconstruct_building(points, Footprint(polygon), segment_roof(points, 0.4), base, method)
     far = shapely.transform(polygon, lambda xy: xy + shift[:2])
-    there = reconstruct_building(points + shift, Footprint(far), segment_roof(points + shift, 0.4), base, method)
+    there = reconstruct_building(
+        points + shift, Footprint(far), segment_roof(points + shift, 0.4), base, method
+    )
     assert isinstance(here, BuildingModel)
     assert isinstance(there, BuildingModel)
     assert here.solids.keys() == there.solids.keys()

@@ -106,7 +106,7 @@ def test_no_more_buildings_than_asked_for() -> None:
 
 
 def test_too_many_buildings_are_told(caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.WARNING):
+    with caplog.at_level(logging.WARNING, logger="eaves"):
         simulate_town(0.01, buildings=500, seed=1)
     assert "of 500 buildings fit" in caplog.text
 

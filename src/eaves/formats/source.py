@@ -126,8 +126,8 @@ def common_system(sources: Sequence[Source]) -> CoordinateSystem:
     system = agree((source.path, source.system) for source in sources)
     if system.wkt is None:
         log.warning(
-            "%s has no coordinate system: a local plane in metres is assumed; if it is in feet, or has a place on "
-            "Earth, pass crs= or --crs",
+            "%s has no coordinate system: a local plane in metres is assumed; if it is in feet, or has a "
+            "place on Earth, pass crs= or --crs",
             sources[0].path if len(sources) == 1 else f"{sources[0].path} (as the other {len(sources) - 1})",
         )
     return system
@@ -218,14 +218,13 @@ def read(
 def has_coordinates(xyz: Points) -> Mask:
     """Which points (N, 3) have coordinates: finite, and not all zero, which is how writers say 'none'."""
     finite: Mask = np.isfinite(xyz[:, 0]) & np.isfinite(xyz[:, 1]) & np.isfinite(xyz[:, 2])
-    return finite & ((xyz[:, 0] != 0) | (xyz[:, 1] != 0) | (xyz[:, 2] != 0))
+    return np.asarray(finite & ((xyz[:, 0] != 0) | (xyz[:, 1] != 0) | (xyz[:, 2] != 0)))
 
 
 def _joined(
     arrays: list[NDArray[np.uint8] | None], chunks: list[Chunk], missing: int
 ) -> NDArray[np.uint8] | None:
-    """One array of the chunks' arrays; `missing` stands in for files that lack the field, None when all
-    do."""
+    """One array of the chunks' arrays; `missing` stands in for files that lack the field; None if all do."""
     if all(array is None for array in arrays):
         return None
     return np.concatenate(

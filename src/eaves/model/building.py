@@ -24,8 +24,8 @@ class Boundary:
     """The raw outline of a set of points: rings of points in order, as a tracer found them.
 
     `rings` holds closed rings (M, 2) without repeated last point: the outer one counter-clockwise, then
-    the holes
-    clockwise. `points` (N, 3) are all points of the region, `spacing` their mean distance in plan (m).
+    the holes clockwise. `points` (N, 3) are all points of the region, `spacing` their mean distance in
+    plan (m).
     """
 
     rings: tuple[NDArray[np.float64], ...]
@@ -65,7 +65,7 @@ class RoofPlane:
     def normal(self) -> NDArray[np.float64]:
         """Unit normal (3,), pointing up."""
         a, b, _ = self.coefficients
-        return np.array([-a, -b, 1.0]) / np.sqrt(a * a + b * b + 1.0)
+        return np.asarray(np.array([-a, -b, 1.0]) / np.sqrt(a * a + b * b + 1.0))
 
     @property
     def slope(self) -> float:
@@ -81,13 +81,12 @@ class RoofPlane:
     def distance_to(self, xyz: Points) -> Values:
         """Signed distances (N,) of points (N, 3) along the normal, positive above."""
         a, b, _ = self.coefficients
-        return (xyz[:, 2] - self.height_at(xyz)) / np.sqrt(a * a + b * b + 1.0)
+        return np.asarray((xyz[:, 2] - self.height_at(xyz)) / np.sqrt(a * a + b * b + 1.0))
 
 
 @dataclass(frozen=True)
 class Face:
-    """One planar face of a solid: rings of vertex numbers (outer counter-clockwise from outside, then
-    holes)."""
+    """One planar face of a solid: rings of vertex numbers, counter-clockwise from outside, then holes."""
 
     rings: tuple[tuple[int, ...], ...]
     surface: str

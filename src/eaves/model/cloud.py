@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model.arrays import Mask, Points
-from eaves.model.block import BLOCK_SIDE, Block, Bounds
+from eaves.model.block import Block, Bounds
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 UNCLASSIFIED, GROUND, LOW_VEGETATION, MEDIUM_VEGETATION, HIGH_VEGETATION, BUILDING = 1, 2, 3, 4, 5, 6
 LOW_NOISE, WATER, HIGH_NOISE = 7, 9, 18
@@ -50,7 +53,7 @@ class PointCloud:
         """Which points are ground (class 2)."""
         if self.classification is None:
             raise ValueError("the cloud has no classes; call classify_ground(cloud) first")
-        return self.classification == GROUND
+        return np.asarray(self.classification == GROUND)
 
     @property
     def noise(self) -> Mask:
@@ -71,7 +74,7 @@ class PointCloud:
     def take(self, which: Mask | NDArray[np.int64]) -> PointCloud:
         """The points picked by a mask (N,) or by indices, in that order."""
 
-        def pick(array: NDArray[np.generic] | None) -> NDArray[np.generic] | None:
+        def pick(array: NDArray[Scalar] | None) -> NDArray[Scalar] | None:
             return None if array is None else array[which]
 
         return replace(
@@ -108,7 +111,7 @@ class PointCloud:
         xyz = np.asarray(xyz, np.float64).reshape(-1, 3)
         if origin is None:
             finite = xyz[np.isfinite(xyz).all(axis=1)]
-            origin = Block.at(*finite[:, :2].min(axis=0), BLOCK_SIDE).origin if len(finite) else (0.0, 0.0)
+            origin = Block.at(finite[:, 0].min(), finite[:, 1].min()).origin if len(finite) else (0.0, 0.0)
         local = snap(xyz - np.array([origin[0], origin[1], 0.0]))
         return cls(xyz=local, origin=origin, **arrays)  # type: ignore[arg-type]
 

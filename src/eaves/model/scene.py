@@ -44,8 +44,7 @@ class Raster:
         return row, column
 
     def at(self, xy: Points) -> Values:
-        """Bilinear values (N,) at points (N, 2 or 3); the nearest cell's beyond the rim; NaN where cells
-        are."""
+        """Bilinear values (N,) at points (N, 2 or 3); the nearest cell's beyond the rim; NaN at NaN cells."""
         rows, columns = self.shape
         x = np.clip((xy[:, 0] - self.west) / self.cell - 0.5, 0, columns - 1)
         y = np.clip((self.north - xy[:, 1]) / self.cell - 0.5, 0, rows - 1)
@@ -91,4 +90,4 @@ class Regions:
 
     def mask_of(self, number: int) -> Mask:
         """The points (N,) of region `number`."""
-        return self.label == number
+        return np.asarray(self.label == number)
