@@ -1,10 +1,8 @@
 """The flow from points to buildings, in two passes. Read this file first.
 
 `block_pass` turns the points of one block into ground, rasters and regions; `building_pass` turns the
-points of one
-building, however many blocks it covers, into a model or a Failure. `tiling` runs the first over all
-blocks, joins
-regions across seams, and runs the second over all buildings.
+points of one building, however many blocks it covers, into a model or a Failure. `tiling` runs the first
+over all blocks, joins regions across seams, and runs the second over all buildings.
 """
 
 from __future__ import annotations
@@ -89,8 +87,7 @@ def make_recipe(
     """The recipe for the methods named by stage; a stage not named uses its default.
 
     A detector brings the ground filter of its own paper unless one is named. With `use_classes` buildings
-    are the
-    points of class 6 unless a detector is named.
+    are the points of class 6 unless a detector is named.
     """
     chosen = {stage: name for stage, name in (names or {}).items() if name}
     if use_classes:
@@ -166,8 +163,7 @@ class BuildingResult:
 
     @classmethod
     def broken(cls, building: BuildingPoints, error: Exception) -> BuildingResult:
-        """What is left of a building whose pass raised: its place, its points, and the error as the
-        reason."""
+        """What is left of a building whose pass raised: its place, its points, the error as the reason."""
         place = name_footprint(building.given or hull_of(building.xyz, building.spacing), building)
         failure = Failure("internal_error", f"{type(error).__name__}: {error}", "pipeline", place)
         return cls(failure, building.point_id, np.zeros(len(building.xyz), np.int32))
@@ -325,8 +321,7 @@ def heights_under(footprint: Footprint, terrain: Raster) -> tuple[float, float]:
 
 
 def keep_valid(model: BuildingModel, finest: str) -> BuildingModel | Failure:
-    """The model without the levels that are finer than asked for or not valid, with the reason for what
-    went."""
+    """The model without the levels that are finer than asked for or not valid, and why they went."""
     wanted = {lod: solids for lod, solids in model.solids.items() if lod <= finest}
     bad: dict[str, Finding] = {}
     if validate_model(model.with_(solids=wanted)):

@@ -23,8 +23,8 @@ class Detector(Method):
     """Tells which points belong to which building.
 
     `label` sees a scene whose cloud is in canonical order, about the origin of its block; noise points
-    are still in
-    it (class 7, 18) and must get label 0. Labels need not be consecutive; points of trees and ground get 0.
+    are still in it (class 7, 18) and must get label 0. Labels need not be consecutive; points of trees
+    and ground get 0.
     """
 
     stage: ClassVar[str] = "detect"
@@ -43,8 +43,7 @@ def detect_buildings(
     min_height: float = MIN_HEIGHT_M,
     debug: str | Path | Emit | None = None,
 ) -> Regions:
-    """Regions numbered 1…K from west to east, each at least `min_area` (m²) large and `min_height` (m)
-    high."""
+    """Regions numbered 1…K from west to east, each at least `min_area` (m²) large, `min_height` (m) high."""
     detector = method or make_method("detect")
     assert isinstance(detector, Detector)
     order = scene.cloud.canonical_order()
@@ -86,8 +85,7 @@ def keep_regions(
 
 
 def covered_area(xyz: Points, which: NDArray[np.int64], count: int, spacing: float) -> NDArray[np.float64]:
-    """Area (m²) that the points of each of `count` groups cover: occupied cells about twice the spacing
-    wide."""
+    """Area (m²) that the points of each of `count` groups cover: occupied cells about two spacings wide."""
     side = max(0.5, 2.0 * spacing)
     cell = np.floor(xyz[:, :2] / side).astype(np.int64)
     cell -= cell.min(axis=0)

@@ -43,16 +43,20 @@ class Consensus(Detector):
     Energy: Σ_cells odds(c)·[label(c) is against its odds] + λ Σ_neighbours exp(-(d/s)²)·[labels differ],
     where d is how far the highest points miss each other's surface.
 
-    Fidelity -------- No paper: it takes planarity from [chen_sun_vaihingen], echoes and connected components
+    Fidelity
+    --------
+    No paper: it takes planarity from [chen_sun_vaihingen], echoes and connected components
     from [xiao2014], the order of splitting vegetation before the size threshold from [ren_fcs], segment
     statistics from [roof_attributes], and the opening by width from [maas_vosselman1999]. The weights of a
     surface's odds come from one logistic regression over about 1,900 surfaces of eight simulated towns (1 to
     25 points/m², with and without returns) and five public scans; they are rounded, and the same for all
     data.
 
-    Fails where ----------- Dense clipped hedges over 2 m high and wide; roofs covered by crowns; glass roofs
-    seen through; containers and site huts are buildings when wider than a vehicle; sheds narrower than three
-    cells at 1 point/m². Without returns crowns that touch a roof at its height may be taken for part of it.
+    Fails where
+    -----------
+    Dense clipped hedges over 2 m high and wide; roofs covered by crowns; glass roofs seen through;
+    containers and site huts are buildings when wider than a vehicle; sheds narrower than three cells at 1
+    point/m². Without returns crowns that touch a roof at its height may be taken for part of it.
 
     Complexity
     ----------

@@ -36,7 +36,9 @@ class Contours(Detector):
 
     Quadratic gradient of a cell: Δ²·√(z_xx² + 2 z_xy² + z_yy²), the second differences of the surface (m).
 
-    Fidelity -------- The document prints no number and gives its steps in words only; every threshold here is
+    Fidelity
+    --------
+    The document prints no number and gives its steps in words only; every threshold here is
     ours. Steps 4 to 6 follow its order: edges before vegetation, quadratic gradient before size. "Less edge
     information" is read as: less than `min_edge` of the group's rim has a Sobel height difference over
     `edge_height`. The "iteration" of step 6 is read as growth from the cores into cells of like height, at

@@ -18,8 +18,7 @@ class GivenClasses(Detector):
     """Regions of the points that the file itself calls building.
 
     Points of the building classes are put in cells about as wide as the spacing allows; cells that touch,
-    also
-    by a corner, are one building. Nothing is judged: what the vendor called building is building.
+    also by a corner, are one building. Nothing is judged: what the vendor called building is building.
 
     Fidelity
         No paper: this is what `--use-classes` means.

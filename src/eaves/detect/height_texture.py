@@ -35,7 +35,9 @@ class HeightTexture(Detector):
 
     Texture: standard deviation of the nine heights of a three by three window about their plane.
 
-    Fidelity -------- The article leaves segmentation open (GIS data or the laser data itself); texture,
+    Fidelity
+    --------
+    The article leaves segmentation open (GIS data or the laser data itself); texture,
     opening, components, size and histogram are those of Maas's companion paper on invariant moments (1999),
     which prints no thresholds. The grid is our choice. The least texture follows the spacing, because the
     height of a cell on a slope is known to about half a spacing only. A ground plan may be given to the later

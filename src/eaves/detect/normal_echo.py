@@ -33,7 +33,9 @@ class NormalEcho(Detector):
     C = 1/k Σ(pᵢ-p̄)(pᵢ-p̄)ᵀ (eq. 1); f_mr = Σ(return number > 1)/Σ points (eq. 2);
     σ = λ₀/(λ₀+λ₁+λ₂) (eq. 3).
 
-    Fidelity -------- The order of steps, equations 1 to 3 and the four tests of a component are the paper's,
+    Fidelity
+    --------
+    The order of steps, equations 1 to 3 and the four tests of a component are the paper's,
     as is its ground filter (`ground.SmoothRegion`), which runs before and not between. None of its thresholds
     is printed, nor is k: all are ours. k follows the density, so that the noise of a range stays small
     against the neighbourhood. Walls get the label of the roof they stand under, within `wall_distance` in

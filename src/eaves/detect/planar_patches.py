@@ -33,7 +33,9 @@ class PlanarPatches(Detector):
     when more than `join_points` of its points, or `join_share` of them, have |z - plane(x, y)| <
     `max_distance`.
 
-    Fidelity -------- Steps 1 to 5 are the document's; step 6, the outline, is `outline.AlphaShape`. The
+    Fidelity
+    --------
+    Steps 1 to 5 are the document's; step 6, the outline, is `outline.AlphaShape`. The
     document names adaptive TIN and cites a slope filter; the ground here is Axelsson's adaptive TIN. Its
     numbers were set for 4 points/m², where a cell of 1.5 m is three spacings wide and holds nine points: by
     default the cell is three spacings wide, but not under 1 m (a crown is as smooth as a roof over half a
@@ -42,9 +44,11 @@ class PlanarPatches(Detector):
     merges first, so the answer does not depend on the scan); the cell two planes want (the one with more
     points gets it).
 
-    Fails where ----------- Roofs narrower than two cells, curved or crowded with machinery; at under 2
-    points/m² houses whose faces are smaller than a few cells. Clipped hedges, dense crowns and parked lorries
-    pass as planes when they are large and smooth.
+    Fails where
+    -----------
+    Roofs narrower than two cells, curved or crowded with machinery; at under 2 points/m² houses whose
+    faces are smaller than a few cells. Clipped hedges, dense crowns and parked lorries pass as planes
+    when they are large and smooth.
 
     Complexity
     ----------

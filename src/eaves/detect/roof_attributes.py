@@ -37,7 +37,9 @@ class RoofAttributes(Detector):
     |n| = √{[Δy(z₀₁+z₀₀-z₁₁-z₁₀)]² + [Δx(z₀₁+z₁₁-z₁₀-z₀₀)]² + 4(ΔxΔy)²} (eq. 1) and
     R = ½|z₁₁+z₀₀-z₀₁-z₁₀| (eq. 2); the index i runs along x. On a plane 2ΔxΔy/|n| is the cosine of the slope.
 
-    Fidelity -------- Equations, ground filter and the rule of gradient density are the document's. Its flow
+    Fidelity
+    --------
+    Equations, ground filter and the rule of gradient density are the document's. Its flow
     chart and the figure of the three operators are not in the text; they are taken as (1) opening by area,
     (2) reconstruction by dilation under the normalised surface, (3) removal of cells with fewer than three
     neighbours of like normal. No threshold is printed; ours follow the spacing, because the height of a cell

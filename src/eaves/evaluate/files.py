@@ -47,11 +47,19 @@ def evaluate_files(
 ) -> Evaluation:
     """How well a result agrees with a reference, by the field's measures.
 
-    Parameters ---------- what `ground`, `detection`, `footprints`, `planes` or `models`. result, reference
-    Clouds (LAS, LAZ, text with labels), label rasters, polygons, CityJSON, OBJ wireframes, as `what` allows.
-    report Folder to write the figures, rows and maps to. lod For models: the level of detail; by default the
-    finest of each building. footprints For models against a cloud: the polygons whose roof points count; by
-    default the models' own.
+    Parameters
+    ----------
+    what
+        `ground`, `detection`, `footprints`, `planes` or `models`.
+    result, reference
+        Clouds (LAS, LAZ, text with labels), label rasters, polygons, CityJSON, OBJ wireframes, as `what`
+        allows.
+    report
+        Folder to write the figures, rows and maps to.
+    lod
+        For models: the level of detail; by default the finest of each building.
+    footprints
+        For models against a cloud: the polygons whose roof points count; by default the models' own.
 
     Raises
     ------

@@ -1,5 +1,4 @@
-"""Reading and writing, one file per format; names load on first use, for the libraries behind them are
-slow."""
+"""Reading and writing, one file per format; names load on first use, as the libraries they need are slow."""
 
 from __future__ import annotations
 

@@ -15,8 +15,7 @@ class Chunk:
     """N points of one file, in the file's order; every array is (N,) but `xyz` (N, 3).
 
     `xyz` is in world metres once `source.iter_chunks` hands it out. `position` counts every record of the
-    file,
-    also those left out (withheld points, points without coordinates).
+    file, also those left out (withheld points, points without coordinates).
     """
 
     xyz: Points

@@ -1,15 +1,14 @@
 """Building models as CityJSON 2.0 and CityJSONSeq 2.0, written (cityjson_read.py reads them back).
 
-A Building has LoD 0, its footprint as one MultiSurface at the lowest height of its solids (for a failure at
-`h_ground`), and one Solid for every LoD it reached, with GroundSurface, WallSurface and RoofSurface. An
-LoD of
-several solids becomes BuildingParts `<id>-1`, `<id>-2`, …, children of the Building, each with its solid.
+A Building has LoD 0, its footprint as one MultiSurface at the lowest height of its solids (for a failure
+at `h_ground`), and one Solid for every LoD it reached, with GroundSurface, WallSurface and RoofSurface.
+An LoD of several solids becomes BuildingParts `<id>-1`, `<id>-2`, …, children of the Building, each with
+its solid.
 
 `model.attributes` are the Building's attributes; its entry `surfaces`, a sequence aligned with
-`model.planes` of
-attribute mappings (slope, azimuth, …), goes to the RoofSurfaces of those planes instead. Attributes are in
-metres;
-coordinates in the coordinate system's units, in steps of 0.001 of the unit or finer (never over 1 mm).
+`model.planes` of attribute mappings (slope, azimuth, …), goes to the RoofSurfaces of those planes
+instead. Attributes are in metres; coordinates in the coordinate system's units, in steps of 0.001 of the
+unit or finer (never over 1 mm).
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ STEP_M = 0.001
 """Largest step of written coordinates (m): the transform's scale is the power of ten at or under it."""
 CRS_URL = "https://www.opengis.net/def/crs/EPSG/0/"
 WKT_MEMBER = "coordinateSystemWkt"
-"""Member of the metadata with the system's WKT, where the URL does not tell it all (no code, heights
-apart)."""
+"""Member of the metadata with the system's WKT, where the URL does not tell all (no code, heights apart)."""
 SURFACES = "surfaces"
 """The entry of `BuildingModel.attributes` that holds the attributes of the roof planes."""
 
@@ -53,8 +51,7 @@ def write_cityjson_seq(
     """Write one line of metadata and one line a building; return the number of buildings.
 
     Models are taken one by one, so any number of them can stream through. A Failure that knows its
-    footprint is
-    written too, with LoD 0 and the attributes `failure_code` and `failure_reason`.
+    footprint is written too, with LoD 0 and the attributes `failure_code` and `failure_reason`.
 
     Parameters
     ----------
@@ -92,8 +89,10 @@ def write_cityjson(
     system: CoordinateSystem = LOCAL_METRES,
     title: str = "",
 ) -> int:
-    """Write all buildings as one CityJSON object (`.city.json`); return their number. See
-    `write_cityjson_seq`."""
+    """Write all buildings as one CityJSON object (`.city.json`); return their number.
+
+    See `write_cityjson_seq`.
+    """
     writer, objects, count = _Vertices(system), {}, 0
     for model in models:
         if footprint_of(model) is None:
@@ -142,8 +141,7 @@ def footprint_of(result: Result) -> Footprint | None:
 
 
 def attributes_of(result: Result) -> Json:
-    """What is written about a building: its footprint's attributes, overruled by its own, and why it
-    failed."""
+    """What is written about a building: its footprint's attributes, overruled by its own; why it failed."""
     footprint = result.footprint
     attributes: Json = {} if footprint is None else {"score": footprint.score, **footprint.attributes}
     if isinstance(result, BuildingModel):

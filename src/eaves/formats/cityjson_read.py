@@ -1,5 +1,4 @@
-"""CityJSON and CityJSONSeq read: every city object with its vertices in world metres, as they were
-written."""
+"""CityJSON and CityJSONSeq read: every city object with its vertices in world metres, as written."""
 
 from __future__ import annotations
 
@@ -33,7 +32,9 @@ class CityGeometry:
     lod: str
     solids: tuple[tuple[tuple[Face, ...], ...], ...]
     """Solid → shell (the first is the outer one) → faces; surfaces outside solids are one solid of one shell.
-    `Face.surface` is the semantic type (empty when there is none), `Face.plane` the number in `surfaces`."""
+
+    `Face.surface` is the semantic type (empty when there is none), `Face.plane` the number in `surfaces`.
+    """
     surfaces: tuple[Mapping[str, Any], ...] = ()
     """The semantic surfaces with their attributes."""
 
@@ -52,8 +53,7 @@ class CityObject:
     attributes: Mapping[str, Any]
     geometries: tuple[CityGeometry, ...]
     vertices: NDArray[np.float64]
-    """(V, 3) world metres, of the whole feature (CityJSONSeq) or file; the geometries' numbers point into
-    it."""
+    """(V, 3) world metres, of the feature (CityJSONSeq) or file; the geometries' numbers point into it."""
     parents: tuple[str, ...] = ()
     children: tuple[str, ...] = ()
     system: CoordinateSystem = field(default=LOCAL_METRES)
@@ -120,8 +120,7 @@ def iter_cityjson(path: str | Path, crs: str | None = None) -> Iterator[CityObje
 
 
 def _parsed(path: Path, text: str, line: int, whole: bool = False) -> dict[str, Any] | None:
-    """The JSON object of a text; None when it is cut off and may go on in the next line (`whole` is
-    False)."""
+    """The JSON object of a text; None when it is cut off and may go on in the next line (not `whole`)."""
     try:
         value = json.loads(text)
     except (ValueError, RecursionError) as error:

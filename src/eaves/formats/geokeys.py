@@ -22,9 +22,8 @@ EPSG_CODES = range(1024, 32767)
 def crs_of_geokeys(records: dict[int, bytes]) -> tuple[pyproj.CRS | None, float | None]:
     """The system of GeoTIFF key records (id → bytes) and the vertical unit (m) where a key names it.
 
-    A registered projection is looked up; one described by parameters is left to GDAL, which reads the keys
-    from a
-    TIFF of one pixel made in memory.
+    A registered projection is looked up; one described by parameters is left to GDAL, which reads the
+    keys from a TIFF of one pixel made in memory.
     """
     directory = records.get(DIRECTORY, b"")
     values = np.frombuffer(directory[: len(directory) // 8 * 8], "<u2").reshape(-1, 4)[1:]

@@ -47,8 +47,7 @@ def write_geopackage(
     """Write the layers `footprints` and `roof_planes` of a GeoPackage, geometry in the system's units.
 
     A column's type is that of its values: whole numbers, numbers, truth, text; what is missing or NaN is
-    null. The
-    columns stand in the order in which the rows bring them up.
+    null. The columns stand in the order in which the rows bring them up.
     """
     with atomic(path) as temporary:
         for layer, rows in (("footprints", footprints), ("roof_planes", roof_planes)):

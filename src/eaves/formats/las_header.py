@@ -197,8 +197,7 @@ def _check_points(header: LasHeader, refuse: object) -> None:
 
 
 def _check_laszip(header: LasHeader) -> None:
-    """Compressor 2 (by chunk) or 3 (by chunk and layer), with items that add up to the record (LASzip's
-    VLR)."""
+    """Compressor 2 (by chunk) or 3 (by chunk and layer), whose items add up to the record (LASzip VLR)."""
     data = header.laszip
     if len(data) < 34:
         raise InputError.about(header.path, "is compressed but has no laszip record", WRITE_AGAIN)

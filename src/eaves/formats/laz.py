@@ -24,8 +24,7 @@ LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}
 
 @dataclass(frozen=True, eq=False)
 class ChunkTable:
-    """Chunks in the file's order: first byte, bytes, points and the position of the first point, each
-    (K,)."""
+    """Chunks in the file's order: first byte, bytes, points and position of the first point, each (K,)."""
 
     offset: NDArray[np.int64]
     length: NDArray[np.int64]

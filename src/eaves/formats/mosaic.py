@@ -29,8 +29,7 @@ class MosaicWriter:
     """Collects pieces of one raster and writes it: dtm.tif, dsm.tif (float32 heights) or mask.tif (uint8).
 
     Every piece carries more than its own cells; `write` keeps those whose centre lies within the bounds
-    given, so
-    pieces computed with overlap leave no seam. Cells no piece covers are NaN (0 in a mask).
+    given, so pieces computed with overlap leave no seam. Cells no piece covers are NaN (0 in a mask).
 
     Parameters
     ----------

@@ -30,8 +30,7 @@ def arrange(
     """The cells that segments (S, 4: x, y, x, y) cut a polygon into, nodes on the grid (m).
 
     Ends that hang free cut nothing. Necks and gaps narrower than `NARROWEST_NECK` are parted and filled
-    first. None when
-    the polygon has no area on the grid.
+    first. None when the polygon has no area on the grid.
     """
     whole = without_necks(shapely.set_precision(polygon, grid), grid)
     if whole.is_empty:

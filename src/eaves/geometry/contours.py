@@ -13,9 +13,7 @@ from eaves.model import Raster, Values
 
 @dataclass(frozen=True, eq=False)
 class Contour:
-    """A line of one height: `xy` (M, 2) in order, local metres; the first point is not repeated when
-    closed.
-    """
+    """A line of one height: `xy` (M, 2) in order, local metres; the first point is not repeated."""
 
     level: float
     xy: NDArray[np.float64]

@@ -175,9 +175,7 @@ class Coverage:
         return answer
 
     def split(self, halves: Integers, places: NDArray[np.float64]) -> Coverage:
-        """A new node at `places` (K, 2) on each of the edges `halves` (K,), one of the two half-edges
-        given.
-        """
+        """A new node at `places` (K, 2) on each of the edges `halves` (K,), given by one of their halves."""
         if len(halves) == 0:
             return self
         middle = len(self.nodes) + np.arange(len(halves))

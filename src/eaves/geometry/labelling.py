@@ -30,8 +30,7 @@ def label_nodes(
     used.
 
     `data` (N, L) is the cost of each label at each node, `edges` (E, 2) join nodes, `border` (E,) is paid
-    when
-    their labels differ, `price` (L,) once for each label in use. Expansion moves by minimal cuts
+    when their labels differ, `price` (L,) once for each label in use. Expansion moves by minimal cuts
     [boykov2001], then labels that cost more than they save are given up.
     """
     count, labels = data.shape
@@ -82,8 +81,7 @@ class Network:
     """The arcs of the flow problem, made once: only their capacities change from cut to cut.
 
     Arcs run between the nodes of each edge, both ways, from the source to every node and from every node
-    to the sink,
-    and back. `order` puts capacities in that sequence into the rows of the matrix.
+    to the sink, and back. `order` puts capacities in that sequence into the rows of the matrix.
     """
 
     order: Integers
@@ -152,9 +150,7 @@ def one_edge_per_pair(edges: Integers, border: Values) -> tuple[Integers, Values
 def without_label(
     cost: NDArray[np.float64], edges: Integers, border: Values, labels: Integers, label: int
 ) -> Integers:
-    """The labels after every node with `label` took the cheapest other one in use, looking at its
-    neighbours.
-    """
+    """The labels after every node with `label` took the cheapest other one in use, given its neighbours."""
     others = np.setdiff1d(np.unique(labels), [label])
     answer = labels.copy()
     if len(others) == 0:

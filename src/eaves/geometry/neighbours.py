@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from eaves.model import Points
 
 POINTS_PER_CELL = 8
-"""A cell this full tells occupied from empty ground without bias: at 8 a Poisson cell is empty once in 3,000."""
+"""A cell this full tells occupied from empty ground: of mean 8, one Poisson cell in 3,000 is empty."""
 
 
 def measure_spacing(xyz: Points) -> float:
     """Mean spacing (m) of points (N, 2 or 3) in plan: 1 / √density over the area where there are points.
 
-    The area is counted in cells widened until the occupied ones hold `POINTS_PER_CELL` on average, so that gaps
-    (water, the outside of an oblique scene) do not thin the answer.
+    The area is counted in cells widened until the occupied ones hold `POINTS_PER_CELL` on average, so
+    that gaps (water, the outside of an oblique scene) do not thin the answer.
     """
     if len(xyz) < 2:
         return 1.0

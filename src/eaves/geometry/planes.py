@@ -192,7 +192,7 @@ def planes_around(queries: Points, xyz: Points, count: int, most: int) -> LocalP
 
 
 def nearest(queries: Points, xyz: Points, count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The `count` nearest (M, count) of points (N, 3) to queries (M, 3), and the distance (M,) of the last."""
+    """The `count` nearest (M, count) of points (N, 3) to queries (M, 3); the distance (M,) of the last."""
     if len(queries) < FEW_QUERIES:
         distances, found = cKDTree(xyz, balanced_tree=False).query(queries, k=[*range(1, count + 1)])
         return np.ascontiguousarray(found, np.int64), np.asarray(distances, np.float64)[:, -1]

@@ -100,9 +100,7 @@ def drop_straight_nodes(
 def merge_short_edges(
     coverage: Coverage, labels: Integers, shortest: float = SHORTEST_EDGE
 ) -> tuple[Coverage, Integers]:
-    """The coverage with its short edges shrunk to a node, all at once where that is sound, else one by
-    one.
-    """
+    """The coverage with its short edges shrunk to a node, together where that is sound, else one by one."""
     halves, mover, goal = short_edges(coverage, shortest)
     if len(halves) == 0:
         return coverage, labels
@@ -189,9 +187,7 @@ def absorb_slivers(
 
 
 def widths(coverage: Coverage) -> Values:
-    """Width (C,; m) of the rectangle that has the cell's area and perimeter; a square's side where none
-    has.
-    """
+    """Width (C,; m) of the rectangle that has the cell's area and perimeter; a square's where none has."""
     mine: Mask = coverage.cell >= 0
     perimeter = np.bincount(coverage.cell[mine], coverage.length[mine], coverage.count)
     excess = np.sqrt(np.maximum(perimeter**2 - 16.0 * coverage.area, 0.0))

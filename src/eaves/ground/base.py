@@ -17,8 +17,7 @@ class GroundMethod(Method):
     """Tells ground from everything else.
 
     `ground_mask` sees a cloud without noise, in canonical order, about the origin of its block, with or
-    without
-    returns, and answers a mask (N,). It may be given 0, 1, 2, collinear or duplicate points.
+    without returns, and answers a mask (N,). It may be given 0, 1, 2, collinear or duplicate points.
     """
 
     stage: ClassVar[str] = "ground"
@@ -44,8 +43,7 @@ def classify_ground(
         The filter; the default is `AdaptiveTin()`.
     use_classes
         Believe the file's classes 2, 7 and 18 instead of filtering, and keep its other classes; without
-        any class 2 the method runs
-        all the same.
+        any class 2 the method runs all the same.
     debug
         A folder or a callback that receives every named intermediate.
     """

@@ -21,9 +21,7 @@ WINDOW_GROWTH = 1.15
 SLOPE_SCALE_M = 8.0
 """The slope of the terrain is measured after smoothing with this standard deviation: wider than a car."""
 ROUGH_STEP = 0.2
-"""Height over the opened surface that one cell of sloping terrain is allowed, per metre of cell and of
-slope.
-"""
+"""Height over the opened surface that a cell of sloping terrain is allowed, per metre of cell and slope."""
 
 
 @dataclass(frozen=True, eq=False)

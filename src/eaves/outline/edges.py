@@ -158,13 +158,12 @@ def edge_shift_kernel(
     """How far (K,) every edge must move along its normal to where the points end; NaN where too few tell.
 
     `xyz` (N, 3) are the points; an edge runs from `start` (K, 2) over `length` (K,) with `normal` (K, 2).
-    The points from `outside` before it to `inside` behind it and `margin` away from its ends are sorted by
-    depth. The edge lies before the k-th of them by what lies, on average, between a place chosen at random
-    among them and the k-th point after it. That holds for random points (1/density) and for scan lines
-    along the edge (half their distance) alike. k is larger than 1 where
-    `blur` (m) has thrown points over the edge. Points of the wall below, which would make the edge look
-    crowded, are passed over: within `beside` (m) in plan another one stands `WALL_ABOVE` (m), and more,
-    above them.
+    The points from `outside` before it to `inside` behind it and `margin` away from its ends are sorted
+    by depth. The edge lies before the k-th of them by what lies, on average, between a place chosen at
+    random among them and the k-th point after it. That holds for random points (1/density) and for scan
+    lines along the edge (half their distance) alike. k is larger than 1 where `blur` (m) has thrown
+    points over the edge. Points of the wall below, which would make the edge look crowded, are passed
+    over: within `beside` (m) in plan another one stands `WALL_ABOVE` (m), and more, above them.
     """
     shift = np.full(len(normal), np.nan)
     depth = np.empty(len(xyz))

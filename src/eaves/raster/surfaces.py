@@ -33,9 +33,7 @@ def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
 
 
 def find_gaps(cloud: PointCloud, dtm: Raster, width: float) -> Mask:
-    """The cells (H, W) of a DTM that are more than `width` (m) from any ground point: closed, not
-    measured.
-    """
+    """The cells (H, W) of a DTM that are over `width` (m) from any ground point: closed, not measured."""
     _, count = mean_heights(cloud.xyz[cloud.ground], dtm.bounds, dtm.cell)
     if not (count > 0).any():
         return np.ones(dtm.shape, bool)

@@ -41,13 +41,11 @@ class Arrangement(Reconstructor):
 
     Lines cut the footprint into cells: where two roof planes meet, where heights jump between the points
     of two planes, the sides of planes that are rectangles, and the footprint itself; lines that nearly
-    coincide become one, and each is lengthened to the next, so that it cuts. All is rounded to a 1 mm grid
-    by snap
-    rounding, which keeps the plan a plan. A graph cut gives every cell the plane that fits its points,
-    at a price for each metre of border and each plane, and never one that would leave the heights its own
-    points
-    support. Cells with one plane are merged, slivers and short edges go, and the plan is raised with
-    vertices that all faces share. The coarser levels merge the same cells further.
+    coincide become one, and each is lengthened to the next, so that it cuts. All is rounded to a 1 mm
+    grid by snap rounding, which keeps the plan a plan. A graph cut gives every cell the plane that fits
+    its points, at a price for each metre of border and each plane, and never one that would leave the
+    heights its own points support. Cells with one plane are merged, slivers and short edges go, and the
+    plan is raised with vertices that all faces share. The coarser levels merge the same cells further.
 
     Formula
     -------
@@ -60,16 +58,14 @@ class Arrangement(Reconstructor):
     Fidelity
     --------
     Own method, on ideas of the 3DBAG's [peters2022]: lines, arrangement, graph cut, extrusion; its 3 m
-    jump for
-    LoD 1.3 and its 70th percentile are kept. Regularisation, the support rule, rectangles, levels for
-    clutter, and the shared columns are ours.
+    jump for LoD 1.3 and its 70th percentile are kept. Regularisation, the support rule, rectangles,
+    levels for clutter, and the shared columns are ours.
 
     Fails where
     -----------
     Curved roofs become strips or levels. A roof part smaller than a few points, or narrower than half a
-    spacing, is
-    not seen. Overhangs and passages are filled to the ground. Codes: `too_few_points`, `no_area`,
-    `not_closed`; `no_plane`, `poor_fit` and `not_closed` as the reason of a fallback.
+    spacing, is not seen. Overhangs and passages are filled to the ground. Codes: `too_few_points`,
+    `no_area`, `not_closed`; `no_plane`, `poor_fit` and `not_closed` as the reason of a fallback.
 
     Complexity
     ----------

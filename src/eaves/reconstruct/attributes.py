@@ -155,9 +155,7 @@ def share_without(points: Points, model: BuildingModel) -> float:
 
 
 def roof_type(faces: list[dict[str, Any]]) -> str:
-    """flat, shed, gable, hip, pyramid or complex, from the roof faces that cover a tenth of the plan or
-    more.
-    """
+    """flat, shed, gable, hip, pyramid or complex, from the faces that cover at least a tenth of the plan."""
     whole = sum(face["projected_m2"] for face in faces)
     main = [face for face in faces if face["projected_m2"] >= MAIN_FACE_SHARE * whole]
     sloped = [face for face in main if face["slope_deg"] >= LEVEL_SLOPE_DEG]

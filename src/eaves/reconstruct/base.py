@@ -16,11 +16,9 @@ from eaves.model.cloud import canonical_order
 class Reconstructor(Method):
     """Makes the solids of one building.
 
-    `model` sees the building's points (N, 3) in canonical order, its footprint and roof planes, all in the
-    same
-    local metres, and the height of the solid's base (m). It answers a BuildingModel whose `solids` are
-    closed,
-    or a Failure.
+    `model` sees the building's points (N, 3) in canonical order, its footprint and roof planes, all in
+    the same local metres, and the height of the solid's base (m). It answers a BuildingModel whose
+    `solids` are closed, or a Failure.
     """
 
     stage: ClassVar[str] = "reconstruct"

@@ -53,9 +53,8 @@ def label_cells(
 ) -> Integers:
     """The plane (C,) of every cell.
 
-    `labels` (N,) say which of the `planes` (P, 3: a, b, c) each roof point (N, 3) supports; the last plane
-    is the level
-    that stands for no plane at all.
+    `labels` (N,) say which of the `planes` (P, 3: a, b, c) each roof point (N, 3) supports; the last
+    plane is the level that stands for no plane at all.
     """
     point, cell = points_in_cells(coverage, roof)
     rise = roof[:, :2] @ planes[:, :2].T + planes[:, 2]

@@ -89,9 +89,7 @@ def support_of(
 def faces_as_planes(
     model: BuildingModel, coefficients: NDArray[np.float64], points: Points, top: NDArray[np.int64]
 ) -> tuple[RoofPlane, ...]:
-    """The roof faces of LoD 2.2 as planes (F, 3: a, b, c), with the roof points (numbers `top`) under
-    each.
-    """
+    """The roof faces of LoD 2.2 as planes (F, 3: a, b, c), and the roof points (numbers `top`) under each."""
     if len(coefficients) == 0:
         return ()
     solids = model.solids["2.2"]

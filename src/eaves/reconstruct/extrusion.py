@@ -40,12 +40,11 @@ def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> lis
 
     `Face.plane` of a roof face is the number of its cell. None when the plan keeps touching itself.
 
-    Over each node of the plan stands a column of vertices, one for each height that occurs among the cells
-    around it and one for the base where the outside meets it. Every face takes its vertices from the
-    columns, so faces
-    share them, and a wall takes all those between its foot and its top, so none lies on another's edge. Edges
-    along which two planes cross are split there first. A column's stretch that more than two walls
-    share is a self-contact: there the corner of one cell steps back.
+    Over each node of the plan stands a column of vertices, one for each height that occurs among the
+    cells around it and one for the base where the outside meets it. Every face takes its vertices from
+    the columns, so faces share them, and a wall takes all those between its foot and its top, so none
+    lies on another's edge. Edges along which two planes cross are split there first. A column's stretch
+    that more than two walls share is a self-contact: there the corner of one cell steps back.
     """
     names = np.arange(coverage.count)
     for _ in range(ROUNDS):

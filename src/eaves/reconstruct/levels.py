@@ -16,8 +16,7 @@ def group_levels(plan: Coverage, roof: Points, jump: float) -> Integers:
     """A group (C,) for each cell: neighbours whose heights differ by less than `jump` (m) are one level.
 
     Neighbours join in the order of their height difference, and a group's height is that of all its
-    points, so a row of
-    small steps does not run together into one level.
+    points, so a row of small steps does not run together into one level.
     """
     point, cell = points_in_cells(plan, roof)
     heights = roof[point, 2]
@@ -41,9 +40,7 @@ def group_levels(plan: Coverage, roof: Points, jump: float) -> Integers:
 def flat_plan(
     plan: Coverage, group: Integers, roof: Points, ground: float
 ) -> tuple[Coverage, NDArray[np.float64]]:
-    """The plan with the cells of a group (C,) made one, and a horizontal plane (G, 3) for each of its
-    cells.
-    """
+    """The plan with the cells of a group (C,) made one, and a horizontal plane (G, 3) for each new cell."""
     merged, names = plan.merged(group)
     point, cell = points_in_cells(merged, roof)
     whole = float(np.percentile(roof[:, 2], PRISM_PERCENTILE))

@@ -181,9 +181,7 @@ def candidate_lines(
 def meeting_line(
     places: NDArray[np.float64], one: NDArray[np.float64], other: NDArray[np.float64], spacing: float
 ) -> tuple[Line | None, Mask]:
-    """The line in which two planes meet, where their border (M, 2) runs along it, and which places do
-    (M,).
-    """
+    """The line in which two planes meet, where their border (M, 2) runs along it; which places do (M,)."""
     a, b, c = one - other
     steep = float(np.hypot(a, b))
     if steep < 0.02:

@@ -30,13 +30,10 @@ class PlaneIntersection(Reconstructor):
     """The polyhedron that adjacent roof planes and the outline cut out.
 
     Planes whose points are neighbours are intersected where their heights agree; that line is a ridge, a
-    valley or a
-    hip. Where heights jump, the border between the points is replaced by lines along the main directions.
-    Both, with
-    the regular outline, divide the footprint; every division takes the plane that most of its points
-    belong to, and one without points the plane of the neighbour it shares its longest border with. Walls
-    close the
-    polyhedron.
+    valley or a hip. Where heights jump, the border between the points is replaced by lines along the main
+    directions. Both, with the regular outline, divide the footprint; every division takes the plane that
+    most of its points belong to, and one without points the plane of the neighbour it shares its longest
+    border with. Walls close the polyhedron.
 
     Formula
     -------
@@ -47,15 +44,14 @@ class PlaneIntersection(Reconstructor):
     --------
     [xiao2014] intersects planes with each other and combines them with the outline into key vertices and
     segments; [maas_vosselman1999] intersects adjacent faces where the roof is continuous, takes outlines
-    at height
-    jumps from the main directions, and closes a polyhedron. Neither prints a tolerance. The vote for the
-    plane of a division, and the divisions themselves as an arrangement of lines, are ours.
+    at height jumps from the main directions, and closes a polyhedron. Neither prints a tolerance. The
+    vote for the plane of a division, and the divisions themselves as an arrangement of lines, are ours.
 
     Fails where
     -----------
     A plane that was not found leaves its points to a wrong neighbour; nothing weighs a border against the
-    points, so
-    noise in the segmentation becomes faces. Codes: `too_few_points`, `no_plane`, `no_area`, `not_closed`.
+    points, so noise in the segmentation becomes faces. Codes: `too_few_points`, `no_plane`, `no_area`,
+    `not_closed`.
 
     Complexity
     ----------

@@ -27,8 +27,8 @@ def find_defect(solid: Solid) -> str:
     """What is wrong with a solid extruded from a plan, in a few words; empty when it is sound.
 
     Walls stand on one plan edge each and are planar by construction. What is checked is what rounding and
-    merging of
-    heights could break: edges used once each way, roof planes, rings that stay simple, faces with area.
+    merging of heights could break: edges used once each way, roof planes, rings that stay simple, faces
+    with area.
     """
     rings = [ring for face in solid.faces for ring in face.rings]
     sizes = np.array([len(ring) for ring in rings])
@@ -85,9 +85,7 @@ def plan_polygons(solid: Solid) -> NDArray[np.object_]:
 
 
 def fold_defect(solid: Solid) -> str:
-    """Whether a triangle of a roof face leans away from the others, as thin ones do when heights are
-    rounded.
-    """
+    """Whether a triangle of a face leans away from the others, as thin ones do once heights are rounded."""
     polygons = plan_polygons(solid)[1:]
     polygons = polygons[shapely.get_num_coordinates(polygons) > 4]
     if len(polygons) == 0:

@@ -181,7 +181,7 @@ def triangle_planes_kernel(
     rings: int,
     planes: NDArray[np.float64],
 ) -> None:
-    """The plane (T, 4) of every triangle (T, 3), fitted to the corners of the triangles up to `rings` away."""
+    """The plane (T, 4) of every triangle (T, 3), fitted to the corners of triangles up to `rings` away."""
     sums = np.zeros(10)
     covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     members, points = np.empty(64, np.int64), np.empty(192, np.int64)
@@ -235,7 +235,7 @@ def peak_of(places: NDArray[np.float64], weight: NDArray[np.float64], width: flo
 def connected_pieces(
     some: Mask, around: NDArray[np.int64], area: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Piece (T,) of each of the triangles picked (T,), −1 for the others, and the area (m²) of every piece."""
+    """Piece (T,) of each of the triangles picked (T,), −1 for the others; the area (m²) of every piece."""
     size = len(some)
     first = np.repeat(np.arange(size), 3)
     second = around.ravel()

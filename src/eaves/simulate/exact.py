@@ -44,8 +44,10 @@ class ExactBuilding:
     faces: tuple[ExactFace, ...]
     base: float
     shell: Solid | None = None
-    """The surfaces as somebody else made them, for buildings of a city model: what is scanned. Its roof faces
-    name `faces`."""
+    """The surfaces as somebody else made them, for buildings of a city model: what is scanned.
+
+    Its roof faces name `faces`.
+    """
     closed: Solid | None = None
     """The closed solid over those roof faces, where there is one."""
     name: str = ""

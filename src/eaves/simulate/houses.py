@@ -58,9 +58,7 @@ SLOPES_DEG = {
     "L-shape": (28.0, 48.0),
     "T-shape": (28.0, 48.0),
 }
-"""Range of the (lower) slope of each roof; slopes are spread evenly over it. Upper slopes: 12 to 30
-degrees.
-"""
+"""Range of the (lower) slope of each roof; slopes spread evenly over it. Upper slopes: 12 to 30 degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,9 +168,7 @@ def draw_garden_shed(rng: np.random.Generator) -> Design:
 
 
 def draw_row(frontage: float, rng: np.random.Generator) -> Design:
-    """Row houses that fill a frontage (m): one building, party walls, steps of 0.3 to 1.5 m every few
-    houses.
-    """
+    """Row houses that fill a frontage (m): one building, party walls, steps of 0.3 to 1.5 m now and then."""
     house = rng.uniform(5.0, 7.0)
     count = min(int(rng.integers(4, 10)), int(frontage // house))
     depth, eaves = rng.uniform(8.0, 10.5), STOREY * 2 + rng.uniform(0.0, 0.8)

@@ -53,9 +53,7 @@ class Receiver:
 
 @dataclass(frozen=True, eq=False)
 class Beam:
-    """Rays that stand for one pulse: offsets (K, 2) in beam radii across the axis, and shares of energy
-    (K,).
-    """
+    """Rays that stand for a pulse: offsets (K, 2) in beam radii across the axis, shares of energy (K,)."""
 
     offsets: NDArray[np.float64]
     energy: NDArray[np.float64]

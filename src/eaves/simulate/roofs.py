@@ -51,9 +51,7 @@ def gable(length: float, width: float, slope: float, ridge_at: float = 0.5) -> M
 def hip(
     length: float, width: float, slope: float, end_slope: float | None = None, start: float = 0.0
 ) -> Masses:
-    """Four planes. The end planes begin at the share `start` of the ridge's height: 0 a hip, above 0 a
-    half-hip.
-    """
+    """Four planes; the ends begin at the share `start` of the ridge's height: 0 a hip, else a half-hip."""
     end = slope if end_slope is None else end_slope
     low = end * length / 2 + start * slope * width / 2
     sides = gable(length, width, slope)[0]

@@ -85,9 +85,7 @@ def curtain(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.f
 
 
 def building_surfaces(building: ExactBuilding) -> Surfaces:
-    """The roof faces, the walls (set back under overhanging eaves), the fascia boards and the walls at
-    steps.
-    """
+    """The roof faces, the walls (set back under overhanging eaves), the fascia boards, the walls at steps."""
     if building.shell is not None:
         return _shell_surfaces(building, building.shell)
     parts = []

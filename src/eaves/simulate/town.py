@@ -33,9 +33,7 @@ RIM = 2.0
 """Buildings stay this far inside the town's bounds (m): none is cut."""
 
 APART = 0.05
-"""Buildings that overlap by less than this (m²) touch in a party wall; more, and the later one is not
-built.
-"""
+"""Buildings that overlap by less than this (m²) share a party wall; more, and the later one is not built."""
 
 SHORTEST_CORRIDOR = 250.0
 """A town whose side is shorter (m) has no canal and no embankment."""

@@ -38,8 +38,7 @@ class Seam:
 
 @dataclass(frozen=True, eq=False)
 class BuildingPlan:
-    """The parts a building is put together from: regions (block, label), or blocks under a given
-    footprint."""
+    """The parts a building is joined from: regions (block, label), or blocks under a given footprint."""
 
     number: int
     regions: tuple[tuple[Block, int], ...]
@@ -59,8 +58,7 @@ def join_regions(seams: Sequence[Seam]) -> list[HomePlan]:
     them.
 
     A building is at home in the first (by column, row) of the blocks that hold points of it, and is
-    numbered there
-    in the order of its first label.
+    numbered there in the order of its first label.
     """
     seams = sorted(seams, key=lambda seam: seam.block)
     start = np.cumsum([0, *(seam.count for seam in seams)])

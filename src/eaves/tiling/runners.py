@@ -18,8 +18,7 @@ Task = TypeVar("Task")
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a task ended: its answer, or the one-line reason it has none, and the peak memory of its
-    process."""
+    """How a task ended: its answer, or the one-line reason for none, and the peak memory of its process."""
 
     index: int
     answer: Any = None
@@ -60,8 +59,10 @@ def run(
 
 
 def run_in_processes(work: Callable[[Task], Any], tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
-    """As `run`, in `jobs` processes. Tasks lost when a process dies are tried again, in the end each on its
-    own, so that the one that kills its process is the only one to fail.
+    """As `run`, in `jobs` processes.
+
+    Tasks lost when a process dies are tried again, in the end each on its own, so that the one that kills
+    its process is the only one to fail.
     """
     left = dict(enumerate(tasks))
     together = jobs
@@ -106,8 +107,7 @@ def ignore_interrupt() -> None:
 
 
 def run_on_dask(work: Callable[[Task], Any], tasks: Sequence[Task], scheduler: str) -> Iterator[Outcome]:
-    """As `run`, on the workers of an existing Dask scheduler (`tcp://host:port`) that share the file
-    system."""
+    """As `run`, on the workers of a running Dask scheduler (`tcp://host:port`) with the same file system."""
     try:
         from distributed import Client
         from distributed import as_completed as completed

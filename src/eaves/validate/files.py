@@ -63,8 +63,11 @@ def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> lis
     Checked are the coordinates as written (whole numbers and transform). Of CityJSONSeq some features are in
     memory at a time.
 
-    Raises ------ InputError When there is no such file, or it may not be read. What is in it is never an
-    error: a file that is no CityJSON gives finding 901 or 904.
+    Raises
+    ------
+    InputError
+        When there is no such file, or it may not be read. What is in it is never an error: a file that is no
+        CityJSON gives finding 901 or 904.
     """
     findings: list[Finding] = []
     try:
