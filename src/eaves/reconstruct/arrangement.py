@@ -69,7 +69,7 @@ class Arrangement(Reconstructor):
 
     Complexity
     ----------
-    O(N log N) in points; lines are at most `MOST_LINES`, so cells are bounded; each cut is polynomial in
+    O(N log N) in points; lines are at most six a plane, so cells are bounded; each cut is polynomial in
     cells.
 
     References

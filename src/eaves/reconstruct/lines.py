@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import pairwise
-
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -12,21 +9,21 @@ from scipy.spatial import Delaunay, QhullError
 from shapely import Polygon
 
 from eaves.model import Labels, Mask, Points, Values
+from eaves.reconstruct.jumps import fall_angles, jump_lines
+from eaves.reconstruct.line import SAME_DIRECTION_DEG, Line
+from eaves.reconstruct.line_alignment import align
 
 WIDE_GAP = 2.0
 """Neighbours further apart than this many spacings have a shadow between them."""
 
-WINDOW = 1.2
-"""Width, in spacings, of the strip in which border places make one line."""
-
-FEWEST_SAMPLES = 3
-"""Border places that make a line."""
-
-MAIN_WEIGHT = 1.3
-"""How much more a line along the footprint is trusted than one along a plane's fall."""
-
 LEAST_WEIGHT = 0.15
 """Weight of a border place where heights do not differ; one of a metre or more weighs 1."""
+
+LINES_PER_PLANE = 6
+"""The best supported lines that are used, for each plane: the plan of a roof has three borders a plane."""
+
+FEWEST_LINES = 80
+"""Lines that are used however few planes there are."""
 
 FEWEST_IN_RECTANGLE = 6
 """Points of a plane whose rectangle is worth drawing."""
@@ -37,63 +34,14 @@ LEAST_FILLING = 0.7
 RECTANGLE_WEIGHT = 1e-3
 """Support of a rectangle's side per square metre: any line found among border places goes before."""
 
-LEAST_FALL = 0.1
-"""Rise per metre below which a plane has no direction worth following."""
-
 MEETING_JUMP = 0.25
 """Two planes meet (m) where their heights at the border between their points differ by less."""
-
-SAME_DIRECTION_DEG = 4.0
-"""Directions nearer than this are one."""
-
-SAME_LINE = 0.4
-"""Parallel lines nearer than this (m), or than the spacing, are one."""
 
 OVERSHOOT = 0.01
 """How far (m) a line runs past the one it ends on, so that rounding leaves no gap."""
 
 PARALLEL = 1e-3
 """A stretch that comes this little (m) nearer to a line runs along it and does not cross it."""
-
-MOST_LINES = 80
-"""The best supported lines that are used; bounds the work on roofs of thousands of planes."""
-
-SHORTEST_EDGE = 0.3
-"""Footprint edges shorter than this (m) have no direction to align with."""
-
-
-@dataclass(frozen=True, eq=False)
-class Line:
-    """A stretch of the line `normal · x = offset`, from `low` to `high` along its direction (turned left
-    of the normal).
-    """
-
-    normal: tuple[float, float]
-    offset: float
-    low: float
-    high: float
-    support: float
-    meeting: bool
-    """Whether two planes meet here, so that the line may not be moved."""
-
-    @property
-    def middle(self) -> tuple[float, float]:
-        """x, y halfway."""
-        nx, ny = self.normal
-        along = 0.5 * (self.low + self.high)
-        return nx * self.offset - ny * along, ny * self.offset + nx * along
-
-    def ends(self) -> list[float]:
-        """x, y, x, y of the stretch."""
-        nx, ny = self.normal
-        dx, dy = -ny, nx
-        low, high = self.low, self.high
-        return [
-            nx * self.offset + dx * low,
-            ny * self.offset + dy * low,
-            nx * self.offset + dx * high,
-            ny * self.offset + dy * high,
-        ]
 
 
 def border_samples(
@@ -175,7 +123,7 @@ def candidate_lines(
         lines += jump_lines(places[jumps], weights[jumps], main, fall_angles(planes[used]), spacing)
         for one in used.tolist():
             lines += rectangle_lines(points[labels == one, :2], main, spacing)
-    return align(lines, polygon, spacing)
+    return align(lines, polygon, spacing)[: FEWEST_LINES + LINES_PER_PLANE * len(planes)]
 
 
 def meeting_line(
@@ -198,68 +146,6 @@ def meeting_line(
     if high - low < 2.0 * spacing:
         return None, np.zeros(len(places), bool)
     return Line((nx, ny), offset, low, high, float(near.sum()), True), near
-
-
-def fall_angles(planes: NDArray[np.float64]) -> Values:
-    """Angles (K,) in [0, π) along and across the falls of sloped planes (P, 3), each direction once."""
-    steep = planes[np.hypot(planes[:, 0], planes[:, 1]) > LEAST_FALL]
-    angles: list[float] = []
-    for a, b, _ in steep.tolist():
-        for angle in (np.arctan2(b, a), np.arctan2(a, -b)):
-            if all(angle_between(angle, other) > np.radians(SAME_DIRECTION_DEG) for other in angles):
-                angles.append(float(np.mod(angle, np.pi)))
-    return np.array(angles)
-
-
-def angle_between(one: float, other: float) -> float:
-    """Angle (radians, at most π/2) between two undirected directions."""
-    return float(abs(np.mod(one - other + np.pi / 2, np.pi) - np.pi / 2))
-
-
-def jump_lines(
-    places: NDArray[np.float64], weights: Values, main: Values, falls: Values, spacing: float
-) -> list[Line]:
-    """Lines through the border places (M, 2) where heights jump, best supported first.
-
-    Their angles are those of the footprint, `main` and its perpendiculars, or else those of the planes'
-    falls.
-    """
-    angles = [*main, *(main + np.pi / 2)]
-    trust = [MAIN_WEIGHT] * len(angles)
-    for angle in falls.tolist():
-        if all(angle_between(angle, other) > 2.0 * np.radians(SAME_DIRECTION_DEG) for other in angles):
-            angles.append(angle)
-            trust.append(1.0)
-    normals = np.column_stack([-np.sin(angles), np.cos(angles)])
-    lines: list[Line] = []
-    width, gap = max(WINDOW * spacing, 0.25), max(2.5 * spacing, 0.8)
-    shortest = max(2.0 * spacing, 0.6)
-    while len(places) >= FEWEST_SAMPLES and len(lines) < MOST_LINES:
-        offsets = places @ normals.T
-        score, first = np.zeros(len(angles)), np.zeros(len(angles))
-        for number in range(len(angles)):
-            order = np.argsort(offsets[:, number], kind="stable")
-            column = offsets[order, number]
-            total = np.append(0.0, np.cumsum(weights[order]))
-            inside = total[np.searchsorted(column, column + width, side="right")] - total[:-1]
-            most = int(np.argmax(inside))
-            score[number], first[number] = trust[number] * inside[most], column[most]
-        best = int(np.argmax(score))
-        offset = offsets[:, best]
-        near = np.flatnonzero((offset >= first[best]) & (offset <= first[best] + width))
-        nx, ny = normals[best].tolist()
-        along = places[near] @ np.array([-ny, nx])
-        turn = np.argsort(along, kind="stable")
-        near, along = near[turn], along[turn]
-        stretch = np.split(np.arange(len(near)), np.flatnonzero(np.diff(along) > gap) + 1)
-        longest = max(stretch, key=lambda some: float(weights[near[some]].sum()))
-        low, high = float(along[longest[0]]), float(along[longest[-1]])
-        if len(longest) >= FEWEST_SAMPLES and high - low >= shortest:
-            middle = float(np.median(offset[near[longest]]))
-            lines.append(Line((nx, ny), middle, low, high, float(weights[near[longest]].sum()), False))
-        places = np.delete(places, near[longest], axis=0)
-        weights = np.delete(weights, near[longest])
-    return lines
 
 
 def rectangle_lines(places: NDArray[np.float64], main: Values, spacing: float) -> list[Line]:
@@ -286,75 +172,6 @@ def rectangle_lines(places: NDArray[np.float64], main: Values, spacing: float) -
     across = [Line((cosine, sine), float(u), low[1], high[1], weight, False) for u in (low[0], high[0])]
     along = [Line((-sine, cosine), float(v), -high[0], -low[0], weight, False) for v in (low[1], high[1])]
     return [*across, *along]
-
-
-def align(lines: list[Line], polygon: Polygon, spacing: float) -> list[Line]:
-    """The lines, best supported first; a jump that nearly runs along a footprint edge or a better line
-    lies on it.
-
-    A jump beside an edge of the footprint, and the side of a rectangle beside a line, add nothing and go.
-    """
-    near, beside = max(spacing, SAME_LINE), max(0.5 * spacing, 0.15)
-    edges = footprint_edges(polygon)
-    fixed = list(edges)
-    answer: list[Line] = []
-    for line in sorted(lines, key=lambda line: (not line.meeting, -line.support, line.offset)):
-        if line.meeting:
-            answer.append(line)
-            fixed.append(line)
-            continue
-        moved: Line | None = None
-        needless = False
-        for other in fixed:
-            apart = distance_between(line, other)
-            if apart > near:
-                continue
-            onto = laid_on(line, other)
-            covered = other.low - near <= onto.low and onto.high <= other.high + near
-            edge = any(other is one for one in edges)
-            if edge and covered and apart > beside:
-                continue
-            needless = covered and (edge or line.support < 1.0)
-            moved = onto
-            break
-        if moved is None:
-            fixed.append(line)
-        if not needless:
-            answer.append(moved or line)
-    return answer[:MOST_LINES]
-
-
-def footprint_edges(polygon: Polygon) -> list[Line]:
-    """The edges of the footprint that are long enough to align with."""
-    answer = []
-    for ring in (polygon.exterior, *polygon.interiors):
-        places = np.asarray(ring.coords)[:, :2]
-        for start, end in pairwise(places):
-            dx, dy = (end - start).tolist()
-            length = float(np.hypot(dx, dy))
-            if length >= SHORTEST_EDGE:
-                nx, ny = dy / length, -dx / length
-                low = float(start @ np.array([-ny, nx]))
-                offset = float(start @ np.array([nx, ny]))
-                answer.append(Line((nx, ny), offset, low, low + length, length, True))
-    return answer
-
-
-def distance_between(line: Line, other: Line) -> float:
-    """Distance (m) of the middle of a line from another; infinite when their directions differ."""
-    cross = line.normal[0] * other.normal[1] - line.normal[1] * other.normal[0]
-    if abs(cross) > np.sin(np.radians(SAME_DIRECTION_DEG)):
-        return float("inf")
-    x, y = line.middle
-    return abs(other.normal[0] * x + other.normal[1] * y - other.offset)
-
-
-def laid_on(line: Line, other: Line) -> Line:
-    """The stretch of `other`'s line that lies beside `line`."""
-    x, y = line.middle
-    along = -other.normal[1] * x + other.normal[0] * y
-    half = 0.5 * (line.high - line.low)
-    return Line(other.normal, other.offset, along - half, along + half, line.support, False)
 
 
 def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.float64]:
