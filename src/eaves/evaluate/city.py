@@ -11,6 +11,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from eaves.formats import CityObject, read_cityjson
+from eaves.geometry.rings import area_vector
 from eaves.model import CoordinateSystem, Points
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
@@ -96,6 +97,5 @@ def _shadow(rings: Rings) -> Polygon:
 
 
 def _faces_up(ring: Points) -> bool:
-    away = ring - ring.mean(axis=0)
-    normal = np.cross(away, np.roll(away, -1, axis=0)).sum(axis=0)
+    normal = area_vector(ring)
     return bool(normal[2] > FLATTEST * np.linalg.norm(normal))

@@ -1,4 +1,7 @@
-"""Sums that tell how well one plane fits a set of points; sets are united by adding their sums."""
+"""Sums that tell how well one plane fits a set of points; sets are united by adding their sums.
+
+For many sets at once; `planes` has the same ten sums for one set at a time, inside kernels.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Planes through points: one fit, many local fits, and the noise they reveal."""
+"""Planes around points, inside kernels: ten sums and their plane, local fits, the noise they reveal."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ from scipy.spatial import cKDTree
 
 from eaves.model import Points, Values
 
-FLATTEST_NORMAL_Z = 1e-6
-"""A plane whose unit normal rises less than this is vertical: z is no function of x and y."""
-
 LINE_RATIO = 0.1
 """A neighbourhood whose second eigenvalue is below this share of the first is a line and has no normal."""
 
@@ -23,7 +20,6 @@ NOISE_QUANTILE, NOISE_QUANTILE_NORMAL = 0.35, -0.385
 
 MIN_NOISE, MAX_NOISE = 0.012, 0.15
 """Noise (m): no roof is flatter than the first; what scatters more than the second is a crown, not a roof."""
-
 
 FEW_QUERIES = 1500
 """Fewer neighbour searches are faster in one thread than starting several."""
@@ -213,26 +209,3 @@ def measure_noise(smallest_eigenvalues: Values, counts: NDArray[np.int64]) -> fl
     d = float(np.median(freedom))
     share = (1.0 - 2.0 / (9.0 * d) + NOISE_QUANTILE_NORMAL * np.sqrt(2.0 / (9.0 * d))) ** 3
     return float(np.clip(np.sqrt(variance / share), MIN_NOISE, MAX_NOISE))
-
-
-def fit_plane(xyz: Points) -> tuple[float, float, float] | None:
-    """Coefficients of z = a·x + b·y + c of least squared distances to points (N, 3), or None.
-
-    There is none through fewer than three points, through points on a line, and where the plane is vertical.
-    """
-    if len(xyz) < 3:
-        return None
-    centre = xyz.mean(axis=0)
-    values, vectors = np.linalg.eigh(np.cov((xyz - centre).T, bias=True))
-    normal = vectors[:, 0]
-    if values[1] <= 1e-9 * values[2] or abs(normal[2]) < FLATTEST_NORMAL_Z:
-        return None
-    a, b = -normal[0] / normal[2], -normal[1] / normal[2]
-    return float(a), float(b), float(centre[2] - a * centre[0] - b * centre[1])
-
-
-def plane_rmse(xyz: Points, coefficients: tuple[float, float, float]) -> float:
-    """Root mean square distance (m) of points (N, 3) from a plane, along its normal."""
-    a, b, c = coefficients
-    residual = xyz[:, 2] - (a * xyz[:, 0] + b * xyz[:, 1] + c)
-    return float(np.sqrt(np.mean(residual**2) / (a * a + b * b + 1.0)))

@@ -1,4 +1,4 @@
-"""Closed rings of points in the plane, without repeated last point."""
+"""Closed rings of points, without repeated last point."""
 
 from __future__ import annotations
 
@@ -7,11 +7,17 @@ from numpy.typing import NDArray
 
 
 def signed_area(ring: NDArray[np.float64]) -> float:
-    """Area (m²) inside a ring (M, 2), positive when it runs counter-clockwise."""
+    """Area (m²) inside a ring (M, 2) in the plane, positive when it runs counter-clockwise."""
     if len(ring) < 3:
         return 0.0
     x, y = (ring - ring[0]).T
     return float(0.5 * (np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+
+
+def area_vector(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Area (m²) inside a ring (M, 3) times its unit normal, (3,): half of Newell's sum of cross products."""
+    shifted = ring - ring[0]
+    return np.asarray(0.5 * np.cross(shifted, np.roll(shifted, -1, axis=0)).sum(axis=0))
 
 
 def split_loops(ring: NDArray[np.int64]) -> list[NDArray[np.int64]]:

@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from eaves.geometry.rings import area_vector
 from eaves.model import Mask, Points, Values
 
 NEAR = 0.3
@@ -72,8 +73,8 @@ def collect_faces(faces: Sequence[Sequence[Points]], owner: Sequence[int]) -> Ro
     """Roof faces from their rings (outer first) of points (M, 3); upright and empty ones are left out."""
     polygons, coefficients, owners = [], [], []
     for rings, building in zip(faces, owner, strict=True):
-        normal, centre = _newell(rings[0])
-        if abs(normal[2]) < STEEPEST:
+        normal, centre = area_vector(rings[0]), rings[0].mean(axis=0)
+        if abs(normal[2]) < STEEPEST * np.linalg.norm(normal) or normal[2] == 0.0:
             continue
         shape = shapely.Polygon(rings[0][:, :2], [ring[:, :2] for ring in rings[1:]])
         polygons.append(shape if shape.is_valid else shape.buffer(0))
@@ -101,12 +102,3 @@ def fit_roof(points: Points, faces: RoofFaces) -> RoofFit:
     vertical[hit] = points[hit, 2] - (a * points[hit, 0] + b * points[hit, 1] + c)
     distance[hit] = vertical[hit] * faces.cosine[face[hit]]
     return RoofFit(face, vertical, distance)
-
-
-def _newell(ring: Points) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Unit normal (3,) and centre (3,) of a ring (M, 3); a zero normal when it encloses nothing."""
-    centre = ring.mean(axis=0)
-    away = ring - centre
-    normal = np.cross(away, np.roll(away, -1, axis=0)).sum(axis=0)
-    length = np.linalg.norm(normal)
-    return (normal / length if length > 0 else normal), centre

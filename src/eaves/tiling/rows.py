@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
+from eaves.geometry.rings import area_vector
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Failure, Footprint, Points
 from eaves.model.building import ROOF_SURFACE
@@ -83,9 +84,3 @@ def face_figures(rings: list[Points]) -> dict[str, float | None]:
         "area_m2": round(sloped, 2),
         "projected_m2": round(projected, 2),
     }
-
-
-def area_vector(ring: Points) -> Points:
-    """Half the sum of cross products along a ring (M, 3): its area times its normal (Newell)."""
-    shifted = ring - ring[0]
-    return np.asarray(0.5 * np.cross(shifted, np.roll(shifted, -1, axis=0)).sum(axis=0))
