@@ -11,7 +11,6 @@ from eaves.geometry.planes import LocalPlanes, local_planes
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, RoofPlane, Values
 from eaves.roof.base import RoofMethod
-from eaves.roof.labelling import drop_crumbs, near_regions, relabel_kernel, worth_kernel
 from eaves.roof.region_growing import RegionGrowing, join_tolerance
 from eaves.roof.regions import (
     fit_labels,
@@ -21,6 +20,7 @@ from eaves.roof.regions import (
     touching_regions,
     without_gaps,
 )
+from eaves.roof.relabelling import drop_crumbs, near_regions, relabel_kernel, worth_kernel
 
 LEFT_NEIGHBOURS = 6
 """Neighbours among the points left over: the fewest that tell a plane from chance."""
@@ -50,9 +50,9 @@ class GlobalRefinement(RoofMethod):
     --------
     The energy is that of [isack2012], the parts of PEARL (propose, expand, refit) too. They expand by
     graph cuts; here every point moves alone (iterated conditional modes) among the labels of its
-    neighbours, which starts so near to the optimum on roofs that cuts change next to nothing, and keeps
-    planes from claiming points far away. The price counts in points left out, so that it means the same
-    area at every density.
+    neighbours: grown planes are a near start, and no plane claims points far away. How much energy cuts
+    would save has not been measured. The price counts in points left out, so that it means the same area
+    at every density.
 
     Fails where
     -----------
