@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from eaves.model import Points
+from eaves.model import Mask, Points, Raster
 from eaves.viewer.contents import Contents, finest_levels, read_contents
 from eaves.viewer.plan import SUN_ALTITUDE_DEG, SUN_AZIMUTH_DEG
 from eaves.viewer.surfaces import SURFACES, cut_into_triangles, edges_of
@@ -20,6 +20,10 @@ FLAT_ROOF_COLOUR, EDGE_COLOUR = "#cdc7bc", "#4a4038"
 SLABS = 60
 """Surfaces and points are drawn in so many layers by depth, the farthest first."""
 POINTS_DRAWN = 120_000
+PIECE = 5.0
+"""Faces and edges are cut to pieces of this size (m): the depth of a piece tells what it covers."""
+SUNKEN = 0.3
+"""Pieces whose middle lies so much (m) under the terrain are left out."""
 IN_FRONT = 1.0
 """Edges are drawn as if so much (m) nearer, so that the faces they bound do not cover them."""
 
@@ -33,6 +37,8 @@ def models_figure(
     corners, colours, points = scene_of(contents)
     finest = finest_levels(contents.faces)
     lines = edges_of([face for face in contents.faces if face.lod == finest.get(face.building)])[0]
+    lines = split_lines(lines)
+    lines = lines[over_terrain(contents, lines)]
     seen, spots, rims = corners @ view.T, points @ view.T, lines @ view.T
     rim_depth = rims[:, :, 2].mean(axis=1) + IN_FRONT
     depth = seen[:, :, 2].mean(axis=1)
@@ -84,10 +90,13 @@ def scene_of(contents: Contents) -> tuple[Points, NDArray[np.float64], Points]:
     finest = finest_levels(contents.faces)
     surfaces = cut_into_triangles([f for f in contents.faces if f.lod == finest.get(f.building)])
     ground = terrain_triangles(contents)
-    corners = np.concatenate([surfaces.corners, ground])
+    parts, whole = split_triangles(surfaces.corners)
+    seen = over_terrain(contents, parts)
+    parts, whole = parts[seen], whole[seen]
+    corners = np.concatenate([parts, ground])
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    roof = surfaces.figure("kind") == SURFACES.index("RoofSurface")
+    roof = surfaces.figure("kind")[whole] == SURFACES.index("RoofSurface")
     steep = np.abs(normal[: len(roof), 2]) < np.cos(np.radians(5.0))
     base = np.empty((len(corners), 3))
     base[: len(roof)] = to_rgb(WALL_COLOUR)
@@ -99,6 +108,43 @@ def scene_of(contents: Contents) -> tuple[Points, NDArray[np.float64], Points]:
     light = 0.8 + 0.26 * np.clip(normal @ sun, -0.8, 1.0)
     trees = (contents.points.building == 0) & np.isin(contents.points.classification, (1, 3, 4, 5))
     return corners, np.clip(base * light[:, None], 0, 1), contents.points.xyz[trees]
+
+
+def over_terrain(contents: Contents, pieces: Points) -> Mask:
+    """Which pieces (K, corners, 3) do not lie under the terrain, where sorting by depth could show them."""
+    middle = pieces.mean(axis=1)
+    if not contents.terrain.size or not len(pieces):
+        return np.ones(len(pieces), bool)
+    ground = Raster(contents.terrain, *contents.corner, contents.cell).at(middle)
+    return np.asarray(~(middle[:, 2] < ground - SUNKEN))
+
+
+def split_triangles(corners: Points) -> tuple[Points, NDArray[np.int64]]:
+    """Triangles (T, 3, 3) halved across their longest side until it is short, and which each came from."""
+    owner = np.arange(len(corners))
+    done, origin = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)]
+    while len(corners):
+        sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        small = sides.max(axis=1) <= PIECE
+        done.append(corners[small])
+        origin.append(owner[small])
+        corners, owner, longest = corners[~small], owner[~small], sides[~small].argmax(axis=1)
+        turned = np.take_along_axis(corners, ((longest[:, None] + np.arange(3)) % 3)[:, :, None], axis=1)
+        one, two, far = turned[:, 0], turned[:, 1], turned[:, 2]
+        middle = (one + two) / 2
+        corners = np.concatenate([np.stack([one, middle, far], 1), np.stack([middle, two, far], 1)])
+        owner = np.concatenate([owner, owner])
+    return np.concatenate(done), np.concatenate(origin)
+
+
+def split_lines(ends: Points) -> Points:
+    """Segments (E, 2, 3) cut into equal pieces no longer than `PIECE`."""
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    count = np.maximum(np.ceil(length / PIECE), 1).astype(np.int64)
+    owner = np.repeat(np.arange(len(ends)), count)
+    step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    shares = np.stack([step, step + 1], axis=1) / count[owner][:, None]
+    return np.asarray(ends[owner, :1] + shares[:, :, None] * (ends[owner, 1:] - ends[owner, :1]))
 
 
 def terrain_triangles(contents: Contents) -> Points:

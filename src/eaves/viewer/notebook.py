@@ -21,6 +21,9 @@ from eaves.viewer.surfaces import collect_city_faces, cut_into_triangles
 if TYPE_CHECKING:
     from eaves.tiling.outputs import Summary
 
+FILE_DIGITS = 4
+"""Decimals (m) that tell a file's corners apart; rounded to them, those of neighbouring faces are one."""
+
 
 def summary_html(summary: Summary) -> str:
     """The summary as HTML: its lines, a small plan where there are rasters, and the files."""
@@ -65,7 +68,7 @@ def building_meshes(folder: Path) -> dict[str, Any]:
         corners = cut_into_triangles(mine).corners
         origin = np.floor(corners.min(axis=(0, 1)))
         meshes[name] = trimesh.Trimesh(
-            (corners - origin).reshape(-1, 3),
+            np.round(corners - origin, FILE_DIGITS).reshape(-1, 3),
             np.arange(3 * len(corners)).reshape(-1, 3),
             metadata={"origin": origin, "id": name},
             process=True,

@@ -65,10 +65,10 @@ def cut_into_triangles(faces: Sequence[CityFace]) -> Surfaces:
     """Constrained Delaunay triangles of planar faces, found on each face's own plane."""
     frames = [_frame(face.rings[0]) for face in faces]
     flat = [
-        _polygon([(ring - frame[0]) @ frame[1:3].T for ring in face.rings])
+        [(ring - frame[0]) @ frame[1:3].T + 0.0 for ring in face.rings]
         for face, frame in zip(faces, frames, strict=True)
     ]
-    shapes = np.array(flat, object)
+    shapes = np.array([shapely.Polygon(rings[0], rings[1:]) for rings in flat], object)
     broken = ~shapely.is_valid(shapes)
     shapes[broken] = shapely.buffer(shapes[broken], 0)
     pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(shapes), return_index=True)
@@ -77,7 +77,31 @@ def cut_into_triangles(faces: Sequence[CityFace]) -> Surfaces:
     uv[clockwise] = uv[clockwise][:, ::-1]
     frame = np.array(frames).reshape(-1, 4, 3)[owner]
     corners = frame[:, None, 0] + np.einsum("tkc,tcd->tkd", uv, frame[:, 1:3])
+    _take_own_corners(corners, uv, owner, faces, flat)
     return Surfaces(np.asarray(corners), np.asarray(owner, np.int64), tuple(faces))
+
+
+def _take_own_corners(
+    corners: Points,
+    uv: NDArray[np.float64],
+    owner: NDArray[np.int64],
+    faces: Sequence[CityFace],
+    flat: list[list[NDArray[np.float64]]],
+) -> None:
+    """Put triangle corners (T, 3, 3) where the face's own are: faces are planar to a millimetre only, and
+    neighbours must meet."""
+    sizes = [sum(map(len, rings)) for rings in flat]
+    numbers = np.repeat(np.arange(len(flat)), sizes)
+    own = np.concatenate([np.zeros((0, 3)), *(ring for face in faces for ring in face.rings)])
+    places = np.concatenate([np.zeros((0, 2)), *(ring for rings in flat for ring in rings)])
+    asked = np.column_stack([np.repeat(owner, 3), uv.reshape(-1, 2) + 0.0])
+    keys = np.ascontiguousarray(np.concatenate([np.column_stack([numbers, places]), asked]))
+    _, which = np.unique(keys.view([("", keys.dtype)] * 3).ravel(), return_inverse=True)
+    known = np.full(int(which.max(initial=-1)) + 1, -1)
+    known[which[: len(own)]] = np.arange(len(own))
+    found = known[which[len(own) :]]
+    hit = found >= 0
+    corners.reshape(-1, 3)[hit] = own[found[hit]]
 
 
 def edges_of(faces: Sequence[CityFace]) -> tuple[Points, NDArray[np.int64]]:
@@ -97,10 +121,6 @@ def _frame(ring: Points) -> NDArray[np.float64]:
     long = float(np.linalg.norm(aside))
     first = aside / long if long > 1e-9 else np.array([1.0, 0.0, 0.0])
     return np.stack([ring[0], first, np.cross(normal, first), normal])
-
-
-def _polygon(rings: list[NDArray[np.float64]]) -> shapely.Polygon:
-    return shapely.Polygon(rings[0], rings[1:])
 
 
 def _twice_area(corner: NDArray[np.float64]) -> NDArray[np.float64]:
