@@ -39,7 +39,7 @@ class Tin:
 
     def __init__(self, xy: Points, first: NDArray[np.int64] | None = None) -> None:
         self.xy = np.ascontiguousarray(xy[:, :2], np.float64)
-        corner = self.xy.min(axis=0) if len(xy) else np.zeros(2)
+        corner = np.array([self.xy[:, 0].min(), self.xy[:, 1].min()]) if len(xy) else np.zeros(2)
         self.whole = np.round((self.xy - corner) / QUANTUM).astype(np.int64)
         self.corner = corner
         capacity = 2 * len(xy) + 4
@@ -61,7 +61,8 @@ class Tin:
     @property
     def triangles(self) -> Ids:
         """(K, 3) the corners of the finite triangles."""
-        real: Ids = self.vertices[(self.vertices >= 0).all(axis=1)]
+        a, b, c = self.vertices.T
+        real: Ids = self.vertices[(a >= 0) & (b >= 0) & (c >= 0)]
         return real
 
     def insert(self, numbers: NDArray[np.int64]) -> None:
@@ -208,9 +209,7 @@ def first_triangle_kernel(whole: NDArray[np.int64], numbers: NDArray[np.int64]) 
 
 @njit(cache=True)
 def walk(whole: NDArray[np.int64], vertices: Ids, neighbours: Ids, start: int, x: int, y: int) -> int:
-    """The triangle that holds (x, y), or the hull triangle whose edge it lies beyond, walking from
-    `start`.
-    """
+    """The triangle that holds (x, y), or the hull triangle whose edge it lies beyond; walks from `start`."""
     here = start
     for k in range(3):
         if vertices[here, k] == OUTSIDE:

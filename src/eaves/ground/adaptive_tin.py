@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.tin import Tin
 from eaves.ground.base import GroundMethod
-from eaves.ground.densification import Limits, densify, heights_above, measure_roughness
+from eaves.ground.densification import Limits, densify, insert_misfits, misfits, near_surface
 from eaves.ground.seeds import lowest_of_cells, lowest_surface, seeds_by_opening
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Mask, PointCloud, Points, Values
+from eaves.model import Bounds, Mask, PointCloud, Points
 
-LONGEST_EDGE_CELLS = 3.0
-"""Vertices farther apart than this are not on one piece of terrain, and tell nothing of its roughness."""
+FIRST_CELLS = 2.0
+"""The TIN begins with the lowest seeds of cells this wide, in cells; the others tell how rough it is."""
 
 
 class AdaptiveTin(GroundMethod):
@@ -124,8 +124,11 @@ class AdaptiveTin(GroundMethod):
     )
     mirror_reach: float = parameter(1.5, "Farthest vertex that is mirrored at, in cells.", ge=0)
     noise: float = parameter(0.02, "A point this near to a facet is not inserted.", unit="m", ge=0)
+    noise_share: float = parameter(
+        0.2, "The same, as a part of the tolerance of the last step where that is more.", ge=0, le=1
+    )
     rounds: int = parameter(8, "Most rounds of densification.", published=1000, ge=0)
-    tolerance_gain: float = parameter(10.0, "Tolerance of the last step, in roughnesses.", symbol="t/ρ", ge=0)
+    tolerance_gain: float = parameter(7.5, "Tolerance of the last step, in roughnesses.", symbol="t/ρ", ge=0)
     tolerance_least: float = parameter(0.1, "The same, at least.", unit="m", symbol="t", ge=0)
     tolerance_most: float = parameter(0.4, "The same, at most.", unit="m", symbol="t", ge=0)
     slant_share: float = parameter(
@@ -147,28 +150,34 @@ class AdaptiveTin(GroundMethod):
             return np.ones(len(xyz), bool)
         spacing = measure_spacing(xyz)
         cell = max(self.cell_least, spacing)
-        seeds = self.find_seeds(xyz, cell)
+        bounds = Bounds.of(xyz)
+        seeds = self.find_seeds(xyz, cell, bounds)
         emit("seeds", xyz[seeds])
-        tin = Tin(xyz, seeds)
-        roughness = measure_roughness(tin, xyz, LONGEST_EDGE_CELLS * cell)
-        candidates = lowest_of_cells(xyz, max(self.fine_cell, 0.5 * spacing))
         waiting = np.ones(len(xyz), bool)
-        waiting[seeds] = False
-        densify(tin, xyz, candidates[waiting[candidates]], self.limits(spacing, cell), self.rounds)
+        first = seeds[lowest_of_cells(xyz[seeds], FIRST_CELLS * cell)]
+        waiting[first] = False
+        tin, rest = Tin(xyz, first), seeds[waiting[seeds]]
+        misfit = misfits(tin, xyz, rest)
+        level = self.tolerance(float(np.median(misfit)) if len(rest) else 0.0)
+        noise = max(self.noise, self.noise_share * level)
+        insert_misfits(tin, xyz, rest, misfit, noise)
+        waiting[rest] = False
+        candidates = lowest_of_cells(xyz, max(self.fine_cell, 0.5 * spacing), bounds)
+        densify(tin, xyz, candidates[waiting[candidates]], self.limits(spacing, cell, noise), self.rounds)
         emit("triangles", xyz[tin.triangles])
-        above, slope = heights_above(tin, xyz)
-        return np.asarray(np.abs(above) <= self.tolerance(roughness, spacing, slope))
+        slant = min(self.slant_most, self.slant_share * spacing)
+        return near_surface(tin, xyz, level, slant, self.slope_cap)
 
-    def find_seeds(self, xyz: Points, cell: float) -> NDArray[np.int64]:
+    def find_seeds(self, xyz: Points, cell: float, bounds: Bounds) -> NDArray[np.int64]:
         """Numbers (K,) of the points the TIN begins with."""
         if self.seed_cell is not None:
-            return lowest_of_cells(xyz, self.seed_cell)
-        lowest = lowest_surface(xyz, cell, self.widest_object)
+            return lowest_of_cells(xyz, self.seed_cell, bounds)
+        lowest = lowest_surface(xyz, bounds, cell, self.widest_object)
         return seeds_by_opening(
             lowest, self.widest_object, self.object_slope, self.slope_share, self.level_share
         )
 
-    def limits(self, spacing: float, cell: float) -> Limits:
+    def limits(self, spacing: float, cell: float, noise: float) -> Limits:
         """What a point may differ from the surface to join it."""
         return Limits(
             distance=min(self.distance_most, self.distance_share * spacing),
@@ -178,11 +187,9 @@ class AdaptiveTin(GroundMethod):
             mirror_slope=self.mirror_slope,
             mirror_reach=self.mirror_reach * cell,
             steep=self.steep,
-            noise=self.noise,
+            noise=noise,
         )
 
-    def tolerance(self, roughness: float, spacing: float, slope: Values) -> Values:
-        """How far from the facet, along z, a point (N,) may lie to be ground, m."""
-        level = min(self.tolerance_most, max(self.tolerance_least, self.tolerance_gain * roughness))
-        slant = min(self.slant_most, self.slant_share * spacing)
-        return np.asarray(level + slant * np.minimum(slope, self.slope_cap))
+    def tolerance(self, roughness: float) -> float:
+        """How far from a level facet, along z, a point may lie to be ground, m."""
+        return min(self.tolerance_most, max(self.tolerance_least, self.tolerance_gain * roughness))

@@ -10,7 +10,14 @@ import numpy as np
 from eaves.ground.outliers import find_outliers
 from eaves.methods import Emit, Method, emitter, ignore, make_method
 from eaves.model import Mask, PointCloud
-from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCLASSIFIED
+from eaves.model.cloud import (
+    GROUND,
+    HIGH_NOISE,
+    LOW_NOISE,
+    NOISE_CLASSES,
+    UNCLASSIFIED,
+    canonical_order,
+)
 
 
 class GroundMethod(Method):
@@ -48,7 +55,8 @@ def classify_ground(
         A folder or a callback that receives every named intermediate.
     """
     given = cloud.classification
-    finite = np.isfinite(cloud.xyz).all(axis=1)
+    x, y, z = cloud.xyz.T
+    finite = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
     classes = np.full(len(cloud), UNCLASSIFIED, np.uint8)
     classes[~finite] = LOW_NOISE
     believed = use_classes and given is not None and bool((given == GROUND).any())
@@ -61,11 +69,11 @@ def classify_ground(
         said = np.isin(given[left], NOISE_CLASSES)
         classes[left[said]] = given[left[said]]
         left = left[~said]
-    left = left[cloud.take(left).canonical_order()]
-    seen = cloud.take(left)
-    low, high = find_outliers(seen)
+    low, high = find_outliers(cloud if len(left) == len(cloud) else cloud.take(left))
     classes[left[low]], classes[left[high]] = LOW_NOISE, HIGH_NOISE
     good = left[~(low | high)]
+    returns = cloud.return_number
+    good = good[canonical_order(cloud.xyz[good], None if returns is None else returns[good])]
     filter_ = method or make_method("ground")
     assert isinstance(filter_, GroundMethod)
     mask = filter_.ground_mask(cloud.take(good), emitter(debug))

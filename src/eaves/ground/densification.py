@@ -1,6 +1,4 @@
-"""Which points join a TIN of the ground: distance and angles to the facet, and the facet across a break
-line.
-"""
+"""Which points join a TIN of the ground: distance and angles to the facet, or that across a break line."""
 
 from __future__ import annotations
 
@@ -56,11 +54,9 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
     for number in range(rounds):
         if len(waiting) == 0 or len(tin.vertices) == 0:
             return number
-        whole = np.round((xyz[waiting, :2] - tin.corner) / QUANTUM).astype(np.int64)
         fits, new = fits_kernel(
             xyz,
             waiting,
-            whole,
             tin.whole,
             tin.corner,
             tin.vertices,
@@ -83,26 +79,37 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
     return rounds
 
 
-def heights_above(tin: Tin, xyz: Points) -> tuple[Values, Values]:
-    """Height (N,) of points over the TIN of some of them, and the slope (N,) of the facet."""
-    triangle = tin.located(xyz)
+def insert_misfits(tin: Tin, xyz: Points, numbers: NDArray[np.int64], misfit: Values, noise: float) -> None:
+    """Insert the points (K,) that are farther than `noise` (m) from the TIN, until none is.
+
+    `misfit` (K,) holds their distances from it now. The others would tell it nothing new.
+    """
+    hint = np.full(len(numbers), -1, np.int32)
+    judged = np.full((len(numbers), 3), OUTSIDE, np.int32)
+    while (far := misfit > noise).any():
+        tin.insert(numbers[far])
+        numbers, misfit, hint, judged = numbers[~far], misfit[~far], hint[~far], judged[~far]
+        misfit_kernel(xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, misfit)
+
+
+def misfits(tin: Tin, xyz: Points, numbers: NDArray[np.int64]) -> Values:
+    """Distances (K,) of the points with these numbers from the facets of the TIN, m; 0 without facets."""
+    misfit = np.zeros(len(numbers))
+    if len(tin.vertices):
+        hint = np.full(len(numbers), -1, np.int32)
+        judged = np.full((len(numbers), 3), OUTSIDE, np.int32)
+        misfit_kernel(xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, misfit)
+    return misfit
+
+
+def near_surface(tin: Tin, xyz: Points, level: float, slant: float, slope_cap: float) -> Mask:
+    """The points (N,) no farther along z from the TIN of some of them than `level` (m), plus `slant` (m) per
+    unit of the facet's slope, which counts up to `slope_cap`.
+    """
     if len(tin.vertices) == 0:  # all on one line: the nearest point is all there is to compare with
         nearest = cKDTree(xyz[tin.waiting, :2]).query(xyz[:, :2])[1]
-        return xyz[:, 2] - xyz[tin.waiting[nearest], 2], np.zeros(len(xyz))
-    above, slope = above_kernel(xyz, tin.vertices, tin.neighbours, triangle)
-    return above, slope
-
-
-def measure_roughness(tin: Tin, xyz: Points, longest: float) -> float:
-    """Median distance (m) of a vertex from the plane through its neighbours up to `longest` (m) away."""
-    triangles = tin.triangles
-    if len(triangles) == 0:
-        return 0.0
-    used = np.zeros(len(xyz), bool)
-    used[triangles.ravel()] = True
-    residual = plane_residuals_kernel(xyz, triangles, longest)
-    known = residual[used & np.isfinite(residual)]
-    return float(np.median(known)) if len(known) else 0.0
+        return np.asarray(np.abs(xyz[:, 2] - xyz[tin.waiting[nearest], 2]) <= level)
+    return np.asarray(near_kernel(xyz, tin.whole, tin.vertices, tin.neighbours, level, slant, slope_cap))
 
 
 @njit(cache=True)
@@ -145,7 +152,6 @@ def facet_at(xyz: Points, vertices: Ids, neighbours: Ids, triangle: int, x: floa
 def fits_kernel(
     xyz: Points,
     numbers: NDArray[np.int64],
-    targets: NDArray[np.int64],
     whole: NDArray[np.int64],
     corner: NDArray[np.float64],
     vertices: Ids,
@@ -178,9 +184,7 @@ def fits_kernel(
         ):
             continue
         x, y, z = xyz[p, 0], xyz[p, 1], xyz[p, 2]
-        here = walk(
-            whole, vertices, neighbours, hint[i] if hint[i] >= 0 else last, targets[i, 0], targets[i, 1]
-        )
+        here = walk(whole, vertices, neighbours, hint[i] if hint[i] >= 0 else last, whole[p, 0], whole[p, 1])
         hint[i] = here
         last = here
         judged[i, 0], judged[i, 1], judged[i, 2] = vertices[here, 0], vertices[here, 1], vertices[here, 2]
@@ -222,46 +226,50 @@ def fits_kernel(
 
 
 @njit(cache=True)
-def above_kernel(xyz: Points, vertices: Ids, neighbours: Ids, triangle: Ids) -> tuple[Values, Values]:
-    """Height of each point (N,) over the facet at it, and the facet's slope."""
-    above, slope = np.empty(len(xyz)), np.empty(len(xyz))
-    for i in range(len(xyz)):
-        height, slope[i], _ = facet_at(xyz, vertices, neighbours, triangle[i], xyz[i, 0], xyz[i, 1])
-        above[i] = xyz[i, 2] - height
-    return above, slope
+def misfit_kernel(
+    xyz: Points,
+    numbers: NDArray[np.int64],
+    whole: NDArray[np.int64],
+    vertices: Ids,
+    neighbours: Ids,
+    hint: Ids,
+    judged: Ids,
+    misfit: Values,
+) -> None:
+    """Distance of each of the points (K,) from its facet, into `misfit`.
+
+    Those whose facet has not changed, which `hint` and `judged` tell as in `fits_kernel`, keep theirs.
+    """
+    last = 0
+    for i in range(len(numbers)):
+        p, here = numbers[i], hint[i]
+        if here >= 0:
+            a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
+            if a == judged[i, 0] and b == judged[i, 1] and c == judged[i, 2]:
+                continue
+        last = walk(whole, vertices, neighbours, here if here >= 0 else last, whole[p, 0], whole[p, 1])
+        hint[i] = last
+        for k in range(3):
+            judged[i, k] = vertices[last, k]
+        height, slope, _ = facet_at(xyz, vertices, neighbours, last, xyz[p, 0], xyz[p, 1])
+        misfit[i] = abs(xyz[p, 2] - height) / np.sqrt(1.0 + slope * slope)
 
 
 @njit(cache=True)
-def plane_residuals_kernel(xyz: Points, triangles: Ids, longest: float) -> Values:
-    """Distance in z of each vertex (N,) from the plane through the ends of its edges, NaN with too few."""
-    sums = np.zeros((len(xyz), 9))  # n, x, y, z, xx, xy, yy, xz, yz of the neighbours, about the vertex
-    for t in range(len(triangles)):
-        for k in range(3):  # each inner edge is met twice, once from either side
-            a, b = triangles[t, k], triangles[t, (k + 1) % 3]
-            x, y, z = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1], xyz[b, 2] - xyz[a, 2]
-            if x * x + y * y > longest * longest:
-                continue
-            for v, sign in ((a, 1.0), (b, -1.0)):
-                sums[v, 0] += 1.0
-                sums[v, 1] += sign * x
-                sums[v, 2] += sign * y
-                sums[v, 3] += sign * z
-                sums[v, 4] += x * x
-                sums[v, 5] += x * y
-                sums[v, 6] += y * y
-                sums[v, 7] += x * z
-                sums[v, 8] += y * z
-    residual = np.full(len(xyz), np.nan)
+def near_kernel(
+    xyz: Points,
+    whole: NDArray[np.int64],
+    vertices: Ids,
+    neighbours: Ids,
+    level: float,
+    slant: float,
+    slope_cap: float,
+) -> Mask:
+    """Whether each point (N,) lies within `level` + `slant` · slope of the facet at it, along z."""
+    near = np.empty(len(xyz), np.bool_)
+    here = 0
     for i in range(len(xyz)):
-        n = sums[i, 0]
-        if n < 8.0:  # four neighbours, each met twice
-            continue
-        x, y, z = sums[i, 1] / n, sums[i, 2] / n, sums[i, 3] / n
-        xx, xy, yy = sums[i, 4] / n - x * x, sums[i, 5] / n - x * y, sums[i, 6] / n - y * y
-        xz, yz = sums[i, 7] / n - x * z, sums[i, 8] / n - y * z
-        area = xx * yy - xy * xy
-        if area <= 1e-6 * xx * yy:
-            continue
-        east, north = (xz * yy - yz * xy) / area, (yz * xx - xz * xy) / area
-        residual[i] = abs(z - east * x - north * y)
-    return residual
+        here = walk(whole, vertices, neighbours, here, whole[i, 0], whole[i, 1])
+        height, slope, _ = facet_at(xyz, vertices, neighbours, here, xyz[i, 0], xyz[i, 1])
+        near[i] = abs(xyz[i, 2] - height) <= level + slant * min(slope, slope_cap)
+    return near

@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from eaves.geometry.neighbours import measure_spacing
-from eaves.model import Mask, PointCloud, Points
+from eaves.model import Bounds, Mask, PointCloud, Points
 
 CELL_M, CELL_SPACINGS = 10.0, 10.0
 """Side of the cells that are compared: 10 m, or ten spacings (about a hundred points) in thin data."""
@@ -36,17 +36,17 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
     low, high = np.zeros(len(xyz), bool), np.zeros(len(xyz), bool)
     if len(xyz) < SHALLOW_GROUP:
         return low, high
-    side = max(CELL_M, CELL_SPACINGS * measure_spacing(xyz))
+    side, bounds = max(CELL_M, CELL_SPACINGS * measure_spacing(xyz)), Bounds.of(xyz)
     for shift in (0.0, 0.5):
         # cells are fixed to the origin, not to the data
-        place = np.floor(xyz[:, :2].min(axis=0) / side + shift) - shift
-        columns, rows = np.floor(xyz[:, :2].max(axis=0) / side - place).astype(np.int64) + 1
-        below, above = extremes_kernel(xyz, place * side, side, int(rows), int(columns))
-        floor, ceiling = limits_kernel(below, above)
-        column = ((xyz[:, 0] - place[0] * side) / side).astype(np.int64)
-        row = ((xyz[:, 1] - place[1] * side) / side).astype(np.int64)
-        low |= xyz[:, 2] <= floor[row, column]
-        high |= xyz[:, 2] >= ceiling[row, column]
+        west, south = (
+            np.floor(bounds.west / side + shift) - shift,
+            np.floor(bounds.south / side + shift) - shift,
+        )
+        columns, rows = int(bounds.east / side - west) + 1, int(bounds.north / side - south) + 1
+        corner = np.array([west, south]) * side
+        below, above = extremes_kernel(xyz, corner, side, rows, columns)
+        mark_kernel(xyz, corner, side, *limits_kernel(below, above), low, high)
     return low, high & ~low
 
 
@@ -123,3 +123,22 @@ def limits_kernel(
             if size > 0:
                 ceiling[row, column] = -above[row, column, size - 1]
     return floor, ceiling
+
+
+@njit(cache=True)
+def mark_kernel(
+    xyz: Points,
+    corner: NDArray[np.float64],
+    side: float,
+    floor: NDArray[np.float64],
+    ceiling: NDArray[np.float64],
+    low: Mask,
+    high: Mask,
+) -> None:
+    """Mark in `low` and `high` (N,) the points at or beyond the limits (rows, columns) of their cells."""
+    for i in range(len(xyz)):
+        row, column = int((xyz[i, 1] - corner[1]) / side), int((xyz[i, 0] - corner[0]) / side)
+        if xyz[i, 2] <= floor[row, column]:
+            low[i] = True
+        if xyz[i, 2] >= ceiling[row, column]:
+            high[i] = True

@@ -33,19 +33,23 @@ class LowestPoints:
     slope: Grid
 
 
-def lowest_of_cells(xyz: Points, side: float) -> NDArray[np.int64]:
-    """Numbers (K,) of the lowest point in each cell of the given side (m), cells fixed to the origin."""
-    number = lowest_points(xyz, whole_cells(Bounds.of(xyz), side), side)
+def lowest_of_cells(xyz: Points, side: float, bounds: Bounds | None = None) -> NDArray[np.int64]:
+    """Numbers (K,) of the lowest point in each cell of the given side (m), cells fixed to the origin.
+
+    `bounds` are those of the points, where they are known.
+    """
+    number = lowest_points(xyz, whole_cells(bounds or Bounds.of(xyz), side), side)
     return np.asarray(number[number != EMPTY])
 
 
-def lowest_surface(xyz: Points, cell: float, widest: float) -> LowestPoints:
-    """The surface of the lowest points, and the slope of the terrain in it as a first pass finds it.
+def lowest_surface(xyz: Points, bounds: Bounds, cell: float, widest: float) -> LowestPoints:
+    """The surface of the lowest points (N, 3) within `bounds`, and the slope of the terrain in it as a first
+    pass finds it.
 
     A lowest point lies anywhere in its cell, which on a slope is a height error of slope × cell. So the
     heights are moved along the slope to the centre of the cell.
     """
-    bounds = whole_cells(Bounds.of(xyz), cell)
+    bounds = whole_cells(bounds, cell)
     number = lowest_points(xyz, bounds, cell)
     occupied = number != EMPTY
     heights = fill_smooth(heights_of(number, xyz[:, 2]))

@@ -65,8 +65,8 @@ class Bounds:
     @classmethod
     def of(cls, xyz: Points) -> Bounds:
         """The bounding rectangle of points (N, 2 or 3), N > 0."""
-        low, high = xyz[:, :2].min(axis=0), xyz[:, :2].max(axis=0)
-        return cls(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+        x, y = xyz[:, 0], xyz[:, 1]
+        return cls(float(x.min()), float(y.min()), float(x.max()), float(y.max()))
 
 
 @dataclass(frozen=True, order=True)

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.model.arrays import Mask, Points
+from eaves.model.arrays import Mask, Points, Values
 from eaves.model.block import Block, Bounds
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
 
@@ -121,22 +121,30 @@ def snap(xyz: Points) -> Points:
     return np.round(xyz / QUANTUM) * QUANTUM
 
 
+def millimetres(values: Values) -> NDArray[np.int64]:
+    """Values (N,) as whole millimetres above the metre under the lowest; those not finite count as 0."""
+    finite = np.where(np.isfinite(values), values, 0.0)
+    whole: NDArray[np.int64] = np.round((finite - np.floor(finite.min())) * 1000.0).astype(np.int64)
+    return whole
+
+
 def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> NDArray[np.int64]:
     """Indices (N,) that sort points (N, 3) by 1 m cell, row by row, and inside a cell by y, x, z (1 mm)."""
     if len(xyz) == 0:
         return np.zeros(0, np.int64)
-    finite = np.where(np.isfinite(xyz), xyz, 0.0)
-    whole = np.round((finite - np.floor(finite.min(axis=0))) * 1000.0).astype(np.int64)
-    cell, inside = whole[:, :2] // 1000, whole[:, :2] % 1000
-    columns, heights = int(cell[:, 0].max()) + 1, int(whole[:, 2].max()) + 1
-    if (int(cell[:, 1].max()) + 1) * columns * 1e6 * heights < 2**62:
-        key = ((cell[:, 1] * columns + cell[:, 0]) * 1_000_000 + inside[:, 1] * 1000 + inside[:, 0]) * heights
-        key += whole[:, 2]
+    # column by column: numpy reduces a long array of three columns ten times slower
+    whole = [millimetres(column) for column in xyz.T]
+    cell, inside = [w // 1000 for w in whole[:2]], [w % 1000 for w in whole[:2]]
+    columns, heights = int(cell[0].max()) + 1, int(whole[2].max()) + 1
+    if (int(cell[1].max()) + 1) * columns * 1e6 * heights < 2**62:
+        key = ((cell[1] * columns + cell[0]) * 1_000_000 + inside[1] * 1000 + inside[0]) * heights
+        key += whole[2]
         order = np.argsort(key, kind="stable")
         tied = np.flatnonzero(key[order][1:] == key[order][:-1])
     else:
-        order = np.lexsort((whole[:, 2], inside[:, 0], inside[:, 1], cell[:, 0], cell[:, 1]))
-        tied = np.flatnonzero((whole[order][1:] == whole[order][:-1]).all(axis=1))
+        order = np.lexsort((whole[2], inside[0], inside[1], cell[0], cell[1]))
+        same = [w[order][1:] == w[order][:-1] for w in whole]
+        tied = np.flatnonzero(same[0] & same[1] & same[2])
     if len(tied):  # equal to the millimetre: settle by the exact coordinates and the return number
         some = np.unique(np.concatenate([tied, tied + 1]))
         group = np.cumsum(np.r_[1, np.diff(some) > 1]) + np.cumsum(~np.isin(some, tied + 1))
