@@ -29,6 +29,10 @@ lint: $(BIN)/eaves
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+docs: $(BIN)/eaves
+	$(BIN)/python -m docs.pictures
+	$(BIN)/python -m docs.build
+
 wheels-check: $(BIN)/eaves
 	$(BIN)/python benchmarks/wheels_check.py
 

@@ -1,0 +1,62 @@
+"""Writes the generated pages: `make docs`, or `python -m docs.build`; `--check` says what is out of date.
+
+docs/reference/ is made from the registry, the docstrings and references.bib, docs/comparison.md from the
+tables in benchmarks/results. All else under docs/ is written by hand. Pictures: `python -m docs.pictures`.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from docs.api_page import api_page
+from docs.comparison_page import comparison_page
+from docs.method_pages import method_index, method_page
+
+from eaves.methods import REGISTRY
+
+DOCS = Path(__file__).parent
+
+
+def reference_pages() -> dict[Path, str]:
+    """File (under docs/) → text of every page that the code alone decides."""
+    pages = {Path("reference/methods/README.md"): method_index(), Path("reference/api.md"): api_page()}
+    for stage, names in REGISTRY.items():
+        for name in names:
+            pages[Path(f"reference/methods/{stage}-{name}.md")] = method_page(stage, name, DOCS)
+    return pages
+
+
+def outdated() -> list[Path]:
+    """Pages that differ from what the code says, and pages of methods that are gone."""
+    pages = reference_pages()
+    wrong = [path for path, text in pages.items() if read(DOCS / path) != text]
+    there = {path.relative_to(DOCS) for path in (DOCS / "reference").rglob("*.md")}
+    return sorted([*wrong, *(there - set(pages))])
+
+
+def read(path: Path) -> str | None:
+    """The text of a file, None where there is none."""
+    return path.read_text(encoding="utf-8") if path.exists() else None
+
+
+def main() -> int:
+    """Write the pages, or check them."""
+    if "--check" in sys.argv[1:]:
+        wrong = outdated()
+        sys.stdout.writelines(f"docs/{path.as_posix()} is out of date; run make docs\n" for path in wrong)
+        return int(bool(wrong))
+    tables = DOCS.parent / "benchmarks" / "results"
+    pages = reference_pages() | {Path("comparison.md"): comparison_page(tables)}
+    for path in outdated():
+        if path not in pages:
+            (DOCS / path).unlink()
+    for path, text in pages.items():
+        (DOCS / path).parent.mkdir(parents=True, exist_ok=True)
+        (DOCS / path).write_text(text, encoding="utf-8", newline="\n")
+    sys.stdout.write(f"{len(pages)} pages written\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
