@@ -14,7 +14,7 @@ class Camera {
     this.wide = high[0] - low[0];
     this.deep = high[1] - low[1];
     const narrow = Math.min(1, this.aspect);
-    Object.assign(this, { distance: 1.22 * this.size / narrow, azimuth: -0.55, elevation: 0.75, flat: false });
+    Object.assign(this, { distance: 1.36 * this.size / narrow, azimuth: -0.55, elevation: 0.75, flat: false });
   }
 
   // From above, all of it when nothing is looked at in particular.
