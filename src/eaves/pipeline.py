@@ -364,6 +364,7 @@ class Clock:
         self._last = time.process_time()
 
     def lap(self, name: str) -> None:
+        """Book the processor time (s) since the last lap under `name`."""
         now = time.process_time()
         self.laps[name] = self.laps.get(name, 0.0) + now - self._last
         self._last = now

@@ -21,6 +21,7 @@ class GroundScore:
 
     @property
     def points(self) -> int:
+        """How many points were judged."""
         return self.ground_kept + self.ground_rejected + self.object_accepted + self.object_rejected
 
     @property
@@ -35,6 +36,7 @@ class GroundScore:
 
     @property
     def total_error(self) -> float:
+        """Points of the wrong class, of all points."""
         return ratio(self.ground_rejected + self.object_accepted, self.points)
 
     @property

@@ -1,0 +1,1 @@
+"""Points, planes, rings and plans: what several stages compute alike."""

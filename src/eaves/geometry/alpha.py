@@ -113,6 +113,7 @@ def with_sparse_parts(mesh: Mesh, kept: NDArray[np.bool_], radius: float) -> NDA
 
 @njit(cache=True)
 def part_kernel(neighbours: NDArray[np.int64], kept: NDArray[np.bool_]) -> tuple[NDArray[np.int64], int]:
+    """Connected part (T,) of each triangle kept, 1, 2, …, and 0 for the others; how many parts there are."""
     part = np.zeros(len(kept), np.int64)
     stack = np.empty(len(kept), np.int64)
     count = 0

@@ -135,6 +135,7 @@ class ClosedHouse:
 
     @property
     def ridge(self) -> float:
+        """Height (m) of the ridge."""
         return self.eaves + abs(self.rise)
 
     @property

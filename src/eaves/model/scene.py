@@ -26,10 +26,12 @@ class Raster:
 
     @property
     def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
         return self.values.shape[0], self.values.shape[1]
 
     @property
     def bounds(self) -> Bounds:
+        """Local metres, to the outer edges of the cells."""
         rows, columns = self.shape
         return Bounds(self.west, self.north - rows * self.cell, self.west + columns * self.cell, self.north)
 
@@ -86,6 +88,7 @@ class Regions:
 
     @property
     def count(self) -> int:
+        """How many regions there are."""
         return int(self.label.max(initial=0))
 
     def mask_of(self, number: int) -> Mask:

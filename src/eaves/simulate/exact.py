@@ -54,6 +54,7 @@ class ExactBuilding:
 
     @property
     def id(self) -> str:
+        """The name, or `building_<number>` where there is none."""
         return self.name or f"building_{self.number}"
 
     def solid(self) -> Solid:

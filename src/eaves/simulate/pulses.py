@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from eaves.simulate.ray_grid import TOUCH, RayGrid
+from eaves.simulate.ray_grid import TERRAIN_LABEL, TOUCH, WATER_LABEL, RayGrid
 from eaves.simulate.vegetation import CONE, ELLIPSOID
 
 MAX_ECHOES = 6
@@ -215,7 +215,7 @@ def trace_kernel(  # type: ignore[no-untyped-def]
                             inside = -1e-9 <= qx <= 1.0 + 1e-9 and -1e-9 <= qy <= 1.0 + 1e-9
                             if inside and side >= -1e-9 and t < hit:
                                 hit = t
-                                hit_label = 1 if water[i, j] else 0
+                                hit_label = WATER_LABEL if water[i, j] else TERRAIN_LABEL
                                 hit_cos = -fall / np.sqrt(1.0 + (sx * sx + sy * sy) / (cell * cell))
                     for m in range(starts[square], starts[square + 1]):
                         k = members[m]
@@ -271,7 +271,7 @@ def trace_kernel(  # type: ignore[no-untyped-def]
                                 energy = energy - lost if energy - lost > 2e-3 else 0.0
                             t += LEAF_STEP
                     if hit <= until + TOUCH:
-                        if hit_label == 1 and -az < WATER_MIRROR:
+                        if hit_label == WATER_LABEL and -az < WATER_MIRROR:
                             energy = 0.0
                         if energy > 0.0:
                             place = gather_kernel(

@@ -29,6 +29,7 @@ class Seam:
 
     @classmethod
     def of(cls, result: BlockResult) -> Seam:
+        """What the block pass found near the seams of its block."""
         count = int(max(result.label.max(initial=0), result.seam_label.max(initial=0)))
         inside = np.zeros(count + 1, bool)
         inside[result.label] = True

@@ -49,6 +49,7 @@ class Store:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def points_path(self, block: Block) -> Path:
+        """The file of a block's points."""
         return self.folder / "points" / f"{block.name}.bin"
 
     def append_points(self, block: Block, records: np.ndarray[Any, Any]) -> None:

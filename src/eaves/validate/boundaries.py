@@ -45,26 +45,32 @@ class Boundaries:
 
     @property
     def face_count(self) -> int:
+        """Faces of all shells."""
         return len(self.faces) - 1
 
     @property
     def shell_count(self) -> int:
+        """Shells, also those without faces."""
         return len(self.shells) - 1
 
     @cached_property
     def ring_of_point(self) -> Integers:
+        """The ring (P,) of each point."""
         return np.repeat(np.arange(len(self.rings) - 1), np.diff(self.rings))
 
     @cached_property
     def face_of_ring(self) -> Integers:
+        """The face (R,) of each ring."""
         return np.repeat(np.arange(self.face_count), np.diff(self.faces))
 
     @cached_property
     def face_of_point(self) -> Integers:
+        """The face (P,) of each point."""
         return self.face_of_ring[self.ring_of_point]
 
     @cached_property
     def shell_of_face(self) -> Integers:
+        """The shell (F,) of each face."""
         return np.repeat(np.arange(self.shell_count), np.diff(self.shells))
 
     @cached_property
