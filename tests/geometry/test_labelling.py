@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from eaves.geometry.labelling import Network, energy_of, expand, label_nodes
+from eaves.geometry.labelling import Costs, expand, label_nodes
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -17,12 +17,12 @@ def test_an_expansion_is_the_best_there_is(seed: int) -> None:
     edges = np.array([(i, j) for i in range(6) for j in range(i + 1, 6) if rng.random() < 0.5]).reshape(-1, 2)
     border, price = 0.5 * rng.random(len(edges)), np.zeros(3)
     labels = rng.integers(0, 3, 6)
-    moved = expand(Network.of(6, edges), cost, edges, border, labels, 1)
+    costs = Costs.of(cost, edges, border, price)
+    moved = expand(costs, labels, 1, costs.may_gain(labels))
     best = min(
-        energy_of(cost, edges, border, price, np.where(np.array(choice), 1, labels))
-        for choice in product([False, True], repeat=6)
+        costs.of_labels(np.where(np.array(choice), 1, labels)) for choice in product([False, True], repeat=6)
     )
-    assert energy_of(cost, edges, border, price, moved) == pytest.approx(best, abs=1e-2)
+    assert costs.of_labels(moved) == pytest.approx(best, abs=1e-2)
 
 
 def test_a_label_that_costs_more_than_it_saves_is_given_up() -> None:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from eaves.model import Values
+from eaves.model import Mask, Values
 
 Integers = NDArray[np.int64]
 
@@ -17,10 +16,39 @@ SCALE = 1e4
 """Costs become whole numbers for the flow: 1e-4 of the cost's unit is kept."""
 
 LARGEST = 1e5
-"""Costs above this are cut off, so that sums stay within 32 bits."""
+"""Costs above this are cut off; a label that costs so much is never taken."""
 
 SWEEPS = 4
 """Rounds over all labels; the energy hardly falls after the second."""
+
+
+@dataclass(frozen=True, eq=False)
+class Costs:
+    """What labels cost: `data` (N, L) at each node, `border` (E,) along each of the `edges` (E, 2) when its
+    ends differ, `price` (L,) once for each label in use.
+    """
+
+    data: NDArray[np.float64]
+    edges: Integers
+    border: Values
+    price: Values
+
+    @classmethod
+    def of(cls, data: NDArray[np.float64], edges: Integers, border: Values, price: Values) -> Costs:
+        """Costs with each pair of nodes once, and none above `LARGEST`."""
+        return cls(np.minimum(data, LARGEST), *one_edge_per_pair(edges, border), price)
+
+    def of_labels(self, labels: Integers) -> float:
+        """The sum that `label_nodes` makes small."""
+        differs = labels[self.edges[:, 0]] != labels[self.edges[:, 1]]
+        used = np.bincount(labels, minlength=len(self.price)) > 0
+        data = self.data[np.arange(len(labels)), labels].sum()
+        return float(data + self.border[differs].sum() + self.price[used].sum())
+
+    def may_gain(self, labels: Integers) -> Values:
+        """Cost (N,) above which a label cannot pay at a node: its label's and all its borders'."""
+        around = np.bincount(self.edges.ravel(), np.repeat(self.border, 2), len(labels))
+        return np.asarray(np.minimum(self.data[np.arange(len(labels)), labels] + around, LARGEST))
 
 
 def label_nodes(
@@ -31,112 +59,161 @@ def label_nodes(
 
     `data` (N, L) is the cost of each label at each node, `edges` (E, 2) join nodes, `border` (E,) is paid
     when their labels differ, `price` (L,) once for each label in use. Expansion moves by minimal cuts
-    [boykov2001], then labels that cost more than they save are given up.
+    [boykov2001], each among the nodes where its label can pay; then labels that cost more than they save
+    are given up.
     """
     count, labels = data.shape
-    cost = np.minimum(data, LARGEST)
-    current = np.argmin(cost, axis=1).astype(np.int64) if start is None else start.copy()
+    costs = Costs.of(data, edges, border, price)
+    current = np.argmin(costs.data, axis=1).astype(np.int64) if start is None else start.copy()
     if labels == 1 or count == 0:
         return current
-    edges, border = one_edge_per_pair(edges, border)
-    network = Network.of(count, edges)
-    best = energy_of(cost, edges, border, price, current)
-    gain = np.bincount(edges.ravel(), np.repeat(border, 2), count)
-    settled = np.zeros(labels, bool)
+    best = costs.of_labels(current)
+    limit = costs.may_gain(current)
+    open_labels = np.ones(labels, bool)
     for _ in range(SWEEPS):
         before = best
         for label in range(labels):
-            here = cost[np.arange(count), current]
-            if settled[label] or not np.any((cost[:, label] < here + gain) & (current != label)):
+            if not open_labels[label]:
                 continue
-            settled[label] = True
-            moved = expand(network, cost, edges, border, current, label)
-            energy = energy_of(cost, edges, border, price, moved)
-            if energy < best - 1.0 / SCALE:
-                current, best = moved, energy
-                settled[:] = False
-                settled[label] = True
+            open_labels[label] = False
+            best, accepted = try_labels(costs, current, expand(costs, current, label, limit), best)
+            if accepted is not None:
+                reopen(costs, current, accepted, open_labels)
+                current, limit = accepted, costs.may_gain(accepted)
+                open_labels[label] = False
         for label in np.unique(current).tolist():
-            moved = without_label(cost, edges, border, current, label)
-            energy = energy_of(cost, edges, border, price, moved)
-            if energy < best - 1.0 / SCALE:
-                current, best = moved, energy
-                settled[:] = False
+            best, accepted = try_labels(costs, current, without_label(costs, current, label), best)
+            if accepted is not None:
+                reopen(costs, current, accepted, open_labels)
+                current, limit = accepted, costs.may_gain(accepted)
         if best > before - 1.0 / SCALE:
             break
     return current
 
 
-def energy_of(
-    cost: NDArray[np.float64], edges: Integers, border: Values, price: Values, labels: Integers
-) -> float:
-    """The sum that `label_nodes` makes small."""
-    differs = labels[edges[:, 0]] != labels[edges[:, 1]]
-    data = cost[np.arange(len(labels)), labels].sum()
-    return float(data + border[differs].sum() + price[np.unique(labels)].sum())
+def try_labels(
+    costs: Costs, current: Integers, moved: Integers, best: float
+) -> tuple[float, Integers | None]:
+    """The lower energy, and the labels after a move that lowers it, else None."""
+    if np.array_equal(moved, current):
+        return best, None
+    energy = costs.of_labels(moved)
+    return (energy, moved) if energy < best - 1.0 / SCALE else (best, None)
 
 
-@dataclass(frozen=True, eq=False)
-class Network:
-    """The arcs of the flow problem, made once: only their capacities change from cut to cut.
+def reopen(costs: Costs, before: Integers, after: Integers, open_labels: Mask) -> None:
+    """Opens the labels (L,) that may pay at a node that changed, or beside one."""
+    touched = before != after
+    beside = touched[costs.edges].any(axis=1)
+    touched[costs.edges[beside].ravel()] = True
+    open_labels |= (costs.data[touched] < costs.may_gain(after)[touched, None]).any(axis=0)
 
-    Arcs run between the nodes of each edge, both ways, from the source to every node and from every node
-    to the sink, and back. `order` puts capacities in that sequence into the rows of the matrix.
+
+def expand(costs: Costs, labels: Integers, label: int, limit: Values) -> Integers:
+    """The labels after the cheapest choice, for all nodes together, of keeping theirs or taking `label`.
+
+    A node where the label costs more than `limit` (N,) gains nothing whatever its neighbours do, and keeps
+    its own: the cut is made among the others.
     """
-
-    order: Integers
-    columns: NDArray[np.int32]
-    first: NDArray[np.int32]
-
-    @classmethod
-    def of(cls, count: int, edges: Integers) -> Network:
-        """The network over `count` nodes joined by `edges` (E, 2), each pair once."""
-        nodes, source, sink = np.arange(count), np.full(count, count), np.full(count, count + 1)
-        rows = np.concatenate([edges[:, 0], edges[:, 1], source, nodes, nodes, sink])
-        columns = np.concatenate([edges[:, 1], edges[:, 0], nodes, source, sink, nodes])
-        order = np.lexsort((columns, rows))
-        first = np.searchsorted(rows[order], np.arange(count + 3))
-        return cls(order, columns[order].astype(np.int32), first.astype(np.int32))
-
-    def cut(self, capacity: Values) -> Integers:
-        """The nodes on the source's side of the minimal cut under capacities (A,), in the sequence of the
-        arcs.
-        """
-        size = len(self.first) - 1
-        whole = np.minimum(np.round(capacity[self.order] * SCALE), 1e9).astype(np.int32)
-        graph = csr_array((whole, self.columns, self.first), shape=(size, size))
-        flow = csr_array(maximum_flow(graph, size - 2, size - 1).flow)
-        residual = csr_array((whole - flow.data, self.columns.copy(), self.first.copy()), shape=(size, size))
-        residual.eliminate_zeros()
-        reached = breadth_first_order(residual, size - 2, return_predecessors=False)
-        return np.asarray(reached[reached < size - 2], np.int64)
-
-
-def expand(
-    network: Network,
-    cost: NDArray[np.float64],
-    edges: Integers,
-    border: Values,
-    labels: Integers,
-    label: int,
-) -> Integers:
-    """The labels after the cheapest choice, for all nodes together, of keeping theirs or taking `label`."""
-    count = len(labels)
-    keep, take = cost[np.arange(count), labels].copy(), cost[:, label].copy()
-    fixed = labels == label
-    keep[fixed] = LARGEST
-    take[fixed] = 0.0
-    same = labels[edges[:, 0]] == labels[edges[:, 1]]
+    free = (costs.data[:, label] < limit) & (labels != label)
+    nodes = np.flatnonzero(free)
+    answer = labels.copy()
+    if len(nodes) == 0:
+        return answer
+    number = np.cumsum(free) - 1
+    keep, take = costs.data[nodes, labels[nodes]], costs.data[nodes, label]
+    ends = free[costs.edges]
+    for side in (0, 1):
+        alone = ends[:, side] & ~ends[:, 1 - side]
+        here, there, border = costs.edges[alone, side], costs.edges[alone, 1 - side], costs.border[alone]
+        keep = keep + np.bincount(number[here], border * (labels[here] != labels[there]), len(nodes))
+        take = take + np.bincount(number[here], border * (labels[there] != label), len(nodes))
+    both = ends.all(axis=1)
+    edges, border = number[costs.edges[both]], costs.border[both]
+    same = labels[costs.edges[both, 0]] == labels[costs.edges[both, 1]]
     # A pair with two labels pays unless both take the new one: its cost is split into node and arc terms
     # after [kolmogorov2004], table 2.
-    take -= np.bincount(edges[~same, 1], border[~same], count)
+    take = take - np.bincount(edges[~same, 1], border[~same], len(nodes))
     low = np.minimum(keep, take)
-    none = np.zeros(count)
     # A node on the source's side takes the label; it then pays its arc to the sink.
-    capacity = [np.where(same, border, 0.0), border, keep - low, none, take - low, none]
-    answer = labels.copy()
-    answer[network.cut(np.concatenate(capacity))] = label
+    taken = cut(edges, np.where(same, border, 0.0), border, keep - low, take - low)
+    answer[nodes[taken]] = label
     return answer
+
+
+def cut(edges: Integers, there: Values, back: Values, source: Values, sink: Values) -> Mask:
+    """The nodes (N,) on the source's side of the minimal cut.
+
+    Capacities: `there` and `back` (E,) along the edges (E, 2), from the source to every node and from every
+    node to the sink (N,).
+    """
+    count = len(source)
+    nodes, one, other = np.arange(count), np.full(count, count), np.full(count, count + 1)
+    tail = np.concatenate([edges[:, 0], one, nodes, edges[:, 1], nodes, other])
+    head = np.concatenate([edges[:, 1], nodes, other, edges[:, 0], one, nodes])
+    none = np.zeros(count)
+    capacity = np.concatenate([there, source, sink, back, none, none])
+    half = len(tail) // 2
+    order = np.argsort(tail, kind="stable")
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    twin = place[np.where(order < half, order + half, order - half)]
+    first = np.searchsorted(tail[order], np.arange(count + 3))
+    whole = np.round(capacity[order] * SCALE).astype(np.int64)
+    return np.asarray(source_side_kernel(first, head[order], twin, whole))[:count]
+
+
+@njit(cache=True)
+def source_side_kernel(first: Integers, head: Integers, twin: Integers, capacity: Integers) -> Mask:
+    """Nodes (V,) that the source still reaches when the flow to the sink is largest, after [dinic1970].
+
+    Arcs `first[v]` to `first[v + 1]` leave node v for `head` with `capacity` left, which changes; `twin` is
+    the way back. Source and sink are the last two nodes.
+    """
+    size = len(first) - 1
+    source, sink = size - 2, size - 1
+    level, queue = np.empty(size, np.int64), np.empty(size, np.int64)
+    path = np.empty(size, np.int64)
+    while True:
+        level[:] = -1
+        level[source], queue[0] = 0, source
+        done, waiting = 0, 1
+        while done < waiting:
+            node = queue[done]
+            done += 1
+            for arc in range(first[node], first[node + 1]):
+                if capacity[arc] > 0 and level[head[arc]] < 0:
+                    level[head[arc]] = level[node] + 1
+                    queue[waiting] = head[arc]
+                    waiting += 1
+        if level[sink] < 0:
+            return level >= 0
+        ahead = first[:-1].copy()
+        node, depth = source, 0
+        while True:
+            if node == sink:
+                push = capacity[path[:depth]].min()
+                for step in range(depth - 1, -1, -1):
+                    capacity[path[step]] -= push
+                    capacity[twin[path[step]]] += push
+                    if capacity[path[step]] == 0:
+                        depth, node = step, head[twin[path[step]]]
+                continue
+            while ahead[node] < first[node + 1]:
+                arc = ahead[node]
+                if capacity[arc] > 0 and level[head[arc]] == level[node] + 1:
+                    break
+                ahead[node] += 1
+            if ahead[node] < first[node + 1]:
+                path[depth] = ahead[node]
+                node = head[path[depth]]
+                depth += 1
+            elif node == source:
+                break
+            else:
+                depth -= 1
+                node = head[twin[path[depth]]]
+                ahead[node] += 1
 
 
 def one_edge_per_pair(edges: Integers, border: Values) -> tuple[Integers, Values]:
@@ -147,21 +224,23 @@ def one_edge_per_pair(edges: Integers, border: Values) -> tuple[Integers, Values
     return pairs, np.asarray(np.bincount(number.ravel(), border, len(pairs)), np.float64)
 
 
-def without_label(
-    cost: NDArray[np.float64], edges: Integers, border: Values, labels: Integers, label: int
-) -> Integers:
-    """The labels after every node with `label` took the cheapest other one in use, given its neighbours."""
-    others = np.setdiff1d(np.unique(labels), [label])
+def without_label(costs: Costs, labels: Integers, label: int) -> Integers:
+    """The labels after every node with `label` took the cheapest other one in use, looking at its
+    neighbours.
+    """
+    mine = np.flatnonzero(labels == label)
+    used = np.bincount(labels, minlength=len(costs.price)) > 0
+    used[label] = False
+    others = np.flatnonzero(used)
     answer = labels.copy()
     if len(others) == 0:
         return answer
-    mine = labels == label
-    position = {int(other): number for number, other in enumerate(others)}
-    total = cost[:, others].copy()
+    position, row = np.cumsum(used) - 1, np.full(len(labels), -1)
+    row[mine] = np.arange(len(mine))
+    total = costs.data[np.ix_(mine, others)]
     for a, b in ((0, 1), (1, 0)):
-        here, there = edges[:, a], edges[:, b]
-        counts = mine[here] & ~mine[there]
-        column = np.array([position[int(other)] for other in labels[there[counts]]], np.int64)
-        np.subtract.at(total, (here[counts], column), border[counts])
-    answer[mine] = others[np.argmin(total[mine], axis=1)]
+        here, there = costs.edges[:, a], costs.edges[:, b]
+        counts = (row[here] >= 0) & (row[there] < 0)
+        np.subtract.at(total, (row[here[counts]], position[labels[there[counts]]]), costs.border[counts])
+    answer[mine] = others[np.argmin(total, axis=1)]
     return answer

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,8 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.geometry.coverage import OUTSIDE, Coverage, Integers
-from eaves.geometry.labelling import label_nodes
-from eaves.model import Labels, Points
+from eaves.geometry.labelling import LARGEST, label_nodes
+from eaves.model import Labels, Mask, Points
 from eaves.reconstruct.evidence import LOWEST_ROOF
 
 RUNAWAY = 1e3
@@ -18,6 +19,10 @@ RUNAWAY = 1e3
 
 UNKNOWN_PRICE = 0.3
 """Cost (m²) of a square metre under the level that stands for no plane at all."""
+
+
+FARTHEST = 5.0
+"""A plane may cover cells this near (m) to the rectangle around its points, which bounds the work."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +62,15 @@ def label_cells(
     plane is the level that stands for no plane at all.
     """
     point, cell = points_in_cells(coverage, roof)
-    rise = roof[:, :2] @ planes[:, :2].T + planes[:, 2]
-    misfit = np.abs(roof[:, 2:] - rise) / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1))
-    cost = np.minimum((misfit / prices.misfit_limit) ** 2, 1.0)
-    cost = (cost + np.minimum(misfit / prices.gross_limit, 1.0)) * spacing**2
-    data: NDArray[np.float64] = np.column_stack(
-        [np.bincount(cell, cost[point, plane], coverage.count) for plane in range(len(planes))]
-    )
+    data: NDArray[np.float64] = np.full((coverage.count, len(planes)), LARGEST)
+    for number, near in enumerate(cells_near(coverage, roof, labels, len(planes))):
+        mine = near[cell]
+        a, b, c = planes[number].tolist()
+        places = roof[point[mine]]
+        misfit = np.abs(places[:, 2] - places[:, 0] * a - places[:, 1] * b - c) / np.sqrt(1.0 + a**2 + b**2)
+        cost = np.minimum((misfit / prices.misfit_limit) ** 2, 1.0)
+        cost = (cost + np.minimum(misfit / prices.gross_limit, 1.0)) * spacing**2
+        data[near, number] = np.bincount(cell[mine], cost, coverage.count)[near]
     data += RUNAWAY * beyond_support(coverage, roof, labels, planes, ground, prices)
     data[:, -1] += UNKNOWN_PRICE * coverage.area + 1e-6
     halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
@@ -71,6 +78,25 @@ def label_cells(
     return label_nodes(
         data, edges, prices.border * coverage.length[halves], np.full(len(planes), prices.plane)
     )
+
+
+def cells_near(coverage: Coverage, roof: Points, labels: Labels, count: int) -> Iterator[Mask]:
+    """For each of `count` planes the cells (C,) that may have it: those near the rectangle of its points.
+
+    The last plane stands for nothing known and may be anywhere.
+    """
+    inner = coverage.cell != OUTSIDE
+    low, high = np.full((coverage.count, 2), np.inf), np.full((coverage.count, 2), -np.inf)
+    np.minimum.at(low, coverage.cell[inner], coverage.nodes[coverage.start[inner]])
+    np.maximum.at(high, coverage.cell[inner], coverage.nodes[coverage.start[inner]])
+    for number in range(count - 1):
+        places = roof[labels == number, :2]
+        if len(places) == 0:
+            yield np.zeros(coverage.count, bool)
+            continue
+        west_south, east_north = places.min(axis=0) - FARTHEST, places.max(axis=0) + FARTHEST
+        yield np.asarray(((low <= east_north) & (high >= west_south)).all(axis=1))
+    yield np.ones(coverage.count, bool)
 
 
 def beyond_support(
