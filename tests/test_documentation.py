@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 import pytest
-
 from docs.build import outdated
 
 DOCS = Path(__file__).parent.parent / "docs"
