@@ -32,6 +32,10 @@ WITHOUT_ECHOES = Weights(2.0, area=0.86, rough=-3.6, width=0.58, height=1.1, thr
 
 SHED_M2, DOOR_M, SHED_HEIGHT_M, ROUGH_M = 6.0, 2.5, 2.5, 0.05
 """Where the terms are zero: the smallest shed, its width and height, a residual no roof's noise explains."""
+STOREY_M = 3.0
+"""Bushes and hedges stay below a storey; above it height tells nothing of a cell."""
+LOW_CELL = 1.2
+"""Log odds that a rough cell loses for each metre under a storey."""
 VEHICLE_WIDTH_M = 2.45
 """Road vehicles and containers are narrower (the legal limit is 2.55 m, and points stop short of edges)."""
 VEHICLE_HEIGHT_M = 4.2
@@ -59,9 +63,11 @@ def judge_segments(segments: Segments, echoes: bool) -> Values:
 
 
 def judge_cells(evidence: Evidence, max_residual: float, echoes: bool) -> Values:
-    """Log odds (H, W) of cells in no surface: chimneys and eaves split few pulses, crowns many."""
+    """Log odds (H, W) of cells in no surface: chimneys and eaves split few pulses, crowns many; bushes are
+    low."""
     if echoes:
-        return np.asarray(2.0 - 5.0 * evidence.several - evidence.through, np.float64)
+        low = np.clip(evidence.height - STOREY_M, -1.5, 0.0)
+        return np.asarray(2.0 - 5.0 * evidence.several - evidence.through + LOW_CELL * low, np.float64)
     rough = np.clip(np.log(np.minimum(evidence.residual, 10.0) / max_residual), -1.5, 2.0)
     return np.asarray(-0.8 - 0.3 * rough - evidence.through, np.float64)
 
