@@ -129,6 +129,19 @@ class Coverage:
 
         Cells with label `OUTSIDE` leave the coverage.
         """
+        region, first = self.regions(label)
+        region = np.append(region, OUTSIDE)
+        new_left = region[self.cell]
+        stays = new_left != new_left[self.twin]
+        answer = Coverage(self.nodes, self.start[stays], self.end[stays], new_left[stays]).compact()
+        return answer, np.asarray(label[first])
+
+    def regions(self, label: Integers) -> tuple[Integers, Integers]:
+        """The number (C,) of the connected region of like label that each cell is in, and the first cell of
+        each region.
+
+        Cells with label `OUTSIDE` have that number.
+        """
         padded = np.append(label, OUTSIDE)
         left, right = padded[self.cell], padded[self.cell[self.twin]]
         inner = (left == right) & (left != OUTSIDE) & (self.cell != OUTSIDE)
@@ -142,11 +155,8 @@ class Coverage:
         used = int((first < self.count).sum())
         number = np.full(len(first) + 1, OUTSIDE)
         number[order[:used]] = np.arange(used)
-        region = np.append(np.where(label == OUTSIDE, OUTSIDE, number[group]), OUTSIDE)
-        new_left = region[self.cell]
-        stays = new_left != new_left[self.twin]
-        answer = Coverage(self.nodes, self.start[stays], self.end[stays], new_left[stays]).compact()
-        return answer, np.asarray(label[first[order[:used]]])
+        region = np.where(label == OUTSIDE, OUTSIDE, number[group])
+        return np.asarray(region, np.int64), first[order[:used]]
 
     def compact(self) -> Coverage:
         """The same coverage without the nodes that no edge uses."""

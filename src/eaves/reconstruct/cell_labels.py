@@ -120,6 +120,6 @@ def beyond_support(
     over = coverage.nodes[coverage.start[inner]] @ planes[:, :2].T + planes[:, 2]
     floor = np.maximum(low - margin, ground + LOWEST_ROOF)
     beyond = np.maximum(np.maximum(floor - over, over - high - margin), 0.0)
-    worst = np.zeros((coverage.count, len(planes)))
-    np.maximum.at(worst, coverage.cell[inner], beyond)
-    return worst
+    order = np.argsort(coverage.cell[inner], kind="stable")
+    first = np.searchsorted(coverage.cell[inner][order], np.arange(coverage.count))
+    return np.asarray(np.maximum.reduceat(beyond[order], first, axis=0))

@@ -12,14 +12,13 @@ from eaves.reconstruct.evidence import LOWEST_ROOF, PRISM_PERCENTILE
 from eaves.reconstruct.raising import raise_plan, without_numbers
 
 
-def group_levels(plan: Coverage, roof: Points, jump: float) -> Integers:
+def group_levels(plan: Coverage, cell: Integers, heights: Values, jump: float) -> Integers:
     """A group (C,) for each cell: neighbours whose heights differ by less than `jump` (m) are one level.
 
     Neighbours join in the order of their height difference, and a group's height is that of all its
-    points, so a row of small steps does not run together into one level.
+    points, so a row of small steps does not run together into one level. `cell` and `heights` (K,) are those of
+    the roof points.
     """
-    point, cell = points_in_cells(plan, roof)
-    heights = roof[point, 2]
     group = np.arange(plan.count)
     halves = np.flatnonzero((plan.cell >= 0) & (plan.cell[plan.twin] > plan.cell))
     pairs = np.unique(np.column_stack([plan.cell[halves], plan.cell[plan.twin[halves]]]), axis=0)
@@ -38,13 +37,15 @@ def group_levels(plan: Coverage, roof: Points, jump: float) -> Integers:
 
 
 def flat_plan(
-    plan: Coverage, group: Integers, roof: Points, ground: float
+    plan: Coverage, group: Integers, cell: Integers, heights: Values, ground: float
 ) -> tuple[Coverage, NDArray[np.float64]]:
-    """The plan with the cells of a group (C,) made one, and a horizontal plane (G, 3) for each new cell."""
+    """The plan with the cells of a group (C,) made one, and a horizontal plane (G, 3) for each of its cells.
+
+    `cell` and `heights` (K,) are those of the roof points.
+    """
     merged, names = plan.merged(group)
-    point, cell = points_in_cells(merged, roof)
-    whole = float(np.percentile(roof[:, 2], PRISM_PERCENTILE))
-    height = heights_of(cell, roof[point, 2], merged.count)
+    height = heights_of(plan.regions(group)[0][cell], heights, merged.count)
+    whole = float(np.percentile(heights, PRISM_PERCENTILE)) if len(heights) else ground
     height = np.maximum(np.where(np.isnan(height), whole, height), ground + LOWEST_ROOF)
     return merged, np.column_stack([np.zeros((len(names), 2)), height])
 
@@ -65,10 +66,12 @@ def coarse_solids(
     """The sound solids at LoD 1.2 and 1.3 over a plan; `limits` are the smallest (m²) and the narrowest
     (m) face.
     """
-    groups = {"1.2": np.zeros(plan.count, np.int64), "1.3": group_levels(plan, roof, jump)}
+    point, cell = points_in_cells(plan, roof)
+    heights = roof[point, 2]
+    groups = {"1.2": np.zeros(plan.count, np.int64), "1.3": group_levels(plan, cell, heights, jump)}
     answer = {}
     for lod, group in groups.items():
-        level, planes = flat_plan(plan, group, roof, ground)
+        level, planes = flat_plan(plan, group, cell, heights, ground)
         raised = raise_plan(level, np.arange(level.count), planes, ground, *limits)
         if raised.solids:
             answer[lod] = without_numbers(raised.solids)
