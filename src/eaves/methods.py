@@ -128,8 +128,7 @@ def method_class(stage: str, name: str) -> type[Method]:
 def make_method(
     stage: str, name: str | None = None, parameters: dict[str, Any] | None = None, published: bool = False
 ) -> Method:
-    """The method of a stage by name (the default one for None), with parameters; ValueError names the bad
-    one."""
+    """The method of a stage by name (None: the default), with parameters; ValueError names the bad one."""
     cls = method_class(stage, name or DEFAULTS[stage])
     unknown = set(parameters or {}) - set(cls.model_fields)
     if unknown:

@@ -103,8 +103,7 @@ def make_recipe(
 
 @dataclass(frozen=True, eq=False)
 class BlockResult:
-    """What the block pass found out about the points inside one block; arrays are (N,) and in canonical
-    order."""
+    """What the block pass found out about the points in one block; arrays are (N,) and in canonical order."""
 
     block: Block
     xyz: Points
@@ -131,8 +130,7 @@ class BlockResult:
 
 @dataclass(frozen=True, eq=False)
 class BuildingPoints:
-    """One building before it is modelled: its points (N,) about the origin of its home block, and the
-    terrain around it."""
+    """One building before it is modelled: its points (N,) about its home block's origin, the terrain."""
 
     home: Block
     xyz: Points
@@ -153,8 +151,7 @@ class BuildingPoints:
 
 @dataclass(frozen=True, eq=False)
 class BuildingResult:
-    """A model, or the Failure (with the footprint it concerns), and the roof plane of every point (N,), 0
-    for none."""
+    """A model, or the Failure (with its footprint), and the roof plane of every point (N,), 0 for none."""
 
     answer: BuildingModel | Failure
     point_id: NDArray[np.int64]
@@ -297,8 +294,7 @@ def hull_of(points: Points, spacing: float) -> Footprint:
 
 
 def name_footprint(footprint: Footprint, building: BuildingPoints) -> Footprint:
-    """The footprint with its origin, score and, unless it was given one, the id of its representative
-    point's cell."""
+    """The footprint with origin, score and, unless given one, the id of its representative point's cell."""
     home = building.home
     if footprint.id:
         return footprint.with_(origin=home.origin)

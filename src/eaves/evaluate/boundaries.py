@@ -12,14 +12,10 @@ FARTHEST = 3.0
 """Rim points farther than this (m) from the reference's rim are not the same rim [isprs_evaluation]."""
 
 CANDIDATES = 8
-"""Sides whose middles are nearest to a point; the nearest side is among them, for all sides are of one
-length.
-"""
+"""Sides whose middles are nearest to a point; the nearest side is among them, as all are of one length."""
 
 Sides = tuple[NDArray[np.float64], NDArray[np.bool_]]
-"""Middles (N, 2) of cell sides in metres from the upper left corner (x right, y down), and which are upright
-(N,).
-"""
+"""Middles (N, 2) of cell sides, m from the upper left corner (x right, y down); which are upright (N,)."""
 
 
 def rim_of(inside: NDArray[np.bool_], cell: float) -> Sides:

@@ -58,9 +58,7 @@ class CityBuilding:
 
 
 def read_buildings(path: str | Path, lod: str | None = None) -> list[CityBuilding]:
-    """The buildings of a file, each at a level of detail or, for None, at its finest; parts belong to their
-    building.
-    """
+    """The buildings of a file, each at one level of detail (None: its finest); parts join their building."""
     objects = read_cityjson(path)
     members: dict[str, list[CityObject]] = defaultdict(list)
     for item in objects.values():

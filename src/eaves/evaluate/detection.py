@@ -38,9 +38,7 @@ class ObjectRow:
 
 @dataclass(frozen=True, eq=False)
 class DetectionScore:
-    """Agreement by area, by objects, by objects over 10 and 50 m²; relations; RMS of the rims (m); map and
-    rows.
-    """
+    """Agreement by area, objects, objects over 10 and 50 m²; relations; RMS of the rims (m); map and rows."""
 
     area: Agreement
     objects: Agreement

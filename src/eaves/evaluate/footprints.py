@@ -110,9 +110,7 @@ def evaluate_footprints(
 
 
 def _united(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> tuple[dict[str, int], float, float]:
-    """How many groups of each relation there are; mean IoU of the groups' unions, and RMS (m) of their
-    outlines.
-    """
+    """How many groups of each relation there are; mean IoU of their unions, RMS (m) of their outlines."""
     two, one = (
         shapely.STRtree(found).query(wanted, predicate="intersects")
         if len(found) and len(wanted)
@@ -164,9 +162,7 @@ def outline_distances(
 
 
 def polis(one: Polygon | MultiPolygon, two: Polygon | MultiPolygon) -> float:
-    """PoLiS distance (m) [avbelj2015], eq. 4: mean distance of the vertices of each from the outline of the
-    other.
-    """
+    """PoLiS distance (m) [avbelj2015], eq. 4: mean distance of the vertices of each from the other's rim."""
     means = [
         shapely.distance(shapely.points(vertices_of(here)), there.boundary).mean()
         for here, there in ((one, two), (two, one))

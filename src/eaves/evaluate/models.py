@@ -33,9 +33,7 @@ TRIMMED = 95.0
 
 @dataclass(frozen=True)
 class ModelRow:
-    """One footprint: its roof points, how many have no face, and their distances (m); its model where there
-    is one.
-    """
+    """One footprint: its roof points, how many have no face, their distances (m); its model, if any."""
 
     footprint: str
     points: int

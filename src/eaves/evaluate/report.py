@@ -24,9 +24,7 @@ COLOURS = {1: (60, 160, 60, 255), 2: (60, 90, 200, 255), 3: (210, 60, 50, 255), 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What an evaluation found: `figures` (measure → value) to print, `rows` by object, a map where there is
-    one.
-    """
+    """What an evaluation found: `figures` (measure → value) to print, `rows` by object, perhaps a map."""
 
     what: str
     result: str
@@ -53,9 +51,7 @@ class Evaluation:
 
 
 def write_report(evaluation: Evaluation, folder: str | Path) -> list[Path]:
-    """Write `<what>.json`, `<what>.csv` with the rows, and `.gpkg` and `.tif` where there are places and a
-    map.
-    """
+    """Write `<what>.json`, `<what>.csv` with the rows, `.gpkg` and `.tif` if there are places and a map."""
     stem = Path(folder) / evaluation.what
     written = [stem.with_suffix(".json")]
     document = {

@@ -66,8 +66,7 @@ def through_corners(segments: NDArray[np.float64], corners: NDArray[np.float64])
 
 
 def without_necks(polygon: BaseGeometry, grid: float) -> BaseGeometry:
-    """The polygonal shape, parted at its necks and with its clefts filled where they are too narrow to be
-    built.
+    """The polygonal shape, parted at necks and with clefts filled where they are too narrow to be built.
 
     A shape that is nowhere so narrow comes back as it is.
     """

@@ -60,8 +60,7 @@ def is_sound(coverage: Coverage) -> bool:
 def drop_straight_nodes(
     coverage: Coverage, labels: Integers, inner: float = STRAIGHT
 ) -> tuple[Coverage, Integers]:
-    """The coverage without the nodes of two edges that lie on the line between their neighbours; and its
-    labels (C,).
+    """The coverage, and its labels (C,), without nodes of two edges on the line of their neighbours.
 
     Nodes inside the coverage may be `inner` (m) away from that line, those on the outline `STRAIGHT`.
     """
@@ -166,9 +165,7 @@ def corner_rank(coverage: Coverage) -> Integers:
 def absorb_slivers(
     coverage: Coverage, labels: Integers, smallest_area: float, narrowest: float
 ) -> tuple[Coverage, Integers]:
-    """The coverage with cells that are too small (m²) or narrow (m) given to the neighbour they share most
-    with.
-    """
+    """The coverage with cells too small (m²) or narrow (m) given to the neighbour they share most with."""
     for _ in range(ROUNDS):
         twin = coverage.cell[coverage.twin]
         inner = (coverage.cell >= 0) & (twin >= 0)

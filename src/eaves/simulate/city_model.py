@@ -41,9 +41,7 @@ GROUND_NEIGHBOURS = 6
 """The terrain at a place is the mean of the bases of so many nearest buildings, weighted by distance."""
 
 CLOSING_GRIDS = (0.001, 0.005, 0.01, 0.02)
-"""Grids (m) to which the corners of roof faces are snapped until a solid closes over them; the first that
-does.
-"""
+"""Grids (m) to which the corners of roof faces are snapped, in turn, until a solid closes over them."""
 
 SMOOTHING = 5.0
 """Standard deviation (m) of the filter that rounds the terrain between buildings."""

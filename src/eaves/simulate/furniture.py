@@ -72,9 +72,7 @@ def _ribbon(
 
 
 def span_bridge(x: float, y: float, corridor: Corridor, terrain: Terrain) -> Surfaces:
-    """A bridge 8 m wide across a canal, its axis through (x, y), its deck joining the ground on the two
-    banks.
-    """
+    """A bridge 8 m wide across a canal, its axis through (x, y), its deck joining the ground of the banks."""
     across = np.array([-np.sin(corridor.angle), np.cos(corridor.angle)])
     along = np.array([across[1], -across[0]])
     offset = float((np.array([x, y]) - [corridor.x, corridor.y]) @ across)

@@ -89,9 +89,7 @@ def _upper(rng: np.random.Generator) -> float:
 
 
 def draw_detached(rng: np.random.Generator) -> Design:
-    """A house: 8 to 14.5 m by 6.5 to 10.5 m, one or two storeys, with dormers (one in three) and a chimney
-    (half).
-    """
+    """A house: 8 to 14.5 m by 6.5 to 10.5 m, one or two storeys, a third with dormers, half a chimney."""
     kind = str(rng.choice(list(DETACHED_SHARES), p=list(DETACHED_SHARES.values())))
     length, width = rng.uniform(8.0, 14.5), rng.uniform(6.5, 10.5)
     length = max(length, 1.1 * width)
@@ -190,9 +188,7 @@ def draw_row(frontage: float, rng: np.random.Generator) -> Design:
 
 
 def draw_town_house(frontage: float, depth: float, rng: np.random.Generator) -> Design:
-    """A house between party walls, exactly as wide as its `frontage` (m), two to five storeys, often with a
-    flat annex behind.
-    """
+    """A house between party walls, as wide as its `frontage` (m), two to five storeys, often an annex."""
     eaves = STOREY * rng.integers(2, 6) + rng.uniform(0.0, 1.0)
     pick = rng.random()
     if pick < 0.35:

@@ -100,9 +100,7 @@ def _lowest_faces(mass: Mass) -> list[tuple[Polygon, Plane, Mass]]:
 
 
 def _half_plane(plane: Plane, rival: Plane, over: Polygon) -> Polygon:
-    """A rectangle, covering `over`, of the places where `plane` lies under `rival`; empty or all when
-    parallel.
-    """
+    """A rectangle, over `over`, of the places where `plane` lies under `rival`; empty or all if parallel."""
     a, b, c = (p - r for p, r in zip(plane, rival, strict=True))
     slope = float(np.hypot(a, b))
     west, south, east, north = over.bounds

@@ -1,6 +1,4 @@
-"""What comes back of a pulse: the ray tracer, the loss of energy in leaves, and the receiver that tells
-echoes apart.
-"""
+"""What comes back of a pulse: the ray tracer, the loss in leaves, the receiver that tells echoes apart."""
 
 from __future__ import annotations
 
@@ -20,17 +18,13 @@ LEAF_STEP = 0.25
 """Step (m) at which the loss in leaves is summed."""
 
 CLUMP = 1.0
-"""Side (m) of the clumps of leaves; a share of them is empty, so crowns have gaps that every strip sees
-alike.
-"""
+"""Side (m) of the clumps of leaves; some are empty, so crowns have gaps that every strip sees alike."""
 
 FILLED_CLUMPS = 0.35
 """Share of the clumps that hold leaves."""
 
 WATER_MIRROR = 0.9975
-"""Cosine of the angle from the vertical (4°) up to which still water sends the pulse back; beyond it,
-nothing.
-"""
+"""Cosine of the angle from the vertical (4°) up to which still water sends a pulse back; beyond, nothing."""
 
 BIN = 0.05
 """Length of a range bin (m) in which partial reflections are gathered; their mean range stays exact."""

@@ -1,5 +1,4 @@
-"""Which triangles and bodies of leaves stand over each square of the terrain: the index in which rays are
-traced.
+"""Which triangles and bodies of leaves stand over each square of the terrain: where rays are traced.
 
 Airborne pulses are steep: between the highest roof and the ground one crosses some ten squares of a metre.
 So a plain grid in plan, whose squares know the highest thing in them, beats a tree of boxes: a step costs

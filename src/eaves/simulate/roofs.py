@@ -39,9 +39,7 @@ def shed(length: float, width: float, slope: float) -> Masses:
 
 
 def gable(length: float, width: float, slope: float, ridge_at: float = 0.5) -> Masses:
-    """Two planes that meet in a ridge at the share `ridge_at` of the width; the slopes differ when it is
-    not 1/2.
-    """
+    """Two planes meeting in a ridge at the share `ridge_at` of the width; slopes differ unless it is 1/2."""
     rise, front = slope * width / 2, ridge_at * width
     back = width - front
     a, b = rise / front, rise / back
@@ -91,9 +89,7 @@ def shifted(masses: Masses, x: float, y: float, z: float = 0.0, angle: float = 0
 
 
 def wing(length: float, width: float, slope: float, x: float, side: float) -> Masses:
-    """A gable at a right angle to the main ridge, from the ridge line out to `length` metres on that side
-    (±1).
-    """
+    """A gable at a right angle to the main ridge, from the ridge out to `length` (m) on that side (±1)."""
     return shifted(gable(length, width, slope), x, side * length / 2, angle=np.pi / 2)
 
 

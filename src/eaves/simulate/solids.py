@@ -15,9 +15,7 @@ from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.simulate.masses import Plane
 
 SAME_HEIGHT = 0.005
-"""Heights of two faces at a node nearer than this (m) are one vertex: 1 mm in plan on a steep roof is 3 mm
-in height.
-"""
+"""Heights at a node nearer than this (m) are one vertex: on a steep roof 1 mm in plan is 3 mm in height."""
 
 NARROWEST = 0.01
 """A face with a corner nearer than this (m) in plan to another corner or edge of it is refused: rounded to 1
@@ -98,9 +96,7 @@ def _edges(rings: list[Ring]) -> list[tuple[Node, Node]]:
 
 
 def _narrowest(face: list[Ring]) -> float:
-    """The least distance (m) of a corner of a face from another corner or edge of it; 0 when a ring is no
-    area.
-    """
+    """The least distance (m) of a corner of a face from another corner or edge of it; 0 without area."""
     if any(len(ring) < 3 for ring in face):
         return 0.0
     edges = np.array(_edges(face), np.float64) * COORDINATE_STEP

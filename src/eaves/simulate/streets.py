@@ -206,9 +206,7 @@ def _scatter(plot: Plot, count: int, rng: np.random.Generator) -> list[NDArray[n
 
 
 def _detached(plot: Plot, block: Block, rng: np.random.Generator) -> None:
-    """Two rows of lots back to back; a house, often a shed, a border of hedge or fence, two or three trees
-    each.
-    """
+    """Two rows of lots back to back; each has a house, often a shed, a hedge or fence, two or three trees."""
     for side in (-1.0, 1.0):
         u = -plot.length / 2
         while True:

@@ -14,9 +14,7 @@ ELLIPSOID, CONE, BLOCK = 0, 1, 2
 """Shapes of a body of leaves: a broad crown or shrub, a conifer, a clipped hedge."""
 
 MEDIUM_FROM, HIGH_FROM = 0.5, 2.0
-"""Tops above ground (m) from which vegetation is called medium and high; national specifications differ a
-little.
-"""
+"""Tops above ground (m) from which vegetation is called medium and high; national rules differ a little."""
 
 
 @dataclass(frozen=True, eq=False)

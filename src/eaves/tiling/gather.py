@@ -18,8 +18,7 @@ from eaves.tiling.store import Store
 MARGIN = 2.0
 """Terrain is known this far (m) around a building's points."""
 TRUSTED_SHARE = 0.2
-"""Under a given footprint, the detector's points are taken when they are at least this share of all high
-points."""
+"""Under a given footprint the detector's points are taken if at least this share of the high points."""
 
 
 class Gatherer:
@@ -123,8 +122,7 @@ class Gatherer:
 
 
 def points_under(result: BlockResult, given: Footprint, shift: np.ndarray) -> np.ndarray:
-    """Which points (N,) of a block belong to a given footprint: the detector's, or all high ones where it
-    found none."""
+    """Which points (N,) of a block belong to a given footprint: the detector's, else all high ones."""
     west, south, east, north = given.polygon.bounds
     x, y = result.xyz[:, 0] + shift[0], result.xyz[:, 1] + shift[1]
     near = np.flatnonzero((x >= west) & (x <= east) & (y >= south) & (y <= north))

@@ -1,5 +1,4 @@
-"""Between the passes: regions that share points across a seam become one building; every building gets a
-home block."""
+"""Between the passes: regions that share points across a seam become one building, with one home block."""
 
 from __future__ import annotations
 
@@ -55,8 +54,7 @@ class HomePlan:
 
 
 def join_regions(seams: Sequence[Seam]) -> list[HomePlan]:
-    """Buildings from regions: two regions are one building when both blocks saw one and the same point in
-    them.
+    """Buildings from regions: two regions are one building when both blocks saw the same point in them.
 
     A building is at home in the first (by column, row) of the blocks that hold points of it, and is
     numbered there in the order of its first label.
@@ -91,8 +89,7 @@ def join_regions(seams: Sequence[Seam]) -> list[HomePlan]:
 
 
 def assign_footprints(footprints: Sequence[Footprint], blocks: Sequence[Block]) -> list[HomePlan]:
-    """Buildings from given footprints (polygons in world metres): each at home in its representative
-    point's block.
+    """Buildings from given footprints (polygons, world metres), at home where their representative point is.
 
     Footprints that meet no block with points are left out; the caller counts them.
     """

@@ -72,8 +72,7 @@ def rmse_of(model: BuildingModel, plane: int | None) -> float | None:
 
 
 def face_figures(rings: list[Points]) -> dict[str, float | None]:
-    """Slope, azimuth (clockwise from grid north, None on the flat), sloped and projected area of a planar
-    face."""
+    """Slope, azimuth (clockwise from grid north, None if flat), sloped and projected area of a face."""
     area = sum((area_vector(ring) for ring in rings), np.zeros(3))
     sloped, projected = float(np.linalg.norm(area)), float(abs(area[2]))
     slope = float(np.degrees(np.arccos(min(1.0, projected / sloped)))) if sloped else 0.0

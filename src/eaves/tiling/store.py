@@ -1,5 +1,4 @@
-"""The working folder of a run: points by block, results by block and by building, each written whole or
-not at all."""
+"""The working folder of a run: points by block, results by block and building, each written whole or not."""
 
 from __future__ import annotations
 

@@ -126,9 +126,7 @@ def _offsets(counts: list[int]) -> Integers:
 
 
 def _merge_near(places: Integers, tolerance_steps: float) -> Integers:
-    """For each place (N, 4: shell, x, y, z) the first of its shell that hangs together with it by the
-    tolerance.
-    """
+    """For each place (N, 4: shell, x, y, z) the first of its shell that is one with it by the tolerance."""
     if tolerance_steps < 1.0 - 1e-9 or len(places) < 2:
         return np.arange(len(places))
     local = (places - places.min(axis=0)).astype(np.float64)

@@ -18,9 +18,7 @@ MASK = (1 << HALF) - 1
 def orient_kernel(  # type: ignore[no-untyped-def]
     a, b, c, d
 ):
-    """Sign of the volume of the tetrahedron a, b, c, d: +1 when d lies above the counter-clockwise triangle
-    a, b, c.
-    """
+    """Sign of the volume of the tetrahedron a, b, c, d: +1 if d lies above counter-clockwise abc."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     wx, wy, wz = d[0] - a[0], d[1] - a[1], d[2] - a[2]
@@ -124,9 +122,7 @@ def one_side_kernel(  # type: ignore[no-untyped-def]
 def triangles_meet_kernel(  # type: ignore[no-untyped-def]
     t, u, nt, nu
 ):
-    """Whether triangles t and u (3, 3) meet elsewhere than in the corners and edges their numbers nt, nu
-    share.
-    """
+    """Whether triangles t and u (3, 3) meet but in the corners and edges their numbers nt, nu share."""
     shared, own_t, own_u = 0, -1, -1
     for k in range(3):
         if nt[k] == nu[0] or nt[k] == nu[1] or nt[k] == nu[2]:
@@ -206,9 +202,7 @@ def self_intersections_kernel(  # type: ignore[no-untyped-def]
 
 
 CROSS, SAME_SIDE, OPPOSITE_SIDE = 1, 2, 4
-"""How triangles of two shells meet: one cuts through the other; they share area facing alike, or facing each
-other.
-"""
+"""How triangles of two shells meet: they cross; they share area facing alike, or facing each other."""
 
 
 @njit(cache=True)
@@ -280,8 +274,7 @@ def crossings_kernel(  # type: ignore[no-untyped-def]
 def enclosed(
     samples: NDArray[np.float64], triangles: NDArray[np.int64], margin: float = 0.01
 ) -> NDArray[np.int64]:
-    """For samples (N, 3) in a shell of triangles (T, 3, 3): 1 inside, 0 within `margin` steps of it, -1
-    outside.
+    """For samples (N, 3) in a shell of triangles (T, 3, 3): 1 inside, 0 within `margin` steps, -1 outside.
 
     The solid angle under which the shell is seen [vanoosterom1983] is ±4π inside and 0 outside; near the
     shell the distance to the triangles decides.

@@ -31,9 +31,7 @@ FARTHEST = 2.0**52
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The grid coordinates are written on: place = written · scale + translate, in whole numbers of `step`
-    metres.
-    """
+    """The grid coordinates are written on: place = written · scale + translate, in units of `step` metres."""
 
     scale: NDArray[np.float64]
     translate: NDArray[np.float64]

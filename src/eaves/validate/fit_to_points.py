@@ -30,8 +30,7 @@ class Fit:
 
 
 def fit_to_points(model: BuildingModel, points: Points, lod: str | None = None) -> Fit | None:
-    """The fit of a model at a level of detail (its finest for None) to building points (N, 3) in its local
-    metres.
+    """The fit of a model at a level of detail (None: its finest) to building points (N, 3) in local metres.
 
     Only roof points inside the footprint count (see `roof_point_mask`); None when there is none.
     """

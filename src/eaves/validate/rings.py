@@ -29,7 +29,5 @@ def faces_with_repeated_points(boundaries: Boundaries) -> Mask:
 
 
 def is_simple_ring(ring: NDArray[np.float64]) -> bool:
-    """Whether the points (M, 2) of a ring, closed by itself, enclose an area without crossing or touching
-    themselves.
-    """
+    """Whether a ring of points (M, 2) encloses an area and does not cross or touch itself."""
     return bool(shapely.is_valid(shapely.Polygon(ring)))

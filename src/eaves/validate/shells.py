@@ -56,8 +56,7 @@ def collect_edges(boundaries: Boundaries) -> Edges:
 def check_shells(
     boundaries: Boundaries, triangles: Triangles, shells: Integers, corner: Integers
 ) -> list[ShellDefect]:
-    """Defects of those shells whose faces are all valid; `corner` (S, 3) is each shell's lowest corner for
-    messages.
+    """Defects of the shells whose faces are all valid; `corner` (S, 3): their lowest corners, for messages.
 
     As in val3dity a later check is made only on shells that passed the earlier ones: number of faces, edges,
     closure and connection, vertices, and last the intersections of faces.

@@ -50,9 +50,7 @@ def triangulate(boundaries: Boundaries, flat: NDArray[np.float64], faces: Intege
 
 
 def normal_deviations(triangles: Triangles, face_count: int) -> Values:
-    """Largest angle (F,), radians, between the normals of two triangles of a face; those without area do not
-    count.
-    """
+    """Largest angle (F,), radians, between normals of a face's triangles; those without area do not count."""
     a, b, c = (triangles.corners[:, k].astype(np.float64) for k in range(3))
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=1)
@@ -73,9 +71,7 @@ def normal_deviations(triangles: Triangles, face_count: int) -> Values:
 def _find_points(
     boundaries: Boundaries, flat: NDArray[np.float64], corner: NDArray[np.float64], face: Integers
 ) -> Integers:
-    """Positions (T, 3) in `points` of triangle corners (T, 3, 2); their coordinates are copies of those in
-    `flat`.
-    """
+    """Positions (T, 3) in `points` of triangle corners (T, 3, 2) with coordinates copied from `flat`."""
     have = np.column_stack([boundaries.face_of_point, flat])
     want = np.column_stack([np.repeat(face, 3), corner.reshape(-1, 2)])
     rows = np.vstack([have, want]) + 0.0  # -0.0 becomes 0.0
