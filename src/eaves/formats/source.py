@@ -28,7 +28,7 @@ log = logging.getLogger("eaves")
 
 LAS_SUFFIXES = (".las", ".laz")
 TEXT_SUFFIXES = (".txt", ".xyz", ".csv", ".asc")
-CHUNK_POINTS = 1_000_000
+CHUNK_POINTS = 300_000
 DEGREE_EXTENT, DEGREE_RELIEF, DEGREE_SCALE = 0.5, 20.0, 1e-6
 """Data without a system are in degrees when they fit ±180 and ±90, span less than 0.5 and are either 20 times
 higher than wide (a tile of 0.01° has metres of relief) or stored in steps under 1e-6 (0.1 m in degrees)."""
