@@ -164,4 +164,4 @@ class Consensus(Detector):
         vehicle = np.r_[vehicle, np.zeros(len(size) - len(vehicle), bool)]
         part[vehicle[number]] = 0
         number[vehicle[number]] = 0
-        return Regions(number, score_regions(region, odds), part)
+        return Regions(number, score_regions(region, odds, evidence.cells.side), part)
