@@ -4,15 +4,38 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from eaves.command_options import (
+    BlockSide,
+    BoundsText,
+    Clip,
+    Config,
+    Crs,
+    Footprints,
+    Formats,
+    IdField,
+    Inputs,
+    Jobs,
+    MethodName,
+    Out,
+    Published,
+    Quiet,
+    Resume,
+    Scheduler,
+    Snap,
+    Strict,
+    UseClasses,
+    Verbose,
+)
 from eaves.invocation import (
     COMPLETE,
     INCOMPLETE,
     INTERRUPTED,
     MISUSE,
+    describe_methods,
     finish,
     options_from,
     progress,
@@ -30,37 +53,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-
-Inputs = Annotated[
-    list[str], typer.Argument(help="LAS, LAZ, COPC or text files, folders or globs.", metavar="INPUT…")
-]
-Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write.")]
-Crs = Annotated[
-    str | None, typer.Option(help="EPSG code, compound code (28992+5709), or a WKT or PROJJSON file.")
-]
-BoundsText = Annotated[str | None, typer.Option("--bounds", help="west,south,east,north in the CRS's unit.")]
-Clip = Annotated[Path | None, typer.Option(help="Polygons; points outside are not used.")]
-UseClasses = Annotated[bool, typer.Option("--use-classes", help="Believe the file's classes.")]
-Jobs = Annotated[int, typer.Option(help="Processes; 0 means one a core.", min=0)]
-Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]
-Resume = Annotated[bool, typer.Option("--resume", help="Keep parts that are done and match.")]
-Published = Annotated[
-    bool, typer.Option("--as-published", help="Every method with the numbers its paper prints.")
-]
-Config = Annotated[Path | None, typer.Option(help="TOML with a table per stage: method and parameters.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and errors.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also what happens inside.")]
-Footprints = Annotated[Path | None, typer.Option(help="Footprints to use instead of our own.")]
-IdField = Annotated[str | None, typer.Option(help="Field of the footprints that holds their id.")]
-Snap = Annotated[
-    bool, typer.Option("--snap-footprints", help="Move given footprints to the eaves in the points.")
-]
-BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).", min=6)]
-Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
-MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]
-Formats = Annotated[
-    str, typer.Option(help="More formats, comma-separated: obj,glb,3dtiles,cityjson,geojson,fgb,parquet.")
-]
 
 
 @app.command()
@@ -302,6 +294,7 @@ def simulate(
     from eaves.simulate.terrain import TerrainKind
 
     start_log(quiet, verbose=False)
+    pattern = "lines" if pattern == "scan" else pattern
     for name, value, choices in (
         ("--pattern", pattern, get_args(Pattern)),
         ("--terrain", terrain, get_args(TerrainKind)),
@@ -313,6 +306,8 @@ def simulate(
     else:
         town = simulate_town(area, buildings, terrain, trees, seed)
     scene = scan_town(town, density, noise, pattern, seed)
+    if crs is not None and model is None:
+        scene = scene.placed(crs)
     told = {"area_km2": area, "density": density, "noise_m": noise, "pattern": pattern, "seed": seed}
     told |= {"terrain": terrain, "trees": trees, "model": None if model is None else model.name}
     files = write_simulation(scene, out, told)
@@ -361,24 +356,8 @@ def plot(
 @app.command()
 def methods(stage: Annotated[str | None, typer.Argument(help="One stage only.")] = None) -> None:
     """Every method: name, idea, paper, parameters."""
-    from eaves.methods import DEFAULTS, REGISTRY, method_class
-
-    if stage is not None and stage not in REGISTRY:
-        raise ValueError(f"unknown stage '{stage}'; choose one of: {', '.join(REGISTRY)}")
-    for name in [stage] if stage else list(REGISTRY):
-        typer.echo(f"{name}")
-        for method in REGISTRY[name]:
-            cls = method_class(name, method)
-            mark = " (default)" if DEFAULTS[name] == method else ""
-            typer.echo(f"  {method}{mark}: {cls.idea} [{cls.paper}]")
-            if stage:
-                for key, field in cls.model_fields.items():
-                    extra: Any = field.json_schema_extra or {}
-                    unit = "" if extra.get("unit") in (None, "1") else f" {extra['unit']}"
-                    default = "derived" if field.default is None else f"{field.default}{unit}"
-                    printed = extra.get("published")
-                    published = "" if printed is None else f"; published {printed}{unit}"
-                    typer.echo(f"      {key} = {default}{published}: {field.description}")
+    for line in describe_methods(stage):
+        typer.echo(line)
 
 
 @app.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -127,3 +128,24 @@ def progress(quiet: bool) -> Any:
     if quiet:
         return nothing()
     return bars() if sys.stderr.isatty() else lines()
+
+
+def describe_methods(stage: str | None) -> Iterator[str]:
+    """Lines on every method, or on those of one stage with their parameters."""
+    from eaves.methods import DEFAULTS, REGISTRY, method_class
+
+    if stage is not None and stage not in REGISTRY:
+        raise ValueError(f"unknown stage '{stage}'; choose one of: {', '.join(REGISTRY)}")
+    for name in [stage] if stage else list(REGISTRY):
+        yield name
+        for method in REGISTRY[name]:
+            cls = method_class(name, method)
+            mark = " (default)" if DEFAULTS[name] == method else ""
+            yield f"  {method}{mark}: {cls.idea} [{cls.paper}]"
+            for key, field in cls.model_fields.items() if stage else ():
+                extra: Any = field.json_schema_extra or {}
+                unit = "" if extra.get("unit") in (None, "1") else f" {extra['unit']}"
+                default = "derived" if field.default is None else f"{field.default}{unit}"
+                printed = extra.get("published")
+                published = "" if printed is None else f"; published {printed}{unit}"
+                yield f"      {key} = {default}{published}: {field.description}"

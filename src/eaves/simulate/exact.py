@@ -118,6 +118,13 @@ class ExactScene:
         """Every roof face by its number."""
         return {face.number: face for building in self.buildings for face in building.faces}
 
+    def placed(self, crs: str) -> ExactScene:
+        """The scene, said to be in a projected system (EPSG code, or a file with WKT or PROJJSON)."""
+        from eaves.formats.crs import parse_crs, system_of
+
+        system = system_of(parse_crs(crs), "--crs", self.cloud.origin)
+        return replace(self, cloud=self.cloud.with_(system=system))
+
     def classified(self) -> PointCloud:
         """The cloud with its true classes."""
         return self.cloud.with_(classification=self.truth_class)
