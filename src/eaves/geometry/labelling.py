@@ -225,9 +225,7 @@ def one_edge_per_pair(edges: Integers, border: Values) -> tuple[Integers, Values
 
 
 def without_label(costs: Costs, labels: Integers, label: int) -> Integers:
-    """The labels after every node with `label` took the cheapest other one in use, looking at its
-    neighbours.
-    """
+    """The labels after every node with `label` took the cheapest other one in use, given its neighbours."""
     mine = np.flatnonzero(labels == label)
     used = np.bincount(labels, minlength=len(costs.price)) > 0
     used[label] = False

@@ -19,8 +19,7 @@ SAME_HEIGHT = 0.005
 
 NARROWEST = 0.01
 """A face with a corner nearer than this (m) in plan to another corner or edge of it is refused: rounded to 1
-mm, its
-triangles would no longer lie in its plane."""
+mm, its triangles would no longer lie in its plane."""
 
 Node = tuple[int, int]
 """A node of the plan, in whole coordinate steps."""

@@ -89,8 +89,7 @@ def has_layer(path: Path, name: str) -> bool:
 
 
 def plan_figure(folder: str | Path, size_inches: float = 9.0) -> Figure:
-    """A run's plan: roof faces coloured by azimuth, outlines black (LoD 2.2), blue (coarser) or red
-    (none)."""
+    """A run's plan: roof faces coloured by azimuth, outlines black (LoD 2.2), blue (coarser), red (none)."""
     figure = Figure(figsize=(size_inches, size_inches), layout="constrained")
     axes = figure.subplots()
     draw_plan(axes, Path(folder))
