@@ -76,7 +76,9 @@ def read_chunk_table(file: BinaryIO, header: LasHeader) -> ChunkTable:
             header.path, f"has a chunk of {table[:, 0].max():.0f} points, too large to open", WRITE_AGAIN
         )
     points, length = table.astype(np.int64).T
-    return ChunkTable(start + np.cumsum(length) - length, length, points)
+    offset = start + np.cumsum(length) - length
+    filled = points > 0  # writers that end a chunk at the last point leave an empty one behind it
+    return ChunkTable(offset[filled], length[filled], points[filled])
 
 
 def decompress(
