@@ -12,8 +12,8 @@ from eaves.geometry.coverage import Coverage
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid
-from eaves.reconstruct.attributes import describe, surface_heights
+from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid, Values
+from eaves.reconstruct.attributes import Surface, describe, surface_heights
 from eaves.reconstruct.base import Reconstructor
 from eaves.reconstruct.cell_labels import Prices, label_cells
 from eaves.reconstruct.evidence import (
@@ -24,7 +24,7 @@ from eaves.reconstruct.evidence import (
 )
 from eaves.reconstruct.levels import coarse_solids
 from eaves.reconstruct.lines import candidate_lines, extend
-from eaves.reconstruct.raising import Raised, raise_plan
+from eaves.reconstruct.raising import raise_plan
 
 NARROWEST = 0.1
 """Roof faces narrower than this (m) are slivers at any density."""
@@ -149,22 +149,27 @@ class Arrangement(Reconstructor):
         fine = raise_plan(plan, chosen, coefficients, ground, *limits)
         solids = coarse_solids(plan, roof, ground, self.level_jump, limits)
         fallback: dict[str, Any] = {}
+        surface: Surface | None = None
         if not planes:
             fallback = fallen_back("no_plane", "no roof plane was found among the points")
         elif not fine.solids:
             fallback = fallen_back("not_closed", f"LoD 2.2 has {fine.defect}")
         else:
-            fallback = self.compare(fine, solids, roof)
+            surface = surface_heights(fine.solids, roof[:, :2])
+            fallback = self.compare(errors_of(surface, roof), solids, roof)
         if not fallback:
             solids["2.2"] = fine.solids
+        else:
+            surface = None
         if not solids:
             return Failure(
                 "not_closed", f"no level gave a closed solid: {fine.defect}", self.stage, footprint
             )
         kept = coefficients[fine.labels] if "2.2" in solids else np.zeros((0, 3))
         model = BuildingModel(footprint, solids)
-        model = model.with_(planes=faces_as_planes(model, kept, points, top))
-        return model.with_(attributes={**describe(model, points[inside], roof, ground), **fallback})
+        model = model.with_(planes=faces_as_planes(model, kept, points, top, surface))
+        facts = describe(model, points[inside], roof, ground, surface)
+        return model.with_(attributes={**facts, **fallback})
 
     def cut(
         self,
@@ -184,14 +189,13 @@ class Arrangement(Reconstructor):
         plan = arrange(footprint.polygon, segments)
         return plan if plan is not None else arrange(footprint.polygon, np.zeros((0, 4)))
 
-    def compare(self, fine: Raised, coarse: dict[str, tuple[Solid, ...]], roof: Points) -> dict[str, Any]:
-        """Why LoD 2.2 is given up for a coarser level, as attributes; empty when it is not."""
-        error = errors_of(fine.solids, roof)
+    def compare(self, error: Values, coarse: dict[str, tuple[Solid, ...]], roof: Points) -> dict[str, Any]:
+        """Why LoD 2.2 with errors (N,; m) is given up for a coarser level, as attributes; empty if not."""
         rmse, share = float(np.sqrt(np.mean(error**2))), float(np.mean(error < 0.5))
         if share < self.least_fit:
             return fallen_back("poor_fit", f"LoD 2.2 is within 0.5 m of {share:.0%} of the roof points only")
         for lod, solids in sorted(coarse.items(), reverse=True):
-            other = float(np.sqrt(np.mean(errors_of(solids, roof) ** 2)))
+            other = float(np.sqrt(np.mean(errors_of(surface_heights(solids, roof[:, :2]), roof) ** 2)))
             if rmse > other + WORSE_BY:
                 return fallen_back("poor_fit", f"RMSE {rmse:.2f} m at LoD 2.2, {other:.2f} m at LoD {lod}")
         return {}
@@ -202,7 +206,7 @@ def fallen_back(code: str, reason: str) -> dict[str, Any]:
     return {"fallback_code": code, "fallback_reason": reason}
 
 
-def errors_of(solids: tuple[Solid, ...], roof: Points) -> NDArray[np.float64]:
+def errors_of(surface: Surface, roof: Points) -> NDArray[np.float64]:
     """Distances (N,; m) of roof points (N, 3) from the roof over them, a tree's above it cut off."""
-    height, cosine, _ = surface_heights(solids, roof[:, :2])
+    height, cosine, _ = surface
     return np.minimum(np.nan_to_num(np.abs(roof[:, 2] - height) * cosine, nan=0.0), LARGEST_ERROR)

@@ -28,6 +28,9 @@ LEVEL_SLOPE_DEG = 6.0
 OPPOSITE_DEG = 20.0
 """Azimuths this near to opposite (degrees) face each other across a ridge."""
 
+Surface = tuple[Values, Values, NDArray[np.int64]]
+"""Height of a model over places (N,), cosine of its slope there, number of the roof face."""
+
 
 def face_vectors(solid: Solid) -> NDArray[np.float64]:
     """Vector areas (F, 3) of the faces, holes taken off: direction outwards, length the area (Newell)."""
@@ -59,9 +62,7 @@ def slope_of(normal: NDArray[np.float64]) -> float:
     return float(np.degrees(np.arctan2(np.hypot(normal[0], normal[1]), normal[2])))
 
 
-def surface_heights(
-    solids: tuple[Solid, ...], xy: NDArray[np.float64]
-) -> tuple[Values, Values, NDArray[np.int64]]:
+def surface_heights(solids: tuple[Solid, ...], xy: NDArray[np.float64]) -> Surface:
     """Height of the model over places (N, 2), cosine of the slope there, and number of the roof face.
 
     Roof faces are counted through all solids; where there is none the height is NaN and the number -1.
@@ -78,13 +79,15 @@ def surface_heights(
     return -fit.vertical, cosine[fit.face], fit.face
 
 
-def describe(model: BuildingModel, points: Points, roof: Points, ground: float) -> dict[str, Any]:
+def describe(
+    model: BuildingModel, points: Points, roof: Points, ground: float, surface: Surface | None = None
+) -> dict[str, Any]:
     """The attributes of a model: `points` (N, 3) are the building's inside the footprint, `roof` (R, 3)
-    its roof points.
+    its roof points, `surface` the model over them where it is known.
     """
     solids = model.solids[model.lod]
     roof_faces, wall_area = describe_faces(solids)
-    height, cosine, number = surface_heights(solids, roof[:, :2])
+    height, cosine, number = surface or surface_heights(solids, roof[:, :2])
     error = np.where(np.isfinite(height), (roof[:, 2] - height) * cosine, 0.0)
     for face, record in enumerate(roof_faces):
         mine = error[number == face]

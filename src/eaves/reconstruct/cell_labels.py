@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from eaves.geometry.coverage import OUTSIDE, Coverage, Integers
 from eaves.geometry.labelling import LARGEST, label_nodes
-from eaves.model import Labels, Mask, Points
+from eaves.model import Labels, Mask, Points, Values
 from eaves.reconstruct.evidence import LOWEST_ROOF
 
 RUNAWAY = 1e3
@@ -71,7 +71,10 @@ def label_cells(
         cost = np.minimum((misfit / prices.misfit_limit) ** 2, 1.0)
         cost = (cost + np.minimum(misfit / prices.gross_limit, 1.0)) * spacing**2
         data[near, number] = np.bincount(cell[mine], cost, coverage.count)[near]
-    data += RUNAWAY * beyond_support(coverage, roof, labels, planes, ground, prices)
+        heights = roof[labels == number, 2]
+        data[near, number] += RUNAWAY * beyond_support(
+            coverage, near, heights, planes[number], ground, prices
+        )
     data[:, -1] += UNKNOWN_PRICE * coverage.area + 1e-6
     halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
     edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
@@ -101,25 +104,23 @@ def cells_near(coverage: Coverage, roof: Points, labels: Labels, count: int) -> 
 
 def beyond_support(
     coverage: Coverage,
-    roof: Points,
-    labels: Labels,
-    planes: NDArray[np.float64],
+    near: Mask,
+    heights: Values,
+    plane: NDArray[np.float64],
     ground: float,
     prices: Prices,
-) -> NDArray[np.float64]:
-    """How far (C, P; m) each plane leaves the heights of its own points, or sinks to the ground, over each
-    cell.
+) -> Values:
+    """How far (K,; m) a plane (3,) leaves the heights of its own points, or sinks to the ground, over each
+    of the cells `near` (C,).
     """
-    low, high = np.full(len(planes), -np.inf), np.full(len(planes), np.inf)
-    for number in range(len(planes) - 1):
-        heights = roof[labels == number, 2]
-        if len(heights):
-            low[number], high[number] = np.percentile(heights, [1.0, 99.0])
-    margin = prices.overshoot + prices.reach_beyond * np.hypot(planes[:, 0], planes[:, 1])
-    inner = coverage.cell != OUTSIDE
-    over = coverage.nodes[coverage.start[inner]] @ planes[:, :2].T + planes[:, 2]
-    floor = np.maximum(low - margin, ground + LOWEST_ROOF)
+    low, high = np.percentile(heights, [1.0, 99.0]) if len(heights) else (-np.inf, np.inf)
+    margin = prices.overshoot + prices.reach_beyond * float(np.hypot(plane[0], plane[1]))
+    halves = np.flatnonzero(np.append(near, False)[coverage.cell])
+    halves = halves[np.argsort(coverage.cell[halves], kind="stable")]
+    if len(halves) == 0:
+        return np.zeros(0)
+    over = coverage.nodes[coverage.start[halves]] @ plane[:2] + plane[2]
+    floor = max(low - margin, ground + LOWEST_ROOF)
     beyond = np.maximum(np.maximum(floor - over, over - high - margin), 0.0)
-    order = np.argsort(coverage.cell[inner], kind="stable")
-    first = np.searchsorted(coverage.cell[inner][order], np.arange(coverage.count))
-    return np.asarray(np.maximum.reduceat(beyond[order], first, axis=0))
+    first = np.searchsorted(coverage.cell[halves], np.flatnonzero(near))
+    return np.asarray(np.maximum.reduceat(beyond, first))

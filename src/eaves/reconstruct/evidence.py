@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from eaves.model import BuildingModel, Labels, Points, RoofPlane
-from eaves.reconstruct.attributes import surface_heights
+from eaves.reconstruct.attributes import Surface, surface_heights
 
 PRISM_PERCENTILE = 70.0
 """Height of a flat-topped model: percentile of the roof points, as the 3DBAG publishes it."""
@@ -87,13 +87,20 @@ def support_of(
 
 
 def faces_as_planes(
-    model: BuildingModel, coefficients: NDArray[np.float64], points: Points, top: NDArray[np.int64]
+    model: BuildingModel,
+    coefficients: NDArray[np.float64],
+    points: Points,
+    top: NDArray[np.int64],
+    surface: Surface | None = None,
 ) -> tuple[RoofPlane, ...]:
-    """The roof faces of LoD 2.2 as planes (F, 3: a, b, c), and the roof points (numbers `top`) under each."""
+    """The roof faces of LoD 2.2 as planes (F, 3: a, b, c), with the roof points (numbers `top`) under each.
+
+    `surface` is the model over those points where it is known.
+    """
     if len(coefficients) == 0:
         return ()
     solids = model.solids["2.2"]
-    height, cosine, number = surface_heights(solids, points[top, :2])
+    height, cosine, number = surface or surface_heights(solids, points[top, :2])
     error = (points[top, 2] - height) * cosine
     shapes = [
         shapely.Polygon(

@@ -16,8 +16,8 @@ def group_levels(plan: Coverage, cell: Integers, heights: Values, jump: float) -
     """A group (C,) for each cell: neighbours whose heights differ by less than `jump` (m) are one level.
 
     Neighbours join in the order of their height difference, and a group's height is that of all its
-    points, so a row of small steps does not run together into one level. `cell` and `heights` (K,) are those of
-    the roof points.
+    points, so a row of small steps does not run together into one level. `cell` and `heights`
+    (K,) are those of the roof points.
     """
     group = np.arange(plan.count)
     halves = np.flatnonzero((plan.cell >= 0) & (plan.cell[plan.twin] > plan.cell))
