@@ -232,10 +232,10 @@ def _read_records(
         raise InputError.about(path, f"announces {count} variable length records", WRITE_AGAIN)
     kept = []
     for _ in range(count):
+        if start + header_length > end:  # before seeking: no file reaches 2^63
+            raise InputError.about(path, f"has a variable length record cut off at byte {start}", COPY_AGAIN)
         file.seek(start)
         head = file.read(header_length)
-        if len(head) < header_length or start + header_length > end:
-            raise InputError.about(path, f"has a variable length record cut off at byte {start}", COPY_AGAIN)
         owner = head[2:18].split(b"\0")[0].decode("ascii", "replace")
         number, length = struct.unpack_from("<HQ" if header_length == EVLR_HEADER else "<HH", head, 18)
         if start + header_length + length > end:
