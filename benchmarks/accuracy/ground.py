@@ -153,6 +153,10 @@ def judge_dense(data: Path) -> None:
     keep("ground-dense", "Ground: dense data with classes", rows, COMMAND, note)
 
 
+def root_mean_square(errors: np.ndarray) -> float | None:
+    return float(np.sqrt(np.mean(errors**2))) if len(errors) else None
+
+
 def judge_towns() -> None:
     """Simulated towns: total error, and the DTM under buildings where the terrain has no step."""
     rows: list[dict[str, object]] = []
@@ -164,13 +168,15 @@ def judge_towns() -> None:
         truth = scene.truth_class == 2
         score = evaluate_ground(cloud.ground, truth)
         dtm = make_dtm(cloud, town.bounds)
-        row, column = dtm.cell_of(scene.cloud.xyz[scene.building > 0])
-        under = np.zeros(dtm.shape, bool)
+        row, column = dtm.cell_of(scene.cloud.xyz)
         inside = (row >= 0) & (row < dtm.shape[0]) & (column >= 0) & (column < dtm.shape[1])
-        under[row[inside], column[inside]] = True
+        inside &= scene.building > 0
+        building = np.zeros(dtm.shape, np.int64)
+        building[row[inside], column[inside]] = scene.building[inside]
         height = town.terrain.at(cell_centres(dtm)).reshape(dtm.shape)
         steps = np.hypot(*np.gradient(height, dtm.cell)) > 1.0
-        error = (dtm.values - height)[under & ~steps]
+        stepped = np.isin(building, np.unique(building[steps]))
+        error = dtm.values - height
         rows.append(
             {
                 "terrain": terrain,
@@ -180,10 +186,17 @@ def judge_towns() -> None:
                 "total error %": 100.0 * score.total_error,
                 "type I %": 100.0 * score.type_1,
                 "type II %": 100.0 * score.type_2,
-                "DTM RMSE under buildings m": float(np.sqrt(np.mean(error**2))) if len(error) else None,
+                "DTM RMSE under buildings m": root_mean_square(error[(building > 0) & ~stepped]),
+                "the same, over a step m": root_mean_square(error[(building > 0) & stepped]),
             }
         )
-    keep("ground-towns", "Ground: simulated towns", rows, f"{COMMAND} --towns", "To reach: 1.5 %, 0.15 m.")
+    keep(
+        "ground-towns",
+        "Ground: simulated towns",
+        rows,
+        f"{COMMAND} --towns",
+        "To reach: 1.5 %, 0.15 m under buildings with no terrain step beneath.",
+    )
 
 
 def leave_one_out(data: Path) -> None:

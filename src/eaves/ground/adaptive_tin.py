@@ -51,7 +51,7 @@ class AdaptiveTin(GroundMethod):
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
       pingel2013], up to `widest_object`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done
-      twice, so that a roof between roofs is found.
+      twice, so that a roof between roofs is found. Points low on a wall and in holes are left out after.
     - A wide piece that the opening took, and that meets the ground without a step on more than `level_share`
       of its rim, is terrain again: roofs step down on all sides, spurs and high fields do not. This is what
       tells a hall from a terrace, whatever their size.

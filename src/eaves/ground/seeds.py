@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from eaves.ground.strays import find_strays
 from eaves.ground.terraces import find_terraces
 from eaves.model import Bounds, Grid, Mask, Points, Raster
 from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
@@ -76,7 +77,7 @@ def seeds_by_opening(
     """Numbers (K,) of the lowest points that stand on no object up to `widest` (m) wide.
 
     The opening is done twice: what stood between objects stands alone once they are gone. Then terraces
-    return.
+    return, and what is half way up a wall or in a hole goes.
     """
     surface, occupied = lowest.surface, lowest.number != EMPTY
     cell = surface.cell
@@ -86,6 +87,7 @@ def seeds_by_opening(
     bare = surface.with_(values=np.where(objects | ~occupied, np.nan, surface.values).astype(np.float32))
     objects |= stands_out(fill_linear(bare).values, cell, widest, rise, 0.0, rough)
     objects &= ~find_terraces(surface, objects, occupied, level_share)
+    objects |= find_strays(surface, lowest.slope, objects, occupied)
     return np.asarray(lowest.number[occupied & ~objects])
 
 
