@@ -1,0 +1,205 @@
+"""Models written as CityJSON and CityJSONSeq are read back as they were, by this package and by cjio."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from shapely import Polygon
+
+from eaves.formats import InputError, read_cityjson, write_cityjson, write_cityjson_seq
+from eaves.formats.cityjson import SURFACES, WKT_MEMBER
+from eaves.formats.crs import parse_crs, system_of
+from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
+from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
+from eaves.model.coordinates import LOCAL_METRES
+
+ORIGIN = (84960.0, 447120.0)
+MILLIMETRE = 0.001
+SYSTEMS = {
+    "local": LOCAL_METRES,
+    "metres": system_of(parse_crs("EPSG:28992"), "test", ORIGIN),
+    "compound": system_of(parse_crs("28992+5709"), "test", ORIGIN),
+    "feet": system_of(parse_crs("EPSG:2994"), "test", ORIGIN),
+    "survey feet": system_of(parse_crs("EPSG:2272"), "test", ORIGIN),
+    "feet and metres": system_of(parse_crs("2994+5703"), "test", ORIGIN),
+    "feet below metres": system_of(parse_crs("EPSG:26910"), "test", ORIGIN, 0.3048),
+}
+WRITERS = {"a.city.json": write_cityjson, "a.city.jsonl": write_cityjson_seq}
+
+
+def gabled(west: float = 0.0) -> Solid:
+    """A house of 8 by 6.123 m with two roof planes."""
+    x = np.array([0, 8, 8, 0, 0, 8, 8, 0, 0, 8]) + west
+    y = np.array([0, 0, 6.123, 6.123, 0, 0, 6.123, 6.123, 3, 3])
+    z = np.array([-1.5, -1.5, -1.5, -1.5, 4, 4, 4, 4, 6.789, 6.789])
+    walls = [((0, 1, 5, 4),), ((1, 2, 6, 9, 5),), ((2, 3, 7, 6),), ((3, 0, 4, 8, 7),)]
+    faces = [Face(((3, 2, 1, 0),), GROUND_SURFACE), *(Face(ring, WALL_SURFACE) for ring in walls)]
+    faces += [Face(((4, 5, 9, 8),), ROOF_SURFACE, 0), Face(((8, 9, 6, 7),), ROOF_SURFACE, 1)]
+    return Solid(np.column_stack([x, y, z]), tuple(faces))
+
+
+def house(name: str, parts: int = 1) -> BuildingModel:
+    polygon = Polygon([(0, 0), (20, 0), (20, 6.123), (0, 6.123)], [[(9, 1), (9, 2), (10, 2), (10, 1)]])
+    attributes: dict[str, Any] = {"h_ground": np.float64(-1.5), "floors": 2, "noise": float("nan")}
+    attributes[SURFACES] = ({"slope": 42.5}, {"slope": np.float32(12.5)})
+    solids = {
+        "1.2": (gabled(),),
+        "2.2": tuple(gabled(12.0 * part) for part in range(parts)),
+    }
+    return BuildingModel(Footprint(polygon, ORIGIN, name, 0.75), solids, (), attributes)
+
+
+def documents(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def check_structure(document: dict[str, Any]) -> None:
+    """What CityJSON 2.0 asks of objects and geometries."""
+    vertices, objects = document["vertices"], document["CityObjects"]
+    assert all(len(vertex) == 3 and all(type(step) is int for step in vertex) for vertex in vertices)
+    assert len(set(map(tuple, vertices))) == len(vertices)
+    used = set()
+    for name, found in objects.items():
+        assert found["type"] in ("Building", "BuildingPart")
+        assert all(name in objects[child]["parents"] for child in found.get("children", []))
+        assert all(name in objects[parent]["children"] for parent in found.get("parents", []))
+        assert ("parents" in found) == (found["type"] == "BuildingPart")
+        for geometry in found["geometry"]:
+            shell = geometry["boundaries"]
+            if geometry["type"] == "Solid":
+                (shell,) = geometry["boundaries"]
+                (values,) = geometry["semantics"]["values"]
+                assert len(values) == len(shell)
+                assert set(values) == set(range(len(geometry["semantics"]["surfaces"])))
+            used |= {vertex for surface in shell for ring in surface for vertex in ring}
+    assert used == set(range(len(vertices)))
+
+
+@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
+@pytest.mark.parametrize("name", WRITERS)
+def test_solids_come_back_to_a_millimetre(tmp_path: Path, name: str, system: CoordinateSystem) -> None:
+    path = tmp_path / name
+    assert WRITERS[name](path, iter([house("a"), house("b", 2)]), system, "Town") == 2
+    for document in documents(path):
+        check_structure(document)
+    objects = read_cityjson(path)
+    assert list(objects) == ["a", "b", "b-1", "b-2"]
+    assert objects["a"].system.unit_m == pytest.approx(system.unit_m, rel=1e-12)
+    assert objects["a"].system.code == system.code
+    wanted = {"a": gabled(), "b-1": gabled(), "b-2": gabled(12.0)}
+    for identifier, solid in wanted.items():
+        (geometry,) = objects[identifier].lod("2.2")
+        (found,) = objects[identifier].as_solids(geometry, ORIGIN)
+        assert [face.surface for face in found.faces] == [face.surface for face in solid.faces]
+        for mine, theirs in zip(found.faces, solid.faces, strict=True):
+            apart = found.vertices[list(mine.rings[0])] - solid.vertices[list(theirs.rings[0])]
+            assert np.abs(apart).max() <= MILLIMETRE
+        slopes = [
+            geometry.surfaces[face.plane].get("slope") for face in found.faces if face.plane is not None
+        ]
+        assert slopes[-2:] == [42.5, 12.5]
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_building_and_its_parts_are_a_family(tmp_path: Path, name: str) -> None:
+    WRITERS[name](tmp_path / name, [house("b", 2)])
+    objects = read_cityjson(tmp_path / name)
+    assert objects["b"].children == ("b-1", "b-2") and objects["b-2"].parents == ("b",)
+    assert [geometry.lod for geometry in objects["b"].geometries] == ["0", "1.2"]
+    assert objects["b"].attributes == {"score": 0.75, "h_ground": -1.5, "floors": 2, "noise": None}
+    (flat,) = objects["b"].lod("0")
+    ((face,),) = flat.solids[0]
+    assert not flat.is_solid and [len(ring) for ring in face.rings] == [4, 4]
+    assert np.allclose(objects["b"].vertices[list(face.rings[0]), 2], -1.5)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_failure_keeps_its_footprint_and_reason(tmp_path: Path, name: str) -> None:
+    place = Footprint(Polygon([(0, 0), (4, 0), (4, 4)]), ORIGIN, "c", attributes={"h_ground": 3.25})
+    lost = Failure("no_plane", "no plane has 3 points", "roof", place)
+    assert WRITERS[name](tmp_path / name, [lost, Failure("empty", "nothing there")]) == 1
+    objects = read_cityjson(tmp_path / name)
+    assert [geometry.lod for geometry in objects["c"].geometries] == ["0"]
+    assert objects["c"].attributes["failure_code"] == "no_plane"
+    assert objects["c"].attributes["failure_reason"] == "no plane has 3 points"
+    assert np.allclose(objects["c"].vertices[:, 2], 3.25)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_the_reference_system_is_named_only_with_a_code(tmp_path: Path, name: str) -> None:
+    def metadata(system: CoordinateSystem) -> dict[str, Any]:
+        WRITERS[name](tmp_path / name, [house("a")], system)
+        found: dict[str, Any] = documents(tmp_path / name)[0].get("metadata", {})
+        return found
+
+    assert metadata(LOCAL_METRES) == {}
+    base = "https://www.opengis.net/def/crs/EPSG/0/"
+    assert metadata(SYSTEMS["metres"]) == {"referenceSystem": base + "28992"}
+    assert metadata(SYSTEMS["compound"]) == {"referenceSystem": base + "7415"}
+    assert WKT_MEMBER in metadata(SYSTEMS["feet and metres"])
+    uncoded = CoordinateSystem(SYSTEMS["metres"].wkt)
+    assert set(metadata(uncoded)) == {WKT_MEMBER}
+
+
+def test_steps_in_feet_are_at_most_a_millimetre(tmp_path: Path) -> None:
+    write_cityjson(tmp_path / "a.city.json", [house("a")], SYSTEMS["feet"])
+    (city,) = documents(tmp_path / "a.city.json")
+    assert city["transform"]["scale"] == [0.001, 0.001, 0.001]
+    east = city["vertices"][0][0] * 0.001 + city["transform"]["translate"][0]
+    assert east * 0.3048 == pytest.approx(ORIGIN[0], abs=MILLIMETRE)
+
+
+def test_cjio_reads_both(tmp_path: Path) -> None:
+    cjio = pytest.importorskip("cjio.cityjson")
+    town = [house("a"), house("b", 2)]
+    write_cityjson(tmp_path / "a.city.json", town, SYSTEMS["metres"])
+    write_cityjson_seq(tmp_path / "a.city.jsonl", town, SYSTEMS["metres"])
+    with (tmp_path / "a.city.json").open(encoding="utf-8") as file:
+        whole = cjio.CityJSON(file=file)
+    head, *features = documents(tmp_path / "a.city.jsonl")
+    joined = cjio.CityJSON(j=head)
+    for feature in features:
+        joined.add_cityjsonfeature(feature)
+    for city in (whole, joined):
+        assert city.get_version() == "2.0" and city.get_epsg() == 28992
+        assert sorted(city.j["CityObjects"]) == ["a", "b", "b-1", "b-2"]
+        box = city.calculate_bbox()
+        assert np.allclose(box, [*ORIGIN, -1.5, ORIGIN[0] + 20, ORIGIN[1] + 6.123, 6.789], atol=MILLIMETRE)
+        assert city.number_city_objects_level1() == 2
+    count = len(whole.j["vertices"])
+    whole.remove_orphan_vertices()
+    whole.remove_duplicate_vertices()
+    assert len(whole.j["vertices"]) == count
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_no_building_is_a_file_without_buildings(tmp_path: Path, name: str) -> None:
+    assert WRITERS[name](tmp_path / name, [], SYSTEMS["metres"]) == 0
+    assert read_cityjson(tmp_path / name) == {}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_damaged_files_are_refused_in_one_line(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    WRITERS[name](path, [house("a"), house("b", 2)], SYSTEMS["metres"])
+    data = path.read_bytes()
+    rng = np.random.default_rng(2)
+    read = refused = 0
+    cuts = [data[:end] for end in range(0, len(data), 257)]
+    for _ in range(100):
+        copy = np.frombuffer(data, np.uint8).copy()
+        copy[rng.integers(0, len(copy), 4)] = rng.integers(32, 127, 4)
+        cuts.append(copy.tobytes())
+    for cut in cuts:
+        path.write_bytes(cut)
+        try:
+            read_cityjson(path)
+            read += 1
+        except InputError as error:
+            refused += 1
+            assert str(path) in str(error) and "\n" not in str(error)
+    assert refused > len(cuts) / 4 and read + refused == len(cuts)
