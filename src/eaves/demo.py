@@ -47,7 +47,9 @@ def run_demo(folder: Path, progress: Progress) -> int:
     typer.echo(summary.as_text())
 
     typer.echo("\naccuracy against the exact truth (all figures: " + str(folder / "evaluation") + ")")
-    logging.getLogger("eaves").setLevel(logging.ERROR)  # that the town lies nowhere on Earth has been said
+    logger = logging.getLogger("eaves")
+    level = logger.level
+    logger.setLevel(logging.ERROR)  # that the town lies nowhere on Earth has been said
     results = {
         "ground": (out / "classified.laz", files["points"]),
         "detection": (out / "footprints.gpkg", files["vectors"]),
@@ -59,6 +61,7 @@ def run_demo(folder: Path, progress: Progress) -> int:
         evaluation = dict(evaluate_files(what, result, reference, folder / "evaluation").table())
         for name in MEASURES[what]:
             typer.echo(f"  {what:<11} {name:<34} {evaluation.get(name, '–')}")
+    logger.setLevel(level)
     findings = validate_file(out / "buildings.city.jsonl")
     typer.echo(f"\nvalidity: {len(findings)} findings in {summary.modelled} models")
     typer.echo(f"report: {out / 'report.html'}")
