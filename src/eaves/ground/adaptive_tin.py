@@ -34,10 +34,10 @@ class AdaptiveTin(GroundMethod):
 
         d ≤ d_max   and   α_k = arcsin(d / |p − v_k|) ≤ α_max + γ·s,  k = 1, 2, 3
         p' = 2 v − p,   |z − (2 z_v − facet(p'))| ≤ min(d_max, μ·|p − v|)
-        ground:  |z − facet(p)| ≤ t + κ·s,   t = min(max(10 ρ, 0.1 m), 0.4 m),   κ = min(0.6 spacing, 0.9 m)
+        ground:  |z − facet(p)| ≤ t + κ·s,   t = min(max(7.5 ρ, 0.1 m), 0.4 m),   κ = min(0.6 spacing, 0.9 m)
 
-    with d the distance to the facet, s its slope, v its vertex nearest to p, and ρ the median distance of a
-    seed from the plane through its neighbours in the TIN.
+    with d the distance to the facet, s its slope, v its vertex nearest to p, and ρ the median distance of
+    the seeds from a TIN of the lowest of them in cells twice as wide.
 
     Fidelity
     --------
@@ -55,7 +55,7 @@ class AdaptiveTin(GroundMethod):
     - A wide piece that the opening took, and that meets the ground without a step on more than `level_share`
       of its rim, is terrain again: roofs step down on all sides, spurs and high fields do not. This is what
       tells a hall from a terrace, whatever their size.
-    - A point within `noise` of a facet is ground and is not inserted: the TIN stays small.
+    - A seed or point within `noise`, or `noise_share` of t, of a facet is not inserted: the TIN stays small.
     - Facets at the hull go on beyond it, so that a slope has no false rim.
 
     The reach of a window of `widest_object` is its width, and a chain of joining points adds little: 60 m.
