@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -153,8 +154,7 @@ def test_steps_in_feet_are_at_most_a_millimetre(tmp_path: Path) -> None:
     assert east * 0.3048 == pytest.approx(ORIGIN[0], abs=MILLIMETRE)
 
 
-def test_cjio_reads_both(tmp_path: Path) -> None:
-    cjio = pytest.importorskip("cjio.cityjson")
+def test_cjio_reads_both(tmp_path: Path, cjio: ModuleType) -> None:
     town = [house("a"), house("b", 2)]
     write_cityjson(tmp_path / "a.city.json", town, SYSTEMS["metres"])
     write_cityjson_seq(tmp_path / "a.city.jsonl", town, SYSTEMS["metres"])

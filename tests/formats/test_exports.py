@@ -6,6 +6,7 @@ import json
 import struct
 from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -238,12 +239,12 @@ def test_geopandas_reads_the_other_vector_files(tmp_path: Path, name: str) -> No
     assert list(frame["id"]) == ["a"] and frame.geometry[0].area == pytest.approx(COURT.area)
 
 
-def test_cjio_reads_the_cityjson(tmp_path: Path, town: list[BuildingModel | Failure]) -> None:
-    from cjio.cityjson import CityJSON
-
+def test_cjio_reads_the_cityjson(
+    tmp_path: Path, town: list[BuildingModel | Failure], cjio: ModuleType
+) -> None:
     write_cityjson(tmp_path / "town.city.json", town, DUTCH)
     with (tmp_path / "town.city.json").open(encoding="utf-8") as file:
-        city = CityJSON(file=file)
+        city = cjio.CityJSON(file=file)
     assert city.get_version() == "2.0" and city.get_epsg() == 28992
     assert sorted(city.j["CityObjects"]) == ["a b", "c", "d"]
 
