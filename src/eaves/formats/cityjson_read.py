@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from operator import index
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -185,8 +186,14 @@ class _Frame:
                 tuple(map(str, value.get("children") or ())),
                 self.system,
             )
-        except (TypeError, KeyError, ValueError, AttributeError, IndexError, RecursionError) as error:
-            raise InputError.about(self.path, f"object '{name}' is damaged ({error})", REPAIR) from None
+        except KeyError as error:
+            raise InputError.about(self.path, f"object '{name}' lacks {error}", REPAIR) from None
+        except ValueError as error:
+            raise InputError.about(self.path, f"object '{name}' {error}", REPAIR) from None
+        except (TypeError, AttributeError, IndexError, RecursionError):
+            raise InputError.about(
+                self.path, f"object '{name}' is not built as CityJSON asks", REPAIR
+            ) from None
 
     def _system_of(self, head: dict[str, Any], crs: str | None) -> CoordinateSystem:
         metadata = head.get("metadata")
@@ -227,13 +234,15 @@ def _pick(values: Any, *path: int) -> int | None:
         if values is None:
             return None
         values = values[step]
-    return None if values is None else int(values)
+    return None if values is None else index(values)
 
 
 def _face(
     rings: list[list[int]], value: int | None, surfaces: tuple[dict[str, Any], ...], vertex_count: int
 ) -> Face:
-    numbers = tuple(tuple(map(int, ring)) for ring in rings)
+    numbers = tuple(tuple(map(index, ring)) for ring in rings)
     if any(not 0 <= number < vertex_count for ring in numbers for number in ring):
-        raise ValueError(f"a face points outside the {vertex_count} vertices")
+        raise ValueError(f"has a face that points outside the {vertex_count} vertices")
+    if value is not None and not 0 <= value < len(surfaces):
+        raise ValueError(f"has a face with semantics {value} of {len(surfaces)}")
     return Face(numbers, "" if value is None else str(surfaces[value]["type"]), value)

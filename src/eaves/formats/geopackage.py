@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,12 +15,15 @@ import shapely
 from numpy.typing import NDArray
 from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, FieldError, GeometryError
 from shapely import MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe, parse_crs, pyproj_crs, system_of
 from eaves.formats.errors import InputError
 from eaves.model import CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
+
+log = logging.getLogger("eaves")
 
 DRIVERS = {
     ".gpkg": "GPKG",
@@ -94,7 +98,8 @@ def read_polygons(
     Returns
     -------
     polygons
-        Polygon or MultiPolygon as they are, invalid ones too; features without geometry are left out.
+        Polygon or MultiPolygon as they are, invalid ones too; features without coordinates are left
+        out, with a warning.
     ids, attributes, system
         One id and one mapping a polygon; `target` when given, else the file's own system.
 
@@ -112,14 +117,17 @@ def read_polygons(
         raise InputError.about(
             path, f"has no field '{id_field}'", f"choose one of: {', '.join(names) or 'none'}"
         )
-    shapes = shapely.force_2d(shapely.from_wkb(wkb, on_invalid="ignore"))
+    # "fix" mends the structure only: it closes rings that a writer left open.
+    shapes = shapely.force_2d(shapely.from_wkb(wkb, on_invalid="fix"))
     kinds = {shape.geom_type for shape in shapes if shape is not None}
     if kinds - {"Polygon", "MultiPolygon"}:
         raise InputError.about(
             path, f"holds {', '.join(sorted(kinds))} and must hold polygons", "choose another layer or file"
         )
     kinds_of = dict(zip(names, meta["dtypes"], strict=True))
-    kept = [n for n, shape in enumerate(shapes) if shape is not None and not shape.is_empty]
+    kept = [n for n, shape in enumerate(shapes) if _has_coordinates(shape)]
+    if len(kept) < len(shapes):
+        log.warning("%s: %d features without coordinates are left out", path, len(shapes) - len(kept))
     polygons, system = _in_metres(path, shapes[kept], meta["crs"], target)
     attributes = [{name: _plain(columns[k][n], kinds_of[name]) for k, name in enumerate(names)} for n in kept]
     ids = [str(row[id_field]) if id_field else str(n + 1) for n, row in zip(kept, attributes, strict=True)]
@@ -127,28 +135,45 @@ def read_polygons(
 
 
 def _read_layer(path: Path, layer: str | None) -> tuple[dict[str, Any], NDArray[np.object_], list[Any]]:
-    try:
-        layers = pyogrio.list_layers(path)
-        names = [str(name) for name, _ in layers]
-        if layer is None:
-            polygonal = [str(name) for name, kind in layers if kind is not None and "Polygon" in str(kind)]
-            layer = next(iter(polygonal or names), None)
-        elif layer not in names:
-            raise InputError.about(
-                path, f"has no layer '{layer}'", f"choose one of: {', '.join(names) or 'none'}"
-            )
-        meta, _, wkb, columns = pyogrio.raw.read(path, layer=layer)
-    except (*OGR_ERRORS, ValueError, OSError) as error:
-        if isinstance(error, InputError):
+    """What pyogrio tells of a layer, its geometries as WKB and its columns."""
+    refusal = InputError.about(
+        path,
+        "is not a vector file that can be read",
+        "give a shapefile, GeoPackage, GeoJSON or FlatGeobuf",
+    )
+    with warnings.catch_warnings():  # GDAL's remarks on single features: those lost are counted later
+        warnings.simplefilter("ignore", RuntimeWarning)
+        try:
+            layer = _chosen_layer(path, layer)
+            meta, _, wkb, columns = pyogrio.raw.read(path, layer=layer)
+        except InputError:
             raise
-        raise InputError.about(
-            path,
-            "is not a vector file that can be read",
-            "give a shapefile, GeoPackage, GeoJSON or FlatGeobuf",
-        ) from None
+        except (*OGR_ERRORS, ValueError, OverflowError, MemoryError, OSError):
+            raise refusal from None
     if wkb is None:
         raise InputError.about(path, f"layer '{layer}' has no geometry", "choose a layer of polygons")
+    if any(len(column) != len(wkb) for column in columns):
+        raise refusal
     return meta, wkb, columns
+
+
+def _chosen_layer(path: Path, layer: str | None) -> str | None:
+    """The layer asked for, which must be there; else the first of polygons, else the first."""
+    layers = pyogrio.list_layers(path)
+    names = [str(name) for name, _ in layers]
+    if layer is not None and layer not in names:
+        raise InputError.about(
+            path, f"has no layer '{layer}'", f"choose one of: {', '.join(names) or 'none'}"
+        )
+    polygonal = [str(name) for name, kind in layers if kind is not None and "Polygon" in str(kind)]
+    return layer or next(iter(polygonal or names), None)
+
+
+def _has_coordinates(shape: BaseGeometry | None) -> bool:
+    """Whether there is a shape, not an empty one, and all its coordinates are numbers."""
+    return (
+        shape is not None and not shape.is_empty and bool(np.isfinite(shapely.get_coordinates(shape)).all())
+    )
 
 
 def _in_metres(
@@ -173,7 +198,7 @@ def _in_metres(
     system = target
     if system is None:
         corners = shapely.bounds(shapes) if len(shapes) else np.zeros((1, 4))
-        centre = (float(np.nanmean(corners[:, ::2])), float(np.nanmean(corners[:, 1::2])))
+        centre = (float(corners[:, ::2].mean()), float(corners[:, 1::2].mean()))
         system = LOCAL_METRES if source is None else system_of(source, path, centre)
     unit = system.horizontal_unit_m
     return list(shapely.transform(shapes, lambda xy: xy * unit)) if unit != 1.0 else list(shapes), system

@@ -67,7 +67,7 @@ class Scene:
     dtm: Raster
     dsm: Raster
     spacing: float
-    """Mean spacing of the points in plan (m): 1 / √density of last returns, counted where points are."""
+    """Mean spacing of the points in plan (m): 1 / √density, counted where points are."""
 
     height: Values = field(default_factory=lambda: np.zeros(0))
     """Height of every point above the terrain (N,), m."""
