@@ -31,7 +31,7 @@ MUTATIONS = 60
 SQUARE = Polygon([(0, 0), (10, 0), (10, 8), (0, 8)])
 
 
-def gable_free_house() -> BuildingModel:
+def flat_house() -> BuildingModel:
     """A box of 10 m × 8 m × 5 m."""
     low, high = [[0, 0, 1], [10, 0, 1], [10, 8, 1], [0, 8, 1]], [[0, 0, 6], [10, 0, 6], [10, 8, 6], [0, 8, 6]]
     walls = [Face(((i, (i + 1) % 4, (i + 1) % 4 + 4, i + 4),), "WallSurface") for i in range(4)]
@@ -88,7 +88,7 @@ def test_mutated_files_are_read_or_refused_in_one_line(name: str, tmp_path: Path
         write_mask(whole, np.eye(40, dtype=bool), 0.0, 0.0, 0.5, LOCAL_METRES)
         reader = read_raster
     elif name == "a.city.jsonl":
-        write_cityjson_seq(whole, [gable_free_house()])
+        write_cityjson_seq(whole, [flat_house()])
         reader = solids_of
     elif name == "a.txt":
         whole.write_text("x,y,z,label\n" + "85000.5,447000.5,3.5,0\n" * 9)
@@ -117,7 +117,7 @@ def test_geometry_that_points_nowhere_is_refused_in_our_words(
     change: Callable[[dict[str, Any]], Any], says: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "a.city.jsonl"
-    write_cityjson_seq(path, [gable_free_house()])
+    write_cityjson_seq(path, [flat_house()])
     head, feature = map(json.loads, path.read_text().splitlines())
     change(feature["CityObjects"]["b1"]["geometry"][1])
     path.write_text(f"{json.dumps(head)}\n{json.dumps(feature)}\n")
@@ -128,7 +128,11 @@ def test_geometry_that_points_nowhere_is_refused_in_our_words(
 def test_an_open_ring_is_closed_and_features_without_geometry_are_counted(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rings = {"open": [[0, 0], [10, 0], [10, 10], [0, 10]], "bow": [[0, 0], [9, 9], [9, 0], [0, 9], [0, 0]]}
+    rings: dict[str, list[list[int]] | None] = {
+        "open": [[0, 0], [10, 0], [10, 10], [0, 10]],
+        "bow": [[0, 0], [9, 9], [9, 0], [0, 9], [0, 0]],
+        "none": None,
+    }
     features: list[dict[str, Any]] = [
         {
             "type": "Feature",

@@ -148,7 +148,7 @@ def _read_layer(path: Path, layer: str | None) -> tuple[dict[str, Any], NDArray[
             meta, _, wkb, columns = pyogrio.raw.read(path, layer=layer)
         except InputError:
             raise
-        except (*OGR_ERRORS, ValueError, OverflowError, MemoryError, OSError):
+        except (*OGR_ERRORS, ValueError, IndexError, OverflowError, MemoryError, OSError):
             raise refusal from None
     if wkb is None:
         raise InputError.about(path, f"layer '{layer}' has no geometry", "choose a layer of polygons")
