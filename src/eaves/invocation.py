@@ -16,6 +16,13 @@ if TYPE_CHECKING:
 
 COMPLETE, INCOMPLETE, MISUSE, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses; 130 is the shell's for Ctrl-C."""
+WHERE_TO_OPEN = {
+    "in a browser": "report.html",
+    "in QGIS": "footprints.gpkg",
+    "in Blender": "buildings.glb",
+    "in Cesium": "tileset.json",
+}
+"""What the last lines of a run point to, where it was written."""
 
 
 def read_config(path: Path | None) -> dict[str, dict[str, Any]]:
@@ -102,6 +109,10 @@ def finish(summary: Summary, quiet: bool, strict: bool) -> None:
     """Say what came out, and leave with the right status."""
     if not quiet:
         typer.echo(summary.as_text())
+        for program, name in WHERE_TO_OPEN.items():
+            there = [path for path in summary.files if path.name == name]
+            if there:
+                typer.echo(f"  {program:<14} {there[0]}")
     for reason in summary.failed:
         typer.echo(f"incomplete: {reason}", err=True)
     failures = strict and summary.found > summary.modelled
