@@ -128,20 +128,13 @@ def test_geometry_that_points_nowhere_is_refused_in_our_words(
 def test_an_open_ring_is_closed_and_features_without_geometry_are_counted(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rings: dict[str, list[list[int]] | None] = {
-        "open": [[0, 0], [10, 0], [10, 10], [0, 10]],
-        "bow": [[0, 0], [9, 9], [9, 0], [0, 9], [0, 0]],
-        "none": None,
+    rings = {"open": [[0, 0], [10, 0], [10, 10], [0, 10]], "bow": [[0, 0], [9, 9], [9, 0], [0, 9], [0, 0]]}
+    shapes = {name: {"type": "Polygon", "coordinates": [ring]} for name, ring in rings.items()} | {
+        "none": None
     }
-    features: list[dict[str, Any]] = [
-        {
-            "type": "Feature",
-            "properties": {"id": name},
-            "geometry": {"type": "Polygon", "coordinates": [ring]},
-        }
-        for name, ring in rings.items()
+    features = [
+        {"type": "Feature", "properties": {"id": name}, "geometry": shape} for name, shape in shapes.items()
     ]
-    features.append({"type": "Feature", "properties": {"id": "none"}, "geometry": None})
     path = tmp_path / "a.geojson"
     system = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::28992"}}
     path.write_text(json.dumps({"type": "FeatureCollection", "crs": system, "features": features}))

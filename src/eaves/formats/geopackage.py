@@ -118,7 +118,8 @@ def read_polygons(
             path, f"has no field '{id_field}'", f"choose one of: {', '.join(names) or 'none'}"
         )
     # "fix" mends the structure only: it closes rings that a writer left open.
-    shapes = shapely.force_2d(shapely.from_wkb(wkb, on_invalid="fix"))
+    with np.errstate(invalid="ignore"):  # coordinates that are no numbers are dealt with below
+        shapes = shapely.force_2d(shapely.from_wkb(wkb, on_invalid="fix"))
     kinds = {shape.geom_type for shape in shapes if shape is not None}
     if kinds - {"Polygon", "MultiPolygon"}:
         raise InputError.about(
