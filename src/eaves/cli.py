@@ -278,7 +278,7 @@ def simulate(
     noise: Annotated[float, typer.Option(help="Standard deviation of a range (m).", min=0)] = 0.02,
     pattern: Annotated[str, typer.Option(help="How the beam moves; see the documentation.")] = "lines",
     terrain: Annotated[str, typer.Option(help="flat, slope, hilly or terraced.")] = "flat",
-    trees: Annotated[float, typer.Option(help="How many trees; 1 is a leafy suburb.", min=0)] = 1.0,
+    trees: Annotated[float, typer.Option(help="Times the trees of an ordinary town.", min=0, max=10)] = 1.0,
     seed: Annotated[int, typer.Option(help="Same seed, same bytes.", min=0)] = 0,
     model: Annotated[
         Path | None, typer.Option(help="Scan the buildings of this CityJSON file instead.")

@@ -12,7 +12,7 @@ import pytest
 import shapely
 
 from eaves.model import Bounds
-from eaves.simulate import simulate_town
+from eaves.simulate import scan_town, simulate_town
 from eaves.simulate.houses import (
     draw_church,
     draw_detached,
@@ -136,3 +136,9 @@ def test_canal_is_dug_and_embankment_raised() -> None:
     raised = cut_corridor(terrain, Corridor(30.0, 30.0, 0.2, 5.0, 3.0))
     assert dug.at(axis)[0] < terrain.at(axis)[0] - 1.0 and dug.water.any()
     assert raised.at(axis)[0] == pytest.approx(terrain.at(axis)[0] + 3.0) and not raised.water.any()
+
+
+def test_more_trees_than_usual_make_a_wooded_town() -> None:
+    few, many = (simulate_town(0.02, terrain="flat", trees=trees, seed=3) for trees in (1.0, 3.0))
+    usual, wooded = (scan_town(town, 1.0, seed=3).truth_class for town in (few, many))
+    assert (wooded == 5).mean() > 1.5 * (usual == 5).mean()

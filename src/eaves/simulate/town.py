@@ -93,7 +93,7 @@ def simulate_town(
     area_km2 : size of the square, at least 0.01 (100 m by 100 m).
     buildings : at most so many; None builds on every plot. Plots left over are lawns with trees.
     terrain : `flat` (with a canal and bridges), `slope`, `hilly` or `terraced` (with an embankment).
-    trees : share of the trees, shrubs and hedges of an ordinary town; 0 for none.
+    trees : share of the trees, shrubs and hedges of an ordinary town; 0 for none, above 1 for more trees.
     seed : the same seed gives the same town.
     style : `suburb` (houses and gardens), `centre` (closed fronts, blocks around courts) or `mixed`.
     clutter : whether buildings carry vents, skylights, solar panels and balconies, which the reference
@@ -252,11 +252,14 @@ class _Site:
         def level(place: NDArray[np.float64]) -> float:
             return float(self.terrain.at(place[None, :])[0])
 
+        def plant(place: NDArray[np.float64]) -> None:
+            leaves, trunk = grow_tree(float(place[0]), float(place[1]), level(place), rng, leaf_loss)
+            self.leaves.append(leaves)
+            self.surfaces.append(trunk)
+
         for place in block.trees:
             if rng.random() < trees and free(place):
-                leaves, trunk = grow_tree(float(place[0]), float(place[1]), level(place), rng, leaf_loss)
-                self.leaves.append(leaves)
-                self.surfaces.append(trunk)
+                plant(place)
         for place in block.shrubs:
             if rng.random() < trees and free(place):
                 self.leaves.append(grow_shrub(float(place[0]), float(place[1]), level(place), rng))
@@ -272,3 +275,9 @@ class _Site:
             place = np.array([x, y])
             if free(place):
                 self.surfaces.append(park_car(x, y, level(place), angle, rng))
+        low, high = plot.corners().min(axis=0), plot.corners().max(axis=0)
+        # a wooded town has trees wherever there is room
+        for _ in range(int(max(trees - 1.0, 0.0) * len(block.trees))):
+            place = rng.uniform(low, high)
+            if free(place):
+                plant(place)
