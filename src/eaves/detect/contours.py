@@ -128,7 +128,7 @@ def filled(surface: Values) -> Values:
 def sobel_height(surface: Values) -> Values:
     """Height difference (m, (H, W)) across two cells by Sobel's operator."""
     whole = filled(surface)
-    return np.hypot(ndimage.sobel(whole, axis=0), ndimage.sobel(whole, axis=1)) / 4.0
+    return np.asarray(np.hypot(ndimage.sobel(whole, axis=0), ndimage.sobel(whole, axis=1)) / 4.0, np.float64)
 
 
 def quadratic_gradient(surface: Values) -> Values:
