@@ -7,6 +7,7 @@ import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -123,10 +124,11 @@ def write_outputs(
     files: list[Path] = []
     system = store.system
     steps = [name for name in EVERYTHING if name in wanted]
+    rows = footprint_rows(store, homes)
+    extent = extent_of(store, blocks if {"mask", "rasters"} & set(steps) else [])
     for done, step in enumerate(steps):
         tell("write", done, len(steps))
         if step == "footprints":
-            rows = footprint_rows(store, homes)
             files.append(folder / "footprints.gpkg")
             write_geopackage(files[-1], rows, face_rows(store, homes), system)
             files += export_footprints(folder, rows, system, formats)
@@ -135,9 +137,9 @@ def write_outputs(
             write_cityjson_seq(files[-1], answers(store, homes), system)
             files += export_models(folder, lambda: answers(store, homes), system, formats)
         elif step == "mask":
-            files += write_mask(store, blocks, homes, folder / "mask.tif")
+            files += write_mask(store, blocks, rows, extent, folder / "mask.tif")
         elif step == "rasters":
-            files += write_surfaces(store, blocks, folder)
+            files += write_surfaces(store, blocks, extent, folder)
         elif step == "classified":
             files += write_points(store, sources, blocks, homes, folder, classified)
     tell("write", len(steps), len(steps))
@@ -241,22 +243,26 @@ def extent_of(store: Store, blocks: Sequence[Block]) -> Bounds:
     return Bounds(float(west), float(south), float(east), float(north))
 
 
-def write_surfaces(store: Store, blocks: Sequence[Block], folder: Path) -> list[Path]:
-    """dtm.tif and dsm.tif over all blocks."""
+def write_surfaces(store: Store, blocks: Sequence[Block], extent: Bounds, folder: Path) -> list[Path]:
+    """dtm.tif and dsm.tif over `extent`, each block read once for both."""
     written = [folder / "dtm.tif", folder / "dsm.tif"]
-    for path in written:
-        with MosaicWriter(path, extent_of(store, blocks), CELL, store.system) as mosaic:
-            for block in blocks:
-                if store.has("blocks", block):
-                    mosaic.write(getattr(store.load_block(block), path.stem), block.bounds, block.origin)
+    with ExitStack() as stack:
+        dtm, dsm = (stack.enter_context(MosaicWriter(path, extent, CELL, store.system)) for path in written)
+        for block in blocks:
+            if store.has("blocks", block):
+                result = store.load_block(block)
+                dtm.write(result.dtm, block.bounds, block.origin)
+                dsm.write(result.dsm, block.bounds, block.origin)
     return written
 
 
-def write_mask(store: Store, blocks: Sequence[Block], homes: Sequence[Block], path: Path) -> list[Path]:
+def write_mask(
+    store: Store, blocks: Sequence[Block], rows: Sequence[Row], extent: Bounds, path: Path
+) -> list[Path]:
     """mask.tif with its world file: the footprints burnt into the raster cells whose centre they hold."""
-    polygons = [row.geometry for row in footprint_rows(store, homes)]
+    polygons = [row.geometry for row in rows]
     tree = shapely.STRtree(polygons)
-    with MosaicWriter(path, extent_of(store, blocks), CELL, store.system, mask=True) as mosaic:
+    with MosaicWriter(path, extent, CELL, store.system, mask=True) as mosaic:
         for block in blocks:
             near = [polygons[i] for i in np.sort(tree.query(shapely.box(*vars(block.bounds).values())))]
             mosaic.write(burn(near, block.bounds, CELL), block.bounds)
