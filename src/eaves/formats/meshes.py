@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from eaves.geometry.rings import area_vector
 from eaves.model import BuildingModel, Failure, Points, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 
@@ -89,8 +90,7 @@ def mesh_of_solids(solids: Iterable[Solid]) -> Mesh:
 
 def unit_normal(ring: Points) -> Points:
     """The unit normal (3,) of a ring (M, 3) by Newell's sum; up for a ring without area."""
-    shifted = ring - ring[0]
-    total = np.cross(shifted, np.roll(shifted, -1, axis=0)).sum(axis=0)
+    total = area_vector(ring)
     length = float(np.linalg.norm(total))
     return total / length if length > 0 else np.array([0.0, 0.0, 1.0])
 

@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.formats import CityObject
+from eaves.formats.meshes import unit_normal
 from eaves.model import Points
 from eaves.model.building import GROUND_SURFACE, LODS, ROOF_SURFACE, WALL_SURFACE
 
@@ -113,10 +114,7 @@ def edges_of(faces: Sequence[CityFace]) -> tuple[Points, NDArray[np.int64]]:
 
 def _frame(ring: Points) -> NDArray[np.float64]:
     """Origin, two directions on the ring's plane and its normal, (4, 3)."""
-    away = ring - ring[0]
-    normal = np.cross(away, np.roll(away, -1, axis=0)).sum(axis=0)
-    length = float(np.linalg.norm(normal))
-    normal = normal / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    normal = unit_normal(ring)
     aside = np.cross([0.0, 0.0, 1.0], normal)
     long = float(np.linalg.norm(aside))
     first = aside / long if long > 1e-9 else np.array([1.0, 0.0, 0.0])
