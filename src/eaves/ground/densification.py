@@ -112,7 +112,7 @@ def near_surface(tin: Tin, xyz: Points, level: float, slant: float, slope_cap: f
     return np.asarray(near_kernel(xyz, tin.whole, tin.vertices, tin.neighbours, level, slant, slope_cap))
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def facet_inside(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) -> Any:
     """Height of a finite facet's plane at (x, y), and its slope."""
     a, b, c = vertices[triangle, 0], vertices[triangle, 1], vertices[triangle, 2]
@@ -126,7 +126,7 @@ def facet_inside(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) 
     return height, np.sqrt(east * east + north * north)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def facet_at(xyz: Points, vertices: Ids, neighbours: Ids, triangle: int, x: float, y: float) -> Any:
     """Height of a facet at (x, y), its slope, and the distance of (x, y) from the hull (0 inside).
 
