@@ -173,3 +173,27 @@ def test_a_second_run_gives_the_same_bytes(built: Path, nine_roofs_file: Path, t
     assert eaves("build", nine_roofs_file, "-o", tmp_path, "--jobs", "2").returncode == 0
     for name in ("buildings.city.jsonl", "mask.tif", "dtm.tif", "classified.laz"):
         assert (built / name).read_bytes() == (tmp_path / name).read_bytes(), name
+
+
+def test_a_town_has_the_style_and_the_clutter_asked_for(tmp_path: Path) -> None:
+    asked = ("--area", "0.01", "--density", "1", "--seed", "3")
+    for name, more in (("centre", ("--style", "centre")), ("bare", ("--style", "centre", "--no-clutter"))):
+        done = eaves("simulate", "-o", tmp_path / name, *asked, *more)
+        assert done.returncode == 0, done.stderr
+        told = json.loads((tmp_path / name / "simulation.json").read_text())
+        assert (told["style"], told["clutter"]) == ("centre", name == "centre")
+    points = [(tmp_path / name / "points.laz").read_bytes() for name in ("centre", "bare")]
+    assert points[0] != points[1]
+    done = eaves("simulate", "-o", tmp_path / "no", "--style", "village")
+    assert done.returncode == 2
+    assert "--style village" in one_line(done) and "suburb" in done.stderr
+
+
+def test_models_are_judged_over_given_footprints_at_a_given_level(built: Path, nine_roofs_file: Path) -> None:
+    words = ("models", built / "buildings.city.jsonl", built / "classified.laz")
+    done = eaves("evaluate", *words, "--footprints", built / "footprints.gpkg", "--lod", "1.2")
+    assert done.returncode == 0, done.stderr
+    finest = eaves("evaluate", *words)
+    assert done.stdout != finest.stdout and "LoD 1.2" in done.stdout
+    done = eaves("evaluate", "ground", built / "classified.laz", nine_roofs_file, "--lod", "1.2")
+    assert done.returncode == 2 and "lod is for models only" in one_line(done)

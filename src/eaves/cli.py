@@ -257,14 +257,24 @@ def validate(
 @app.command()
 def evaluate(
     what: Annotated[str, typer.Argument(help="ground, detection, footprints, planes or models.")],
-    result: Annotated[Path, typer.Argument()],
-    reference: Annotated[Path, typer.Argument()],
+    result: Annotated[Path, typer.Argument(help="What is judged: a file that eaves or another wrote.")],
+    reference: Annotated[Path, typer.Argument(help="What it is held against.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for JSON, rows and maps.")] = None,
+    footprints: Annotated[
+        Path | None, typer.Option(help="For models: the polygons whose points count; else the models' own.")
+    ] = None,
+    lod: Annotated[
+        str | None, typer.Option(help="For models: 1.2, 1.3 or 2.2; else each building's finest.")
+    ] = None,
+    quiet: Quiet = False,
 ) -> None:
     """How well a result agrees with a reference, by the field's measures."""
     from eaves.evaluate import evaluate_files
 
-    typer.echo(evaluate_files(what, result, reference, out).as_text())
+    start_log(quiet, verbose=False)
+    evaluation = evaluate_files(what, result, reference, out, lod=lod, footprints=footprints)
+    if not quiet:
+        typer.echo(evaluation.as_text())
 
 
 @app.command()
@@ -276,9 +286,11 @@ def simulate(
     ] = None,
     density: Annotated[float, typer.Option(help="Points a square metre.", min=0.1, max=100)] = 10.0,
     noise: Annotated[float, typer.Option(help="Standard deviation of a range (m).", min=0)] = 0.02,
-    pattern: Annotated[str, typer.Option(help="How the beam moves; see the documentation.")] = "lines",
+    pattern: Annotated[str, typer.Option(help="lines, zigzag, ellipse or random (no scan angle).")] = "lines",
     terrain: Annotated[str, typer.Option(help="flat, slope, hilly or terraced.")] = "flat",
+    style: Annotated[str, typer.Option(help="mixed, suburb or centre.")] = "mixed",
     trees: Annotated[float, typer.Option(help="Times the trees of an ordinary town.", min=0, max=10)] = 1.0,
+    clutter: Annotated[bool, typer.Option(help="Vents, skylights, panels and balconies on roofs.")] = True,
     seed: Annotated[int, typer.Option(help="Same seed, same bytes.", min=0)] = 0,
     model: Annotated[
         Path | None, typer.Option(help="Scan the buildings of this CityJSON file instead.")
@@ -287,32 +299,14 @@ def simulate(
     quiet: Quiet = False,
 ) -> None:
     """A town of which every plane, corner and point label is known, and its scan."""
-    from typing import get_args
-
-    from eaves.simulate import scan_town, simulate_town, town_of_model, write_simulation
-    from eaves.simulate.flight import Pattern
-    from eaves.simulate.terrain import TerrainKind
+    from eaves.simulation import run_simulation
 
     start_log(quiet, verbose=False)
-    pattern = "lines" if pattern == "scan" else pattern
-    for name, value, choices in (
-        ("--pattern", pattern, get_args(Pattern)),
-        ("--terrain", terrain, get_args(TerrainKind)),
-    ):
-        if value not in choices:
-            raise ValueError(f"{name} {value}: unknown; choose one of: {', '.join(choices)}")
-    if model is not None:
-        town = town_of_model(model, trees=trees, seed=seed, crs=crs)
-    else:
-        town = simulate_town(area, buildings, terrain, trees, seed)
-    scene = scan_town(town, density, noise, pattern, seed)
-    if crs is not None and model is None:
-        scene = scene.placed(crs)
-    told = {"area_km2": area, "density": density, "noise_m": noise, "pattern": pattern, "seed": seed}
-    told |= {"terrain": terrain, "trees": trees, "model": None if model is None else model.name}
-    files = write_simulation(scene, out, told)
+    town: dict[str, object] = {"area_km2": area, "buildings": buildings, "terrain": terrain, "trees": trees}
+    town |= {"style": style, "clutter": clutter, "model": model}
+    told = run_simulation(out, town, {"density": density, "noise": noise, "pattern": pattern}, seed, crs)
     if not quiet:
-        typer.echo(f"{len(scene.cloud):,} points, {len(scene.buildings)} buildings; {files['points']}")
+        typer.echo(told)
 
 
 @app.command()

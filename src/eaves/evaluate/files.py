@@ -66,8 +66,11 @@ def evaluate_files(
     InputError
         For a file that cannot be read or does not fit `what`.
     ValueError
-        For another `what`.
+        For another `what`, and for `lod` or `footprints` with one that takes none.
     """
+    if what != "models" and (lod or footprints):
+        option = "lod" if lod else "footprints"
+        raise ValueError(f"{option} is for models only, not for {what}; leave it out")
     if what == "models":
         evaluation = compare_models(Path(result), Path(reference), lod, footprints)
     elif what in COMPARISONS:
