@@ -9,7 +9,7 @@ from eaves.detect import detect_buildings
 from eaves.detect.borders import source_side
 from eaves.detect.consensus import Consensus
 from eaves.detect.evidence import gather_evidence, regress_planes, window_sum
-from eaves.detect.segments import find_segments, inner_width
+from eaves.detect.segments import find_segments, inner_width, square_width
 from eaves.geometry.plane_moments import sums_of
 from eaves.model.scene import ROOF, WALL
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
@@ -71,6 +71,15 @@ def test_a_chimney_is_part_of_its_roof() -> None:
     assert (found.label[what == 3] > 0).all()
 
 
+def test_a_flat_hedge_beside_a_house_is_not_of_it__under_two_metres() -> None:
+    made = two_houses_and_a_tree(12.0)
+    made.box(22.2, 12.0, 30.0, 15.0, 1.75, -2)
+    scene, what = made.scene()
+    found = detect_buildings(scene, Consensus())
+    assert not found.label[(what == -2) & (scene.cloud.xyz[:, 0] > 23.0)].any()
+    assert (found.label[what == 1] > 0).mean() > 0.99
+
+
 def test_a_terrace_on_a_slope_is_not_a_building() -> None:
     made = MadeScene(density=8.0)
     scene, _ = made.scene()
@@ -82,7 +91,7 @@ def test_the_residual_beside_a_ridge_is_that_of_the_faces() -> None:
     evidence = gather_evidence(scene, scene.cloud.xyz, what == 1, 0.5)
     assert np.median(evidence.residual[evidence.candidate]) < 0.03
     assert (evidence.residual[evidence.candidate] < 0.12).mean() > 0.9
-    segments = find_segments(evidence, evidence.candidate & (evidence.residual < 0.12), 0.12)
+    segments = find_segments(evidence, evidence.candidate & (evidence.residual < 0.12), 0.12, 2.0)
     assert (segments.area > 30.0).sum() == 2
 
 
@@ -106,6 +115,9 @@ def test_the_width_of_a_segment_is_that_of_its_largest_square() -> None:
     label[1:8, 2:7] = 1
     label[10, :] = 2
     assert inner_width(label, 2).tolist() == [5.0, 1.0]
+    label[:, 11] = 3
+    label[1:9, 8:10] = 4
+    assert square_width(label, 5).tolist() == [5.0, 1.0, 1.0, 2.0, 0.0]
 
 
 def test_the_cut_is_the_least() -> None:

@@ -7,13 +7,14 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.base import Detector
+from eaves.detect.base import MIN_HEIGHT_M, Detector
 from eaves.detect.borders import cut_cells
 from eaves.detect.cells import side_near
 from eaves.detect.evidence import LEAST_POINTS, Evidence, gather_evidence
-from eaves.detect.judgement import judge_cells, judge_segments, looks_like_vehicle, score_regions
+from eaves.detect.judgement import judge_cells, judge_segments, score_regions
 from eaves.detect.members import part_of_points
-from eaves.detect.segments import Segments, find_segments, inner_width
+from eaves.detect.segments import Segments, find_segments, square_width
+from eaves.detect.vehicles import looks_like_vehicle
 from eaves.detect.voids import find_roof_voids, raise_rims
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, Regions, Scene, Values
@@ -25,6 +26,9 @@ VEHICLE_MOST_M2 = 60.0
 """An articulated lorry, with the cells at its rim, is no larger."""
 SMALL_SEGMENT_M2 = 2.0
 """Smaller surfaces say no more than their cells do."""
+CORE_SHARE, CORE_SHARE_M = 0.4, 0.18
+"""Least share of roof surfaces in a building, and the same times the cells' side (m): windows three cells wide
+fit into less of a face the wider the cells are."""
 
 
 class Consensus(Detector):
@@ -115,7 +119,7 @@ class Consensus(Detector):
         evidence = gather_evidence(scene, xyz, candidate, side)
         emit("residual", evidence.residual)
         smooth = evidence.candidate & (evidence.residual < self.max_residual)
-        segments = find_segments(evidence, smooth, self.max_gap)
+        segments = find_segments(evidence, smooth, self.max_gap, MIN_HEIGHT_M)
         emit("segments", segments.label)
         odds, roof = self.judge(evidence, segments, echoes)
         emit("odds", odds)
@@ -143,9 +147,8 @@ class Consensus(Detector):
         side = evidence.cells.side
         area = np.bincount(label.ravel(), minlength=count + 1) * side * side
         core = np.bincount(label.ravel(), weights=roof.ravel(), minlength=count + 1) * side * side
-        width = np.r_[0.0, inner_width(label, count) * side]
-        # Windows three cells wide fit into less of a face the wider the cells are.
-        share = min(0.4, 0.25 / side)
+        width = np.r_[0.0, square_width(label, count) * side]
+        share = min(CORE_SHARE, CORE_SHARE_M / side)
         good = (core >= self.min_core) & (core >= share * area) & (width >= self.min_width)
         good[0] = False
         kept = np.where(good, np.arange(count + 1), 0).astype(np.int32)

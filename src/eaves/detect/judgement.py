@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eaves.detect.base import TALL_SHARE
 from eaves.detect.evidence import Evidence
 from eaves.detect.segments import Segments
-from eaves.model import Labels, Mask, Points, Values
+from eaves.model import Labels, Values
 
 SHARPNESS = 1.5
 """The regression was shrunk towards even odds; this undoes it."""
@@ -51,15 +52,8 @@ STOREY_M = 3.0
 """Bushes and hedges stay below a storey; above it height tells nothing of a cell."""
 LOW_CELL = 1.2
 """Log odds that a rough cell loses for each metre under a storey."""
-VEHICLE_WIDTH_M = 2.45
-"""Road vehicles and containers are narrower (the legal limit is 2.55 m, and points stop short of edges)."""
-VEHICLE_HEIGHT_M = 4.2
-VEHICLE_LEVEL_M = 0.6
-"""Half the range of heights on top of a vehicle; what leaves it is something else."""
-VEHICLE_FLAT = 0.75
-"""So much of a vehicle is at that level; a shed with a pitched roof has less."""
-VEHICLE_LENGTH = 1.9
-"""Vehicles are at least so many times longer than wide."""
+LOW_SURFACE = -3.0
+"""Log odds, at most, of a surface that is nowhere as high as a building: a wall, a hedge, a terrace."""
 
 
 def judge_segments(segments: Segments, echoes: bool) -> Values:
@@ -74,7 +68,8 @@ def judge_segments(segments: Segments, echoes: bool) -> Values:
         + weight.through * segments.through
         + weight.several * segments.several
     )
-    return np.asarray(SHARPNESS * odds, np.float64)
+    low = segments.tall <= TALL_SHARE
+    return np.asarray(np.where(low, np.minimum(SHARPNESS * odds, LOW_SURFACE), SHARPNESS * odds), np.float64)
 
 
 def judge_cells(evidence: Evidence, max_residual: float, echoes: bool) -> Values:
@@ -99,40 +94,3 @@ def score_regions(region: Labels, odds: Values, side: float) -> Values:
     weight = SCORE
     sure = weight.constant + weight.odds * total / np.maximum(size, 1) + weight.area * large
     return np.asarray(1.0 / (1.0 + np.exp(-sure)), np.float64)
-
-
-def looks_like_vehicle(xyz: Points, height: Values, number: Labels) -> Mask:
-    """Which of the regions 0…K is as long, as narrow and as low as a van, a lorry or a container, (K + 1,).
-
-    Length and width are those of the rectangle with the same second moments as the points at the level of the
-    region's middle height: what hangs over it, or stands beside it, does not count.
-    """
-    count = int(number.max(initial=0)) + 1
-    inside = np.flatnonzero(number > 0)
-    low = middle_of_groups(height[inside], number[inside], count)
-    level = inside[np.abs(height[inside] - low[number[inside]]) < VEHICLE_LEVEL_M]
-    which = number[level]
-    size = np.maximum(np.bincount(which, minlength=count), 1)
-    x, y = (xyz[level, axis] for axis in (0, 1))
-    mean_x = np.bincount(which, weights=x, minlength=count) / size
-    mean_y = np.bincount(which, weights=y, minlength=count) / size
-    x, y = x - mean_x[which], y - mean_y[which]
-    xx, xy, yy = (np.bincount(which, weights=term, minlength=count) / size for term in (x * x, x * y, y * y))
-    middle, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
-    length = np.sqrt(12 * (middle + spread))
-    width = np.sqrt(12 * np.maximum(middle - spread, 0.0))
-    narrow = (width < VEHICLE_WIDTH_M) & (length > VEHICLE_LENGTH * width) & (low < VEHICLE_HEIGHT_M)
-    flat = size >= VEHICLE_FLAT * np.bincount(number[inside], minlength=count)
-    flat[0] = False
-    return np.asarray(narrow & flat, np.bool_)
-
-
-def middle_of_groups(values: Values, which: Labels, count: int) -> Values:
-    """Median (count,) of the values (N,) of each group (N,) 0…count-1; zero where a group is empty."""
-    order = np.lexsort((values, which))
-    size = np.bincount(which, minlength=count)
-    start = np.cumsum(size) - size
-    middle = np.zeros(count)
-    some = size > 0
-    middle[some] = values[order][(start + size // 2)[some]]
-    return middle

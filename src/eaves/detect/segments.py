@@ -30,13 +30,15 @@ class Segments:
     """Means of the cells' evidence."""
     height: Values
     """Mean height over the terrain (m)."""
+    tall: Values
+    """Share of its cells that are at least `tall_height` over the terrain."""
 
     @property
     def count(self) -> int:
         return len(self.area)
 
 
-def find_segments(evidence: Evidence, smooth: Mask, max_gap: float) -> Segments:
+def find_segments(evidence: Evidence, smooth: Mask, max_gap: float, tall_height: float) -> Segments:
     """Connected groups of `smooth` cells (H, W) whose planes differ by less than `max_gap` at both."""
     one, two = neighbour_pairs(smooth)
     level = evidence.level.ravel()
@@ -69,6 +71,7 @@ def find_segments(evidence: Evidence, smooth: Mask, max_gap: float) -> Segments:
         several=mean(least_around(evidence.several, evidence.candidate)),
         through=mean(least_around(evidence.through, evidence.candidate)),
         height=mean(evidence.height),
+        tall=mean(np.where(evidence.height >= tall_height, 1.0, 0.0)),
     )
 
 
@@ -90,8 +93,18 @@ def level_at(
     return np.asarray(level - evidence.north.ravel()[cells] * (to_row - row) * side, np.float64)
 
 
+def square_width(label: Labels, count: int) -> Values:
+    """Side (cells) of the largest square inside each segment 1…`count` of labels (H, W)."""
+    corner = label.copy()
+    for other in (label[1:, :-1], label[:-1, 1:], label[1:, 1:]):
+        corner[:-1, :-1][label[:-1, :-1] != other] = 0
+    corner[-1], corner[:, -1] = 0, 0
+    even = inner_width(corner, count)
+    return np.maximum(inner_width(label, count), np.where(even > 0.0, even + 1.0, 0.0))
+
+
 def inner_width(label: Labels, count: int) -> Values:
-    """Side (cells) of about the largest square inside each segment 1…`count` of labels (H, W)."""
+    """Side (cells), an odd number, of the largest square with a middle cell in each segment 1…`count`."""
     width = np.zeros(count + 1)
     if count:
         border = np.zeros(label.shape, bool)

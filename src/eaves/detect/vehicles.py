@@ -1,0 +1,73 @@
+"""Which regions are road vehicles or containers: narrow, long, low, and level on top."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eaves.model import Labels, Mask, Points, Values
+
+WIDTH_M = 2.45
+"""Road vehicles and containers are narrower (the legal limit is 2.55 m, and points stop short of edges)."""
+LENGTH = 1.9
+"""They are at least so many times longer than wide."""
+HEIGHT_M = 4.2
+LEVEL_M = 0.6
+"""Half the range of heights on top of a vehicle; what leaves it is something else."""
+FLAT = 0.75
+"""So much of a vehicle is at that level; a shed with a pitched roof has less."""
+TILT_DEG, UNEVEN_M = 10.0, 0.07
+"""The top of a vehicle leans less to the side, and half its points lie closer to one plane; a pitched roof is
+told by either, given enough points."""
+ENOUGH_POINTS = 20
+LEAST_VARIANCE_M2 = 1e-6
+"""Of the coordinates across a region: narrower ones have no slope."""
+
+
+def looks_like_vehicle(xyz: Points, height: Values, number: Labels) -> Mask:
+    """Which of the regions 0…K is as long, narrow, low and level as a van, a lorry or a container, (K + 1,).
+
+    Length and width are those of the rectangle with the same second moments as the points at the level of the
+    region's middle height: what hangs over it, or stands beside it, does not count.
+    """
+    count = int(number.max(initial=0)) + 1
+    inside = np.flatnonzero(number > 0)
+    low = middle_of_groups(height[inside], number[inside], count)
+    level = inside[np.abs(height[inside] - low[number[inside]]) < LEVEL_M]
+    which = number[level]
+    size = np.bincount(which, minlength=count)
+
+    def centred(values: Values) -> Values:
+        mean = np.bincount(which, weights=values, minlength=count) / np.maximum(size, 1)
+        return np.asarray(values - mean[which], np.float64)
+
+    def product(one: Values, two: Values) -> Values:
+        return np.bincount(which, weights=one * two, minlength=count) / np.maximum(size, 1)
+
+    x, y, rise = centred(xyz[level, 0]), centred(xyz[level, 1]), centred(height[level])
+    xx, xy, yy = product(x, x), product(x, y), product(y, y)
+    middle, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    length = np.sqrt(12 * (middle + spread))
+    width = np.sqrt(12 * np.maximum(middle - spread, 0.0))
+    narrow = (width < WIDTH_M) & (length > LENGTH * width) & (low < HEIGHT_M)
+    flat = size >= FLAT * np.bincount(number[inside], minlength=count)
+    flat[0] = False
+
+    along = 0.5 * np.arctan2(2 * xy, xx - yy)
+    u = x * np.cos(along)[which] + y * np.sin(along)[which]
+    v = y * np.cos(along)[which] - x * np.sin(along)[which]
+    climb = product(rise, u) / np.maximum(product(u, u), LEAST_VARIANCE_M2)
+    tilt = product(rise, v) / np.maximum(product(v, v), LEAST_VARIANCE_M2)
+    rest = middle_of_groups(np.abs(rise - climb[which] * u - tilt[which] * v), which, count)
+    pitched = (np.abs(tilt) > np.tan(np.radians(TILT_DEG))) | (rest > UNEVEN_M)
+    return np.asarray(narrow & flat & ~(pitched & (size >= ENOUGH_POINTS)), np.bool_)
+
+
+def middle_of_groups(values: Values, which: Labels, count: int) -> Values:
+    """Median (count,) of the values (N,) of each group (N,) 0…count-1; zero where a group is empty."""
+    order = np.lexsort((values, which))
+    size = np.bincount(which, minlength=count)
+    start = np.cumsum(size) - size
+    middle = np.zeros(count)
+    some = size > 0
+    middle[some] = values[order][(start + size // 2)[some]]
+    return middle
