@@ -11,6 +11,7 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.tin import Tin
 from eaves.ground.base import GroundMethod
 from eaves.ground.densification import Limits, densify, insert_misfits, misfits, near_surface
+from eaves.ground.rim import rim_points
 from eaves.ground.seeds import lowest_of_cells, lowest_surface, seeds_by_opening
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud, Points
@@ -156,17 +157,19 @@ class AdaptiveTin(GroundMethod):
         waiting = np.ones(len(xyz), bool)
         first = seeds[lowest_of_cells(xyz[seeds], FIRST_CELLS * cell)]
         waiting[first] = False
-        tin, rest = Tin(xyz, first), seeds[waiting[seeds]]
+        rest, around = seeds[waiting[seeds]], rim_points(xyz[first], bounds)
+        xyz = np.concatenate([xyz, around])
+        tin = Tin(xyz, np.concatenate([first, np.arange(len(cloud), len(xyz))]))
         misfit = misfits(tin, xyz, rest)
         level = self.tolerance(float(np.median(misfit)) if len(rest) else 0.0)
         noise = max(self.noise, self.noise_share * level)
         insert_misfits(tin, xyz, rest, misfit, noise)
         waiting[rest] = False
-        candidates = lowest_of_cells(xyz, max(self.fine_cell, 0.5 * spacing), bounds)
+        candidates = lowest_of_cells(cloud.xyz, max(self.fine_cell, 0.5 * spacing), bounds)
         densify(tin, xyz, candidates[waiting[candidates]], self.limits(spacing, cell, noise), self.rounds)
         emit("triangles", xyz[tin.triangles])
         slant = min(self.slant_most, self.slant_share * spacing)
-        return near_surface(tin, xyz, level, slant, self.slope_cap)
+        return near_surface(tin, xyz, level, slant, self.slope_cap)[: len(cloud)]
 
     def find_seeds(self, xyz: Points, cell: float, bounds: Bounds) -> NDArray[np.int64]:
         """Numbers (K,) of the points the TIN begins with."""

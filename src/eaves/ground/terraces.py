@@ -15,8 +15,12 @@ STEEP_SHARE = 0.2
 """Share of the height difference that counts as misfit even where the slope goes on: walls go on too."""
 REACH_CELLS = 1.5
 """Cells farther than this from a point were interpolated and say nothing of steps."""
-LEAST_AREA_M2 = 200.0
-"""Smaller pieces have too short a rim to judge."""
+WIDE_M2, LEAST_AREA_M2 = 200.0, 80.0
+"""Under 200 m² twice the share of the rim must be level; under 80 m² it is too short to judge."""
+ROOF_M, HIGH_SHARE = 2.0, 0.1
+"""No roof is lower than 2 m on nine tenths of its rim ..."""
+LOW_CELLS = 5.0
+"""... and no car, hedge or boat is so wide that a cell of it lies five cells from its rim."""
 ROUNDS = 2
 """A terrace may join the ground over another terrace."""
 
@@ -27,7 +31,8 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, share: float) 
     Object cells that continue each other smoothly make a piece. Its rim is counted where it meets the ground:
     level, or as a step down. A roof meets the ground by steps on nearly all sides, also when it is flush with
     the ground uphill; a spur, a terrace, or a high field at the rim of the data does not. A piece is terrain
-    when more than `share` of its counted rim is level.
+    when more than `share` of its counted rim is level. So is a wide one that is lower than any roof: the
+    strip of a terrace that the rim of the data cuts off.
     """
     z = surface.values.astype(np.float64)
     cell = surface.cell
@@ -37,9 +42,13 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, share: float) 
     left = objects.copy()
     for _ in range(ROUNDS):
         piece, count = pieces_kernel(left, misfit, step)
-        level, down = rim_kernel(left, piece, count, misfit, z, step, known)
+        level, down, high = rim_kernel(left, piece, count, misfit, z, step, known)
         area = np.bincount(piece.ravel(), minlength=count + 1) * cell * cell
-        terrain = (level > share * (level + down)) & (area >= LEAST_AREA_M2)
+        terrain = level > np.where(area >= WIDE_M2, 1.0, 2.0) * share * (level + down)
+        depth = ndimage.distance_transform_edt(np.pad(left, 1, mode="edge"))[1:-1, 1:-1]
+        deep = np.bincount(piece[depth >= LOW_CELLS], minlength=count + 1) > 0
+        terrain |= deep & (high <= HIGH_SHARE * (level + down)) & (down > 0)
+        terrain &= area >= LEAST_AREA_M2
         terrain[0] = False
         if not terrain.any():
             break
@@ -110,9 +119,11 @@ def rim_kernel(
     z: NDArray[np.float64],
     step: float,
     known: Mask,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Cell sides where each piece (count + 1,) meets ground without a step, and where it steps down."""
-    level, down = np.zeros(count + 1), np.zeros(count + 1)
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Cell sides where each piece (count + 1,) meets ground without a step, where it steps down, and where it
+    does by more than `ROOF_M`.
+    """
+    level, down, high = np.zeros(count + 1), np.zeros(count + 1), np.zeros(count + 1)
     rows, columns = objects.shape
     for row in range(rows):
         for column in range(columns):
@@ -126,8 +137,9 @@ def rim_kernel(
                     if objects[row, column] != objects[r, c]:
                         level[piece[row, column]] += 1
                         level[piece[r, c]] += 1
-                elif z[r, c] < z[row, column]:
-                    down[piece[row, column]] += 1
-                else:
-                    down[piece[r, c]] += 1
-    return level, down
+                    continue
+                upper = piece[row, column] if z[r, c] < z[row, column] else piece[r, c]
+                down[upper] += 1
+                if abs(z[r, c] - z[row, column]) > ROOF_M:
+                    high[upper] += 1
+    return level, down, high
