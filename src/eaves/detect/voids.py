@@ -30,14 +30,16 @@ def find_roof_voids(evidence: Evidence) -> tuple[Mask, Mask]:
     width = inner_width(np.asarray(found, np.int32), count)
     wide = (width >= LEAST_WIDTH_CELLS) & (width * side >= LEAST_WIDTH_M)
     void, rims = np.zeros(evidence.shape, bool), np.zeros(evidence.shape, bool)
-    places = ndimage.find_objects(found)
-    for number in np.flatnonzero(wide & (area >= LEAST_M2) & (area <= MOST_M2)):
-        rows, columns = places[number]
+    likely = np.flatnonzero(wide & (area >= LEAST_M2) & (area <= MOST_M2)) + 1
+    number_of = np.zeros(count + 1, np.int32)
+    number_of[likely] = np.arange(1, len(likely) + 1)
+    holes = number_of[found]
+    for number, (rows, columns) in enumerate(ndimage.find_objects(holes), 1):
         window = (
             slice(max(0, rows.start - 1), rows.stop + 1),
             slice(max(0, columns.start - 1), columns.stop + 1),
         )
-        hole = found[window] == number + 1
+        hole = holes[window] == number
         rim = ndimage.binary_dilation(hole, np.ones((3, 3), bool)) & ~hole
         raised = rim & evidence.candidate[window]
         if raised.sum() < RIM_SHARE * rim.sum():

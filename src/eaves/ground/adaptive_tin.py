@@ -167,7 +167,8 @@ class AdaptiveTin(GroundMethod):
         waiting[rest] = False
         candidates = lowest_of_cells(cloud.xyz, max(self.fine_cell, 0.5 * spacing), bounds)
         densify(tin, xyz, candidates[waiting[candidates]], self.limits(spacing, cell, noise), self.rounds)
-        emit("triangles", xyz[tin.triangles])
+        if emit is not ignore:
+            emit("triangles", xyz[tin.triangles])
         slant = min(self.slant_most, self.slant_share * spacing)
         return near_surface(tin, xyz, level, slant, self.slope_cap)[: len(cloud)]
 

@@ -10,14 +10,7 @@ import numpy as np
 from eaves.ground.outliers import find_outliers
 from eaves.methods import Emit, Method, emitter, ignore, make_method
 from eaves.model import Mask, PointCloud
-from eaves.model.cloud import (
-    GROUND,
-    HIGH_NOISE,
-    LOW_NOISE,
-    NOISE_CLASSES,
-    UNCLASSIFIED,
-    canonical_order,
-)
+from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCLASSIFIED
 
 
 class GroundMethod(Method):
@@ -69,13 +62,14 @@ def classify_ground(
         said = np.isin(given[left], NOISE_CLASSES)
         classes[left[said]] = given[left[said]]
         left = left[~said]
-    low, high = find_outliers(cloud if len(left) == len(cloud) else cloud.take(left))
+    low, high = find_outliers(cloud.take(left))
     classes[left[low]], classes[left[high]] = LOW_NOISE, HIGH_NOISE
     good = left[~(low | high)]
-    returns = cloud.return_number
-    good = good[canonical_order(cloud.xyz[good], None if returns is None else returns[good])]
+    taken = cloud.take(good)
+    order = taken.canonical_order()
+    good = good[order]
     filter_ = method or make_method("ground")
     assert isinstance(filter_, GroundMethod)
-    mask = filter_.ground_mask(cloud.take(good), emitter(debug))
+    mask = filter_.ground_mask(taken.take(order), emitter(debug))
     classes[good[mask]] = GROUND
     return cloud.with_(classification=classes)

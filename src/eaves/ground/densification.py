@@ -190,6 +190,8 @@ def fits_kernel(
         judged[i, 0], judged[i, 1], judged[i, 2] = vertices[here, 0], vertices[here, 1], vertices[here, 2]
         height, slope, away = facet_at(xyz, vertices, neighbours, here, x, y)
         off = abs(z - height) / np.sqrt(1.0 + slope * slope)
+        if off > distance and slope < steep:
+            continue
         nearest, closest, widest = -1, np.inf, 0.0
         for k in range(3):
             v = vertices[here, k]

@@ -61,16 +61,21 @@ def extremes_kernel(
     above[:, :, GROUP] = 0.0
     for i in range(len(xyz)):
         row, column = int((xyz[i, 1] - corner[1]) / side), int((xyz[i, 0] - corner[0]) / side)
-        for best, value in ((below[row, column], xyz[i, 2]), (above[row, column], -xyz[i, 2])):
-            best[GROUP] += 1
-            k = GROUP - 1
-            if value >= best[k]:
-                continue
-            while k > 0 and best[k - 1] > value:
-                best[k] = best[k - 1]
-                k -= 1
-            best[k] = value
+        keep_lowest(below, row, column, xyz[i, 2])
+        keep_lowest(above, row, column, -xyz[i, 2])
     return below, above
+
+
+@njit(cache=True, inline="always")
+def keep_lowest(best: NDArray[np.float64], row: int, column: int, value: float) -> None:
+    """Count a value in its cell of `best` (rows, columns, GROUP + 1), and sort it in if it is low enough."""
+    best[row, column, GROUP] += 1
+    k = GROUP - 1
+    if value < best[row, column, k]:
+        while k > 0 and best[row, column, k - 1] > value:
+            best[row, column, k] = best[row, column, k - 1]
+            k -= 1
+        best[row, column, k] = value
 
 
 @njit(cache=True)

@@ -72,14 +72,18 @@ class PointCloud:
         return replace(self, **changes)  # type: ignore[arg-type]
 
     def take(self, which: Mask | NDArray[np.int64]) -> PointCloud:
-        """The points picked by a mask (N,) or by indices, in that order."""
+        """The points picked by a mask (N,) or by indices, in that order; the cloud itself when it is all."""
+        # to take by indices, and along the first axis, is several times as fast as to index
+        index = np.flatnonzero(which) if which.dtype == np.bool_ else which
+        if len(index) == len(self) and bool((index == np.arange(len(self))).all()):
+            return self
 
         def pick(array: NDArray[Scalar] | None) -> NDArray[Scalar] | None:
-            return None if array is None else array[which]
+            return None if array is None else array.take(index)
 
         return replace(
             self,
-            xyz=self.xyz[which],
+            xyz=self.xyz.take(index, axis=0),
             return_number=pick(self.return_number),
             number_of_returns=pick(self.number_of_returns),
             classification=pick(self.classification),
@@ -123,8 +127,11 @@ def snap(xyz: Points) -> Points:
 
 def millimetres(values: Values) -> NDArray[np.int64]:
     """Values (N,) as whole millimetres above the metre under the lowest; those not finite count as 0."""
-    finite = np.where(np.isfinite(values), values, 0.0)
-    whole: NDArray[np.int64] = np.round((finite - np.floor(finite.min())) * 1000.0).astype(np.int64)
+    finite = np.isfinite(values)
+    known = values if finite.all() else np.where(finite, values, 0.0)
+    shifted = known - np.floor(known.min())
+    shifted *= 1000.0
+    whole: NDArray[np.int64] = np.rint(shifted, out=shifted).astype(np.int64)
     return whole
 
 
@@ -139,17 +146,19 @@ def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> 
     if (int(cell[1].max()) + 1) * columns * 1e6 * heights < 2**62:
         key = ((cell[1] * columns + cell[0]) * 1_000_000 + inside[1] * 1000 + inside[0]) * heights
         key += whole[2]
-        order = np.argsort(key, kind="stable")
+        # the verbs find most clouds in order; an unstable sort is faster, and ties are settled below
+        sorted_already = bool((key[1:] >= key[:-1]).all())
+        order = np.arange(len(key)) if sorted_already else np.argsort(key)
         tied = np.flatnonzero(key[order][1:] == key[order][:-1])
     else:
         order = np.lexsort((whole[2], inside[0], inside[1], cell[0], cell[1]))
         same = [w[order][1:] == w[order][:-1] for w in whole]
         tied = np.flatnonzero(same[0] & same[1] & same[2])
-    if len(tied):  # equal to the millimetre: settle by the exact coordinates and the return number
+    if len(tied):  # equal to the millimetre: settle by the exact coordinates, the return number, the place
         some = np.unique(np.concatenate([tied, tied + 1]))
         group = np.cumsum(np.r_[1, np.diff(some) > 1]) + np.cumsum(~np.isin(some, tied + 1))
         members = order[some]
         last = np.zeros(len(members), np.uint8) if tie_break is None else tie_break[members]
         exact = xyz[members]
-        order[some] = members[np.lexsort((last, exact[:, 2], exact[:, 0], exact[:, 1], group))]
+        order[some] = members[np.lexsort((members, last, exact[:, 2], exact[:, 0], exact[:, 1], group))]
     return order.astype(np.int64, copy=False)
