@@ -24,6 +24,11 @@ FREE: dict[int, tuple[tuple[int, ...], ...]] = {
 }
 """What each form lets go; parameters in one bracket move together."""
 
+GROUPS = {
+    form: np.array([(group[0], group[-1]) for group in groups], np.int64) for form, groups in FREE.items()
+}
+"""The same as arrays (k, 2): first and last parameter of each bracket."""
+
 CUT = 3.0
 """Distance, in standard deviations, at which a point's weight has fallen to a quarter."""
 
@@ -135,19 +140,24 @@ def fit_roof_kernel(
         matrix[:] = 0.0
         vector[:] = 0.0
         cosine, sine = np.cos(trial[0]), np.sin(trial[0])
+        unit = 1.0 / (cut * scale)
         for i in range(count):
             away = xyz[i, 2] - roof_height_kernel(form, trial, cosine, sine, xyz[i, 0], xyz[i, 1], slopes)
-            square = (away / (cut * scale)) ** 2
-            cost += square / (1.0 + square)
-            weight = 1.0 / (1.0 + square) ** 2
+            square = (away * unit) ** 2
+            share = 1.0 / (1.0 + square)
+            cost += square * share
+            weight = share * share
             for k in range(free):
                 row[k] = slopes[groups[k, 0]]
                 if groups[k, 1] != groups[k, 0]:
                     row[k] += slopes[groups[k, 1]]
             for k in range(free):
-                vector[k] += weight * row[k] * away
+                if row[k] == 0.0:
+                    continue
+                weighted = weight * row[k]
+                vector[k] += weighted * away
                 for q in range(k + 1):
-                    matrix[k, q] += weight * row[k] * row[q]
+                    matrix[k, q] += weighted * row[q]
         if cost > best * (1.0 + 1e-12):
             shrink *= 0.5
             if shrink < 0.05:
@@ -225,8 +235,7 @@ def fit_roof(
     `ROUNDS` rounds is a comparison, and its covariance is left at zero.
     """
     local = points - np.array([centre[0], centre[1], 0.0])
-    moved = [group for group in FREE[form] if turns or group != (ANGLE,)]
-    groups = np.array([(group[0], group[-1]) for group in moved], np.int64)
+    groups = GROUPS[form] if turns else GROUPS[form][GROUPS[form][:, 0] != ANGLE]
     parameters = start.astype(np.float64).copy()
     residuals, normal = np.zeros(len(points)), np.zeros((len(groups), len(groups)))
     scale = float(fit_roof_kernel(form, local, groups, parameters, floor, CUT, rounds, residuals, normal))
@@ -240,11 +249,32 @@ def covariance_of(
     groups: NDArray[np.int64], normal: NDArray[np.float64], residuals: Values
 ) -> NDArray[np.float64]:
     """Covariance (8, 8) of the parameters from the normal matrix (k, k) and the explained residuals (M,)."""
+    variance = float(residuals @ residuals) / max(len(residuals) - len(groups), 1)
+    covariance = np.zeros((8, 8))
+    covariance_kernel(groups, normal, variance, covariance)
+    return covariance
+
+
+@njit(cache=True)
+def covariance_kernel(
+    groups: NDArray[np.int64],
+    normal: NDArray[np.float64],
+    variance: float,
+    covariance: NDArray[np.float64],
+) -> None:
+    """Spread `variance` times the inverse of the normal matrix (k, k), scaled first, over (8, 8)."""
     free = len(groups)
-    variance = float(residuals @ residuals) / max(len(residuals) - free, 1)
-    level = np.sqrt(np.maximum(np.diag(normal), 1e-12))
-    inverse = np.linalg.inv(normal / np.outer(level, level) + 1e-9 * np.eye(free))
-    tie = np.zeros((8, free))
-    tie[groups[:, 0], np.arange(free)] = 1.0
-    tie[groups[:, 1], np.arange(free)] = 1.0
-    return np.asarray(tie @ (inverse / np.outer(level, level) * variance) @ tie.T)
+    level, column, system = np.zeros(free), np.zeros(free), np.zeros((free, free))
+    for k in range(free):
+        level[k] = np.sqrt(max(normal[k, k], 1e-12))
+    for k in range(free):
+        for i in range(free):
+            column[i] = 1.0 if i == k else 0.0
+            for q in range(free):
+                system[i, q] = normal[i, q] / (level[i] * level[q]) + (1e-9 if i == q else 0.0)
+        solve_kernel(system, column, free)
+        for i in range(free):
+            share = column[i] / (level[i] * level[k]) * variance
+            for row in range(2):
+                for across in range(2):
+                    covariance[groups[i, row], groups[k, across]] = share

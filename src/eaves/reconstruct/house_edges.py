@@ -81,7 +81,10 @@ def least_rectangle(fit: RoofFit, points: Points) -> float:
     best, angle = np.inf, 0.0
     for width, steps in SEARCH:
         turns = angle + np.linspace(-width, width, steps)
-        areas = rectangle_areas_kernel(along, across, turns, STRAY, MOST_STRAYS)
+        cosine, sine = np.cos(turns)[:, None], np.sin(turns)[:, None]
+        lengths = extents_kernel(np.sort(cosine * along + sine * across, axis=1), STRAY, MOST_STRAYS)
+        widths = extents_kernel(np.sort(cosine * across - sine * along, axis=1), STRAY, MOST_STRAYS)
+        areas = lengths * widths
         least = int(np.argmin(areas))
         if areas[least] < best:
             best, angle = float(areas[least]), float(turns[least])
@@ -89,22 +92,13 @@ def least_rectangle(fit: RoofFit, points: Points) -> float:
 
 
 @njit(cache=True)
-def rectangle_areas_kernel(
-    along: NDArray[np.float64],
-    across: NDArray[np.float64],
-    turns: NDArray[np.float64],
-    stray: float,
-    most: float,
-) -> NDArray[np.float64]:
-    """Area (T,) that the edges of places (N,), (N,) enclose in axes turned by each of `turns` (T,)."""
-    areas, edges = np.empty(len(turns)), np.zeros(4)
-    for k in range(len(turns)):
-        cosine, sine = np.cos(turns[k]), np.sin(turns[k])
-        extent_kernel(np.sort(cosine * along + sine * across), stray, most, edges)
-        length = edges[1] - edges[0]
-        extent_kernel(np.sort(cosine * across - sine * along), stray, most, edges)
-        areas[k] = length * (edges[1] - edges[0])
-    return areas
+def extents_kernel(ordered: NDArray[np.float64], stray: float, most: float) -> NDArray[np.float64]:
+    """Distance (T,) between the edges of each row of ordered values (T, N)."""
+    extents, edges = np.empty(len(ordered)), np.zeros(4)
+    for k in range(len(ordered)):
+        extent_kernel(ordered[k], stray, most, edges)
+        extents[k] = edges[1] - edges[0]
+    return extents
 
 
 def turned_fit(fit: RoofFit, turn: float) -> RoofFit:
@@ -128,9 +122,24 @@ def measure_edges(fit: RoofFit, points: Points) -> tuple[float, float, float, fl
 
 def covered_area(points: Points, triangles: NDArray[np.int32]) -> float:
     """Area (m²) of the triangles (T, 3) between points (N, 3) without the wide ones over empty ground."""
-    a, b, c = (points[triangles[:, corner], :2] for corner in range(3))
-    first, second, third = b - a, c - b, a - c
-    area = 0.5 * np.abs(first[:, 0] * third[:, 1] - first[:, 1] * third[:, 0])
-    sides = np.hypot(*first.T) * np.hypot(*second.T) * np.hypot(*third.T)
-    radius = sides / np.maximum(4.0 * area, 1e-12)
+    area, radius = np.zeros(len(triangles)), np.zeros(len(triangles))
+    circles_kernel(points, triangles, area, radius)
     return float(area[radius <= EMPTY_RADIUS * np.median(radius)].sum())
+
+
+@njit(cache=True)
+def circles_kernel(
+    xyz: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    area: NDArray[np.float64],
+    radius: NDArray[np.float64],
+) -> None:
+    """Area (T,) and radius of the circle (T,) around each of the triangles (T, 3) in plan."""
+    for t in range(len(triangles)):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        ux, uy = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1]
+        vx, vy = xyz[c, 0] - xyz[b, 0], xyz[c, 1] - xyz[b, 1]
+        wx, wy = xyz[a, 0] - xyz[c, 0], xyz[a, 1] - xyz[c, 1]
+        area[t] = 0.5 * abs(ux * wy - uy * wx)
+        sides = np.sqrt((ux * ux + uy * uy) * (vx * vx + vy * vy) * (wx * wx + wy * wy))
+        radius[t] = sides / max(4.0 * area[t], 1e-12)

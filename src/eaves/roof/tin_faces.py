@@ -7,8 +7,6 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from eaves.geometry.planes import add_point_kernel, plane_of_sums_kernel
 from eaves.geometry.tin import Tin
@@ -184,74 +182,117 @@ def triangle_planes_kernel(
     """The plane (T, 4) of every triangle (T, 3), fitted to the corners of triangles up to `rings` away."""
     sums = np.zeros(10)
     covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
-    members, points = np.empty(64, np.int64), np.empty(192, np.int64)
+    members = np.empty(64, np.int64)
+    visitor, seen = np.full(len(corners), -1), np.full(len(xyz), -1)
     for t in range(len(corners)):
-        members[0] = t
+        members[0], visitor[t] = t, t
         count, first = 1, 0
         for _ in range(rings):
             last = count
             for m in range(first, last):
                 for side in range(3):
                     other = around[members[m], side]
-                    known = other < 0 or count == 64
-                    for k in range(count):
-                        if members[k] == other:
-                            known = True
-                    if not known:
+                    if other >= 0 and visitor[other] != t and count < 64:
+                        visitor[other] = t
                         members[count] = other
                         count += 1
             first = last
         sums[:] = 0.0
-        used = 0
         for m in range(count):
             for side in range(3):
                 i = corners[members[m], side]
-                seen = False
-                for k in range(used):
-                    if points[k] == i:
-                        seen = True
-                if not seen:
-                    points[used] = i
-                    used += 1
+                if seen[i] != t:
+                    seen[i] = t
                     add_point_kernel(sums, xyz[i, 0], xyz[i, 1], xyz[i, 2], 1.0)
         plane_of_sums_kernel(sums, covariance, vectors, values, planes[t])
 
 
 def peak_of(places: NDArray[np.float64], weight: NDArray[np.float64], width: float) -> NDArray[np.float64]:
-    """The weighted mean (D,) of the places (T, D) in the fullest three cells a side, each `width` wide."""
-    used = weight > 0.0
-    cell = np.floor(places[used] / width).astype(np.int64)
-    cell -= cell.min(axis=0) - 1
-    grid = np.zeros(cell.max(axis=0) + 2)
-    np.add.at(grid, tuple(cell.T), weight[used])
-    full = grid
-    for axis in range(grid.ndim):
-        full = full + np.roll(full, 1, axis) + np.roll(full, -1, axis)
-    top = np.array(np.unravel_index(int(np.argmax(full)), full.shape))
-    near = np.abs(cell - top).max(axis=1) <= 1
-    return np.asarray(np.average(places[used][near], axis=0, weights=weight[used][near]))
+    """The weighted mean (D,) of the places (T, D ≤ 2) of the fullest 3 (× 3) cells, `width` wide."""
+    peak = np.zeros(places.shape[1])
+    peak_kernel(np.ascontiguousarray(places), weight, width, peak)
+    return peak
+
+
+@njit(cache=True)
+def peak_kernel(
+    places: NDArray[np.float64], weight: NDArray[np.float64], width: float, peak: NDArray[np.float64]
+) -> None:
+    """The mean of the places (T, D) with weight (T,) around the cell where three a side hold the most."""
+    cell, low, high = np.zeros((len(places), 2), np.int64), np.zeros(2, np.int64), np.zeros(2, np.int64)
+    first = True
+    for t in range(len(places)):
+        if weight[t] <= 0.0:
+            continue
+        for axis in range(places.shape[1]):
+            cell[t, axis] = int(np.floor(places[t, axis] / width))
+            low[axis] = cell[t, axis] if first else min(low[axis], cell[t, axis])
+            high[axis] = cell[t, axis] if first else max(high[axis], cell[t, axis])
+        first = False
+    grid = np.zeros((high[0] - low[0] + 3, high[1] - low[1] + 3))
+    for t in range(len(places)):
+        if weight[t] > 0.0:
+            grid[cell[t, 0] - low[0] + 1, cell[t, 1] - low[1] + 1] += weight[t]
+    best, top, left = -1.0, 0, 0
+    for row in range(1, len(grid) - 1):
+        for column in range(1, grid.shape[1] - 1):
+            total = grid[row - 1 : row + 2, column - 1 : column + 2].sum()
+            if total > best:
+                best, top, left = total, row - 1 + low[0], column - 1 + low[1]
+    total = 0.0
+    for t in range(len(places)):
+        if weight[t] > 0.0 and abs(cell[t, 0] - top) <= 1 and abs(cell[t, 1] - left) <= 1:
+            total += weight[t]
+            for axis in range(places.shape[1]):
+                peak[axis] += weight[t] * places[t, axis]
+    for axis in range(places.shape[1]):
+        peak[axis] /= total
 
 
 def connected_pieces(
     some: Mask, around: NDArray[np.int64], area: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Piece (T,) of each of the triangles picked (T,), −1 for the others; the area (m²) of every piece."""
-    size = len(some)
-    first = np.repeat(np.arange(size), 3)
-    second = around.ravel()
-    joined = (second >= 0) & some[first] & some[np.maximum(second, 0)]
-    graph = coo_matrix((np.ones(int(joined.sum()), np.int8), (first[joined], second[joined])), (size, size))
-    count, found = connected_components(graph, directed=False)
-    piece = np.asarray(np.where(some, found, -1), np.int64)
-    sizes = np.bincount(piece[some], area[some], minlength=count)
-    return piece, np.asarray(sizes, np.float64)
+    piece, sizes = np.full(len(some), -1), np.zeros(len(some))
+    count = pieces_kernel(some, around, area, piece, sizes)
+    return piece, sizes[:count]
+
+
+@njit(cache=True)
+def pieces_kernel(
+    some: NDArray[np.bool_],
+    around: NDArray[np.int64],
+    area: NDArray[np.float64],
+    piece: NDArray[np.int64],
+    sizes: NDArray[np.float64],
+) -> int:
+    """Number of connected pieces of the picked triangles; `piece` (T,) and `sizes` (m²) are filled in."""
+    queue = np.empty(len(some), np.int64)
+    count = 0
+    for seed in range(len(some)):
+        if not some[seed] or piece[seed] >= 0:
+            continue
+        piece[seed], queue[0] = count, seed
+        done, length = 0, 1
+        while done < length:
+            t = queue[done]
+            done += 1
+            sizes[count] += area[t]
+            for side in range(3):
+                other = around[t, side]
+                if other >= 0 and some[other] and piece[other] < 0:
+                    piece[other] = count
+                    queue[length] = other
+                    length += 1
+        count += 1
+    return count
 
 
 def vote(corners: NDArray[np.int64], face: NDArray[np.int64], count: int) -> Labels:
     """The label (N,) of every point: the face most of its triangles lie on, 0 where half or more do not."""
     faces = int(face.max(initial=-1)) + 1
-    votes = np.zeros((count, faces + 1), np.int32)
-    np.add.at(votes, (corners.ravel(), np.repeat(face, 3) + 1), 1)
+    place = corners * (faces + 1) + face[:, None] + 1
+    votes = np.bincount(place.ravel(), minlength=count * (faces + 1)).reshape(count, faces + 1)
     best = np.argmax(votes[:, 1:], axis=1) if faces else np.zeros(count, np.int64)
     enough = votes[np.arange(count), best + 1] * 2 > votes.sum(axis=1) if faces else np.zeros(count, bool)
     return np.where(enough, best + 1, 0).astype(np.int32)
