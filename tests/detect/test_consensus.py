@@ -80,6 +80,21 @@ def test_a_flat_hedge_beside_a_house_is_not_of_it__under_two_metres() -> None:
     assert (found.label[what == 1] > 0).mean() > 0.99
 
 
+def test_a_roof_goes_on_below_a_crown() -> None:
+    made = two_houses_and_a_tree(12.0)
+    roof = made.scatter(47.0, 38.0, 49.5, 42.0)
+    made.taken.append((47.0, 38.0, 49.5, 42.0))
+    several = np.full(len(roof), 2, np.uint8)
+    made.add(roof, np.full(len(roof), 6.0), 3, several, several)
+    above = made.rng.uniform(8.0, 11.0, len(roof))
+    made.add(roof, above, -2, np.ones(len(roof), np.uint8), several)
+    scene, what = made.scene()
+    found = detect_buildings(scene, Consensus())
+    assert found.count == 2
+    assert (found.label[what == 3] > 0).mean() > 0.8
+    assert (found.label[what == -2] > 0).mean() < 0.2
+
+
 def test_a_terrace_on_a_slope_is_not_a_building() -> None:
     made = MadeScene(density=8.0)
     scene, _ = made.scene()

@@ -11,6 +11,7 @@ from eaves.detect.base import MIN_HEIGHT_M, Detector
 from eaves.detect.borders import cut_cells
 from eaves.detect.cells import side_near
 from eaves.detect.evidence import LEAST_POINTS, Evidence, gather_evidence
+from eaves.detect.hidden import find_hidden_roofs
 from eaves.detect.judgement import judge_cells, judge_segments, score_regions
 from eaves.detect.members import part_of_points
 from eaves.detect.segments import Segments, find_segments, square_width
@@ -27,8 +28,8 @@ VEHICLE_MOST_M2 = 60.0
 SMALL_SEGMENT_M2 = 2.0
 """Smaller surfaces say no more than their cells do."""
 CORE_SHARE, CORE_SHARE_M = 0.4, 0.18
-"""Least share of roof surfaces in a building, and the same times the cells' side (m): windows three cells wide
-fit into less of a face the wider the cells are."""
+"""Least share of roof surfaces in a building, and the same times the cells' side (m): windows three cells
+wide fit into less of a face the wider the cells are."""
 
 
 class Consensus(Detector):
@@ -130,7 +131,10 @@ class Consensus(Detector):
         emit("cut", building)
         region = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
-        return self.regions_of(scene, xyz, evidence, region, odds)
+        surface = roof & (evidence.residual < self.max_residual)
+        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface)
+        emit("hidden", hidden)
+        return self.regions_of(scene, xyz, evidence, region, hidden, odds)
 
     def judge(self, evidence: Evidence, segments: Segments, echoes: bool) -> tuple[Values, Mask]:
         """Log odds of every cell, and the cells of roof surfaces; (H, W) each."""
@@ -155,12 +159,14 @@ class Consensus(Detector):
         return np.asarray(kept[label], np.int32)
 
     def regions_of(
-        self, scene: Scene, xyz: Points, evidence: Evidence, region: Labels, odds: Values
+        self, scene: Scene, xyz: Points, evidence: Evidence, region: Labels, hidden: Labels, odds: Values
     ) -> Regions:
         """The points of the buildings' cells, without vehicles, their parts, and the buildings' scores."""
         above = ~scene.cloud.ground & ~scene.cloud.noise & (scene.height > 0.5)
         number = np.where(above, region.ravel()[evidence.cells.cell], 0).astype(np.int32)
         part = part_of_points(xyz, number, evidence, region, self.max_residual)
+        number = np.where(hidden > 0, hidden, number)
+        part[hidden > 0] = ROOF
         size = np.bincount(region.ravel()) * evidence.cells.side**2
         small = np.where(size[number] <= VEHICLE_MOST_M2, number, 0)
         vehicle = looks_like_vehicle(xyz, scene.height, np.where(part == ROOF, small, 0))
