@@ -23,27 +23,68 @@ SWEEPS = 4
 
 
 @dataclass(frozen=True, eq=False)
+class Jumps:
+    """How much of its price a border between two planes costs: all where heights jump, less where they meet.
+
+    `places` (E, S, 2) lie on each of E borders, `planes` (L, 3: a, b, c) are those of the labels. Where they
+    meet a border costs the share `least`, where they are `full` (m) or more apart all of it. This is a
+    metric of labels, which expansion moves need [boykov2001].
+    """
+
+    places: NDArray[np.float64]
+    planes: NDArray[np.float64]
+    least: float
+    full: float
+
+    def share(self, some: Integers | Mask, one: Integers, other: Integers) -> Values:
+        """The share (K,) for `some` of the borders, between labels `one` and `other` (K,)."""
+        step = self.planes[one] - self.planes[other]
+        places = self.places[some]
+        apart = np.abs(places[..., 0] * step[:, :1] + places[..., 1] * step[:, 1:2] + step[:, 2:])
+        jump = np.minimum(apart / self.full, 1.0).mean(axis=1)
+        return np.asarray(np.where(one == other, 0.0, self.least + (1.0 - self.least) * jump))
+
+
+@dataclass(frozen=True, eq=False)
 class Costs:
     """What labels cost: `data` (N, L) at each node, `border` (E,) along each of the `edges` (E, 2) when its
-    ends differ, `price` (L,) once for each label in use.
+    ends differ, or the share of it that `jumps` says, `price` (L,) once for each label in use.
     """
 
     data: NDArray[np.float64]
     edges: Integers
     border: Values
     price: Values
+    jumps: Jumps | None = None
 
     @classmethod
-    def of(cls, data: NDArray[np.float64], edges: Integers, border: Values, price: Values) -> Costs:
-        """Costs with each pair of nodes once, and none above `LARGEST`."""
-        return cls(np.minimum(data, LARGEST), *one_edge_per_pair(edges, border), price)
+    def of(
+        cls,
+        data: NDArray[np.float64],
+        edges: Integers,
+        border: Values,
+        price: Values,
+        jumps: Jumps | None = None,
+    ) -> Costs:
+        """Costs with none above `LARGEST`, and each pair of nodes once if borders of a pair cost the same."""
+        if jumps is None:
+            edges, border = one_edge_per_pair(edges, border)
+        return cls(np.minimum(data, LARGEST), edges, border, price, jumps)
+
+    def between(self, some: Integers | Mask, one: Integers, other: Integers) -> Values:
+        """The price (K,) of `some` of the borders between labels `one` and `other` (K,)."""
+        if self.jumps is None:
+            return np.asarray(self.border[some] * (one != other))
+        return np.asarray(self.border[some] * self.jumps.share(some, one, other))
 
     def of_labels(self, labels: Integers) -> float:
         """The sum that `label_nodes` makes small."""
-        differs = labels[self.edges[:, 0]] != labels[self.edges[:, 1]]
+        one, other = labels[self.edges[:, 0]], labels[self.edges[:, 1]]
+        differs = np.flatnonzero(one != other)
         used = np.bincount(labels, minlength=len(self.price)) > 0
         data = self.data[np.arange(len(labels)), labels].sum()
-        return float(data + self.border[differs].sum() + self.price[used].sum())
+        borders = self.between(differs, one[differs], other[differs])
+        return float(data + borders.sum() + self.price[used].sum())
 
     def may_gain(self, labels: Integers) -> Values:
         """Cost (N,) above which a label cannot pay at a node: its label's and all its borders'."""
@@ -52,19 +93,23 @@ class Costs:
 
 
 def label_nodes(
-    data: NDArray[np.float64], edges: Integers, border: Values, price: Values, start: Integers | None = None
+    data: NDArray[np.float64],
+    edges: Integers,
+    border: Values,
+    price: Values,
+    jumps: Jumps | None = None,
 ) -> Integers:
     """A label (N,) for each node, of low Σ data + Σ border over edges with two labels + Σ price of labels
     used.
 
     `data` (N, L) is the cost of each label at each node, `edges` (E, 2) join nodes, `border` (E,) is paid
-    when their labels differ, `price` (L,) once for each label in use. Expansion moves by minimal cuts
-    [boykov2001], each among the nodes where its label can pay; then labels that cost more than they save
-    are given up.
+    when their labels differ, or a share of it that depends on both by `jumps`, `price` (L,) once for each
+    label in use. Expansion moves by minimal cuts [boykov2001], each among the nodes where its label can
+    pay; then labels that cost more than they save are given up.
     """
     count, labels = data.shape
-    costs = Costs.of(data, edges, border, price)
-    current = np.argmin(costs.data, axis=1).astype(np.int64) if start is None else start.copy()
+    costs = Costs.of(data, edges, border, price, jumps)
+    current: Integers = np.argmin(costs.data, axis=1).astype(np.int64)
     if labels == 1 or count == 0:
         return current
     best = costs.of_labels(current)
@@ -124,20 +169,26 @@ def expand(costs: Costs, labels: Integers, label: int, limit: Values) -> Integer
     keep, take = costs.data[nodes, labels[nodes]], costs.data[nodes, label]
     ends = free[costs.edges]
     for side in (0, 1):
-        alone = ends[:, side] & ~ends[:, 1 - side]
-        here, there, border = costs.edges[alone, side], costs.edges[alone, 1 - side], costs.border[alone]
-        keep = keep + np.bincount(number[here], border * (labels[here] != labels[there]), len(nodes))
-        take = take + np.bincount(number[here], border * (labels[there] != label), len(nodes))
-    both = ends.all(axis=1)
-    edges, border = number[costs.edges[both]], costs.border[both]
-    same = labels[costs.edges[both, 0]] == labels[costs.edges[both, 1]]
-    # A pair with two labels pays unless both take the new one: its cost is split into node and arc terms
-    # after [kolmogorov2004], table 2.
-    take = take - np.bincount(edges[~same, 1], border[~same], len(nodes))
+        alone = np.flatnonzero(ends[:, side] & ~ends[:, 1 - side])
+        here, there = costs.edges[alone, side], costs.edges[alone, 1 - side]
+        taken = np.full(len(alone), label)
+        kept_border = costs.between(alone, labels[here], labels[there])
+        keep = keep + np.bincount(number[here], kept_border, len(nodes))
+        take = take + np.bincount(number[here], costs.between(alone, taken, labels[there]), len(nodes))
+    both = np.flatnonzero(ends.all(axis=1))
+    edges, taken = number[costs.edges[both]], np.full(len(both), label)
+    one, other = labels[costs.edges[both, 0]], labels[costs.edges[both, 1]]
+    # The cost of a pair is split into node and arc terms after [kolmogorov2004], table 2: it pays when both
+    # keep theirs, when only the second takes the new one, when only the first does.
+    neither = costs.between(both, one, other)
+    second, first = costs.between(both, one, taken), costs.between(both, taken, other)
+    take = take + np.bincount(edges[:, 0], first - neither, len(nodes))
+    take = take - np.bincount(edges[:, 1], first, len(nodes))
     low = np.minimum(keep, take)
     # A node on the source's side takes the label; it then pays its arc to the sink.
-    taken = cut(edges, np.where(same, border, 0.0), border, keep - low, take - low)
-    answer[nodes[taken]] = label
+    back = np.maximum(first + second - neither, 0.0)
+    source_side = cut(edges, np.zeros(len(both)), back, keep - low, take - low)
+    answer[nodes[source_side]] = label
     return answer
 
 
@@ -233,12 +284,15 @@ def without_label(costs: Costs, labels: Integers, label: int) -> Integers:
     answer = labels.copy()
     if len(others) == 0:
         return answer
-    position, row = np.cumsum(used) - 1, np.full(len(labels), -1)
+    row = np.full(len(labels), -1)
     row[mine] = np.arange(len(mine))
     total = costs.data[np.ix_(mine, others)]
     for a, b in ((0, 1), (1, 0)):
         here, there = costs.edges[:, a], costs.edges[:, b]
-        counts = (row[here] >= 0) & (row[there] < 0)
-        np.subtract.at(total, (row[here[counts]], position[labels[there[counts]]]), costs.border[counts])
+        some = np.flatnonzero((row[here] >= 0) & (row[there] < 0))
+        borders = np.repeat(some, len(others))
+        choice, beside = np.tile(others, len(some)), np.repeat(labels[there[some]], len(others))
+        paid = costs.between(borders, choice, beside).reshape(len(some), len(others))
+        np.add.at(total, row[here[some]], paid)
     answer[mine] = others[np.argmin(total, axis=1)]
     return answer

@@ -43,17 +43,19 @@ class Arrangement(Reconstructor):
     of two planes, the sides of planes that are rectangles, and the footprint itself; lines that nearly
     coincide become one, and each is lengthened to the next, so that it cuts. All is rounded to a 1 mm
     grid by snap rounding, which keeps the plan a plan. A graph cut gives every cell the plane that fits
-    its points, at a price for each metre of border and each plane, and never one that would leave the
-    heights its own points support. Cells with one plane are merged, slivers and short edges go, and the
-    plan is raised with vertices that all faces share. The coarser levels merge the same cells further.
+    its points, at a price for each metre of border, most where heights jump, and for each plane, and
+    never one that would leave the heights its own points support. Cells with one plane are merged,
+    slivers and short edges go, and the plan is raised with vertices that all faces share. The coarser
+    levels merge the same cells further.
 
     Formula
     -------
-    min Σ_cells Σ_points a² [min((d/τ)², 1) + min(d/g, 1)] + β Σ_borders length + γ · planes in use,
+    min Σ_cells Σ_points a² [min((d/τ)², 1) + min(d/g, 1)] + β Σ_borders length · s(jump) + γ · planes in use,
 
-    d the distance of a roof point from the cell's plane, a the spacing, τ, g the limits, β, γ the prices;
-    solved by
-    expansion moves [boykov2001], and planes that cost more than they save are given up.
+    d the distance of a roof point from the cell's plane, less 3 cm of noise, a the spacing, τ, g the
+    limits, β, γ the prices; s grows with the height of the jump from 0.3 where the planes meet to 1 where
+    they are half a metre apart. Solved by expansion moves [boykov2001], and planes that cost more than
+    they save are given up.
 
     Fidelity
     --------
@@ -90,7 +92,11 @@ class Arrangement(Reconstructor):
         2.0, "Distance at which a point's gross misfit, added, stops growing.", unit="m", symbol="g", gt=0.0
     )
     border_price: float = parameter(
-        0.2, "Price of a metre of border, in square metres of misfit.", unit="m", symbol="β", ge=0.0
+        0.3,
+        "Price of a metre of border with a jump, as square metres of misfit.",
+        unit="m",
+        symbol="β",
+        ge=0.0,
     )
     plane_price: float = parameter(
         0.8, "Price of a plane in use, in square metres of misfit.", unit="m2", symbol="γ", ge=0.0

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.geometry.coverage import OUTSIDE, Coverage, Integers
-from eaves.geometry.labelling import LARGEST, label_nodes
+from eaves.geometry.labelling import LARGEST, Jumps, label_nodes
 from eaves.model import Labels, Mask, Points, Values
 from eaves.reconstruct.evidence import LOWEST_ROOF
 
@@ -19,7 +19,16 @@ RUNAWAY = 1e3
 
 UNKNOWN_PRICE = 0.3
 """Cost (m²) of a square metre under the level that stands for no plane at all."""
+LEAST_SHARE = 0.3
+"""Share of the price of a border that is due where the two planes meet: ridges and valleys are cheap."""
 
+FULL_JUMP = 0.5
+"""Height (m) of a jump from which on a border costs its full price."""
+
+GAUSS_PLACES = (0.2113, 0.7887)
+"""Where along a border its jump is measured: the two places of Gauss and Legendre's rule."""
+FREE_MISFIT = 0.03
+"""Distance (m) of a point from its plane that costs nothing: noise, which no other plane explains better."""
 
 FARTHEST = 5.0
 """A plane may cover cells this near (m) to the rectangle around its points, which bounds the work."""
@@ -68,6 +77,7 @@ def label_cells(
         a, b, c = planes[number].tolist()
         places = roof[point[mine]]
         misfit = np.abs(places[:, 2] - places[:, 0] * a - places[:, 1] * b - c) / np.sqrt(1.0 + a**2 + b**2)
+        misfit = np.maximum(misfit - FREE_MISFIT, 0.0)
         cost = np.minimum((misfit / prices.misfit_limit) ** 2, 1.0)
         cost = (cost + np.minimum(misfit / prices.gross_limit, 1.0)) * spacing**2
         data[near, number] = np.bincount(cell[mine], cost, coverage.count)[near]
@@ -78,9 +88,11 @@ def label_cells(
     data[:, -1] += UNKNOWN_PRICE * coverage.area + 1e-6
     halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
     edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
-    return label_nodes(
-        data, edges, prices.border * coverage.length[halves], np.full(len(planes), prices.plane)
-    )
+    start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
+    places = np.stack([start + share * (end - start) for share in GAUSS_PLACES], axis=1)
+    jumps = Jumps(places, planes, LEAST_SHARE, FULL_JUMP)
+    border = prices.border * coverage.length[halves]
+    return label_nodes(data, edges, border, np.full(len(planes), prices.plane), jumps)
 
 
 def cells_near(coverage: Coverage, roof: Points, labels: Labels, count: int) -> Iterator[Mask]:

@@ -9,8 +9,8 @@ from shapely import Polygon
 
 from eaves.reconstruct.line import SAME_DIRECTION_DEG, Line, laid_on
 
-SAME_LINE = 0.4
-"""Parallel lines nearer than this (m), or than the spacing, are one."""
+SAME_LINE = 0.2
+"""Parallel lines nearer than this (m), or than half the spacing, are one: eaves overhang walls by more."""
 
 SHORTEST_EDGE = 0.3
 """Footprint edges shorter than this (m) have no direction to align with."""
@@ -22,7 +22,7 @@ def align(lines: list[Line], polygon: Polygon, spacing: float) -> list[Line]:
 
     A jump beside an edge of the footprint, and the side of a rectangle beside a line, add nothing and go.
     """
-    near, beside = max(spacing, SAME_LINE), max(0.5 * spacing, 0.15)
+    near, beside = max(0.5 * spacing, SAME_LINE), max(0.5 * spacing, 0.15)
     edges = footprint_edges(polygon)
     fixed = FixedLines(edges, len(edges) + len(lines))
     answer: list[Line] = []
@@ -65,12 +65,13 @@ class FixedLines:
 
     def beside(self, line: Line, near: float) -> list[tuple[int, float]]:
         """Number and distance (m) from the middle of `line` of the lines that run beside it, nearer than
-        `near`."""
+        `near`; the nearest first."""
         rows = self.rows[: len(self.lines)]
         x, y = line.middle
         apart = np.abs(rows[:, 0] * x + rows[:, 1] * y - rows[:, 2])
         cross = np.abs(line.normal[0] * rows[:, 1] - line.normal[1] * rows[:, 0])
         found = np.flatnonzero((apart <= near) & (cross <= np.sin(np.radians(SAME_DIRECTION_DEG))))
+        found = found[np.argsort(apart[found], kind="stable")]
         return [(int(number), float(apart[number])) for number in found]
 
 
