@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from eaves.ground.islands import find_islands
 from eaves.ground.strays import find_strays
 from eaves.ground.terraces import find_terraces
 from eaves.model import Bounds, Grid, Mask, Points, Raster
@@ -88,6 +89,7 @@ def seeds_by_opening(
     objects |= stands_out(fill_linear(bare).values, cell, widest, rise, 0.0, rough)
     objects &= ~find_terraces(surface, objects, occupied, level_share)
     objects |= find_strays(surface, lowest.slope, objects, occupied)
+    objects |= find_islands(surface, lowest.slope, occupied & ~objects, occupied)
     return np.asarray(lowest.number[occupied & ~objects])
 
 

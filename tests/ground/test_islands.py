@@ -1,0 +1,41 @@
+"""Cells of ground alone among objects: those on walls and in holes go, those in courtyards stay."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eaves.ground.islands import find_islands
+from eaves.model import Raster
+
+
+def islands_at(height: float, roof: float, cells: int = 1) -> list[list[int]]:
+    """What is found in a roof with a gap of some cells, on terrain that rises by 0.1."""
+    rows, columns = np.indices((24, 24))
+    z = 0.1 * columns.astype(np.float32)
+    objects = (np.abs(rows - 12) <= 4) & (np.abs(columns - 12) <= 4)
+    z[objects] += roof
+    objects[12, 12 : 12 + cells] = False
+    z[12, 12 : 12 + cells] = 1.2 + height
+    slope = np.full(z.shape, 0.1, np.float32)
+    found = find_islands(Raster(z, 0.0, 24.0, 1.0), slope, ~objects, np.ones(z.shape, bool))
+    return np.argwhere(found).tolist()
+
+
+def test_echo_from_inside_a_building_goes() -> None:
+    assert islands_at(1.5, 7.0) == [[12, 12]]
+
+
+def test_hole_under_a_building_goes() -> None:
+    assert islands_at(-6.0, 7.0) == [[12, 12]]
+
+
+def test_ground_between_roofs_or_crowns_stays() -> None:
+    assert islands_at(0.2, 7.0) == []
+
+
+def test_rise_with_nothing_high_beside_it_stays() -> None:
+    assert islands_at(1.5, 2.0) == []
+
+
+def test_wide_gap_stays_whatever_its_height() -> None:
+    assert islands_at(1.5, 7.0, cells=4) == []
