@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from eaves.detect.cells import Cells
@@ -87,9 +88,25 @@ def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float) -> 
 
 def window_sum(values: Values) -> Values:
     """Sum over the three by three cells around each cell, of (H, W) or (H, W, C)."""
-    padded = np.pad(values, ((1, 1), (1, 1)) + ((0, 0),) * (values.ndim - 2))
-    rows = padded[:-2] + padded[1:-1] + padded[2:]
-    return np.asarray(rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:], np.float64)
+    rows, columns = values.shape[:2]
+    flat = np.ascontiguousarray(values, np.float64).reshape(rows, -1)
+    return np.asarray(window_kernel(flat, flat.shape[1] // columns).reshape(values.shape))
+
+
+@njit(cache=True)
+def window_kernel(values: Values, channels: int) -> Values:
+    """Sums over three rows and three columns of (H, W * channels), the channels of a cell side by side."""
+    rows, width = values.shape
+    total = np.empty((rows, width))
+    line = np.zeros(width + 2 * channels)
+    for row in range(rows):
+        for i in range(width):
+            above = values[row - 1, i] if row > 0 else 0.0
+            below = values[row + 1, i] if row + 1 < rows else 0.0
+            line[channels + i] = above + values[row, i] + below
+        for i in range(width):
+            total[row, i] = line[i] + line[i + channels] + line[i + 2 * channels]
+    return total
 
 
 def best_planes(sums: Sums, cells: Cells) -> tuple[Values, Values, Values, Values]:
@@ -107,17 +124,28 @@ def best_planes(sums: Sums, cells: Cells) -> tuple[Values, Values, Values, Value
         east[fitted], north[fitted] = a, b
         level[fitted] = mean[:, 2] - a * mean[:, 0] - b * mean[:, 1]
         residual[fitted] = np.where(width >= LEAST_WIDTH * cells.side, rmse, np.inf)
-    planes = np.stack([east, north, level, residual]).reshape(4, *shape)
-    best = planes.copy()
-    padded = np.pad(planes, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
-    for row in range(3):
-        for column in range(3):
-            other = padded[:, row : row + shape[0], column : column + shape[1]]
-            best = np.where(other[3] < best[3], other, best)
+    window_of = least_around_kernel(residual.reshape(shape))
+    best = [plane.take(window_of) for plane in (east, north, level, residual)]
     x = cells.west + (np.arange(shape[1]) + 0.5) * cells.side
     y = cells.north - (np.arange(shape[0]) + 0.5) * cells.side
     at_middle = best[2] + best[0] * x[None, :] + best[1] * y[:, None]
     return best[0], best[1], at_middle, best[3]
+
+
+@njit(cache=True)
+def least_around_kernel(values: Values) -> NDArray[np.int64]:
+    """Flat number (H, W) of the least of the three by three values around each cell; its own when equal."""
+    rows, columns = values.shape
+    least = np.empty((rows, columns), np.int64)
+    for row in range(rows):
+        for column in range(columns):
+            best, number = values[row, column], row * columns + column
+            for r in range(max(0, row - 1), min(rows, row + 2)):
+                for c in range(max(0, column - 1), min(columns, column + 2)):
+                    if values[r, c] < best:
+                        best, number = values[r, c], r * columns + c
+            least[row, column] = number
+    return least
 
 
 def regress_planes(sums: Sums) -> tuple[Values, Values, Points, Values, Values]:

@@ -16,8 +16,14 @@ def signed_area(ring: NDArray[np.float64]) -> float:
 
 def area_vector(ring: NDArray[np.float64]) -> NDArray[np.float64]:
     """Area (m²) inside a ring (M, 3) times its unit normal, (3,): half of Newell's sum of cross products."""
+    # column by column: np.cross and np.roll spend ten times the work on finding out what they were given
     shifted = ring - ring[0]
-    return np.asarray(0.5 * np.cross(shifted, np.roll(shifted, -1, axis=0)).sum(axis=0))
+    x, y, z = shifted.T
+    following = np.concatenate([shifted[1:], shifted[:1]])
+    u, v, w = following.T
+    cross = np.empty(shifted.shape)
+    cross[:, 0], cross[:, 1], cross[:, 2] = y * w - z * v, z * u - x * w, x * v - y * u
+    return np.asarray(0.5 * cross.sum(axis=0))
 
 
 def split_loops(ring: NDArray[np.int64]) -> list[NDArray[np.int64]]:

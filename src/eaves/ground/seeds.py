@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -104,6 +105,19 @@ def stands_out(surface: Grid, cell: float, widest: float, rise: Grid, height: fl
     while radius < widest_radius:
         radius = min(widest_radius, max(radius + 1, round(radius * WINDOW_GROWTH)))
         lower = opened(surface, radius)
-        objects |= surface - lower > rise * (radius * cell) + height + rough
+        stand_out_kernel(objects, surface, lower, rise, rough, np.float32(radius * cell), np.float32(height))
         surface = lower
     return objects
+
+
+@njit(cache=True)
+def stand_out_kernel(
+    objects: Mask, surface: Grid, lower: Grid, rise: Grid, rough: Grid, radius: float, height: float
+) -> None:
+    """Mark in `objects` (H, W) the cells of `surface` that rise over `lower`."""
+    rows, columns = objects.shape
+    for row in range(rows):
+        for column in range(columns):
+            most = rise[row, column] * radius + height + rough[row, column]
+            if surface[row, column] - lower[row, column] > most:
+                objects[row, column] = True

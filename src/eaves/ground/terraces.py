@@ -13,8 +13,6 @@ STEP_M = 0.3
 """A larger misfit between two cells of 1 m parts them; it grows with the root of the cell."""
 STEEP_SHARE = 0.2
 """Share of the height difference that counts as misfit even where the slope goes on: walls go on too."""
-REACH_CELLS = 1.5
-"""Cells farther than this from a point were interpolated and say nothing of steps."""
 WIDE_M2, LEAST_AREA_M2 = 200.0, 80.0
 """Under 200 m² twice the share of the rim must be level; under 80 m² it is too short to judge."""
 ROOF_M, HIGH_SHARE = 2.0, 0.1
@@ -37,7 +35,8 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, share: float) 
     z = surface.values.astype(np.float64)
     cell = surface.cell
     step = STEP_M * np.sqrt(max(1.0, cell))
-    known = ndimage.distance_transform_edt(~occupied) <= REACH_CELLS if not occupied.all() else occupied
+    # cells without a point beside them were interpolated, and say nothing of steps
+    known = ndimage.binary_dilation(occupied, np.ones((3, 3), bool))
     misfit = misfit_kernel(z)
     left = objects.copy()
     for _ in range(ROUNDS):

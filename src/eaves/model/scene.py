@@ -52,10 +52,10 @@ class Raster:
         y = np.clip((self.north - xy[:, 1]) / self.cell - 0.5, 0, rows - 1)
         c0 = np.minimum(x.astype(np.int64), max(columns - 2, 0))
         r0 = np.minimum(y.astype(np.int64), max(rows - 2, 0))
-        c1, r1 = np.minimum(c0 + 1, columns - 1), np.minimum(r0 + 1, rows - 1)
-        fx, fy, v = x - c0, y - r0, self.values
-        top = v[r0, c0] * (1 - fx) + v[r0, c1] * fx
-        bottom = v[r1, c0] * (1 - fx) + v[r1, c1] * fx
+        east, south = np.minimum(1, columns - 1 - c0), np.minimum(1, rows - 1 - r0) * columns
+        fx, fy, v, here = x - c0, y - r0, self.values.ravel(), r0 * columns + c0
+        top = v.take(here) * (1 - fx) + v.take(here + east) * fx
+        bottom = v.take(here + south) * (1 - fx) + v.take(here + south + east) * fx
         return np.asarray(top * (1 - fy) + bottom * fy, np.float64)
 
 

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
-from eaves.model import Block, CoordinateSystem, PointCloud
+from eaves.model import Block, Bounds, CoordinateSystem, PointCloud
 from eaves.model.cloud import QUANTUM
 from eaves.pipeline import BlockResult, BuildingResult
 
@@ -73,11 +74,10 @@ class Store:
                 if not path.exists():
                     continue
                 records = np.fromfile(path, RECORD)
-                shift = [near.origin[0] - block.origin[0], near.origin[1] - block.origin[1], 0.0]
-                xyz = records["xyz"] + np.round(np.array(shift) / QUANTUM).astype(np.int64)
-                xyz = xyz * QUANTUM
-                inside = slice(None) if near == block else window.contains(xyz)
-                pieces.append((xyz[inside], records[inside]))
+                shift = np.round((np.array(near.origin) - block.origin) / QUANTUM).astype(np.int64)
+                if near != block:
+                    records = records[within(records["xyz"], window.moved(*(-shift * QUANTUM)))]
+                pieces.append(((records["xyz"] + np.append(shift, 0)) * QUANTUM, records))
         xyz = np.concatenate([piece[0] for piece in pieces])
         records = np.concatenate([piece[1] for piece in pieces])
         return PointCloud(
@@ -131,3 +131,10 @@ class Store:
         """Write the plan that the folder belongs to; the last thing written when all points are in place."""
         with atomic(self.folder / "plan.json") as temporary:
             temporary.write_text(json.dumps(plan), encoding="utf-8")
+
+
+def within(quanta: NDArray[np.int32], window: Bounds) -> NDArray[np.int64]:
+    """Numbers (K,) of the points, in quanta (N, 3), inside a window whose sides are whole quanta (m)."""
+    west, south, east, north = (round(side / QUANTUM) for side in vars(window).values())
+    x, y = quanta[:, 0], quanta[:, 1]
+    return np.flatnonzero((x >= west) & (x < east) & (y >= south) & (y < north))
