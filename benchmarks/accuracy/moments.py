@@ -1,30 +1,24 @@
-"""Parametric houses: errors of the closed solution and of the fit, roof types, rows of like houses, speed.
+"""Parametric houses: errors of the closed solution and of the fit, roof types, speed.
 
-Run `EAVES_DATA=... python -m benchmarks.accuracy.moments`.
+Run `python -m benchmarks.accuracy.moments`.
 """
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import combinations
-from pathlib import Path
 
-import laspy
 import numpy as np
-import pyogrio
 import shapely
 from numpy.typing import NDArray
 
 from benchmarks.table import keep
 from eaves.geometry.moments import ClosedHouse, border_growth, close_house, surface_moments
 from eaves.geometry.tin import Tin
-from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
+from eaves.model import BuildingModel, Failure, Footprint, Points
 from eaves.reconstruct.house import House, fit_house
 from eaves.reconstruct.moments import Moments
-from eaves.roof import segment_roof
 
 COMMAND = "python -m benchmarks.accuracy.moments"
 HOUSES = 200
@@ -34,15 +28,6 @@ PASSES = 5
 
 KINDS = ("flat", "shed", "gable", "hip", "pyramid")
 MEASURES = ("length", "width", "eaves", "ridge", "orientation", "slope")
-
-ROWS = {
-    "sheds": (20, 22, 55, 56, 77, 87),
-    "terrace of five": (8, 42, 49, 52, 79),
-    "terrace of three": (5, 63, 78),
-    "semi-detached": (18, 26, 30, 41, 50),
-    "corner terrace": (51, 53, 60),
-}
-"""Rows of like houses in delft, by the number of the footprint in footprints.gpkg."""
 
 
 @dataclass(frozen=True)
@@ -179,44 +164,6 @@ def type_rows() -> Iterator[dict[str, object]]:
         }
 
 
-def row_rows(data: Path) -> Iterator[dict[str, object]]:
-    """Deviation within rows of like houses, of the main roof of each."""
-    cloud = laspy.read(data / "delft" / "ahn3.laz")
-    points = np.asarray(cloud.xyz)[np.asarray(cloud.classification) == 6]
-    tree = shapely.STRtree(shapely.points(points[:, :2]))
-    footprints = pyogrio.read_dataframe(data / "delft" / "footprints.gpkg").geometry
-    for name, numbers in ROWS.items():
-        houses = []
-        for number in numbers:
-            own = points[np.sort(tree.query(footprints.iloc[number], predicate="intersects"))]
-            own = own - np.floor(own.mean(axis=0)) * [1.0, 1.0, 0.0]
-            roof = main_roof(segment_roof(own, 0.3))
-            house = fit_house(own[roof])
-            if isinstance(house, House):
-                houses.append([house.width, house.eaves, house.ridge, np.degrees(house.slope)])
-        spread = np.std(houses, axis=0, ddof=1)
-        yield {
-            "row": name,
-            "footprints": ", ".join(str(number) for number in numbers),
-            "houses": len(houses),
-            "width m": float(spread[0]),
-            "eaves m": float(spread[1]),
-            "ridge m": float(spread[2]),
-            "slope °": float(spread[3]),
-        }
-
-
-def main_roof(planes: list[RoofPlane]) -> NDArray[np.int64]:
-    """The points of the two planes with most points that face each other."""
-    best: NDArray[np.int64] = np.zeros(0, np.int64)
-    for one, other in combinations(planes, 2):
-        level = [plane.normal[:2] / max(float(np.hypot(*plane.normal[:2])), 1e-9) for plane in (one, other)]
-        if min(one.slope, other.slope) > np.radians(15.0) and float(level[0] @ level[1]) < -0.97:
-            both = np.sort(np.concatenate([one.members, other.members]))
-            best = both if len(both) > len(best) else best
-    return best
-
-
 def speed_rows() -> Iterator[dict[str, object]]:
     """Houses of about 500 points a second on one core, by CPU time."""
     houses = []
@@ -249,7 +196,6 @@ def closed_house(points: Points) -> ClosedHouse:
 
 def main() -> None:
     """Print and keep the tables."""
-    folder = os.environ.get("EAVES_DATA")
     keep(
         "moments-errors",
         "Gable and hip houses from moments, noise 3 cm, bias ± deviation (m, degrees)",
@@ -267,18 +213,6 @@ def main() -> None:
     )
     keep(
         "moments-speed", "Houses of 500 points per CPU second", list(speed_rows()), COMMAND, "To reach: 500."
-    )
-    if folder is None:
-        print("EAVES_DATA is not set: the rows of like houses in delft are left out")
-        return
-    keep(
-        "moments-rows",
-        "Deviation within rows of like houses (delft, AHN3, 5 roof points/m² a strip)",
-        list(row_rows(Path(folder))),
-        COMMAND,
-        "To reach: 0.10 m and 1°. Source 5: 0.1–0.2 m. Each house is the two largest planes that face each "
-        "other among the points of class 6 within its footprint; where an annex cuts the rear slope, width "
-        "and eaves say so.",
     )
 
 

@@ -254,3 +254,16 @@ def test_an_uneven_half_hip_is_named_and_sound() -> None:
     assert model.attributes["house_type"] == "half_hip"
     assert len(model.planes) == 4
     assert all(find_defect(solid) == "" for solid in model.solids["2.2"])
+
+
+def test_a_roof_reaches_on_under_a_wide_dormer() -> None:
+    rng = np.random.default_rng(5)
+    xy = rng.uniform([-3, -5], [3, 5], (600, 2))
+    points = np.c_[xy, 5.0 - 0.7 * abs(xy[:, 1]) + rng.normal(0, 0.02, 600)]
+    dormer = (abs(xy[:, 0]) < 2.8) & (xy[:, 1] > 1.5) & (xy[:, 1] < 4.5)
+    standing = points[dormer]
+    standing[:, 2] = 4.2
+    alone, told = fit_house(points[~dormer]), fit_house(points[~dormer], standing=standing)
+    assert isinstance(told, House) and isinstance(alone, House)
+    assert abs(told.width - 10.0) < 0.15
+    assert abs(told.width - 10.0) <= abs(alone.width - 10.0)

@@ -90,10 +90,11 @@ class House:
     """Share of the rectangle that the points, with their border, do not cover."""
 
 
-def fit_house(points: Points, plan: Polygon | None = None) -> House | Failure:
+def fit_house(points: Points, plan: Polygon | None = None, standing: Points | None = None) -> House | Failure:
     """The parametric house under roof points (N, 3), or a Failure when there are too few.
 
-    With a ground plan, place, orientation, length and width are those of its least rectangle.
+    With a ground plan, place, orientation, length and width are those of its least rectangle. Points
+    `standing` on the roof (M, 3), of dormers, are not fitted, but the roof reaches on under them.
     """
     if len(points) < FEWEST_POINTS:
         return Failure("too_few_points", f"{len(points)} roof points for a parametric house", "reconstruct")
@@ -116,9 +117,22 @@ def fit_house(points: Points, plan: Polygon | None = None) -> House | Failure:
         rim = inlier | ((best.residuals > 0.0) & (best.residuals < HIGHEST_PARAPET))
         if best.form == PLANE:
             best = settle_axes(best, points[rim])
-        frame = measure_edges(best, points[rim])
+        above = points[~rim & (best.residuals > 0.0)]
+        above = above if standing is None else np.vstack([above, standing])
+        frame = measure_edges(best, np.vstack([points[rim], hiding(best, above, points[rim])]))
     covered = covered_area(points, triangles) * growth**2
     return describe_house(best, closed, frame, inlier, covered)
+
+
+def hiding(fit: RoofFit, above: Points, rim: Points) -> Points:
+    """Those of the points `above` the roof (M, 3) that lie between the points of its rim (N, 3).
+
+    Without them a wide dormer looks like the end of a slope, and the roof below it like a few strays.
+    """
+    inside = np.ones(len(above), bool)
+    for place, reach in zip(fit.axes(above), fit.axes(rim), strict=True):
+        inside &= (place >= reach.min()) & (place <= reach.max())
+    return above[inside]
 
 
 def choose_fit(points: Points, closed: ClosedHouse) -> RoofFit:
