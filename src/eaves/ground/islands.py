@@ -1,4 +1,4 @@
-"""A few seeds alone among objects: ground seen through a gap, or a point on a wall, or an echo gone astray."""
+"""A few seeds alone among objects: ground seen through a gap, a point on a wall, an echo gone astray."""
 
 from __future__ import annotations
 

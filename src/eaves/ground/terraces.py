@@ -35,14 +35,15 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, share: float) 
     z = surface.values.astype(np.float64)
     cell = surface.cell
     step = STEP_M * np.sqrt(max(1.0, cell))
-    # cells without a point beside them were interpolated, and say nothing of steps
-    known = ndimage.binary_dilation(occupied, np.ones((3, 3), bool))
     misfit = misfit_kernel(z)
     left = objects.copy()
     for _ in range(ROUNDS):
         piece, count = pieces_kernel(left, misfit, step)
+        # cells without a point of their own kind beside them were interpolated, and say nothing of steps
+        near = [ndimage.binary_dilation(occupied & kind, np.ones((3, 3), bool)) for kind in (left, ~left)]
+        known = np.where(left, *near)
         level, down, high = rim_kernel(left, piece, count, misfit, z, step, known)
-        area = np.bincount(piece.ravel(), minlength=count + 1) * cell * cell
+        area = np.bincount(piece[known], minlength=count + 1) * cell * cell
         terrain = level > np.where(area >= WIDE_M2, 1.0, 2.0) * share * (level + down)
         depth = ndimage.distance_transform_edt(np.pad(left, 1, mode="edge"))[1:-1, 1:-1]
         deep = np.bincount(piece[depth >= LOW_CELLS], minlength=count + 1) > 0
