@@ -63,7 +63,7 @@ def build(
     id_field: IdField = None,
     snap_footprints: Snap = False,
     use_classes: UseClasses = False,
-    lod: Annotated[str, typer.Option(help="Finest level of detail: 0, 1.2, 1.3 or 2.2.")] = "2.2",
+    lod: Annotated[str, typer.Option(help="Finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2.")] = "2.2",
     crs: Crs = None,
     bounds: BoundsText = None,
     clip: Clip = None,
@@ -202,7 +202,7 @@ def reconstruct(
     id_field: IdField = None,
     snap_footprints: Snap = False,
     use_classes: UseClasses = False,
-    lod: Annotated[str, typer.Option(help="Finest level of detail: 1.2, 1.3 or 2.2.")] = "2.2",
+    lod: Annotated[str, typer.Option(help="Finest level of detail: 1.2, 1.3, 2.0 or 2.2.")] = "2.2",
     roof_method: MethodName = None,
     method: MethodName = None,
     crs: Crs = None,
@@ -264,7 +264,7 @@ def evaluate(
         Path | None, typer.Option(help="For models: the polygons whose points count; else the models' own.")
     ] = None,
     lod: Annotated[
-        str | None, typer.Option(help="For models: 1.2, 1.3 or 2.2; else each building's finest.")
+        str | None, typer.Option(help="For models: 1.2, 1.3, 2.0 or 2.2; else each building's finest.")
     ] = None,
     quiet: Quiet = False,
 ) -> None:

@@ -42,7 +42,7 @@ def model_of(points: np.ndarray, rows: list[tuple[float, float, float]]) -> Buil
 def test_gable_has_two_faces_and_its_volume() -> None:
     points = scan(lambda x, y: 7.0 - 0.5 * abs(y - 4.0))
     model = model_of(points, [(0.0, 0.5, 5.0), (0.0, -0.5, 9.0)])
-    assert model.lod == "2.2" and set(model.solids) == {"1.2", "1.3", "2.2"}
+    assert model.lod == "2.2" and set(model.solids) == {"1.2", "1.3", "2.0", "2.2"}
     assert len(model.planes) == 2
     assert model.attributes["roof_type"] == "gable"
     assert model.attributes["volume_m3"] == pytest.approx(12 * 8 * 6.0, rel=0.005)
@@ -126,3 +126,19 @@ def test_points_on_a_line_give_an_answer() -> None:
     ]
     answer = reconstruct_building(points, Footprint(BOX), planes, 0.0, Arrangement())
     assert isinstance(answer, BuildingModel) and not validate_model(answer)
+
+
+def test_the_simple_roof_has_no_dormer() -> None:
+    inside = shapely.box(4, 1, 7, 3)
+
+    def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.where(shapely.contains_xy(inside, x, y), 8.0, 4.0 + y)
+
+    model = model_of(scan(height, density=15.0), [(0.0, 1.0, 4.0), (0.0, 0.0, 8.0)])
+    roofs = {
+        lod: sum(face.surface == "RoofSurface" for solid in solids for face in solid.faces)
+        for lod, solids in model.solids.items()
+    }
+    assert roofs["2.2"] == 2 and roofs["2.0"] == 1
+    (simple,) = model.solids["2.0"]
+    assert simple.vertices[:, 2].max() == pytest.approx(12.0, abs=0.02)

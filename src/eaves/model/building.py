@@ -13,7 +13,7 @@ from eaves.model.arrays import Points, Values
 if TYPE_CHECKING:
     from shapely import Polygon
 
-LODS = ("0", "1.2", "1.3", "2.2")
+LODS = ("0", "1.2", "1.3", "2.0", "2.2")
 """Levels of detail after Biljecki, Ledoux and Stoter 2016, coarse to fine."""
 
 GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE = "GroundSurface", "WallSurface", "RoofSurface"

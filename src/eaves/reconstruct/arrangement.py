@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from eaves.geometry.coverage import Coverage
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid, Values
+from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Values
 from eaves.reconstruct.attributes import Surface, describe, surface_heights
 from eaves.reconstruct.base import Reconstructor
 from eaves.reconstruct.cell_labels import Prices, label_cells
@@ -22,9 +23,9 @@ from eaves.reconstruct.evidence import (
     points_inside,
     support_of,
 )
-from eaves.reconstruct.levels import coarse_solids
+from eaves.reconstruct.levels import coarse_solids, simple_solids
 from eaves.reconstruct.lines import candidate_lines, extend
-from eaves.reconstruct.raising import raise_plan
+from eaves.reconstruct.raising import raise_plan, without_numbers
 
 NARROWEST = 0.1
 """Roof faces narrower than this (m) are slivers at any density."""
@@ -37,7 +38,7 @@ WORSE_BY = 0.05
 
 
 class Arrangement(Reconstructor):
-    """The solids at LoD 1.2, 1.3 and 2.2 from one plan.
+    """The solids at LoD 1.2, 1.3, 2.0 and 2.2 from one plan.
 
     Lines cut the footprint into cells: where two roof planes meet, where heights jump between the points
     of two planes, the sides of planes that are rectangles, and the footprint itself; lines that nearly
@@ -46,7 +47,7 @@ class Arrangement(Reconstructor):
     its points, at a price for each metre of border, most where heights jump, and for each plane, and
     never one that would leave the heights its own points support. Cells with one plane are merged,
     slivers and short edges go, and the plan is raised with vertices that all faces share. The coarser
-    levels merge the same cells further.
+    levels merge the same cells further: LoD 2.0 labels them at higher prices, 1.3 and 1.2 level them.
 
     Formula
     -------
@@ -115,8 +116,18 @@ class Arrangement(Reconstructor):
     level_jump: float = parameter(
         3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", published=3.0, gt=0.0
     )
+    simple_price: float = parameter(
+        8.0, "Price of a plane in use at LoD 2.0, in square metres of misfit.", unit="m2", ge=0.0
+    )
+    simple_smallest: float = parameter(
+        10.0,
+        "Area of the smallest roof face at LoD 2.0; at most an eighth of the footprint.",
+        unit="m2",
+        published=10.0,
+        ge=0.0,
+    )
     least_fit: float = parameter(
-        0.5, "Share of roof points that LoD 2.2 explains to half a metre, or it is given up.", ge=0.0, le=1.0
+        0.5, "Share of roof points that LoD 2 explains to half a metre, or it is given up.", ge=0.0, le=1.0
     )
 
     def model(
@@ -154,6 +165,14 @@ class Arrangement(Reconstructor):
         limits = (self.smallest, max(NARROWEST, self.narrowest * spacing))
         fine = raise_plan(plan, chosen, coefficients, ground, *limits)
         solids = coarse_solids(plan, roof, ground, self.level_jump, limits)
+        errors = {lod: errors_of(surface_heights(parts, roof[:, :2]), roof) for lod, parts in solids.items()}
+        if planes and plan.count > 1:
+            dear = self.simple_prices(prices)
+            smallest = (self.simple_smallest, limits[1])
+            simple = simple_solids(plan, roof, labels, coefficients, spacing, ground, dear, smallest)
+            error = errors_of(surface_heights(simple, roof[:, :2]), roof)
+            if simple and not self.compare("2.0", error, errors):
+                solids["2.0"], errors["2.0"] = simple, error
         fallback: dict[str, Any] = {}
         surface: Surface | None = None
         if not planes:
@@ -162,9 +181,10 @@ class Arrangement(Reconstructor):
             fallback = fallen_back("not_closed", f"LoD 2.2 has {fine.defect}")
         else:
             surface = surface_heights(fine.solids, roof[:, :2])
-            fallback = self.compare(errors_of(surface, roof), solids, roof)
+            fallback = self.compare("2.2", errors_of(surface, roof), errors)
         if not fallback:
             solids["2.2"] = fine.solids
+            solids.setdefault("2.0", without_numbers(fine.solids))
         else:
             surface = None
         if not solids:
@@ -195,15 +215,24 @@ class Arrangement(Reconstructor):
         plan = arrange(footprint.polygon, segments)
         return plan if plan is not None else arrange(footprint.polygon, np.zeros((0, 4)))
 
-    def compare(self, error: Values, coarse: dict[str, tuple[Solid, ...]], roof: Points) -> dict[str, Any]:
-        """Why LoD 2.2 with errors (N,; m) is given up for a coarser level, as attributes; empty if not."""
+    def simple_prices(self, prices: Prices) -> Prices:
+        """The prices at LoD 2.0; that of a border grows as lengths do with areas."""
+        if self.plane_price <= 0.0:
+            return replace(prices, plane=self.simple_price)
+        dearer = float(np.sqrt(self.simple_price / self.plane_price))
+        return replace(prices, plane=self.simple_price, border=dearer * prices.border)
+
+    def compare(self, lod: str, error: Values, coarser: dict[str, Values]) -> dict[str, Any]:
+        """Why a level with errors (N,; m) is given up for one of those `coarser`, as attributes; empty if
+        not.
+        """
         rmse, share = float(np.sqrt(np.mean(error**2))), float(np.mean(error < 0.5))
         if share < self.least_fit:
-            return fallen_back("poor_fit", f"LoD 2.2 is within 0.5 m of {share:.0%} of the roof points only")
-        for lod, solids in sorted(coarse.items(), reverse=True):
-            other = float(np.sqrt(np.mean(errors_of(surface_heights(solids, roof[:, :2]), roof) ** 2)))
-            if rmse > other + WORSE_BY:
-                return fallen_back("poor_fit", f"RMSE {rmse:.2f} m at LoD 2.2, {other:.2f} m at LoD {lod}")
+            return fallen_back("poor_fit", f"LoD {lod} is within 0.5 m of {share:.0%} of the roof only")
+        for other, its_error in sorted(coarser.items(), reverse=True):
+            its = float(np.sqrt(np.mean(its_error**2)))
+            if rmse > its + WORSE_BY:
+                return fallen_back("poor_fit", f"RMSE {rmse:.2f} m at LoD {lod}, {its:.2f} m at LoD {other}")
         return {}
 
 

@@ -1,4 +1,4 @@
-"""The coarser levels of detail from the plan of the finest: LoD 1.3 and 1.2."""
+"""The coarser levels of detail from the plan of the finest: LoD 2.0, 1.3 and 1.2."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.coverage import Coverage, Integers
-from eaves.model import Points, Solid, Values
-from eaves.reconstruct.cell_labels import points_in_cells
+from eaves.model import Labels, Points, Solid, Values
+from eaves.reconstruct.cell_labels import Prices, label_cells, points_in_cells
 from eaves.reconstruct.evidence import LOWEST_ROOF, PRISM_PERCENTILE
 from eaves.reconstruct.raising import raise_plan, without_numbers
+
+SIMPLE_SHARE = 0.125
+"""The smallest roof face at LoD 2.0 is at most this share of the footprint."""
 
 
 def group_levels(plan: Coverage, cell: Integers, heights: Values, jump: float) -> Integers:
@@ -76,3 +79,24 @@ def coarse_solids(
         if raised.solids:
             answer[lod] = without_numbers(raised.solids)
     return answer
+
+
+def simple_solids(
+    plan: Coverage,
+    roof: Points,
+    labels: Labels,
+    planes: NDArray[np.float64],
+    spacing: float,
+    ground: float,
+    prices: Prices,
+    limits: tuple[float, float],
+) -> tuple[Solid, ...]:
+    """The solids at LoD 2.0: the main roof faces, without dormers and other small parts; none if not sound.
+
+    The cells of the finest plan are labelled once more, at higher prices. The smallest face (m²) of
+    `limits` is at most `SIMPLE_SHARE` of the plan, so that a shed keeps both its slopes.
+    """
+    chosen = label_cells(plan, roof, labels, planes, spacing, ground, prices)
+    simple, kept = plan.merged(chosen)
+    smallest = min(limits[0], SIMPLE_SHARE * float(plan.area.sum()))
+    return without_numbers(raise_plan(simple, kept, planes, ground, smallest, limits[1]).solids)
