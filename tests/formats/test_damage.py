@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 from copc_writer import write_copc
@@ -179,3 +180,20 @@ def test_nothing_is_written_of_a_damaged_file(tmp_path: Path, files: dict[str, b
     with pytest.raises(InputError, match="damaged"):
         write_classified(source, out / "classified.laz", np.zeros(COUNT, np.uint8))
     assert list(out.iterdir()) == []
+
+
+def test_a_header_that_cannot_be_copied_costs_its_extras_and_not_the_points(
+    tmp_path: Path, files: dict[str, bytes], caplog: pytest.LogCaptureFixture
+) -> None:
+    path, out = tmp_path / "a.laz", tmp_path / "classified.laz"
+    first = struct.unpack_from("<H", files["laz"], 94)[0]
+    path.write_bytes(patched(files["laz"], "<B", first + 5, 255))
+    classes = np.arange(COUNT, dtype=np.uint8) % 7
+    write_classified(open_source(path), out, classes, {"building_id": np.arange(COUNT, dtype=np.int32)})
+    assert "cannot be copied" in caplog.text
+    found, whole = laspy.read(out), tmp_path / "whole.laz"
+    whole.write_bytes(files["laz"])
+    wanted, used = laspy.read(whole), np.arange(COUNT) % 7 != 0
+    assert np.array_equal(found.xyz, wanted.xyz)
+    assert np.array_equal(np.asarray(found.classification)[used], classes[used])
+    assert np.array_equal(found.building_id, np.arange(COUNT))

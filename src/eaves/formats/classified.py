@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
 from datetime import date
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +16,12 @@ from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import pyproj_crs
-from eaves.formats.errors import InputError
 from eaves.formats.las import FIRST_LAYERED_FORMAT, iter_records
 from eaves.formats.las_header import LasHeader
 from eaves.formats.source import CHUNK_POINTS, Source
 from eaves.formats.text import iter_text
 
+log = logging.getLogger("eaves")
 UNDATED = date(1, 1, 1)
 """Stands for a missing creation date: today's would make two runs differ."""
 TEXT_SCALE = 0.001
@@ -66,10 +68,11 @@ def write_classified(
         if len(values) != source.count:
             raise ValueError(f"{name} has {len(values)} values, {source.path} has {source.count} points")
     if isinstance(source.layout, LasHeader):
-        header, pieces = _las_header(source.layout), _las_pieces(source.layout, chunk_points)
+        header, record = _las_header(source.layout, arrays)
+        pieces = _las_pieces(source.layout, record, chunk_points)
     else:
         header, pieces = _text_header(source), _text_pieces(source, chunk_points)
-    _add_dimensions(header, arrays)
+        _add_dimensions(header, arrays)
     with (
         atomic(path) as temporary,
         temporary.open("w+b") as file,
@@ -89,17 +92,37 @@ def write_classified(
             writer.write_evlrs(header.evlrs)
 
 
-def _las_header(layout: LasHeader) -> laspy.LasHeader:
+def _las_header(
+    layout: LasHeader, arrays: Mapping[str, NDArray[Any]]
+) -> tuple[laspy.LasHeader, np.dtype[np.void]]:
+    """A header for the input's points with new dimensions, and how its own records are laid out.
+
+    One that is damaged where reading points does not need it gives way to a new one.
+    """
+    try:
+        header = _copied_header(layout)
+        record = header.point_format.dtype()
+        if record.itemsize != layout.record_length:
+            raise ValueError(f"its dimensions fill {record.itemsize} of {layout.record_length} bytes")
+        _add_dimensions(header, arrays)
+        header.write_to(BytesIO())
+    except Exception as error:  # laspy raises whatever its parts raise
+        log.warning(
+            "%s: its header cannot be copied (%s); the classified points have a new one, without its extra "
+            "dimensions and records",
+            layout.path,
+            error,
+        )
+        header = _new_header(layout)
+        record = header.point_format.dtype()
+        _add_dimensions(header, arrays)
+    return header, record
+
+
+def _copied_header(layout: LasHeader) -> laspy.LasHeader:
     """The input's header without what is true of the input alone: compression and octree."""
     with layout.path.open("rb") as file:
-        try:
-            header = laspy.LasHeader.read_from(file, read_evlrs=True)
-        except (laspy.LaspyException, ValueError, AssertionError, OverflowError, KeyError) as error:
-            raise InputError.about(
-                layout.path,
-                f"has a header that cannot be copied ({error})",
-                "write it again with another tool",
-            ) from None
+        header = laspy.LasHeader.read_from(file, read_evlrs=True)
     kept = [vlr for vlr in header.vlrs if vlr.user_id not in ("copc", "laszip encoded")]
     header._vlrs = VLRList(kept)
     if header.evlrs is not None:
@@ -108,11 +131,24 @@ def _las_header(layout: LasHeader) -> laspy.LasHeader:
     return header
 
 
-def _las_pieces(layout: LasHeader, size: int) -> Iterator[tuple[int, NDArray[np.void]]]:
-    with layout.path.open("rb") as file:
-        record = laspy.LasHeader.read_from(file).point_format.dtype()
+def _new_header(layout: LasHeader) -> laspy.LasHeader:
+    """A header that says of the input's points what reading them needs, and their coordinate system."""
+    version = "1.4" if layout.point_format >= FIRST_LAYERED_FORMAT else "1.2"
+    header = laspy.LasHeader(version=version, point_format=layout.point_format)
+    header.scales, header.offsets = np.array(layout.scales), np.array(layout.offsets)
+    header.creation_date = UNDATED
+    for owner, number, data in layout.records:
+        if owner == "LASF_Projection":
+            header.vlrs.append(laspy.VLR(owner, number, record_data=data))
+    return header
+
+
+def _las_pieces(
+    layout: LasHeader, record: np.dtype[np.void], size: int
+) -> Iterator[tuple[int, NDArray[np.void]]]:
     for position, records in iter_records(layout, size):
-        yield int(position[0]), records.reshape(-1).view(record)
+        known = np.ascontiguousarray(records[:, : record.itemsize])
+        yield int(position[0]), known.reshape(-1).view(record)
 
 
 def _text_header(source: Source) -> laspy.LasHeader:
