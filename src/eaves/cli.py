@@ -314,13 +314,14 @@ def view(
     folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
     browser: Annotated[bool, typer.Option(help="Open it, or only make it.")] = True,
     again: Annotated[bool, typer.Option("--again", help="Make the page anew.")] = False,
+    around: Annotated[str | None, typer.Option(help="Of a large run, draw what is around this id.")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Open the 3D page of a run; it is made when it is missing."""
     from eaves.viewer.open import open_report
 
     start_log(quiet, verbose=False)
-    path = open_report(folder, browser, again)
+    path = open_report(folder, browser, again, around)
     if not quiet:
         typer.echo(f"report: {path}")
 

@@ -88,16 +88,15 @@ class Browser:
         self.settle()
 
     def settle(self) -> None:
-        """Wait until what was asked for is painted."""
-        self.call(
-            "POST",
-            "/execute/async",
-            {
-                "script": "const done = arguments[0];"
-                "requestAnimationFrame(() => requestAnimationFrame(() => done(1)));",
-                "args": [],
-            },
-        )
+        """Wait until what was asked for is painted whole."""
+        limit = time.monotonic() + 60
+        while self.run("return document.documentElement.dataset.still") == "no":
+            assert time.monotonic() < limit, f"the page does not come to rest: {self.errors()}"
+            time.sleep(0.02)
+
+    def run_async(self, script: str) -> Any:
+        """What a script hands to its last argument, a function."""
+        return self.call("POST", "/execute/async", {"script": script, "args": []})
 
     def run(self, script: str) -> Any:
         """What a script returns."""

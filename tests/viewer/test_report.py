@@ -22,7 +22,11 @@ from ..conftest import write_laz
 
 
 def data_of(page: Path) -> dict:
-    found = re.search(r'id="data">(.*?)</script>', page.read_text(encoding="utf-8"), re.S)
+    return data_of_text(page.read_text(encoding="utf-8"))
+
+
+def data_of_text(text: str) -> dict:
+    found = re.search(r'id="data">(.*?)</script>', text, re.S)
     assert found
     return json.loads(found[1])
 
@@ -59,8 +63,19 @@ def test_more_points_than_wanted_are_thinned_and_the_page_says_so(nine_run: Summ
     text = render(contents, "summary")
     assert f"{len(contents.points):,} of {contents.points.total:,} points drawn" in text
     assert f"3 of {nine_run.found} buildings, those nearest to the middle" in text
+    table = data_of_text(text)["others"]
+    listed = json.loads(zlib.decompress(base64.b64decode(table["data"])))
+    assert len(listed[table["names"].index("id")]) == nine_run.found - 3, "the table lists those not drawn"
     again = read_contents(nine_run.folder, points=2000, buildings=3)
     assert np.array_equal(contents.points.xyz, again.points.xyz)
+
+
+def test_a_page_is_made_around_a_building(nine_run: Summary) -> None:
+    ids = [row["id"] for row in read_contents(nine_run.folder).rows]
+    for name in (ids[0], ids[-1]):
+        assert name in {row["id"] for row in read_contents(nine_run.folder, buildings=2, around=name).rows}
+    with pytest.raises(InputError, match="nowhere"):
+        read_contents(nine_run.folder, around="nowhere")
 
 
 def test_one_point_and_no_building_give_a_page(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from rasterio.errors import NotGeoreferencedWarning
 from rasterio.windows import from_bounds
 from shapely import MultiPolygon, Polygon
 
-from eaves.formats import iter_cityjson, read_polygons
+from eaves.formats import InputError, iter_cityjson, read_polygons
 from eaves.formats.crs import parse_crs, system_of
 from eaves.geometry.roof_fit import collect_faces, fit_roof
 from eaves.model import Bounds, CoordinateSystem, Points, Values
@@ -60,23 +60,32 @@ class Contents:
     buildings: int
     """How many the run found, shown or not."""
     run: dict[str, Any] = field(default_factory=dict)
+    others: list[dict[str, Any]] = field(default_factory=list)
+    """Rows of the buildings not shown."""
 
 
 def read_contents(
-    folder: str | Path, points: int = POINTS_SHOWN, buildings: int = BUILDINGS_SHOWN
+    folder: str | Path,
+    points: int = POINTS_SHOWN,
+    buildings: int = BUILDINGS_SHOWN,
+    around: str | None = None,
 ) -> Contents:
     """The contents of a run's folder; what a run did not write is empty.
+
+    Of more than `buildings` those nearest to the building of the id `around` are shown, or nearest to the
+    middle of all.
 
     Raises
     ------
     InputError
-        When the folder holds no footprints, or a file of it is damaged.
+        When the folder holds no footprints, or none of the id `around`, or a file of it is damaged.
     """
     folder = Path(folder)
     polygons, _, rows, system = read_polygons(folder / "footprints.gpkg", layer="footprints")
     system = system_of_folder(folder) or system
     found = len(rows)
-    shown = nearest_to_the_middle(polygons, buildings)
+    shown = nearest_buildings(polygons, buildings, None if around is None else place_of(around, rows, folder))
+    others = [rows[k] for k in sorted(set(range(found)).difference(shown.tolist()))]
     polygons, rows = [polygons[k] for k in shown], [rows[k] for k in shown]
     window = window_of(polygons) if len(shown) < found else None
     terrain, bounds = read_terrain(folder / "dtm.tif", system, window)
@@ -109,6 +118,7 @@ def read_contents(
         corner=(west - centre[0], north - centre[1]),
         cell=bounds.width / terrain.shape[1] if bounds else 1.0,
         buildings=found,
+        others=others,
         run=json.loads(run.read_text(encoding="utf-8")) if run.exists() else {},
     )
 
@@ -128,12 +138,26 @@ def system_of_folder(folder: Path) -> CoordinateSystem | None:
             return system_of(parse_crs(image.crs.to_wkt(), path), path, centre)
 
 
-def nearest_to_the_middle(polygons: list[Polygon | MultiPolygon], limit: int) -> NDArray[np.int64]:
-    """The numbers of at most `limit` polygons, in their order: those nearest to the median of all."""
+def place_of(building: str, rows: list[dict[str, Any]], folder: Path) -> int:
+    """The place of a building's id in the rows."""
+    for place, row in enumerate(rows):
+        if str(row["id"]) == building:
+            return place
+    raise InputError.about(
+        folder, f"holds no building '{building}'", "take an id of the table in report.html"
+    )
+
+
+def nearest_buildings(
+    polygons: list[Polygon | MultiPolygon], limit: int, around: int | None = None
+) -> NDArray[np.int64]:
+    """The numbers of at most `limit` polygons, in their order: those nearest to the one of number `around`,
+    or to the median of all."""
     if len(polygons) <= limit:
         return np.arange(len(polygons))
     centres = shapely.get_coordinates(shapely.centroid(polygons))
-    away = np.hypot(*(centres - np.median(centres, axis=0)).T)
+    middle = np.median(centres, axis=0) if around is None else centres[around]
+    away = np.hypot(*(centres - middle).T)
     return np.asarray(np.sort(np.argsort(away, kind="stable")[:limit]))
 
 

@@ -14,9 +14,11 @@ from eaves.viewer.report import write_page
 log = logging.getLogger("eaves")
 
 
-def open_report(folder: str | Path, show: bool = True, again: bool = False) -> Path:
+def open_report(
+    folder: str | Path, show: bool = True, again: bool = False, around: str | None = None
+) -> Path:
     """The report.html of a run's folder, opened in the browser if `show`; made when missing, older than the
-    run, or `again`.
+    run, `again`, or `around` a building of a large run that the page does not draw.
 
     Raises
     ------
@@ -28,8 +30,8 @@ def open_report(folder: str | Path, show: bool = True, again: bool = False) -> P
     if not (folder / "footprints.gpkg").exists():
         raise InputError.about(folder, "holds no footprints.gpkg", "give the folder of a run of eaves build")
     newest = told if told.exists() else folder / "footprints.gpkg"
-    if again or not path.exists() or path.stat().st_mtime < newest.stat().st_mtime:
-        write_page(read_contents(folder), describe_run(folder))
+    if again or around is not None or not path.exists() or path.stat().st_mtime < newest.stat().st_mtime:
+        write_page(read_contents(folder, around=around), describe_run(folder))
     if show and not webbrowser.open(path.resolve().as_uri()):
         log.warning("no browser could be started; open %s", path)
     return path

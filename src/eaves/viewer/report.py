@@ -1,6 +1,6 @@
 """report.html: one page with the 3D scene, the table, the figures and the summary, that opens from disk.
 
-The scene is drawn by the page's own WebGL2 (the folder `page`, 40 kB): the ready-made viewers put 1 to 5 MB
+The scene is drawn by the page's own WebGL2 (the folder `page`, 60 kB): the ready-made viewers put 1 to 5 MB
 of script into every report, more than the data, and none picks a building out of points and meshes together.
 """
 
@@ -26,7 +26,7 @@ from eaves.tiling.outputs import Summary
 from eaves.viewer.contents import Contents, local_rings, read_contents
 from eaves.viewer.surfaces import CityFace, cut_into_triangles, edges_of
 
-SCRIPTS = ("arrays", "camera", "draw", "colours", "table", "main", "listen")
+SCRIPTS = ("arrays", "camera", "draw", "pace", "pick", "colours", "table", "charts", "main", "listen")
 COLUMNS = {
     "id": "id",
     "lod": "LoD",
@@ -44,6 +44,8 @@ COLUMNS = {
     "failure_reason": "reason",
 }
 """Columns of the table, where a run has them."""
+CHARTED = ("rmse95_m",)
+"""Attributes that the page's histograms show beside those of the table."""
 MILLIMETRES = 1000.0
 UNKNOWN_DISTANCE = 32767
 UNKNOWN_HEIGHT = 2_000_000_000
@@ -74,7 +76,7 @@ def render(contents: Contents, text: str) -> str:
     names = [Path(entry["path"]).name for entry in contents.run.get("inputs", ())]
     title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: " if names else ""
     shown, found = len(contents.rows), contents.buildings
-    heading = f"{found:,} buildings" if shown == found else f"{shown:,} of {found:,} buildings"
+    heading = f"{found:,} buildings" if shown == found else f"{found:,} buildings, {shown:,} of them drawn"
     return Template(parts["page.html"]).substitute(
         title=html.escape(f"{title}buildings by eaves"),
         headline=html.escape(text.split("\n")[0]),
@@ -114,11 +116,14 @@ def lods_of(contents: Contents) -> list[str]:
 
 def page_data(contents: Contents) -> dict[str, Any]:
     """What the script reads: rows, names, and the packed arrays."""
-    there = [name for name in COLUMNS if any(row.get(name) is not None for row in contents.rows)]
+    rows = [*contents.rows, *contents.others]
+    there = [name for name in COLUMNS if any(row.get(name) is not None for row in rows)]
+    numbers = {name for name in there if any(isinstance(row.get(name), int | float) for row in rows)}
     rows_high, columns = contents.terrain.shape
     return {
         "rows": contents.rows,
-        "columns": [{"name": name, "title": COLUMNS[name]} for name in there],
+        "others": pack_rows(contents.others, [*there, *CHARTED]),
+        "columns": [{"name": name, "title": COLUMNS[name], "number": name in numbers} for name in there],
         "lods": LODS,
         "base": contents.base,
         "modelled": bool(contents.faces),
@@ -177,6 +182,13 @@ def pack(values: NDArray[Any]) -> dict[str, str]:
     planes = flat.astype(flat.dtype.newbyteorder("<")).view(np.uint8).reshape(len(flat), flat.itemsize).T
     packed = zlib.compress(np.ascontiguousarray(planes).tobytes(), 6)
     return {"type": flat.dtype.name, "data": base64.b64encode(packed).decode("ascii")}
+
+
+def pack_rows(rows: list[dict[str, Any]], names: list[str]) -> dict[str, Any]:
+    """The named attributes of rows, a list each, as base64 of deflated JSON."""
+    columns = [[row.get(name) for row in rows] for name in names]
+    text = json.dumps(columns, separators=(",", ":"), default=str).encode("utf-8")
+    return {"names": names, "data": base64.b64encode(zlib.compress(text, 6)).decode("ascii")}
 
 
 def terrain_heights(contents: Contents, xy: Points) -> NDArray[np.float64]:

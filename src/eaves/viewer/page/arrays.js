@@ -1,10 +1,13 @@
 // Typed arrays out of the page: base64, deflate, bytes of one significance together (they compress best so).
 const KINDS = { uint8: Uint8Array, int16: Int16Array, uint16: Uint16Array, int32: Int32Array, uint32: Uint32Array };
 
-async function unpackArray({ type, data }) {
+function inflate(data) {
   const packed = Uint8Array.from(atob(data), letter => letter.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream('deflate'));
-  const planes = new Uint8Array(await new Response(stream).arrayBuffer());
+  return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream('deflate')));
+}
+
+async function unpackArray({ type, data }) {
+  const planes = new Uint8Array(await inflate(data).arrayBuffer());
   const width = KINDS[type].BYTES_PER_ELEMENT, count = planes.length / width, bytes = new Uint8Array(planes.length);
   for (let plane = 0; plane < width; plane++) {
     for (let item = 0, from = plane * count, to = plane; item < count; item++, from++, to += width) bytes[to] = planes[from];
@@ -15,6 +18,12 @@ async function unpackArray({ type, data }) {
 async function unpackAll(packed) {
   const names = Object.keys(packed), arrays = await Promise.all(names.map(name => unpackArray(packed[name])));
   return Object.fromEntries(names.map((name, place) => [name, arrays[place]]));
+}
+
+// Rows out of columns: the buildings that are not drawn, with what the table says of them.
+async function unpackRows({ names, data }) {
+  const columns = await inflate(data).json();
+  return (columns[0] || []).map((_, number) => Object.fromEntries(names.map((name, place) => [name, columns[place][number]])));
 }
 
 // Millimetres as metres.

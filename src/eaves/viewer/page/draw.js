@@ -1,8 +1,8 @@
-// WebGL2: points, triangles and lines with a colour and a building each; the same drawn as numbers to pick from.
+// WebGL2: points, triangles and lines, each with a colour and a building; what is not shown is not drawn.
 const VERTEX = `#version 300 es
 precision highp float;
 in vec3 position; in vec4 colour; in float building;
-uniform mat4 view; uniform float chosen, only, picking, points, strength; uniform vec3 mark, eye;
+uniform mat4 view; uniform float chosen, only, points, strength; uniform vec3 mark, eye;
 out vec3 place; out vec4 tint;
 void main() {
   place = position;
@@ -10,21 +10,15 @@ void main() {
   gl_Position = view * vec4(nearer, 1.0);
   gl_PointSize = points > 0.0 ? clamp(points / gl_Position.w, 1.5, 11.0) : -points;
   bool mine = chosen > 0.0 && abs(building - chosen) < 0.5;
-  bool shown = colour.a > 0.0 && (only < 0.5 || mine || building < 0.5);
-  if (!shown || (picking > 0.5 && building < 0.5 && colour.a < 0.99)) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+  if (only > 0.5 && !mine && building > 0.5) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
   tint = mine ? vec4(mix(colour.rgb, mark, strength), 1.0) : colour;
-  if (picking > 0.5) {
-    float rest = floor(building + 0.5);
-    tint = vec4(mod(rest, 256.0), mod(floor(rest / 256.0), 256.0), floor(rest / 65536.0), 255.0) / 255.0;
-  }
 }`;
 const FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 place; in vec4 tint;
-uniform float picking, shaded, points; uniform vec3 eye;
+uniform float shaded, points; uniform vec3 eye;
 out vec4 result;
 void main() {
-  if (picking > 0.5) { result = tint; return; }
   float light = 1.0;
   if (shaded > 0.5) {
     vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
@@ -33,14 +27,17 @@ void main() {
   } else if (points != 0.0 && distance(gl_PointCoord, vec2(0.5)) > 0.5) discard;
   result = vec4(tint.rgb * light, 1.0);
 }`;
-const UNIFORMS = ['view', 'chosen', 'only', 'picking', 'points', 'strength', 'mark', 'shaded', 'eye'];
+const UNIFORMS = ['view', 'chosen', 'only', 'points', 'strength', 'mark', 'shaded', 'eye'];
+// Vertices drawn in one call when a picture may be given up half-way.
+const PIECE = 90000;
 
 class Painter {
   constructor(canvas) {
-    const gl = this.gl = canvas.getContext('webgl2', { antialias: true, preserveDrawingBuffer: true });
+    const gl = this.gl = canvas.getContext('webgl2', { antialias: false, alpha: false, depth: false });
     if (!gl) throw new Error('this browser gives no WebGL2; the table and the figures below work without it');
     this.canvas = canvas;
     this.layers = [];
+    this.targets = new Map();
     const program = this.program = gl.createProgram();
     for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
       const shader = gl.createShader(kind);
@@ -53,11 +50,12 @@ class Painter {
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
     this.uniform = Object.fromEntries(UNIFORMS.map(name => [name, gl.getUniformLocation(program, name)]));
+    this.samples = Math.min(4, gl.getParameter(gl.MAX_SAMPLES));
   }
 
   // kind: 'points', 'triangles' or 'lines'; building holds a number for each vertex, 0 for none.
-  add(kind, position, building, { shaded = false, indices = null, pickable = true, strength = 0 } = {}) {
-    const gl = this.gl, vao = gl.createVertexArray(), count = position.length / 3;
+  add(kind, position, building, { shaded = false, strength = 0, minor = false } = {}) {
+    const gl = this.gl, vao = gl.createVertexArray();
     gl.bindVertexArray(vao);
     const fill = (place, data, size, type, normalised) => {
       const buffer = gl.createBuffer();
@@ -68,15 +66,11 @@ class Painter {
       return buffer;
     };
     fill(0, position, 3, gl.FLOAT, false);
-    const colour = fill(1, new Uint8Array(4 * count), 4, gl.UNSIGNED_BYTE, true);
+    const colour = fill(1, new Uint8Array(4 * position.length / 3), 4, gl.UNSIGNED_BYTE, true);
     fill(2, building, 1, gl.UNSIGNED_INT, false);
-    if (indices) {
-      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
-      gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, indices, gl.STATIC_DRAW);
-    }
     gl.bindVertexArray(null);
     const mode = { points: gl.POINTS, triangles: gl.TRIANGLES, lines: gl.LINES }[kind];
-    const layer = { kind, mode, vao, colour, count: indices ? indices.length : count, indexed: !!indices, shaded, pickable, strength };
+    const layer = { kind, mode, vao, colour, shaded, strength, minor, drawn: [] };
     this.layers.push(layer);
     return layer;
   }
@@ -86,16 +80,40 @@ class Painter {
     this.gl.bufferData(this.gl.ARRAY_BUFFER, colours, this.gl.DYNAMIC_DRAW);
   }
 
-  resize() {
-    const ratio = Math.min(2, window.devicePixelRatio || 1), { clientWidth, clientHeight } = this.canvas;
-    const [width, height] = [clientWidth, clientHeight].map(side => Math.max(1, Math.round(side * ratio)));
-    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
+  // The numbers of the vertices to draw: one list, or several from fine to coarse.
+  show(layer, ...lists) {
+    const gl = this.gl;
+    for (const { buffer } of layer.drawn) gl.deleteBuffer(buffer);
+    gl.bindVertexArray(null);
+    layer.drawn = lists.map(list => {
+      const buffer = gl.createBuffer();
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);
+      gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, list, gl.STATIC_DRAW);
+      return { buffer, count: list.length };
+    });
+    layer.shown = lists[0];
   }
 
-  paint(camera, look, picking = false) {
-    const gl = this.gl, uniform = this.uniform, { width, height } = this.canvas;
+  // What a picture of a quality is drawn with: lists of vertices in pieces that a slow machine can stop between.
+  pieces({ points, ground, lines }) {
+    const pieces = [];
+    for (const layer of this.layers) {
+      const list = layer.drawn[Math.min(ground, layer.drawn.length - 1)];
+      if (!list || (layer.minor && !lines)) continue;
+      const count = layer.kind === 'points' ? Math.min(points, list.count) : list.count;
+      const grown = layer.kind === 'points' ? Math.min(2.2, Math.sqrt(list.count / Math.max(1, count))) : 1;
+      for (let first = 0; first < count; first += PIECE) pieces.push({ layer, list, first, count: Math.min(PIECE, count - first), grown });
+    }
+    return pieces;
+  }
+
+  begin(camera, look, { scale, smooth }) {
+    const gl = this.gl, uniform = this.uniform, ratio = scale * Math.min(2, window.devicePixelRatio || 1);
+    const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map(side => Math.max(1, Math.round(side * ratio)));
+    this.target = this.targetOf(width, height, smooth ? this.samples : 0);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target.frame);
     gl.viewport(0, 0, width, height);
-    gl.clearColor(...(picking ? [0, 0, 0, 0] : [...look.background, 1]));
+    gl.clearColor(...look.background, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
@@ -104,53 +122,64 @@ class Painter {
     gl.uniform3fv(uniform.eye, camera.eye());
     gl.uniform1f(uniform.chosen, look.chosen);
     gl.uniform1f(uniform.only, look.only ? 1 : 0);
-    gl.uniform1f(uniform.picking, picking ? 1 : 0);
-    const spot = look.pointSize / camera.step(height);
-    for (const layer of this.layers) {
-      if (!layer.count || (picking && !layer.pickable)) continue;
-      const points = layer.kind === 'points' ? (camera.flat ? -Math.min(11, Math.max(1.5, spot)) : spot * camera.distance) : 0;
-      gl.uniform1f(uniform.points, points);
-      gl.uniform1f(uniform.shaded, layer.shaded ? 1 : 0);
-      gl.uniform1f(uniform.strength, layer.strength);
-      gl.uniform3fv(uniform.mark, look.mark);
-      if (layer.kind === 'triangles') {
-        gl.enable(gl.POLYGON_OFFSET_FILL);
-        gl.polygonOffset(1.5, 2);
-      } else gl.disable(gl.POLYGON_OFFSET_FILL);
-      gl.bindVertexArray(layer.vao);
-      if (layer.indexed) gl.drawElements(layer.mode, layer.count, gl.UNSIGNED_INT, 0);
-      else gl.drawArrays(layer.mode, 0, layer.count);
-    }
+    gl.uniform3fv(uniform.mark, look.mark);
+    this.spot = look.pointSize / camera.step(height);
+    this.far = camera.flat ? 0 : camera.distance;
+  }
+
+  draw({ layer, list, first, count, grown }) {
+    const gl = this.gl, uniform = this.uniform, spot = this.spot * grown;
+    const points = layer.kind !== 'points' ? 0 : this.far ? spot * this.far : -Math.min(11, Math.max(1.5, spot));
+    gl.uniform1f(uniform.points, points);
+    gl.uniform1f(uniform.shaded, layer.shaded ? 1 : 0);
+    gl.uniform1f(uniform.strength, layer.strength);
+    if (layer.kind === 'triangles') {
+      gl.enable(gl.POLYGON_OFFSET_FILL);
+      gl.polygonOffset(1.5, 2);
+    } else gl.disable(gl.POLYGON_OFFSET_FILL);
+    gl.bindVertexArray(layer.vao);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, list.buffer);
+    gl.drawElements(layer.mode, count, gl.UNSIGNED_INT, 4 * first);
     gl.bindVertexArray(null);
   }
 
-  // The building number drawn nearest to a place (pixels of the page) within three pixels; 0 for none.
-  pick(camera, look, x, y) {
-    const gl = this.gl, { width, height } = this.canvas, ratio = width / this.canvas.clientWidth;
-    if (!this.target || this.target.width !== width || this.target.height !== height) this.makeTarget(width, height);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target.frame);
-    this.paint(camera, look, true);
-    const reach = 3, side = 2 * reach + 1, pixels = new Uint8Array(4 * side * side);
-    gl.readPixels(Math.round(x * ratio) - reach, height - Math.round(y * ratio) - reach, side, side, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+  // The finished picture onto the page, which stretches it where it was drawn smaller.
+  present() {
+    const gl = this.gl, { canvas } = this, { frame, width, height } = this.target;
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, frame);
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+    gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    let best = 0, nearest = Infinity;
-    for (let place = 0; place < side * side; place++) {
-      const number = pixels[4 * place] + 256 * pixels[4 * place + 1] + 65536 * pixels[4 * place + 2];
-      const away = Math.hypot(place % side - reach, Math.floor(place / side) - reach);
-      if (number && away < nearest) [best, nearest] = [number, away];
-    }
-    return best;
   }
 
-  makeTarget(width, height) {
-    const gl = this.gl, frame = gl.createFramebuffer();
+  // Resolves when the graphics side has done all it was told.
+  async finished() {
+    const gl = this.gl, sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    while (sync && gl.clientWaitSync(sync, 0, 0) === gl.TIMEOUT_EXPIRED) await new Promise(done => setTimeout(done, 1));
+    gl.deleteSync(sync);
+  }
+
+  // A place to draw to: one for smooth edges, one for while it moves.
+  targetOf(width, height, samples) {
+    const gl = this.gl, old = this.targets.get(samples);
+    if (old && old.width === width && old.height === height) return old;
+    if (old) {
+      gl.deleteFramebuffer(old.frame);
+      for (const buffer of old.buffers) gl.deleteRenderbuffer(buffer);
+    }
+    const frame = gl.createFramebuffer(), buffers = [];
     gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
-    for (const [place, format] of [[gl.COLOR_ATTACHMENT0, gl.RGBA8], [gl.DEPTH_ATTACHMENT, gl.DEPTH_COMPONENT24]]) {
+    for (const [place, format] of [[gl.COLOR_ATTACHMENT0, gl.RGB8], [gl.DEPTH_ATTACHMENT, gl.DEPTH_COMPONENT24]]) {
       const buffer = gl.createRenderbuffer();
       gl.bindRenderbuffer(gl.RENDERBUFFER, buffer);
-      gl.renderbufferStorage(gl.RENDERBUFFER, format, width, height);
+      gl.renderbufferStorageMultisample(gl.RENDERBUFFER, samples, format, width, height);
       gl.framebufferRenderbuffer(gl.FRAMEBUFFER, place, gl.RENDERBUFFER, buffer);
+      buffers.push(buffer);
     }
-    this.target = { frame, width, height };
+    const target = { frame, buffers, width, height };
+    this.targets.set(samples, target);
+    return target;
   }
 }

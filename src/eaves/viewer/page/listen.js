@@ -23,7 +23,7 @@ function listenToCanvas(viewer) {
   const lift = event => {
     const box = canvas.getBoundingClientRect();
     if (down.delete(event.pointerId) && moved < 4 && event.type === 'pointerup' && event.button === 0) {
-      viewer.choose(viewer.painter.pick(camera, viewer.look, event.clientX - box.left, event.clientY - box.top) - 1, false);
+      viewer.choose(pickBuilding(viewer, event.clientX - box.left, event.clientY - box.top) - 1, false);
       viewer.ask();
     }
   };
@@ -58,9 +58,9 @@ function listenToControls(viewer) {
   for (const button of document.querySelectorAll('[data-view]')) button.addEventListener('click', () => viewer.view(button.dataset.view));
   const find = byId('find');
   find.addEventListener('change', () => {
-    const wanted = find.value.trim(), { rows } = viewer.scene;
-    let number = rows.findIndex(row => row.id === wanted);
-    if (number < 0 && wanted) number = rows.findIndex(row => String(row.id).includes(wanted));
+    const wanted = find.value.trim(), { all } = viewer;
+    let number = all.findIndex(row => row.id === wanted);
+    if (number < 0 && wanted) number = all.findIndex(row => String(row.id).includes(wanted));
     if (number >= 0) viewer.choose(number);
     else if (wanted) byId('said').textContent = `no building here has an id with ${wanted} in it`;
   });
@@ -78,30 +78,27 @@ function obeyAddress(viewer) {
   for (const [name, control] of [['lod', 'lod'], ['points', 'point-colour'], ['models', 'model-colour'], ['size', 'size']]) if (told.has(name)) byId(control).value = told.get(name);
   for (const [name, on] of [['on', true], ['off', false]]) for (const box of (told.get(name) || '').split(',')) if (byId(box)) byId(box).checked = on;
   viewer.refresh();
-  if (told.has('id')) viewer.choose(viewer.scene.rows.findIndex(row => row.id === told.get('id')));
+  if (told.has('id')) viewer.choose(viewer.all.findIndex(row => row.id === told.get('id')));
   for (const view of (told.get('view') || '').split(',')) if (view) viewer.view(view);
 }
 
 async function start() {
-  const charts = byId('charts'), { rows } = page;
+  const { rows } = page, all = rows.concat(await unpackRows(page.others));
   let viewer = null;
-  const table = new Table(byId('buildings'), page.columns, rows, number => {
+  const table = new Table(byId('buildings'), page.columns, all, number => {
     if (!viewer) return;
     viewer.choose(number);
     byId('scene').scrollIntoView({ block: 'nearest' });
   });
-  drawCharts(charts, rows);
+  drawCharts(byId('charts'), all);
   byId('ids').append(...rows.map(row => element('option', { value: row.id })));
   try {
-    viewer = new Viewer(readData(await unpackAll(page.arrays)));
-    viewer.table = table;
+    viewer = new Viewer(readData(await unpackAll(page.arrays)), all, table);
     listenToCanvas(viewer);
     listenToControls(viewer);
     obeyAddress(viewer);
     addEventListener('hashchange', () => obeyAddress(viewer));
     window.eaves = viewer;
-    viewer.painter.resize();
-    viewer.painter.paint(viewer.camera, viewer.look);
     document.documentElement.dataset.ready = 'yes';
   } catch (error) {
     byId('trouble').textContent = `No 3D view: ${error.message}.`;

@@ -3,9 +3,10 @@ const byId = name => document.getElementById(name);
 const page = JSON.parse(byId('data').textContent);
 
 function readData(arrays) {
+  const order = shuffled(arrays.point_class.length), mixed = (values, width) => reordered(values, order, width);
   const points = {
-    xyz: metres(arrays.point_xyz), classification: arrays.point_class, building: arrays.point_building,
-    plane: arrays.point_plane, distance: arrays.point_distance, count: arrays.point_class.length, base: page.base,
+    xyz: metres(mixed(arrays.point_xyz, 3)), classification: mixed(arrays.point_class, 1), building: mixed(arrays.point_building, 1),
+    plane: mixed(arrays.point_plane, 1), distance: mixed(arrays.point_distance, 1), count: order.length, base: page.base,
   };
   const triangles = {
     xyz: metres(arrays.triangle_xyz), building: arrays.triangle_building, lod: arrays.triangle_lod,
@@ -18,16 +19,33 @@ function readData(arrays) {
   return { points, triangles, edges, prints, terrain, rows: page.rows };
 }
 
+// The numbers below `count` in an order without a pattern, the same every time: the first of them are a fair sample.
+function shuffled(count) {
+  const order = Uint32Array.from({ length: count }, (_, place) => place);
+  for (let place = count - 1, state = 1; place > 0; place--) {
+    state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
+    const other = Math.floor(state / 2 ** 32 * (place + 1)), kept = order[place];
+    order[place] = order[other];
+    order[other] = kept;
+  }
+  return order;
+}
+
+function reordered(values, order, width) {
+  const out = new values.constructor(values.length);
+  for (let place = 0; place < order.length; place++) for (let k = 0; k < width; k++) out[width * place + k] = values[width * order[place] + k];
+  return out;
+}
+
 // Slope and azimuth (degrees, clockwise from north) of every triangle.
 function slopes({ xyz, count }) {
   const slope = new Float32Array(count), azimuth = new Float32Array(count);
-  for (let number = 0; number < count; number++) {
-    const [a, b, c] = [0, 3, 6].map(corner => xyz.subarray(9 * number + corner, 9 * number + corner + 3));
-    const one = b.map((value, axis) => value - a[axis]), two = c.map((value, axis) => value - a[axis]);
-    const normal = [one[1] * two[2] - one[2] * two[1], one[2] * two[0] - one[0] * two[2], one[0] * two[1] - one[1] * two[0]];
-    const up = Math.abs(normal[2]) / (Math.hypot(...normal) || 1);
-    slope[number] = Math.acos(Math.min(1, up)) * 180 / Math.PI;
-    azimuth[number] = (Math.atan2(normal[0], normal[1]) * 180 / Math.PI + 360) % 360;
+  for (let number = 0, at = 0; number < count; number++, at += 9) {
+    const ux = xyz[at + 3] - xyz[at], uy = xyz[at + 4] - xyz[at + 1], uz = xyz[at + 5] - xyz[at + 2];
+    const vx = xyz[at + 6] - xyz[at], vy = xyz[at + 7] - xyz[at + 1], vz = xyz[at + 8] - xyz[at + 2];
+    const east = uy * vz - uz * vy, north = uz * vx - ux * vz, up = ux * vy - uy * vx;
+    slope[number] = Math.acos(Math.min(1, Math.abs(up) / (Math.hypot(east, north, up) || 1))) * 180 / Math.PI;
+    azimuth[number] = (Math.atan2(east, north) * 180 / Math.PI + 360) % 360;
   }
   return { slope, azimuth };
 }
@@ -38,17 +56,24 @@ const repeated = (numbers, times) => {
   return out;
 };
 
+// The terrain's vertices, and its triangles over every cell, every second, fourth and eighth.
 function terrainMesh({ rows, columns, cell, west, north, heights }) {
-  const position = new Float32Array(3 * rows * columns), indices = [];
-  const missing = place => heights[place] > 1e6;
+  const position = new Float32Array(3 * rows * columns), missing = place => heights[place] > 1e6;
   for (let row = 0, place = 0; row < rows; row++) {
-    for (let column = 0; column < columns; column++, place++) {
-      position.set([west + (column + 0.5) * cell, north - (row + 0.5) * cell, missing(place) ? 0 : heights[place]], 3 * place);
-      const corners = [place, place + columns, place + 1, place + columns + 1];
-      if (row + 1 < rows && column + 1 < columns && !corners.some(missing)) indices.push(...[0, 1, 2, 2, 1, 3].map(corner => corners[corner]));
-    }
+    for (let column = 0; column < columns; column++, place++) position.set([west + (column + 0.5) * cell, north - (row + 0.5) * cell, missing(place) ? 0 : heights[place]], 3 * place);
   }
-  return { position, indices: new Uint32Array(indices) };
+  const stops = (count, step) => [...new Set([...Array(Math.ceil(count / step)).keys()].map(k => k * step).concat(Math.max(0, count - 1)))];
+  const details = [1, 2, 4, 8].map(step => {
+    const indices = [], down = stops(rows, step), along = stops(columns, step);
+    for (let i = 0; i + 1 < down.length; i++) {
+      for (let j = 0; j + 1 < along.length; j++) {
+        const [a, b, c, d] = [down[i] * columns + along[j], down[i + 1] * columns + along[j], down[i] * columns + along[j + 1], down[i + 1] * columns + along[j + 1]];
+        if (!missing(a) && !missing(b) && !missing(c) && !missing(d)) indices.push(a, b, c, c, b, d);
+      }
+    }
+    return Uint32Array.from(indices);
+  });
+  return { position, details };
 }
 
 function boxOf(scene) {
@@ -61,20 +86,21 @@ function boxOf(scene) {
 }
 
 class Viewer {
-  constructor(scene) {
-    this.scene = scene;
+  constructor(scene, all, table) {
+    Object.assign(this, { scene, all, table });
     scene.ground = terrainMesh(scene.terrain);
     const canvas = this.canvas = byId('scene');
     this.camera = new Camera(boxOf(scene), canvas.clientWidth / Math.max(1, canvas.clientHeight));
     const painter = this.painter = new Painter(canvas);
     const { points, triangles, edges, prints, ground } = scene;
     this.layers = {
-      ground: painter.add('triangles', ground.position, new Uint32Array(ground.position.length / 3), { shaded: true, indices: ground.indices, pickable: false }),
+      ground: painter.add('triangles', ground.position, new Uint32Array(ground.position.length / 3), { shaded: true }),
       models: painter.add('triangles', triangles.xyz, repeated(triangles.building, 3), { shaded: true, strength: 0.25 }),
-      edges: painter.add('lines', edges.xyz, repeated(edges.building, 2), { pickable: false, strength: 1 }),
-      prints: painter.add('lines', prints.xyz, repeated(prints.building, 2), { strength: 1 }),
+      edges: painter.add('lines', edges.xyz, repeated(edges.building, 2), { strength: 1, minor: true }),
+      prints: painter.add('lines', prints.xyz, repeated(prints.building, 2), { strength: 1, minor: true }),
       points: painter.add('points', points.xyz, Uint32Array.from(points.building)),
     };
+    this.pace = new Pace(painter, () => this.before(), quality => this.after(quality));
     this.look = { background: [1, 1, 1], mark: [1, 0.6, 0], chosen: 0, only: false, pointSize: 0.35 };
     this.finest = new Map();
     for (let number = 0; number < triangles.count; number++) {
@@ -103,7 +129,7 @@ class Viewer {
 
   checked(name) { return byId(name).checked; }
 
-  // Colours and visibility from the controls; a colour without opacity is not drawn.
+  // Colours and visibility from the controls; what has no colour is not drawn.
   refresh() {
     const { scene, painter, layers } = this, { points, triangles, edges, prints, ground } = scene;
     const style = getComputedStyle(document.documentElement), shade = name => bytes(style.getPropertyValue(name).trim());
@@ -113,51 +139,60 @@ class Viewer {
     const size = Number(byId('size').value);
     this.look.pointSize = 0.35 * size;
 
-    const fill = (count, times, colour) => {
-      const out = new Uint8Array(4 * count * times);
+    // Colours the `count` things of a layer, `width` vertices each, and draws those that get a colour.
+    const dress = (layer, count, width, colour) => {
+      const colours = new Uint8Array(4 * count * width), list = new Uint32Array(count * width);
+      let end = 0;
       for (let number = 0; number < count; number++) {
         const answer = colour(number);
         if (!answer) continue;
-        for (let copy = 0, place = 4 * number * times; copy < times; copy++, place += 4) {
-          out[place] = answer[0]; out[place + 1] = answer[1]; out[place + 2] = answer[2]; out[place + 3] = 255;
+        for (let vertex = number * width; vertex < (number + 1) * width; vertex++) {
+          colours[4 * vertex] = answer[0]; colours[4 * vertex + 1] = answer[1]; colours[4 * vertex + 2] = answer[2]; colours[4 * vertex + 3] = 255;
+          list[end++] = vertex;
         }
       }
-      return out;
+      painter.recolour(layer, colours);
+      painter.show(layer, list.slice(0, end));
     };
     const earth = shade('--earth'), line = shade('--line'), outline = shade('--outline');
-    painter.recolour(layers.ground, fill(ground.position.length / 3, 1, () => this.checked('ground') ? earth : null));
+    dress(layers.ground, ground.position.length / 3, 1, () => earth);
+    painter.show(layers.ground, ...(this.checked('ground') ? ground.details : [new Uint32Array(0)]));
 
     const pointWay = pointColours(byId('point-colour').value, scene), [on, under, other] = ['points-building', 'points-ground', 'points-other'].map(name => this.checked(name));
-    painter.recolour(layers.points, fill(points.count, 1, number => {
+    dress(layers.points, points.count, 1, number => {
       const wanted = points.building[number] ? on : points.classification[number] === 2 ? under : other;
       return wanted ? pointWay.at(number) : null;
-    }));
+    });
 
     const wantedLod = page.lods.indexOf(byId('lod').value), shown = (lod, row) => wantedLod < 0 ? lod === this.finest.get(row) : lod === wantedLod;
     const modelWay = modelColours(byId('model-colour').value, scene), [roofs, walls] = [this.checked('roofs'), this.checked('walls')];
     const red = bytes(LOD_COLOURS.none);
-    painter.recolour(layers.models, fill(triangles.count, 3, number => {
+    dress(layers.models, triangles.count, 3, number => {
       const row = triangles.building[number], kind = triangles.kind[number];
       if (!shown(triangles.lod[number], row) || !(kind === 1 ? walls : roofs)) return null;
       return this.finest.get(row) === 0 && wantedLod < 0 && page.modelled ? red : modelWay.at(number, row - 1);
-    }));
-    painter.recolour(layers.edges, fill(edges.count, 2, number => (this.checked('edges') && edges.lod[number] > 0 && shown(edges.lod[number], edges.building[number]) ? line : null)));
-    painter.recolour(layers.prints, fill(prints.count, 2, () => this.checked('prints') ? outline : null));
+    });
+    dress(layers.edges, edges.count, 2, number => (this.checked('edges') && edges.lod[number] > 0 && shown(edges.lod[number], edges.building[number]) ? line : null));
+    dress(layers.prints, prints.count, 2, () => this.checked('prints') ? outline : null);
     legend(byId('point-legend'), pointWay.legend);
     legend(byId('model-legend'), modelWay.legend);
     this.ask();
   }
 
-  ask() {
-    if (this.asked) return;
-    this.asked = true;
-    requestAnimationFrame(() => {
-      this.asked = false;
-      this.painter.resize();
-      this.camera.aspect = this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
-      this.painter.paint(this.camera, this.look);
-      this.measure();
-    });
+  ask() { this.pace.ask(); }
+
+  // Where the eye is and what is wanted, for the picture that is drawn next.
+  before() {
+    this.camera.aspect = this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
+    return [this.camera, this.look];
+  }
+
+  // Says what the picture leaves out.
+  after(quality) {
+    const here = this.layers.points.shown.length, drawn = Math.min(here, QUALITIES[quality].points);
+    byId('moving').hidden = !quality;
+    if (quality) byId('moving').textContent = `While it moves: ${drawn < here ? `${drawn.toLocaleString('en')} of ${here.toLocaleString('en')} points, ` : ''}coarser ground${QUALITIES[quality].lines ? '' : ', no lines'}, lower resolution`;
+    this.measure();
   }
 
   // Scale bar and north arrow.
@@ -169,21 +204,22 @@ class Viewer {
     byId('needle').style.transform = `rotate(${this.camera.azimuth}rad)`;
   }
 
+  // The building of a number among all; those that are not drawn come after those that are.
   choose(number, fly = true) {
-    const row = this.scene.rows[number];
-    this.look.chosen = row ? number + 1 : 0;
+    const row = this.all[number], spot = this.spots[number];
+    this.look.chosen = spot ? number + 1 : 0;
     byId('building').hidden = !row;
     byId('find').value = row ? row.id : '';
     document.documentElement.dataset.chosen = row ? row.id : '';
     if (row) {
       describe(byId('building'), row, number, this.scene);
-      byId('said').textContent = `building ${row.id} chosen`;
-      if (fly) {
-        const { low, high } = this.spots[number];
-        if (Number.isFinite(low[0])) this.camera.flyTo(low.map((value, axis) => (value + high[axis]) / 2), Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) / 2);
+      byId('said').textContent = `building ${row.id} chosen${spot ? '' : ', which is not drawn'}`;
+      if (fly && spot && Number.isFinite(spot.low[0])) {
+        const { low, high } = spot;
+        this.camera.flyTo(low.map((value, axis) => (value + high[axis]) / 2), Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) / 2);
       }
     }
-    this.table.mark(number);
+    this.table.mark(row ? number : -1);
     this.ask();
   }
 

@@ -1,0 +1,77 @@
+// When what is drawn: all of it where the machine keeps up; else less while it moves, and all of it once it rests.
+const QUALITIES = [
+  { scale: 1, smooth: true, points: Infinity, ground: 0, lines: true },
+  { scale: 1, smooth: false, points: 120000, ground: 1, lines: true },
+  { scale: 0.7, smooth: false, points: 40000, ground: 2, lines: true },
+  { scale: 0.5, smooth: false, points: 15000, ground: 3, lines: false },
+  { scale: 0.35, smooth: false, points: 8000, ground: 3, lines: false },
+];
+// Milliseconds: a frame that takes longer is drawn coarser, one that is shorter may get finer, and how long it
+// rests before the whole picture is drawn.
+const LONG = 45, SHORT = 22, REST = 160;
+
+class Pace {
+  constructor(painter, before, after) {
+    Object.assign(this, { painter, before, after, quality: 0, asked: 0, painted: 0, running: false, easy: 0 });
+  }
+
+  ask() {
+    this.asked++;
+    document.documentElement.dataset.still = 'no';
+    if (!this.running) this.run();
+  }
+
+  async run() {
+    this.running = true;
+    for (let answered = 0, shown = 0; answered !== this.asked || shown > 0;) {
+      await new Promise(requestAnimationFrame);
+      if (answered !== this.asked) {
+        answered = this.asked;
+        shown = this.quality;
+        this.adapt(await this.paint(QUALITIES[shown]));
+        this.after(shown);
+        if (shown) await this.rest(answered);
+      } else if (await this.paintWhole(answered)) this.after(shown = 0);
+    }
+    this.running = false;
+    document.documentElement.dataset.still = 'yes';
+  }
+
+  // One picture at once; the milliseconds it took.
+  async paint(quality) {
+    const began = performance.now(), { painter } = this;
+    painter.begin(...this.before(), quality);
+    painter.pieces(quality).forEach(piece => painter.draw(piece));
+    painter.present();
+    await painter.finished();
+    this.painted++;
+    return performance.now() - began;
+  }
+
+  // The whole picture, given up as soon as something else is asked for; whether it was finished.
+  async paintWhole(answered) {
+    const { painter } = this, [quality] = QUALITIES;
+    painter.begin(...this.before(), quality);
+    for (const piece of painter.pieces(quality)) {
+      painter.draw(piece);
+      await painter.finished();
+      if (this.asked !== answered) return false;
+    }
+    painter.present();
+    await painter.finished();
+    return true;
+  }
+
+  adapt(milliseconds) {
+    const last = QUALITIES.length - 1;
+    if (milliseconds > 8 * LONG) this.quality = Math.max(this.quality, last - 1);
+    else if (milliseconds > LONG) this.quality = Math.min(last, this.quality + 1);
+    this.easy = milliseconds < SHORT ? this.easy + 1 : 0;
+    if (this.easy > 12 && this.quality > 0) [this.quality, this.easy] = [this.quality - 1, 0];
+  }
+
+  async rest(answered) {
+    const until = performance.now() + REST;
+    while (this.asked === answered && performance.now() < until) await new Promise(done => setTimeout(done, 15));
+  }
+}
