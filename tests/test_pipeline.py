@@ -78,12 +78,13 @@ def test_resume_does_not_compute_what_is_done(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from eaves.tiling import build as tiling
+    from eaves.tiling import region
 
-    monkeypatch.setattr(tiling, "write_outputs", lambda *args, **kwargs: 1 / 0)
+    monkeypatch.setattr(region, "write_outputs", lambda *args, **kwargs: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         tiling.build(nine_roofs_file, tmp_path)
     monkeypatch.undo()
-    monkeypatch.setattr(tiling, "block_pass", lambda *args: 1 / 0)
+    monkeypatch.setattr(region, "block_pass", lambda *args: 1 / 0)
     assert tiling.build(nine_roofs_file, tmp_path, options=Options(resume=True)).complete
     summary = tiling.build(nine_roofs_file, tmp_path)
     assert not summary.complete
@@ -94,8 +95,9 @@ def test_a_broken_building_keeps_the_others(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from eaves.tiling import build as tiling
+    from eaves.tiling import region
 
-    real, seen = tiling.building_pass, []
+    real, seen = region.building_pass, []
 
     def fails_once(*words: Any) -> object:
         seen.append(1)
@@ -103,7 +105,7 @@ def test_a_broken_building_keeps_the_others(
             raise RuntimeError("on purpose")
         return real(*words)
 
-    monkeypatch.setattr(tiling, "building_pass", fails_once)
+    monkeypatch.setattr(region, "building_pass", fails_once)
     summary = tiling.build(nine_roofs_file, tmp_path)
     assert summary.found == 9
     assert summary.failures == {"internal_error": 1}

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from eaves.tiling.runners import run
+from eaves.tiling.runners import Outcome, Workers
+
+
+def run(work: Callable[[Any], Any], tasks: Sequence[Any], jobs: int) -> list[Outcome]:
+    with Workers(jobs) as workers:
+        return list(workers.run(work, tasks))
 
 
 def half(value: int) -> int:

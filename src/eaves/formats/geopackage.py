@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,8 @@ DRIVERS = {
     ".geojson": "GeoJSON",
     ".json": "GeoJSON",
 }
+PIECE_ROWS = 20_000
+"""Rows of a GeoPackage in memory at a time; the other formats cannot be added to and take all at once."""
 OGR_ERRORS = (DataSourceError, DataLayerError, FeatureError, FieldError, GeometryError)
 
 
@@ -44,14 +47,15 @@ class Row:
 
 def write_geopackage(
     path: str | Path,
-    footprints: Sequence[Row],
-    roof_planes: Sequence[Row] = (),
+    footprints: Iterable[Row],
+    roof_planes: Iterable[Row] = (),
     system: CoordinateSystem = LOCAL_METRES,
 ) -> None:
     """Write the layers `footprints` and `roof_planes` of a GeoPackage, geometry in the system's units.
 
     A column's type is that of its values: whole numbers, numbers, truth, text; what is missing or NaN is
-    null. The columns stand in the order in which the rows bring them up.
+    null. The columns stand in the order in which the rows bring them up. Rows are gone through twice, and
+    written piece by piece: an iterable that makes them anew each time needs the memory of one piece.
     """
     with atomic(path) as temporary:
         for layer, rows in (("footprints", footprints), ("roof_planes", roof_planes)):
@@ -59,7 +63,7 @@ def write_geopackage(
 
 
 def write_polygons(
-    path: str | Path, rows: Sequence[Row], system: CoordinateSystem = LOCAL_METRES, layer: str = "footprints"
+    path: str | Path, rows: Iterable[Row], system: CoordinateSystem = LOCAL_METRES, layer: str = "footprints"
 ) -> None:
     """Write one layer in the format of the file's extension: .gpkg, .fgb, .geojson.
 
@@ -130,7 +134,9 @@ def read_polygons(
     if len(kept) < len(shapes):
         log.warning("%s: %d features without coordinates are left out", path, len(shapes) - len(kept))
     polygons, system = _in_metres(path, shapes[kept], meta["crs"], target)
-    attributes = [{name: _plain(columns[k][n], kinds_of[name]) for k, name in enumerate(names)} for n in kept]
+    attributes = [
+        {name: plain_value(columns[k][n], kinds_of[name]) for k, name in enumerate(names)} for n in kept
+    ]
     ids = [str(row[id_field]) if id_field else str(n + 1) for n, row in zip(kept, attributes, strict=True)]
     return polygons, ids, attributes, system
 
@@ -205,15 +211,57 @@ def _in_metres(
     return list(shapely.transform(shapes, lambda xy: xy * unit)) if unit != 1.0 else list(shapes), system
 
 
-def _write_layer(path: Path, rows: Sequence[Row], system: CoordinateSystem, driver: str, layer: str) -> None:
+@dataclass
+class _Schema:
+    """What all rows of a layer have in common."""
+
+    kinds: dict[str, set[type]] = field(default_factory=dict)
+    """Types of the known values by column, in the order of their coming."""
+    several: bool = False
+    upright: bool = True
+    count: int = 0
+
+    @classmethod
+    def of(cls, rows: Iterable[Row]) -> _Schema:
+        schema = cls()
+        for row in rows:
+            schema.count += 1
+            schema.several |= row.geometry is not None and row.geometry.geom_type == "MultiPolygon"
+            schema.upright &= row.geometry is not None and bool(row.geometry.has_z)
+            for name, value in row.attributes.items():
+                kinds = schema.kinds.setdefault(name, set())
+                plain = plain_value(value)
+                if plain is not None:
+                    kinds.add(type(plain))
+        schema.upright &= schema.count > 0
+        return schema
+
+
+def _write_layer(path: Path, rows: Iterable[Row], system: CoordinateSystem, driver: str, layer: str) -> None:
+    schema = _Schema.of(rows)
+    waiting = iter(rows)
+    piece = list(islice(waiting, PIECE_ROWS if driver == "GPKG" else None))
+    _write_rows(path, piece, schema, system, driver, layer, append=path.exists())
+    while piece := list(islice(waiting, PIECE_ROWS)):
+        _write_rows(path, piece, schema, system, driver, layer, append=True)
+
+
+def _write_rows(
+    path: Path,
+    rows: Sequence[Row],
+    schema: _Schema,
+    system: CoordinateSystem,
+    driver: str,
+    layer: str,
+    append: bool,
+) -> None:
     shapes = np.array([row.geometry for row in rows] or [], dtype=object)
-    upright = len(shapes) > 0 and bool(shapely.has_z(shapes).all())
     if system.unit_m != (1.0, 1.0, 1.0) and len(shapes):
-        unit = np.array(system.unit_m if upright else system.unit_m[:2])
-        shapes = shapely.transform(shapes, lambda xyz: xyz / unit, include_z=upright)
-    several = any(shape is not None and shape.geom_type == "MultiPolygon" for shape in shapes)
-    names = list(dict.fromkeys(name for row in rows for name in row.attributes))
-    columns = [column_of([row.attributes.get(name) for row in rows]) for name in names]
+        unit = np.array(system.unit_m if schema.upright else system.unit_m[:2])
+        shapes = shapely.transform(shapes, lambda xyz: xyz / unit, include_z=schema.upright)
+    columns = [
+        _column([row.attributes.get(name) for row in rows], kinds) for name, kinds in schema.kinds.items()
+    ]
     with warnings.catch_warnings():  # a local system has no projection to tell, and the reader has said so
         warnings.filterwarnings("ignore", message="'crs' was not provided")
         pyogrio.raw.write(
@@ -221,30 +269,37 @@ def _write_layer(path: Path, rows: Sequence[Row], system: CoordinateSystem, driv
             geometry=shapely.to_wkb(shapes) if len(shapes) else shapes,
             field_data=[values for values, _ in columns],
             field_mask=[missing for _, missing in columns],
-            fields=np.array(names, dtype=object),
+            fields=np.array(list(schema.kinds), dtype=object),
             layer=layer,
             driver=driver,
-            geometry_type=("MultiPolygon" if several else "Polygon") + (" Z" if upright else ""),
-            promote_to_multi=several,
+            geometry_type=("MultiPolygon" if schema.several else "Polygon")
+            + (" Z" if schema.upright else ""),
+            promote_to_multi=schema.several,
             crs=system.wkt,
-            append=path.exists(),
+            append=append,
         )
 
 
 def column_of(values: list[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """An array of the one type that holds all values, and where they are missing."""
-    plain = [_plain(value) for value in values]
-    missing = np.array([value is None for value in plain])
-    known = [value for value in plain if value is not None]
-    for kinds, dtype, filler in ((bool, np.bool_, False), (int, np.int64, 0), (int | float, np.float64, 0.0)):
-        if known and all(
-            isinstance(value, kinds) and (kinds is bool or not isinstance(value, bool)) for value in known
-        ):
+    return _column(values, {type(plain) for value in values if (plain := plain_value(value)) is not None})
+
+
+def _column(values: list[Any], kinds: set[type]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """An array of values, of a column whose known ones have these types, and where they are missing."""
+    plain = [plain_value(value) for value in values]
+    missing = np.array([value is None for value in plain], bool)
+    for allowed, dtype, filler in (
+        ({bool}, np.bool_, False),
+        ({int}, np.int64, 0),
+        ({int, float}, np.float64, 0.0),
+    ):
+        if kinds and kinds <= allowed:
             return np.array([filler if value is None else value for value in plain], dtype), missing
     return np.array([None if value is None else str(value) for value in plain], dtype=object), missing
 
 
-def _plain(value: Any, kind: str = "") -> Any:
+def plain_value(value: Any, kind: str = "") -> Any:
     """A Python value; None for NaN and for what is missing.
 
     `kind` is the column's type: whole numbers and truths come as floats from a column with gaps.

@@ -22,16 +22,21 @@ NEEDED = (
     | lazrs.SELECTIVE_DECOMPRESS_FLAGS
 )
 EVERYTHING = lazrs.SELECTIVE_DECOMPRESS_ALL
+WHOLE = (0, 1)
+"""The one part of a file that is not shared."""
 FIRST_LAYERED_FORMAT = 6
 """From this point format on, classes have a byte of their own (LAS 1.4, tables 7 and 16)."""
 
 
 def iter_las(
-    header: LasHeader, rectangle: tuple[float, float, float, float] | None, size: int
+    header: LasHeader,
+    rectangle: tuple[float, float, float, float] | None,
+    size: int,
+    part: tuple[int, int] = WHOLE,
 ) -> Iterator[Chunk]:
     """Chunks of about `size` points; with a rectangle (west, south, east, north), of COPC only the nodes
     it meets."""
-    for position, records in iter_records(header, size, rectangle, NEEDED):
+    for position, records in iter_records(header, size, rectangle, NEEDED, part):
         yield _decode(header, position, records)
 
 
@@ -40,15 +45,20 @@ def iter_records(
     size: int,
     rectangle: tuple[float, float, float, float] | None = None,
     selection: int = EVERYTHING,
+    part: tuple[int, int] = WHOLE,
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
-    """Positions (N,) and point records (N, record length) as bytes, decompressed, about `size` at a time."""
+    """Positions (N,) and point records (N, record length) as bytes, decompressed, about `size` at a time.
+
+    `part` (k, n) asks for the k-th of n runs of records; a COPC file comes node by node in either case.
+    """
     if not header.count:
         return
     with header.path.open("rb") as file:
         if not header.compressed:
-            file.seek(header.data_offset)
-            for first in range(0, header.count, size):
-                number = min(size, header.count - first)
+            start, end = (header.count * (part[0] + step) // part[1] for step in (0, 1))
+            file.seek(header.data_offset + start * header.record_length)
+            for first in range(start, end, size):
+                number = min(size, end - first)
                 data = file.read(number * header.record_length)
                 if len(data) < number * header.record_length:
                     raise InputError.about(header.path, f"ends before point {first + number}", COPY_AGAIN)
@@ -59,7 +69,9 @@ def iter_records(
         which = np.arange(len(table.points))
         if rectangle is not None and header.copc is not None:
             which = chunks_within(file, header, table, rectangle)
-        yield from decompress(file, header, table, which, selection, size)
+        start, end = (len(which) * (part[0] + step) // part[1] for step in (0, 1))
+        if start < end:
+            yield from decompress(file, header, table, which[start:end], selection, size)
 
 
 def _decode(header: LasHeader, position: NDArray[np.int64], records: NDArray[np.uint8]) -> Chunk:

@@ -65,6 +65,11 @@ class LasHeader:
         return self.record("copc", 1)
 
     @property
+    def projection(self) -> tuple[tuple[str, int, bytes], ...]:
+        """The records that tell the coordinate system."""
+        return tuple(record for record in self.records if record[0] == "LASF_Projection")
+
+    @property
     def extent_is_known(self) -> bool:
         """Whether the bounding box can be meant: finite, ordered, within what the record can store."""
         for low, high, scale, offset in zip(

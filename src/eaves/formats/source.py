@@ -6,23 +6,26 @@ import glob
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pyproj
-from numpy.typing import NDArray
 
 from eaves.formats.chunk import Chunk
 from eaves.formats.crs import agree, degrees_remedy, parse_crs, system_of
 from eaves.formats.errors import InputError
-from eaves.formats.las import iter_las
+from eaves.formats.las import WHOLE, iter_las
 from eaves.formats.las_header import LasHeader, is_las, read_las_header
 from eaves.formats.text import TextLayout, iter_text, read_text_layout
-from eaves.model import Bounds, CoordinateSystem, Mask, PointCloud, Points
+from eaves.model import Block, Bounds, CoordinateSystem, Mask, PointCloud, Points
+from eaves.model.cloud import snap
 from eaves.model.coordinates import LOCAL_METRES
 
 Corner = tuple[float, float, float]
 FIELDS = ("return_number", "number_of_returns", "classification")
+MISSING = {"return_number": 1, "number_of_returns": 1, "classification": 0}
+"""What stands for a field in points of files that lack it."""
 
 log = logging.getLogger("eaves")
 
@@ -51,6 +54,11 @@ class Source:
     fields: tuple[str, ...]
     """Which of `return_number`, `number_of_returns`, `classification` the points carry."""
     layout: LasHeader | TextLayout = field(repr=False, compare=False)
+
+    @property
+    def measured(self) -> bool:
+        """Whether the points had to be read to know this."""
+        return not (isinstance(self.layout, LasHeader) and self.layout.extent_is_known)
 
 
 def find_inputs(paths: str | Path | Sequence[str | Path]) -> list[Path]:
@@ -124,23 +132,32 @@ def common_system(sources: Sequence[Source]) -> CoordinateSystem:
         When units or systems differ.
     """
     system = agree((source.path, source.system) for source in sources)
+    warn_without_system(system, sources[0].path, len(sources))
+    return system
+
+
+def warn_without_system(system: CoordinateSystem, first: Path, count: int) -> None:
+    """Say so, once for `count` files, when they have no coordinate system."""
     if system.wkt is None:
         log.warning(
             "%s has no coordinate system: a local plane in metres is assumed; if it is in feet, or has a "
             "place on Earth, pass crs= or --crs",
-            sources[0].path if len(sources) == 1 else f"{sources[0].path} (as the other {len(sources) - 1})",
+            first if count == 1 else f"{first} (as the other {count - 1})",
         )
-    return system
 
 
 def iter_chunks(
-    source: Source, bounds: Bounds | None = None, chunk_points: int = CHUNK_POINTS
+    source: Source,
+    bounds: Bounds | None = None,
+    chunk_points: int = CHUNK_POINTS,
+    part: tuple[int, int] = WHOLE,
 ) -> Iterator[Chunk]:
     """The points of a file in world metres, in its order, about `chunk_points` at a time.
 
-    Withheld points and points without coordinates (NaN, or x = y = z = 0) are left out; positions count them.
-    With `bounds` (world metres, half-open) only the points inside come; of COPC only the nodes needed are
-    read.
+    `part` (k, n) gives the k-th of n runs of the file's records, so that several processes share a file; of a
+    text file the first run is the whole. Withheld points and points without coordinates (NaN, or
+    x = y = z = 0) are left out; positions count them. With `bounds` (world metres, half-open) only the points
+    inside come; of COPC only the nodes needed are read.
     """
     units = np.array(source.system.unit_m)
     unit = source.system.horizontal_unit_m
@@ -148,7 +165,7 @@ def iter_chunks(
     if bounds is not None:
         rectangle = bounds.west / unit, bounds.south / unit, bounds.east / unit, bounds.north / unit
     lost = 0
-    for chunk in _native_chunks(source.layout, rectangle, chunk_points):
+    for chunk in _native_chunks(source.layout, rectangle, chunk_points, part):
         use = has_coordinates(chunk.xyz)
         lost += len(chunk) - int(np.count_nonzero(use))
         if chunk.withheld is not None:
@@ -190,29 +207,38 @@ def read(
     """
     sources = [open_source(path, crs) for path in find_inputs(paths)]
     system = common_system(sources)
-    chunks: list[Chunk] = []
-    starts: list[int] = []
-    before = 0
+    total = sum(source.count for source in sources)
+    try:
+        xyz, point_id = np.empty((total, 3)), np.empty(total, np.int64)
+        known = {name: np.empty(total, np.uint8) for name in FIELDS if any(name in s.fields for s in sources)}
+    except MemoryError:
+        raise InputError.about(
+            sources[0].path,
+            f"memory does not hold {total} points at once",
+            "run eaves build, or pass bounds=",
+        ) from None
+    before = filled = 0
     for source in sources:
         for chunk in iter_chunks(source, bounds):
-            chunks.append(chunk)
-            starts.append(before)
+            place = slice(filled, filled := filled + len(chunk))
+            xyz[place], point_id[place] = chunk.xyz, chunk.position + before
+            for name, values in known.items():
+                given = getattr(chunk, name)
+                values[place] = MISSING[name] if given is None else given
         before += source.count
-    total = sum(map(len, chunks))
-    if before and not total and bounds is None:
+    if total and not filled and bounds is None:
         raise InputError.about(
-            sources[0].path, f"none of its {before} points has coordinates", "export the points again"
+            sources[0].path, f"none of its {total} points has coordinates", "export the points again"
         )
-    return PointCloud.from_world(
-        np.concatenate([chunk.xyz for chunk in chunks]) if chunks else np.zeros((0, 3)),
-        return_number=_joined([chunk.return_number for chunk in chunks], chunks, 1),
-        number_of_returns=_joined([chunk.number_of_returns for chunk in chunks], chunks, 1),
-        classification=_joined([chunk.classification for chunk in chunks], chunks, 0),
-        point_id=np.concatenate([chunk.position + start for chunk, start in zip(chunks, starts, strict=True)])
-        if chunks
-        else np.zeros(0, np.int64),
-        system=system,
-    )
+    # what was left out frees its memory with the whole arrays only if it is much
+    trim = slice(None) if filled > total // 2 else np.arange(filled)
+    arrays = {name: values[:filled][trim] for name, values in known.items()}
+    xyz, point_id = xyz[:filled][trim], point_id[:filled][trim]
+    origin = Block.at(*xyz[:, :2].min(axis=0)).origin if filled else (0.0, 0.0)
+    for first in range(0, filled, CHUNK_POINTS):  # in place, for a second copy is what memory runs out of
+        piece = xyz[first : first + CHUNK_POINTS]
+        piece[...] = snap(piece - np.array([*origin, 0.0]))
+    return PointCloud(xyz=xyz, origin=origin, point_id=point_id, system=system, **arrays)
 
 
 def has_coordinates(xyz: Points) -> Mask:
@@ -221,27 +247,16 @@ def has_coordinates(xyz: Points) -> Mask:
     return np.asarray(finite & ((xyz[:, 0] != 0) | (xyz[:, 1] != 0) | (xyz[:, 2] != 0)))
 
 
-def _joined(
-    arrays: list[NDArray[np.uint8] | None], chunks: list[Chunk], missing: int
-) -> NDArray[np.uint8] | None:
-    """One array of the chunks' arrays; `missing` stands in for files that lack the field; None if all do."""
-    if all(array is None for array in arrays):
-        return None
-    return np.concatenate(
-        [
-            np.full(len(chunk), missing, np.uint8) if array is None else array
-            for array, chunk in zip(arrays, chunks, strict=True)
-        ]
-    )
-
-
 def _native_chunks(
-    layout: LasHeader | TextLayout, rectangle: tuple[float, float, float, float] | None, size: int
+    layout: LasHeader | TextLayout,
+    rectangle: tuple[float, float, float, float] | None,
+    size: int,
+    part: tuple[int, int] = WHOLE,
 ) -> Iterator[Chunk]:
     """Chunks in the file's own units."""
     if isinstance(layout, TextLayout):
-        return iter_text(layout, size)
-    return iter_las(layout, rectangle, size)
+        return iter_text(layout, size) if part[0] == 0 else iter(())
+    return iter_las(layout, rectangle, size, part)
 
 
 def _open_las(path: Path, crs: str | None) -> Source:
@@ -249,10 +264,24 @@ def _open_las(path: Path, crs: str | None) -> Source:
     count, low, high = header.count, header.lowest, header.highest
     if not header.extent_is_known:
         count, low, high = _measured(header)
-    declared, vertical_unit = (parse_crs(crs), None) if crs else header.crs()
-    system = _system(path, declared, vertical_unit, low, high, min(map(abs, header.scales[:2])))
+    declared = _declared(_Projection(header.projection, crs, header))
+    system = _system(path, *declared, low, high, min(map(abs, header.scales[:2])))
     kind = "copc" if header.compressed and header.copc is not None else "laz" if header.compressed else "las"
     return _source(kind, count, low, high, system, FIELDS, header)
+
+
+@dataclass(frozen=True)
+class _Projection:
+    """What decides a file's system: its projection records, or what the caller says instead."""
+
+    records: tuple[tuple[str, int, bytes], ...]
+    crs: str | None
+    header: LasHeader = field(compare=False)
+
+
+@lru_cache(maxsize=64)  # the tiles of a country say the same thing a million times
+def _declared(said: _Projection) -> tuple[pyproj.CRS | None, float | None]:
+    return (parse_crs(said.crs), None) if said.crs else said.header.crs()
 
 
 def _open_text(path: Path, crs: str | None) -> Source:

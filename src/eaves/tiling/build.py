@@ -1,45 +1,30 @@
-"""From files to files: index, scatter, block pass, join, building pass, outputs."""
+"""The door: what is asked for is checked, and computed as one region or tile by tile."""
 
 from __future__ import annotations
 
 import hashlib
 import logging
-import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from eaves.formats import InputError, Source, common_system, find_inputs, open_source
-from eaves.model import Block, Bounds, Failure, Footprint
-from eaves.pipeline import (
-    BuildingPoints,
-    BuildingResult,
-    Clock,
-    Recipe,
-    block_pass,
-    building_pass,
-    draw_footprints,
-    make_recipe,
-)
+from eaves.formats import InputError, find_inputs
+from eaves.formats.disk import report_full_disk
+from eaves.model import Bounds
+from eaves.pipeline import Recipe, make_recipe
 from eaves.tiling.exports import check_formats
-from eaves.tiling.gather import Gatherer
-from eaves.tiling.join import HomePlan, Seam, assign_footprints, join_regions
-from eaves.tiling.outputs import EVERYTHING, Summary, write_outputs
-from eaves.tiling.runners import Outcome, peak_memory_mb, run
-from eaves.tiling.scatter import scatter_points
-from eaves.tiling.store import Store
+from eaves.tiling.index import Index, index_inputs
+from eaves.tiling.outputs import EVERYTHING, Summary
+from eaves.tiling.region import Job, Tell, everywhere
+from eaves.tiling.runners import Workers
+from eaves.tiling.scatter import Window
+from eaves.tiling.tiles import TILES_ABOVE, by_tiles
 from eaves.tiling.vectors import area_of, in_metres, read_area, read_footprints
 
 log = logging.getLogger("eaves")
-WORK_FOLDER = ".eaves-work"
-"""Folder inside the output folder for parts; it goes when the run is complete."""
-
-Tell = Callable[[str, int, int], None]
-"""Hears progress: stage, done, total."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +46,8 @@ class Options:
     block: float = 240.0
     outputs: tuple[str, ...] = ()
     """Names of the outputs to write (tiling.outputs.EVERYTHING); all for none."""
+    per_tile: bool = False
+    """Compute and write by tiles, each on its own, also where there are few points (tiling.tiles)."""
     classified: Path | None = None
     """Where the classified points of the one input go, without extra dimensions and without a run.json."""
 
@@ -91,6 +78,8 @@ def build(
     ------
     InputError
         When an input cannot be used; nothing is written then.
+    DiskFullError
+        When the disk is; what is done stays for a run with `resume`.
     """
     started = time.time()
     recipe, options = recipe or make_recipe(), options or Options()
@@ -98,145 +87,36 @@ def build(
     folder = Path(out)
     paths = find_inputs([inputs] if isinstance(inputs, str | Path) else inputs)
     failed: list[str] = []
-    sources = open_all(paths, options.crs, failed)
-    system = common_system(sources)
-    bounds = in_metres(options.bounds, system)
-    clip = None if options.clip is None else read_area(options.clip, system)
+    index = index_inputs(paths, options.crs, failed, lambda done, total: tell("index", done, total))
+    bounds = in_metres(options.bounds, index.system)
+    clip = None if options.clip is None else read_area(options.clip, index.system)
     given = None
     if options.footprints is not None:
-        area = area_of([source.bounds for source in sources], bounds, clip)
-        given = read_footprints(options.footprints, options.id_field, system, area)
-    if options.classified is not None and len(sources) > 1:
+        area = area_of(index.entries["box"], bounds, clip)
+        given = read_footprints(options.footprints, options.id_field, index.system, area)
+    if options.classified is not None and len(index) > 1:
         raise InputError(
-            f"{options.classified}: one file cannot hold {len(sources)} inputs; give a folder with -o"
+            f"{options.classified}: one file cannot hold {len(index)} inputs; give a folder with -o"
         )
     claim(folder)
-
-    plan = describe(sources, recipe, options)
-    store = Store(
-        folder / (WORK_FOLDER if options.classified is None else f"{WORK_FOLDER}-{options.classified.stem}"),
-        has_returns=any("return_number" in source.fields for source in sources),
-        has_classes=any("classification" in source.fields for source in sources),
-        system=system,
-    )
-    if not (options.resume and store.matches(plan)):
-        store.discard()
-        store.prepare()
-        total, read = sum(source.count for source in sources), 0
-
-        def read_more(points: int) -> None:
-            nonlocal read
-            read += points
-            tell("read", read, total)
-
-        unread = scatter_points(sources, store, options.block, bounds, clip, read_more)
-        if len(unread) == len(sources):
-            raise InputError(unread[0])
-        failed += unread
-        if not unread:
-            store.keep_plan(plan)
-
-    blocks = store.blocks(options.block)
-    if not blocks:
-        log.warning("no points left to use: see the bounds, the clip area and the files")
-    work = partial(compute_block, store=store, recipe=recipe)
-    peak = peak_memory_mb()
-    left = [block for block in blocks if not store.has("blocks", block)]
-    if left:  # what was joined without them no longer holds
-        store.forget("buildings")
-    for done, outcome in enumerate(run(work, left, options.jobs, options.scheduler), 1):
-        peak = max(peak, outcome.peak_mb)
-        note_failure(outcome, left, "block", failed)
-        tell("blocks", done, len(left))
-    seams = [Seam.of(store.load_block(block)) for block in blocks if store.has("blocks", block)]
-
-    homes = assign_footprints(given, blocks) if given is not None and blocks else join_regions(seams)
-    todo = [home for home in homes if not store.has("buildings", home.home)]
-    work_home = partial(compute_home, store=store, recipe=recipe, snap=options.snap_footprints)
-    for done, outcome in enumerate(run(work_home, todo, options.jobs, options.scheduler), 1):
-        peak = max(peak, outcome.peak_mb)
-        note_failure(outcome, [home.home for home in todo], "buildings of block", failed)
-        tell("buildings", done, len(todo))
-
-    summary = write_outputs(
-        store,
-        sources,
-        blocks,
-        [home.home for home in homes],
-        folder,
-        run={**plan, "crs": system.code, "peak_memory_mb": round(peak)},
-        failed=failed,
-        wanted=options.outputs or EVERYTHING,
+    job = Job(
+        index=index,
+        recipe=recipe,
+        side=options.block,
+        window=Window(bounds, clip),
+        plan=describe(index, recipe, options),
+        given=given,
+        snap=options.snap_footprints,
+        resume=options.resume,
         formats=options.formats,
+        outputs=options.outputs or EVERYTHING,
         classified=options.classified,
+        failed=tuple(failed),
         started=started,
-        tell=tell,
     )
-    if summary.complete:
-        store.discard()
-    return summary
-
-
-def open_all(paths: Sequence[Path], crs: str | None, failed: list[str]) -> list[Source]:
-    """The sources that can be opened; the others are noted in `failed`. InputError when there is none."""
-    sources = []
-    for path in paths:
-        try:
-            sources.append(open_source(path, crs))
-        except InputError as error:
-            if len(paths) == 1:
-                raise
-            failed.append(str(error))
-            log.error("%s", error)
-    if not sources:
-        raise InputError(failed[0])
-    return sources
-
-
-def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
-    """The block pass for one block, kept in the store."""
-    store.save("blocks", block, block_pass(store.load_cloud(block, recipe.reach), block, recipe))
-
-
-def compute_home(plan: HomePlan, store: Store, recipe: Recipe, snap: bool = False) -> None:
-    """The building pass for the buildings at home in one block, kept in the store."""
-    gatherer = Gatherer(store)
-    if snap:
-        plan = gatherer.snapped(plan)
-    gathered = [gatherer.gather(plan.home, building) for building in plan.buildings]
-    results = [BuildingResult.without_points(none) for none in gathered if isinstance(none, Failure)]
-    buildings = [building for building in gathered if not isinstance(building, Failure)]
-    clock = Clock()
-    footprints = draw_all(buildings, recipe)
-    clock.lap("outline")
-    for building, footprint in zip(buildings, footprints, strict=True):
-        try:
-            results.append(building_pass(building, footprint, recipe))
-        except Exception as error:  # one building must not take the others of its block with it
-            log.warning("a building of block %s failed: %s: %s", plan.home.name, type(error).__name__, error)
-            log.debug("traceback", exc_info=True)
-            results.append(BuildingResult.broken(building, error))
-    if results:
-        results[0].seconds.update(clock.laps)
-    store.save("buildings", plan.home, results)
-
-
-def draw_all(buildings: list[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:
-    """The footprints of a block's buildings together; one by one where one of them breaks the others."""
-    try:
-        return draw_footprints(buildings, recipe)
-    except Exception as error:
-        if len(buildings) == 1:
-            log.debug("traceback", exc_info=True)
-            return [Failure("internal_error", f"{type(error).__name__}: {error}", "outline")]
-        return [draw_all([building], recipe)[0] for building in buildings]
-
-
-def note_failure(outcome: Outcome, blocks: Sequence[Block], what: str, failed: list[str]) -> None:
-    """Log an outcome's error, and remember it for the report."""
-    if outcome.error:
-        failed.append(f"{what} {blocks[outcome.index].name}: {outcome.error}")
-        log.error("%s", failed[-1])
+    tiled = options.classified is None and (options.per_tile or index.points > TILES_ABOVE)
+    with report_full_disk(folder), Workers(options.jobs, options.scheduler) as workers:
+        return (by_tiles if tiled else everywhere)(job, folder, workers, tell)
 
 
 def claim(folder: Path) -> None:
@@ -252,7 +132,7 @@ def claim(folder: Path) -> None:
         ) from None
 
 
-def describe(sources: Sequence[Source], recipe: Recipe, options: Options) -> dict[str, Any]:
+def describe(index: Index, recipe: Recipe, options: Options) -> dict[str, Any]:
     """What decides the result, as JSON: inputs with their hashes, methods with parameters, block, version."""
     stages = ("ground", "detect", "outline", "roof", "reconstruct")
     chosen = {stage: getattr(recipe, stage) for stage in stages}
@@ -262,23 +142,20 @@ def describe(sources: Sequence[Source], recipe: Recipe, options: Options) -> dic
     }
     return {
         "version": version("eaves"),
-        "inputs": [
-            {"path": os.fspath(source.path), "points": source.count, "sha256": fingerprint(source.path)}
-            for source in sources
-        ],
+        **index.describe(),
         "methods": methods,
         "use_classes": recipe.use_classes,
         "lod": recipe.lod,
         "block": options.block,
         "reach": recipe.reach,
         "bounds": None if options.bounds is None else list(vars(options.bounds).values()),
-        "clip": None if options.clip is None else fingerprint(options.clip),
-        "footprints": None if options.footprints is None else fingerprint(options.footprints),
+        "clip": None if options.clip is None else hash_of(options.clip),
+        "footprints": None if options.footprints is None else hash_of(options.footprints),
         "snap_footprints": options.snap_footprints,
     }
 
 
-def fingerprint(path: Path) -> str:
+def hash_of(path: Path) -> str:
     """SHA-256 of a file."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

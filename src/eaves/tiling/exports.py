@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from eaves.formats import write_3dtiles, write_cityjson, write_geoparquet, write_glb, write_obj
@@ -40,13 +40,13 @@ def check_formats(names: Sequence[str]) -> None:
 
 
 def export_footprints(
-    folder: Path, rows: Sequence[Row], system: CoordinateSystem, names: Sequence[str]
+    folder: Path, rows: Iterable[Row], system: CoordinateSystem, names: Sequence[str]
 ) -> list[Path]:
     """Write the footprints in the formats named; the files written."""
     written = []
     for name, (write, file) in FOOTPRINT_FILES.items():
         if name in names:
-            write(folder / file, rows, system)
+            write(folder / file, list(rows), system)
             written.append(folder / file)
     return written
 

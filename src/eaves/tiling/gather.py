@@ -8,10 +8,11 @@ import numpy as np
 import shapely
 
 from eaves.model import Block, Bounds, Failure, Footprint, Raster
-from eaves.model.cloud import GROUND, NOISE_CLASSES, snap
+from eaves.model.cloud import snap
 from eaves.model.scene import WALL
 from eaves.outline.snap import snap_footprints
-from eaves.pipeline import CANDIDATE_HEIGHT, CELL, BlockResult, BuildingPoints
+from eaves.pipeline import CELL, BuildingPoints
+from eaves.tiling.block_file import Candidates
 from eaves.tiling.join import BuildingPlan, HomePlan
 from eaves.tiling.store import Store
 
@@ -22,28 +23,41 @@ TRUSTED_SHARE = 0.2
 
 
 class Gatherer:
-    """Reads the results of blocks as buildings need them, and keeps the last few open."""
+    """Reads the results of blocks as buildings need them, and keeps the last few."""
 
     def __init__(self, store: Store, keep: int = 4) -> None:
         self._store = store
         self._keep = keep
-        self._open: dict[Block, BlockResult] = {}
+        self._candidates: dict[Block, Candidates] = {}
+        self._terrain: dict[Block, Raster] = {}
 
-    def result(self, block: Block) -> BlockResult | None:
-        """A block's result; None where it failed or has no points."""
-        if block not in self._open:
+    def candidates(self, block: Block) -> Candidates | None:
+        """The points of a block that can be a building's; None where it failed or has no points."""
+        if block not in self._candidates:
             if not self._store.has("blocks", block):
                 return None
-            while len(self._open) >= self._keep:
-                self._open.pop(next(iter(self._open)))
-            self._open[block] = self._store.load_block(block)
-        return self._open[block]
+            while len(self._candidates) >= self._keep:
+                self._candidates.pop(next(iter(self._candidates)))
+            with self._store.open_block(block) as file:
+                self._candidates[block] = file.candidates()
+        return self._candidates[block]
+
+    def terrain_of(self, block: Block) -> Raster | None:
+        """The terrain of a block; None where it failed or has no points."""
+        if block not in self._terrain:
+            if not self._store.has("blocks", block):
+                return None
+            while len(self._terrain) >= 2 * self._keep:
+                self._terrain.pop(next(iter(self._terrain)))
+            with self._store.open_block(block) as file:
+                self._terrain[block] = file.raster("dtm")
+        return self._terrain[block]
 
     def gather(self, home: Block, plan: BuildingPlan) -> BuildingPoints | Failure:
         """The building's points about the corner of its home block, with the terrain around them."""
         xyz, point_id, part, score, spacing = [], [], [], 0.0, 1.0
         for block, label in plan.regions:
-            result = self.result(block)
+            result = self.candidates(block)
             if result is None:
                 continue
             spacing = result.spacing
@@ -82,7 +96,7 @@ class Gatherer:
         blocks = sorted({block for building in buildings for block, _ in building.regions})
         points, spacing = [], 1.0
         for block in blocks:
-            result = self.result(block)
+            result = self.candidates(block)
             if result is not None:
                 shift = np.array(
                     [block.origin[0] - plan.home.origin[0], block.origin[1] - plan.home.origin[1], 0]
@@ -107,10 +121,9 @@ class Gatherer:
         for column in range(first.column, last.column + 1):
             for row in range(first.row, last.row + 1):
                 block = Block(column, row, home.side)
-                result = self.result(block)
-                if result is None:
+                tile = self.terrain_of(block)
+                if tile is None:
                     continue
-                tile = result.dtm
                 left = round((tile.west + block.origin[0] - home.origin[0] - west) / CELL)
                 top = round((north - (tile.north + block.origin[1] - home.origin[1])) / CELL)
                 height, width = tile.shape
@@ -121,15 +134,13 @@ class Gatherer:
         return Raster(values, float(west), float(north), CELL)
 
 
-def points_under(result: BlockResult, given: Footprint, shift: np.ndarray) -> np.ndarray:
+def points_under(result: Candidates, given: Footprint, shift: np.ndarray) -> np.ndarray:
     """Which points (N,) of a block belong to a given footprint: the detector's, else all high ones."""
     west, south, east, north = given.polygon.bounds
     x, y = result.xyz[:, 0] + shift[0], result.xyz[:, 1] + shift[1]
     near = np.flatnonzero((x >= west) & (x <= east) & (y >= south) & (y <= north))
     near = near[shapely.contains_xy(given.polygon, x[near], y[near])]
-    high = (result.height[near] >= CANDIDATE_HEIGHT) & ~np.isin(
-        result.classification[near], (GROUND, *NOISE_CLASSES)
-    )
+    high = result.high[near]
     detected = result.label[near] > 0
     chosen = np.zeros(len(x), bool)
     chosen[near] = detected if detected.sum() >= TRUSTED_SHARE * max(high.sum(), 1) else high

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from eaves.geometry.polygons import as_polygon
 from eaves.model import Block, Footprint
-from eaves.pipeline import BlockResult
+from eaves.tiling.block_file import BORDER, BlockFile
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,14 +26,14 @@ class Seam:
     inside: np.ndarray
     """Which labels (count + 1,) have points inside the block."""
 
+    sides: np.ndarray = field(default_factory=lambda: np.zeros(0, np.uint8))
+    """Which sides each label comes near (block_file.sides_of)."""
+
     @classmethod
-    def of(cls, result: BlockResult) -> Seam:
+    def read(cls, file: BlockFile) -> Seam:
         """What the block pass found near the seams of its block."""
-        count = int(max(result.label.max(initial=0), result.seam_label.max(initial=0)))
-        inside = np.zeros(count + 1, bool)
-        inside[result.label] = True
-        inside[0] = False
-        return cls(result.block, count, result.seam_id, result.seam_label, inside)
+        sides = file["sides"]
+        return cls(file.block, len(sides) - 1, file["seam_id"], file["seam_label"], (sides & 1) > 0, sides)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,37 +53,94 @@ class HomePlan:
     buildings: tuple[BuildingPlan, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class JoinedRegions:
+    """The regions (R,) of several blocks, block by block, and the component each one is part of."""
+
+    blocks: list[Block]
+    owner: np.ndarray
+    """Number of the block."""
+    label: np.ndarray
+    component: np.ndarray
+    held: np.ndarray
+    """Whether points of it lie in its block."""
+    sides: np.ndarray
+
+
+def connect_regions(seams: Sequence[Seam]) -> JoinedRegions:
+    """Two regions are in one component when both blocks saw the same point in them."""
+    seams = sorted(seams, key=lambda seam: seam.block)
+    start = np.cumsum([0, *(seam.count for seam in seams)])
+    total = int(start[-1])
+    nothing = [np.zeros(0, np.int64)]
+    node = np.concatenate(nothing + [seam.label + start[i] - 1 for i, seam in enumerate(seams)])
+    point = np.concatenate(nothing + [seam.point_id for seam in seams])
+    order = np.lexsort((node, point))
+    same = point[order][1:] == point[order][:-1]
+    one, other = node[order][:-1][same], node[order][1:][same]
+    component = np.zeros(0, np.int32)
+    if total:
+        graph = coo_array((np.ones(len(one), bool), (one, other)), shape=(total, total))
+        _, component = connected_components(graph, directed=False)
+    owner = np.repeat(np.arange(len(seams)), [seam.count for seam in seams])
+    label = np.arange(total) - start[owner] + 1
+    held = np.concatenate([np.zeros(0, bool), *(seam.inside[1:] for seam in seams)])
+    none = [np.zeros(seam.count + 1, np.uint8) if not len(seam.sides) else seam.sides for seam in seams]
+    sides = np.concatenate([np.zeros(0, np.uint8), *(side[1:] for side in none)])
+    return JoinedRegions([seam.block for seam in seams], owner, label, component, held, sides)
+
+
+def blocks_beyond(seams: Sequence[Seam], core: Callable[[Block], bool]) -> set[Block]:
+    """The blocks without a seam that may hold more of a building of the core, or terrain around it.
+
+    `core` says whether a block is one of the core's.
+    """
+    regions, known = connect_regions(seams), {seam.block for seam in seams}
+    mine = np.array([core(block) for block in regions.blocks], bool)
+    wanted = np.zeros(regions.component.max(initial=-1) + 1, bool)
+    wanted[regions.component[regions.held & mine[regions.owner]]] = True
+    near = np.flatnonzero(regions.held & (regions.sides > 1) & wanted[regions.component])
+    beyond = set()
+    for owner, sides in {(int(regions.owner[k]), int(regions.sides[k])) for k in near}:
+        block = regions.blocks[owner]
+        columns = [0] + [-1] * (sides >> 1 & 1) + [1] * (sides >> 3 & 1)
+        rows = [0] + [-1] * (sides >> 2 & 1) + [1] * (sides >> 4 & 1)
+        beyond |= {Block(block.column + c, block.row + r, block.side) for c in columns for r in rows}
+    return beyond - known
+
+
+def blocks_under(footprints: Sequence[Footprint], side: float, core: Callable[[Block], bool]) -> set[Block]:
+    """The blocks under and around the given footprints (world metres) that are at home in the core."""
+    under = set()
+    for footprint in footprints:
+        point = footprint.polygon.representative_point()
+        if core(Block.at(point.x, point.y, side)):
+            west, south, east, north = footprint.polygon.buffer(BORDER).bounds
+            first, last = Block.at(west, south, side), Block.at(east, north, side)
+            under |= {
+                Block(column, row, side)
+                for column in range(first.column, last.column + 1)
+                for row in range(first.row, last.row + 1)
+            }
+    return under
+
+
 def join_regions(seams: Sequence[Seam]) -> list[HomePlan]:
     """Buildings from regions: two regions are one building when both blocks saw the same point in them.
 
     A building is at home in the first (by column, row) of the blocks that hold points of it, and is
     numbered there in the order of its first label.
     """
-    seams = sorted(seams, key=lambda seam: seam.block)
-    start = np.cumsum([0, *(seam.count for seam in seams)])
-    total = int(start[-1])
-    if total == 0:
-        return []
-    node = np.concatenate([seam.label + start[i] - 1 for i, seam in enumerate(seams)])
-    point = np.concatenate([seam.point_id for seam in seams])
-    order = np.lexsort((node, point))
-    same = point[order][1:] == point[order][:-1]
-    one, other = node[order][:-1][same], node[order][1:][same]
-    graph = coo_array((np.ones(len(one), bool), (one, other)), shape=(total, total))
-    _, component = connected_components(graph, directed=False)
-
-    owner = np.repeat(np.arange(len(seams)), [seam.count for seam in seams])
-    label = np.arange(total) - start[owner] + 1
-    held = np.concatenate([seam.inside[1:] for seam in seams])
+    regions = connect_regions(seams)
     members: dict[int, list[int]] = {}
-    for index in np.flatnonzero(held):
-        members.setdefault(int(component[index]), []).append(int(index))
+    for index in np.flatnonzero(regions.held):
+        members.setdefault(int(regions.component[index]), []).append(int(index))
     homes: dict[Block, list[tuple[tuple[Block, int], ...]]] = {}
     for parts in sorted(members.values()):
-        regions = tuple((seams[owner[part]].block, int(label[part])) for part in parts)
-        homes.setdefault(regions[0][0], []).append(regions)
+        joined = tuple((regions.blocks[regions.owner[part]], int(regions.label[part])) for part in parts)
+        homes.setdefault(joined[0][0], []).append(joined)
     return [
-        HomePlan(home, tuple(BuildingPlan(i, regions) for i, regions in enumerate(homes[home], 1)))
+        HomePlan(home, tuple(BuildingPlan(i, joined) for i, joined in enumerate(homes[home], 1)))
         for home in sorted(homes)
     ]
 

@@ -3,37 +3,26 @@
 from __future__ import annotations
 
 import json
-import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import numpy as np
-import shapely
-
-from eaves.formats import (
-    InputError,
-    MosaicWriter,
-    Source,
-    write_cityjson_seq,
-    write_classified,
-)
+from eaves.formats import write_cityjson_seq
 from eaves.formats.atomic import atomic
-from eaves.formats.classified import UNCHANGED
 from eaves.formats.geopackage import Row, write_geopackage
-from eaves.model import Block, Bounds, BuildingModel, Failure
-from eaves.pipeline import CELL, building_classes
-from eaves.raster.burn import burn
+from eaves.model import Block, BuildingModel, Failure
+from eaves.tiling.block_file import Notes
 from eaves.tiling.exports import export_footprints, export_models
+from eaves.tiling.index import Index
+from eaves.tiling.point_labels import write_points
 from eaves.tiling.rows import building_row, roof_rows, world_polygon
 from eaves.tiling.store import Store
+from eaves.tiling.surfaces import extent_of, write_mask, write_surfaces
 
-log = logging.getLogger("eaves")
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified")
 
 
@@ -67,8 +56,10 @@ class Summary:
             f"LoD {lod}: {count} ({100 * count / max(self.found, 1):.1f} %)"
             for lod, count in self.by_lod.items()
         )
+        files = self.run.get("files", 1)
         lines = [
-            f"{self.points:,} points, {self.found:,} buildings found = {self.modelled:,} modelled "
+            f"{files:,} file{'s' * (files != 1)}, {self.points:,} points, "
+            f"{self.found:,} buildings found = {self.modelled:,} modelled "
             f"+ {self.found - self.modelled:,} failed; {levels or 'no models'}"
         ]
         for title, counts in (("failed", self.failures), ("coarser than asked for", self.fallbacks)):
@@ -105,9 +96,26 @@ class Summary:
         return import_module("eaves.viewer.notebook")
 
 
+@dataclass(frozen=True, eq=False)
+class BuildingRows:
+    """The rows of all buildings, or of all roof faces, read anew from the store each time."""
+
+    store: Store
+    homes: Sequence[Block]
+    faces: bool = False
+
+    def __iter__(self) -> Iterator[Row]:
+        for number, (answer, _) in enumerate(self.store.answers(self.homes), 1):
+            if self.faces:
+                yield from (Row(*row) for row in roof_rows(answer))
+            else:
+                assert answer.footprint is not None
+                yield Row(world_polygon(answer.footprint), building_row(number, answer))
+
+
 def write_outputs(
     store: Store,
-    sources: Sequence[Source],
+    index: Index,
     blocks: Sequence[Block],
     homes: Sequence[Block],
     folder: Path,
@@ -120,31 +128,42 @@ def write_outputs(
     started: float,
     tell: Callable[[str, int, int], None],
 ) -> Summary:
-    """Write what is wanted into `folder`, each file whole or not at all, and say what came out."""
+    """Write what is wanted into `folder`, each file whole or not at all, and say what came out.
+
+    `blocks` and `homes` are those the files are to show; blocks that failed are left out.
+    """
     files: list[Path] = []
     system = store.system
     steps = [name for name in EVERYTHING if name in wanted]
-    rows = footprint_rows(store, homes)
-    extent = extent_of(store, blocks if {"mask", "rasters"} & set(steps) else [])
+    rows, notes = BuildingRows(store, homes), read_notes(store, blocks)
+    computed, extent = [note.block for note in notes], extent_of(notes)
     for done, step in enumerate(steps):
         tell("write", done, len(steps))
         if step == "footprints":
             files.append(folder / "footprints.gpkg")
-            write_geopackage(files[-1], rows, face_rows(store, homes), system)
+            write_geopackage(files[-1], rows, BuildingRows(store, homes, faces=True), system)
             files += export_footprints(folder, rows, system, formats)
         elif step == "models":
             files.append(folder / "buildings.city.jsonl")
             write_cityjson_seq(files[-1], answers(store, homes), system)
             files += export_models(folder, lambda: answers(store, homes), system, formats)
         elif step == "mask":
-            files += write_mask(store, blocks, rows, extent, folder / "mask.tif")
+            polygons = [row.geometry for row in rows]
+            files += write_mask(system, computed, polygons, extent, folder / "mask.tif")
         elif step == "rasters":
-            files += write_surfaces(store, blocks, extent, folder)
+            files += write_surfaces(store, computed, extent, folder)
         elif step == "classified":
-            files += write_points(store, sources, blocks, homes, folder, classified)
+            files += write_points(store, index, computed, homes, folder, classified)
     tell("write", len(steps), len(steps))
 
-    summary = summarise(store, sources, blocks, homes, folder, files, run, failed, started)
+    summary = summarise(store, index, notes, homes, folder, files, run, failed, started)
+    if classified is None:
+        write_run(summary)
+    return summary
+
+
+def write_run(summary: Summary) -> None:
+    """Write run.json into the run's folder."""
     report = {
         **summary.run,
         "points": summary.points,
@@ -158,16 +177,24 @@ def write_outputs(
         "elapsed_seconds": round(summary.elapsed, 2),
         "incomplete": list(summary.failed),
     }
-    if classified is None:
-        with atomic(folder / "run.json") as temporary:
-            temporary.write_text(json.dumps(report, indent=2, allow_nan=False), encoding="utf-8")
-    return summary
+    with atomic(summary.folder / "run.json") as temporary:
+        temporary.write_text(json.dumps(report, indent=2, allow_nan=False), encoding="utf-8")
+
+
+def read_notes(store: Store, blocks: Sequence[Block]) -> list[Notes]:
+    """The notes of all blocks that were computed."""
+    notes = []
+    for block in blocks:
+        if store.has("blocks", block):
+            with store.open_block(block) as file:
+                notes.append(file.notes())
+    return notes
 
 
 def summarise(
     store: Store,
-    sources: Sequence[Source],
-    blocks: Sequence[Block],
+    index: Index,
+    notes: Sequence[Notes],
     homes: Sequence[Block],
     folder: Path,
     files: Sequence[Path],
@@ -181,22 +208,21 @@ def summarise(
     fallbacks: Counter[str] = Counter()
     seconds: Counter[str] = Counter()
     found = 0
-    for result in store.results(list(homes)):
+    for answer, spent in store.answers(homes):
         found += 1
-        seconds.update(result.seconds)
-        if isinstance(result.answer, BuildingModel):
-            by_lod[result.answer.lod] += 1
-            code = result.answer.attributes.get("fallback_code")
+        seconds.update(spent)
+        if isinstance(answer, BuildingModel):
+            by_lod[answer.lod] += 1
+            code = answer.attributes.get("fallback_code")
             if code:
                 fallbacks[code] += 1
         else:
-            failures[result.answer.code] += 1
-    for block in blocks:
-        if store.has("blocks", block):
-            seconds.update(store.load_block(block).seconds)
+            failures[answer.code] += 1
+    for note in notes:
+        seconds.update(note.seconds)
     return Summary(
         folder=folder,
-        points=sum(source.count for source in sources),
+        points=index.points,
         found=found,
         modelled=sum(by_lod.values()),
         by_lod=dict(sorted(by_lod.items(), reverse=True)),
@@ -212,120 +238,5 @@ def summarise(
 
 def answers(store: Store, homes: Sequence[Block]) -> Iterator[BuildingModel | Failure]:
     """All models and failures, home block by home block."""
-    for result in store.results(list(homes)):
-        yield result.answer
-
-
-def footprint_rows(store: Store, homes: Sequence[Block]) -> list[Row]:
-    """Polygon (world metres) and attributes of every building."""
-    rows = []
-    for number, answer in enumerate(answers(store, homes), 1):
-        assert answer.footprint is not None
-        rows.append(Row(world_polygon(answer.footprint), building_row(number, answer)))
-    return rows
-
-
-def face_rows(store: Store, homes: Sequence[Block]) -> list[Row]:
-    """Polygon (world metres) and attributes of every roof face."""
-    return [Row(*row) for answer in answers(store, homes) for row in roof_rows(answer)]
-
-
-def extent_of(store: Store, blocks: Sequence[Block]) -> Bounds:
-    """World metres of all points used, widened to whole cells."""
-    used = [store.load_block(block).extent for block in blocks if store.has("blocks", block)]
-    if not used:
-        return Bounds(0.0, 0.0, CELL, CELL)
-    whole = used[0]
-    for extent in used[1:]:
-        whole = whole.union(extent)
-    west, south = np.floor(whole.west / CELL) * CELL, np.floor(whole.south / CELL) * CELL
-    east, north = (np.floor(whole.east / CELL) + 1) * CELL, (np.floor(whole.north / CELL) + 1) * CELL
-    return Bounds(float(west), float(south), float(east), float(north))
-
-
-def write_surfaces(store: Store, blocks: Sequence[Block], extent: Bounds, folder: Path) -> list[Path]:
-    """dtm.tif and dsm.tif over `extent`, each block read once for both."""
-    written = [folder / "dtm.tif", folder / "dsm.tif"]
-    with ExitStack() as stack:
-        dtm, dsm = (stack.enter_context(MosaicWriter(path, extent, CELL, store.system)) for path in written)
-        for block in blocks:
-            if store.has("blocks", block):
-                result = store.load_block(block)
-                dtm.write(result.dtm, block.bounds, block.origin)
-                dsm.write(result.dsm, block.bounds, block.origin)
-    return written
-
-
-def write_mask(
-    store: Store, blocks: Sequence[Block], rows: Sequence[Row], extent: Bounds, path: Path
-) -> list[Path]:
-    """mask.tif with its world file: the footprints burnt into the raster cells whose centre they hold."""
-    polygons = [row.geometry for row in rows]
-    tree = shapely.STRtree(polygons)
-    with MosaicWriter(path, extent, CELL, store.system, mask=True) as mosaic:
-        for block in blocks:
-            near = [polygons[i] for i in np.sort(tree.query(shapely.box(*vars(block.bounds).values())))]
-            mosaic.write(burn(near, block.bounds, CELL), block.bounds)
-    return [path, path.with_suffix(".tfw")]
-
-
-def write_points(
-    store: Store,
-    sources: Sequence[Source],
-    blocks: Sequence[Block],
-    homes: Sequence[Block],
-    folder: Path,
-    single: Path | None,
-) -> list[Path]:
-    """The classified points of every source.
-
-    What is known of each point is gathered in files, which are opened anew for every block, so that
-    memory does not grow with the input.
-    """
-    total = max(sum(source.count for source in sources), 1)
-    types = {"classes": np.uint8, "part": np.uint8, "building_id": np.int32, "plane_id": np.int32}
-
-    def opened(mode: Literal["w+", "r+", "r"]) -> dict[str, np.memmap[Any, Any]]:
-        return {
-            name: np.memmap(store.folder / f"{name}.bin", dtype, mode, shape=(total,))
-            for name, dtype in types.items()
-        }
-
-    opened("w+")["classes"][:] = UNCHANGED
-    number, first_plane = 0, 0
-    for home in homes:
-        known = opened("r+")
-        for result in store.results([home]):
-            number += 1
-            known["building_id"][result.point_id] = number
-            known["plane_id"][result.point_id] = np.where(result.plane > 0, result.plane + first_plane, 0)
-            first_plane += int(result.plane.max(initial=0))
-    for block in blocks:
-        if store.has("blocks", block):
-            known, found = opened("r+"), store.load_block(block)
-            building = known["building_id"][found.point_id]
-            known["classes"][found.point_id] = building_classes(found, building)
-            known["part"][found.point_id] = found.part
-    written: list[Path] = []
-    start = 0
-    for source in sources:
-        path = single or folder / classified_name(source, len(sources) == 1, written)
-        known = opened("r")
-        mine = {key: values[start : start + source.count] for key, values in known.items()}
-        classes = mine.pop("classes")
-        try:
-            write_classified(source, path, classes, {} if single else mine)
-            written.append(path)
-        except InputError as error:  # a damaged file; scattering it has said so
-            log.debug("%s", error)
-        start += source.count
-    return written
-
-
-def classified_name(source: Source, alone: bool, taken: Sequence[Path]) -> str:
-    """Name of the classified copy of a source; files of one name from two folders get a number behind."""
-    stem = "classified" if alone else f"classified_{Path(source.path).stem}"
-    names, number = {path.stem for path in taken}, 1
-    while (stem if number == 1 else f"{stem}-{number}") in names:
-        number += 1
-    return f"{stem}.laz" if number == 1 else f"{stem}-{number}.laz"
+    for answer, _ in store.answers(homes):
+        yield answer

@@ -7,13 +7,20 @@ import multiprocessing
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from itertools import islice
+from typing import Any, Self, TypeVar
+
+from eaves.formats.disk import is_full
 
 log = logging.getLogger("eaves")
 Task = TypeVar("Task")
+AHEAD = 4
+"""Tasks that wait for each worker."""
+DASK_AHEAD = 16
+"""Threads a cluster is taken to have while its workers are still coming."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +30,8 @@ class Outcome:
     index: int
     answer: Any = None
     error: str | None = None
+    full: bool = False
+    """Whether the error was a full disk."""
     peak_mb: float = 0.0
 
 
@@ -42,82 +51,149 @@ def attempt(work: Callable[[Task], Any], index: int, task: Task) -> Outcome:
         return Outcome(index, work(task), peak_mb=peak_memory_mb())
     except Exception as error:
         log.debug("task %d failed", index, exc_info=True)
-        return Outcome(index, error=f"{type(error).__name__}: {error}", peak_mb=peak_memory_mb())
+        reason = f"{type(error).__name__}: {error}"
+        return Outcome(index, error=reason, full=is_full(error), peak_mb=peak_memory_mb())
 
 
-def run(
-    work: Callable[[Task], Any], tasks: Sequence[Task], jobs: int = 1, scheduler: str | None = None
-) -> Iterator[Outcome]:
-    """Outcomes of `work(task)` for every task, as they are ready; `work` must write its own part."""
-    if scheduler is not None:
-        yield from run_on_dask(work, tasks, scheduler)
-    elif jobs > 1 and len(tasks) > 1:
-        yield from run_in_processes(work, tasks, min(jobs, len(tasks)))
-    else:
-        for index, task in enumerate(tasks):
-            yield attempt(work, index, task)
+class Workers:
+    """Who computes in a run; a context manager, for processes and connections last from stage to stage.
 
-
-def run_in_processes(work: Callable[[Task], Any], tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
-    """As `run`, in `jobs` processes.
-
-    Tasks lost when a process dies are tried again, in the end each on its own, so that the one that kills
-    its process is the only one to fail.
+    Parameters
+    ----------
+    jobs
+        Processes; with 1 this process does it all.
+    scheduler
+        Address of a running Dask scheduler (`tcp://host:port`) whose workers share the file system; it goes
+        before `jobs`.
     """
-    left = dict(enumerate(tasks))
-    together = jobs
-    while left:
-        before = len(left)
-        batches = [left] if together > 1 else [{index: task} for index, task in left.items()]
-        for batch in [dict(batch) for batch in batches]:
-            for outcome in run_batch(work, batch, together):
-                left.pop(outcome.index)
-                yield outcome
-            if together == 1:
-                for index in batch.keys() & left.keys():
-                    left.pop(index)
-                    yield Outcome(index, error="its process was killed, also when tried alone")
-        if left:
-            log.warning("a worker process was killed; %d lost tasks are tried again", len(left))
-            together = together if len(left) < before else 1
 
+    def __init__(self, jobs: int = 1, scheduler: str | None = None) -> None:
+        self.jobs, self.scheduler = jobs, scheduler
+        self._pool: ProcessPoolExecutor | None = None
+        self._client: Any = None
 
-def run_batch(work: Callable[[Task], Any], batch: dict[int, Task], jobs: int) -> Iterator[Outcome]:
-    """Outcomes of the tasks (by number) that a pool of `jobs` processes ends before one of them dies."""
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=ignore_interrupt)
-    try:
-        futures = [pool.submit(attempt, work, index, task) for index, task in batch.items()]
-        for future in as_completed(futures):
-            try:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        if self._client is not None:
+            self._client.close()
+        if kind is not None:  # Ctrl-C, or an error: do not wait for what is under way
+            self._stop_processes()
+        self._drop_pool()
+
+    @property
+    def alone(self) -> bool:
+        """Whether this process does all the work."""
+        return self.scheduler is None and self.jobs < 2
+
+    def run(self, work: Callable[[Task], Any], tasks: Sequence[Task]) -> Iterator[Outcome]:
+        """Outcomes of `work(task)` for every task, as they are ready; `work` must write its own part."""
+        if self.scheduler is not None and tasks:
+            yield from self._run_on_dask(work, tasks)
+        elif self.jobs > 1 and len(tasks) > 1:
+            yield from self._run_in_processes(work, tasks)
+        else:
+            for index, task in enumerate(tasks):
+                yield attempt(work, index, task)
+
+    def _run_in_processes(self, work: Callable[[Task], Any], tasks: Sequence[Task]) -> Iterator[Outcome]:
+        """As `run`, in processes.
+
+        Tasks lost when a process dies are tried again, in the end each on its own, so that the one that
+        kills its process is the only one to fail.
+        """
+        left = set(range(len(tasks)))
+        together = True
+        while left:
+            before = len(left)
+            for batch in [sorted(left)] if together else [[index] for index in sorted(left)]:
+                for outcome in self._run_batch(work, tasks, batch):
+                    left.discard(outcome.index)
+                    yield outcome
+                if not together and batch[0] in left:
+                    left.discard(batch[0])
+                    yield Outcome(batch[0], error="its process was killed, also when tried alone")
+            if left:
+                log.warning("a worker process was killed; %d lost tasks are tried again", len(left))
+                together = together and len(left) < before
+
+    def _run_batch(
+        self, work: Callable[[Task], Any], tasks: Sequence[Task], batch: list[int]
+    ) -> Iterator[Outcome]:
+        """Outcomes of the tasks (by number) that the processes end before one of them dies.
+
+        Few tasks wait in the pool at a time: a country has more of them than memory should hold.
+        """
+        if self._pool is None:
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(self.jobs, mp_context=context, initializer=ignore_interrupt)
+        waiting, broken = iter(batch), False
+        running: set[Future[Outcome]] = set()
+        try:
+            while True:
+                while not broken and len(running) < AHEAD * self.jobs:
+                    index = next(waiting, None)
+                    if index is None:
+                        break
+                    try:
+                        running.add(self._pool.submit(attempt, work, index, tasks[index]))
+                    except BrokenProcessPool:
+                        broken = True
+                if not running:
+                    return
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    try:
+                        yield future.result()
+                    except BrokenProcessPool:
+                        broken = True
+        except BaseException:  # the caller wants no more
+            self._stop_processes()
+            self._drop_pool()
+            raise
+        finally:
+            if broken:
+                self._drop_pool()
+
+    def _run_on_dask(self, work: Callable[[Task], Any], tasks: Sequence[Task]) -> Iterator[Outcome]:
+        """As `run`, on the workers of the Dask scheduler."""
+        try:
+            from distributed import Client
+            from distributed import as_completed as completed
+        except ImportError:
+            raise ValueError("--scheduler needs the cluster extra; pip install 'eaves[cluster]'") from None
+        if self._client is None:
+            self._client = Client(self.scheduler)
+        threads = sum(self._client.nthreads().values())
+        number: dict[str, int] = {}
+        waiting = iter(range(len(tasks)))
+
+        def submit(count: int) -> list[Any]:
+            futures = []
+            for index in islice(waiting, count):
+                futures.append(self._client.submit(attempt, work, index, tasks[index], pure=False))
+                number[futures[-1].key] = index
+            return futures
+
+        stream = completed(submit(AHEAD * max(threads, DASK_AHEAD)))
+        for future in stream:
+            if future.status == "finished":
                 yield future.result()
-            except BrokenProcessPool:
-                continue
-    except BaseException:  # Ctrl-C, or the caller wants no more: do not wait for what is under way
-        for process in multiprocessing.active_children():
+            else:
+                yield Outcome(number[future.key], error=f"the cluster lost it: {future.exception()}")
+            stream.update(submit(1))
+
+    def _stop_processes(self) -> None:
+        for process in list((getattr(self._pool, "_processes", None) or {}).values()):
             process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+
+    def _drop_pool(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+        self._pool = None
 
 
 def ignore_interrupt() -> None:
     """Leave Ctrl-C to the process that started this one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def run_on_dask(work: Callable[[Task], Any], tasks: Sequence[Task], scheduler: str) -> Iterator[Outcome]:
-    """As `run`, on the workers of a running Dask scheduler (`tcp://host:port`) with the same file system."""
-    try:
-        from distributed import Client
-        from distributed import as_completed as completed
-    except ImportError:
-        raise ValueError("--scheduler needs the cluster extra; pip install 'eaves[cluster]'") from None
-    with Client(scheduler) as client:
-        futures = [client.submit(attempt, work, index, task, pure=False) for index, task in enumerate(tasks)]
-        number = {future.key: index for index, future in enumerate(futures)}
-        for future in completed(futures):
-            if future.status == "finished":
-                yield future.result()
-            else:
-                yield Outcome(number[future.key], error=f"the cluster lost it: {future.exception()}")

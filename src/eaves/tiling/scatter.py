@@ -2,58 +2,151 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Sequence
+import json
+import os
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from eaves.formats import Chunk, InputError, Source, iter_chunks
-from eaves.model import Block, Bounds
+from eaves.formats import Chunk, InputError, Source, iter_chunks, open_source
+from eaves.formats.atomic import atomic
+from eaves.model import Block, Bounds, Points
 from eaves.model.cloud import QUANTUM
+from eaves.tiling.index import Index
 from eaves.tiling.store import RECORD, Store
 
-log = logging.getLogger("eaves")
+PART_POINTS = 4_000_000
+"""A longer file is read in parts of about so many records, which several processes share."""
+LYING_BY = 1.0
+"""Points this far (m) outside the box of their header make it a lie; writers round boxes, not metres."""
 
 
-def scatter_points(
-    sources: Sequence[Source],
+@dataclass(frozen=True)
+class Part:
+    """The k-th of n runs of an input's records."""
+
+    number: int
+    first: int
+    """The id of the input's first point."""
+    path: Path
+    crs: str | None
+    count: int
+    box: Bounds
+    """Where the header says the points are, world metres."""
+    k: int = 0
+    n: int = 1
+    source: Source | None = None
+    """Given where opening it again would read its points."""
+
+    @property
+    def name(self) -> str:
+        return f"{self.number:07d}-{self.k:04d}"
+
+    def opened(self) -> Source:
+        """The input, as the index knows it."""
+        source = self.source or open_source(self.path, self.crs)
+        if source.count != self.count:
+            raise InputError.about(self.path, "changed while the run was reading it", "run again")
+        return source
+
+
+@dataclass(frozen=True)
+class Scattered:
+    """What came of a part: records read, why not all of them, and the true box where the header's lies."""
+
+    number: int
+    records: int
+    unread: str | None = None
+    box: Bounds | None = None
+
+
+@dataclass(frozen=True)
+class Window:
+    """Which points a run uses, world metres: those in the bounds and the clip area, where given."""
+
+    bounds: Bounds | None = None
+    clip: BaseGeometry | None = None
+
+    def holds(self, xyz: Points) -> NDArray[np.bool_]:
+        """Which points (N, 3) are used."""
+        usable = np.isfinite(xyz).all(axis=1)
+        if self.bounds is not None:
+            usable &= self.bounds.contains(xyz)
+        if self.clip is not None:
+            usable &= shapely.contains_xy(self.clip, xyz[:, 0], xyz[:, 1])
+        return np.asarray(usable)
+
+
+def parts_of(index: Index) -> list[Part]:
+    """All parts of all inputs, in order."""
+    starts = index.starts
+    parts = []
+    for number in range(len(index)):
+        count, kept = int(index.entries["count"][number]), index.kept.get(number)
+        n = 1 if kept is not None and kept.kind == "text" else max(1, -(-count // PART_POINTS))
+        shared = (number, int(starts[number]), index.path(number), index.crs, count, index.bounds(number))
+        parts += [Part(*shared, k, n, kept) for k in range(n)]
+    return parts
+
+
+def mark_of(part: Part, store: Store) -> Path:
+    """The file that says that a part is in place."""
+    return store.folder / "parts" / f"{part.name}.json"
+
+
+def earlier(part: Part, store: Store) -> tuple[int, str | None] | None:
+    """Records read of a part, and why not all, when an earlier run did it; None when none did."""
+    try:
+        mark = json.loads(mark_of(part, store).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    return int(mark["records"]), mark["unread"]
+
+
+def scatter_part(
+    part: Part,
     store: Store,
     side: float,
-    bounds: Bounds | None = None,
-    clip: BaseGeometry | None = None,
+    window: Window,
     tell: Callable[[int], None] = lambda points: None,
-) -> list[str]:
-    """Append every usable point to its block's file; why files could not be read to their end, one line each.
+) -> Scattered:
+    """Write every usable point of a part to its block's folder; the mark in `parts/` comes last.
 
-    `bounds` and `clip` are in world metres; points outside them, withheld points and points without a
-    position stay out. `tell` hears how many points were read.
+    Withheld points and points without a position stay out. `tell` hears how many points were read. Of a
+    damaged input the points before the damage are used; a resumed run tries it again.
     """
-    first, unread = 0, []
-    for source in sources:
-        try:
-            for chunk in iter_chunks(source, bounds):
-                scatter_chunk(chunk, first, store, side, bounds, clip)
-                tell(len(chunk))
-        except InputError as error:
-            log.error("%s", error)
-            unread.append(str(error))
-        first += source.count
-    return unread
+    writer = PartWriter(store, part.name)
+    read, seen, unread = 0, None, None
+    try:
+        for chunk in iter_chunks(part.opened(), window.bounds, part=(part.k, part.n)):
+            seen = Bounds.of(chunk.xyz) if seen is None else seen.union(Bounds.of(chunk.xyz))
+            scatter_chunk(chunk, part.first, side, window, writer)
+            read += len(chunk)
+            tell(len(chunk))
+    except InputError as error:
+        unread = str(error)
+    except BaseException:
+        writer.discard()
+        raise
+    writer.finish()
+    inside = part.box.grown(LYING_BY)
+    lies = seen is not None and inside.union(seen) != inside
+    with atomic(mark_of(part, store)) as temporary:
+        temporary.write_text(json.dumps({"records": read, "unread": unread}), encoding="utf-8")
+    return Scattered(part.number, read, unread, seen if lies else None)
 
 
-def scatter_chunk(
-    chunk: Chunk, first: int, store: Store, side: float, bounds: Bounds | None, clip: BaseGeometry | None
-) -> None:
-    """Append a chunk's usable points to the files of their blocks; `first` is the id its file begins with."""
+def scatter_chunk(chunk: Chunk, first: int, side: float, window: Window, writer: PartWriter) -> None:
+    """Hand a chunk's usable points to the writer, block by block; `first` is the id its file begins with."""
     xyz = chunk.xyz
-    usable = np.isfinite(xyz).all(axis=1)
-    if bounds is not None:
-        usable &= bounds.contains(xyz)
-    if clip is not None:
-        usable &= shapely.contains_xy(clip, xyz[:, 0], xyz[:, 1])
-    kept = np.flatnonzero(usable)
+    kept = np.flatnonzero(window.holds(xyz))
     if len(kept) == 0:
         return
     index = np.floor(xyz[kept, :2] / side).astype(np.int64)
@@ -69,4 +162,34 @@ def scatter_chunk(
     changes = np.flatnonzero(np.diff(column[order]) | np.diff(row[order])) + 1
     for group in np.split(order, changes):
         block = Block(int(column[group[0]]), int(row[group[0]]), side)
-        store.append_points(block, records[group])
+        writer.append(block, records[group])
+
+
+class PartWriter:
+    """The files of one part: hidden until all of it is written, so that neither a killed process nor two that
+    do the same work leave a point twice."""
+
+    def __init__(self, store: Store, name: str) -> None:
+        self._store, self._name = store, name
+        self._hidden = f".{name}-{uuid.uuid4().hex}"
+        self._blocks: set[Block] = set()
+
+    def append(self, block: Block, records: NDArray[Any]) -> None:
+        """Add records to a block's points."""
+        folder = self._store.points_path(block)
+        if block not in self._blocks:
+            folder.mkdir(exist_ok=True)
+            self._blocks.add(block)
+        with (folder / self._hidden).open("ab") as file:
+            file.write(records.tobytes())
+
+    def finish(self) -> None:
+        """Show the files."""
+        for block in self._blocks:
+            folder = self._store.points_path(block)
+            os.replace(folder / self._hidden, folder / f"{self._name}.bin")
+
+    def discard(self) -> None:
+        """Remove the files."""
+        for block in self._blocks:
+            (self._store.points_path(block) / self._hidden).unlink(missing_ok=True)

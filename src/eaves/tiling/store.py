@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
-from eaves.model import Block, Bounds, CoordinateSystem, PointCloud
+from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure, PointCloud
 from eaves.model.cloud import QUANTUM
 from eaves.pipeline import BlockResult, BuildingResult
+from eaves.tiling.block_file import BlockFile, save_block
 
 RECORD = np.dtype(
     [
@@ -32,7 +34,8 @@ RECORD = np.dtype(
 
 @dataclass(frozen=True)
 class Store:
-    """A folder with `points/`, `blocks/` and `buildings/`, one file a block in each, and `plan.json`."""
+    """A folder with `points/` (a folder a block, a file in it a part of an input), `parts/` (a file for every
+    part of an input that is in place), `blocks/`, `buildings/` (a file a block each), and `plan.json`."""
 
     folder: Path
     has_returns: bool = True
@@ -41,7 +44,7 @@ class Store:
 
     def prepare(self) -> None:
         """Make the folders."""
-        for name in ("points", "blocks", "buildings"):
+        for name in ("points", "parts", "blocks", "buildings"):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
 
     def discard(self) -> None:
@@ -49,18 +52,19 @@ class Store:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def points_path(self, block: Block) -> Path:
-        """The file of a block's points."""
-        return self.folder / "points" / f"{block.name}.bin"
-
-    def append_points(self, block: Block, records: np.ndarray[Any, Any]) -> None:
-        """Add records to a block's points."""
-        with self.points_path(block).open("ab") as file:
-            file.write(records.tobytes())
+        """The folder of a block's points."""
+        return self.folder / "points" / block.name
 
     def blocks(self, side: float) -> list[Block]:
         """The blocks that have points, in order."""
-        names = [path.stem.split("_") for path in (self.folder / "points").glob("*.bin")]
+        names = [entry.split("_") for entry in os.listdir(self.folder / "points")]
         return sorted(Block(int(column), int(row), side) for column, row in names)
+
+    def read_points(self, block: Block) -> NDArray[np.void]:
+        """The records of all points in a block, by input and place in it."""
+        path = self.points_path(block)
+        files = sorted(path.glob("*.bin")) if path.exists() else []
+        return np.concatenate([np.zeros(0, RECORD), *(np.fromfile(file, RECORD) for file in files)])
 
     def load_cloud(self, block: Block, reach: float) -> PointCloud:
         """The points of a block and of its surroundings up to `reach` (m), about the block's corner."""
@@ -70,10 +74,9 @@ class Store:
         for column in range(block.column - steps, block.column + steps + 1):
             for row in range(block.row - steps, block.row + steps + 1):
                 near = Block(column, row, block.side)
-                path = self.points_path(near)
-                if not path.exists():
+                records = self.read_points(near)
+                if not len(records):
                     continue
-                records = np.fromfile(path, RECORD)
                 shift = np.round((np.array(near.origin) - block.origin) / QUANTUM).astype(np.int64)
                 if near != block:
                     records = records[within(records["xyz"], window.moved(*(-shift * QUANTUM)))]
@@ -90,37 +93,50 @@ class Store:
             system=self.system,
         )
 
-    def save(self, kind: str, block: Block, value: object) -> None:
-        """Keep a block's result: `kind` is `blocks` or `buildings`."""
-        with atomic(self.folder / kind / f"{block.name}.pickle") as temporary:
-            temporary.write_bytes(pickle.dumps(value, protocol=5))
-
-    def forget(self, kind: str) -> None:
-        """Remove all results of a kind."""
-        for path in (self.folder / kind).glob("*.pickle"):
-            path.unlink()
+    def path(self, kind: str, block: Block) -> Path:
+        """The file of a block's result: `kind` is `blocks` or `buildings`."""
+        return self.folder / kind / f"{block.name}.{'npz' if kind == 'blocks' else 'pickle'}"
 
     def has(self, kind: str, block: Block) -> bool:
         """Whether a block's result is there."""
-        return (self.folder / kind / f"{block.name}.pickle").exists()
+        return self.path(kind, block).exists()
 
-    def load_block(self, block: Block) -> BlockResult:
-        """The block pass's result for one block."""
-        result: BlockResult = pickle.loads((self.folder / "blocks" / f"{block.name}.pickle").read_bytes())
-        return result
+    def forget(self, kind: str) -> None:
+        """Remove all results of a kind."""
+        for path in (self.folder / kind).iterdir():
+            if path.is_file():
+                path.unlink()
 
-    def load_buildings(self, block: Block) -> list[BuildingResult]:
-        """The building pass's results for the buildings at home in one block."""
-        results: list[BuildingResult] = pickle.loads(
-            (self.folder / "buildings" / f"{block.name}.pickle").read_bytes()
-        )
-        return results
+    def save_block(self, result: BlockResult) -> None:
+        """Keep what the block pass found in one block."""
+        save_block(self.path("blocks", result.block), result)
 
-    def results(self, homes: list[Block]) -> Iterator[BuildingResult]:
-        """All buildings, home block by home block."""
+    def open_block(self, block: Block) -> BlockFile:
+        """What the block pass found in one block; to be used in a `with` statement."""
+        return BlockFile(self.path("blocks", block), block)
+
+    def save_buildings(self, home: Block, results: Sequence[BuildingResult]) -> None:
+        """Keep the buildings at home in one block: the answers, then the planes of their points."""
+        with atomic(self.path("buildings", home)) as temporary, temporary.open("wb") as file:
+            answers = [(result.answer, result.seconds) for result in results]
+            pickle.dump(answers, file, protocol=5)
+            pickle.dump([(result.point_id, result.plane) for result in results], file, protocol=5)
+
+    def answers(self, homes: Sequence[Block]) -> Iterator[tuple[BuildingModel | Failure, dict[str, float]]]:
+        """Answer and seconds of all buildings, home block by home block."""
         for home in homes:
             if self.has("buildings", home):
-                yield from self.load_buildings(home)
+                with self.path("buildings", home).open("rb") as file:
+                    yield from pickle.load(file)
+
+    def planes(self, home: Block) -> list[tuple[NDArray[np.int64], NDArray[np.int32]]]:
+        """Ids and roof planes (0 for none) of the points of each building at home in one block."""
+        if not self.has("buildings", home):
+            return []
+        with self.path("buildings", home).open("rb") as file:
+            pickle.load(file)
+            found: list[tuple[NDArray[np.int64], NDArray[np.int32]]] = pickle.load(file)
+        return found
 
     def matches(self, plan: dict[str, Any]) -> bool:
         """Whether the folder was made by the same plan (inputs, recipe, version)."""
@@ -128,7 +144,7 @@ class Store:
         return path.exists() and json.loads(path.read_text(encoding="utf-8")) == plan
 
     def keep_plan(self, plan: dict[str, Any]) -> None:
-        """Write the plan that the folder belongs to; the last thing written when all points are in place."""
+        """Write the plan that everything in the folder belongs to."""
         with atomic(self.folder / "plan.json") as temporary:
             temporary.write_text(json.dumps(plan), encoding="utf-8")
 

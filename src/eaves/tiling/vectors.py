@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from eaves.formats import read_polygons
@@ -31,9 +32,9 @@ def read_area(path: Path, system: CoordinateSystem) -> BaseGeometry:
     return area
 
 
-def area_of(files: Sequence[Bounds], bounds: Bounds | None, clip: BaseGeometry | None) -> BaseGeometry:
-    """Where points are used: the rectangles of the files, within `bounds` and `clip`."""
-    area = shapely.union_all([as_box(file) for file in files])
+def area_of(boxes: NDArray[np.float64], bounds: Bounds | None, clip: BaseGeometry | None) -> BaseGeometry:
+    """Where points are used: the boxes (F, 4) of the files, within `bounds` and `clip`."""
+    area = shapely.union_all(shapely.box(*boxes.T))
     for limit in (None if bounds is None else as_box(bounds), clip):
         if limit is not None:
             area = shapely.intersection(area, limit)
