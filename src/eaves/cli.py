@@ -21,6 +21,7 @@ from eaves.command_options import (
     Jobs,
     MethodName,
     Out,
+    PerTile,
     Published,
     Quiet,
     Resume,
@@ -78,6 +79,7 @@ def build(
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
     resume: Resume = False,
+    per_tile: PerTile = False,
     strict: Strict = False,
     config: Config = None,
     quiet: Quiet = False,
@@ -109,6 +111,7 @@ def build(
         jobs=jobs,
         scheduler=scheduler,
         resume=resume,
+        per_tile=per_tile,
         block=block,
     )
     summary = run_build(inputs, out, recipe, options, quiet, verbose)
@@ -366,6 +369,8 @@ def demo(out: Out = Path("demo-out"), quiet: Quiet = False) -> None:
 
 def main() -> None:
     """Entry point: a caller's mistake is one line and status 2, never a traceback."""
+    from eaves.formats.disk import DiskFullError
+
     try:
         status = app(standalone_mode=False)
     except SystemExit as end:  # how typer passes Ctrl-C on
@@ -376,7 +381,7 @@ def main() -> None:
         if "--verbose" in sys.argv or "-v" in sys.argv:
             raise
         typer.echo(f"error: {' '.join(str(error).split())}", err=True)
-        status = MISUSE
+        status = INCOMPLETE if isinstance(error, DiskFullError) else MISUSE
     except Exception as error:
         # a wrong word on the command line; typer brings its own click, so its classes have no fixed name
         told = getattr(error, "format_message", None)

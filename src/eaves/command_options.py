@@ -20,6 +20,9 @@ UseClasses = Annotated[bool, typer.Option("--use-classes", help="Believe the fil
 Jobs = Annotated[int, typer.Option(help="Processes; 0 means one a core.", min=0)]
 Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Keep parts that are done and match.")]
+PerTile = Annotated[
+    bool, typer.Option("--per-tile", help="Compute and write tile by tile, as for over 2 billion points.")
+]
 Published = Annotated[
     bool, typer.Option("--as-published", help="Every method with the numbers its paper prints.")
 ]

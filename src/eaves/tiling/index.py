@@ -163,7 +163,7 @@ def index_inputs(
             kept[number] = source
         systems.setdefault(source.system, path)
         number += 1
-        if number % 1000 == 0 or number == len(paths):
+        if number % 1000 == 0:
             tell(number, len(paths))
     if not number:
         raise InputError(failed[0])

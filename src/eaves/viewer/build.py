@@ -7,9 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from eaves.pipeline import Recipe
-from eaves.tiling.build import Options, Tell
+from eaves.tiling.build import Options
 from eaves.tiling.build import build as build_files
 from eaves.tiling.outputs import Summary
+from eaves.tiling.region import Tell
 from eaves.viewer.report import write_report
 
 
@@ -22,7 +23,10 @@ def build(
 ) -> Summary:
     """Footprints, models, rasters, classified points and report.html, in the folder `out`.
 
-    See `eaves.tiling.build.build` for the parameters; this adds the report that people open first.
+    See `eaves.tiling.build.build` for the parameters; this adds the report that people open first (not to a
+    run by tiles, which is more than a page holds).
     """
     summary = build_files(inputs, out, recipe, options, tell)
+    if "tiles" in summary.run:
+        return summary
     return replace(summary, files=(*summary.files, write_report(summary)))
