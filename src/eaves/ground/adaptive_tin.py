@@ -20,6 +20,10 @@ FIRST_CELLS = 2.0
 """The TIN begins with the lowest seeds of cells this wide, in cells; the others tell how rough it is."""
 
 
+WIDEST_SPACING_M = 2.0
+"""Wider spacings add no more to the angle."""
+
+
 class AdaptiveTin(GroundMethod):
     """Ground by progressive densification of a TIN.
 
@@ -34,8 +38,9 @@ class AdaptiveTin(GroundMethod):
     ::
 
         d ≤ d_max   and   α_k = arcsin(d / |p − v_k|) ≤ α_max + γ·s,  k = 1, 2, 3
+        d_max = min(0.65 spacing, 0.9 m),   α_max = 12° + 6° · min(spacing, 2 m)
         p' = 2 v − p,   |z − (2 z_v − facet(p'))| ≤ min(d_max, μ·|p − v|)
-        ground:  |z − facet(p)| ≤ t + κ·s,   t = min(max(7.5 ρ, 0.1 m), 0.4 m),   κ = min(0.6 spacing, 0.9 m)
+        ground:  |z − facet(p)| ≤ t + κ·s,   t = min(max(7 ρ, 0.1 m), 0.4 m),   κ = min(0.6 spacing, 0.9 m)
 
     with d the distance to the facet, s its slope, v its vertex nearest to p, and ρ the median distance of
     the seeds from a TIN of the lowest of them in cells twice as wide.
@@ -45,19 +50,23 @@ class AdaptiveTin(GroundMethod):
     Followed [axelsson2000]: low outliers first (`find_outliers`), seeds, distance and angles, mirroring,
     rounds until nothing joins, limits from the statistics of the surface. The paper prints no number;
     those of `as_published()` are ours, after its words: seeds from cells of 40 m, wider than the widest
-    building, a distance of 1.4 m, which a TIN needs to climb from seeds so far apart, and rounds to the
-    end. With `seed_cell` the seeds are the lowest points of such cells, as in the paper. The lowest point
+    building, a distance of 1.4 m, which a TIN needs to climb from seeds so far apart, an angle of 14°, and
+    rounds to the end. With `seed_cell` the seeds are the lowest points of such cells, as in the paper. The lowest point
     of a wide cell misses every hilltop and terrace, so by default we leave it in this:
 
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
       pingel2013], up to `widest_object`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done
-      twice, so that a roof between roofs is found. Points low on a wall and in holes are left out after.
-    - A wide piece that the opening took, and that meets the ground without a step on more than `level_share`
-      of its rim, is terrain again: roofs step down on all sides, spurs and high fields do not. This is what
-      tells a hall from a terrace, whatever their size.
+      twice, so that a roof between roofs is found. Points low on a wall and in holes are left out after,
+      and so are up to three cells alone among objects that do not fit the ground around them.
+    - A piece over 200 m² that the opening took, and that meets the ground without a step on more than
+      `level_share` of its rim, is terrain again; from 80 m² on, with twice the share. Roofs step down on all
+      sides, spurs and high fields do not: this tells a hall from a terrace, whatever their size. A wide
+      piece that is nowhere two metres over the ground is terrain too: a terrace the rim of the data cuts.
+    - The larger the spacing, the larger the angle: the terrain bends more within a wide facet.
     - A seed or point within `noise`, or `noise_share` of t, of a facet is not inserted: the TIN stays small.
-    - Facets at the hull go on beyond it, so that a slope has no false rim.
+    - Points around the data, at heights that the seeds nearest to them foretell, keep the hull of the TIN
+      away from roofs and crowns that the rim of the data cuts: its slivers are as steep as walls.
 
     The reach of a window of `widest_object` is its width, and a chain of joining points adds little: 60 m.
     The roughness and the spacing are measured over the whole cloud that is given, which for a tiler is
@@ -65,7 +74,7 @@ class AdaptiveTin(GroundMethod):
 
     Fails where
     -----------
-    Water is taken for ground, and a bridge that goes on at the level of its road too. A building wider
+    Water is taken for ground, and much of a bridge that goes on at the level of its road. A building wider
     than `widest_object` in both directions stays, and so does a wide one whose lowest step is under
     (0.12 + 0.3 slope) times half its width: a hall of 35 m on a slope of 0.3 that rises 3.7 m uphill.
     A hill narrower than the window goes when it is steep on all sides. A kerb of three decimetres on dense
@@ -74,8 +83,8 @@ class AdaptiveTin(GroundMethod):
 
     Complexity
     ----------
-    O(N + C log C) with C cells of `cell_least` or one spacing: about 1 CPU second per million points at 15
-    points/m², 6 at 1 point/m², where every point has a cell of its own.
+    O(N + C log C) with C cells of `cell_least` or one spacing: about 0.4 CPU seconds per million points at 15
+    points/m², 2 at 1 point/m², where every point has a cell of its own.
 
     References
     ----------
@@ -114,7 +123,16 @@ class AdaptiveTin(GroundMethod):
         0.65, "Largest distance to the facet, in spacings.", symbol="d", published=10.0, gt=0
     )
     distance_most: float = parameter(0.9, "The same, at most.", unit="m", symbol="d", published=1.4, gt=0)
-    angle: float = parameter(14.0, "Largest angle to the facet.", unit="degree", symbol="α", gt=0, le=90)
+    angle: float = parameter(
+        12.0, "Largest angle to the facet.", unit="degree", symbol="α", published=14.0, gt=0, le=90
+    )
+    angle_share: float = parameter(
+        6.0,
+        "Added per metre of spacing, up to 2 m: wide facets bend more.",
+        unit="degree",
+        published=0.0,
+        ge=0,
+    )
     angle_gain: float = parameter(
         3.0, "Added to the angle per unit of the facet's slope.", unit="degree", symbol="γ", ge=0
     )
@@ -129,7 +147,7 @@ class AdaptiveTin(GroundMethod):
         0.2, "The same, as a part of the tolerance of the last step where that is more.", ge=0, le=1
     )
     rounds: int = parameter(8, "Most rounds of densification.", published=1000, ge=0)
-    tolerance_gain: float = parameter(7.5, "Tolerance of the last step, in roughnesses.", symbol="t/ρ", ge=0)
+    tolerance_gain: float = parameter(7.0, "Tolerance of the last step, in roughnesses.", symbol="t/ρ", ge=0)
     tolerance_least: float = parameter(0.1, "The same, at least.", unit="m", symbol="t", ge=0)
     tolerance_most: float = parameter(0.4, "The same, at most.", unit="m", symbol="t", ge=0)
     slant_share: float = parameter(
@@ -185,7 +203,7 @@ class AdaptiveTin(GroundMethod):
         """What a point may differ from the surface to join it."""
         return Limits(
             distance=min(self.distance_most, self.distance_share * spacing),
-            angle=np.radians(self.angle),
+            angle=np.radians(self.angle + self.angle_share * min(spacing, WIDEST_SPACING_M)),
             angle_gain=np.radians(self.angle_gain),
             mirror_rise=self.mirror_rise,
             mirror_slope=self.mirror_slope,
