@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError
 
 from eaves.geometry.rings import signed_area, split_loops
+from eaves.geometry.tin import Tin
 
 WIDEN = 1.5
 """Factor from one try to the next when the radius is too small to hold the points together."""
@@ -37,17 +37,18 @@ def triangulate(xy: NDArray[np.float64]) -> Mesh | None:
     """The Delaunay triangles of points (N, 2), None when they lie on one line."""
     if len(xy) < 3:
         return None
-    try:
-        found = Delaunay(xy - np.floor(xy.min(axis=0)))
-    except QhullError:
+    tin = Tin(xy)
+    real = (tin.vertices >= 0).all(axis=1)
+    if not real.any():
         return None
-    triangles = found.simplices.astype(np.int64)
+    number = np.where(real, np.cumsum(real) - 1, -1)
+    triangles, neighbours = tin.vertices[real].astype(np.int64), number[tin.neighbours[real]]
     x, y = xy[:, 0][triangles], xy[:, 1][triangles]
     dx, dy = x[:, [1, 2, 0]] - x, y[:, [1, 2, 0]] - y
     area = 0.5 * np.abs(dx[:, 0] * dy[:, 1] - dy[:, 0] * dx[:, 1])
     sides = np.sqrt((dx * dx + dy * dy).prod(axis=1))
     radius = np.where(area > 1e-12, sides / np.maximum(4.0 * area, 1e-12), np.inf)
-    return Mesh(xy, triangles, found.neighbors.astype(np.int64), radius, area)
+    return Mesh(xy, triangles, neighbours, radius, area)
 
 
 def wide_radius(mesh: Mesh, most: float, share: float) -> float | None:
@@ -106,8 +107,9 @@ def with_sparse_parts(mesh: Mesh, kept: NDArray[np.bool_], radius: float) -> NDA
     around = ~kept & (mesh.radius <= radius) & outside[mesh.triangles].any(axis=1)
     part, count = part_kernel(mesh.neighbours, around)
     corners = mesh.triangles[around]
-    pairs = np.unique(np.stack([np.repeat(part[around], 3), corners.ravel()], axis=1), axis=0)
-    members = np.bincount(pairs[outside[pairs[:, 1]], 0], minlength=count + 1)
+    pairs = np.unique(np.repeat(part[around], 3) * len(outside) + corners.ravel())
+    group, corner = np.divmod(pairs, len(outside))
+    members = np.bincount(group[outside[corner]], minlength=count + 1)
     return largest_part(mesh, kept | (around & (members[part] >= LEAST_SPARSE)))
 
 

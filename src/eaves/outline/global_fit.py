@@ -30,6 +30,8 @@ WALL_BESIDE, LEAST_BESIDE_M = 1.0, 0.5
 """Points of a wall have roof points above them within so many spacings, and at least so many metres."""
 LEAST_POINTS = 4
 """Fewer points in the strip tell nothing."""
+SPOT_M, SPOT_IN_SPACINGS = 0.1, 0.5
+"""A quarter of the disc that a beam of 0.4 mrad lights from 1000 m; points seldom lie closer than discs do."""
 CORNER_REACH = 4.0
 """A corner farther than this from the boundary, in spacings, is cut off; one of 30° still is not."""
 
@@ -64,8 +66,8 @@ class GlobalFit(OutlineMethod):
     beside them (`low_parts`).
 
     The beam of a scanner has a width: a pulse that strikes the edge with a part of its spot is placed
-    outside. The points cannot tell how far; `spot` is a quarter of a usual spot of 0.3 m. For a beam
-    without width it is 0.
+    outside. The points cannot tell how far; `spot` is a quarter of a spot of 0.4 m, or half the spacing
+    where that is less: dense points come from a low flight. For a beam without width it is 0.
 
     *Fails where* a jog or passage is narrower than twice the spacing; where trees touch the roof and were
     not taken out before (a bulge); on curves, which become polygons with a scatter's sagitta.
@@ -91,10 +93,14 @@ class GlobalFit(OutlineMethod):
     blur: float = parameter(
         0.1, "horizontal blur of an edge: noise of the points and the laser's spot", unit="m", ge=0
     )
-    spot: float = parameter(
-        0.08, "how far the width of the beam lets points reach beyond an edge", unit="m", ge=0
+    spot: float | None = parameter(
+        None,
+        "how far the width of the beam lets points reach beyond an edge; from the data half a spacing, "
+        "at most 0.1 m",
+        unit="m",
+        ge=0,
     )
-    price: float = parameter(1.8, "price of an edge, in nats per log of the number of boundary points", gt=0)
+    price: float = parameter(1.5, "price of an edge, in nats per log of the number of boundary points", gt=0)
     angle_price: float = parameter(3.0, "further price of a direction of its own, in nats", ge=0)
     tolerance: float = parameter(8.0, "largest turn of an edge into a common direction", unit="°", ge=0)
     least: float = parameter(0.2, "least share of the outline along a frame of directions", ge=0, le=1)
@@ -202,8 +208,9 @@ class GlobalFit(OutlineMethod):
         )
         told = np.isfinite(shift)
         shift = np.where(told, np.clip(shift, -OUTSIDE * spacing, OUTSIDE * spacing), -0.5 * spacing)
+        spot = min(SPOT_M, SPOT_IN_SPACINGS * spacing) if self.spot is None else self.spot
         finer = replace(drawing, detail=0.5 * drawing.detail)
-        edges = joined_edges(edges.with_(offset=edges.offset + shift + self.spot), finer)
+        edges = joined_edges(edges.with_(offset=edges.offset + shift + spot), finer)
         return ring_of_edges(edges, finer) if len(edges) > 2 else None
 
 
