@@ -197,3 +197,15 @@ def test_a_header_that_cannot_be_copied_costs_its_extras_and_not_the_points(
     assert np.array_equal(found.xyz, wanted.xyz)
     assert np.array_equal(np.asarray(found.classification)[used], classes[used])
     assert np.array_equal(found.building_id, np.arange(COUNT))
+
+
+def test_points_out_of_this_world_are_left_out_and_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "a.xyz"
+    path.write_text("85000 447000 3\n85001 447001 1e300\n1e300 447000 3\n85002 447002 -4\n")
+    (chunk,) = iter_chunks(open_source(path))
+    assert chunk.position.tolist() == [0, 3] and "2 points" in caplog.text
+    write_classified(open_source(path), tmp_path / "b.laz", np.array([2, 2, 2, 6], np.uint8))
+    found = laspy.read(tmp_path / "b.laz")
+    assert np.asarray(found.withheld).tolist() == [0, 1, 1, 0] and found.classification[3] == 6

@@ -18,7 +18,7 @@ from eaves.formats.atomic import atomic
 from eaves.formats.crs import pyproj_crs
 from eaves.formats.las import FIRST_LAYERED_FORMAT, iter_records
 from eaves.formats.las_header import LasHeader
-from eaves.formats.source import CHUNK_POINTS, Source
+from eaves.formats.source import CHUNK_POINTS, Source, has_coordinates
 from eaves.formats.text import iter_text
 
 log = logging.getLogger("eaves")
@@ -168,11 +168,14 @@ def _text_pieces(source: Source, size: int) -> Iterator[tuple[int, NDArray[np.vo
     assert not isinstance(source.layout, LasHeader)
     for chunk in iter_text(source.layout, size):
         records = np.zeros(len(chunk), header.point_format.dtype())
-        steps = np.round((np.nan_to_num(chunk.xyz) - header.offsets) / header.scales)
+        # A line without coordinates keeps its place, so that labels fit, and is marked as not to be used.
+        usable = has_coordinates(chunk.xyz)
+        steps = np.round(
+            (np.where(usable[:, None], chunk.xyz, header.offsets) - header.offsets) / header.scales
+        )
         records["X"], records["Y"], records["Z"] = np.clip(steps, -(2**31), 2**31 - 1).T.astype(np.int32)
         records["bit_fields"] = 1 | 1 << 4
-        # A line without coordinates keeps its place, so that labels fit, and is marked as not to be used.
-        records["classification_flags"] = np.where(np.isfinite(chunk.xyz).all(axis=1), 0, 4)
+        records["classification_flags"] = np.where(usable, 0, 4)
         yield int(chunk.position[0]), records
 
 

@@ -23,6 +23,8 @@ from eaves.model.cloud import snap
 from eaves.model.coordinates import LOCAL_METRES
 
 Corner = tuple[float, float, float]
+FARTHEST = (2e8, 2e8, 1e5)
+"""What no coordinate of a survey exceeds, in metres or feet: false eastings with a zone reach 6e7 m."""
 FIELDS = ("return_number", "number_of_returns", "classification")
 MISSING = {"return_number": 1, "number_of_returns": 1, "classification": 0}
 """What stands for a field in points of files that lack it."""
@@ -178,7 +180,11 @@ def iter_chunks(
         if len(picked):
             yield picked
     if lost:
-        log.warning("%s: %d points without coordinates (NaN or all zero) are left out", source.path, lost)
+        log.warning(
+            "%s: %d points without coordinates (NaN, all zero or out of this world) are left out",
+            source.path,
+            lost,
+        )
 
 
 def read(
@@ -242,9 +248,13 @@ def read(
 
 
 def has_coordinates(xyz: Points) -> Mask:
-    """Which points (N, 3) have coordinates: finite, and not all zero, which is how writers say 'none'."""
-    finite: Mask = np.isfinite(xyz[:, 0]) & np.isfinite(xyz[:, 1]) & np.isfinite(xyz[:, 2])
-    return np.asarray(finite & ((xyz[:, 0] != 0) | (xyz[:, 1] != 0) | (xyz[:, 2] != 0)))
+    """Which points (N, 3) have coordinates: not NaN, not all zero, which is how writers say 'none', and not
+    beyond `FARTHEST`, which is how damage looks.
+    """
+    near: Mask = np.abs(xyz[:, 2]) <= FARTHEST[2]  # false for NaN, too
+    for axis in (0, 1):
+        near &= np.abs(xyz[:, axis]) <= FARTHEST[axis]
+    return np.asarray(near & ((xyz[:, 0] != 0) | (xyz[:, 1] != 0) | (xyz[:, 2] != 0)))
 
 
 def _native_chunks(
