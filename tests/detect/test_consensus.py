@@ -8,8 +8,9 @@ import pytest
 from eaves.detect import detect_buildings
 from eaves.detect.borders import source_side
 from eaves.detect.consensus import Consensus
-from eaves.detect.evidence import gather_evidence, regress_planes, window_sum
+from eaves.detect.evidence import gather_evidence
 from eaves.detect.segments import find_segments, inner_width, square_width
+from eaves.detect.windows import regress_planes, window_sum
 from eaves.geometry.plane_moments import sums_of
 from eaves.model.scene import ROOF, WALL
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
@@ -123,6 +124,8 @@ def test_windows_sum_three_by_three_cells() -> None:
     values = np.zeros((5, 6))
     values[0, 0], values[2, 3] = 1.0, 2.0
     assert window_sum(values)[1].tolist() == [1.0, 1.0, 2.0, 2.0, 2.0, 0.0]
+    assert window_sum(values, 2)[2].tolist() == [0.0, 0.0, 0.0, 2.0, 2.0, 0.0]
+    assert window_sum(values, 2)[1].tolist() == [1.0, 1.0, 0.0, 0.0, 0.0, 0.0]
 
 
 def test_the_width_of_a_segment_is_that_of_its_largest_square() -> None:

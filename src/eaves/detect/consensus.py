@@ -10,13 +10,14 @@ from scipy import ndimage
 from eaves.detect.base import MIN_HEIGHT_M, Detector
 from eaves.detect.borders import cut_cells
 from eaves.detect.cells import side_near
-from eaves.detect.evidence import LEAST_POINTS, Evidence, gather_evidence
+from eaves.detect.evidence import Evidence, gather_evidence
 from eaves.detect.hidden import find_hidden_roofs
 from eaves.detect.judgement import judge_cells, judge_segments, score_regions
 from eaves.detect.members import part_of_points
 from eaves.detect.segments import Segments, find_segments, square_width
 from eaves.detect.vehicles import looks_like_vehicle
 from eaves.detect.voids import find_roof_voids, raise_rims
+from eaves.detect.windows import LEAST_POINTS
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, Regions, Scene, Values
 from eaves.model.scene import ROOF
@@ -36,14 +37,14 @@ class Consensus(Detector):
     """Building labels from planes, echoes, penetration, height, size and width together.
 
     Points well above the terrain are gathered in cells about one spacing wide. Each cell is given the best
-    plane of the nine windows that hold it, so ridges and eaves are as flat as the faces beside them and
-    crowns never are. Cells of agreeing planes form surfaces, and each surface is judged as a whole: area,
-    width, residual, height, the share of pulses with several echoes, the share of points that reach the
-    ground through it. Cells in no surface (walls, chimneys, machinery, crowns) are judged by their echoes; a
-    hole in the data with a level, raised rim is a roof of glass or water. A graph cut then finds the
+    plane of the windows, three and two cells wide, that hold it, so ridges and eaves are as flat as the faces
+    beside them and crowns never are. Cells of agreeing planes form surfaces, and each surface is judged as a
+    whole: area, width, residual, height, the share of pulses with several echoes, the share of points that
+    reach the ground through it. Cells in no surface (walls, chimneys, machinery, crowns) are judged by their
+    echoes; a hole in the data with a level, raised rim is a roof of glass or water. A graph cut then finds the
     labelling of least energy, in which neighbours whose surfaces continue each other want the same label and
-    a jump in height lets them part. Connected cells with a core of roof surfaces are buildings; narrow long
-    ones alone on the street are vehicles.
+    a jump in height lets them part. Connected cells with a core of roof surfaces are buildings; their
+    planes are carried on below crowns; narrow long ones with a level top are vehicles.
 
     Energy: Σ_cells odds(c)·[label(c) is against its odds] + λ Σ_neighbours exp(-(d/s)²)·[labels differ],
     where d is how far the highest points miss each other's surface.
@@ -59,7 +60,7 @@ class Consensus(Detector):
 
     Fails where
     -----------
-    Dense clipped hedges over 2 m high and wide; roofs covered by crowns; glass roofs seen through;
+    Dense clipped hedges over 2 m high and wide; roofs wholly covered by crowns; glass roofs seen through;
     containers and site huts are buildings when wider than a vehicle; sheds narrower than three cells at 1
     point/m². Without returns crowns that touch a roof at its height may be taken for part of it.
 
