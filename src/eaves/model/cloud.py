@@ -139,18 +139,18 @@ def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> 
     """Indices (N,) that sort points (N, 3) by 1 m cell, row by row, and inside a cell by y, x, z (1 mm)."""
     if len(xyz) == 0:
         return np.zeros(0, np.int64)
-    # column by column: numpy reduces a long array of three columns ten times slower
-    whole = [millimetres(column) for column in xyz.T]
-    cell, inside = [w // 1000 for w in whole[:2]], [w % 1000 for w in whole[:2]]
-    columns, heights = int(cell[0].max()) + 1, int(whole[2].max()) + 1
-    if (int(cell[1].max()) + 1) * columns * 1e6 * heights < 2**62:
-        key = ((cell[1] * columns + cell[0]) * 1_000_000 + inside[1] * 1000 + inside[0]) * heights
-        key += whole[2]
+    from eaves.model.order import keys_kernel  # imports numba, which a cloud alone does not need
+
+    key, fits, rising = keys_kernel(xyz)
+    if fits:
         # the verbs find most clouds in order; an unstable sort is faster, and ties are settled below
-        sorted_already = bool((key[1:] >= key[:-1]).all())
-        order = np.arange(len(key)) if sorted_already else np.argsort(key)
-        tied = np.flatnonzero(key[order][1:] == key[order][:-1])
+        order = np.arange(len(key)) if rising else np.argsort(key)
+        ordered = key if rising else key.take(order)
+        tied = np.flatnonzero(ordered[1:] == ordered[:-1])
     else:
+        # column by column: numpy reduces a long array of three columns ten times slower
+        whole = [millimetres(column) for column in xyz.T]
+        cell, inside = [w // 1000 for w in whole[:2]], [w % 1000 for w in whole[:2]]
         order = np.lexsort((whole[2], inside[0], inside[1], cell[0], cell[1]))
         same = [w[order][1:] == w[order][:-1] for w in whole]
         tied = np.flatnonzero(same[0] & same[1] & same[2])

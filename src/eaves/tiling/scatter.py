@@ -76,7 +76,7 @@ class Window:
 
     def holds(self, xyz: Points) -> NDArray[np.bool_]:
         """Which points (N, 3) are used."""
-        usable = np.isfinite(xyz).all(axis=1)
+        usable = np.isfinite(xyz[:, 0]) & np.isfinite(xyz[:, 1]) & np.isfinite(xyz[:, 2])
         if self.bounds is not None:
             usable &= self.bounds.contains(xyz)
         if self.clip is not None:
@@ -145,22 +145,24 @@ def scatter_part(
 
 def scatter_chunk(chunk: Chunk, first: int, side: float, window: Window, writer: PartWriter) -> None:
     """Hand a chunk's usable points to the writer, block by block; `first` is the id its file begins with."""
-    xyz = chunk.xyz
-    kept = np.flatnonzero(window.holds(xyz))
-    if len(kept) == 0:
+    usable = window.holds(chunk.xyz)
+    if not usable.any():
         return
-    index = np.floor(xyz[kept, :2] / side).astype(np.int64)
-    column, row = index.T
-    records = np.zeros(len(kept), RECORD)
-    local = xyz[kept] - np.column_stack([index * side, np.zeros(len(kept))])
-    records["xyz"] = np.round(local / QUANTUM)
-    records["point_id"] = chunk.position[kept] + first
+    used = chunk if usable.all() else chunk.take(usable)
+    x, y, z = used.xyz.T
+    column, row = np.floor(x / side).astype(np.int64), np.floor(y / side).astype(np.int64)
+    records = np.zeros(len(used), RECORD)
+    for axis, local in enumerate((x - column * side, y - row * side, z)):
+        records["xyz"][:, axis] = np.round(local / QUANTUM)
+    records["point_id"] = used.position + first
     for name, missing in (("return_number", 1), ("number_of_returns", 1), ("classification", 0)):
-        values = getattr(chunk, name)
-        records[name] = missing if values is None else values[kept]
-    order = np.lexsort((row, column))
-    changes = np.flatnonzero(np.diff(column[order]) | np.diff(row[order])) + 1
-    for group in np.split(order, changes):
+        values = getattr(used, name)
+        records[name] = missing if values is None else values
+    place = (column - column.min()) * (int(np.ptp(row)) + 1) + row - row.min()
+    if int(place.max()) < 2**16:  # so few blocks: sixteen bits sort by radix, twenty times as fast
+        place = place.astype(np.uint16)
+    order = np.argsort(place, kind="stable")
+    for group in np.split(order, np.flatnonzero(np.diff(place[order])) + 1):
         block = Block(int(column[group[0]]), int(row[group[0]]), side)
         writer.append(block, records[group])
 

@@ -115,7 +115,7 @@ def edges_of(faces: Sequence[CityFace]) -> tuple[Points, NDArray[np.int64]]:
 def _frame(ring: Points) -> NDArray[np.float64]:
     """Origin, two directions on the ring's plane and its normal, (4, 3)."""
     normal = unit_normal(ring)
-    aside = np.cross([0.0, 0.0, 1.0], normal)
+    aside = np.array([0.0 - normal[1], normal[0], 0.0])  # across the vertical and the normal
     long = float(np.linalg.norm(aside))
     first = aside / long if long > 1e-9 else np.array([1.0, 0.0, 0.0])
     return np.stack([ring[0], first, np.cross(normal, first), normal])
