@@ -142,3 +142,13 @@ def test_the_simple_roof_has_no_dormer() -> None:
     assert roofs["2.2"] == 2 and roofs["2.0"] == 1
     (simple,) = model.solids["2.0"]
     assert simple.vertices[:, 2].max() == pytest.approx(12.0, abs=0.02)
+
+
+def test_roof_faces_without_points_are_marked() -> None:
+    points = scan(lambda x, y: np.where(x < 6.0, 5.0, 8.0))
+    model = model_of(points, [(0.0, 0.0, 5.0), (0.0, 0.0, 8.0)])
+    assert [face["no_data"] for face in model.attributes["roof_faces"]] == [False, False]
+    seen = points[(points[:, 0] > 6.0) | (points[:, 0] < 1.5)]
+    model = model_of(seen, [(0.0, 0.0, 5.0), (0.0, 0.0, 8.0)])
+    marked = {round(face["h_high"]): face["no_data"] for face in model.attributes["roof_faces"]}
+    assert marked == {5: True, 8: False}

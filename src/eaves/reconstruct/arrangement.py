@@ -195,6 +195,8 @@ class Arrangement(Reconstructor):
         model = BuildingModel(footprint, solids)
         model = model.with_(planes=faces_as_planes(model, kept, points, top, surface))
         facts = describe(model, points[inside], roof, ground, surface)
+        if "2.2" in solids:
+            facts["surfaces"] = facts["roof_faces"]
         return model.with_(attributes={**facts, **fallback})
 
     def cut(

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from eaves.geometry.roof_fit import collect_faces, fit_roof
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
-from eaves.model import BuildingModel, Points, Solid, Values
+from eaves.model import BuildingModel, Mask, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
 
 EMPTY_CELL = 1.0
 """Side of the cells (m) in which the share of roof without points is counted."""
+
+MOST_UNKNOWN = 0.5
+"""A roof face with a larger share of cells without points is not measured but filled in."""
 
 TRIMMED_SHARE = 0.95
 """Share of the best-fitting points the trimmed RMSE is computed from."""
@@ -93,6 +96,8 @@ def describe(
         mine = error[number == face]
         record["points"] = len(mine)
         record["rmse_m"] = float(np.sqrt(np.mean(mine**2))) if len(mine) else None
+    centres, empty = empty_cells(points, model)
+    mark_unknown(roof_faces, surface_heights(solids, centres)[2], empty)
     area = float(model.footprint.polygon.area)
     squared = np.sort(error**2)
     kept = squared[: max(1, int(TRIMMED_SHARE * len(squared)))]
@@ -114,7 +119,7 @@ def describe(
         "rmse95_m": float(np.sqrt(kept.mean())),
         "points": len(points),
         "density": len(points) / area if area > 0.0 else 0.0,
-        "share_no_data": share_without(points, model),
+        "share_no_data": float(empty.mean()) if len(empty) else float(len(points) == 0),
         "roof_faces": roof_faces,
     }
 
@@ -142,19 +147,30 @@ def describe_faces(solids: tuple[Solid, ...]) -> tuple[list[dict[str, Any]], flo
     return records, wall_area
 
 
-def share_without(points: Points, model: BuildingModel) -> float:
-    """Share of the footprint's 1 m cells (centres inside) that no point (N, 3) falls in."""
+def empty_cells(points: Points, model: BuildingModel) -> tuple[NDArray[np.float64], Mask]:
+    """The centres (C, 2) of the footprint's 1 m cells, and which of them (C,) no point (N, 3) falls in."""
     west, south, east, north = model.footprint.polygon.bounds
     columns, rows = int((east - west) / EMPTY_CELL) + 1, int((north - south) / EMPTY_CELL) + 1
     column, row = np.meshgrid(np.arange(columns), np.arange(rows))
     x, y = west + (column.ravel() + 0.5) * EMPTY_CELL, south + (row.ravel() + 0.5) * EMPTY_CELL
     inside = shapely.contains_xy(model.footprint.polygon, x, y)
-    if not inside.any():
-        return 0.0 if len(points) else 1.0
     of_point = ((points[:, 1] - south) / EMPTY_CELL).astype(np.int64) * columns
     of_point += ((points[:, 0] - west) / EMPTY_CELL).astype(np.int64)
     filled = np.bincount(of_point, minlength=columns * rows)[: columns * rows] > 0
-    return float((~filled[inside]).mean())
+    return np.column_stack([x, y])[inside], ~filled[inside]
+
+
+def mark_unknown(roof_faces: list[dict[str, Any]], face: NDArray[np.int64], empty: Mask) -> None:
+    """Adds to the record of each roof face which share of it has no data, and whether most of it has none.
+
+    `face` (C,) is the face over each cell, `empty` (C,) whether a point fell in it; a face that covers the
+    centre of no cell has data when it has points.
+    """
+    for number, record in enumerate(roof_faces):
+        mine = empty[face == number]
+        share = float(mine.mean()) if len(mine) else float(record["points"] == 0)
+        record["share_no_data"] = share
+        record["no_data"] = share > MOST_UNKNOWN
 
 
 def roof_type(faces: list[dict[str, Any]]) -> str:

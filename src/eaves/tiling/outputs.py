@@ -18,6 +18,7 @@ from eaves.model import Block, BuildingModel, Failure
 from eaves.tiling.block_file import Notes
 from eaves.tiling.exports import export_footprints, export_models
 from eaves.tiling.index import Index
+from eaves.tiling.neighbours import party_walls
 from eaves.tiling.point_labels import write_points
 from eaves.tiling.rows import building_row, roof_rows, world_polygon
 from eaves.tiling.store import Store
@@ -102,10 +103,12 @@ class BuildingRows:
 
     store: Store
     homes: Sequence[Block]
+    shared: Sequence[float | None] = ()
+    """The party walls (m²) of the buildings, where known."""
     faces: bool = False
 
     def __iter__(self) -> Iterator[Row]:
-        for number, (answer, _) in enumerate(self.store.answers(self.homes), 1):
+        for number, answer in enumerate(answers(self.store, self.homes, self.shared), 1):
             if self.faces:
                 yield from (Row(*row) for row in roof_rows(answer))
             else:
@@ -135,7 +138,8 @@ def write_outputs(
     files: list[Path] = []
     system = store.system
     steps = [name for name in EVERYTHING if name in wanted]
-    rows, notes = BuildingRows(store, homes), read_notes(store, blocks)
+    shared = party_walls(store, homes) if {"footprints", "models"} & set(steps) else []
+    rows, notes = BuildingRows(store, homes, shared), read_notes(store, blocks)
     computed, extent = [note.block for note in notes], extent_of(notes)
     for done, step in enumerate(steps):
         tell("write", done, len(steps))
@@ -145,8 +149,8 @@ def write_outputs(
             files += export_footprints(folder, rows, system, formats)
         elif step == "models":
             files.append(folder / "buildings.city.jsonl")
-            write_cityjson_seq(files[-1], answers(store, homes), system)
-            files += export_models(folder, lambda: answers(store, homes), system, formats)
+            write_cityjson_seq(files[-1], answers(store, homes, shared), system)
+            files += export_models(folder, lambda: answers(store, homes, shared), system, formats)
         elif step == "mask":
             polygons = [row.geometry for row in rows]
             files += write_mask(system, computed, polygons, extent, folder / "mask.tif")
@@ -236,7 +240,13 @@ def summarise(
     )
 
 
-def answers(store: Store, homes: Sequence[Block]) -> Iterator[BuildingModel | Failure]:
-    """All models and failures, home block by home block."""
+def answers(
+    store: Store, homes: Sequence[Block], shared: Sequence[float | None] = ()
+) -> Iterator[BuildingModel | Failure]:
+    """All models and failures, home block by home block; models with their party walls (m²), where known."""
+    areas = iter(shared)
     for answer, _ in store.answers(homes):
+        area = next(areas, None)
+        if isinstance(answer, BuildingModel) and area is not None:
+            answer = answer.with_(attributes={**answer.attributes, "party_wall_area_m2": area})
         yield answer

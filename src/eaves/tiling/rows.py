@@ -47,12 +47,15 @@ def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
     if not isinstance(answer, BuildingModel) or not answer.solids:
         return
     origin = np.array([*answer.footprint.origin, 0.0])
+    known = iter(answer.attributes.get("roof_faces", ()))
     for solid in answer.solids[answer.lod]:
         for face in solid.faces:
             if face.surface != ROOF_SURFACE:
                 continue
             rings = [solid.vertices[list(ring)] for ring in face.rings]
             rmse = rmse_of(answer, face.plane)
+            record: dict[str, Any] = next(known, {})
+            share = record.get("share_no_data")
             polygon = Polygon(rings[0] + origin, [ring + origin for ring in rings[1:]])
             yield (
                 polygon,
@@ -61,6 +64,9 @@ def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
                     "lod": answer.lod,
                     **face_figures(rings),
                     "rmse_m": rmse,
+                    "points": record.get("points"),
+                    "share_no_data": None if share is None else round(share, 3),
+                    "no_data": record.get("no_data"),
                 },
             )
 
