@@ -228,6 +228,7 @@ class Running:
     numbers: range
     at_work: int | None = None
     since: float = 0.0
+    ended: bool = False
 
     def heard(self) -> Iterator[Answer]:
         """The answers that have arrived."""
@@ -239,13 +240,14 @@ class Running:
                 else:
                     self.at_work = None
                     yield message
-        except EOFError:
+        except (EOFError, OSError):
+            self.ended = True
             self.process.join()
 
     def over(self) -> bool:
         """Whether the process has ended, or must be."""
         late = self.at_work is not None and time.monotonic() - self.since > SECONDS
-        return late or not (self.process.is_alive() or left_to_hear(self.answers))
+        return late or self.ended
 
     def end(self) -> str:
         """End the process; why."""
@@ -253,14 +255,6 @@ class Running:
             self.process.kill()
             return f"still at work after {SECONDS} s"
         return f"the process died ({self.process.exitcode})"
-
-
-def left_to_hear(answers: Connection) -> bool:
-    """Whether something is left to hear of a process that has ended."""
-    try:
-        return answers.poll()
-    except (EOFError, OSError):
-        return False
 
 
 def main() -> None:

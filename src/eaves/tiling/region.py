@@ -9,10 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from eaves.formats import InputError
 from eaves.formats.disk import DiskFullError
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.pipeline import (
+    CELL,
     BuildingPoints,
     BuildingResult,
     Clock,
@@ -28,9 +31,12 @@ from eaves.tiling.outputs import EVERYTHING, Summary, write_outputs
 from eaves.tiling.runners import Outcome, Workers, peak_memory_mb
 from eaves.tiling.scatter import Part, Window, earlier, parts_of, scatter_part
 from eaves.tiling.store import Store
+from eaves.tiling.strays import stray_blocks
 
 log = logging.getLogger("eaves")
 
+LARGEST_RASTER = 10**11
+"""Cells of a raster in one file: 150 km by 150 km."""
 Tell = Callable[[str, int, int], None]
 """Hears progress: stage, done, total."""
 
@@ -99,7 +105,7 @@ class Region:
         """
         self.open_store()
         self.scatter()
-        blocks = self.store.blocks(self.job.side)
+        blocks = self.used_blocks()
         if not any(map(core.holds, blocks)):
             log.warning("no points left to use: see the bounds, the clip area and the files")
         homes = self.join(blocks, core)
@@ -172,6 +178,28 @@ class Region:
         if unread and len(unread) == len(self.job.index):
             raise InputError(next(iter(unread.values())))
         self.failed += unread.values()
+
+    def used_blocks(self) -> list[Block]:
+        """The blocks that have points, without those that hold nothing but strays."""
+        blocks = self.store.blocks(self.job.side)
+        strays = stray_blocks(self.store, blocks)
+        if strays:
+            log.warning(
+                "%d points in %d blocks far from all others are left out as strays; where they are a survey, "
+                "check its coordinates",
+                sum(strays.values()),
+                len(strays),
+            )
+        used = [block for block in blocks if block not in strays]
+        if used and {"rasters", "mask"} & set(self.job.outputs):
+            spans = np.ptp([(block.column, block.row) for block in used], axis=0) + 1
+            width, height = (spans * self.job.side / CELL).round().astype(int).tolist()
+            if width * height > LARGEST_RASTER:
+                raise InputError(
+                    f"{self.folder}: the rasters would have {width:,} by {height:,} cells; check the "
+                    "coordinates of the inputs, or build their regions apart with --per-tile or --bounds"
+                )
+        return used
 
     def join(self, blocks: Sequence[Block], core: Core) -> list[HomePlan]:
         """Compute the blocks of the core, and others as its buildings go on into them; the buildings."""

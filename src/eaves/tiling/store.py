@@ -60,6 +60,13 @@ class Store:
         names = [entry.split("_") for entry in os.listdir(self.folder / "points")]
         return sorted(Block(int(column), int(row), side) for column, row in names)
 
+    def count_points(self, block: Block) -> int:
+        """How many points a block holds."""
+        path = self.points_path(block)
+        return (
+            sum(entry.stat().st_size for entry in os.scandir(path)) // RECORD.itemsize if path.exists() else 0
+        )
+
     def read_points(self, block: Block) -> NDArray[np.void]:
         """The records of all points in a block, by input and place in it."""
         path = self.points_path(block)

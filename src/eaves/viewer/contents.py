@@ -30,6 +30,8 @@ from eaves.viewer.surfaces import SURFACES, CityFace, collect_city_faces
 POINTS_SHOWN = 300_000
 BUILDINGS_SHOWN = 4_000
 """More than these are thinned, and the page says so: what an office computer turns smoothly."""
+FARTHEST = 2_000_000.0
+"""Points farther (m) from the scene are strays; what whole millimetres in four bytes can hold."""
 TERRAIN_CELLS = 250
 """The terrain is drawn with at most this many cells a side."""
 MARGIN = 30.0
@@ -102,6 +104,7 @@ def read_contents(
         for face in (collect_city_faces(iter_cityjson(models), numbers) if models.exists() else [])
     ]
     sample = sample.with_(xyz=sample.xyz - shift)
+    sample = sample.take((np.abs(sample.xyz) < FARTHEST).all(axis=1))
     run = folder / "run.json"
     west, north = (bounds.west, bounds.north) if bounds else centre
     return Contents(
