@@ -104,7 +104,7 @@ def read_contents(
         for face in (collect_city_faces(iter_cityjson(models), numbers) if models.exists() else [])
     ]
     sample = sample.with_(xyz=sample.xyz - shift)
-    sample = sample.take((np.abs(sample.xyz) < FARTHEST).all(axis=1))
+    sample = sample.take(np.asarray((np.abs(sample.xyz) < FARTHEST).all(axis=1)))
     run = folder / "run.json"
     west, north = (bounds.west, bounds.north) if bounds else centre
     return Contents(
