@@ -13,38 +13,45 @@ def opened(values: Grid, radius: int) -> Grid:
 
     `values` holds no NaN. Beyond the rim the surface goes on as it ends.
     """
-    down = lowest_along_columns_kernel(np.ascontiguousarray(values, np.float32), radius)
-    across = lowest_along_columns_kernel(np.ascontiguousarray(down.T), radius)
-    across = lowest_along_columns_kernel(-across, radius)
-    return np.asarray(-lowest_along_columns_kernel(np.ascontiguousarray(across.T), radius))
+    lower = lowest_in_squares_kernel(np.ascontiguousarray(values, np.float32), radius)
+    return np.asarray(-lowest_in_squares_kernel(-lower, radius))
 
 
 @njit(cache=True)
-def lowest_along_columns_kernel(values: Grid, radius: int) -> Grid:
-    """The lowest value within `radius` rows of each cell (H, W), three comparisons a cell (van Herk 1992).
+def lowest_in_squares_kernel(values: Grid, radius: int) -> Grid:
+    """The lowest value within `radius` rows and columns of each cell (H, W).
 
-    Rows are cut into blocks as long as the window. A window covers the end of one block and the start of the
-    next, so its minimum is that of two running minima. The inner loops go along rows, which a processor does
-    several cells at a time.
+    Along rows, then along columns, the minima of runs of 2, 4, 8 … cells are made from those of half as many;
+    two runs that overlap cover the window. The inner loops go along rows, which a processor does many cells
+    at a time.
     """
     rows, columns = values.shape
     width = 2 * radius + 1
-    blocks = (rows + 2 * radius + width - 1) // width
-    ahead = np.full((blocks * width, columns), np.inf, np.float32)
-    ahead[radius : radius + rows] = values
-    behind = ahead.copy()
-    for block in range(blocks):
-        for row in range(block * width + 1, (block + 1) * width):
-            here, before = behind[row], behind[row - 1]
+    line, wider = np.empty(columns + 2 * radius, np.float32), np.empty(columns + 2 * radius, np.float32)
+    runs = np.full((rows + 2 * radius, columns), np.inf, np.float32)
+    for row in range(rows):
+        line[:radius], line[radius + columns :] = np.inf, np.inf
+        line[radius : radius + columns] = values[row]
+        span = 1
+        while 2 * span <= width:
+            ahead = line[span:]
+            for i in range(len(ahead)):
+                wider[i] = line[i] if line[i] < ahead[i] else ahead[i]
+            line, wider = wider, line
+            span *= 2
+        last, out = line[width - span :], runs[row + radius]
+        for column in range(columns):
+            out[column] = line[column] if line[column] < last[column] else last[column]
+    span = 1
+    while 2 * span <= width:
+        for row in range(len(runs) - span):
+            here, below = runs[row], runs[row + span]
             for column in range(columns):
-                here[column] = here[column] if here[column] < before[column] else before[column]
-        for row in range((block + 1) * width - 2, block * width - 1, -1):
-            here, after = ahead[row], ahead[row + 1]
-            for column in range(columns):
-                here[column] = here[column] if here[column] < after[column] else after[column]
+                here[column] = here[column] if here[column] < below[column] else below[column]
+        span *= 2
     lowest = np.empty((rows, columns), np.float32)
     for row in range(rows):
-        first, last, out = ahead[row], behind[row + width - 1], lowest[row]
+        first, last, out = runs[row], runs[row + width - span], lowest[row]
         for column in range(columns):
             out[column] = first[column] if first[column] < last[column] else last[column]
     return lowest
