@@ -36,15 +36,16 @@ wide fit into less of a face the wider the cells are."""
 class Consensus(Detector):
     """Building labels from planes, echoes, penetration, height, size and width together.
 
-    Points well above the terrain are gathered in cells about one spacing wide. Each cell is given the best
-    plane of the windows, three and two cells wide, that hold it, so ridges and eaves are as flat as the faces
-    beside them and crowns never are. Cells of agreeing planes form surfaces, and each surface is judged as a
-    whole: area, width, residual, height, the share of pulses with several echoes, the share of points that
-    reach the ground through it. Cells in no surface (walls, chimneys, machinery, crowns) are judged by their
-    echoes; a hole in the data with a level, raised rim is a roof of glass or water. A graph cut then finds
-    the labelling of least energy, in which neighbours whose surfaces continue each other want the same label and
-    a jump in height lets them part. Connected cells with a core of roof surfaces are buildings; their
-    planes are carried on below crowns; narrow long ones with a level top are vehicles.
+    Points well above the terrain are gathered in cells about one spacing wide. Each cell is given the
+    best plane of the windows, three and two cells wide, that hold it, so ridges and eaves are as flat as
+    the faces beside them and crowns never are. Cells of agreeing planes form surfaces, and each surface
+    is judged as a whole: area, width, residual, height, the share of pulses with several echoes, the
+    share of points that reach the ground through it. Cells in no surface (walls, chimneys, machinery,
+    crowns) are judged by their echoes; a hole in the data with a level, raised rim is a roof of glass or
+    water. A graph cut then finds the labelling of least energy, in which neighbours whose surfaces
+    continue each other want the same label and a jump in height lets them part. Connected cells with a
+    core of roof surfaces are buildings; their planes are carried on below crowns; narrow long ones with a
+    level top are vehicles.
 
     Energy: Σ_cells odds(c)·[label(c) is against its odds] + λ Σ_neighbours exp(-(d/s)²)·[labels differ],
     where d is how far the highest points miss each other's surface.
