@@ -10,7 +10,7 @@ from eaves.detect.cells import Cells
 from eaves.geometry.plane_moments import Sums
 from eaves.model import Points, Values
 
-WINDOWS = ((3, 1.0), (2, 1.5))
+WINDOWS = ((3, 1.0), (2, 2.0))
 """Cells along a window, and what its residual is multiplied with, as few points fit by chance."""
 LEAST_POINTS = 6
 """Points of a window that a plane is fitted to: three would always fit, six leave half for the residual."""
