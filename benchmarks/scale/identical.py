@@ -1,13 +1,15 @@
 """The same buildings, whatever the files, the order of points and who computes.
 
-usage: python -m benchmarks.scale.identical [--area KM2] [--density D]   (EAVES_DATA adds ign_urban)
+usage: python -m benchmarks.scale.identical [--area KM2] [--density D] [--jobs N]   (EAVES_DATA adds ign_urban)
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -47,17 +49,32 @@ def split(las: laspy.LasData, folder: Path, columns: int, shift: float, shuffle:
     return folder
 
 
-def digest(out: Path) -> str:
-    """A hash of all models with ids, and of the class and building of every point by place."""
-    state = hashlib.sha256((out / "buildings.city.jsonl").read_bytes())
-    rows = []
-    for path in sorted(out.glob("classified*.laz")):
-        las = laspy.read(path)
-        fields = (las.X, las.Y, las.Z, las.classification, las.building_id, las.plane_id, las.return_number)
-        rows.append(np.column_stack([np.asarray(values, np.int64) for values in fields]))
-    table = np.concatenate(rows)
-    state.update(table[np.lexsort(table.T)].tobytes())
-    return state.hexdigest()[:12]
+def digest(out: Path) -> tuple[str, str]:
+    """A hash of all models with ids, planes and attributes, to the millimetre; and one of class, building and
+    plane of every point by place, empty where no points were written."""
+    models = {}
+    for path in [*out.glob("buildings.city.jsonl"), *out.glob("tiles/*/buildings.city.jsonl")]:
+        with path.open(encoding="utf-8") as file:
+            frame = json.loads(next(file))
+            scale, start = (np.array(frame["transform"][name]) for name in ("scale", "translate"))
+            for line in file:
+                found = json.loads(line)
+                vertices = np.array(found["vertices"]).reshape(-1, 3)
+                found["vertices"] = np.round(vertices + start / scale).astype(int).tolist()
+                models[found["id"]] = hashlib.sha256(json.dumps(found).encode()).hexdigest()
+    of_models = hashlib.sha256(json.dumps(sorted(models.items())).encode()).hexdigest()[:12]
+    tables = [point_table(path) for path in sorted(out.glob("classified*.laz"))]
+    if not tables:
+        return of_models, ""
+    table = np.concatenate(tables)
+    return of_models, hashlib.sha256(table[np.lexsort(table.T)].tobytes()).hexdigest()[:12]
+
+
+def point_table(path: Path) -> np.ndarray:
+    """Place, class, building, plane and return of every point."""
+    las = laspy.read(path)
+    fields = (las.X, las.Y, las.Z, las.classification, las.building_id, las.plane_id, las.return_number)
+    return np.column_stack([np.asarray(values, np.int64) for values in fields])
 
 
 @contextmanager
@@ -77,8 +94,12 @@ def cluster() -> Iterator[str]:
             process.wait(30)
 
 
-def variants(points: Path, place: Path, block: float) -> Iterator[tuple[str, float, int, str]]:
-    """Name, seconds, buildings and digest of every way to run the same points."""
+Way = tuple[str, float, int, tuple[str, str]]
+"""Name, seconds, buildings and digest."""
+
+
+def variants(points: Path, place: Path, block: float, jobs: int) -> Iterator[Way]:
+    """Every way to run the same points: the first in one process, files cut otherwise in `jobs`."""
     las = laspy.read(points)
     folders = {
         "one file": points,
@@ -87,24 +108,28 @@ def variants(points: Path, place: Path, block: float) -> Iterator[tuple[str, flo
         "cut elsewhere": split(las, place / "other", 3, 0.37, False),
         "points shuffled": split(las, place / "shuffled", 2, 0.0, True),
     }
+    del las
 
-    def once(name: str, source: Path, options: Options) -> tuple[str, float, int, str]:
-        out = place / "out" / name
+    def once(name: str, source: Path, options: Options) -> Way:
+        out = place / "out"
+        shutil.rmtree(out, ignore_errors=True)
         started = time.perf_counter()
         summary = build(source, out, options=options)
         return name, time.perf_counter() - started, summary.found, digest(out)
 
+    yield once("one file, serial", points, Options(block=block))
     for name, source in folders.items():
-        yield once(name, source, Options(block=block))
-    yield once("two processes", folders["4 files"], Options(block=block, jobs=2))
+        yield once(f"{name}, {jobs} processes", source, Options(block=block, jobs=jobs))
+    yield once("36 files, by tiles", folders["36 files"], Options(block=block, jobs=jobs, per_tile=True))
     with cluster() as address:
-        yield once("Dask, two workers", folders["one file"], Options(block=block, scheduler=address))
+        yield once("one file, Dask, 2 workers", points, Options(block=block, scheduler=address))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--area", type=float, default=1.0)
+    parser.add_argument("--area", type=float, default=4.0)
     parser.add_argument("--density", type=float, default=2.0)
+    parser.add_argument("--jobs", type=int, default=2)
     asked = parser.parse_args()
     rows: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory() as name:
@@ -126,9 +151,10 @@ def main() -> None:
             jobs += [("ign_urban", place / "ign.laz", 240.0), ("ign_urban", place / "ign.laz", 30.0)]
         for number, (data_name, source, block) in enumerate(jobs):
             (place / str(number)).mkdir()
-            first = ""
-            for name, seconds, found, hashed in variants(source, place / str(number), block):
+            first = None
+            for name, seconds, found, hashed in variants(source, place / str(number), block, asked.jobs):
                 first = first or hashed
+                same = hashed[0] == first[0] and hashed[1] in (first[1], "")
                 rows.append(
                     {
                         "data": data_name,
@@ -136,8 +162,9 @@ def main() -> None:
                         "way": name,
                         "s": round(seconds, 1),
                         "buildings": found,
-                        "digest": hashed,
-                        "identical": "yes" if hashed == first else "NO",
+                        "models": hashed[0],
+                        "points": hashed[1] or "not written",
+                        "identical": "yes" if same else "NO",
                     }
                 )
                 print(rows[-1], flush=True)
