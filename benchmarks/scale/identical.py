@@ -1,6 +1,7 @@
 """The same buildings, whatever the files, the order of points and who computes.
 
-usage: python -m benchmarks.scale.identical [--area KM2] [--density D] [--jobs N]   (EAVES_DATA adds ign_urban)
+usage: python -m benchmarks.scale.identical [--area KM2] [--density D] [--jobs N]
+(EAVES_DATA adds ign_urban)
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -27,6 +27,8 @@ KEPT_RECORD_BYTES = 1 << 20
 LARGEST_RECORD_COUNT = 10_000
 BOMB_POINTS, BOMB_POINTS_PER_BYTE = 20_000_000, 50
 """Compressed points take a byte or more each; so many in so few bytes are made to fill memory."""
+LARGE_AREA, SPARSEST, BESIDE = 1e8, 1e-3, 1.0
+"""A box is a lie with more square units and fewer points on each, or its first point more units outside."""
 COPY_AGAIN = "copy or download it again"
 WRITE_AGAIN = "write it again with another tool (for example lasinfo -repair, las2las or PDAL)"
 
@@ -49,6 +51,8 @@ class LasHeader:
     compressed: bool
     records: tuple[tuple[str, int, bytes], ...]
     """Owner, id and data of the projection, laszip and COPC records."""
+    first: tuple[float, ...] = ()
+    """The first point, which compression leaves as it is; empty where there is none."""
 
     def record(self, owner: str, number: int) -> bytes | None:
         """The data of one record, None when there is none."""
@@ -79,6 +83,17 @@ class LasHeader:
             if not (low <= high and abs(low - offset) <= reach and abs(high - offset) <= reach):
                 return False
         return any(self.lowest) or any(self.highest)
+
+    @property
+    def extent_is_likely(self) -> bool:
+        """Whether the bounding box holds the first point, and is not far too large for so few points."""
+        width, depth = self.highest[0] - self.lowest[0], self.highest[1] - self.lowest[1]
+        if width * depth > LARGE_AREA and self.count < SPARSEST * width * depth:
+            return False
+        return not any(self.first) or all(
+            low - BESIDE <= value <= high + BESIDE
+            for low, value, high in zip(self.lowest, self.first, self.highest, strict=True)
+        )
 
     def crs(self) -> tuple[pyproj.CRS | None, float | None]:
         """The coordinate system and the vertical unit (m), None where the file does not tell.
@@ -126,7 +141,13 @@ def read_las_header(path: Path) -> LasHeader:
             )
         if len(head) < 227:
             raise InputError.about(path, f"is cut off after {size} bytes, within its header", COPY_AGAIN)
-        return _parse(path, file, head, size)
+        header = _parse(path, file, head, size)
+        file.seek(header.data_offset + (8 if header.compressed else 0))  # behind the place of the chunk table
+        raw = file.read(12)
+    if not header.count or len(raw) < 12:
+        return header
+    stored = zip(struct.unpack("<3i", raw), header.scales, header.offsets, strict=True)
+    return replace(header, first=tuple(number * scale + offset for number, scale, offset in stored))
 
 
 def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:

@@ -60,7 +60,13 @@ class Source:
     @property
     def measured(self) -> bool:
         """Whether the points had to be read to know this."""
-        return not (isinstance(self.layout, LasHeader) and self.layout.extent_is_known)
+        return not (isinstance(self.layout, LasHeader) and _box_is_believed(self.layout))
+
+    @property
+    def lies(self) -> bool:
+        """Whether its header states a bounding box that cannot be that of its points."""
+        layout = self.layout
+        return isinstance(layout, LasHeader) and layout.extent_is_known and not _box_is_believed(layout)
 
 
 def find_inputs(paths: str | Path | Sequence[str | Path]) -> list[Path]:
@@ -272,12 +278,21 @@ def _native_chunks(
 def _open_las(path: Path, crs: str | None) -> Source:
     header = read_las_header(path)
     count, low, high = header.count, header.lowest, header.highest
-    if not header.extent_is_known:
-        count, low, high = _measured(header)
+    if not _box_is_believed(header):
+        try:
+            count, low, high = _measured(header)
+        except InputError:  # of a damaged file the points before the damage are used, wherever they are
+            if not header.extent_is_known:
+                raise
     declared = _declared(_Projection(header.projection, crs, header))
     system = _system(path, *declared, low, high, min(map(abs, header.scales[:2])))
     kind = "copc" if header.compressed and header.copc is not None else "laz" if header.compressed else "las"
     return _source(kind, count, low, high, system, FIELDS, header)
+
+
+def _box_is_believed(header: LasHeader) -> bool:
+    """Whether the points need not be read to know where they are."""
+    return not header.count or (header.extent_is_known and header.extent_is_likely)
 
 
 @dataclass(frozen=True)

@@ -143,7 +143,7 @@ def index_inputs(
     """
     entries, names, kept = np.zeros(len(paths), ENTRY), bytearray(), {}
     systems: dict[CoordinateSystem, Path] = {}
-    number = 0
+    number, lying = 0, []
     for path in paths:
         try:
             source = open_source(path, crs)
@@ -161,6 +161,8 @@ def index_inputs(
         entries[number] = source.count, box, bits, np.frombuffer(mark, np.uint8), len(names)
         if source.measured:
             kept[number] = source
+        if source.lies:
+            lying.append(path)
         systems.setdefault(source.system, path)
         number += 1
         if number % 1000 == 0:
@@ -170,6 +172,13 @@ def index_inputs(
     system = agree((path, system) for system, path in systems.items())
     index = Index(entries[:number].copy(), bytes(names), system, crs, kept)
     warn_without_system(system, index.path(0), number)
+    if lying:
+        log.warning(
+            "%d files state a bounding box that is not that of their points (the first: %s); the points were "
+            "read to find it",
+            len(lying),
+            lying[0],
+        )
     return index
 
 

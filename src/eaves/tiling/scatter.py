@@ -125,7 +125,10 @@ def scatter_part(
     writer = PartWriter(store, part.name)
     read, seen, unread = 0, None, None
     try:
-        for chunk in iter_chunks(part.opened(), window.bounds, part=(part.k, part.n)):
+        source = part.opened()
+        # all points but a COPC file's are decompressed anyway: those outside tell whether the header lies
+        bounds = window.bounds if source.kind == "copc" else None
+        for chunk in iter_chunks(source, bounds, part=(part.k, part.n)):
             seen = Bounds.of(chunk.xyz) if seen is None else seen.union(Bounds.of(chunk.xyz))
             scatter_chunk(chunk, part.first, side, window, writer)
             read += len(chunk)

@@ -211,7 +211,8 @@ def by_tiles(job: Job, folder: Path, workers: Workers, tell: Tell) -> Summary:
         lying |= new
         old, index = index, index.with_boxes(new)
         tiles = plan_tiles(index, job.side, job.window.bounds) if new else []
-        todo = [tile for tile in tiles if differs(tile, job, old, index)]
+        known = done.keys() | failed.keys()
+        todo = [tile for tile in tiles if tile not in known or differs(tile, job, old, index)]
     warn_of_boxes(job.index, lying)
     tiles = [tile for tile in sorted(done) if (folder / TILES_FOLDER / tile.name / "dtm.tif").exists()]
     places = [folder / TILES_FOLDER / tile.name for tile in tiles]
