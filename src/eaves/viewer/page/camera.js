@@ -13,8 +13,20 @@ class Camera {
     this.size = Math.max(10, Math.hypot(high[0] - low[0], high[1] - low[1]));
     this.wide = high[0] - low[0];
     this.deep = high[1] - low[1];
-    const narrow = Math.min(1, this.aspect);
-    Object.assign(this, { distance: 1.36 * this.size / narrow, azimuth: -0.55, elevation: 0.75, flat: false });
+    Object.assign(this, { distance: 1.36 * this.size, azimuth: -0.55, elevation: 0.75, flat: false });
+    this.fit();
+  }
+
+  // As near as it can be with every corner of the box in sight.
+  fit() {
+    const { low, high } = this.box, axes = this.axes(), tall = Math.tan(FIELD / 2);
+    let distance = 0;
+    for (let corner = 0; corner < 8; corner++) {
+      const away = this.target.map((value, axis) => (corner >> axis & 1 ? high : low)[axis] - value);
+      const [x, y, z] = [axes.right, axes.up, axes.back].map(axis => axis[0] * away[0] + axis[1] * away[1] + axis[2] * away[2]);
+      distance = Math.max(distance, z + Math.abs(x) / (0.97 * tall * this.aspect), z + Math.abs(y) / (0.9 * tall));
+    }
+    this.distance = Math.max(10, distance);
   }
 
   // From above, all of it when nothing is looked at in particular.

@@ -2,7 +2,7 @@
 const VERTEX = `#version 300 es
 precision highp float;
 in vec3 position; in vec4 colour; in float building;
-uniform mat4 view; uniform float chosen, only, points, strength; uniform vec3 mark, eye;
+uniform mat4 view; uniform float chosen, only, points, strength, fade; uniform vec3 mark, eye;
 out vec3 place; out vec4 tint;
 void main() {
   place = position;
@@ -11,7 +11,7 @@ void main() {
   gl_PointSize = points > 0.0 ? clamp(points / gl_Position.w, 1.5, 11.0) : -points;
   bool mine = chosen > 0.0 && abs(building - chosen) < 0.5;
   if (only > 0.5 && !mine && building > 0.5) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
-  tint = mine ? vec4(mix(colour.rgb, mark, strength), 1.0) : colour;
+  tint = mine ? vec4(mix(colour.rgb, mark, strength), 1.0) : vec4(colour.rgb, fade);
 }`;
 const FRAGMENT = `#version 300 es
 precision highp float;
@@ -25,9 +25,9 @@ void main() {
     if (dot(normal, eye - place) < 0.0) normal = -normal;
     light = 0.62 + 0.3 * max(0.0, dot(normal, normalize(vec3(-0.6, 0.5, 0.65)))) + 0.14 * max(0.0, normal.z);
   } else if (points != 0.0 && distance(gl_PointCoord, vec2(0.5)) > 0.5) discard;
-  result = vec4(tint.rgb * light, 1.0);
+  result = vec4(tint.rgb * light, tint.a);
 }`;
-const UNIFORMS = ['view', 'chosen', 'only', 'points', 'strength', 'mark', 'shaded', 'eye'];
+const UNIFORMS = ['view', 'chosen', 'only', 'points', 'strength', 'fade', 'mark', 'shaded', 'eye'];
 // Vertices drawn in one call when a picture may be given up half-way.
 const PIECE = 90000;
 
@@ -54,7 +54,7 @@ class Painter {
   }
 
   // kind: 'points', 'triangles' or 'lines'; building holds a number for each vertex, 0 for none.
-  add(kind, position, building, { shaded = false, strength = 0, minor = false } = {}) {
+  add(kind, position, building, { shaded = false, strength = 0, minor = false, fades = false } = {}) {
     const gl = this.gl, vao = gl.createVertexArray();
     gl.bindVertexArray(vao);
     const fill = (place, data, size, type, normalised) => {
@@ -70,7 +70,7 @@ class Painter {
     fill(2, building, 1, gl.UNSIGNED_INT, false);
     gl.bindVertexArray(null);
     const mode = { points: gl.POINTS, triangles: gl.TRIANGLES, lines: gl.LINES }[kind];
-    const layer = { kind, mode, vao, colour, shaded, strength, minor, drawn: [] };
+    const layer = { kind, mode, vao, colour, shaded, strength, minor, fades, drawn: [] };
     this.layers.push(layer);
     return layer;
   }
@@ -124,6 +124,7 @@ class Painter {
     gl.uniform1f(uniform.only, look.only ? 1 : 0);
     gl.uniform3fv(uniform.mark, look.mark);
     this.spot = look.pointSize / camera.step(height);
+    this.fade = Math.min(1, Math.max(0.2, 0.16 / camera.step(this.canvas.clientHeight)));
     this.far = camera.flat ? 0 : camera.distance;
   }
 
@@ -133,6 +134,11 @@ class Painter {
     gl.uniform1f(uniform.points, points);
     gl.uniform1f(uniform.shaded, layer.shaded ? 1 : 0);
     gl.uniform1f(uniform.strength, layer.strength);
+    gl.uniform1f(uniform.fade, layer.fades ? this.fade : 1);
+    if (layer.fades) {
+      gl.enable(gl.BLEND);
+      gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    } else gl.disable(gl.BLEND);
     if (layer.kind === 'triangles') {
       gl.enable(gl.POLYGON_OFFSET_FILL);
       gl.polygonOffset(1.5, 2);

@@ -96,7 +96,7 @@ class Viewer {
     this.layers = {
       ground: painter.add('triangles', ground.position, new Uint32Array(ground.position.length / 3), { shaded: true }),
       models: painter.add('triangles', triangles.xyz, repeated(triangles.building, 3), { shaded: true, strength: 0.25 }),
-      edges: painter.add('lines', edges.xyz, repeated(edges.building, 2), { strength: 1, minor: true }),
+      edges: painter.add('lines', edges.xyz, repeated(edges.building, 2), { strength: 1, minor: true, fades: true }),
       prints: painter.add('lines', prints.xyz, repeated(prints.building, 2), { strength: 1, minor: true }),
       points: painter.add('points', points.xyz, Uint32Array.from(points.building)),
     };
@@ -174,7 +174,7 @@ class Viewer {
     });
     dress(layers.edges, edges.count, 2, number => (this.checked('edges') && edges.lod[number] > 0 && shown(edges.lod[number], edges.building[number]) ? line : null));
     dress(layers.prints, prints.count, 2, () => this.checked('prints') ? outline : null);
-    legend(byId('point-legend'), pointWay.legend);
+    legend(byId('point-legend'), layers.points.shown.length ? pointWay.legend : { text: 'no points are shown' });
     legend(byId('model-legend'), modelWay.legend);
     this.ask();
   }
@@ -240,7 +240,7 @@ function legend(box, { words, colours, low, high, unit, text, names, shift = 0 }
   if (text) box.append(text);
   for (const [word, colour] of words || []) box.append(element('span', { class: 'key' }, element('i', { style: `background:${colour}` }), word));
   if (colours) {
-    const ends = names || [low, high].map(value => (value + shift).toFixed(Math.abs(high - low) < 2 ? 1 : 0));
+    const ends = names || [low, high].map(value => (value + shift).toFixed(Math.abs(high - low) < 2 ? 1 : 0).replace(/^-(0(\.0)?)$/, '$1'));
     box.append(element('span', { class: 'ramp', style: `background:linear-gradient(90deg,${colours})` }), element('span', { class: 'ends' }, ...ends.map(end => element('span', {}, end))), unit || '');
   }
 }

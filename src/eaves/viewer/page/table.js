@@ -5,7 +5,7 @@ const element = (tag, attributes = {}, ...children) => {
   made.append(...children);
   return made;
 };
-const figure = value => value === null || value === undefined ? '' : typeof value === 'number' && !Number.isInteger(value) ? value.toFixed(2) : String(value);
+const figure = value => value === null || value === undefined ? '' : typeof value === 'number' && !Number.isInteger(value) ? value.toFixed(2).replace(/^-0\.00$/, '0.00') : String(value);
 
 const LINES_MORE = 12;
 
