@@ -113,17 +113,24 @@ def near_surface(tin: Tin, xyz: Points, level: float, slant: float, slope_cap: f
 
 
 @njit(cache=True, inline="always")
-def facet_inside(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) -> Any:
-    """Height of a finite facet's plane at (x, y), and its slope."""
+def plane_of(xyz: Points, vertices: Ids, triangle: int) -> Any:
+    """Rise of a finite facet's plane to the east and to the north, and its slope."""
     a, b, c = vertices[triangle, 0], vertices[triangle, 1], vertices[triangle, 2]
     ux, uy, uz = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1], xyz[b, 2] - xyz[a, 2]
     vx, vy, vz = xyz[c, 0] - xyz[a, 0], xyz[c, 1] - xyz[a, 1], xyz[c, 2] - xyz[a, 2]
     area = ux * vy - uy * vx
     if area == 0.0:  # three points whose turn is less than a double can tell
-        return xyz[a, 2], UPRIGHT
+        return 0.0, 0.0, UPRIGHT
     east, north = (uz * vy - uy * vz) / area, (ux * vz - uz * vx) / area
-    height = xyz[a, 2] + east * (x - xyz[a, 0]) + north * (y - xyz[a, 1])
-    return height, np.sqrt(east * east + north * north)
+    return east, north, np.sqrt(east * east + north * north)
+
+
+@njit(cache=True, inline="always")
+def facet_inside(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) -> Any:
+    """Height of a finite facet's plane at (x, y), and its slope."""
+    east, north, slope = plane_of(xyz, vertices, triangle)
+    a = vertices[triangle, 0]
+    return xyz[a, 2] + east * (x - xyz[a, 0]) + north * (y - xyz[a, 1]), slope
 
 
 @njit(cache=True, inline="always")
@@ -269,9 +276,18 @@ def near_kernel(
 ) -> Mask:
     """Whether each point (N,) lies within `level` + `slant` · slope of the facet at it, along z."""
     near = np.empty(len(xyz), np.bool_)
-    here = 0
+    here, held = 0, -1
+    east, north, slope = 0.0, 0.0, 0.0
     for i in range(len(xyz)):
         here = walk(whole, vertices, neighbours, here, whole[i, 0], whole[i, 1])
-        height, slope, _ = facet_at(xyz, vertices, neighbours, here, xyz[i, 0], xyz[i, 1])
+        a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
+        if a == OUTSIDE or b == OUTSIDE or c == OUTSIDE:
+            height, slope, _ = facet_at(xyz, vertices, neighbours, here, xyz[i, 0], xyz[i, 1])
+            held = -1
+        else:
+            if here != held:  # points come in order, so a plane often serves the next one too
+                east, north, slope = plane_of(xyz, vertices, here)
+                held = here
+            height = xyz[a, 2] + east * (xyz[i, 0] - xyz[a, 0]) + north * (xyz[i, 1] - xyz[a, 1])
         near[i] = abs(xyz[i, 2] - height) <= level + slant * min(slope, slope_cap)
     return near
