@@ -57,6 +57,8 @@ def test_rasters_over_a_continent_are_refused_before_the_work(tmp_path: Path) ->
     rng = np.random.default_rng(3)
     near = rng.random((500, 3)) * [30, 30, 0]
     np.savetxt(tmp_path / "a.xyz", np.concatenate([near, near + [3e6, 2e6, 0]]), "%.2f")
+    out = tmp_path / "out"
     with pytest.raises(InputError, match="check the coordinates"):
-        build(tmp_path / "a.xyz", tmp_path / "out")
-    assert build(tmp_path / "a.xyz", tmp_path / "out", options=Options(outputs=("models",))).complete
+        build(tmp_path / "a.xyz", out)
+    assert list(out.iterdir()) == []
+    assert build(tmp_path / "a.xyz", out, options=Options(outputs=("models",))).complete

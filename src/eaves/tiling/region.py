@@ -176,6 +176,7 @@ class Region:
             self.store.forget("blocks")
             self.store.forget("buildings")
         if unread and len(unread) == len(self.job.index):
+            self.store.discard()
             raise InputError(next(iter(unread.values())))
         self.failed += unread.values()
 
@@ -195,6 +196,7 @@ class Region:
             spans = np.ptp([(block.column, block.row) for block in used], axis=0) + 1
             width, height = (spans * self.job.side / CELL).round().astype(int).tolist()
             if width * height > LARGEST_RASTER:
+                self.store.discard()
                 raise InputError(
                     f"{self.folder}: the rasters would have {width:,} by {height:,} cells; check the "
                     "coordinates of the inputs, or build their regions apart with --per-tile or --bounds"

@@ -62,10 +62,7 @@ class Store:
 
     def count_points(self, block: Block) -> int:
         """How many points a block holds."""
-        path = self.points_path(block)
-        return (
-            sum(entry.stat().st_size for entry in os.scandir(path)) // RECORD.itemsize if path.exists() else 0
-        )
+        return sum(file.stat().st_size for file in self.points_path(block).glob("*.bin")) // RECORD.itemsize
 
     def read_points(self, block: Block) -> NDArray[np.void]:
         """The records of all points in a block, by input and place in it."""
