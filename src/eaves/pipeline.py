@@ -88,6 +88,13 @@ def make_recipe(
 
     A detector brings the ground filter of its own paper unless one is named. With `use_classes` buildings
     are the points of class 6 unless a detector is named.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> recipe = eaves.make_recipe({"detect": "normal_echo"})
+    >>> recipe.ground.name, recipe.detect.name, recipe.roof.name
+    ('smooth_region', 'normal_echo', 'global_refinement')
     """
     chosen = {stage: name for stage, name in (names or {}).items() if name}
     if use_classes:
@@ -172,7 +179,18 @@ class BuildingResult:
 
 
 def make_scene(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Scene:
-    """A classified cloud with its terrain, its surface and every point's height; `bounds` in local metres."""
+    """A classified cloud with its terrain, its surface and every point's height; `bounds` in local metres.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> cloud = truth.classified()
+    >>> scene = eaves.make_scene(cloud, cloud.bounds)
+    >>> bool(abs(scene.height[cloud.classification == 2]).max() < 0.5)
+    True
+    """
     dtm, dsm = make_dtm(cloud, bounds, cell), make_dsm(cloud, bounds, cell)
     return Scene(cloud, dtm, dsm, measure_spacing(cloud.xyz), cloud.xyz[:, 2] - dtm.at(cloud.xyz))
 

@@ -32,6 +32,7 @@ class Detector(Method):
     """The ground filter of the detector's own paper, used unless another is asked for."""
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
+        """A label for every point of the scene; see the class."""
         raise NotImplementedError
 
 
@@ -43,7 +44,19 @@ def detect_buildings(
     min_height: float = MIN_HEIGHT_M,
     debug: str | Path | Emit | None = None,
 ) -> Regions:
-    """Regions numbered 1…K from west to east, each at least `min_area` (m²) large, `min_height` (m) high."""
+    """Regions numbered 1…K from west to east, each at least `min_area` (m²) large, `min_height` (m) high.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> cloud = truth.classified()
+    >>> scene = eaves.make_scene(cloud, cloud.bounds)
+    >>> regions = eaves.detect_buildings(scene)
+    >>> int(regions.label.max()), len(regions.label) == len(cloud)
+    (9, True)
+    """
     detector = method or make_method("detect")
     assert isinstance(detector, Detector)
     order = scene.cloud.canonical_order()

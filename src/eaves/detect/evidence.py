@@ -37,6 +37,7 @@ class Evidence:
 
     @property
     def shape(self) -> tuple[int, int]:
+        """Rows and columns of the cells."""
         return self.cells.shape
 
 

@@ -35,6 +35,7 @@ class Segments:
 
     @property
     def count(self) -> int:
+        """How many segments there are."""
         return len(self.area)
 
 

@@ -28,6 +28,7 @@ class SurfaceGrid:
 
     @property
     def side(self) -> float:
+        """Side of a cell (m)."""
         return self.cells.side
 
     def high(self, least: float) -> Mask:

@@ -50,7 +50,15 @@ class DetectionScore:
 
 
 def label_objects(mask: Mask) -> Numbers:
-    """Labels (H, W) of the pieces of a mask: cells that share a side belong together."""
+    """Labels (H, W) of the pieces of a mask: cells that share a side belong together.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.evaluate import label_objects
+    >>> label_objects(np.array([[1, 1, 0, 1]], bool)).tolist()
+    [[1, 1, 0, 2]]
+    """
     labels, _ = ndimage.label(mask)
     return np.asarray(labels, np.int64)
 
@@ -70,6 +78,16 @@ def evaluate_detection(
         Where the truth is known (H, W): cells with points. By default everywhere.
     smallest
         Objects under this area (m²) are left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.evaluate import evaluate_detection, label_objects
+    >>> true = np.zeros((20, 20), bool)
+    >>> true[5:15, 5:15] = True
+    >>> score = evaluate_detection(label_objects(np.roll(true, 1, axis=1)), label_objects(true), cell=0.5)
+    >>> score.area.completeness, score.area.correctness, score.objects.completeness
+    (0.9, 0.9, 1.0)
     """
     certain = np.ones(result.shape, bool) if known is None else known
     matching, result, reference = match_objects(

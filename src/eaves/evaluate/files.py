@@ -67,6 +67,17 @@ def evaluate_files(
         For a file that cannot be read or does not fit `what`.
     ValueError
         For another `what`, and for `lod` or `footprints` with one that takes none.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> from eaves.evaluate import evaluate_files
+    >>> from eaves.simulate import write_simulation
+    >>> files = write_simulation(truth, "nine")
+    >>> evaluation = evaluate_files("ground", files["points"], files["points"])
+    >>> evaluation.figures["total error"]
+    0.0
     """
     if what != "models" and (lod or footprints):
         option = "lod" if lod else "footprints"

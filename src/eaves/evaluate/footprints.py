@@ -73,7 +73,16 @@ def evaluate_footprints(
     result_ids: Sequence[str] | None = None,
     reference_ids: Sequence[str] | None = None,
 ) -> FootprintScore:
-    """Scores of footprints against reference polygons, in metres of one system."""
+    """Scores of footprints against reference polygons, in metres of one system.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from eaves.evaluate import evaluate_footprints
+    >>> score = evaluate_footprints([shapely.box(0, 0, 10, 9)], [shapely.box(0, 0, 10, 10)])
+    >>> score.pairs, round(score.mean_iou, 2)
+    (1, 0.9)
+    """
     found, wanted = (shapely.make_valid(np.array(list(shapes), object)) for shapes in (result, reference))
     names = list(result_ids) if result_ids is not None else [str(k + 1) for k in range(len(found))]
     wanted_names = (

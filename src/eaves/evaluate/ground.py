@@ -54,7 +54,16 @@ class GroundScore:
 
 
 def evaluate_ground(result: Mask, reference: Mask) -> GroundScore:
-    """Scores of two ground masks (N,) of the same points."""
+    """Scores of two ground masks (N,) of the same points.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.evaluate import evaluate_ground
+    >>> score = evaluate_ground(np.array([True, True, False, False]), np.array([True, False, False, False]))
+    >>> score.total_error
+    0.25
+    """
     if result.shape != reference.shape:
         raise ValueError(f"masks of {result.shape} and {reference.shape} points cannot be compared")
     return GroundScore(

@@ -94,6 +94,22 @@ def evaluate_models(
         Reference models, for the errors of volume and height; their footprints tell which belongs to which.
     masked
         Whether hidden points are left out first; not when the points were laid on reference roofs.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> models = [building.model(truth.cloud.origin) for building in truth.buildings]
+    >>> from eaves.evaluate import evaluate_models
+    >>> from eaves.evaluate.city import read_buildings
+    >>> from eaves.formats import write_cityjson
+    >>> write_cityjson("nine.city.json", models)
+    9
+    >>> cities = read_buildings("nine.city.json")
+    >>> roofs = truth.cloud.xyz[truth.building > 0] + [*truth.cloud.origin, 0.0]
+    >>> score = evaluate_models(cities, roofs, {city.id: city.footprint for city in cities})
+    >>> bool(score.median_m < 0.03)
+    True
     """
     origin = _origin(points, models)
     local = points - [*origin, 0.0]

@@ -51,7 +51,15 @@ class Evaluation:
 
 
 def write_report(evaluation: Evaluation, folder: str | Path) -> list[Path]:
-    """Write `<what>.json`, `<what>.csv` with the rows, `.gpkg` and `.tif` if there are places and a map."""
+    """Write `<what>.json`, `<what>.csv` with the rows, `.gpkg` and `.tif` if there are places and a map.
+
+    Examples
+    --------
+    >>> from eaves.evaluate import Evaluation, write_report
+    >>> evaluation = Evaluation("ground", "mine.laz", "true.laz", {"total error": 0.02})
+    >>> [path.name for path in write_report(evaluation, "report")]
+    ['ground.json']
+    """
     stem = Path(folder) / evaluation.what
     written = [stem.with_suffix(".json")]
     document = {

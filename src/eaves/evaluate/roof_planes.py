@@ -56,6 +56,14 @@ def evaluate_planes(
         What one element stands for (m²): the area of a cell, or one over the density of points.
     result_height, reference_height
         Heights (m) of the two sets of planes at the elements, same shapes; NaN where there is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.evaluate import evaluate_planes
+    >>> true = np.repeat([[1, 1, 1, 2, 2, 2]], 6, axis=0)
+    >>> evaluate_planes(np.ones_like(true), true, area=1.0).planes.correctness
+    1.0
     """
     matching, result, reference = match_objects(result, reference, area, SMALLEST_PLANE)
     rms_xy = _rms_in_plan(matching, result, reference, float(np.sqrt(area))) if result.ndim == 2 else np.nan

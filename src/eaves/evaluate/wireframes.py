@@ -40,6 +40,17 @@ def evaluate_wireframe(
 ) -> WireframeScore:
     """Scores of a wireframe: corners are paired one to one by least total distance; an edge is found when
     both its corners are and the reference joins them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.evaluate import evaluate_wireframe
+    >>> from eaves.evaluate.wireframes import Wireframe
+    >>> corners = np.array([[0.0, 0, 5], [10, 0, 5], [10, 8, 5]])
+    >>> edges = np.array([[0, 1], [1, 2]])
+    >>> score = evaluate_wireframe(Wireframe(corners + 0.1, edges), Wireframe(corners, edges))
+    >>> score.corners.completeness, round(score.corner_offset_m, 2)
+    (1.0, 0.17)
     """
     distance = cdist(result.corners, reference.corners)
     price = np.where(distance <= radius, distance, 1e6)

@@ -63,6 +63,15 @@ def write_cityjson_seq(
         Coordinate system the coordinates are written in.
     title
         Title in the metadata, if any.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> models = [building.model(truth.cloud.origin) for building in truth.buildings]
+    >>> from eaves.formats import write_cityjson_seq
+    >>> write_cityjson_seq("nine.city.jsonl", models)
+    9
     """
     count = 0
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
@@ -92,6 +101,15 @@ def write_cityjson(
     """Write all buildings as one CityJSON object (`.city.json`); return their number.
 
     See `write_cityjson_seq`.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> models = [building.model(truth.cloud.origin) for building in truth.buildings]
+    >>> from eaves.formats import write_cityjson
+    >>> write_cityjson("nine.city.json", models, title="nine roofs")
+    9
     """
     writer, objects, count = _Vertices(system), {}, 0
     for model in models:

@@ -80,7 +80,19 @@ class CityObject:
 
 
 def read_cityjson(path: str | Path, crs: str | None = None) -> dict[str, CityObject]:
-    """All city objects of a CityJSON or CityJSONSeq file by id, in the file's order. See `iter_cityjson`."""
+    """All city objects of a CityJSON or CityJSONSeq file by id, in the file's order. See `iter_cityjson`.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> models = [building.model(truth.cloud.origin) for building in truth.buildings]
+    >>> from eaves.formats import read_cityjson, write_cityjson
+    >>> write_cityjson("nine.city.json", models)
+    9
+    >>> models[0].footprint.id in read_cityjson("nine.city.json")
+    True
+    """
     return {found.id: found for found in iter_cityjson(path, crs)}
 
 
@@ -98,6 +110,17 @@ def iter_cityjson(path: str | Path, crs: str | None = None) -> Iterator[CityObje
     ------
     InputError
         When the file is missing, no CityJSON 1.1 or 2.0, or its geometry points nowhere.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> models = [building.model(truth.cloud.origin) for building in truth.buildings]
+    >>> from eaves.formats import iter_cityjson, write_cityjson_seq
+    >>> write_cityjson_seq("nine.city.jsonl", models)
+    9
+    >>> len({item.parents[0] if item.parents else item.id for item in iter_cityjson("nine.city.jsonl")})
+    9
     """
     path = Path(path)
     try:

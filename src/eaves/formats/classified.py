@@ -62,6 +62,15 @@ def write_classified(
         When the input cannot be read to its end or the output folder cannot be written.
     ValueError
         When an array's length is not the number of records.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> from eaves.formats import open_source, write_classified
+    >>> from eaves.simulate import write_simulation
+    >>> source = open_source(write_simulation(truth, "nine")["points"])
+    >>> write_classified(source, "classified.laz", truth.truth_class, {"building_id": truth.building})
     """
     arrays = dict(extra or {})
     for name, values in {"classification": classification, **arrays}.items():

@@ -56,6 +56,16 @@ def write_geopackage(
     A column's type is that of its values: whole numbers, numbers, truth, text; what is missing or NaN is
     null. The columns stand in the order in which the rows bring them up. Rows are gone through twice, and
     written piece by piece: an iterable that makes them anew each time needs the memory of one piece.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from eaves.formats import write_geopackage
+    >>> from eaves.formats.crs import parse_crs, system_of
+    >>> from eaves.formats.geopackage import Row
+    >>> dutch = system_of(parse_crs("EPSG:28992"), "--crs", (85000.0, 447000.0))
+    >>> square = shapely.box(85000, 447000, 85010, 447010)
+    >>> write_geopackage("shed.gpkg", [Row(square, {"id": "shed", "area_m2": 100.0})], system=dutch)
     """
     with atomic(path) as temporary:
         for layer, rows in (("footprints", footprints), ("roof_planes", roof_planes)):
@@ -111,6 +121,17 @@ def read_polygons(
     ------
     InputError
         For a missing or unreadable file, a missing layer or field, a layer that holds no polygons.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> from eaves.formats import read_polygons
+    >>> from eaves.simulate import write_simulation
+    >>> files = write_simulation(truth, "nine")
+    >>> polygons, ids, rows, system = read_polygons(files["vectors"], layer="footprints")
+    >>> len(polygons), system.horizontal_unit_m
+    (9, 1.0)
     """
     path = Path(path)
     if not path.exists():

@@ -71,6 +71,13 @@ def write_raster(
         The coordinate system; position, cell and heights are converted to its units.
     origin
         World metres of the raster's local (0, 0).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.formats import write_raster
+    >>> from eaves.model import Raster
+    >>> write_raster("dtm.tif", Raster(np.ones((2, 3), np.float32), west=10.0, north=20.0, cell=0.5))
     """
     transform = transform_of(raster.west + origin[0], raster.north + origin[1], raster.cell, system)
     heights = (raster.values / np.float32(system.vertical_unit_m)).astype(np.float32)
@@ -94,6 +101,15 @@ def write_mask(
     (`.tfw`).
 
     `west`, `north` (the outer corner) and `cell` are world metres.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from eaves.formats import write_mask
+    >>> write_mask("mask.tif", np.eye(4, dtype=bool), west=10.0, north=20.0, cell=0.5)
+    >>> Path("mask.tfw").exists()
+    True
     """
     transform = transform_of(west, north, cell, system)
     rows, columns = mask.shape
@@ -124,6 +140,16 @@ def read_raster(
     ------
     InputError
         When it is no raster of square north-up cells in a plane system.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.formats import read_raster, write_raster
+    >>> from eaves.model import Raster
+    >>> write_raster("dtm.tif", Raster(np.ones((2, 3), np.float32), west=10.0, north=20.0, cell=0.5))
+    >>> raster, system = read_raster("dtm.tif")
+    >>> raster.values.shape, raster.west, raster.cell
+    ((2, 3), 10.0, 0.5)
     """
     try:
         with warnings.catch_warnings():

@@ -58,6 +58,15 @@ def write_glb(
     ------
     InputError
         When the buildings need more than the 4 GB of a GLB file.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> models = [building.model(truth.cloud.origin) for building in truth.buildings]
+    >>> from eaves.formats import write_glb
+    >>> write_glb("nine.glb", models)
+    9
     """
     count = 0
     origin: tuple[float, float] | None = None

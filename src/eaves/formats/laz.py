@@ -32,6 +32,7 @@ class ChunkTable:
 
     @property
     def first(self) -> NDArray[np.int64]:
+        """The number of each chunk's first point."""
         return np.cumsum(self.points) - self.points
 
 

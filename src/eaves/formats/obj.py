@@ -37,6 +37,15 @@ def write_obj(
         Buildings in metres about their footprint's origin, taken one by one.
     system
         Coordinate system whose units the coordinates are in.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> models = [building.model(truth.cloud.origin) for building in truth.buildings]
+    >>> from eaves.formats import write_obj
+    >>> write_obj("nine.obj", models)
+    9
     """
     path = Path(path)
     unit = np.array(system.unit_m)

@@ -43,6 +43,14 @@ def write_geoparquet(path: str | Path, rows: Sequence[Row], system: CoordinateSy
     ------
     InputError
         When pyarrow is not installed.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from eaves.formats import write_geoparquet
+    >>> from eaves.formats.geopackage import Row
+    >>> square = shapely.box(85000, 447000, 85010, 447010)
+    >>> write_geoparquet("shed.parquet", [Row(square, {"id": "shed", "area_m2": 100.0})])
     """
     require_pyarrow()
     import pyarrow

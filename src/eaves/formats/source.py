@@ -78,6 +78,15 @@ def find_inputs(paths: str | Path | Sequence[str | Path]) -> list[Path]:
     ------
     InputError
         For a path that gives no file.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from eaves.formats import find_inputs
+    >>> for name in ("b.laz", "a.laz", "notes.pdf"):
+    ...     Path(name).touch()
+    >>> [path.name for path in find_inputs("*.laz")]
+    ['a.laz', 'b.laz']
     """
     found: dict[Path, Path] = {}
     for given in [paths] if isinstance(paths, str | Path) else paths:
@@ -115,6 +124,16 @@ def open_source(path: str | Path, crs: str | None = None) -> Source:
     ------
     InputError
         When the file is missing, empty, cut off, damaged, in degrees, or its header lies.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> from eaves.formats import open_source
+    >>> from eaves.simulate import write_simulation
+    >>> source = open_source(write_simulation(truth, "nine")["points"])
+    >>> source.layout.count == len(truth.cloud)
+    True
     """
     path = Path(path)
     try:
@@ -138,6 +157,16 @@ def common_system(sources: Sequence[Source]) -> CoordinateSystem:
     ------
     InputError
         When units or systems differ.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> from eaves.formats import common_system, open_source
+    >>> from eaves.simulate import write_simulation
+    >>> files = write_simulation(truth.placed("EPSG:28992"), "nine")
+    >>> common_system([open_source(files["points"])]).code
+    'EPSG:28992'
     """
     system = agree((source.path, source.system) for source in sources)
     warn_without_system(system, sources[0].path, len(sources))
@@ -166,6 +195,16 @@ def iter_chunks(
     text file the first run is the whole. Withheld points and points without coordinates (NaN, or
     x = y = z = 0) are left out; positions count them. With `bounds` (world metres, half-open) only the points
     inside come; of COPC only the nodes needed are read.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> from eaves.formats import iter_chunks, open_source
+    >>> from eaves.simulate import write_simulation
+    >>> source = open_source(write_simulation(truth, "nine")["points"])
+    >>> sum(len(chunk.xyz) for chunk in iter_chunks(source, chunk_points=10_000)) == len(truth.cloud)
+    True
     """
     units = np.array(source.system.unit_m)
     unit = source.system.horizontal_unit_m
@@ -216,6 +255,17 @@ def read(
     ------
     InputError
         When a file cannot be read, or files differ in units or system.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> from eaves.simulate import write_simulation
+    >>> files = write_simulation(truth, "nine")
+    >>> cloud = eaves.read(files["points"])
+    >>> len(cloud) == len(truth.cloud)
+    True
     """
     sources = [open_source(path, crs) for path in find_inputs(paths)]
     system = common_system(sources)

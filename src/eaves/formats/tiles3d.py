@@ -70,6 +70,15 @@ def write_3dtiles(
         origin's buildings are in memory at a time.
     system
         Coordinate system of the buildings.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> models = [building.model(truth.cloud.origin) for building in truth.buildings]
+    >>> from eaves.formats import write_3dtiles
+    >>> write_3dtiles("tiles", [model for model in models], truth.placed("EPSG:28992").cloud.system)
+    9
     """
     folder = Path(folder)
     (folder / "tileset.json").unlink(missing_ok=True)

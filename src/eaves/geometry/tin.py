@@ -54,10 +54,12 @@ class Tin:
 
     @property
     def vertices(self) -> Ids:
+        """The three corners of each triangle."""
         return self._vertices[: self._count]
 
     @property
     def neighbours(self) -> Ids:
+        """The three triangles beside each triangle."""
         return self._neighbours[: self._count]
 
     @property

@@ -23,10 +23,12 @@ class Bounds:
 
     @property
     def width(self) -> float:
+        """Metres from west to east."""
         return self.east - self.west
 
     @property
     def height(self) -> float:
+        """Metres from south to north."""
         return self.north - self.south
 
     def grown(self, distance: float) -> Bounds:
@@ -90,6 +92,7 @@ class Block:
 
     @property
     def name(self) -> str:
+        """A word for file names, the same for the same block."""
         return f"{self.column}_{self.row}"
 
     def rng(self) -> np.random.Generator:

@@ -29,9 +29,11 @@ class OutlineMethod(Method):
     stage: ClassVar[str] = "outline"
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
+        """The boundary of points; see the class."""
         raise NotImplementedError
 
     def regularise(self, boundaries: list[Boundary], emit: Emit = ignore) -> list[Polygon | Failure]:
+        """A polygon for each boundary; see the class."""
         raise NotImplementedError
 
 
@@ -42,7 +44,18 @@ def trace_outline(
     *,
     debug: str | Path | Emit | None = None,
 ) -> Boundary | Failure:
-    """The boundary of points (N, 3) in local metres; `spacing` is their mean distance in plan (m)."""
+    """The boundary of points (N, 3) in local metres; `spacing` is their mean distance in plan (m).
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> points = truth.cloud.xyz[truth.building == 1]
+    >>> boundary = eaves.trace_outline(points, spacing=0.5)
+    >>> len(boundary.rings), boundary.rings[0].shape[1]
+    (1, 2)
+    """
     outliner = method or make_method("outline")
     assert isinstance(outliner, OutlineMethod)
     good = points[np.isfinite(points).all(axis=1)]
@@ -58,7 +71,19 @@ def regularise_outlines(
     *,
     debug: str | Path | Emit | None = None,
 ) -> list[Footprint | Failure]:
-    """One valid footprint, or a Failure, for each boundary; give neighbours that touch together."""
+    """One valid footprint, or a Failure, for each boundary; give neighbours that touch together.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> points = truth.cloud.xyz[truth.building == 1]
+    >>> footprint = eaves.regularise_outlines([eaves.trace_outline(points, spacing=0.5)])[0]
+    >>> true = truth.buildings[0].footprint
+    >>> bool(footprint.polygon.symmetric_difference(true).area < 0.1 * true.area)
+    True
+    """
     outliner = method or make_method("outline")
     assert isinstance(outliner, OutlineMethod)
     answers: list[Footprint | Failure] = []

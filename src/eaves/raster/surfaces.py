@@ -19,6 +19,16 @@ def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
 
     A cell with ground points holds their mean height; the others are linear in the triangles of the cells
     around the gap, and beyond the outermost ground points take the nearest height.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> cloud = truth.classified()
+    >>> dtm = eaves.make_dtm(cloud, cloud.bounds, cell=1.0)
+    >>> bool(dtm.values.max() < cloud.xyz[:, 2].max())
+    True
     """
     ground = cloud.xyz[cloud.ground]
     mean, _ = mean_heights(ground, bounds, cell)
@@ -45,6 +55,15 @@ def make_dsm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, close: float
 
     Empty cells take the nearest value up to `close` (m) away, which keeps the jump at walls; larger gaps
     stay NaN.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> dsm = eaves.make_dsm(truth.cloud, truth.cloud.bounds, cell=1.0)
+    >>> dsm.values.shape, dsm.cell
+    ((102, 102), 1.0)
     """
     xyz = cloud.xyz[~cloud.noise]
     top = heights_of(highest_points(xyz, bounds, cell), xyz[:, 2])

@@ -31,6 +31,7 @@ class Reconstructor(Method):
         ground: float,
         emit: Emit = ignore,
     ) -> BuildingModel | Failure:
+        """A model or the reason for none; see the class."""
         raise NotImplementedError
 
 
@@ -47,6 +48,19 @@ def reconstruct_building(
 
     When the method fails, the building falls back to a prism (LoD 1.2), and says so in its attributes
     `fallback_code` and `fallback_reason`; only when that fails too is the answer a Failure.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> points = truth.cloud.xyz[truth.building == 1]
+    >>> outline = eaves.trace_outline(points, spacing=0.5)
+    >>> footprint = eaves.regularise_outlines([outline])[0]
+    >>> planes = eaves.segment_roof(points, spacing=0.5)
+    >>> model = eaves.reconstruct_building(points, footprint, planes, ground=truth.buildings[0].base)
+    >>> model.lod
+    '2.2'
     """
     from eaves.reconstruct.prism import Prism
 

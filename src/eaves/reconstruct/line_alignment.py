@@ -60,6 +60,7 @@ class FixedLines:
             self.add(line)
 
     def add(self, line: Line) -> None:
+        """Take one more line as fixed."""
         self.rows[len(self.lines)] = *line.normal, line.offset
         self.lines.append(line)
 

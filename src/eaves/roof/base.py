@@ -24,6 +24,7 @@ class RoofMethod(Method):
     def planes(
         self, points: Points, spacing: float, rng: np.random.Generator, emit: Emit = ignore
     ) -> list[RoofPlane]:
+        """The planes of roof points; see the class."""
         raise NotImplementedError
 
 
@@ -38,6 +39,16 @@ def segment_roof(
     """The roof planes of one building, largest first; `members` index the given points (N, 3), in any order.
 
     The method works about the building's own centre (whole metres): no precision is lost far from the origin.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> points = truth.cloud.xyz[truth.building == 1]
+    >>> planes = eaves.segment_roof(points, spacing=0.5)
+    >>> len(planes) == len(truth.buildings[0].faces)
+    True
     """
     segmenter = method or make_method("roof")
     assert isinstance(segmenter, RoofMethod)

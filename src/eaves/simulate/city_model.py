@@ -59,6 +59,18 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
     trees : share of 25 trees per hectare, scattered where no building is; none by default.
     seed : of the trees.
     crs : the system of a file that names none.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> models = [building.model(truth.cloud.origin) for building in truth.buildings]
+    >>> from eaves.formats import write_cityjson
+    >>> from eaves.simulate import town_of_model
+    >>> write_cityjson("nine.city.json", models)
+    9
+    >>> len(town_of_model("nine.city.json").buildings)
+    9
     """
     solids = [
         (found.id, solid, found) for found in read_cityjson(path, crs).values() for solid in _shells(found)

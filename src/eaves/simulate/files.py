@@ -38,6 +38,14 @@ def write_simulation(
     `building_id` and `plane_id` name its building and roof face (0: none). reference.city.json: the true
     models at LoD 2.2. reference.gpkg: layers `footprints` and `roof_planes`. simulation.json: what was asked
     for (`told`), and counts. The same scene gives the same bytes.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> from eaves.simulate import write_simulation
+    >>> sorted(path.name for path in write_simulation(truth, "nine").values())
+    ['points.laz', 'reference.city.json', 'reference.gpkg', 'simulation.json']
     """
     target = Path(folder)
     paths = {name: target / name for name in (POINTS, MODELS, VECTORS, SUMMARY)}

@@ -158,6 +158,13 @@ def nine_roofs_on_a_slope(density: float = 10.0, noise: float = 0.02, seed: int 
     density : points per square metre; nothing is hidden, there are no walls, one return a pulse.
     noise : standard deviation of the heights (m).
     seed : the same seed gives the same points.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> len(truth.buildings), [building.kind for building in truth.buildings][:3]
+    (9, ['flat', 'flat with parapet', 'shed'])
     """
     buildings, face = [], 1
     turns = np.random.default_rng([seed, 1]).uniform(0.0, np.pi, 9)

@@ -63,6 +63,13 @@ def scan_town(
     pattern : `lines`, `zigzag`, `ellipse`, or `random`: straight down at random places, one return, nothing
     hidden. seed : the same seed gives the same points.
     flight, scanner : the survey and the instrument; `noise` replaces the scanner's own.
+
+    Examples
+    --------
+    >>> from eaves.simulate import scan_town, simulate_town
+    >>> scene = scan_town(simulate_town(0.01, seed=3), density=1.0, seed=3)
+    >>> len(scene.cloud) == len(scene.truth_class) == len(scene.building)
+    True
     """
     if not density > 0:
         raise ValueError(f"density must be above 0 points per m², not {density}")

@@ -99,6 +99,13 @@ def simulate_town(
     clutter : whether buildings carry vents, skylights, solar panels and balconies, which the reference
         models leave out.
     leaf_loss : loss of a pulse's energy per metre of crown (1/m): about 2.5 in leaf, 0.6 out of leaf.
+
+    Examples
+    --------
+    >>> from eaves.simulate import simulate_town
+    >>> town = simulate_town(0.01, terrain="hilly", style="suburb", seed=3)
+    >>> len(town.buildings) > 0
+    True
     """
     if area_km2 < 0.01:
         raise ValueError(f"area_km2 must be at least 0.01 (100 m by 100 m), not {area_km2}")

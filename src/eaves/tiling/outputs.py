@@ -49,6 +49,7 @@ class Summary:
 
     @property
     def complete(self) -> bool:
+        """Whether every block was computed and every file written."""
         return not self.failed
 
     def as_text(self) -> str:

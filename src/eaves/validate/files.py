@@ -66,6 +66,18 @@ def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> lis
     InputError
         When there is no such file, or it may not be read. What is in it is never an error: a file that is no
         CityJSON gives finding 901 or 904.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> models = [building.model(truth.cloud.origin) for building in truth.buildings]
+    >>> from eaves.formats import write_cityjson
+    >>> write_cityjson("nine.city.json", models)
+    9
+    >>> eaves.validate_file("nine.city.json")
+    []
     """
     findings: list[Finding] = []
     try:

@@ -15,6 +15,14 @@ def validate_model(model: BuildingModel, tolerances: Tolerances | None = None) -
 
     Each part of a level of detail is checked as a solid, and the parts of one level against each other. The
     levels appear in `where`, parts by their number in `building`: `id/0`, `id/1`, …
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> eaves.validate_model(truth.buildings[0].model())
+    []
     """
     primitives, vertices, count = [], [np.zeros((0, 3), np.int64)], 0
     for lod, parts in sorted(model.solids.items()):

@@ -25,6 +25,19 @@ def build(
 
     See `eaves.tiling.build.build` for the parameters; this adds the report that people open first (not to a
     run by tiles, which is more than a page holds).
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> from eaves.simulate import write_simulation
+    >>> files = write_simulation(truth, "nine")
+    >>> summary = eaves.build(files["points"], "out")
+    >>> summary.found == summary.modelled + sum(summary.failures.values())
+    True
+    >>> (summary.folder / "report.html").exists()
+    True
     """
     summary = build_files(inputs, out, recipe, options, tell)
     if "tiles" in summary.run:
