@@ -51,8 +51,8 @@ class AdaptiveTin(GroundMethod):
     rounds until nothing joins, limits from the statistics of the surface. The paper prints no number;
     those of `as_published()` are ours, after its words: seeds from cells of 40 m, wider than the widest
     building, a distance of 1.4 m, which a TIN needs to climb from seeds so far apart, an angle of 14°, and
-    rounds to the end. With `seed_cell` the seeds are the lowest points of such cells, as in the paper. The lowest point
-    of a wide cell misses every hilltop and terrace, so by default we leave it in this:
+    rounds to the end. With `seed_cell` the seeds are the lowest points of such cells, as in the paper. The
+    lowest point of a wide cell misses every hilltop and terrace, so by default we leave it in this:
 
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
       pingel2013], up to `widest_object`. The rise that makes an object grows with the slope of the terrain,
