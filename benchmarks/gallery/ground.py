@@ -25,6 +25,7 @@ from eaves.ground import classify_ground
 from eaves.model import Bounds, Mask, Raster
 from eaves.raster.grid import heights_of, highest_points, whole_cells
 from eaves.raster.interpolate import fill_nearest
+from eaves.raster.surfaces import make_dtm
 
 PAGE = Path(__file__).parents[2] / "docs" / "gallery"
 WORST = 5
@@ -61,7 +62,10 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """Numbers (K,) of the points of one type that lie together, and their heights over true ground."""
+    """Numbers (K,) of the points of one type that lie together, and their heights over the terrain.
+
+    For type I that is the terrain as it was found, for type II as it is.
+    """
 
     kind: str
     points: NDArray[np.int64]
@@ -84,17 +88,19 @@ def judge(name: str, sample: Sample) -> Case:
 
 def clusters_of(case: Case) -> list[Cluster]:
     """The largest clusters of errors, of both types."""
-    xyz, truth = case.sample.cloud.xyz, case.sample.truth
-    link = max(LINK_LEAST_M, LINK_SPACINGS * measure_spacing(xyz))
-    right = np.flatnonzero(truth & case.ground)
-    terrain = cKDTree(xyz[right, :2])
+    cloud = case.sample.cloud
+    xyz, spacing = cloud.xyz, measure_spacing(cloud.xyz)
+    link, bounds = max(LINK_LEAST_M, LINK_SPACINGS * spacing), Bounds.of(xyz).grown(spacing)
+    terrain = {
+        kind: make_dtm(cloud.with_(classification=np.where(mask, 2, 1).astype(np.uint8)), bounds, spacing)
+        for kind, mask in (("I", case.ground), ("II", case.sample.truth))
+    }
     clusters = []
     for kind, wrong in case.errors.items():
         numbers = np.flatnonzero(wrong)
         tree = cKDTree(xyz[numbers, :2])
         labels = connected_components(tree.sparse_distance_matrix(tree, link))[1]
-        beneath = xyz[right[terrain.query(xyz[numbers, :2], k=5)[1]], 2]
-        heights = xyz[numbers, 2] - np.median(beneath, axis=1)
+        heights = xyz[numbers, 2] - terrain[kind].values[terrain[kind].cell_of(xyz[numbers])]
         for label in np.argsort(-np.bincount(labels), kind="stable")[:NUMBERED]:
             members = labels == label
             clusters.append(Cluster(kind, numbers[members], heights[members]))
@@ -162,7 +168,7 @@ def write_numbers(axes: Axes, case: Case, bounds: Bounds) -> None:
 
 
 def describe(case: Case) -> None:
-    """Print the clusters of a sample: type, points, place from its south-west corner, heights over ground."""
+    """Print the clusters of a sample: type, points, place in it, heights over the terrain."""
     corner = case.sample.cloud.xyz[:, :2].min(axis=0)
     print(f"{case.name}: {case.error:.2f} %")
     for number, cluster in enumerate(clusters_of(case), 1):
@@ -170,7 +176,7 @@ def describe(case: Case) -> None:
         low, middle, high = np.quantile(cluster.heights, (0.1, 0.5, 0.9))
         print(
             f"  {number:2d} type {cluster.kind:2s} {len(cluster.points):4d} points "
-            f"at {east:4.0f} {north:4.0f}, {low:.2f} {middle:.2f} {high:.2f} m over ground"
+            f"at {east:4.0f} {north:4.0f}, {low:.2f} {middle:.2f} {high:.2f} m over the terrain"
         )
 
 

@@ -66,7 +66,8 @@ class AdaptiveTin(GroundMethod):
     - The larger the spacing, the larger the angle: the terrain bends more within a wide facet.
     - A seed or point within `noise`, or `noise_share` of t, of a facet is not inserted: the TIN stays small.
     - Points around the data, at heights that the seeds nearest to them foretell, keep the hull of the TIN
-      away from roofs and crowns that the rim of the data cuts: its slivers are as steep as walls.
+      away from roofs and crowns that the rim of the data cuts: its slivers are as steep as walls. Not with
+      `seed_cell`: the paper has none.
 
     The reach of a window of `widest_object` is its width, and a chain of joining points adds little: 60 m.
     The roughness and the spacing are measured over the whole cloud that is given, which for a tiler is
@@ -175,7 +176,8 @@ class AdaptiveTin(GroundMethod):
         waiting = np.ones(len(xyz), bool)
         first = seeds[lowest_of_cells(xyz[seeds], FIRST_CELLS * cell)]
         waiting[first] = False
-        rest, around = seeds[waiting[seeds]], rim_points(xyz[first], bounds)
+        rest = seeds[waiting[seeds]]
+        around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds)
         xyz = np.concatenate([xyz, around])
         tin = Tin(xyz, np.concatenate([first, np.arange(len(cloud), len(xyz))]))
         misfit = misfits(tin, xyz, rest)
