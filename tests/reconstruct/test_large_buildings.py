@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import shapely
+from shapely import Polygon
 
-from eaves.model import BuildingModel, Footprint, RoofPlane
+from eaves.model import BuildingModel, Footprint, Points, RoofPlane
 from eaves.reconstruct import reconstruct_building
+from eaves.reconstruct.arrangement import Arrangement
+from eaves.reconstruct.evidence import MOST_PLANES, largest_only
 from eaves.reconstruct.jumps import MOST_TOGETHER, divide, strongest_strip_kernel
+from eaves.reconstruct.line import Line
+from eaves.reconstruct.lines import FEWEST_LINES, LINES_PER_PLANE, OVERSHOOT, PARALLEL, extend
 from eaves.validate.models import validate_model
 
 SIDE, WIDTH = 10, 6.0
@@ -58,3 +65,89 @@ def test_many_places_are_divided_and_none_is_lost() -> None:
     assert max(map(len, groups)) <= MOST_TOGETHER
     assert np.array_equal(np.sort(np.concatenate(groups)), np.arange(len(places)))
     assert len(divide(np.ones((3 * MOST_TOGETHER, 2)))) == 4
+
+
+def checkerboard(side: int, width: float, density: float) -> tuple[Points, list[RoofPlane], Footprint]:
+    """Points, planes and footprint of `side` × `side` flat roofs of `width` (m), no two alike."""
+    rng = np.random.default_rng(3)
+    heights = 6.0 + rng.permutation(side * side) * 0.1
+    xy = rng.uniform(0.0, side * width, (int(density * (side * width) ** 2), 2))
+    owner = (xy // width).astype(int) @ np.array([1, side])
+    points = np.column_stack([xy, heights[owner] + 0.01 * rng.normal(size=len(xy))])
+    planes = [
+        RoofPlane((0.0, 0.0, float(height)), np.flatnonzero(owner == number), 0.01)
+        for number, height in enumerate(heights)
+    ]
+    return points, planes, Footprint(shapely.box(0.0, 0.0, side * width, side * width))
+
+
+def test_hundreds_of_self_contacts_are_resolved() -> None:
+    points, planes, footprint = checkerboard(16, 4.0, 4.0)
+    answer = reconstruct_building(points, footprint, planes, 0.0)
+    assert isinstance(answer, BuildingModel)
+    assert answer.lod == "2.2" and not validate_model(answer)
+    assert answer.attributes["roof_face_count"] >= 0.9 * 16 * 16
+
+
+@pytest.mark.slow
+def test_thousands_of_planes_cost_bounded_work() -> None:
+    points, planes, footprint = checkerboard(42, 3.0, 3.0)
+    seen: dict[str, object] = {}
+    answer = Arrangement().model(points, footprint, planes, 0.0, seen.__setitem__)
+    assert isinstance(answer, BuildingModel) and not validate_model(answer)
+    lines, cells = seen["lines"], seen["plane of each cell"]
+    assert isinstance(lines, np.ndarray) and isinstance(cells, np.ndarray)
+    assert len(lines) <= FEWEST_LINES + LINES_PER_PLANE * (MOST_PLANES + 1)
+    assert len(np.unique(cells)) <= MOST_PLANES + 1
+
+
+def test_only_the_largest_planes_take_part() -> None:
+    sizes = np.arange(1, MOST_PLANES + 101)
+    owner = np.repeat(np.arange(len(sizes)), sizes).astype(np.int32)
+    kept = np.unique(largest_only(owner, np.arange(len(owner))))
+    assert kept.tolist() == [-1, *range(100, len(sizes))]
+
+
+def test_lines_are_lengthened_as_by_trying_every_pair() -> None:
+    rng = np.random.default_rng(5)
+    box = shapely.box(0.0, 0.0, 300.0, 200.0)
+    lines = []
+    for _ in range(400):
+        angle, (x, y) = rng.choice([0.3, 0.3 + np.pi / 2, 1.1]), rng.uniform(0.0, 200.0, 2)
+        nx, ny = float(np.cos(angle)), float(np.sin(angle))
+        along = -ny * x + nx * y
+        half = float(rng.uniform(0.5, 4.0))
+        lines.append(Line((nx, ny), nx * x + ny * y, along - half, along + half, 1.0, False))
+    assert np.allclose(extend(lines, box, 1.0), extended_by_every_pair(lines, box, 1.0))
+
+
+def test_lengthening_thousands_of_lines_keeps_no_table_of_pairs() -> None:
+    number = 3000
+    lines = [Line((1.0, 0.0), 0.1 * k, 0.0, 1.0, 1.0, False) for k in range(number)]
+    tracemalloc.start()
+    extend(lines, shapely.box(0.0, 0.0, 300.0, 200.0), 1.0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < number**2
+
+
+def extended_by_every_pair(lines: list[Line], polygon: Polygon, extension: float) -> np.ndarray:
+    """The slow twin of `extend`: a table of every line with every other and every edge."""
+    normal = np.array([line.normal for line in lines])
+    offset = np.array([line.offset for line in lines])
+    low = np.array([line.low for line in lines]) - extension
+    high = np.array([line.high for line in lines]) + extension
+    direction = np.column_stack([-normal[:, 1], normal[:, 0]])
+    foot = normal * offset[:, None]
+    ring = np.asarray(polygon.exterior.coords)
+    starts = np.vstack([foot + direction * low[:, None], ring[:-1]])
+    ends = np.vstack([foot + direction * high[:, None], ring[1:]])
+    before, after = starts @ normal.T - offset, ends @ normal.T - offset
+    crosses = (before * after <= 0.0) & (np.abs(before - after) > PARALLEL)
+    share = before / np.where(crosses, before - after, 1.0)
+    along = starts @ direction.T + share * ((ends - starts) @ direction.T)
+    up = np.where(crosses & (along >= high), along, np.inf).min(axis=0)
+    down = np.where(crosses & (along <= low), along, -np.inf).max(axis=0)
+    last = np.where(np.isfinite(up), up + OVERSHOOT, high)
+    first = np.where(np.isfinite(down), down - OVERSHOOT, low)
+    return np.hstack([foot + direction * first[:, None], foot + direction * last[:, None]])

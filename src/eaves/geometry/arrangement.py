@@ -49,20 +49,21 @@ def arrange(
 
 def through_corners(segments: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.object_]:
     """The segments (S, 4) as lines that bend through the corners (K, 2) they would nearly touch."""
-    start, end = segments[:, None, :2], segments[:, None, 2:]
-    step = end - start
-    length = np.maximum(np.hypot(step[..., 0], step[..., 1]), COORDINATE_STEP)
-    away = corners[None] - start
-    along = (away * step).sum(axis=2) / length**2
-    apart = np.abs(step[..., 0] * away[..., 1] - step[..., 1] * away[..., 0]) / length
-    near = (apart < CORNER_REACH) & (along > 0.0) & (along < 1.0)
     ends = segments.reshape(-1, 2, 2)
-    lines = shapely.linestrings(ends)
-    for line in np.flatnonzero(near.any(axis=1)).tolist():
-        some = np.flatnonzero(near[line])
-        some = some[np.argsort(along[line, some], kind="stable")]
+    lines = np.asarray(shapely.linestrings(ends), object)
+    tree = shapely.STRtree(shapely.points(corners))
+    number, corner = tree.query(lines, predicate="dwithin", distance=CORNER_REACH)
+    step = ends[number, 1] - ends[number, 0]
+    length = np.maximum(np.hypot(step[:, 0], step[:, 1]), COORDINATE_STEP)
+    along = ((corners[corner] - ends[number, 0]) * step).sum(axis=1) / length**2
+    between = (along > 0.0) & (along < 1.0)
+    order = np.lexsort((corner, along, number))
+    order = order[between[order]]
+    number, corner = number[order], corner[order]
+    used, first = np.unique(number, return_index=True)
+    for line, some in zip(used.tolist(), np.split(corner, first[1:]), strict=False):
         lines[line] = shapely.linestrings(np.vstack([ends[line, :1], corners[some], ends[line, 1:]]))
-    return np.asarray(lines)
+    return lines
 
 
 def without_necks(polygon: BaseGeometry, grid: float) -> BaseGeometry:

@@ -69,7 +69,8 @@ class Costs:
         """Costs with none above `LARGEST`, and each pair of nodes once if borders of a pair cost the same."""
         if jumps is None:
             edges, border = one_edge_per_pair(edges, border)
-        return cls(np.minimum(data, LARGEST), edges, border, price, jumps)
+        bounded = data if data.max(initial=0.0) <= LARGEST else np.minimum(data, LARGEST)
+        return cls(bounded, edges, border, price, jumps)
 
     def between(self, some: Integers | Mask, one: Integers, other: Integers) -> Values:
         """The price (K,) of `some` of the borders between labels `one` and `other` (K,)."""
@@ -85,6 +86,20 @@ class Costs:
         data = self.data[np.arange(len(labels)), labels].sum()
         borders = self.between(differs, one[differs], other[differs])
         return float(data + borders.sum() + self.price[used].sum())
+
+    def saved(self, before: Integers, after: Integers) -> float:
+        """How much less labels cost `after` than `before` (N,), from the nodes that changed alone."""
+        changed = before != after
+        nodes = np.flatnonzero(changed)
+        edges = np.flatnonzero(changed[self.edges].any(axis=1))
+        one, other = self.edges[edges].T
+        data = self.data[nodes, before[nodes]] - self.data[nodes, after[nodes]]
+        borders = self.between(edges, before[one], before[other]) - self.between(
+            edges, after[one], after[other]
+        )
+        old, new = (np.bincount(labels, minlength=len(self.price)) > 0 for labels in (before, after))
+        prices = self.price * old - self.price * new
+        return float(data.sum() + borders.sum() + prices.sum())
 
     def may_gain(self, labels: Integers) -> Values:
         """Cost (N,) above which a label cannot pay at a node: its label's and all its borders'."""
@@ -112,38 +127,31 @@ def label_nodes(
     current: Integers = np.argmin(costs.data, axis=1).astype(np.int64)
     if labels == 1 or count == 0:
         return current
-    best = costs.of_labels(current)
     limit = costs.may_gain(current)
     open_labels = np.ones(labels, bool)
     for _ in range(SWEEPS):
-        before = best
+        gained = 0.0
         for label in range(labels):
             if not open_labels[label]:
                 continue
             open_labels[label] = False
-            best, accepted = try_labels(costs, current, expand(costs, current, label, limit), best)
-            if accepted is not None:
+            accepted = expand(costs, current, label, limit)
+            gain = costs.saved(current, accepted)
+            if gain > 1.0 / SCALE:
+                gained += gain
                 reopen(costs, current, accepted, open_labels)
                 current, limit = accepted, costs.may_gain(accepted)
                 open_labels[label] = False
         for label in np.unique(current).tolist():
-            best, accepted = try_labels(costs, current, without_label(costs, current, label), best)
-            if accepted is not None:
+            accepted = without_label(costs, current, label)
+            gain = costs.saved(current, accepted)
+            if gain > 1.0 / SCALE:
+                gained += gain
                 reopen(costs, current, accepted, open_labels)
                 current, limit = accepted, costs.may_gain(accepted)
-        if best > before - 1.0 / SCALE:
+        if gained == 0.0:
             break
     return current
-
-
-def try_labels(
-    costs: Costs, current: Integers, moved: Integers, best: float
-) -> tuple[float, Integers | None]:
-    """The lower energy, and the labels after a move that lowers it, else None."""
-    if np.array_equal(moved, current):
-        return best, None
-    energy = costs.of_labels(moved)
-    return (energy, moved) if energy < best - 1.0 / SCALE else (best, None)
 
 
 def reopen(costs: Costs, before: Integers, after: Integers, open_labels: Mask) -> None:
@@ -280,7 +288,7 @@ def without_label(costs: Costs, labels: Integers, label: int) -> Integers:
     mine = np.flatnonzero(labels == label)
     used = np.bincount(labels, minlength=len(costs.price)) > 0
     used[label] = False
-    others = np.flatnonzero(used)
+    others = np.flatnonzero(used & (costs.data[mine].min(axis=0, initial=LARGEST) < LARGEST))
     answer = labels.copy()
     if len(others) == 0:
         return answer

@@ -86,6 +86,7 @@ def label_cells(
             coverage, near, heights, planes[number], ground, prices
         )
     data[:, -1] += UNKNOWN_PRICE * coverage.area + 1e-6
+    np.minimum(data, LARGEST, out=data)
     halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
     edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
     start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]

@@ -22,6 +22,9 @@ FEWEST_POINTS = 3
 LOWEST_ROOF = 0.5
 """A roof is at least this high (m) above the base: nothing is built lower, and solids keep a wall."""
 
+MOST_PLANES = 1500
+"""Planes that take part, those with most points; a table of cells and planes bounds the rest."""
+
 FEWEST_IN_LEVEL = 6
 """Points that make a level of what no plane explains."""
 
@@ -59,7 +62,10 @@ def level_unexplained(
     pairs = cKDTree(scaled).query_pairs(CLUSTER_REACH * spacing, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(loose),) * 2)
     cluster = connected_components(graph, directed=False)[1]
-    for number in np.flatnonzero(np.bincount(cluster) >= fewest).tolist():
+    sizes = np.bincount(cluster)
+    most = max(MOST_PLANES - count, 0)
+    kept = np.argsort(-sizes, kind="stable")[:most]
+    for number in np.sort(kept[sizes[kept] >= fewest]).tolist():
         mine = loose[cluster == number]
         answer[mine] = count + len(heights)
         heights.append(float(np.median(points[mine, 2])))
@@ -77,6 +83,7 @@ def support_of(
     owner = np.full(len(points), -1, np.int32)
     for number, plane in enumerate(planes):
         owner[plane.members] = number
+    owner = largest_only(owner, top)
     used, number_of = np.unique(owner[top], return_inverse=True)
     labels: Labels = (number_of.ravel() - int(used[0] == -1)).astype(np.int32)
     known = [planes[number].coefficients for number in used[used >= 0]]
@@ -84,6 +91,18 @@ def support_of(
     height = max(float(np.percentile(points[top, 2], PRISM_PERCENTILE)), ground + LOWEST_ROOF)
     rows = [*known, *((0.0, 0.0, level) for level in levels), (0.0, 0.0, height)]
     return labels, np.array(rows, np.float64)
+
+
+def largest_only(owner: Labels, top: NDArray[np.int64]) -> Labels:
+    """The planes (N,) of points, -1 for none, with those alone that have most roof points `top` (T,), at most
+    `MOST_PLANES` of them.
+    """
+    sizes = np.bincount(owner[top] + 1)[1:]
+    if np.count_nonzero(sizes) <= MOST_PLANES:
+        return owner
+    kept = np.zeros(len(sizes) + 1, bool)
+    kept[np.argsort(-sizes, kind="stable")[:MOST_PLANES]] = True
+    return np.where(kept[np.minimum(owner, len(sizes))], owner, -1).astype(np.int32)
 
 
 def faces_as_planes(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,8 @@ CORNER = 0.10
 """How far (m) a corner steps back where a building would touch itself in a vertical edge."""
 
 ROUNDS = 40
-"""Self-contacts resolved one after the other before the plan is given up."""
+"""Rounds in which self-contacts are resolved, all that do not touch each other at once, before the plan is
+given up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,16 +51,15 @@ def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> lis
     names = np.arange(coverage.count)
     for _ in range(ROUNDS):
         plan = split_crossings(coverage, planes)
-        touching = None
+        touching = []
         solids = []
         for part, cells in plan.parts():
             columns = raise_columns(part, planes[cells], base)
-            node = find_contact(part, columns)
-            if node is not None:
-                touching = part.nodes[node]
-                break
-            solids.append(close_solid(part, columns, names[cells]))
-        if touching is None:
+            nodes = find_contacts(part, columns)
+            touching += list(part.nodes[nodes])
+            if not touching:
+                solids.append(close_solid(part, columns, names[cells]))
+        if not touching:
             return solids
         stepped = step_back(plan, planes, base, touching)
         if stepped is None:
@@ -132,18 +133,15 @@ def wall_spans(coverage: Coverage, columns: Columns) -> tuple[Integers, NDArray[
     return halves, spans
 
 
-def find_contact(coverage: Coverage, columns: Columns) -> int | None:
-    """A node whose column has a stretch that more than two walls share, or None."""
+def find_contacts(coverage: Coverage, columns: Columns) -> Integers:
+    """The nodes (K,) whose columns have a stretch that more than two walls share."""
     _, spans = wall_spans(coverage, columns)
     change = np.zeros(len(columns.vertices) + 1, np.int64)
     for low, high in ((spans[:, 0], spans[:, 1]), (spans[:, 2], spans[:, 3])):
         np.add.at(change, low, 1)
         np.add.at(change, high, -1)
     shared = np.flatnonzero(np.cumsum(change) > 2)
-    if len(shared) == 0:
-        return None
-    half = int(np.flatnonzero(columns.vertex == shared[0])[0])
-    return int(coverage.start[half])
+    return np.unique(coverage.start[np.isin(columns.vertex, shared)])
 
 
 def close_solid(coverage: Coverage, columns: Columns, names: Integers) -> Solid:
@@ -170,62 +168,84 @@ def close_solid(coverage: Coverage, columns: Columns, names: Integers) -> Solid:
 
 
 def step_back(
-    coverage: Coverage, planes: NDArray[np.float64], base: float, place: NDArray[np.float64]
+    coverage: Coverage, planes: NDArray[np.float64], base: float, places: Sequence[NDArray[np.float64]]
 ) -> tuple[Coverage, Integers] | None:
-    """The coverage with one corner at `place` (2,) cut off and given to the lower neighbour, and the cells
-    kept.
+    """The coverage with one corner at each of the `places` (K of (2,)) cut off and given to the lower
+    neighbour, and the cells kept.
 
-    The corner is that of a cell higher than both its neighbours around the node; the narrowest is taken. None
-    where no corner can step back.
+    The corner is that of a cell higher than both its neighbours around the node; the narrowest is taken.
+    A corner on an edge that another is cut from waits for the next round. None where a corner cannot step
+    back.
     """
-    node = int(np.argmin(np.abs(coverage.nodes - place).sum(axis=1)))
-    leaving = np.flatnonzero(coverage.start == node)
-    step = coverage.nodes[coverage.end[leaving]] - coverage.nodes[node]
+    node_at = {tuple(node): number for number, node in enumerate(coverage.nodes.tolist())}
+    order = np.argsort(coverage.start, kind="stable")
+    first = np.searchsorted(coverage.start[order], np.arange(len(coverage.nodes) + 1))
+    taken: set[int] = set()
+    corners: list[tuple[int, int]] = []
+    for place in places:
+        node = node_at[tuple(place.tolist())]
+        leaving = order[first[node] : first[node + 1]]
+        found = highest_corner(coverage, planes, base, place, leaving)
+        if found is None:
+            return None
+        edges = {min(half, int(coverage.twin[half])) for half in found}
+        if not edges & taken:
+            taken |= edges
+            corners.append(found)
+    return cut_corners(coverage, corners)
+
+
+def highest_corner(
+    coverage: Coverage,
+    planes: NDArray[np.float64],
+    base: float,
+    place: NDArray[np.float64],
+    leaving: Integers,
+) -> tuple[int, int] | None:
+    """The two half-edges of the corner at `place` (2,) that can step back, among those `leaving` it."""
+    step = coverage.nodes[coverage.end[leaving]] - place
     angle = np.arctan2(step[:, 1], step[:, 0])
     leaving, angle = leaving[np.argsort(angle)], np.sort(angle)
     cell = coverage.cell[leaving]
     at = np.append(place, 1.0)
-    height = np.where(cell == OUTSIDE, base, np.asarray(planes @ at)[cell])
+    height = np.where(cell == OUTSIDE, base, (planes[cell] * at).sum(axis=1))
     before = np.roll(height, 1)
     after = np.roll(height, -1)
     opening = np.mod(np.roll(angle, -1) - angle, 2.0 * np.pi)
     peak = np.flatnonzero((height > before + SAME_HEIGHT) & (height > after + SAME_HEIGHT))
     for corner in peak[np.argsort(opening[peak], kind="stable")].tolist():
-        first, second = leaving[corner], leaving[(corner + 1) % len(leaving)]
-        lower = int(coverage.cell[coverage.twin[first]])
-        cut = cut_corner(coverage, int(first), int(second), lower)
-        if cut is not None:
-            return cut
+        one, other = int(leaving[corner]), int(leaving[(corner + 1) % len(leaving)])
+        reach = min(CORNER, 0.4 * float(coverage.length[[one, other]].min()))
+        if not opening_is_flat(coverage, one, other) and reach >= 5.0 * COORDINATE_STEP:
+            return one, other
     return None
 
 
-def cut_corner(coverage: Coverage, first: int, second: int, lower: int) -> tuple[Coverage, Integers] | None:
-    """The corner between two half-edges that leave one node given to cell `lower`, and the cells kept."""
-    if opening_is_flat(coverage, first, second):
-        return None
-    halves = np.array([first, second])
+def cut_corners(coverage: Coverage, corners: list[tuple[int, int]]) -> tuple[Coverage, Integers]:
+    """Each corner between two half-edges that leave one node given to the cell beyond the first, and the
+    cells kept.
+    """
+    halves = np.array(corners, np.int64).ravel()
+    first, count = halves[0::2], len(corners)
     reach = np.minimum(CORNER, 0.4 * coverage.length[halves])
-    if reach.min() < 5.0 * COORDINATE_STEP:
-        return None
     start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
     places = start + (end - start) * (reach / coverage.length[halves])[:, None]
     places = np.round(np.round(places / COORDINATE_STEP) * COORDINATE_STEP, 6)
-    owner = int(coverage.cell[first])
-    node = int(coverage.start[first])
+    lower, owner = coverage.cell[coverage.twin[first]], coverage.cell[first]
     cut = coverage.split(halves, places)
-    corner = cut.count
-    one, other = len(cut.nodes) - 2, len(cut.nodes) - 1
+    corner = coverage.count + np.arange(count)
+    one = len(coverage.nodes) + 2 * np.arange(count)
     cell = cut.cell.copy()
-    cell[(cut.start == node) & (cut.end == one)] = corner
-    cell[(cut.start == other) & (cut.end == node)] = corner
+    cell[first] = corner
+    # `split` ends with the halves that lead from the new nodes back to the old ones
+    cell[len(cell) - 2 * count + 2 * np.arange(count) + 1] = corner
     cut = Coverage(
         cut.nodes,
-        np.append(cut.start, [one, other]),
-        np.append(cut.end, [other, one]),
-        np.append(cell, [corner, owner]),
+        np.concatenate([cut.start, one, one + 1]),
+        np.concatenate([cut.end, one + 1, one]),
+        np.concatenate([cell, corner, owner]),
     )
-    label = np.append(np.arange(coverage.count), lower)
-    return cut.merged(label)
+    return cut.merged(np.concatenate([np.arange(coverage.count), lower]))
 
 
 def opening_is_flat(coverage: Coverage, first: int, second: int) -> bool:

@@ -11,6 +11,9 @@ from eaves.reconstruct.cell_labels import Prices, label_cells, points_in_cells
 from eaves.reconstruct.evidence import LOWEST_ROOF, PRISM_PERCENTILE
 from eaves.reconstruct.raising import raise_plan, without_numbers
 
+MOST_WORK = 50_000_000
+"""Heights times cells that are looked at when levels are grouped; of more, evenly chosen heights speak."""
+
 SIMPLE_SHARE = 0.125
 """The smallest roof face at LoD 2.0 is at most this share of the footprint."""
 
@@ -22,6 +25,10 @@ def group_levels(plan: Coverage, cell: Integers, heights: Values, jump: float) -
     points, so a row of small steps does not run together into one level. `cell` and `heights`
     (K,) are those of the roof points.
     """
+    every = max(1, len(heights) * plan.count // MOST_WORK)
+    if every > 1:
+        order = np.lexsort((heights, cell))[::every]
+        cell, heights = cell[order], heights[order]
     group = np.arange(plan.count)
     halves = np.flatnonzero((plan.cell >= 0) & (plan.cell[plan.twin] > plan.cell))
     pairs = np.unique(np.column_stack([plan.cell[halves], plan.cell[plan.twin[halves]]]), axis=0)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 from shapely import Polygon
 
+from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Labels, Mask, Points, Values
 from eaves.reconstruct.jumps import fall_angles, jump_lines
 from eaves.reconstruct.line import SAME_DIRECTION_DEG, Line
@@ -39,6 +40,9 @@ MEETING_JUMP = 0.25
 
 OVERSHOOT = 0.01
 """How far (m) a line runs past the one it ends on, so that rounding leaves no gap."""
+
+FIRST_SEARCH = 8.0
+"""Distance (m) beyond a line's end in which the next line is sought; then eight times as far, and again."""
 
 PARALLEL = 1e-3
 """A stretch that comes this little (m) nearer to a line runs along it and does not cross it."""
@@ -190,13 +194,29 @@ def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.
     rings = [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
     starts = np.vstack([foot + direction * low[:, None], *(ring[:-1] for ring in rings)])
     ends = np.vstack([foot + direction * high[:, None], *(ring[1:] for ring in rings)])
-    before = starts @ normal.T - offset
-    after = ends @ normal.T - offset
-    crosses = (before * after <= 0.0) & (np.abs(before - after) > PARALLEL)
-    share = before / np.where(crosses, before - after, 1.0)
-    along = starts @ direction.T + share * ((ends - starts) @ direction.T)
-    up = np.where(crosses & (along >= high), along, np.inf).min(axis=0)
-    down = np.where(crosses & (along <= low), along, -np.inf).max(axis=0)
-    last = np.where(np.isfinite(up), up + OVERSHOOT, high)
-    first = np.where(np.isfinite(down), down - OVERSHOOT, low)
-    return np.hstack([foot + direction * first[:, None], foot + direction * last[:, None]])
+    up, down = np.full((2, len(lines)), np.inf)
+    tree = shapely.STRtree(shapely.linestrings(np.stack([starts, ends], axis=1)))
+    farthest = float(np.hypot(*np.ptp(np.vstack([starts, ends]), axis=0)))
+    reach = FIRST_SEARCH
+    waiting = np.arange(len(lines))
+    while len(waiting):
+        first = foot[waiting] + direction[waiting] * (low[waiting] - reach)[:, None]
+        last = foot[waiting] + direction[waiting] * (high[waiting] + reach)[:, None]
+        seen = shapely.linestrings(np.stack([first, last], axis=1))
+        line, other = tree.query(seen, predicate="dwithin", distance=COORDINATE_STEP)
+        line = waiting[line]
+        before = (starts[other] * normal[line]).sum(axis=1) - offset[line]
+        after = (ends[other] * normal[line]).sum(axis=1) - offset[line]
+        crosses = (before * after <= 0.0) & (np.abs(before - after) > PARALLEL)
+        share = before / np.where(crosses, before - after, 1.0)
+        along = ((starts[other] + share[:, None] * (ends[other] - starts[other])) * direction[line]).sum(1)
+        ahead, behind = crosses & (along >= high[line]), crosses & (along <= low[line])
+        np.minimum.at(up, line[ahead], along[ahead] - high[line[ahead]])
+        np.minimum.at(down, line[behind], low[line[behind]] - along[behind])
+        if reach > farthest:
+            break
+        waiting = waiting[np.maximum(up[waiting], down[waiting]) > reach]
+        reach *= 8.0
+    last_along = np.where(np.isfinite(up), high + up + OVERSHOOT, high)
+    first_along = np.where(np.isfinite(down), low - down - OVERSHOOT, low)
+    return np.hstack([foot + direction * first_along[:, None], foot + direction * last_along[:, None]])
