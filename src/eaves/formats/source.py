@@ -334,8 +334,9 @@ def _open_las(path: Path, crs: str | None) -> Source:
         except InputError:  # of a damaged file the points before the damage are used, wherever they are
             if not header.extent_is_known:
                 raise
-    declared = _declared(_Projection(header.projection, crs, header))
-    system = _system(path, *declared, low, high, min(map(abs, header.scales[:2])))
+    system = _declared(_Projection(header.projection, crs, header))
+    if system is None:
+        system = _system(path, None, low, high, min(map(abs, header.scales[:2])))
     kind = "copc" if header.compressed and header.copc is not None else "laz" if header.compressed else "las"
     return _source(kind, count, low, high, system, FIELDS, header)
 
@@ -355,14 +356,17 @@ class _Projection:
 
 
 @lru_cache(maxsize=64)  # the tiles of a country say the same thing a million times
-def _declared(said: _Projection) -> tuple[pyproj.CRS | None, float | None]:
-    return (parse_crs(said.crs), None) if said.crs else said.header.crs()
+def _declared(said: _Projection) -> CoordinateSystem | None:
+    header = said.header
+    crs, vertical_unit = (parse_crs(said.crs), None) if said.crs else header.crs()
+    centre = (header.lowest[0] + header.highest[0]) / 2, (header.lowest[1] + header.highest[1]) / 2
+    return None if crs is None else system_of(crs, header.path, centre, vertical_unit)
 
 
 def _open_text(path: Path, crs: str | None) -> Source:
     layout = read_text_layout(path)
     count, low, high = _measured(layout)
-    system = _system(path, parse_crs(crs) if crs else None, None, low, high, 1.0)
+    system = _system(path, parse_crs(crs) if crs else None, low, high, 1.0)
     return _source("text", count, low, high, system, () if layout.label is None else FIELDS[2:], layout)
 
 
@@ -400,13 +404,11 @@ def _source(
     )
 
 
-def _system(
-    path: Path, crs: pyproj.CRS | None, vertical_unit: float | None, low: Corner, high: Corner, step: float
-) -> CoordinateSystem:
+def _system(path: Path, crs: pyproj.CRS | None, low: Corner, high: Corner, step: float) -> CoordinateSystem:
     """The file's system; degrees, declared or evident, are refused."""
     centre = (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
     if crs is not None:
-        return system_of(crs, path, centre, vertical_unit)
+        return system_of(crs, path, centre)
     width, relief = max(high[0] - low[0], high[1] - low[1]), high[2] - low[2]
     fits = max(abs(low[0]), abs(high[0])) <= 180 and max(abs(low[1]), abs(high[1])) <= 90
     if fits and 0 < width < DEGREE_EXTENT and (relief > DEGREE_RELIEF * width or step < DEGREE_SCALE):
