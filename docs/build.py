@@ -1,7 +1,8 @@
 """Writes the generated pages: `make docs`, or `python -m docs.build`; `--check` says what is out of date.
 
 docs/reference/ is made from the registry, the docstrings and references.bib, docs/comparison.md from the
-tables in benchmarks/results. All else under docs/ is written by hand. Pictures: `python -m docs.pictures`.
+tables in benchmarks/results, the list of galleries in docs/README.md from docs/gallery. All else under docs/
+is written by hand. Pictures: `python -m docs.pictures`.
 """
 
 from __future__ import annotations
@@ -40,6 +41,17 @@ def read(path: Path) -> str | None:
     return path.read_text(encoding="utf-8") if path.exists() else None
 
 
+def index_page() -> str:
+    """docs/README.md with its list of galleries: the title of every page in docs/gallery."""
+    text = (DOCS / "README.md").read_text(encoding="utf-8")
+    before, _, rest = text.partition("## Galleries\n")
+    after = rest[rest.index("`make docs`") :]
+    pages = sorted((DOCS / "gallery").glob("*.md"))
+    titles = [page.read_text(encoding="utf-8").splitlines()[0].lstrip("# ") for page in pages]
+    links = [f"- [{title}](gallery/{page.name})" for title, page in zip(titles, pages, strict=True)]
+    return f"{before}## Galleries\n" + "\n".join(links) + f"\n\n{after}"
+
+
 def main() -> int:
     """Write the pages, or check them."""
     if "--check" in sys.argv[1:]:
@@ -48,6 +60,7 @@ def main() -> int:
         return int(bool(wrong))
     tables = DOCS.parent / "benchmarks" / "results"
     pages = reference_pages() | {Path("comparison.md"): comparison_page(tables)}
+    pages[Path("README.md")] = index_page()
     for path in outdated():
         if path not in pages:
             (DOCS / path).unlink()

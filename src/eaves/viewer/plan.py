@@ -80,6 +80,8 @@ def draw_plan(axes: Axes, folder: Path, surface: str = "dsm") -> None:
     axes.set_aspect("equal")
     axes.ticklabel_format(style="plain", useOffset=False)
     axes.tick_params(labelsize=6)
+    axes.set_xlabel("east (m)", fontsize=7)
+    axes.set_ylabel("north (m)", fontsize=7)
 
 
 def has_layer(path: Path, name: str) -> bool:
@@ -99,7 +101,12 @@ def plan_figure(folder: str | Path, size_inches: float = 9.0) -> Figure:
     ]
     keys.append(Patch(facecolor=face_colour(0.0, None), edgecolor="0.3", linewidth=0.3, label="flat"))
     outlines = {"LoD 2.2": "black", "coarser": "tab:blue", "no model": "tab:red"}
-    keys += [Line2D([], [], color=colour, linewidth=1, label=name) for name, colour in outlines.items()]
+    there = {line.get_color() for line in axes.lines}
+    keys += [
+        Line2D([], [], color=colour, linewidth=1, label=name)
+        for name, colour in outlines.items()
+        if colour in there
+    ]
     figure.legend(handles=keys, loc="outside lower center", ncols=6, frameon=False, fontsize=7)
     figure.set_size_inches(size_inches, size_inches * min(1.6, max(0.4, shape_of(axes))))
     return figure
