@@ -85,7 +85,7 @@ def build(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Points in; footprints, valid 3D buildings, rasters, classified points and a report out."""
+    """Points in; footprints, 3D buildings and a report out. Also rasters and the classified points."""
     settings = read_config(config)
     recipe = recipe_from(
         {
@@ -136,7 +136,7 @@ def ground(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """The same points in the same order: class 2 ground, 7 and 18 noise, 1 others (OUT.laz, or a folder)."""
+    """Which points are ground (class 2) and noise (7, 18). The same points, to OUT.laz or a folder."""
     from dataclasses import replace
 
     recipe = recipe_from(
@@ -179,7 +179,7 @@ def detect(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Building mask (GeoTIFF with world file), footprints and classified points."""
+    """Where buildings are: mask, footprints, classified points. The mask is a GeoTIFF with world file."""
     names = {"detect": method, "ground": ground_method, "outline": outline_method}
     recipe = recipe_from(
         names, read_config(config), as_published=as_published, use_classes=use_classes, lod="0"
@@ -221,7 +221,7 @@ def reconstruct(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Models for given footprints; the points may be classified or not."""
+    """Models for given footprints. The points may be classified or not."""
     names = {"roof": roof_method, "reconstruct": method}
     recipe = recipe_from(
         names, read_config(config), as_published=as_published, use_classes=use_classes, lod=lod
@@ -246,7 +246,7 @@ def validate(
     file: Annotated[Path, typer.Argument(help="CityJSON or CityJSONSeq.", metavar="FILE")],
     quiet: Quiet = False,
 ) -> None:
-    """Every defect of every solid, by val3dity's code numbers; exit status 1 when there is one."""
+    """Every defect of every solid, by val3dity's codes. Exit status 1 when there is one."""
     from eaves.validate import validate_file
 
     findings = validate_file(file)
@@ -271,7 +271,7 @@ def evaluate(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """How well a result agrees with a reference, by the field's measures."""
+    """How well a result agrees with a reference. By the measures of docs/evaluation.md."""
     from eaves.evaluate import evaluate_files
 
     start_log(quiet, verbose=False)
@@ -301,7 +301,7 @@ def simulate(
     crs: Crs = None,
     quiet: Quiet = False,
 ) -> None:
-    """A town of which every plane, corner and point label is known, and its scan."""
+    """A town of which everything is known, and its scan. Every plane, corner and point label."""
     from eaves.simulation import run_simulation
 
     start_log(quiet, verbose=False)
@@ -342,7 +342,7 @@ def plot(
     dpi: Annotated[int, typer.Option(help="Dots an inch.", min=30, max=1200)] = 300,
     quiet: Quiet = False,
 ) -> None:
-    """A picture of a run for print: plan, errors against a reference, cross-section, all models."""
+    """A picture of a run for print. Plan, errors against a reference, cross-section, all models."""
     from eaves.viewer.plot import plot_run
 
     start_log(quiet, verbose=False)
@@ -360,7 +360,7 @@ def methods(stage: Annotated[str | None, typer.Argument(help="One stage only.")]
 
 @app.command()
 def demo(out: Out = Path("demo-out"), quiet: Quiet = False) -> None:
-    """Build a scene whose every plane is known, and compare with the truth."""
+    """Build a town whose every plane is known, and compare."""
     from eaves.demo import run_demo
 
     start_log(quiet, verbose=False)

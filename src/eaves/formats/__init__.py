@@ -10,7 +10,7 @@ _HOMES = {
     "Chunk": "chunk",
     "Source": "source",
     "common_system": "source",
-    "find_inputs": "source",
+    "find_inputs": "inputs",
     "iter_chunks": "source",
     "open_source": "source",
     "read": "source",

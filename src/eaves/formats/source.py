@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ import pyproj
 from eaves.formats.chunk import Chunk
 from eaves.formats.crs import agree, degrees_remedy, parse_crs, system_of
 from eaves.formats.errors import InputError
+from eaves.formats.inputs import LAS_SUFFIXES, find_inputs
 from eaves.formats.las import WHOLE, iter_las
 from eaves.formats.las_header import LasHeader, is_las, read_las_header
 from eaves.formats.text import TextLayout, iter_text, read_text_layout
@@ -31,8 +31,6 @@ MISSING = {"return_number": 1, "number_of_returns": 1, "classification": 0}
 
 log = logging.getLogger("eaves")
 
-LAS_SUFFIXES = (".las", ".laz")
-TEXT_SUFFIXES = (".txt", ".xyz", ".csv", ".asc")
 CHUNK_POINTS = 300_000
 DEGREE_EXTENT, DEGREE_RELIEF, DEGREE_SCALE = 0.5, 20.0, 1e-6
 """Data without a system are in degrees when they fit ±180 and ±90, span less than 0.5 and are either 20 times
@@ -67,46 +65,6 @@ class Source:
         """Whether its header states a bounding box that cannot be that of its points."""
         layout = self.layout
         return isinstance(layout, LasHeader) and layout.extent_is_known and not _box_is_believed(layout)
-
-
-def find_inputs(paths: str | Path | Sequence[str | Path]) -> list[Path]:
-    """The point files that files, folders and globs name, each once, sorted.
-
-    A folder gives its LAS, LAZ and COPC files, or its text files when it has none of them.
-
-    Raises
-    ------
-    InputError
-        For a path that gives no file.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from eaves.formats import find_inputs
-    >>> Path("tile.laz").touch()
-    >>> [path.name for path in find_inputs("*.laz")]
-    ['tile.laz']
-    """
-    found: dict[Path, Path] = {}
-    for given in [paths] if isinstance(paths, str | Path) else paths:
-        path = Path(given)
-        if path.is_dir():
-            names = sorted(entry for entry in path.iterdir() if entry.is_file() and entry.name[0] != ".")
-            files = [name for name in names if name.suffix.lower() in LAS_SUFFIXES]
-            files = files or [name for name in names if name.suffix.lower() in TEXT_SUFFIXES]
-        elif path.exists():
-            files = [path]
-        else:
-            files = [Path(name) for name in glob.glob(str(given), recursive=True) if Path(name).is_file()]
-        if not files:
-            rule = "has no point files" if path.is_dir() else "does not exist"
-            raise InputError.about(
-                given, rule, "give a LAS, LAZ, COPC or text file, a folder of them, or a glob"
-            )
-        found.update((file.resolve(), file) for file in files)
-    if not found:
-        raise InputError("no input given; give a LAS, LAZ, COPC or text file, a folder of them, or a glob")
-    return sorted(found.values(), key=lambda file: str(file.resolve()))
 
 
 def open_source(path: str | Path, crs: str | None = None) -> Source:
