@@ -28,6 +28,7 @@ from eaves.outline import regularise_outlines, trace_outline
 from eaves.outline.global_fit import GlobalFit
 from eaves.reconstruct import Reconstructor, reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
+from eaves.reconstruct.attributes import face_vectors, measure_volume
 from eaves.reconstruct.moments import Moments
 from eaves.reconstruct.plane_intersection import PlaneIntersection
 from eaves.reconstruct.prism import Prism
@@ -141,7 +142,7 @@ def over_cases(data: str, cases: list[Case], method: Reconstructor) -> dict[str,
     first = cases[0]
     reconstruct_building(first.points, first.footprint, first.planes, first.ground, method)
     lods: Counter[str] = Counter()
-    distance, rmse, volume, ridge = [], [], [], []
+    distance, rmse, volume, ridge, eaves = [], [], [], [], []
     faces = invalid = 0
     seconds = 0.0
     for case in cases:
@@ -158,6 +159,7 @@ def over_cases(data: str, cases: list[Case], method: Reconstructor) -> dict[str,
             if case.truth is not None:
                 volume.append(abs(volume_of(model) / volume_of(case.truth) - 1.0))
                 ridge.append(abs(top_of(model) - top_of(case.truth)))
+                eaves.append(abs(eaves_of(model) - eaves_of(case.truth)))
         else:
             lods[f"no model: {model.code}"] += 1
         hit = np.isfinite(away)
@@ -178,6 +180,7 @@ def over_cases(data: str, cases: list[Case], method: Reconstructor) -> dict[str,
         "roof faces": faces,
         "volume error": float(np.median(volume)) if volume else None,
         "ridge error m": float(np.median(ridge)) if ridge else None,
+        "eaves error m": float(np.median(eaves)) if eaves else None,
         "ms a building": 1e3 * seconds / len(cases),
     }
     return row
@@ -185,14 +188,22 @@ def over_cases(data: str, cases: list[Case], method: Reconstructor) -> dict[str,
 
 def volume_of(model: BuildingModel) -> float:
     """Volume (m³) of a model at its finest level."""
-    from eaves.reconstruct.attributes import measure_volume
-
     return sum(measure_volume(solid) for solid in model.solids[model.lod])
 
 
 def top_of(model: BuildingModel) -> float:
     """Height (m) of a model's highest vertex."""
     return max(float(solid.vertices[:, 2].max()) for solid in model.solids[model.lod])
+
+
+def eaves_of(model: BuildingModel) -> float:
+    """Height (m) of the lowest corner of a model's largest roof face in plan: the eaves of the main roof."""
+    largest, eaves = -1.0, 0.0
+    for solid in model.solids[model.lod]:
+        for face, vector in zip(solid.faces, face_vectors(solid), strict=True):
+            if face.surface == ROOF_SURFACE and vector[2] > largest:
+                largest, eaves = float(vector[2]), float(solid.vertices[list(face.rings[0]), 2].min())
+    return eaves
 
 
 def wireframe_of(model: BuildingModel) -> Wireframe:

@@ -13,7 +13,7 @@ from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.model import Face, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 
-SAME_HEIGHT = 0.4 * PLANARITY
+SAME_HEIGHT = 0.7 * PLANARITY
 """Heights over one node that are nearer than this (m) become one vertex."""
 
 CORNER = 0.10
