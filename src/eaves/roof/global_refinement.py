@@ -156,9 +156,9 @@ class GlobalRefinement(RoofMethod):
         labels = labels.copy()
         ring = np.ascontiguousarray(local.neighbours[:, :POTTS_NEIGHBOURS])
         for _ in range(3):
-            planes, _, _ = fit_labels(points, labels, int(labels.max(initial=0)))
+            planes, squares, _ = fit_labels(points, labels, int(labels.max(initial=0)))
             planes[np.isnan(planes).any(axis=1)] = (0.0, 0.0, 0.0, 1e9)
-            weights = np.full(len(planes), local.noise**-2)
+            weights = weights_of(squares, local.noise)
             changed = relabel_kernel(
                 points, ring, planes, weights, 0.5 * self.outlier_share**2, self.smoothness, 4, labels
             )
@@ -185,9 +185,9 @@ class GlobalRefinement(RoofMethod):
         labels = drop_crumbs(labels, ring, max(3, fewest // 2))
         while True:
             count = int(labels.max(initial=0))
-            planes, _, sizes = fit_labels(points, labels, count)
+            planes, squares, sizes = fit_labels(points, labels, count)
             planes[sizes < 3] = (0.0, 0.0, 0.0, 1e9)
-            weights, worth = np.full(count, local.noise**-2), np.zeros(count)
+            weights, worth = weights_of(squares, local.noise), np.zeros(count)
             worth_kernel(points, ring, planes, weights, outlier, self.smoothness, labels, worth)
             worth[sizes == 0] = np.inf
             dropped = apart(
@@ -201,6 +201,15 @@ class GlobalRefinement(RoofMethod):
     def fewest_points(self, local: LocalPlanes) -> int:
         """Points of the smallest plane."""
         return max(5, int(self.min_area / local.spacing**2))
+
+
+def weights_of(squares: Values, noise: float) -> Values:
+    """Weights (K,), one over the variance of the points of each plane, from their mean squares (K,).
+
+    The variance is that of the noise, or more where the plane sags, up to what makes pieces one plane:
+    else the points of a plane joined from pieces would be left out again.
+    """
+    return np.asarray(1.0 / np.clip(np.nan_to_num(squares), noise**2, join_tolerance(noise) ** 2))
 
 
 def apart(worth: Values, poor: Mask, touching: NDArray[np.bool_]) -> NDArray[np.int64]:
