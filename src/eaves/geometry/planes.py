@@ -15,8 +15,11 @@ from eaves.model import Points, Values
 LINE_RATIO = 0.1
 """A neighbourhood whose second eigenvalue is below this share of the first is a line and has no normal."""
 
-NOISE_QUANTILE, NOISE_QUANTILE_NORMAL = 0.35, -0.385
+NOISE_QUANTILE = (0.35, -0.385)
 """Share of the neighbourhoods taken as free of edges, and the standard normal deviate of that share."""
+
+CALM_QUANTILE = (0.12, -1.175)
+"""The same where a roof of many small faces has few neighbourhoods free of edges."""
 
 MIN_NOISE, MAX_NOISE = 0.012, 0.15
 """Noise (m): no roof is flatter than the first; what scatters more than the second is a crown, not a roof."""
@@ -197,7 +200,11 @@ def nearest(queries: Points, xyz: Points, count: int) -> tuple[NDArray[np.int64]
     return near.astype(np.int64), np.sqrt(squares[:, -1].astype(np.float64))
 
 
-def measure_noise(smallest_eigenvalues: Values, counts: NDArray[np.int64]) -> float:
+def measure_noise(
+    smallest_eigenvalues: Values,
+    counts: NDArray[np.int64],
+    quantile: tuple[float, float] = NOISE_QUANTILE,
+) -> float:
     """Standard deviation (m) of points about their surface, from local fits (N,) with `counts` points each.
 
     A variance from k points has k − 3 degrees of freedom. Neighbourhoods across edges have large ones,
@@ -205,7 +212,7 @@ def measure_noise(smallest_eigenvalues: Values, counts: NDArray[np.int64]) -> fl
     approximation).
     """
     freedom = np.maximum(counts - 3, 1)
-    variance = float(np.quantile(smallest_eigenvalues * counts / freedom, NOISE_QUANTILE))
+    variance = float(np.quantile(smallest_eigenvalues * counts / freedom, quantile[0]))
     d = float(np.median(freedom))
-    share = (1.0 - 2.0 / (9.0 * d) + NOISE_QUANTILE_NORMAL * np.sqrt(2.0 / (9.0 * d))) ** 3
+    share = (1.0 - 2.0 / (9.0 * d) + quantile[1] * np.sqrt(2.0 / (9.0 * d))) ** 3
     return float(np.clip(np.sqrt(variance / share), MIN_NOISE, MAX_NOISE))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
-from eaves.geometry.planes import LocalPlanes, local_planes, planes_around
+from eaves.geometry.planes import CALM_QUANTILE, LocalPlanes, local_planes, measure_noise, planes_around
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, RoofPlane
 from eaves.roof.base import RoofMethod
@@ -32,6 +33,12 @@ ROOF_SAG = 0.03
 
 NOISE_SAMPLE = 300
 """Points whose neighbourhoods tell the noise before the number of neighbours is chosen."""
+
+CALM_NEIGHBOURS, CALM_SHARE = 7, 1.5
+"""The noise is at most this many times that of the calmest of neighbourhoods this small.
+
+On a roof of many small faces most neighbourhoods of ten points or more lie across an edge.
+"""
 
 NORMAL_ERROR_DEG = 2.0
 """Error of a local normal (degrees) the number of neighbours is chosen for."""
@@ -143,13 +150,16 @@ class RegionGrowing(RoofMethod):
 
     def surroundings(self, points: Points) -> LocalPlanes:
         """The local planes of points (N, 3), with the number of neighbours that noise and spacing ask for."""
+        sample = points[:: max(1, len(points) // NOISE_SAMPLE)]
+        around = planes_around(sample, points, CALM_NEIGHBOURS, CALM_NEIGHBOURS + LINE_NEIGHBOURS)
+        calm = measure_noise(around.eigenvalues[:, 0], around.counts, CALM_QUANTILE)
+        noise = min(around.noise, CALM_SHARE * calm)
         count = self.neighbours
         if count is None:
-            sample = points[:: max(1, len(points) // NOISE_SAMPLE)]
-            around = planes_around(sample, points, FEWEST_NEIGHBOURS, FEWEST_NEIGHBOURS)
-            wished = 2.0 * np.sqrt(np.pi) * around.noise / (around.spacing * np.radians(NORMAL_ERROR_DEG))
+            wished = 2.0 * np.sqrt(np.pi) * noise / (around.spacing * np.radians(NORMAL_ERROR_DEG))
             count = int(np.clip(np.ceil(wished), FEWEST_NEIGHBOURS, MOST_NEIGHBOURS))
-        return local_planes(points, count, count + LINE_NEIGHBOURS)
+        local = local_planes(points, count, count + LINE_NEIGHBOURS)
+        return replace(local, noise=min(local.noise, CALM_SHARE * calm))
 
     def smooth_points(self, local: LocalPlanes) -> Mask:
         """The points (N,) whose neighbourhood is flat and no wall."""
