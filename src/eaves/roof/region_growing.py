@@ -28,8 +28,8 @@ FEWEST_NEIGHBOURS, MOST_NEIGHBOURS = 10, 40
 LINE_NEIGHBOURS = 10
 """More neighbours a point may take where the nearest ones are one scan line."""
 
-ROOF_SAG = 0.03
-"""How far (m, root mean square) a roof that was built as one plane may have bent."""
+ROOF_SAG = 0.05
+"""How far (m, root mean square) a roof that was built as one plane may have bent, or falls to its drains."""
 
 NOISE_SAMPLE = 300
 """Points whose neighbourhoods tell the noise before the number of neighbours is chosen."""
