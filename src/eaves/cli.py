@@ -21,6 +21,7 @@ from eaves.command_options import (
     Jobs,
     MethodName,
     Out,
+    PartyWalls,
     PerTile,
     Published,
     Quiet,
@@ -63,6 +64,7 @@ def build(
     footprints: Footprints = None,
     id_field: IdField = None,
     snap_footprints: Snap = False,
+    party_walls: PartyWalls = None,
     use_classes: UseClasses = False,
     lod: Annotated[str, typer.Option(help="Finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2.")] = "2.2",
     crs: Crs = None,
@@ -86,7 +88,6 @@ def build(
     verbose: Verbose = False,
 ) -> None:
     """Points in; footprints, 3D buildings and a report out. Also rasters and the classified points."""
-    settings = read_config(config)
     recipe = recipe_from(
         {
             "ground": ground_method,
@@ -95,7 +96,7 @@ def build(
             "roof": roof_method,
             "reconstruct": reconstruct_method,
         },
-        settings,
+        read_config(config),
         as_published=as_published,
         use_classes=use_classes,
         lod=lod,
@@ -107,6 +108,7 @@ def build(
         footprints=footprints,
         id_field=id_field,
         snap_footprints=snap_footprints,
+        party_walls=party_walls,
         formats=tuple(name.strip() for name in formats.split(",") if name.strip()),
         jobs=jobs,
         scheduler=scheduler,
@@ -114,8 +116,7 @@ def build(
         per_tile=per_tile,
         block=block,
     )
-    summary = run_build(inputs, out, recipe, options, quiet, verbose)
-    finish(summary, quiet, strict)
+    finish(run_build(inputs, out, recipe, options, quiet, verbose), quiet, strict)
 
 
 @app.command()

@@ -34,6 +34,9 @@ IdField = Annotated[str | None, typer.Option(help="Field of the footprints that 
 Snap = Annotated[
     bool, typer.Option("--snap-footprints", help="Move given footprints to the eaves in the points.")
 ]
+PartyWalls = Annotated[
+    Path | None, typer.Option(help="Polygons of addresses that detected blocks are split into.")
+]
 BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).", min=6)]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
 MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]

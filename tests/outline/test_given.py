@@ -67,8 +67,30 @@ def test_snapped_footprints_reach_the_eaves_and_keep_their_party_wall() -> None:
 def test_a_block_is_split_along_its_party_walls_without_gap_or_overlap() -> None:
     block = box(-0.5, -0.5, 20.5, 10.5)
     addresses = repair_footprints([box(0, 0, 8, 10), box(8, 0, 20, 10), box(40, 0, 50, 9)], ["1", "2", "3"])
-    one, two, none = split_block(block, addresses)
+    (one, two, none), rest = split_block(block, addresses)
+    assert rest == []
     assert one is not None and two is not None and none is None
     assert abs(one.polygon.area + two.polygon.area - block.area) < 1e-6
     assert one.polygon.intersection(two.polygon).length > 10.9
     assert one.polygon.equals(box(-0.5, -0.5, 8, 10.5))
+
+
+def test_what_no_address_covers_stays_a_building_of_its_own() -> None:
+    block = box(-0.5, -0.5, 30.5, 10.5)
+    addresses = repair_footprints([box(0, 0, 8, 10), box(8, 0, 20, 10)], ["1", "2"])
+    (one, two), rest = split_block(block, addresses)
+    assert one is not None and two is not None and len(rest) == 1
+    assert two.polygon.equals(box(8, -0.5, 20, 10.5)) and rest[0].equals(box(20, -0.5, 30.5, 10.5))
+    assert split_block(box(50, 50, 60, 60), addresses) == ([None, None], [box(50, 50, 60, 60)])
+
+
+def test_walls_that_nearly_meet_leave_no_tiny_edges() -> None:
+    block = box(0, 0, 20, 10.003)
+    shapes = [box(0, 0, 10, 5), box(10.001, 0, 20, 5.002), box(0, 5, 10.002, 10), box(10.002, 5.002, 20, 10)]
+    found, rest = split_block(block, repair_footprints(shapes, list("1234")))
+    parts = [part.polygon for part in found if part is not None]
+    assert len(parts) == 4 and rest == []
+    assert abs(shapely.union_all(parts).area - block.area) < 0.05
+    for part in parts:
+        xy = shapely.get_coordinates(part)
+        assert np.hypot(*np.diff(xy, axis=0).T).min() > 0.015

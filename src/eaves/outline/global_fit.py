@@ -30,8 +30,8 @@ WALL_BESIDE, LEAST_BESIDE_M = 1.0, 0.5
 """Points of a wall have roof points above them within so many spacings, and at least so many metres."""
 LEAST_POINTS = 4
 """Fewer points in the strip tell nothing."""
-SPOT_M, SPOT_IN_SPACINGS = 0.1, 0.5
-"""A quarter of the disc that a beam of 0.4 mrad lights from 1000 m; points seldom lie closer than discs do."""
+SPOT_M, SPOT_IN_SPACINGS = 0.08, 0.5
+"""A quarter of the disc that a beam of 0.3 mrad lights from 1000 m; points seldom lie closer than discs."""
 CORNER_REACH = 4.0
 """A corner farther than this from the boundary, in spacings, is cut off; one of 30° still is not."""
 
@@ -66,7 +66,7 @@ class GlobalFit(OutlineMethod):
     beside them (`low_parts`).
 
     The beam of a scanner has a width: a pulse that strikes the edge with a part of its spot is placed
-    outside. The points cannot tell how far; `spot` is a quarter of a spot of 0.4 m, or half the spacing
+    outside. The points cannot tell how far; `spot` is a quarter of a spot of 0.3 m, or half the spacing
     where that is less: dense points come from a low flight. For a beam without width it is 0.
 
     *Fails where* a jog or passage is narrower than twice the spacing; where trees touch the roof and were
@@ -96,7 +96,7 @@ class GlobalFit(OutlineMethod):
     spot: float | None = parameter(
         None,
         "how far the width of the beam lets points reach beyond an edge; from the data half a spacing, "
-        "at most 0.1 m",
+        "at most 0.08 m",
         unit="m",
         ge=0,
     )

@@ -31,32 +31,54 @@ def snap_footprints(footprints: Sequence[Footprint], points: Points, spacing: fl
     Edges that two footprints share are party walls and move only with their ends. Every other edge long
     enough to tell moves along its normal to where the points behind it end, at most `REACH_M`: first all of
     them together by the one shift that serves most, then each by what is left. A vertex goes where its
-    edges take it, so common vertices stay common. A footprint that would become invalid makes its
-    neighbours and itself stay as given.
+    edges take it, so common vertices stay common. The vertices of a footprint that would become invalid go
+    with the common shift only.
     """
     if len(footprints) == 0 or len(points) == 0:
         return list(footprints)
     nodes, rings, owner = shared_rings([footprint.polygon for footprint in footprints])
     first, second = free_edges(rings)
-    moved = nodes.copy()
+    moved = base = nodes
     for together in (True, False):
         shift, normal, length = edge_shifts(moved, first, second, points, spacing)
         told = np.isfinite(shift)
         if not told.any():
             break
         if together:
-            moved = moved + common_shift(shift[told], normal[told], length[told])
+            moved = base = moved + common_shift(shift[told], normal[told], length[told])
         else:
             moved = moved + vertex_moves(len(nodes), first, second, shift, normal, length)
-    moved = np.round(moved / COORDINATE_STEP) * COORDINATE_STEP
-    answers = []
-    for number, footprint in enumerate(footprints):
-        outer, *holes = [moved[ring] for ring, one in zip(rings, owner, strict=True) if one == number]
-        polygon = Polygon(outer, holes)
-        if not polygon.is_valid or polygon.area < 0.5 * footprint.polygon.area:
-            return list(footprints)
-        answers.append(footprint.with_(polygon=shapely.orient_polygons(polygon)))
-    return answers
+    base, moved = (np.round(xy / COORDINATE_STEP) * COORDINATE_STEP for xy in (base, moved))
+    while True:
+        polygons = [
+            polygon_of([moved[ring] for ring, one in zip(rings, owner, strict=True) if one == number])
+            for number in range(len(footprints))
+        ]
+        spoilt = {
+            number
+            for number, (polygon, given) in enumerate(zip(polygons, footprints, strict=True))
+            if not polygon.is_valid or polygon.area < 0.5 * given.polygon.area
+        }
+        nodes_of = [ring for ring, one in zip(rings, owner, strict=True) if one in spoilt]
+        back = np.unique(np.concatenate([*nodes_of, np.zeros(0, np.int64)]))
+        if (moved[back] == base[back]).all():
+            break
+        moved[back] = base[back]
+    shifted = base[0] - nodes[0]
+    return [
+        footprint.with_(
+            polygon=shapely.orient_polygons(
+                shapely.transform(footprint.polygon, lambda xy: xy + shifted) if number in spoilt else polygon
+            )
+        )
+        for number, (footprint, polygon) in enumerate(zip(footprints, polygons, strict=True))
+    ]
+
+
+def polygon_of(rings: list[NDArray[np.float64]]) -> Polygon:
+    """The polygon of an outer ring and its holes; an empty one where vertices fell together."""
+    outer, *holes = rings
+    return Polygon(outer, [hole for hole in holes if len(hole) > 2]) if len(outer) > 2 else Polygon()
 
 
 def shared_rings(

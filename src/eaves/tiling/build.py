@@ -38,6 +38,8 @@ class Options:
     footprints: Path | None = None
     id_field: str | None = None
     snap_footprints: bool = False
+    party_walls: Path | None = None
+    """Polygons of addresses; the blocks that are detected are split along their borders."""
     formats: tuple[str, ...] = ()
     """Names of further formats (tiling.exports)."""
     jobs: int = 1
@@ -84,16 +86,24 @@ def build(
     started = time.time()
     recipe, options = recipe or make_recipe(), options or Options()
     check_formats(options.formats)
+    if options.footprints is not None and options.party_walls is not None:
+        raise InputError(
+            f"{options.party_walls}: party walls split blocks that are detected, and footprints are given; "
+            "leave one of --footprints and --party-walls out"
+        )
     folder = Path(out)
     paths = find_inputs([inputs] if isinstance(inputs, str | Path) else inputs)
     failed: list[str] = []
     index = index_inputs(paths, options.crs, failed, lambda done, total: tell("index", done, total))
     bounds = in_metres(options.bounds, index.system)
     clip = None if options.clip is None else read_area(options.clip, index.system)
-    given = None
-    if options.footprints is not None:
+    given, addresses = None, []
+    known = options.footprints or options.party_walls
+    if known is not None:
         area = area_of(index.entries["box"], bounds, clip)
-        given = read_footprints(options.footprints, options.id_field, index.system, area)
+        addresses = read_footprints(known, options.id_field, index.system, area)
+    if options.footprints is not None:
+        given, addresses = addresses, []
     if options.classified is not None and len(index) > 1:
         raise InputError(
             f"{options.classified}: one file cannot hold {len(index)} inputs; give a folder with -o"
@@ -107,6 +117,7 @@ def build(
         plan=describe(index, recipe, options),
         given=given,
         snap=options.snap_footprints,
+        addresses=addresses,
         resume=options.resume,
         formats=options.formats,
         outputs=options.outputs or EVERYTHING,
@@ -152,6 +163,7 @@ def describe(index: Index, recipe: Recipe, options: Options) -> dict[str, Any]:
         "clip": None if options.clip is None else hash_of(options.clip),
         "footprints": None if options.footprints is None else hash_of(options.footprints),
         "snap_footprints": options.snap_footprints,
+        "party_walls": None if options.party_walls is None else hash_of(options.party_walls),
     }
 
 

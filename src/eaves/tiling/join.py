@@ -51,6 +51,8 @@ class HomePlan:
 
     home: Block
     buildings: tuple[BuildingPlan, ...]
+    addresses: tuple[Footprint, ...] = ()
+    """Between known party walls, about the block's corner (tiling.addresses)."""
 
 
 @dataclass(frozen=True, eq=False)

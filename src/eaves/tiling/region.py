@@ -24,6 +24,7 @@ from eaves.pipeline import (
     building_pass,
     draw_footprints,
 )
+from eaves.tiling.addresses import split_buildings, with_addresses
 from eaves.tiling.gather import Gatherer
 from eaves.tiling.index import Index
 from eaves.tiling.join import HomePlan, Seam, assign_footprints, blocks_beyond, blocks_under, join_regions
@@ -53,6 +54,8 @@ class Job:
     """What decides the result (build.describe)."""
     given: Sequence[Footprint] | None = None
     snap: bool = False
+    addresses: Sequence[Footprint] = ()
+    """What lies between known party walls; detected blocks are split into them."""
     resume: bool = False
     formats: tuple[str, ...] = ()
     outputs: tuple[str, ...] = EVERYTHING
@@ -221,7 +224,7 @@ class Region:
             todo = sorted((beyond & there) - tried)
         if self.job.given is not None:
             return assign_footprints(self.job.given, blocks) if blocks else []
-        return join_regions(self.seams(sorted(tried)))
+        return with_addresses(join_regions(self.seams(sorted(tried))), self.job.addresses)
 
     def seams(self, blocks: Sequence[Block]) -> list[Seam]:
         """What the join needs of all blocks that could be computed."""
@@ -293,6 +296,8 @@ def compute_home(plan: HomePlan, store: Store, recipe: Recipe, snap: bool = Fals
     buildings = [building for building in gathered if not isinstance(building, Failure)]
     clock = Clock()
     footprints = draw_all(buildings, recipe)
+    if plan.addresses:
+        buildings, footprints = split_buildings(buildings, footprints, plan.addresses)
     clock.lap("outline")
     for building, footprint in zip(buildings, footprints, strict=True):
         try:

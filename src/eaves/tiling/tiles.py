@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats.disk import DiskFullError
-from eaves.model import Block, Bounds
+from eaves.model import Block, Bounds, Footprint
 from eaves.tiling.index import Index
 from eaves.tiling.merge import merge_footprints, merge_masks, merge_rasters
 from eaves.tiling.outputs import Summary, write_run
@@ -129,11 +129,17 @@ def task_of(job: Job, tile: Tile, ring: int = 1) -> TileTask:
     numbers = np.flatnonzero(job.index.meeting(loaded.grown(LYING_BY)))
     given = job.given
     if given is not None:
-        given = [f for f in given if Bounds(*f.polygon.bounds).grown(LYING_BY).intersects(loaded)]
+        given = footprints_near(given, loaded)
+    addresses = footprints_near(job.addresses, loaded)
     index = job.index.subset(numbers)
     plan = {**job.plan, **index.describe(), "tile": tile.name}
-    mine = replace(job, index=index, given=given, plan=plan, failed=(), outputs=WANTED)
+    mine = replace(job, index=index, given=given, addresses=addresses, plan=plan, failed=(), outputs=WANTED)
     return TileTask(tile, mine, tuple(int(number) for number in numbers), ring)
+
+
+def footprints_near(footprints: Sequence[Footprint], loaded: Bounds) -> list[Footprint]:
+    """The footprints (world metres) in or near the bounds of the points loaded."""
+    return [f for f in footprints if Bounds(*f.polygon.bounds).grown(LYING_BY).intersects(loaded)]
 
 
 def loaded_with(tile: Tile, ring: int, reach: float) -> Bounds:
