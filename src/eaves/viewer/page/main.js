@@ -213,6 +213,8 @@ class Viewer {
     document.documentElement.dataset.chosen = row ? row.id : '';
     if (row) {
       describe(byId('building'), row, number, this.scene);
+      const side = byId('controls'), top = byId('building').offsetTop - side.offsetTop;
+      if (top > side.scrollTop + side.clientHeight - 200) side.scrollTop = top - 8;
       byId('said').textContent = `building ${row.id} chosen${spot ? '' : ', which is not drawn'}`;
       if (fly && spot && Number.isFinite(spot.low[0])) {
         const { low, high } = spot;
