@@ -28,7 +28,9 @@ class Pace {
       if (answered !== this.asked) {
         answered = this.asked;
         shown = this.quality;
-        this.adapt(await this.paint(QUALITIES[shown]));
+        const first = !this.painted, milliseconds = await this.paint(QUALITIES[shown]);
+        // the first picture also pays for making programs and buffers, so it says nothing of the others
+        this.adapt(first ? await this.paint(QUALITIES[shown]) : milliseconds);
         this.after(shown);
         if (shown) await this.rest(answered);
       } else if (await this.paintWhole(answered)) this.after(shown = 0);
