@@ -143,3 +143,15 @@ def test_an_open_ring_is_closed_and_features_without_geometry_are_counted(
     assert ids == ["open", "bow"]
     assert polygons[0].area == 100.0 and not polygons[1].is_valid
     assert "1 features without coordinates are left out" in caplog.text
+
+
+def test_a_polygon_out_of_this_world_is_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "a.geojson"
+    rings = [[[0, 0], [10, 0], [10, 10], [0, 0]], [[0, 0], [9e19, 0], [10, 10], [0, 0]]]
+    features = [
+        {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+        for ring in rings
+    ]
+    system = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::28992"}}
+    path.write_text(json.dumps({"type": "FeatureCollection", "crs": system, "features": features}))
+    assert len(read_polygons(path)[0]) == 1 and "1 features" in caplog.text

@@ -21,6 +21,7 @@ from shapely.geometry.base import BaseGeometry
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe, parse_crs, pyproj_crs, system_of
 from eaves.formats.errors import InputError
+from eaves.formats.source import FARTHEST
 from eaves.model import CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
 
@@ -198,10 +199,10 @@ def _chosen_layer(path: Path, layer: str | None) -> str | None:
 
 
 def _has_coordinates(shape: BaseGeometry | None) -> bool:
-    """Whether there is a shape, not an empty one, and all its coordinates are numbers."""
-    return (
-        shape is not None and not shape.is_empty and bool(np.isfinite(shapely.get_coordinates(shape)).all())
-    )
+    """Whether there is a shape, not an empty one, and all its coordinates are numbers of this world."""
+    if shape is None or shape.is_empty:
+        return False
+    return bool((np.abs(shapely.get_coordinates(shape)) <= FARTHEST[0]).all())  # false for NaN, too
 
 
 def _in_metres(
