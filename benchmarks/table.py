@@ -24,14 +24,28 @@ def as_markdown(rows: Sequence[Mapping[str, object]]) -> str:
     return "\n".join(lines)
 
 
+def commit_now() -> str:
+    """The commit that is checked out, or "none"."""
+    command = ["git", "rev-parse", "--short", "HEAD"]
+    return subprocess.run(command, capture_output=True, text=True, cwd=RESULTS).stdout.strip() or "none"
+
+
+def kept_rows(name: str) -> list[dict[str, object]]:
+    """The rows, as text, of the newest table `name` in benchmarks/results; none if there is none yet."""
+    tables = sorted(RESULTS.glob(f"????-??-??-{name}.md"))
+    if not tables:
+        return []
+    lines = [line for line in tables[-1].read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
+    columns, *rows = ([cell.strip() for cell in line.strip("| ").split(" | ")] for line in lines)
+    return [dict(zip(columns, row, strict=True)) for row in rows]
+
+
 def keep(name: str, title: str, rows: Sequence[Mapping[str, object]], command: str, note: str = "") -> Path:
     """Print the table and write it to results/DATE-name.md with the commit, the machine and the command."""
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=RESULTS
-    ).stdout.strip()
+    commit = commit_now()
     cores = os.cpu_count()
     head = (
-        f"# {title}\n\n`{command}` · commit {commit or 'none'} and what stands on it · "
+        f"# {title}\n\n`{command}` · commit {commit} and what stands on it · "
         f"Python {platform.python_version()}, {platform.system()}, {cores} cores\n"
     )
     body = f"{head}\n{as_markdown(rows)}\n" + (f"\n{note}\n" if note else "")
