@@ -30,6 +30,7 @@ COG_OPTIONS: dict[str, Any] = {
     "predictor": "YES",
     "blocksize": 512,
     "overview_resampling": "AVERAGE",
+    "sparse_ok": "TRUE",
     "bigtiff": "IF_SAFER",
 }
 
