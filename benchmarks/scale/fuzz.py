@@ -94,6 +94,22 @@ def make_kinds(place: Path) -> list[Kind]:
     def with_footprints(path: Path, target: Path) -> list[str]:
         return [*build(points, target), "--footprints", str(path)]
 
+    def detect(path: Path, target: Path) -> list[str]:
+        return ["detect", str(path), "-o", str(target), "-q", "--jobs", "1", "--block", str(SIDE)]
+
+    def ground(path: Path, target: Path) -> list[str]:
+        return [
+            "ground",
+            str(path),
+            "-o",
+            str(target / "ground.laz"),
+            "-q",
+            "--jobs",
+            "1",
+            "--block",
+            str(SIDE),
+        ]
+
     def validate(path: Path, target: Path) -> list[str]:
         return ["validate", str(path)]
 
@@ -105,9 +121,9 @@ def make_kinds(place: Path) -> list[Kind]:
 
     return [
         Kind("LAS", place / "a.las", hurt_bytes, build),
-        Kind("LAZ", points, hurt_bytes, build),
+        Kind("LAZ", points, hurt_bytes, detect),
         Kind("COPC", place / "a.copc.laz", hurt_bytes, build),
-        Kind("text points", place / "a.xyz", hurt_words, build),
+        Kind("text points", place / "a.xyz", hurt_words, ground),
         Kind("GeoPackage footprints", footprints, hurt_bytes, with_footprints),
         Kind("FlatGeobuf footprints", place / "a.fgb", hurt_bytes, with_footprints),
         Kind("GeoJSON footprints", place / "a.geojson", hurt_words, with_footprints),
@@ -274,6 +290,7 @@ def main() -> None:
                 raise RuntimeError(f"the whole input is refused: {kind.name}: {said}")
         folder = asked.faults or place / "faults"
         folder.mkdir(parents=True, exist_ok=True)
+        commands = {kind.name: kind.words(kind.whole, place)[0] for kind in kinds}
         counts: dict[str, Counter[str]] = {kind.name: Counter() for kind in kinds}
         slowest: dict[str, float] = dict.fromkeys(counts, 0.0)
         for number, status, fault, seconds in try_all(place, asked.times, asked.seed, asked.jobs, folder):
@@ -284,7 +301,7 @@ def main() -> None:
             if fault:
                 print(f"input {number} ({name}): {fault}", flush=True)
     rows = [
-        {"input": name, "inputs": count.total() - count["faults"]}
+        {"input": name, "command": commands[name], "inputs": count.total() - count["faults"]}
         | {word: count[word] for word in ("complete", "incomplete", "refused", "faults")}
         | {"slowest s": round(slowest[name], 1)}
         for name, count in counts.items()
