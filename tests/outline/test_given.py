@@ -84,6 +84,14 @@ def test_what_no_address_covers_stays_a_building_of_its_own() -> None:
     assert split_block(box(50, 50, 60, 60), addresses) == ([None, None], [box(50, 50, 60, 60)])
 
 
+def test_a_narrow_address_is_held_when_most_of_it_is_in_the_block() -> None:
+    addresses = repair_footprints([box(0, 0, 8, 10), box(8, 0, 9.6, 10), box(9.6, 0, 18, 10)], list("123"))
+    found, rest = split_block(box(-0.5, -0.5, 18.5, 10.5), addresses)
+    assert rest == [] and found[1] is not None and found[1].polygon.equals(box(8, -0.5, 9.6, 10.5))
+    found, _ = split_block(box(-0.5, -0.5, 8.7, 10.5), addresses)
+    assert found[0] is not None and found[1:] == [None, None]
+
+
 def test_walls_that_nearly_meet_leave_no_tiny_edges() -> None:
     block = box(0, 0, 20, 10.003)
     shapes = [box(0, 0, 10, 5), box(10.001, 0, 20, 5.002), box(0, 5, 10.002, 10), box(10.002, 5.002, 20, 10)]

@@ -18,7 +18,9 @@ from eaves.outline.neighbours import welded
 OVERHANG_M = 3.0
 """A party wall is carried on past its ends by this much, across the overhang to the eaves."""
 HELD_M = 1.0
-"""A block holds an address when a disc of this radius fits into what they share."""
+"""A block holds an address when a disc of this radius fits into what they share …"""
+NARROW_M = 0.5
+"""… or one of this radius, when they share more than half of the address: passages, narrow annexes."""
 
 
 def split_block(
@@ -26,14 +28,16 @@ def split_block(
 ) -> tuple[list[Footprint | None], list[Polygon]]:
     """The part of a block's outline that belongs to each address, and the parts that belong to none.
 
-    None stands for an address that the block holds no `HELD_M` of. The outlines of the addresses cut the
-    block, their party walls carried on to the eaves. A piece belongs to the address that covers most of it; a
-    piece that none covers goes to the neighbour it shares the longest border with, unless it is wider than
-    an overhang: then it is a building that the addresses leave out. So the parts fill the block, without
-    gap or overlap, and neighbours share their edges.
+    None stands for an address that the block does not hold (`HELD_M`, `NARROW_M`). The outlines of the
+    addresses cut the block, their party walls carried on to the eaves. A piece belongs to the address that
+    covers most of it; a piece that none covers goes to the neighbour it shares the longest border with,
+    unless it is wider than an overhang: then it is a building that the addresses leave out. So the parts
+    fill the block, without gap or overlap, and neighbours share their edges.
     """
     shared = shapely.intersection(block, [address.polygon for address in addresses])
-    held = np.flatnonzero(~shapely.is_empty(shapely.buffer(shared, -HELD_M)))
+    mostly = shapely.area(shared) > 0.5 * shapely.area([address.polygon for address in addresses])
+    reach = np.where(mostly, NARROW_M, HELD_M)
+    held = np.flatnonzero(~shapely.is_empty(shapely.buffer(shared, -reach)))
     answers: list[Footprint | None] = [None] * len(addresses)
     if len(held) == 0:
         return answers, [block]
