@@ -246,7 +246,13 @@ def block_iou(found: Polygon, wanted: Polygon) -> float:
 
 
 def wireframe_cases(folder: Path, close: float) -> Iterator[tuple[Points, NDArray[np.float64]]]:
-    """Points of a roof, and the corners (C, 2) of the unbounded face of its wireframe, turns over 10°.
+    """Points of a roof, and the corners (C, 2) of the unbounded face of its wireframe, turns over 10°."""
+    for _, xyz, whole in wireframe_plans(folder, close):
+        yield xyz, np.concatenate([sharp_corners(part) for part in whole])
+
+
+def wireframe_plans(folder: Path, close: float) -> Iterator[tuple[str, Points, list[Polygon]]]:
+    """Name, points and plan of every roof: what the unbounded face of its wireframe leaves.
 
     Slits between roof layers, up to twice `close` (m) wide, are closed where it is not zero.
     """
@@ -263,8 +269,7 @@ def wireframe_cases(folder: Path, close: float) -> Iterator[tuple[Points, NDArra
         if close > 0.0:
             grown = whole.buffer(close, join_style="mitre", mitre_limit=3)
             whole = grown.buffer(-close, join_style="mitre", mitre_limit=3)
-        parts = [part for part in shapely.get_parts(whole) if part.area > 1.0]
-        yield xyz - origin, np.concatenate([sharp_corners(part) for part in parts])
+        yield path.stem, xyz - origin, [part for part in shapely.get_parts(whole) if part.area > 1.0]
 
 
 def sharp_corners(polygon: Polygon, least_deg: float = 10.0) -> NDArray[np.float64]:
