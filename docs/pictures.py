@@ -22,10 +22,12 @@ from eaves.methods import REGISTRY, make_method
 from eaves.model import Failure, Footprint, Raster
 
 FOLDER = Path(__file__).parent / "images" / "methods"
-PANEL_INCHES, DOTS_AN_INCH, COLUMNS = 2.6, 75, 4
+PANEL_INCHES, DOTS_AN_INCH, COLUMNS = 2.6, 100, 4
 TRIANGLES_DRAWN = 20_000
 POINT_AREA = 30_000.0
 """Points of ink of a whole cloud, so that few points are drawn larger."""
+LARGEST_POINT = 6.0
+FRAME, MARGIN_SHARE = "0.75", 0.02
 MARGIN = 30.0
 """Points farther than this (m) from the cloud are no points, but some other numbers."""
 GOLDEN_SHARE = 0.381966
@@ -51,16 +53,19 @@ def draw_method(stage: str, name: str, scenery: Scenery) -> Path:
         make_method(stage, name), scenery, lambda title, v: steps.append(Step(title, v))
     )
     drawn = [step for step in [*steps, Step("answer", answer)] if drawable(step.value, points)]
-    columns = min(COLUMNS, len(drawn))
-    rows = -(-len(drawn) // columns)
+    rows = -(-len(drawn) // COLUMNS)
+    columns = -(-len(drawn) // rows)
     size = (PANEL_INCHES * columns, PANEL_INCHES * 1.1 * rows)
     figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
     for panel in axes.ravel():
         panel.set_axis_off()
     for number, (panel, step) in enumerate(zip(axes.ravel(), drawn, strict=False), 1):
+        panel.margins(MARGIN_SHARE)
         draw(panel, step.value, points)
-        panel.set_title(f"{number}. {step.name}", fontsize=8)
-        panel.set_aspect("equal")
+        panel.set_title(f"{number}. {step.name}{range_of(step.value, points)}", fontsize=8)
+        panel.set_axis_on()
+        panel.set(aspect="equal", xticks=[], yticks=[])
+        panel.spines[:].set_color(FRAME)
     FOLDER.mkdir(parents=True, exist_ok=True)
     path = FOLDER / f"{stage}-{name}.png"
     figure.savefig(path, dpi=DOTS_AN_INCH, metadata={"Software": None})
@@ -148,9 +153,32 @@ def lines_of(values: Any) -> list[np.ndarray[Any, Any]]:
     return lines
 
 
+def range_of(value: Any, points: np.ndarray[Any, Any]) -> str:
+    """What the darkest and the brightest colour of a grid of measures stand for; nothing for other values."""
+    if isinstance(value, Raster):
+        value = value.values
+    if not isinstance(value, np.ndarray) or value.dtype.kind != "f" or is_segments(value):
+        return ""
+    if value.ndim != 2 or value.shape[1] == 3 or len(value) == len(points):
+        return ""
+    low, high = colour_range(value)
+    return f" ({low:.2g} to {high:.2g})"
+
+
+def colour_range(grid: np.ndarray[Any, Any]) -> tuple[float, float]:
+    """The values (H, W) between which colours change: all but the outermost fiftieth at either end."""
+    low, high = np.nanpercentile(np.where(np.isfinite(grid), grid, np.nan), [2, 98])
+    return float(low), float(high)
+
+
+def size_of(marked: int, points: int) -> float:
+    """Ink of each of `marked` points of a cloud, so that a few of them are seen as well."""
+    return float(min(LARGEST_POINT, POINT_AREA / points * np.sqrt(points / max(1, marked))))
+
+
 def draw(panel: Axes, value: Any, points: np.ndarray[Any, Any]) -> None:
     """Draw a raster, a grid, what is known of every point, points, triangles or lines into a panel."""
-    size = min(6.0, POINT_AREA / len(points))
+    size = size_of(len(points), len(points))
     if isinstance(value, Raster):
         value = value.values
     if not isinstance(value, np.ndarray) or is_segments(value):
@@ -160,7 +188,12 @@ def draw(panel: Axes, value: Any, points: np.ndarray[Any, Any]) -> None:
     elif len(value) == len(points) and value.ndim <= 2:
         off = value == 0 if value.dtype.kind in "iub" else np.zeros(len(points), bool)
         panel.scatter(*points[off, :2].T, s=size / 2, c="0.85", linewidths=0)
-        panel.scatter(*points[~off, :2].T, s=size, c=colours(value[~off]), linewidths=0)
+        panel.scatter(
+            *points[~off, :2].T,
+            s=size_of(int((~off).sum()), len(points)),
+            c=colours(value[~off]),
+            linewidths=0,
+        )
     elif value.ndim == 3:
         some = value[:: max(1, len(value) // TRIANGLES_DRAWN)]
         height = some[..., 2].mean(axis=1)
@@ -168,7 +201,7 @@ def draw(panel: Axes, value: Any, points: np.ndarray[Any, Any]) -> None:
         panel.autoscale()
     elif value.shape[1] == 3:
         panel.scatter(*points[:, :2].T, s=size / 4, c="0.88", linewidths=0)
-        panel.scatter(*value[:, :2].T, s=size, c=INK, linewidths=0)
+        panel.scatter(*value[:, :2].T, s=size_of(len(value), len(points)), c=INK, linewidths=0)
     elif value.dtype.kind in "iu":
         image = np.ones((*value.shape, 3))
         image[value > 0] = colours(value[value > 0])
@@ -176,7 +209,7 @@ def draw(panel: Axes, value: Any, points: np.ndarray[Any, Any]) -> None:
     elif value.dtype.kind == "b":
         panel.imshow(value, cmap="Greys", interpolation="nearest")
     else:
-        low, high = np.nanpercentile(np.where(np.isfinite(value), value, np.nan), [2, 98])
+        low, high = colour_range(value)
         panel.imshow(value, cmap="viridis", vmin=low, vmax=high)
 
 

@@ -95,6 +95,7 @@ class Contours(Detector):
         bend = quadratic_gradient(grid.surface)
         emit("quadratic gradient", bend)
         smooth = edged & (bend <= (self.max_bend or max(0.5, 3.0 * scene.spacing)))
+        emit("smooth cells", smooth)
         core = opened_by_area(
             ndimage.binary_opening(smooth, np.ones((2, 2), bool)), self.min_area / grid.side**2
         )

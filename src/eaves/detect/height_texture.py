@@ -88,6 +88,7 @@ class HeightTexture(Detector):
         texture = local_texture(grid.surface)
         emit("texture", texture)
         smooth = high & (texture <= (self.max_texture or max(0.2, 0.8 * scene.spacing)))
+        emit("smooth high cells", smooth)
         side = max(1, round(self.min_width / grid.side))
         opened = ndimage.binary_opening(smooth, np.ones((side, side), bool))
         emit("opened", opened)

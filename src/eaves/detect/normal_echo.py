@@ -116,7 +116,7 @@ class NormalEcho(Detector):
             return Regions(number, np.zeros(0), part)
         again = find_neighbours(xyz[rest], k)
         component = again.components(self.join or max(0.8, 3.0 * scene.spacing))
-        emit("components", component)
+        emit("components", numbers_of_all(component, off[rest], len(cloud)))
         label, score = self.judge(scene, off[rest], component, again.curvature(xyz[rest]))
         number[off[rest]] = label
         part[off[rest[label > 0]]] = ROOF
@@ -163,6 +163,13 @@ class NormalEcho(Detector):
         owner = roof[nearest[found]]
         under = xyz[wall[found], 2] <= xyz[owner, 2] + 0.2
         number[wall[found[under]]] = number[owner[under]]
+
+
+def numbers_of_all(number: Labels, index: NDArray[np.int64], count: int) -> Labels:
+    """Numbers 1…K (count,) of all points, 0 for none, from those 0…K-1 (M,) of the points `index` (M,)."""
+    every = np.zeros(count, np.int32)
+    every[index] = number + 1
+    return every
 
 
 @dataclass(frozen=True, eq=False)

@@ -114,7 +114,7 @@ class PlanarPatches(Detector):
         sums, patch = self.find_patches(xyz, height, cells)
         emit("patches", patch.reshape(cells.shape))
         planes = self.merge_patches(sums, patch, cells)
-        emit("merged patches", planes.plane.reshape(cells.shape))
+        emit("merged patches", planes.plane.reshape(cells.shape).copy())
         belongs = self.grow_planes(planes, xyz, cells, self.join_points or 10.0 * expected)
         emit("grown planes", planes.plane.reshape(cells.shape))
         building = self.cluster_planes(planes, cells, self.min_points or 10.0 * expected)

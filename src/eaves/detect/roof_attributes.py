@@ -102,6 +102,7 @@ class RoofAttributes(Detector):
         roof = smooth & (count_like(normal, smooth, self.like_normal) >= self.like_neighbours)
         emit("roof-like cells", roof)
         core = opened_by_area(roof, self.min_area / grid.side**2)
+        emit("large groups", core)
         whole = grow_back(core, high, grid.surface, self.max_step, round(self.regrow / grid.side))
         emit("segments", whole)
         return self.judge(scene, grid, whole, normal)
