@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eaves.detect.vehicles import looks_like_vehicle
+from eaves.detect.judgement import score_regions
+from eaves.detect.vehicles import measure_tops
 
 
 def top(
@@ -27,7 +28,7 @@ def top(
 
 
 def is_vehicle(xyz: NDArray[np.float64]) -> bool:
-    return bool(looks_like_vehicle(xyz, xyz[:, 2], np.ones(len(xyz), np.int32))[1])
+    return bool(measure_tops(xyz, xyz[:, 2], np.ones(len(xyz), np.int32), 2).vehicle[1])
 
 
 @pytest.mark.parametrize("turned_deg", [0.0, 30.0, 90.0, 135.0])
@@ -50,4 +51,11 @@ def test_few_points_tell_no_pitch() -> None:
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_hardly_any_points_are_no_error(count: int) -> None:
     same = np.zeros((count, 3))
-    assert looks_like_vehicle(same, same[:, 2], np.ones(count, np.int32)).shape == (2,)
+    assert measure_tops(same, same[:, 2], np.ones(count, np.int32), 2).vehicle.shape == (2,)
+
+
+def test_the_score_falls_the_more_a_region_is_like_a_van() -> None:
+    region = np.arange(1, 6, dtype=np.int32)[None]
+    width, height = np.array([2.2, 2.2, 2.8, 2.8, np.inf]), np.array([2.3, 2.8, 2.3, 2.8, np.inf])
+    score = score_regions(region, np.full(region.shape, 4.0), width, height)
+    assert score[0] < min(score[1], score[2]) and max(score[1], score[2]) < score[3] < score[4] < 1.0

@@ -15,7 +15,7 @@ from eaves.detect.hidden import find_hidden_roofs
 from eaves.detect.judgement import judge_cells, judge_segments, score_regions
 from eaves.detect.members import part_of_points
 from eaves.detect.segments import Segments, find_segments, square_width
-from eaves.detect.vehicles import looks_like_vehicle
+from eaves.detect.vehicles import measure_tops
 from eaves.detect.voids import find_roof_voids, raise_rims
 from eaves.detect.windows import LEAST_POINTS
 from eaves.methods import Emit, ignore, parameter
@@ -171,8 +171,7 @@ class Consensus(Detector):
         part[hidden > 0] = ROOF
         size = np.bincount(region.ravel()) * evidence.cells.side**2
         small = np.where(size[number] <= VEHICLE_MOST_M2, number, 0)
-        vehicle = looks_like_vehicle(xyz, scene.height, np.where(part == ROOF, small, 0))
-        vehicle = np.r_[vehicle, np.zeros(len(size) - len(vehicle), bool)]
-        part[vehicle[number]] = 0
-        number[vehicle[number]] = 0
-        return Regions(number, score_regions(region, odds, evidence.cells.side), part)
+        tops = measure_tops(xyz, scene.height, np.where(part == ROOF, small, 0), len(size))
+        part[tops.vehicle[number]] = 0
+        number[tops.vehicle[number]] = 0
+        return Regions(number, score_regions(region, odds, tops.width[1:], tops.low[1:]), part)

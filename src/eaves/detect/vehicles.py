@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from eaves.model import Labels, Mask, Points, Values
@@ -23,13 +25,24 @@ LEAST_VARIANCE_M2 = 1e-6
 """Of the coordinates across a region: narrower ones have no slope."""
 
 
-def looks_like_vehicle(xyz: Points, height: Values, number: Labels) -> Mask:
-    """Which of the regions 0…K is as long, narrow, low and level as a van, a lorry or a container, (K + 1,).
+@dataclass(frozen=True, eq=False)
+class Tops:
+    """What the tops of the regions 0…K are like, (K + 1,) each."""
+
+    low: Values
+    """Middle height (m) over the terrain; inf where a region has no points, and so for `width`."""
+    width: Values
+    """Width (m) of the rectangle with the same second moments as the points near the middle height."""
+    vehicle: Mask
+    """Whether it is as long, narrow, low and level as a van, a lorry or a container."""
+
+
+def measure_tops(xyz: Points, height: Values, number: Labels, count: int) -> Tops:
+    """The tops of the regions 0…`count` - 1 of points (N, 3), of which `number` (N,) tells the region.
 
     Length and width are those of the rectangle with the same second moments as the points at the level of the
     region's middle height: what hangs over it, or stands beside it, does not count.
     """
-    count = int(number.max(initial=0)) + 1
     inside = np.flatnonzero(number > 0)
     low = middle_of_groups(height[inside], number[inside], count)
     level = inside[np.abs(height[inside] - low[number[inside]]) < LEVEL_M]
@@ -59,7 +72,9 @@ def looks_like_vehicle(xyz: Points, height: Values, number: Labels) -> Mask:
     tilt = product(rise, v) / np.maximum(product(v, v), LEAST_VARIANCE_M2)
     rest = middle_of_groups(np.abs(rise - climb[which] * u - tilt[which] * v), which, count)
     pitched = (np.abs(tilt) > np.tan(np.radians(TILT_DEG))) | (rest > UNEVEN_M)
-    return np.asarray(narrow & flat & ~(pitched & (size >= ENOUGH_POINTS)), np.bool_)
+    vehicle = narrow & flat & ~(pitched & (size >= ENOUGH_POINTS))
+    some = size > 0
+    return Tops(np.where(some, low, np.inf), np.where(some, width, np.inf), vehicle)
 
 
 def middle_of_groups(values: Values, which: Labels, count: int) -> Values:
