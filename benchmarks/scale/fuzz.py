@@ -21,7 +21,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -37,8 +37,9 @@ from eaves.formats import iter_cityjson, open_source, read_polygons
 from eaves.formats.geopackage import Row, write_polygons
 from eaves.simulate import scan_town, simulate_town, write_simulation
 
-SECONDS = 60
-"""An input that takes longer hangs; a whole one takes well under two seconds."""
+SECONDS = 300
+"""An input that takes longer hangs. A whole one takes half a second, one whose points are strewn over hundreds of
+blocks a minute."""
 ROOM_BYTES = 3 << 30
 """What the address space may grow by over that of a process that has read whole inputs."""
 SIDE = 60
@@ -293,13 +294,14 @@ def main() -> None:
         commands = {kind.name: kind.words(kind.whole, place)[0] for kind in kinds}
         counts: dict[str, Counter[str]] = {kind.name: Counter() for kind in kinds}
         slowest: dict[str, float] = dict.fromkeys(counts, 0.0)
-        for number, status, fault, seconds in try_all(place, asked.times, asked.seed, asked.jobs, folder):
-            name = kinds[number % len(kinds)].name
-            counts[name][{0: "complete", 1: "incomplete", 2: "refused"}.get(status, "other")] += 1
-            counts[name]["faults"] += bool(fault)
-            slowest[name] = max(slowest[name], seconds)
-            if fault:
-                print(f"input {number} ({name}): {fault}", flush=True)
+        with suppress(KeyboardInterrupt):  # the table then holds those tried so far
+            for number, status, fault, seconds in try_all(place, asked.times, asked.seed, asked.jobs, folder):
+                name = kinds[number % len(kinds)].name
+                counts[name][{0: "complete", 1: "incomplete", 2: "refused"}.get(status, "other")] += 1
+                counts[name]["faults"] += bool(fault)
+                slowest[name] = max(slowest[name], seconds)
+                if fault:
+                    print(f"input {number} ({name}): {fault}", flush=True)
     rows = [
         {"input": name, "command": commands[name], "inputs": count.total() - count["faults"]}
         | {word: count[word] for word in ("complete", "incomplete", "refused", "faults")}
