@@ -38,8 +38,8 @@ from eaves.formats.geopackage import Row, write_polygons
 from eaves.simulate import scan_town, simulate_town, write_simulation
 
 SECONDS = 300
-"""An input that takes longer hangs. A whole one takes half a second, one whose points are strewn over hundreds of
-blocks a minute."""
+"""An input that takes longer hangs. A whole one takes half a second, one whose points are strewn over
+hundreds of blocks a minute."""
 ROOM_BYTES = 3 << 30
 """What the address space may grow by over that of a process that has read whole inputs."""
 SIDE = 60
