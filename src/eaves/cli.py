@@ -88,18 +88,10 @@ def build(
     verbose: Verbose = False,
 ) -> None:
     """Points in; footprints, 3D buildings and a report out. Also rasters and the classified points."""
+    names = {"ground": ground_method, "detect": detect_method, "outline": outline_method}
+    names |= {"roof": roof_method, "reconstruct": reconstruct_method}
     recipe = recipe_from(
-        {
-            "ground": ground_method,
-            "detect": detect_method,
-            "outline": outline_method,
-            "roof": roof_method,
-            "reconstruct": reconstruct_method,
-        },
-        read_config(config),
-        as_published=as_published,
-        use_classes=use_classes,
-        lod=lod,
+        names, read_config(config), as_published=as_published, use_classes=use_classes, lod=lod
     )
     options = options_from(
         crs=crs,
