@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 from pathlib import Path
 
 import pyproj
@@ -87,6 +88,7 @@ def _with_heights_in(horizontal: pyproj.CRS, unit: float) -> pyproj.CRS:
     return CompoundCRS(f"{horizontal.name} + height", [horizontal, heights])
 
 
+@lru_cache(maxsize=32)
 def code_of(crs: pyproj.CRS) -> str | None:
     """`EPSG:7415`, `EPSG:28992+5703` for an unregistered pair, the horizontal code alone, or None."""
     whole = crs.to_epsg()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -116,9 +117,11 @@ def _frame(ring: Points) -> NDArray[np.float64]:
     """Origin, two directions on the ring's plane and its normal, (4, 3)."""
     normal = unit_normal(ring)
     aside = np.array([0.0 - normal[1], normal[0], 0.0])  # across the vertical and the normal
-    long = float(np.linalg.norm(aside))
+    long = math.hypot(normal[0], normal[1])
     first = aside / long if long > 1e-9 else np.array([1.0, 0.0, 0.0])
-    return np.stack([ring[0], first, np.cross(normal, first), normal])
+    (a, b, c), (d, e, _) = normal.tolist(), first.tolist()
+    second = np.array([b * 0.0 - c * e, c * d - a * 0.0, a * e - b * d])  # np.cross takes a tenth of a page
+    return np.stack([ring[0], first, second, normal])
 
 
 def _twice_area(corner: NDArray[np.float64]) -> NDArray[np.float64]:
