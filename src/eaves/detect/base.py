@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from eaves.methods import Emit, Method, emitter, ignore, make_method
@@ -15,6 +16,8 @@ MIN_AREA_M2 = 6.0
 MIN_HEIGHT_M = 2.0
 """The smallest shed that counts as a building."""
 
+FEW_CELLS = 9
+"""Groups of no more cells are measured by their hull, too."""
 TALL_SHARE = 0.1
 """A building is as high as a tenth of its points: roof, not chimney."""
 
@@ -98,10 +101,17 @@ def keep_regions(
 
 
 def covered_area(xyz: Points, which: NDArray[np.int64], count: int, spacing: float) -> NDArray[np.float64]:
-    """Area (m²) that the points of each of `count` groups cover: occupied cells about two spacings wide."""
+    """Area (m²) that the points of each of `count` groups cover: occupied cells about two spacings wide, and
+    of few cells, which points on their borders overstate, no more than the hull and half a spacing around it.
+    """
     side = max(0.5, 2.0 * spacing)
     cell = np.floor(xyz[:, :2] / side).astype(np.int64)
     cell -= cell.min(axis=0)
     key = (which * (int(cell[:, 0].max()) + 1) + cell[:, 0]) * (int(cell[:, 1].max()) + 1) + cell[:, 1]
     _, first = np.unique(key, return_index=True)
-    return np.asarray(np.bincount(which[first], minlength=count) * (side * side), np.float64)
+    cells = np.bincount(which[first], minlength=count)
+    area = np.asarray(cells * (side * side), np.float64)
+    for group in np.flatnonzero((cells > 0) & (cells <= FEW_CELLS)):
+        hull = shapely.MultiPoint(xyz[which == group, :2]).convex_hull
+        area[group] = min(area[group], hull.buffer(spacing / 2).area)
+    return area
