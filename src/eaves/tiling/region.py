@@ -36,8 +36,8 @@ from eaves.tiling.strays import stray_blocks
 
 log = logging.getLogger("eaves")
 
-LARGEST_RASTER = 4 * 10**10
-"""Cells of a raster in one file: 100 km by 100 km."""
+LARGEST_RASTER = 10**10
+"""Cells of a raster in one file: 50 km by 50 km. Empty ones cost time, too."""
 Tell = Callable[[str, int, int], None]
 """Hears progress: stage, done, total."""
 
