@@ -111,7 +111,10 @@ def covered_area(xyz: Points, which: NDArray[np.int64], count: int, spacing: flo
     _, first = np.unique(key, return_index=True)
     cells = np.bincount(which[first], minlength=count)
     area = np.asarray(cells * (side * side), np.float64)
-    for group in np.flatnonzero((cells > 0) & (cells <= FEW_CELLS)):
-        hull = shapely.MultiPoint(xyz[which == group, :2]).convex_hull
-        area[group] = min(area[group], hull.buffer(spacing / 2).area)
+    few = cells <= FEW_CELLS
+    member = np.flatnonzero(few[which])
+    member = member[np.argsort(which[member], kind="stable")]
+    number = (np.cumsum(few) - 1)[which[member]]
+    hulls = shapely.convex_hull(shapely.multipoints(shapely.points(xyz[member, :2]), indices=number))
+    area[few] = np.minimum(area[few], shapely.area(shapely.buffer(hulls, spacing / 2)))
     return area
