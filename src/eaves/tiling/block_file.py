@@ -75,6 +75,7 @@ def save_block(path: Path, result: BlockResult) -> None:
         "sides": sides_of(result, count),
     }
     with atomic(path) as temporary:
+        # numpy's stub takes any of the names for its own option allow_pickle
         np.savez(temporary, **arrays)  # type: ignore[arg-type]
 
 

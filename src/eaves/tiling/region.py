@@ -315,7 +315,7 @@ def draw_all(buildings: list[BuildingPoints], recipe: Recipe) -> list[Footprint 
     """The footprints of a block's buildings together; one by one where one of them breaks the others."""
     try:
         return draw_footprints(buildings, recipe)
-    except Exception as error:
+    except Exception as error:  # as in compute_home: the others must not go with it
         if len(buildings) == 1:
             log.debug("traceback", exc_info=True)
             return [Failure("internal_error", f"{type(error).__name__}: {error}", "outline")]

@@ -75,8 +75,8 @@ class Window:
     clip: BaseGeometry | None = None
 
     def holds(self, xyz: Points) -> NDArray[np.bool_]:
-        """Which points (N, 3) are used."""
-        usable = np.isfinite(xyz[:, 0]) & np.isfinite(xyz[:, 1]) & np.isfinite(xyz[:, 2])
+        """Which points (N, 3) are used; they are known to have coordinates (`iter_chunks`)."""
+        usable = np.ones(len(xyz), bool)
         if self.bounds is not None:
             usable &= self.bounds.contains(xyz)
         if self.clip is not None:

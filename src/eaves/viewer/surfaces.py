@@ -120,7 +120,7 @@ def _frame(ring: Points) -> NDArray[np.float64]:
     long = math.hypot(normal[0], normal[1])
     first = aside / long if long > 1e-9 else np.array([1.0, 0.0, 0.0])
     (a, b, c), (d, e, _) = normal.tolist(), first.tolist()
-    second = np.array([b * 0.0 - c * e, c * d - a * 0.0, a * e - b * d])  # np.cross takes a tenth of a page
+    second = np.array([-c * e, c * d, a * e - b * d])  # np.cross takes a tenth of a page
     return np.stack([ring[0], first, second, normal])
 
 
