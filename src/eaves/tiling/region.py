@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -109,6 +109,7 @@ class Region:
         self.open_store()
         self.scatter()
         blocks = self.used_blocks()
+        self.check_rasters(blocks)
         if not any(map(core.holds, blocks)):
             log.warning("no points left to use: see the bounds, the clip area and the files")
         homes = self.join(blocks, core)
@@ -179,8 +180,7 @@ class Region:
             self.store.forget("blocks")
             self.store.forget("buildings")
         if unread and len(unread) == len(self.job.index):
-            self.store.discard()
-            raise InputError(next(iter(unread.values())))
+            self.refuse(next(iter(unread.values())))
         self.failed += unread.values()
 
     def used_blocks(self) -> list[Block]:
@@ -194,17 +194,24 @@ class Region:
                 sum(strays.values()),
                 len(strays),
             )
-        used = [block for block in blocks if block not in strays]
-        if used and {"rasters", "mask"} & set(self.job.outputs):
-            spans = np.ptp([(block.column, block.row) for block in used], axis=0) + 1
-            width, height = (spans * self.job.side / CELL).round().astype(int).tolist()
-            if width * height > LARGEST_RASTER:
-                self.store.discard()
-                raise InputError(
-                    f"{self.folder}: the rasters would have {width:,} by {height:,} cells; check the "
-                    "coordinates of the inputs, or build their regions apart with --per-tile or --bounds"
-                )
-        return used
+        return [block for block in blocks if block not in strays]
+
+    def check_rasters(self, blocks: Sequence[Block]) -> None:
+        """Refuse the run when its rasters would be too large."""
+        if not blocks or not {"rasters", "mask"} & set(self.job.outputs):
+            return
+        spans = np.ptp([(block.column, block.row) for block in blocks], axis=0) + 1
+        width, height = (spans * self.job.side / CELL).round().astype(int).tolist()
+        if width * height > LARGEST_RASTER:
+            self.refuse(
+                f"{self.folder}: the rasters would have {width:,} by {height:,} cells; check the "
+                "coordinates of the inputs, or build their regions apart with --per-tile or --bounds"
+            )
+
+    def refuse(self, reason: str) -> NoReturn:
+        """End the run for its inputs' sake; nothing of it stays."""
+        self.store.discard()
+        raise InputError(reason)
 
     def join(self, blocks: Sequence[Block], core: Core) -> list[HomePlan]:
         """Compute the blocks of the core, and others as its buildings go on into them; the buildings."""
