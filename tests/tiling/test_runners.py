@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from eaves.tiling.runners import Outcome, Workers
@@ -59,3 +62,11 @@ def test_only_the_task_that_kills_its_process_fails() -> None:
     outcomes = sorted(run(die, [1, 0, 2, 3], jobs=2), key=lambda outcome: outcome.index)
     assert [outcome.answer for outcome in outcomes] == [1, None, 2, 3]
     assert "killed" in (outcomes[1].error or "")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="getrusage is right elsewhere")
+def test_peak_memory_is_the_process_own__not_that_of_the_one_that_started_it() -> None:
+    large = np.ones(50_000_000)
+    code = "from eaves.tiling.runners import peak_memory_mb; print(peak_memory_mb())"
+    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+    assert 5 < float(told) < 100 < large.nbytes / 1e6

@@ -17,7 +17,7 @@ from eaves.tiling.outputs import Summary
 from eaves.viewer.build import build
 from eaves.viewer.contents import Contents, read_contents
 from eaves.viewer.report import render
-from eaves.viewer.surfaces import CityFace
+from eaves.viewer.surfaces import CityFace, CityFaces
 
 from .browser import Browser, missing
 
@@ -232,4 +232,4 @@ def repeat_to(contents: Contents, count: int) -> Contents:
             )
             for face in contents.faces
         ]
-    return replace(contents, rows=rows, polygons=polygons, faces=faces, buildings=len(rows))
+    return replace(contents, rows=rows, polygons=polygons, faces=CityFaces.of(faces), buildings=len(rows))

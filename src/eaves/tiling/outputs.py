@@ -21,6 +21,7 @@ from eaves.tiling.index import Index
 from eaves.tiling.neighbours import party_walls
 from eaves.tiling.point_labels import write_points
 from eaves.tiling.rows import building_row, roof_rows, world_polygon
+from eaves.tiling.runners import peak_memory_mb
 from eaves.tiling.store import Store
 from eaves.tiling.surfaces import extent_of, write_mask, write_surfaces
 
@@ -237,7 +238,7 @@ def summarise(
         elapsed=time.time() - started,
         files=tuple(files),
         failed=tuple(failed),
-        run=dict(run),
+        run={**run, "peak_memory_mb": max(run["peak_memory_mb"], round(peak_memory_mb()))},
     )
 
 

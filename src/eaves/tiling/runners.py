@@ -11,6 +11,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from eaves.formats.disk import is_full
@@ -19,6 +20,7 @@ log = logging.getLogger("eaves")
 Task = TypeVar("Task")
 AHEAD = 4
 """Tasks that wait for each worker."""
+PROCESS_STATUS = Path("/proc/self/status")
 DASK_AHEAD = 16
 """Threads a cluster is taken to have while its workers are still coming."""
 
@@ -38,11 +40,16 @@ class Outcome:
 def peak_memory_mb() -> float:
     """The largest memory this process has held (MB); 0 where the system does not tell (Windows)."""
     try:
+        status = PROCESS_STATUS.read_text(encoding="ascii")
+        return int(status.split("VmHWM:")[1].split()[0]) * 1024 / 1e6
+    except (OSError, IndexError):
+        pass  # not Linux; there getrusage would count what the caller held when it started this process
+    try:
         import resource
     except ImportError:
         return 0.0
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / 1e6 if sys.platform == "darwin" else peak / 1e3
+    return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
 
 
 def attempt(work: Callable[[Task], Any], index: int, task: Task) -> Outcome:

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eaves.model import Mask, Points, Raster
-from eaves.viewer.contents import Contents, finest_levels, read_contents
+from eaves.viewer.contents import Contents, finest_faces, read_contents
 from eaves.viewer.plan import SUN_ALTITUDE_DEG, SUN_AZIMUTH_DEG
-from eaves.viewer.surfaces import SURFACES, cut_into_triangles, edges_of
+from eaves.viewer.surfaces import SURFACES, CityFaces, cut_into_triangles, edges_of
 
 ROOF_COLOUR, WALL_COLOUR, EARTH_COLOUR, TREE_COLOUR = "#dd7a5b", "#f3eee4", "#cdd2b6", "#6f8f56"
 FLAT_ROOF_COLOUR, EDGE_COLOUR = "#cdc7bc", "#4a4038"
@@ -35,8 +35,7 @@ def models_figure(
     contents = read_contents(folder, points=POINTS_DRAWN)
     view = view_matrix(azimuth, elevation)
     corners, colours, points = scene_of(contents)
-    finest = finest_levels(contents.faces)
-    lines = edges_of([face for face in contents.faces if face.lod == finest.get(face.building)])[0]
+    lines = edges_of(CityFaces.of(contents.faces.take(finest_faces(contents.faces))))[0]
     lines = split_lines(lines)
     lines = lines[over_terrain(contents, lines)]
     seen, spots, rims = corners @ view.T, points @ view.T, lines @ view.T
@@ -87,8 +86,7 @@ def view_matrix(azimuth_deg: float, elevation_deg: float) -> NDArray[np.float64]
 def scene_of(contents: Contents) -> tuple[Points, NDArray[np.float64], Points]:
     """Triangles (T, 3, 3) of terrain and finest models, their shaded colours (T, 3), and the points (N, 3) of
     trees."""
-    finest = finest_levels(contents.faces)
-    surfaces = cut_into_triangles([f for f in contents.faces if f.lod == finest.get(f.building)])
+    surfaces = cut_into_triangles(contents.faces.take(finest_faces(contents.faces)))
     ground = terrain_triangles(contents)
     parts, whole = split_triangles(surfaces.corners)
     seen = over_terrain(contents, parts)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +20,12 @@ from shapely import MultiPolygon, Polygon
 from eaves.formats import InputError, iter_cityjson, read_polygons
 from eaves.formats.crs import parse_crs, system_of
 from eaves.geometry.roof_fit import collect_faces, fit_roof
-from eaves.model import Bounds, CoordinateSystem, Points, Values
+from eaves.model import Bounds, CoordinateSystem, Mask, Points, Values
 from eaves.model.building import LODS
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.scene import ROOF
 from eaves.viewer.sample import Sample, classified_files, sample_points
-from eaves.viewer.surfaces import SURFACES, CityFace, collect_city_faces
+from eaves.viewer.surfaces import SURFACES, CityFaces, in_pieces, iter_city_faces
 
 POINTS_SHOWN = 300_000
 BUILDINGS_SHOWN = 4_000
@@ -34,6 +34,8 @@ FARTHEST = 2_000_000.0
 """Points farther (m) from the scene are strays; what whole millimetres in four bytes can hold."""
 TERRAIN_CELLS = 250
 """The terrain is drawn with at most this many cells a side."""
+ROOFS_AT_ONCE = 2000
+"""The points are held against so many roof faces at a time, which takes some 20 MB."""
 MARGIN = 30.0
 """Surroundings (m) shown around the buildings where only some of them are."""
 
@@ -53,7 +55,7 @@ class Contents:
     system: CoordinateSystem
     rows: list[dict[str, Any]]
     polygons: list[Polygon | MultiPolygon]
-    faces: list[CityFace]
+    faces: CityFaces
     points: Sample
     distance: Values
     terrain: NDArray[np.float32]
@@ -99,10 +101,8 @@ def read_contents(
 
     numbers = {str(row["id"]): number for number, row in enumerate(rows)}
     models = folder / "buildings.city.jsonl"
-    faces = [
-        CityFace(tuple(ring - shift for ring in face.rings), face.building, face.lod, face.kind)
-        for face in (collect_city_faces(iter_cityjson(models), numbers) if models.exists() else [])
-    ]
+    faces = CityFaces.of(iter_city_faces(iter_cityjson(models), numbers) if models.exists() else ())
+    faces = replace(faces, corners=faces.corners - shift)
     sample = sample.with_(xyz=sample.xyz - shift)
     sample = sample.take(np.asarray((np.abs(sample.xyz) < FARTHEST).all(axis=1)))
     run = folder / "run.json"
@@ -225,25 +225,29 @@ def base_of(terrain: NDArray[np.float32], sample: Sample) -> float:
     return float(np.floor(np.percentile(heights, 1))) if len(heights) else 0.0
 
 
-def distances_to_roofs(sample: Sample, faces: list[CityFace]) -> Values:
+def distances_to_roofs(sample: Sample, faces: CityFaces) -> Values:
     """How far (m) each roof point (N,) lies over the finest model's roof face at its place, along the normal;
     NaN for points of no roof."""
-    finest = finest_levels(faces)
-    roofs = [f for f in faces if f.kind == SURFACES.index("RoofSurface") and f.lod == finest.get(f.building)]
+    roofs = faces.take(finest_faces(faces) & (faces.kind == SURFACES.index("RoofSurface")))
     measured = (sample.building > 0) & ((sample.part == ROOF) | (sample.part == 0))
-    distance = np.full(len(sample), np.nan)
-    fit = fit_roof(sample.xyz[measured], collect_faces([f.rings for f in roofs], [f.building for f in roofs]))
-    distance[measured] = fit.distance
+    distance, height = np.full(len(sample), np.nan), np.full(len(sample), -np.inf)
+    for piece in in_pieces(roofs, ROOFS_AT_ONCE):
+        corners = np.concatenate([face.rings[0][:, :2] for face in piece])
+        inside = (sample.xyz[:, :2] >= corners.min(axis=0)) & (sample.xyz[:, :2] <= corners.max(axis=0))
+        near = np.flatnonzero(measured & inside.all(axis=1))
+        given = collect_faces([face.rings for face in piece], [face.building for face in piece])
+        fit = fit_roof(sample.xyz[near], given)
+        found = sample.xyz[near, 2] - fit.vertical
+        higher = found > height[near]  # false where the piece has no face
+        height[near[higher]], distance[near[higher]] = found[higher], fit.distance[higher]
     return distance
 
 
-def finest_levels(faces: list[CityFace]) -> dict[int, int]:
-    """The finest level of detail (a number in LODS) that each building has a solid of."""
-    finest: dict[int, int] = {}
-    for face in faces:
-        if LODS[face.lod] != "0":
-            finest[face.building] = max(finest.get(face.building, 0), face.lod)
-    return finest
+def finest_faces(faces: CityFaces) -> Mask:
+    """Which faces (F,) are of their building's finest solids."""
+    finest = np.zeros(int(faces.building.max(initial=-1)) + 1, np.int64)
+    np.maximum.at(finest, faces.building, faces.lod)
+    return np.asarray((faces.lod > LODS.index("0")) & (faces.lod == finest[faces.building]))
 
 
 def local_rings(shape: Polygon | MultiPolygon) -> list[Points]:

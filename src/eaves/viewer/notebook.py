@@ -13,10 +13,10 @@ import numpy as np
 
 from eaves.formats import iter_cityjson, read_polygons
 from eaves.model.coordinates import LOCAL_METRES
-from eaves.viewer.contents import system_of_folder
+from eaves.viewer.contents import finest_faces, system_of_folder
 from eaves.viewer.plan import plan_figure
 from eaves.viewer.sample import Sample, classified_files, sample_points
-from eaves.viewer.surfaces import collect_city_faces, cut_into_triangles
+from eaves.viewer.surfaces import CityFaces, cut_into_triangles, iter_city_faces
 
 if TYPE_CHECKING:
     from eaves.tiling.outputs import Summary
@@ -56,13 +56,11 @@ def building_meshes(folder: Path) -> dict[str, Any]:
     trimesh = _optional("trimesh")
     _, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="footprints")
     ids = [str(row["id"]) for row in rows]
-    faces = collect_city_faces(
-        iter_cityjson(folder / "buildings.city.jsonl"), {name: number for number, name in enumerate(ids)}
-    )
-    meshes = {}
+    models = iter_cityjson(folder / "buildings.city.jsonl")
+    faces = CityFaces.of(iter_city_faces(models, {name: number for number, name in enumerate(ids)}))
+    finest, meshes = finest_faces(faces), {}
     for number, name in enumerate(ids):
-        mine = [face for face in faces if face.building == number]
-        mine = [face for face in mine if face.lod == max(face.lod for face in mine)]
+        mine = faces.take(finest & (faces.building == number))
         if not mine:
             continue
         corners = cut_into_triangles(mine).corners

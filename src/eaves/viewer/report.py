@@ -10,7 +10,9 @@ import base64
 import html
 import json
 import zlib
+from collections.abc import Iterator
 from importlib.resources import files
+from itertools import chain
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -24,7 +26,7 @@ from eaves.model import Points, Raster
 from eaves.model.building import LODS
 from eaves.tiling.outputs import Summary
 from eaves.viewer.contents import Contents, local_rings, read_contents
-from eaves.viewer.surfaces import CityFace, cut_into_triangles, edges_of
+from eaves.viewer.surfaces import CityFace, cut_into_triangles, edges_of, in_pieces
 
 SCRIPTS = ("arrays", "camera", "draw", "pace", "pick", "colours", "table", "charts", "main", "listen")
 COLUMNS = {
@@ -63,13 +65,18 @@ def write_report(summary: Summary) -> Path:
 def write_page(contents: Contents, text: str) -> Path:
     """Write report.html into the folder of `contents`; `text` is the summary of the run."""
     path = contents.folder / "report.html"
-    with atomic(path) as temporary:
-        temporary.write_text(render(contents, text), encoding="utf-8")
+    with atomic(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.writelines(iter_page(contents, text))
     return path
 
 
 def render(contents: Contents, text: str) -> str:
     """The page as text, with its style, script and data inside."""
+    return "".join(iter_page(contents, text))
+
+
+def iter_page(contents: Contents, text: str) -> Iterator[str]:
+    """The page piece by piece: all of it is several times as large as its largest array."""
     folder = files("eaves.viewer").joinpath("page")
     parts = {name: folder.joinpath(name).read_text("utf-8") for name in ("page.html", "style.css")}
     script = "\n".join(folder.joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS)
@@ -77,7 +84,8 @@ def render(contents: Contents, text: str) -> str:
     title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: " if names else ""
     shown, found = len(contents.rows), contents.buildings
     heading = f"{found:,} buildings" if shown == found else f"{found:,} buildings, {shown:,} of them drawn"
-    return Template(parts["page.html"]).substitute(
+    before, after = parts["page.html"].split("$data")
+    words = dict(
         title=html.escape(f"{title}buildings by eaves"),
         headline=html.escape(text.split("\n")[0]),
         style=parts["style.css"],
@@ -87,8 +95,24 @@ def render(contents: Contents, text: str) -> str:
         lods="".join(f"<option>{lod}</option>" for lod in lods_of(contents)),
         summary=html.escape(text),
         run=html.escape(json.dumps(contents.run, indent=1, default=str)),
-        data=json.dumps(page_data(contents), separators=(",", ":")).replace("</", "<\\/"),
     )
+    yield Template(before).substitute(words)
+    yield from iter_data(contents)
+    yield Template(after).substitute(words)
+
+
+def iter_data(contents: Contents) -> Iterator[str]:
+    """What the script reads, as JSON, array by array."""
+    about = as_json(page_data(contents))
+    yield about.removesuffix("}") + ',"arrays":{'
+    for number, (name, values) in enumerate(iter_arrays(contents)):
+        yield "," * (number > 0) + f"{as_json(name)}:{as_json(pack(values))}"
+    yield "}}"
+
+
+def as_json(value: Any) -> str:
+    """JSON that no browser takes for the end of the script."""
+    return json.dumps(value, separators=(",", ":")).replace("</", "<\\/")
 
 
 def say_shown(contents: Contents) -> str:
@@ -111,11 +135,11 @@ def say_shown(contents: Contents) -> str:
 
 def lods_of(contents: Contents) -> list[str]:
     """The levels of detail that the models have, finest first; `0`, the footprint, always."""
-    return [LODS[number] for number in sorted({0, *(face.lod for face in contents.faces)}, reverse=True)]
+    return [LODS[number] for number in sorted({0, *contents.faces.lod.tolist()}, reverse=True)]
 
 
 def page_data(contents: Contents) -> dict[str, Any]:
-    """What the script reads: rows, names, and the packed arrays."""
+    """What the script reads besides the arrays: rows and names."""
     rows = [*contents.rows, *contents.others]
     there = [name for name in COLUMNS if any(row.get(name) is not None for row in rows)]
     numbers = {name for name in there if any(isinstance(row.get(name), int | float) for row in rows)}
@@ -126,7 +150,7 @@ def page_data(contents: Contents) -> dict[str, Any]:
         "columns": [{"name": name, "title": COLUMNS[name], "number": name in numbers} for name in there],
         "lods": LODS,
         "base": contents.base,
-        "modelled": bool(contents.faces),
+        "modelled": len(contents.faces) > 0,
         "terrain": {
             "rows": rows_high,
             "columns": columns,
@@ -134,41 +158,57 @@ def page_data(contents: Contents) -> dict[str, Any]:
             "west": contents.corner[0],
             "north": contents.corner[1],
         },
-        "arrays": {name: pack(values) for name, values in page_arrays(contents).items()},
     }
 
 
 def page_arrays(contents: Contents) -> dict[str, NDArray[Any]]:
+    """All arrays of the page by name."""
+    return dict(iter_arrays(contents))
+
+
+def iter_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     """Points, triangles, edges, outlines and terrain; buildings count from 1, 0 is none."""
-    points = contents.points
-    faces = contents.faces + [
-        CityFace(rings, number, 0, 0) for number, rings in enumerate(flat_footprints(contents))
-    ]
-    surfaces = cut_into_triangles(faces)
+    yield from point_arrays(contents)
+    yield from triangle_arrays(contents)
     edges, edge_face = edges_of(contents.faces)
+    yield "edge_xyz", millimetres(edges)
+    yield "edge_building", (contents.faces.building[edge_face] + 1).astype(np.uint32)
+    yield "edge_lod", contents.faces.lod[edge_face].astype(np.uint8)
     outlines, outline_row = draped_outlines(contents)
+    yield "outline_xyz", millimetres(outlines)
+    yield "outline_building", outline_row.astype(np.uint32)
+    heights = np.nan_to_num(contents.terrain * MILLIMETRES, nan=UNKNOWN_HEIGHT)
+    yield "terrain", np.round(heights).astype(np.int32)
+
+
+def point_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
+    """The arrays (N,) of the points."""
+    points = contents.points
     numbers = {int(row["number"]): place for place, row in enumerate(contents.rows, 1) if row.get("number")}
     row_of = np.zeros(max([*numbers, int(points.building.max(initial=0))], default=0) + 1, np.uint32)
     row_of[list(numbers)] = list(numbers.values())
     distance = np.clip(np.nan_to_num(contents.distance * MILLIMETRES, nan=1e9), -32767, UNKNOWN_DISTANCE)
-    heights = np.nan_to_num(contents.terrain * MILLIMETRES, nan=UNKNOWN_HEIGHT)
-    return {
-        "point_xyz": millimetres(points.xyz),
-        "point_class": points.classification,
-        "point_building": row_of[points.building],
-        "point_plane": np.where(points.plane > 0, points.plane % 255 + 1, 0).astype(np.uint8),
-        "point_distance": np.round(distance).astype(np.int16),
-        "triangle_xyz": millimetres(surfaces.corners),
-        "triangle_building": (surfaces.figure("building") + 1).astype(np.uint32),
-        "triangle_lod": surfaces.figure("lod").astype(np.uint8),
-        "triangle_kind": surfaces.figure("kind").astype(np.uint8),
-        "edge_xyz": millimetres(edges),
-        "edge_building": np.array([contents.faces[k].building + 1 for k in edge_face], np.uint32),
-        "edge_lod": np.array([contents.faces[k].lod for k in edge_face], np.uint8),
-        "outline_xyz": millimetres(outlines),
-        "outline_building": outline_row.astype(np.uint32),
-        "terrain": np.round(heights).astype(np.int32),
-    }
+    yield "point_xyz", millimetres(points.xyz)
+    yield "point_class", points.classification
+    yield "point_building", row_of[points.building]
+    yield "point_plane", np.where(points.plane > 0, points.plane % 255 + 1, 0).astype(np.uint8)
+    yield "point_distance", np.round(distance).astype(np.int16)
+
+
+def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
+    """The arrays (T,) of the triangles: those of the models, then those of the footprints, lying flat."""
+    flat = [CityFace(rings, number, 0, 0) for number, rings in enumerate(flat_footprints(contents))]
+    corners = [np.zeros((0, 3, 3), np.int32)]
+    figures: dict[str, list[NDArray[Any]]] = {name: [] for name in ("building", "lod", "kind")}
+    for piece in chain(in_pieces(contents.faces), in_pieces(flat)):
+        surfaces = cut_into_triangles(piece)
+        corners.append(millimetres(surfaces.corners))
+        for name, values in figures.items():
+            values.append(surfaces.figure(name).astype(np.uint32 if name == "building" else np.uint8))
+    yield "triangle_xyz", np.concatenate(corners)
+    yield "triangle_building", np.concatenate([np.zeros(0, np.uint32), *figures["building"]]) + np.uint32(1)
+    for name in ("lod", "kind"):
+        yield f"triangle_{name}", np.concatenate([np.zeros(0, np.uint8), *figures[name]])
 
 
 def millimetres(xyz: Points) -> NDArray[np.int32]:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eaves.model import Points, Raster
-from eaves.viewer.contents import Contents, finest_levels, read_contents
+from eaves.viewer.contents import Contents, finest_faces, read_contents
 from eaves.viewer.surfaces import cut_into_triangles
 
 SURROUNDINGS = 8.0
@@ -82,7 +82,7 @@ def choose_building(contents: Contents, building: str | None) -> int:
         return ids.index(building)
     if not ids:
         raise ValueError(f"{contents.folder}: the run found no building to cut through")
-    modelled = finest_levels(contents.faces)
+    modelled = set(contents.faces.building.tolist())
     return max(range(len(ids)), key=lambda k: (k in modelled, float(shapely.area(contents.polygons[k]))))
 
 
@@ -113,12 +113,8 @@ def cut_models(
 ) -> NDArray[np.float64]:
     """Where the upright plane cuts the finest models: segments (S, 2, 2) of (along, height), of the building
     alone or of all others."""
-    finest = finest_levels(contents.faces)
-    faces = [
-        face
-        for face in contents.faces
-        if face.lod == finest.get(face.building) and (face.building == building) == only
-    ]
+    wanted = (contents.faces.building == building) == only
+    faces = contents.faces.take(wanted & finest_faces(contents.faces))
     if not faces:
         return np.zeros((0, 2, 2))
     corners = cut_into_triangles(faces).corners

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from array import array
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import overload
 
 import numpy as np
 import shapely
@@ -12,11 +15,13 @@ from numpy.typing import NDArray
 
 from eaves.formats import CityObject
 from eaves.formats.meshes import unit_normal
-from eaves.model import Points
+from eaves.model import Mask, Points
 from eaves.model.building import GROUND_SURFACE, LODS, ROOF_SURFACE, WALL_SURFACE
 
 SURFACES = (GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE)
 """Numbered 0, 1, 2 in `Surfaces.kind`."""
+PIECE_FACES = 4000
+"""So many faces are cut into triangles at a time, which takes some 40 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +34,62 @@ class CityFace:
     building: int
     lod: int
     kind: int
+
+
+@dataclass(frozen=True, eq=False)
+class CityFaces(Sequence[CityFace]):
+    """Many faces in a few arrays, a tenth of what they take as objects.
+
+    `corners` (V, 3) are those of all rings, one behind the other; `ring_start` (R + 1,) says where in them
+    each ring starts, `face_start` (F + 1,) where in the rings each face does; `building`, `lod` and `kind`
+    (F,) are as in `CityFace`.
+    """
+
+    corners: Points
+    ring_start: NDArray[np.int64]
+    face_start: NDArray[np.int64]
+    building: NDArray[np.int64]
+    lod: NDArray[np.int64]
+    kind: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, faces: Iterable[CityFace]) -> CityFaces:
+        """The faces, taken one by one."""
+        corners, rings, counts, figures = array("d"), array("q", [0]), array("q", [0]), array("q")
+        for face in faces:
+            for ring in face.rings:
+                corners.frombytes(np.asarray(ring, np.float64).tobytes())
+                rings.append(len(ring))
+            counts.append(len(face.rings))
+            figures.extend((face.building, face.lod, face.kind))
+        building, lod, kind = np.array(figures, np.int64).reshape(-1, 3).T.copy()
+        xyz = np.array(corners, np.float64).reshape(-1, 3)
+        return cls(xyz, np.cumsum(rings), np.cumsum(counts), building, lod, kind)
+
+    def __len__(self) -> int:
+        return len(self.building)
+
+    @overload
+    def __getitem__(self, k: int) -> CityFace: ...
+    @overload
+    def __getitem__(self, k: slice) -> list[CityFace]: ...
+    def __getitem__(self, k: int | slice) -> CityFace | list[CityFace]:
+        if isinstance(k, slice):
+            return [self[n] for n in range(len(self))[k]]
+        number = range(len(self))[k]
+        cuts = self.ring_start[self.face_start[number] : self.face_start[number + 1] + 1].tolist()
+        rings = tuple(self.corners[one:two] for one, two in pairwise(cuts))
+        return CityFace(rings, int(self.building[number]), int(self.lod[number]), int(self.kind[number]))
+
+    def take(self, which: Mask) -> list[CityFace]:
+        """The faces where the mask (F,) is true."""
+        return [self[k] for k in np.flatnonzero(which).tolist()]
+
+
+def in_pieces(faces: Sequence[CityFace], size: int = PIECE_FACES) -> Iterator[Sequence[CityFace]]:
+    """The faces, so many at a time."""
+    for first in range(0, len(faces), size):
+        yield faces[first : first + size]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +106,8 @@ class Surfaces:
         return np.array([getattr(face, name) for face in self.faces], np.int64)[self.face]
 
 
-def collect_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -> list[CityFace]:
+def iter_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -> Iterator[CityFace]:
     """The faces of solids of the buildings whose ids `numbers` holds; a part's belong to its building."""
-    faces = []
     for item in objects:
         building = numbers.get(item.parents[0] if item.parents else item.id)
         if building is None:
@@ -59,8 +119,7 @@ def collect_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -
             for face in (face for solid in geometry.solids for shell in solid for face in shell):
                 kind = SURFACES.index(face.surface) if face.surface in SURFACES else 0
                 rings = tuple(item.vertices[list(ring)] for ring in face.rings)
-                faces.append(CityFace(rings, building, lod, kind))
-    return faces
+                yield CityFace(rings, building, lod, kind)
 
 
 def cut_into_triangles(faces: Sequence[CityFace]) -> Surfaces:
@@ -106,11 +165,13 @@ def _take_own_corners(
     corners.reshape(-1, 3)[hit] = own[found[hit]]
 
 
-def edges_of(faces: Sequence[CityFace]) -> tuple[Points, NDArray[np.int64]]:
+def edges_of(faces: CityFaces) -> tuple[Points, NDArray[np.int64]]:
     """The two ends of every ring edge, (E, 2, 3), and the number (E,) of its face."""
-    ends = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for face in faces for ring in face.rings]
-    owner = [number for number, face in enumerate(faces) for ring in face.rings for _ in range(len(ring))]
-    return np.concatenate([np.zeros((0, 2, 3)), *ends]), np.array(owner, np.int64)
+    start, end = faces.ring_start[:-1], faces.ring_start[1:]
+    following = np.arange(1, len(faces.corners) + 1)
+    following[end[end > start] - 1] = start[end > start]
+    ring_face = np.repeat(np.arange(len(faces)), np.diff(faces.face_start))
+    return np.stack([faces.corners, faces.corners[following]], axis=1), np.repeat(ring_face, end - start)
 
 
 def _frame(ring: Points) -> NDArray[np.float64]:
