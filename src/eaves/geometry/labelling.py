@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from eaves.geometry.minimal_cut import SCALE, minimal_cut_kernel
 from eaves.model import Mask, Values
 
 Integers = NDArray[np.int64]
 
-SCALE = 1e4
-"""Costs become whole numbers for the flow: 1e-4 of the cost's unit is kept."""
-
 LARGEST = 1e5
 """Costs above this are cut off; a label that costs so much is never taken."""
+
+LEAST_GAIN = 1.0 / SCALE
+"""Moves that gain no more than this are not made: the cut does not see it."""
 
 SWEEPS = 4
 """Rounds over all labels; the energy hardly falls after the second."""
@@ -36,75 +38,63 @@ class Jumps:
     least: float
     full: float
 
-    def share(self, some: Integers | Mask, one: Integers, other: Integers) -> Values:
-        """The share (K,) for `some` of the borders, between labels `one` and `other` (K,)."""
-        step = self.planes[one] - self.planes[other]
-        places = self.places[some]
-        apart = np.abs(places[..., 0] * step[:, :1] + places[..., 1] * step[:, 1:2] + step[:, 2:])
-        jump = np.minimum(apart / self.full, 1.0).mean(axis=1)
-        return np.asarray(np.where(one == other, 0.0, self.least + (1.0 - self.least) * jump))
 
-
-@dataclass(frozen=True, eq=False)
-class Costs:
+class Costs(NamedTuple):
     """What labels cost: `data` (N, L) at each node, `border` (E,) along each of the `edges` (E, 2) when its
-    ends differ, or the share of it that `jumps` says, `price` (L,) once for each label in use.
+    ends differ, or the share of it that the jump between its planes says, `price` (L,) once for each label in
+    use.
+
+    `places`, `planes`, `least`, `full` are those of `Jumps`, without planes when there are none. The rest is
+    drawn from these once, for the moves: `around` (N,) the sum of a node's borders; the edges that have node
+    n first, `beside[0, first[0, n] : first[0, n + 1]]`, and second, the same of row 1, in their order; the
+    nodes that can have label l, `nodes[start[l] : start[l + 1]]`.
     """
 
     data: NDArray[np.float64]
     edges: Integers
     border: Values
     price: Values
-    jumps: Jumps | None = None
+    places: NDArray[np.float64]
+    planes: NDArray[np.float64]
+    least: float
+    full: float
+    around: Values
+    first: Integers
+    beside: Integers
+    start: Integers
+    nodes: Integers
 
-    @classmethod
-    def of(
-        cls,
-        data: NDArray[np.float64],
-        edges: Integers,
-        border: Values,
-        price: Values,
-        jumps: Jumps | None = None,
-    ) -> Costs:
-        """Costs with none above `LARGEST`, and each pair of nodes once if borders of a pair cost the same."""
-        if jumps is None:
-            edges, border = one_edge_per_pair(edges, border)
-        bounded = data if data.max(initial=0.0) <= LARGEST else np.minimum(data, LARGEST)
-        return cls(bounded, edges, border, price, jumps)
 
-    def between(self, some: Integers | Mask, one: Integers, other: Integers) -> Values:
-        """The price (K,) of `some` of the borders between labels `one` and `other` (K,)."""
-        if self.jumps is None:
-            return np.asarray(self.border[some] * (one != other))
-        return np.asarray(self.border[some] * self.jumps.share(some, one, other))
-
-    def of_labels(self, labels: Integers) -> float:
-        """The sum that `label_nodes` makes small."""
-        one, other = labels[self.edges[:, 0]], labels[self.edges[:, 1]]
-        differs = np.flatnonzero(one != other)
-        used = np.bincount(labels, minlength=len(self.price)) > 0
-        data = self.data[np.arange(len(labels)), labels].sum()
-        borders = self.between(differs, one[differs], other[differs])
-        return float(data + borders.sum() + self.price[used].sum())
-
-    def saved(self, before: Integers, after: Integers) -> float:
-        """How much less labels cost `after` than `before` (N,), from the nodes that changed alone."""
-        changed = before != after
-        nodes = np.flatnonzero(changed)
-        edges = np.flatnonzero(changed[self.edges].any(axis=1))
-        one, other = self.edges[edges].T
-        data = self.data[nodes, before[nodes]] - self.data[nodes, after[nodes]]
-        borders = self.between(edges, before[one], before[other]) - self.between(
-            edges, after[one], after[other]
-        )
-        old, new = (np.bincount(labels, minlength=len(self.price)) > 0 for labels in (before, after))
-        prices = self.price * old - self.price * new
-        return float(data.sum() + borders.sum() + prices.sum())
-
-    def may_gain(self, labels: Integers) -> Values:
-        """Cost (N,) above which a label cannot pay at a node: its label's and all its borders'."""
-        around = np.bincount(self.edges.ravel(), np.repeat(self.border, 2), len(labels))
-        return np.asarray(np.minimum(self.data[np.arange(len(labels)), labels] + around, LARGEST))
+def costs_of(
+    data: NDArray[np.float64], edges: Integers, border: Values, price: Values, jumps: Jumps | None = None
+) -> Costs:
+    """Costs with none above `LARGEST`, and each pair of nodes once if borders of a pair cost the same."""
+    if jumps is None:
+        edges, border = one_edge_per_pair(edges, border)
+        jumps = Jumps(np.zeros((len(edges), 0, 2)), np.zeros((0, 3)), 0.0, 1.0)
+    count = len(data)
+    bounded = data if data.max(initial=0.0) <= LARGEST else np.minimum(data, LARGEST)
+    edges = np.ascontiguousarray(edges, np.int64)
+    order = [np.argsort(edges[:, side], kind="stable") for side in (0, 1)]
+    first = [
+        np.searchsorted(edges[order[side], side], np.arange(count + 1)).astype(np.int64) for side in (0, 1)
+    ]
+    label, nodes = np.nonzero(bounded.T < LARGEST)
+    return Costs(
+        np.ascontiguousarray(bounded, np.float64),
+        edges,
+        np.asarray(border, np.float64),
+        np.asarray(price, np.float64),
+        np.ascontiguousarray(jumps.places, np.float64),
+        np.ascontiguousarray(jumps.planes, np.float64),
+        float(jumps.least),
+        float(jumps.full),
+        np.asarray(np.bincount(edges.ravel(), np.repeat(border, 2), count), np.float64),
+        np.array(first),
+        np.array(order),
+        np.searchsorted(label, np.arange(len(price) + 1)).astype(np.int64),
+        nodes.astype(np.int64),
+    )
 
 
 def label_nodes(
@@ -123,156 +113,10 @@ def label_nodes(
     pay; then labels that cost more than they save are given up.
     """
     count, labels = data.shape
-    costs = Costs.of(data, edges, border, price, jumps)
-    current: Integers = np.argmin(costs.data, axis=1).astype(np.int64)
-    if labels == 1 or count == 0:
-        return current
-    limit = costs.may_gain(current)
-    open_labels = np.ones(labels, bool)
-    for _ in range(SWEEPS):
-        gained = 0.0
-        for label in range(labels):
-            if not open_labels[label]:
-                continue
-            open_labels[label] = False
-            accepted = expand(costs, current, label, limit)
-            gain = costs.saved(current, accepted)
-            if gain > 1.0 / SCALE:
-                gained += gain
-                reopen(costs, current, accepted, open_labels)
-                current, limit = accepted, costs.may_gain(accepted)
-                open_labels[label] = False
-        for label in np.unique(current).tolist():
-            accepted = without_label(costs, current, label)
-            gain = costs.saved(current, accepted)
-            if gain > 1.0 / SCALE:
-                gained += gain
-                reopen(costs, current, accepted, open_labels)
-                current, limit = accepted, costs.may_gain(accepted)
-        if gained == 0.0:
-            break
+    current: Integers = np.argmin(np.minimum(data, LARGEST), axis=1).astype(np.int64)
+    if labels > 1 and count > 0:
+        lower_kernel(costs_of(data, edges, border, price, jumps), current)
     return current
-
-
-def reopen(costs: Costs, before: Integers, after: Integers, open_labels: Mask) -> None:
-    """Opens the labels (L,) that may pay at a node that changed, or beside one."""
-    touched = before != after
-    beside = touched[costs.edges].any(axis=1)
-    touched[costs.edges[beside].ravel()] = True
-    open_labels |= (costs.data[touched] < costs.may_gain(after)[touched, None]).any(axis=0)
-
-
-def expand(costs: Costs, labels: Integers, label: int, limit: Values) -> Integers:
-    """The labels after the cheapest choice, for all nodes together, of keeping theirs or taking `label`.
-
-    A node where the label costs more than `limit` (N,) gains nothing whatever its neighbours do, and keeps
-    its own: the cut is made among the others.
-    """
-    free = (costs.data[:, label] < limit) & (labels != label)
-    nodes = np.flatnonzero(free)
-    answer = labels.copy()
-    if len(nodes) == 0:
-        return answer
-    number = np.cumsum(free) - 1
-    keep, take = costs.data[nodes, labels[nodes]], costs.data[nodes, label]
-    ends = free[costs.edges]
-    for side in (0, 1):
-        alone = np.flatnonzero(ends[:, side] & ~ends[:, 1 - side])
-        here, there = costs.edges[alone, side], costs.edges[alone, 1 - side]
-        taken = np.full(len(alone), label)
-        kept_border = costs.between(alone, labels[here], labels[there])
-        keep = keep + np.bincount(number[here], kept_border, len(nodes))
-        take = take + np.bincount(number[here], costs.between(alone, taken, labels[there]), len(nodes))
-    both = np.flatnonzero(ends.all(axis=1))
-    edges, taken = number[costs.edges[both]], np.full(len(both), label)
-    one, other = labels[costs.edges[both, 0]], labels[costs.edges[both, 1]]
-    # The cost of a pair is split into node and arc terms after [kolmogorov2004], table 2: it pays when both
-    # keep theirs, when only the second takes the new one, when only the first does.
-    neither = costs.between(both, one, other)
-    second, first = costs.between(both, one, taken), costs.between(both, taken, other)
-    take = take + np.bincount(edges[:, 0], first - neither, len(nodes))
-    take = take - np.bincount(edges[:, 1], first, len(nodes))
-    low = np.minimum(keep, take)
-    # A node on the source's side takes the label; it then pays its arc to the sink.
-    back = np.maximum(first + second - neither, 0.0)
-    source_side = cut(edges, np.zeros(len(both)), back, keep - low, take - low)
-    answer[nodes[source_side]] = label
-    return answer
-
-
-def cut(edges: Integers, there: Values, back: Values, source: Values, sink: Values) -> Mask:
-    """The nodes (N,) on the source's side of the minimal cut.
-
-    Capacities: `there` and `back` (E,) along the edges (E, 2), from the source to every node and from every
-    node to the sink (N,).
-    """
-    count = len(source)
-    nodes, one, other = np.arange(count), np.full(count, count), np.full(count, count + 1)
-    tail = np.concatenate([edges[:, 0], one, nodes, edges[:, 1], nodes, other])
-    head = np.concatenate([edges[:, 1], nodes, other, edges[:, 0], one, nodes])
-    none = np.zeros(count)
-    capacity = np.concatenate([there, source, sink, back, none, none])
-    half = len(tail) // 2
-    order = np.argsort(tail, kind="stable")
-    place = np.empty(len(order), np.int64)
-    place[order] = np.arange(len(order))
-    twin = place[np.where(order < half, order + half, order - half)]
-    first = np.searchsorted(tail[order], np.arange(count + 3))
-    whole = np.round(capacity[order] * SCALE).astype(np.int64)
-    return np.asarray(source_side_kernel(first, head[order], twin, whole))[:count]
-
-
-@njit(cache=True)
-def source_side_kernel(first: Integers, head: Integers, twin: Integers, capacity: Integers) -> Mask:
-    """Nodes (V,) that the source still reaches when the flow to the sink is largest, after [dinic1970].
-
-    Arcs `first[v]` to `first[v + 1]` leave node v for `head` with `capacity` left, which changes; `twin` is
-    the way back. Source and sink are the last two nodes.
-    """
-    size = len(first) - 1
-    source, sink = size - 2, size - 1
-    level, queue = np.empty(size, np.int64), np.empty(size, np.int64)
-    path = np.empty(size, np.int64)
-    while True:
-        level[:] = -1
-        level[source], queue[0] = 0, source
-        done, waiting = 0, 1
-        while done < waiting:
-            node = queue[done]
-            done += 1
-            for arc in range(first[node], first[node + 1]):
-                if capacity[arc] > 0 and level[head[arc]] < 0:
-                    level[head[arc]] = level[node] + 1
-                    queue[waiting] = head[arc]
-                    waiting += 1
-        if level[sink] < 0:
-            return level >= 0
-        ahead = first[:-1].copy()
-        node, depth = source, 0
-        while True:
-            if node == sink:
-                push = capacity[path[:depth]].min()
-                for step in range(depth - 1, -1, -1):
-                    capacity[path[step]] -= push
-                    capacity[twin[path[step]]] += push
-                    if capacity[path[step]] == 0:
-                        depth, node = step, head[twin[path[step]]]
-                continue
-            while ahead[node] < first[node + 1]:
-                arc = ahead[node]
-                if capacity[arc] > 0 and level[head[arc]] == level[node] + 1:
-                    break
-                ahead[node] += 1
-            if ahead[node] < first[node + 1]:
-                path[depth] = ahead[node]
-                node = head[path[depth]]
-                depth += 1
-            elif node == source:
-                break
-            else:
-                depth -= 1
-                node = head[twin[path[depth]]]
-                ahead[node] += 1
 
 
 def one_edge_per_pair(edges: Integers, border: Values) -> tuple[Integers, Values]:
@@ -283,24 +127,194 @@ def one_edge_per_pair(edges: Integers, border: Values) -> tuple[Integers, Values
     return pairs, np.asarray(np.bincount(number.ravel(), border, len(pairs)), np.float64)
 
 
-def without_label(costs: Costs, labels: Integers, label: int) -> Integers:
-    """The labels after every node with `label` took the cheapest other one in use, given its neighbours."""
+@njit(cache=True)
+def lower_kernel(costs: Costs, labels: Integers) -> None:
+    """Lowers the energy of the labels (N,), which change, by expansions and by giving labels up."""
+    count = len(costs.price)
+    limit = np.empty(len(labels))
+    for node in range(len(labels)):
+        limit[node] = most_kernel(costs, labels, node)
+    uses = np.bincount(labels, minlength=count)
+    open_labels = np.ones(count, np.bool_)
+    after = labels.copy()
+    number = np.full(len(labels), -1)
+    for _ in range(SWEEPS):
+        lowered = False
+        for label in range(count):
+            if open_labels[label]:
+                open_labels[label] = False
+                changed = expand_kernel(costs, labels, label, limit, number)
+                after[changed] = label
+                if move_kernel(costs, labels, after, changed, uses, limit, open_labels):
+                    lowered = True
+                    open_labels[label] = False
+        for used in np.flatnonzero(uses):
+            changed = give_up_kernel(costs, labels, used, uses, after)
+            if move_kernel(costs, labels, after, changed, uses, limit, open_labels):
+                lowered = True
+        if not lowered:
+            break
+
+
+@njit(cache=True)
+def border_kernel(costs: Costs, edge: int, one: int, other: int) -> float:
+    """The price of an edge between two labels."""
+    if one == other:
+        return 0.0
+    if len(costs.planes) == 0:
+        return float(costs.border[edge])
+    a = costs.planes[one, 0] - costs.planes[other, 0]
+    b = costs.planes[one, 1] - costs.planes[other, 1]
+    c = costs.planes[one, 2] - costs.planes[other, 2]
+    jump = 0.0
+    for place in range(costs.places.shape[1]):
+        apart = abs(costs.places[edge, place, 0] * a + costs.places[edge, place, 1] * b + c)
+        jump += min(apart / costs.full, 1.0)
+    jump /= costs.places.shape[1]
+    return float(costs.border[edge] * (costs.least + (1.0 - costs.least) * jump))
+
+
+@njit(cache=True)
+def most_kernel(costs: Costs, labels: Integers, node: int) -> float:
+    """The cost above which no label can pay at a node: its label's and all its borders'."""
+    return float(min(costs.data[node, labels[node]] + costs.around[node], LARGEST))
+
+
+@njit(cache=True)
+def expand_kernel(costs: Costs, labels: Integers, label: int, limit: Values, number: Integers) -> Integers:
+    """The nodes that take `label` in the cheapest choice, for all nodes together, of keeping theirs or taking
+    it.
+
+    A node where the label costs more than `limit` (N,) gains nothing whatever its neighbours do, and keeps
+    its own: the cut is made among the others. `number` (N,) is -1, before and after.
+    """
+    nodes = costs.nodes[costs.start[label] : costs.start[label + 1]]
+    free = np.empty(len(nodes), np.int64)
+    count, pairs = 0, 0
+    for node in nodes:
+        if costs.data[node, label] < limit[node] and labels[node] != label:
+            free[count], number[node] = node, count
+            count += 1
+            pairs += costs.first[0, node + 1] - costs.first[0, node]
+    free = free[:count]
+    edges, back = np.empty((pairs, 2), np.int64), np.empty(pairs)
+    source, sink = np.empty(count), np.empty(count)
+    pairs = 0
+    for node in free:
+        keep, take = costs.data[node, labels[node]], costs.data[node, label]
+        there = np.zeros(2)
+        for side in range(2):
+            kept, taken = 0.0, 0.0
+            for edge in costs.beside[side, costs.first[side, node] : costs.first[side, node + 1]]:
+                other = costs.edges[edge, 1 - side]
+                own = border_kernel(costs, edge, labels[node], labels[other])
+                if number[other] < 0:
+                    kept += own
+                    taken += border_kernel(costs, edge, label, labels[other])
+                    continue
+                # The cost of a pair is split into node and arc terms after [kolmogorov2004], table 2: it pays
+                # when both keep theirs, when only the second takes the new one, when only the first does.
+                if side == 1:
+                    there[1] += border_kernel(costs, edge, label, labels[node])
+                    continue
+                first = border_kernel(costs, edge, label, labels[other])
+                second = border_kernel(costs, edge, labels[node], label)
+                there[0] += first - own
+                edges[pairs, 0], edges[pairs, 1] = number[node], number[other]
+                # A node on the source's side takes the label; it then pays its arc to the sink.
+                back[pairs] = max(first + second - own, 0.0)
+                pairs += 1
+            keep += kept
+            take += taken
+        take = take + there[0] - there[1]
+        low = min(keep, take)
+        source[number[node]], sink[number[node]] = keep - low, take - low
+    number[free] = -1
+    joining: Integers = free[minimal_cut_kernel(edges[:pairs], back[:pairs], source, sink)]
+    return joining
+
+
+@njit(cache=True)
+def give_up_kernel(costs: Costs, labels: Integers, label: int, uses: Integers, after: Integers) -> Integers:
+    """The nodes with `label`; in `after` (N,) each takes the cheapest other label in use, given its
+    neighbours.
+    """
     mine = np.flatnonzero(labels == label)
-    used = np.bincount(labels, minlength=len(costs.price)) > 0
-    used[label] = False
-    others = np.flatnonzero(used & (costs.data[mine].min(axis=0, initial=LARGEST) < LARGEST))
-    answer = labels.copy()
-    if len(others) == 0:
-        return answer
-    row = np.full(len(labels), -1)
-    row[mine] = np.arange(len(mine))
-    total = costs.data[np.ix_(mine, others)]
-    for a, b in ((0, 1), (1, 0)):
-        here, there = costs.edges[:, a], costs.edges[:, b]
-        some = np.flatnonzero((row[here] >= 0) & (row[there] < 0))
-        borders = np.repeat(some, len(others))
-        choice, beside = np.tile(others, len(some)), np.repeat(labels[there[some]], len(others))
-        paid = costs.between(borders, choice, beside).reshape(len(some), len(others))
-        np.add.at(total, row[here[some]], paid)
-    answer[mine] = others[np.argmin(total, axis=1)]
-    return answer
+    others = np.zeros(len(uses), np.bool_)
+    for node in mine:
+        for other in range(len(uses)):
+            others[other] |= costs.data[node, other] < LARGEST
+    choices = np.flatnonzero(others & (uses > 0) & (np.arange(len(uses)) != label))
+    if len(choices) == 0:
+        return mine[:0]
+    for node in mine:
+        best, least = choices[0], np.inf
+        for choice in choices:
+            total = costs.data[node, choice]
+            for side in range(2):
+                for edge in costs.beside[side, costs.first[side, node] : costs.first[side, node + 1]]:
+                    beside = labels[costs.edges[edge, 1 - side]]
+                    if beside != label:
+                        total += border_kernel(costs, edge, choice, beside)
+            if total < least:
+                best, least = choice, total
+        after[node] = best
+    return mine
+
+
+@njit(cache=True)
+def move_kernel(
+    costs: Costs,
+    labels: Integers,
+    after: Integers,
+    changed: Integers,
+    uses: Integers,
+    limit: Values,
+    open_labels: Mask,
+) -> bool:
+    """Whether the labels `after` (N,) a move cost less; if so they become the `labels`, if not the reverse.
+
+    `changed` are the nodes that differ. With them change the `uses` of labels (L,), the `limit` (N,) of costs
+    that can pay, and the labels open to expansion: those that can pay at a node that changed, or beside one.
+    """
+    gain = 0.0
+    for node in changed:
+        gain += costs.data[node, labels[node]] - costs.data[node, after[node]]
+        for side in range(2):
+            for edge in costs.beside[side, costs.first[side, node] : costs.first[side, node + 1]]:
+                other = costs.edges[edge, 1 - side]
+                if side == 0 or after[other] == labels[other]:
+                    gain += border_kernel(costs, edge, labels[node], labels[other])
+                    gain -= border_kernel(costs, edge, after[node], after[other])
+    before = uses.copy()
+    for node in changed:
+        uses[labels[node]] -= 1
+        uses[after[node]] += 1
+    for node in changed:
+        for label in (labels[node], after[node]):
+            if before[label] >= 0:
+                gain += costs.price[label] * (min(before[label], 1) - min(uses[label], 1))
+                before[label] = -1
+    if not gain > LEAST_GAIN:
+        for node in changed:
+            uses[labels[node]] += 1
+            uses[after[node]] -= 1
+            after[node] = labels[node]
+        return False
+    for node in changed:
+        labels[node] = after[node]
+    for node in changed:
+        limit[node] = most_kernel(costs, labels, node)
+    for node in changed:
+        open_kernel(costs, node, limit, open_labels)
+        for side in range(2):
+            for edge in costs.beside[side, costs.first[side, node] : costs.first[side, node + 1]]:
+                open_kernel(costs, costs.edges[edge, 1 - side], limit, open_labels)
+    return True
+
+
+@njit(cache=True)
+def open_kernel(costs: Costs, node: int, limit: Values, open_labels: Mask) -> None:
+    """Opens the labels (L,) that can pay at a node."""
+    for label in range(len(open_labels)):
+        open_labels[label] |= costs.data[node, label] < limit[node]
