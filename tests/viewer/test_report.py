@@ -12,11 +12,14 @@ import numpy as np
 import pytest
 
 from eaves.formats import InputError
+from eaves.tiling.build import build as build_files
 from eaves.tiling.outputs import Summary
+from eaves.viewer import sample
 from eaves.viewer.build import build
-from eaves.viewer.contents import read_contents
+from eaves.viewer.contents import points_of, read_contents
 from eaves.viewer.open import open_report
 from eaves.viewer.report import page_arrays, render
+from eaves.viewer.sample import Heard
 
 from ..conftest import write_laz
 
@@ -68,6 +71,23 @@ def test_more_points_than_wanted_are_thinned_and_the_page_says_so(nine_run: Summ
     assert len(listed[table["names"].index("id")]) == nine_run.found - 3, "the table lists those not drawn"
     again = read_contents(nine_run.folder, points=2000, buildings=3)
     assert np.array_equal(contents.points.xyz, again.points.xyz)
+
+
+def test_the_points_heard_while_they_are_written_are_those_read_afterwards(
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for limit in (2000, 10_000_000):
+        heard = Heard(limit, lambda: points_of(read_contents(tmp_path).rows))
+        build_files(nine_roofs_file, tmp_path, hear=heard)
+        read = read_contents(tmp_path, points=limit).points
+        assert len(read) > 0 and (len(read) < 6000) == (limit == 2000)
+        with monkeypatch.context() as patched:
+            patched.setattr(sample, "_records", None)
+            known = read_contents(tmp_path, points=limit, heard=heard).points
+        for name, value in vars(read).items():
+            assert np.array_equal(getattr(known, name), value), name
+    other = read_contents(tmp_path, points=3000, heard=heard).points
+    assert len(other) < 6000, "what was heard for another page is not used"
 
 
 def test_a_page_is_made_around_a_building(nine_run: Summary) -> None:

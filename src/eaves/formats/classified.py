@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import date
 from io import BytesIO
 from pathlib import Path
@@ -36,6 +36,7 @@ def write_classified(
     classification: NDArray[np.uint8],
     extra: Mapping[str, NDArray[Any]] | None = None,
     chunk_points: int = CHUNK_POINTS,
+    hear: Callable[[int, NDArray[np.void]], None] | None = None,
 ) -> None:
     """Write the points of a file as LAZ: same records in the same order, classes replaced, dimensions added.
 
@@ -55,6 +56,8 @@ def write_classified(
         replaced.
     chunk_points
         How many points are in memory at a time.
+    hear
+        Hears the place of the first of some records, and the records as they are written.
 
     Raises
     ------
@@ -97,6 +100,8 @@ def write_classified(
             for name, values in arrays.items():
                 points.array[name] = values[part]
             writer.write_points(points)
+            if hear is not None:
+                hear(first, points.array)
         if header.evlrs and header.version.minor >= 4:
             writer.write_evlrs(header.evlrs)
 

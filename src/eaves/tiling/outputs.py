@@ -19,7 +19,7 @@ from eaves.tiling.block_file import Notes
 from eaves.tiling.exports import export_footprints, export_models
 from eaves.tiling.index import Index
 from eaves.tiling.neighbours import party_walls
-from eaves.tiling.point_labels import write_points
+from eaves.tiling.point_labels import Hear, write_points
 from eaves.tiling.rows import building_row, roof_rows, world_polygon
 from eaves.tiling.runners import peak_memory_mb
 from eaves.tiling.store import Store
@@ -132,10 +132,12 @@ def write_outputs(
     failed: Sequence[str],
     started: float,
     tell: Callable[[str, int, int], None],
+    hear: Hear | None = None,
 ) -> Summary:
     """Write what is wanted into `folder`, each file whole or not at all, and say what came out.
 
-    `blocks` and `homes` are those the files are to show; blocks that failed are left out.
+    `blocks` and `homes` are those the files are to show; blocks that failed are left out. `hear` hears the
+    classified points, after the footprints are there.
     """
     files: list[Path] = []
     system = store.system
@@ -159,7 +161,7 @@ def write_outputs(
         elif step == "rasters":
             files += write_surfaces(store, computed, extent, folder)
         elif step == "classified":
-            files += write_points(store, index, computed, homes, folder, classified)
+            files += write_points(store, index, computed, homes, folder, classified, hear)
     tell("write", len(steps), len(steps))
 
     summary = summarise(store, index, notes, homes, folder, files, run, failed, started)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,9 @@ TYPES: dict[str, Any] = {
     "building_id": np.int32,
     "plane_id": np.int32,
 }
+Hear = Callable[[Path, int, int, NDArray[np.void]], None]
+"""Hears of the records that are written: their file, how many all files have, the place of the first in its
+file, the records."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,7 @@ def write_points(
     homes: Sequence[Block],
     folder: Path,
     single: Path | None,
+    hear: Hear | None = None,
 ) -> list[Path]:
     """The classified points of every input; `single` names the file of the only one."""
     gather_labels(store, index, blocks, homes)
@@ -67,7 +72,8 @@ def write_points(
         }
         classes = mine.pop("classes")
         try:
-            write_classified(index.source(number), path, classes, {} if single else mine)
+            heard = None if hear is None else partial(hear, path, index.points)
+            write_classified(index.source(number), path, classes, {} if single else mine, hear=heard)
             written.append(path)
         except InputError as error:  # a damaged file; scattering it has said so
             log.debug("%s", error)

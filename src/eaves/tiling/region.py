@@ -29,6 +29,7 @@ from eaves.tiling.gather import Gatherer
 from eaves.tiling.index import Index
 from eaves.tiling.join import HomePlan, Seam, assign_footprints, blocks_beyond, blocks_under, join_regions
 from eaves.tiling.outputs import EVERYTHING, Summary, write_outputs
+from eaves.tiling.point_labels import Hear
 from eaves.tiling.runners import Outcome, Workers, peak_memory_mb
 from eaves.tiling.scatter import Part, Window, earlier, parts_of, scatter_part
 from eaves.tiling.store import Store
@@ -98,8 +99,9 @@ class Region:
             system=job.index.system,
         )
 
-    def compute(self, core: Core) -> Summary:
-        """Everything, up to the files; the working folder goes when nothing failed.
+    def compute(self, core: Core, hear: Hear | None = None) -> Summary:
+        """Everything, up to the files; the working folder goes when nothing failed. `hear` hears the
+        classified points.
 
         Raises
         ------
@@ -131,6 +133,7 @@ class Region:
             classified=self.job.classified,
             started=self.job.started,
             tell=self.tell,
+            hear=hear,
         )
         if summary.complete:
             self.store.discard()
@@ -329,10 +332,10 @@ def draw_all(buildings: list[BuildingPoints], recipe: Recipe) -> list[Footprint 
         return [draw_all([building], recipe)[0] for building in buildings]
 
 
-def everywhere(job: Job, folder: Path, workers: Workers, tell: Tell) -> Summary:
-    """The whole job as one region."""
+def everywhere(job: Job, folder: Path, workers: Workers, tell: Tell, hear: Hear | None = None) -> Summary:
+    """The whole job as one region; `hear` hears the classified points."""
     name = ".eaves-work" if job.classified is None else f".eaves-work-{job.classified.stem}"
     region = Region(job, folder, folder / name, workers, tell)
-    summary = region.compute(Core(holds=lambda block: True))
+    summary = region.compute(Core(holds=lambda block: True), hear)
     warn_of_boxes(job.index, region.lying)
     return summary

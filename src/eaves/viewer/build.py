@@ -11,6 +11,7 @@ from eaves.tiling.build import Options
 from eaves.tiling.build import build as build_files
 from eaves.tiling.outputs import Summary
 from eaves.tiling.region import Tell
+from eaves.viewer.contents import listen
 from eaves.viewer.report import write_report
 
 
@@ -39,7 +40,8 @@ def build(
     >>> (summary.folder / "report.html").exists()
     True
     """
-    summary = build_files(inputs, out, recipe, options, tell)
+    heard = listen(out)
+    summary = build_files(inputs, out, recipe, options, tell, heard)
     if "tiles" in summary.run:
         return summary
-    return replace(summary, files=(*summary.files, write_report(summary)))
+    return replace(summary, files=(*summary.files, write_report(summary, heard)))

@@ -24,7 +24,7 @@ from eaves.model import Bounds, CoordinateSystem, Mask, Points, Values
 from eaves.model.building import LODS
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.scene import ROOF
-from eaves.viewer.sample import Sample, classified_files, sample_points
+from eaves.viewer.sample import Heard, Sample, classified_files, sample_points
 from eaves.viewer.surfaces import SURFACES, CityFaces, in_pieces, iter_city_faces
 
 POINTS_SHOWN = 300_000
@@ -73,11 +73,12 @@ def read_contents(
     points: int = POINTS_SHOWN,
     buildings: int = BUILDINGS_SHOWN,
     around: str | None = None,
+    heard: Heard | None = None,
 ) -> Contents:
     """The contents of a run's folder; what a run did not write is empty.
 
     Of more than `buildings` those nearest to the building of the id `around` are shown, or nearest to the
-    middle of all.
+    middle of all. `heard` holds the sample of points, when the run has just written them.
 
     Raises
     ------
@@ -93,8 +94,9 @@ def read_contents(
     polygons, rows = [polygons[k] for k in shown], [rows[k] for k in shown]
     window = window_of(polygons) if len(shown) < found else None
     terrain, bounds = read_terrain(folder / "dtm.tif", system, window)
-    expected = sum(int(row.get("points") or 0) for row in rows)
-    sample = sample_points(classified_files(folder), system, points, window, expected=expected)
+    sample = sample_points(
+        classified_files(folder), system, points, window, expected=points_of(rows), heard=heard
+    )
     centre = middle_of(bounds, polygons, sample)
     base = base_of(terrain, sample)
     shift = np.array([*centre, base])
@@ -124,6 +126,21 @@ def read_contents(
         others=others,
         run=json.loads(run.read_text(encoding="utf-8")) if run.exists() else {},
     )
+
+
+def listen(folder: str | Path) -> Heard:
+    """Hears the points that a run writes into the folder, after its footprints, and takes the page's."""
+
+    def expected() -> int | None:
+        rows = read_polygons(Path(folder) / "footprints.gpkg", layer="footprints")[2]
+        return points_of(rows) if len(rows) <= BUILDINGS_SHOWN else None
+
+    return Heard(POINTS_SHOWN, expected)
+
+
+def points_of(rows: list[dict[str, Any]]) -> int:
+    """How many points buildings have."""
+    return sum(int(row.get("points") or 0) for row in rows)
 
 
 def system_of_folder(folder: Path) -> CoordinateSystem | None:

@@ -26,6 +26,7 @@ from eaves.model import Points, Raster
 from eaves.model.building import LODS
 from eaves.tiling.outputs import Summary
 from eaves.viewer.contents import Contents, local_rings, read_contents
+from eaves.viewer.sample import Heard
 from eaves.viewer.surfaces import CityFace, cut_into_triangles, edges_of, in_pieces
 
 SCRIPTS = ("arrays", "camera", "draw", "pace", "pick", "colours", "table", "charts", "main", "listen")
@@ -57,9 +58,9 @@ DRAPE = 0.15
 DRAPE_STEP = 3.0
 
 
-def write_report(summary: Summary) -> Path:
-    """Write report.html into the run's folder; its path."""
-    return write_page(read_contents(summary.folder), summary.as_text())
+def write_report(summary: Summary, heard: Heard | None = None) -> Path:
+    """Write report.html into the run's folder; its path. `heard` has heard the run write its points."""
+    return write_page(read_contents(summary.folder, heard=heard), summary.as_text())
 
 
 def write_page(contents: Contents, text: str) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,75 @@ class Sample:
         )
 
 
+@dataclass(frozen=True)
+class Thinning:
+    """Of every n-th piece of the files, the shares of the points of buildings and of the others to take."""
+
+    every: int
+    ours: float
+    others: float
+
+    @classmethod
+    def of(cls, candidates: int, limit: int | None, expected: int) -> Thinning:
+        """What brings so many points, of which buildings are expected to have some, down to about `limit`."""
+        if limit is None:
+            return cls(1, 1.0, 1.0)
+        every = max(1, -(-candidates // POINTS_READ))
+        if candidates <= limit:
+            return cls(every, 1.0, 1.0)
+        ours = max(min(expected, candidates), 1)
+        share = min(1.0, max(BUILDING_SHARE * limit / ours, limit / candidates))
+        return cls(every, share, max(0.0, limit - share * ours) / max(candidates - ours, 1))
+
+    def keeps(self, position: NDArray[np.int64], building: NDArray[np.int32]) -> Mask:
+        """Which points (N,) to take, by their places in their file and the numbers of their buildings."""
+        share = np.where(building > 0, self.ours, self.others)
+        return np.asarray(scattered(position) < self.every * share)
+
+
+class Heard:
+    """Takes the sample of all points while a run writes them, so that they need not be decompressed again.
+
+    Parameters
+    ----------
+    limit
+        As in `sample_points`.
+    expected
+        Says, when the first points come, how many points the buildings have; None when not all points will be
+        asked for, and nothing is to be taken.
+    """
+
+    def __init__(self, limit: int, expected: Callable[[], int | None]) -> None:
+        self._limit, self._expected = limit, expected
+        self._thinning: Thinning | None = None
+        self._started = False
+        self._kept: dict[Path, list[NDArray[np.void]]] = {}
+        self._counts: dict[Path, int] = {}
+        self.on_buildings = 0
+
+    def __call__(self, path: Path, total: int, first: int, records: NDArray[np.void]) -> None:
+        """Hear of some records of a file: `total` counts those of all files, `first` those before them."""
+        if not self._started:
+            self._started = True
+            expected = self._expected()
+            thinning = None if expected is None else Thinning.of(total, self._limit, expected)
+            self._thinning = thinning if thinning is not None and thinning.every == 1 else None
+        if self._thinning is None:
+            return
+        number = _extra(records, "building_id")
+        keep = self._thinning.keeps(np.arange(first, first + len(records)), number)
+        self._kept.setdefault(path, []).append(records[keep])
+        self._counts[path] = self._counts.get(path, 0) + len(records)
+        self.on_buildings += int(np.count_nonzero(number))
+
+    def pieces(self, layouts: Sequence[LasHeader], thinning: Thinning) -> list[list[NDArray[np.void]]] | None:
+        """The records taken of each file; None when these are not the files heard of, or not thinned so."""
+        told = {layout.path: layout.count for layout in layouts if layout.count}
+        if self._thinning != thinning or self._counts != told:
+            return None
+        return [self._kept.get(layout.path, []) for layout in layouts]
+
+
 def classified_files(folder: Path) -> list[Path]:
     """The classified points of a run, in the order of their names."""
     return sorted(folder.glob("classified*.laz"))
@@ -74,6 +143,7 @@ def sample_points(
     bounds: Bounds | None = None,
     building: int | None = None,
     expected: int = 0,
+    heard: Heard | None = None,
 ) -> Sample:
     """About `limit` points of the files (all for None), spread evenly; what is taken follows from a point's
     position in its file alone.
@@ -90,31 +160,34 @@ def sample_points(
         Only the points of the building of this number are taken.
     expected
         How many points the buildings have, as far as known: they are thinned less than the others.
+    heard
+        What was taken when the files were written; where it is the same, the files are not read again.
     """
     layouts = [_layout(path) for path in files]
     total = sum(layout.count for layout in layouts)
     crossing = [layout for layout in layouts if bounds is None or _crosses(layout, bounds, system)]
     candidates = sum(layout.count for layout in crossing)
-    every = 1 if limit is None else max(1, -(-candidates // POINTS_READ))
-    shares = 1.0, 1.0
-    if limit is not None and candidates > limit:
-        ours = max(min(expected, candidates), 1)
-        share = min(1.0, max(BUILDING_SHARE * limit / ours, limit / candidates))
-        shares = share, max(0.0, limit - share * ours) / max(candidates - ours, 1)
+    thinning = Thinning.of(candidates, limit, expected)
     nothing = (np.zeros(0, dtype) for dtype in (np.uint8, *EXTRA.values()))
     pieces = [Sample(np.zeros((0, 3)), *nothing, total=0)]
     on_buildings = 0
+    whole = bounds is None and building is None
+    taken = heard.pieces(crossing, thinning) if heard is not None and whole else None
+    if heard is not None and taken is not None:
+        on_buildings, crossing = heard.on_buildings, []
+        for layout, kept in zip(layouts, taken, strict=True):
+            pieces += [_decoded(records, layout, system, bounds) for records in kept]
     for layout in crossing:
-        for position, records in _records(layout, every):
+        for position, records in _records(layout, thinning.every):
             number = _extra(records, "building_id")
-            on_buildings += every * int(np.count_nonzero(number))
-            keep = _scattered(position) < every * np.where(number > 0, *shares)
+            on_buildings += thinning.every * int(np.count_nonzero(number))
+            keep = thinning.keeps(position, number)
             if building is not None:
                 keep &= number == building
             pieces.append(_decoded(records[keep], layout, system, bounds))
     names = ("xyz", "classification", "building", "plane", "part")
-    whole = {name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in names}
-    return Sample(**whole, total=total, on_buildings=on_buildings)
+    joined = {name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in names}
+    return Sample(**joined, total=total, on_buildings=on_buildings)
 
 
 def _layout(path: Path) -> LasHeader:
@@ -147,7 +220,7 @@ def _extra(records: NDArray[np.void], name: str) -> NDArray[Any]:
     return np.asarray(records[name], EXTRA[name]) if known else np.zeros(len(records), EXTRA[name])
 
 
-def _scattered(position: NDArray[np.int64]) -> NDArray[np.float64]:
+def scattered(position: NDArray[np.int64]) -> NDArray[np.float64]:
     """A number in 0 to 1 for every position (N,), without a pattern that could beat with scan lines
     (splitmix64)."""
     mixed = position.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
