@@ -10,7 +10,6 @@ import shapely
 
 from eaves.model import Block, BuildingModel, Failure
 from eaves.reconstruct.party_walls import PARTY_GAP, party_wall_area
-from eaves.tiling.rows import world_polygon
 from eaves.tiling.store import Store
 
 HOMES_IN_MEMORY = 16
@@ -24,15 +23,14 @@ def party_walls(store: Store, homes: Sequence[Block]) -> list[float | None]:
 
     @lru_cache(maxsize=HOMES_IN_MEMORY)
     def load(home: int) -> list[BuildingModel | Failure]:
-        return [answer for answer, _ in store.answers([homes[home]])]
+        return list(store.answers([homes[home]]))
 
     places: list[tuple[int, int]] = []
     polygons = []
     for home in range(len(homes)):
-        for number, answer in enumerate(load(home)):
-            assert answer.footprint is not None
+        for number, digest in enumerate(store.digests([homes[home]])):
             places.append((home, number))
-            polygons.append(world_polygon(answer.footprint))
+            polygons.append(digest.polygon)
     shapes = np.array(polygons, object)
     one, other = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=PARTY_GAP)
     order = np.lexsort((other, one))

@@ -20,7 +20,7 @@ from eaves.tiling.exports import export_footprints, export_models
 from eaves.tiling.index import Index
 from eaves.tiling.neighbours import party_walls
 from eaves.tiling.point_labels import Hear, write_points
-from eaves.tiling.rows import building_row, roof_rows, world_polygon
+from eaves.tiling.rows import PARTY_WALLS
 from eaves.tiling.runners import peak_memory_mb
 from eaves.tiling.store import Store
 from eaves.tiling.surfaces import extent_of, write_mask, write_surfaces
@@ -110,12 +110,12 @@ class BuildingRows:
     faces: bool = False
 
     def __iter__(self) -> Iterator[Row]:
-        for number, answer in enumerate(answers(self.store, self.homes, self.shared), 1):
+        areas = iter(self.shared)
+        for number, digest in enumerate(self.store.digests(self.homes), 1):
             if self.faces:
-                yield from (Row(*row) for row in roof_rows(answer))
+                yield from (Row(*face) for face in digest.faces)
             else:
-                assert answer.footprint is not None
-                yield Row(world_polygon(answer.footprint), building_row(number, answer))
+                yield Row(digest.polygon, digest.numbered(number, next(areas, None)))
 
 
 def write_outputs(
@@ -156,7 +156,7 @@ def write_outputs(
             write_cityjson_seq(files[-1], answers(store, homes, shared), system)
             files += export_models(folder, lambda: answers(store, homes, shared), system, formats)
         elif step == "mask":
-            polygons = [row.geometry for row in rows]
+            polygons = [digest.polygon for digest in store.digests(homes)]
             files += write_mask(system, computed, polygons, extent, folder / "mask.tif")
         elif step == "rasters":
             files += write_surfaces(store, computed, extent, folder)
@@ -216,16 +216,13 @@ def summarise(
     fallbacks: Counter[str] = Counter()
     seconds: Counter[str] = Counter()
     found = 0
-    for answer, spent in store.answers(homes):
+    for digest in store.digests(homes):
         found += 1
-        seconds.update(spent)
-        if isinstance(answer, BuildingModel):
-            by_lod[answer.lod] += 1
-            code = answer.attributes.get("fallback_code")
-            if code:
-                fallbacks[code] += 1
-        else:
-            failures[answer.code] += 1
+        seconds.update(digest.seconds)
+        if digest.modelled:
+            by_lod[digest.row["lod"]] += 1
+        if digest.code:
+            (fallbacks if digest.modelled else failures)[digest.code] += 1
     for note in notes:
         seconds.update(note.seconds)
     return Summary(
@@ -249,8 +246,8 @@ def answers(
 ) -> Iterator[BuildingModel | Failure]:
     """All models and failures, home block by home block; models with their party walls (m²), where known."""
     areas = iter(shared)
-    for answer, _ in store.answers(homes):
+    for answer in store.answers(homes):
         area = next(areas, None)
         if isinstance(answer, BuildingModel) and area is not None:
-            answer = answer.with_(attributes={**answer.attributes, "party_wall_area_m2": area})
+            answer = answer.with_(attributes={**answer.attributes, PARTY_WALLS: area})
         yield answer

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,32 +15,72 @@ from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Failure, Footprint, Points
 from eaves.model.building import ROOF_SURFACE
 
+PARTY_WALLS = "party_wall_area_m2"
+
+
+@dataclass(frozen=True, eq=False)
+class Digest:
+    """What tables say of one building: made with it, for its model takes ten times as long to load."""
+
+    polygon: Polygon
+    """The footprint in world metres."""
+    row: dict[str, Any]
+    given: dict[str, Any]
+    """The attributes of the footprint that was given."""
+    faces: list[tuple[Polygon, dict[str, Any]]]
+    """As `roof_rows` gives them."""
+    modelled: bool
+    code: str | None
+    """Of a failure; of a model the reason why it is coarser than asked for."""
+    seconds: Mapping[str, float]
+
+    @classmethod
+    def of(cls, answer: BuildingModel | Failure, seconds: Mapping[str, float]) -> Digest:
+        """What is told of one building."""
+        footprint = answer.footprint
+        assert footprint is not None
+        row = building_row(answer)
+        given = {f"given_{key}": value for key, value in footprint.attributes.items()}
+        modelled = isinstance(answer, BuildingModel)
+        return cls(
+            world_polygon(footprint),
+            row,
+            given,
+            list(roof_rows(answer)),
+            modelled,
+            row["failure_code"],
+            seconds,
+        )
+
+    def numbered(self, number: int, shared: float | None) -> dict[str, Any]:
+        """The whole row; `number` is what `building_id` says in the classified points, `shared` the party
+        walls (m²), where known."""
+        walls = {} if shared is None else {PARTY_WALLS: shared}
+        return {**self.row, "number": number, **walls, **self.given}
+
 
 def world_polygon(footprint: Footprint) -> Polygon:
     """The footprint's polygon in world metres."""
     return shapely.transform(footprint.polygon, lambda xy: xy + np.array(footprint.origin))
 
 
-def building_row(number: int, answer: BuildingModel | Failure) -> dict[str, Any]:
-    """The attributes of one building; `number` is what `building_id` says in the classified points."""
+def building_row(answer: BuildingModel | Failure) -> dict[str, Any]:
+    """The attributes of one building that are known when it is modelled, and the place of its number."""
     footprint = answer.footprint
     assert footprint is not None
     row: dict[str, Any] = {
         "id": footprint.id,
-        "number": number,
+        "number": 0,
         "score": round(float(footprint.score), 3),
         "area_m2": round(float(footprint.polygon.area), 2),
     }
-    if isinstance(answer, BuildingModel):
-        row |= {"lod": answer.lod, "failure_code": None, "failure_reason": None}
-        row |= {key: value for key, value in answer.attributes.items() if not isinstance(value, list | dict)}
-        row["failure_code"] = answer.attributes.get("fallback_code")
-        row["failure_reason"] = answer.attributes.get("fallback_reason")
-        row.pop("fallback_code", None)
-        row.pop("fallback_reason", None)
-    else:
-        row |= {"lod": None, "failure_code": answer.code, "failure_reason": answer.reason}
-    return row | {f"given_{key}": value for key, value in footprint.attributes.items()}
+    if not isinstance(answer, BuildingModel):
+        return row | {"lod": None, "failure_code": answer.code, "failure_reason": answer.reason}
+    row |= {"lod": answer.lod, "failure_code": None, "failure_reason": None}
+    row |= {key: value for key, value in answer.attributes.items() if not isinstance(value, list | dict)}
+    row["failure_code"] = row.pop("fallback_code", None)
+    row["failure_reason"] = row.pop("fallback_reason", None)
+    return row
 
 
 def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[str, Any]]]:

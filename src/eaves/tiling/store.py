@@ -19,6 +19,7 @@ from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure,
 from eaves.model.cloud import QUANTUM
 from eaves.pipeline import BlockResult, BuildingResult
 from eaves.tiling.block_file import BlockFile, save_block
+from eaves.tiling.rows import Digest
 
 RECORD = np.dtype(
     [
@@ -120,27 +121,37 @@ class Store:
         return BlockFile(self.path("blocks", block), block)
 
     def save_buildings(self, home: Block, results: Sequence[BuildingResult]) -> None:
-        """Keep the buildings at home in one block: the answers, then the planes of their points."""
+        """Keep the buildings at home in one block."""
+        sections = {
+            "digests": [Digest.of(result.answer, result.seconds) for result in results],
+            "planes": [(result.point_id, result.plane) for result in results],
+            "answers": [result.answer for result in results],
+        }
+        packed = [pickle.dumps(section, protocol=5) for section in sections.values()]
+        ends = np.cumsum([8 * len(packed), *map(len, packed)])
         with atomic(self.path("buildings", home)) as temporary, temporary.open("wb") as file:
-            answers = [(result.answer, result.seconds) for result in results]
-            pickle.dump(answers, file, protocol=5)
-            pickle.dump([(result.point_id, result.plane) for result in results], file, protocol=5)
+            file.write(ends[:-1].astype("<i8").tobytes())  # where each section begins
+            file.writelines(packed)
 
-    def answers(self, homes: Sequence[Block]) -> Iterator[tuple[BuildingModel | Failure, dict[str, float]]]:
-        """Answer and seconds of all buildings, home block by home block."""
+    def digests(self, homes: Sequence[Block]) -> Iterator[Digest]:
+        """What is told of all buildings, home block by home block."""
+        return self._buildings(homes, 0)
+
+    def planes(self, home: Block) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int32]]]:
+        """Ids and roof planes (0 for none) of the points of each building at home in one block."""
+        return self._buildings([home], 1)
+
+    def answers(self, homes: Sequence[Block]) -> Iterator[BuildingModel | Failure]:
+        """All buildings, home block by home block."""
+        return self._buildings(homes, 2)
+
+    def _buildings(self, homes: Sequence[Block], section: int) -> Iterator[Any]:
         for home in homes:
             if self.has("buildings", home):
                 with self.path("buildings", home).open("rb") as file:
+                    file.seek(8 * section)
+                    file.seek(int.from_bytes(file.read(8), "little"))
                     yield from pickle.load(file)
-
-    def planes(self, home: Block) -> list[tuple[NDArray[np.int64], NDArray[np.int32]]]:
-        """Ids and roof planes (0 for none) of the points of each building at home in one block."""
-        if not self.has("buildings", home):
-            return []
-        with self.path("buildings", home).open("rb") as file:
-            pickle.load(file)
-            found: list[tuple[NDArray[np.int64], NDArray[np.int32]]] = pickle.load(file)
-        return found
 
     def matches(self, plan: dict[str, Any]) -> bool:
         """Whether the folder was made by the same plan (inputs, recipe, version)."""
