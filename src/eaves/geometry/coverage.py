@@ -7,17 +7,22 @@ from functools import cached_property
 
 import numpy as np
 import shapely
+from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from shapely import Polygon
 
-from eaves.model import Values
+from eaves.geometry.inside import points_in_polygons
+from eaves.model import Points, Values
 
 Integers = NDArray[np.int64]
 
 OUTSIDE = -1
 """The cell number of everything that is not covered."""
+
+PAIRWISE = 8
+"""Rings of this many edges and more are summed pairwise, which keeps more digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,55 +79,81 @@ class Coverage:
         return np.asarray(answer)
 
     @cached_property
-    def rings(self) -> list[tuple[int, Integers]]:
-        """Every ring as (cell to its left, half-edges in order)."""
-        following, seen = self.following.tolist(), [False] * len(self.start)
-        answer = []
-        for first in range(len(seen)):
-            if seen[first]:
-                continue
-            ring, half = [], first
-            while not seen[half]:
-                seen[half] = True
-                ring.append(half)
-                half = following[half]
-            answer.append((int(self.cell[first]), np.array(ring)))
-        return answer
+    def ring_order(self) -> tuple[Integers, Integers]:
+        """The half-edges (H,) ring by ring, and where each ring starts among them (R + 1,)."""
+        halves, first = ring_order_kernel(self.following)
+        return halves, first
+
+    @cached_property
+    def ring_cell(self) -> Integers:
+        """The cell (R,) to the left of every ring."""
+        halves, first = self.ring_order
+        return np.asarray(self.cell[halves[first[:-1]]])
+
+    @property
+    def rings(self) -> list[Integers]:
+        """The half-edges of every ring, in order."""
+        halves, first = self.ring_order
+        return np.split(halves, first[1:-1]) if len(first) > 1 else []
 
     @cached_property
     def ring_area(self) -> Values:
         """Signed area of each of `rings`, positive when counter-clockwise (m²)."""
         x, y = (self.nodes - self.nodes[:1]).T
-        cross = x[self.start] * y[self.end] - x[self.end] * y[self.start]
-        return np.array([0.5 * cross[ring].sum() for _, ring in self.rings])
+        halves, first = self.ring_order
+        start, end = self.start[halves], self.end[halves]
+        cross = x[start] * y[end] - x[end] * y[start]
+        size = np.diff(first)
+        answer = np.bincount(np.repeat(np.arange(len(size)), size), cross, len(size))
+        for ring in np.flatnonzero(size >= PAIRWISE):
+            answer[ring] = cross[first[ring] : first[ring + 1]].sum()
+        return np.asarray(0.5 * answer)
 
     @cached_property
     def area(self) -> Values:
         """Area (C,) of every cell (m²)."""
-        cells = np.array([cell for cell, _ in self.rings], np.int64)
-        inside = cells >= 0
+        inside = self.ring_cell >= 0
         return np.asarray(
-            np.bincount(cells[inside], self.ring_area[inside], minlength=self.count), np.float64
+            np.bincount(self.ring_cell[inside], self.ring_area[inside], minlength=self.count), np.float64
         )
 
+    @cached_property
+    def outer_ring(self) -> Integers:
+        """The first counter-clockwise ring (C,) of every cell, -1 for a cell without area to stand on: with
+        none, or with a ring of fewer than three edges.
+        """
+        number = np.flatnonzero((self.ring_cell >= 0) & (self.ring_area > 0.0))
+        cells, first = np.unique(self.ring_cell[number], return_index=True)
+        answer = np.full(self.count + 1, -1)
+        answer[cells] = number[first]
+        answer[self.ring_cell[np.diff(self.ring_order[1]) < 3]] = -1
+        return answer[:-1]
+
     def polygons(self) -> NDArray[np.object_]:
-        """The cells (C,) as shapely polygons."""
-        outer: list[NDArray[np.float64] | None] = [None] * self.count
-        holes: list[list[NDArray[np.float64]]] = [[] for _ in range(self.count)]
-        for (cell, ring), area in zip(self.rings, self.ring_area, strict=True):
-            if cell == OUTSIDE:
-                continue
-            places = self.nodes[self.start[ring]]
-            if area > 0.0 and outer[cell] is None:
-                outer[cell] = places
-            else:
-                holes[cell].append(places)
-        answer = np.empty(self.count, object)
-        for cell in range(self.count):
-            shell = outer[cell]
-            fits = shell is not None and len(shell) > 2 and all(len(hole) > 2 for hole in holes[cell])
-            answer[cell] = Polygon(shell, holes[cell]) if fits else Polygon()
+        """The cells (C,) as shapely polygons; empty where a cell has no outer ring."""
+        halves, first = self.ring_order
+        outer = np.append(self.outer_ring, -1)[self.ring_cell]
+        numbers = np.flatnonzero(outer >= 0)
+        numbers = numbers[np.lexsort((numbers, numbers != outer[numbers], self.ring_cell[numbers]))]
+        answer = np.full(self.count, Polygon(), object)
+        if len(numbers) == 0:
+            return answer
+        size = np.diff(first)[numbers]
+        step = np.arange(int(size.sum())) - np.repeat(np.cumsum(size) - size, size)
+        places = self.nodes[self.start[halves[np.repeat(first[numbers], size) + step]]]
+        rings = shapely.linearrings(places, indices=np.repeat(np.arange(len(numbers)), size))
+        cells, owner = np.unique(self.ring_cell[numbers], return_inverse=True)
+        answer[cells] = shapely.polygons(rings, indices=owner.ravel())
         return answer
+
+    def cells_of(self, points: Points) -> tuple[Integers, Integers]:
+        """Pairs of point and cell (K,), (K,): which cell each of the points (N, 3) lies in; on a border, in
+        several.
+        """
+        halves = np.flatnonzero(np.append(self.outer_ring, -1)[self.cell] >= 0)
+        halves = halves[np.argsort(self.cell[halves], kind="stable")]
+        start, end = self.nodes[self.start[halves]], self.nodes[self.end[halves]]
+        return points_in_polygons(points, start, end, self.cell[halves], self.count)
 
     def merged(self, label: Integers) -> tuple[Coverage, Integers]:
         """Neighbouring cells of like label (C,) made one, and the label of each new cell.
@@ -230,3 +261,22 @@ def coverage_of(polygons: NDArray[np.object_], grid: float) -> Coverage | None:
         np.concatenate([end, start[alone]]).astype(np.int64),
         np.concatenate([cell, np.full(int(alone.sum()), OUTSIDE)]).astype(np.int64),
     )
+
+
+@njit(cache=True)
+def ring_order_kernel(following: Integers) -> tuple[Integers, Integers]:
+    """The half-edges (H,) ring by ring, each `following` (H,) another, and where rings start (R + 1,)."""
+    seen = np.zeros(len(following), np.bool_)
+    halves, first = np.empty(len(following), np.int64), np.zeros(len(following) + 1, np.int64)
+    rings, count = 0, 0
+    for half in range(len(following)):
+        if seen[half]:
+            continue
+        while not seen[half]:
+            seen[half] = True
+            halves[count] = half
+            count += 1
+            half = following[half]
+        rings += 1
+        first[rings] = count
+    return halves, first[: rings + 1]

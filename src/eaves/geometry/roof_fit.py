@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.rings import area_vector
 from eaves.model import Mask, Points, Values
 
@@ -90,8 +91,7 @@ def fit_roof(points: Points, faces: RoofFaces) -> RoofFit:
     """Each point (N, 3) against the highest face at its x, y."""
     face = np.full(len(points), -1)
     if len(points) and len(faces.polygons):
-        tree = shapely.STRtree(shapely.points(points[:, :2]))
-        over, under = tree.query(faces.polygons, predicate="intersects")
+        under, over = points_in_polygons(points, *edges_of(faces.polygons), len(faces.polygons))
         a, b, c = faces.coefficients[over].T
         height = a * points[under, 0] + b * points[under, 1] + c
         order = np.lexsort((-over, height))  # the highest comes last; of equals the first face

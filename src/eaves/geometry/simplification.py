@@ -51,9 +51,7 @@ def is_sound(coverage: Coverage) -> bool:
     if not shapely.is_valid(polygons).all() or shapely.is_empty(polygons).any():
         return False
     covered = float(shapely.area(polygons).sum())
-    outer = sum(
-        -area for (cell, _), area in zip(coverage.rings, coverage.ring_area, strict=True) if cell == OUTSIDE
-    )
+    outer = -sum(coverage.ring_area[coverage.ring_cell == OUTSIDE].tolist())
     return bool(abs(covered - outer) <= 1e-6 * max(covered, 1.0))
 
 

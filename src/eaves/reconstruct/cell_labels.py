@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
+from numba import njit
 from numpy.typing import NDArray
 
 from eaves.geometry.coverage import OUTSIDE, Coverage, Integers
 from eaves.geometry.labelling import LARGEST, Jumps, label_nodes
-from eaves.model import Labels, Mask, Points, Values
+from eaves.geometry.percentiles import group_percentiles
+from eaves.model import Labels, Points, Values
 from eaves.reconstruct.evidence import LOWEST_ROOF
 
 RUNAWAY = 1e3
@@ -33,6 +33,9 @@ FREE_MISFIT = 0.03
 FARTHEST = 5.0
 """A plane may cover cells this near (m) to the rectangle around its points, which bounds the work."""
 
+SUPPORT = (1.0, 99.0)
+"""Percentiles of the heights of a plane's points between which they support it."""
+
 
 @dataclass(frozen=True)
 class Prices:
@@ -44,16 +47,6 @@ class Prices:
     plane: float
     overshoot: float
     reach_beyond: float
-
-
-def points_in_cells(coverage: Coverage, points: Points) -> tuple[Integers, Integers]:
-    """Pairs of point and cell (K,), (K,): which cell each of the points (N, 3) lies in; on a border, in
-    several.
-    """
-    tree = shapely.STRtree(coverage.polygons())
-    point, cell = tree.query(shapely.points(points[:, :2]), predicate="intersects")
-    order = np.lexsort((cell, point))
-    return point[order].astype(np.int64), cell[order].astype(np.int64)
 
 
 def label_cells(
@@ -70,23 +63,7 @@ def label_cells(
     `labels` (N,) say which of the `planes` (P, 3: a, b, c) each roof point (N, 3) supports; the last
     plane is the level that stands for no plane at all.
     """
-    point, cell = points_in_cells(coverage, roof)
-    data: NDArray[np.float64] = np.full((coverage.count, len(planes)), LARGEST)
-    for number, near in enumerate(cells_near(coverage, roof, labels, len(planes))):
-        mine = near[cell]
-        a, b, c = planes[number].tolist()
-        places = roof[point[mine]]
-        misfit = np.abs(places[:, 2] - places[:, 0] * a - places[:, 1] * b - c) / np.sqrt(1.0 + a**2 + b**2)
-        misfit = np.maximum(misfit - FREE_MISFIT, 0.0)
-        cost = np.minimum((misfit / prices.misfit_limit) ** 2, 1.0)
-        cost = (cost + np.minimum(misfit / prices.gross_limit, 1.0)) * spacing**2
-        data[near, number] = np.bincount(cell[mine], cost, coverage.count)[near]
-        heights = roof[labels == number, 2]
-        data[near, number] += RUNAWAY * beyond_support(
-            coverage, near, heights, planes[number], ground, prices
-        )
-    data[:, -1] += UNKNOWN_PRICE * coverage.area + 1e-6
-    np.minimum(data, LARGEST, out=data)
+    data = cell_costs(coverage, roof, labels, planes, spacing, ground, prices)
     halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
     edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
     start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
@@ -96,44 +73,95 @@ def label_cells(
     return label_nodes(data, edges, border, np.full(len(planes), prices.plane), jumps)
 
 
-def cells_near(coverage: Coverage, roof: Points, labels: Labels, count: int) -> Iterator[Mask]:
-    """For each of `count` planes the cells (C,) that may have it: those near the rectangle of its points.
-
-    The last plane stands for nothing known and may be anywhere.
-    """
-    inner = coverage.cell != OUTSIDE
-    low, high = np.full((coverage.count, 2), np.inf), np.full((coverage.count, 2), -np.inf)
-    np.minimum.at(low, coverage.cell[inner], coverage.nodes[coverage.start[inner]])
-    np.maximum.at(high, coverage.cell[inner], coverage.nodes[coverage.start[inner]])
-    for number in range(count - 1):
-        places = roof[labels == number, :2]
-        if len(places) == 0:
-            yield np.zeros(coverage.count, bool)
-            continue
-        west_south, east_north = places.min(axis=0) - FARTHEST, places.max(axis=0) + FARTHEST
-        yield np.asarray(((low <= east_north) & (high >= west_south)).all(axis=1))
-    yield np.ones(coverage.count, bool)
-
-
-def beyond_support(
+def cell_costs(
     coverage: Coverage,
-    near: Mask,
-    heights: Values,
-    plane: NDArray[np.float64],
+    roof: Points,
+    labels: Labels,
+    planes: NDArray[np.float64],
+    spacing: float,
     ground: float,
     prices: Prices,
-) -> Values:
-    """How far (K,; m) a plane (3,) leaves the heights of its own points, or sinks to the ground, over each
-    of the cells `near` (C,).
+) -> NDArray[np.float64]:
+    """The cost (C, P; m²) of every plane for every cell, arguments as for `label_cells`.
+
+    Only planes near a cell may have it: those the rectangle around whose points is near the cell's. The last
+    plane stands for nothing known and may be anywhere.
     """
-    low, high = np.percentile(heights, [1.0, 99.0]) if len(heights) else (-np.inf, np.inf)
-    margin = prices.overshoot + prices.reach_beyond * float(np.hypot(plane[0], plane[1]))
-    halves = np.flatnonzero(np.append(near, False)[coverage.cell])
-    halves = halves[np.argsort(coverage.cell[halves], kind="stable")]
-    if len(halves) == 0:
-        return np.zeros(0)
-    over = coverage.nodes[coverage.start[halves]] @ plane[:2] + plane[2]
-    floor = max(low - margin, ground + LOWEST_ROOF)
-    beyond = np.maximum(np.maximum(floor - over, over - high - margin), 0.0)
-    first = np.searchsorted(coverage.cell[halves], np.flatnonzero(near))
-    return np.asarray(np.maximum.reduceat(beyond, first))
+    count = len(planes)
+    point, cell = coverage.cells_of(roof)
+    order = np.argsort(cell, kind="stable")
+    inner = np.flatnonzero(coverage.cell != OUTSIDE)
+    inner = inner[np.argsort(coverage.cell[inner], kind="stable")]
+    box = np.full((count, 4), np.inf)
+    box[:, 2:] = -np.inf
+    mine = labels >= 0
+    np.minimum.at(box[:, :2], labels[mine], roof[mine, :2])
+    np.maximum.at(box[:, 2:], labels[mine], roof[mine, :2])
+    box += np.array([-FARTHEST, -FARTHEST, FARTHEST, FARTHEST])
+    box[-1] = -np.inf, -np.inf, np.inf, np.inf
+    heights = roof[mine, 2]
+    low, high = (group_percentiles(heights, labels[mine], count, percent) for percent in SUPPORT)
+    margin = prices.overshoot + prices.reach_beyond * np.hypot(planes[:, 0], planes[:, 1])
+    floor = np.where(np.isnan(low), -np.inf, low) - margin
+    ceiling = np.where(np.isnan(high), np.inf, high) + margin
+    data: NDArray[np.float64] = cell_costs_kernel(
+        roof[point[order]],
+        np.searchsorted(cell[order], np.arange(coverage.count + 1)),
+        coverage.nodes[coverage.start[inner]],
+        np.searchsorted(coverage.cell[inner], np.arange(coverage.count + 1)),
+        planes,
+        np.array([np.sqrt(1.0 + a**2 + b**2) for a, b, _ in planes.tolist()]),
+        box,
+        np.maximum(floor, ground + LOWEST_ROOF),
+        ceiling,
+        prices.misfit_limit,
+        prices.gross_limit,
+        spacing**2,
+    )
+    data[:, -1] += UNKNOWN_PRICE * coverage.area + 1e-6
+    return np.asarray(np.minimum(data, LARGEST))
+
+
+@njit(cache=True)
+def cell_costs_kernel(
+    places: Points,
+    first: Integers,
+    corners: NDArray[np.float64],
+    start: Integers,
+    planes: NDArray[np.float64],
+    steepness: Values,
+    box: NDArray[np.float64],
+    floor: Values,
+    ceiling: Values,
+    misfit_limit: float,
+    gross_limit: float,
+    point_area: float,
+) -> NDArray[np.float64]:
+    """The misfit (C, P; m²) of every plane's points in every cell, and of heights its own do not support.
+
+    Points `first[c]` to `first[c + 1]` of `places` (K, 3) are in cell c, the `corners` (M, 2) likewise from
+    `start`. `steepness` (P,) is √(1 + a² + b²), `box` (P, 4) where a plane may be, `floor` and `ceiling`
+    (P,; m) the heights it may have.
+    """
+    data = np.full((len(first) - 1, len(planes)), LARGEST)
+    for cell in range(len(first) - 1):
+        west, south, east, north = np.inf, np.inf, -np.inf, -np.inf
+        for corner in range(start[cell], start[cell + 1]):
+            west, east = min(west, corners[corner, 0]), max(east, corners[corner, 0])
+            south, north = min(south, corners[corner, 1]), max(north, corners[corner, 1])
+        for plane in range(len(planes)):
+            if west > box[plane, 2] or south > box[plane, 3] or east < box[plane, 0] or north < box[plane, 1]:
+                continue
+            a, b, c = planes[plane]
+            beyond = 0.0
+            for corner in range(start[cell], start[cell + 1]):
+                over = corners[corner, 0] * a + corners[corner, 1] * b + c
+                beyond = max(beyond, floor[plane] - over, over - ceiling[plane])
+            cost = 0.0
+            for point in range(first[cell], first[cell + 1]):
+                misfit = abs(places[point, 2] - places[point, 0] * a - places[point, 1] * b - c)
+                misfit = max(misfit / steepness[plane] - FREE_MISFIT, 0.0)
+                share = misfit / misfit_limit
+                cost += (min(share * share, 1.0) + min(misfit / gross_limit, 1.0)) * point_area
+            data[cell, plane] = cost + RUNAWAY * beyond
+    return data

@@ -151,14 +151,15 @@ def close_solid(coverage: Coverage, columns: Columns, names: Integers) -> Solid:
     ground: list[list[int]] = []
     roofs: list[list[list[int]]] = [[] for _ in range(coverage.count)]
     vertex = columns.vertex
-    for (cell, ring), area in zip(coverage.rings, coverage.ring_area, strict=True):
+    rings = zip(coverage.ring_cell.tolist(), coverage.rings, coverage.ring_area.tolist(), strict=True)
+    for cell, ring, area in rings:
         target = ground if cell == OUTSIDE else roofs[cell]
         outer = area < 0.0 if cell == OUTSIDE else area > 0.0
         target.insert(0 if outer else len(target), vertex[ring].tolist())
     faces = [Face(tuple(tuple(ring) for ring in ground), GROUND_SURFACE)]
     faces += [
-        Face(tuple(tuple(ring) for ring in rings), ROOF_SURFACE, int(names[cell]))
-        for cell, rings in enumerate(roofs)
+        Face(tuple(tuple(ring) for ring in own), ROOF_SURFACE, int(names[cell]))
+        for cell, own in enumerate(roofs)
     ]
     _, spans = wall_spans(coverage, columns)
     for foot_start, top_start, foot_end, top_end in spans.tolist():

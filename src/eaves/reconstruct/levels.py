@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.coverage import Coverage, Integers
+from eaves.geometry.percentiles import group_percentiles
 from eaves.model import Labels, Points, Solid, Values
-from eaves.reconstruct.cell_labels import Prices, label_cells, points_in_cells
+from eaves.reconstruct.cell_labels import Prices, label_cells
 from eaves.reconstruct.evidence import LOWEST_ROOF, PRISM_PERCENTILE
 from eaves.reconstruct.raising import raise_plan, without_numbers
 
@@ -62,12 +63,7 @@ def flat_plan(
 
 def heights_of(cell: Integers, heights: Values, count: int) -> Values:
     """The roof height (C,) of each cell: the 70th percentile of its points' heights; NaN without points."""
-    answer = np.full(count, np.nan)
-    order = np.argsort(cell, kind="stable")
-    first = np.searchsorted(cell[order], np.arange(count + 1))
-    for number in np.flatnonzero(np.diff(first)).tolist():
-        answer[number] = np.percentile(heights[order[first[number] : first[number + 1]]], PRISM_PERCENTILE)
-    return answer
+    return group_percentiles(heights, cell, count, PRISM_PERCENTILE)
 
 
 def coarse_solids(
@@ -76,7 +72,7 @@ def coarse_solids(
     """The sound solids at LoD 1.2 and 1.3 over a plan; `limits` are the smallest (m²) and the narrowest
     (m) face.
     """
-    point, cell = points_in_cells(plan, roof)
+    point, cell = plan.cells_of(roof)
     heights = roof[point, 2]
     groups = {"1.2": np.zeros(plan.count, np.int64), "1.3": group_levels(plan, cell, heights, jump)}
     answer = {}

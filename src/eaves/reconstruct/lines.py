@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 from shapely import Polygon
 
-from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Labels, Mask, Points, Values
 from eaves.reconstruct.jumps import fall_angles, jump_lines
 from eaves.reconstruct.line import SAME_DIRECTION_DEG, Line
@@ -40,9 +40,6 @@ MEETING_JUMP = 0.25
 
 OVERSHOOT = 0.01
 """How far (m) a line runs past the one it ends on, so that rounding leaves no gap."""
-
-FIRST_SEARCH = 8.0
-"""Distance (m) beyond a line's end in which the next line is sought; then eight times as far, and again."""
 
 PARALLEL = 1e-3
 """A stretch that comes this little (m) nearer to a line runs along it and does not cross it."""
@@ -194,29 +191,39 @@ def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.
     rings = [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
     starts = np.vstack([foot + direction * low[:, None], *(ring[:-1] for ring in rings)])
     ends = np.vstack([foot + direction * high[:, None], *(ring[1:] for ring in rings)])
-    up, down = np.full((2, len(lines)), np.inf)
-    tree = shapely.STRtree(shapely.linestrings(np.stack([starts, ends], axis=1)))
-    farthest = float(np.hypot(*np.ptp(np.vstack([starts, ends]), axis=0)))
-    reach = FIRST_SEARCH
-    waiting = np.arange(len(lines))
-    while len(waiting):
-        first = foot[waiting] + direction[waiting] * (low[waiting] - reach)[:, None]
-        last = foot[waiting] + direction[waiting] * (high[waiting] + reach)[:, None]
-        seen = shapely.linestrings(np.stack([first, last], axis=1))
-        line, other = tree.query(seen, predicate="dwithin", distance=COORDINATE_STEP)
-        line = waiting[line]
-        before = (starts[other] * normal[line]).sum(axis=1) - offset[line]
-        after = (ends[other] * normal[line]).sum(axis=1) - offset[line]
-        crosses = (before * after <= 0.0) & (np.abs(before - after) > PARALLEL)
-        share = before / np.where(crosses, before - after, 1.0)
-        along = ((starts[other] + share[:, None] * (ends[other] - starts[other])) * direction[line]).sum(1)
-        ahead, behind = crosses & (along >= high[line]), crosses & (along <= low[line])
-        np.minimum.at(up, line[ahead], along[ahead] - high[line[ahead]])
-        np.minimum.at(down, line[behind], low[line[behind]] - along[behind])
-        if reach > farthest:
-            break
-        waiting = waiting[np.maximum(up[waiting], down[waiting]) > reach]
-        reach *= 8.0
+    up, down = free_ways_kernel(normal, offset, low, high, starts, ends)
     last_along = np.where(np.isfinite(up), high + up + OVERSHOOT, high)
     first_along = np.where(np.isfinite(down), low - down - OVERSHOOT, low)
     return np.hstack([foot + direction * first_along[:, None], foot + direction * last_along[:, None]])
+
+
+@njit(cache=True)
+def free_ways_kernel(
+    normal: NDArray[np.float64],
+    offset: Values,
+    low: Values,
+    high: Values,
+    starts: NDArray[np.float64],
+    ends: NDArray[np.float64],
+) -> tuple[Values, Values]:
+    """How far (L,; m) lines run on beyond `high` and before `low` to the next segment; infinite without one.
+
+    The lines have a `normal` (L, 2) and an `offset` (L,), the segments go from `starts` to `ends` (S, 2).
+    """
+    up, down = np.full(len(offset), np.inf), np.full(len(offset), np.inf)
+    for line in range(len(offset)):
+        nx, ny = normal[line, 0], normal[line, 1]
+        for other in range(len(starts)):
+            before = starts[other, 0] * nx + starts[other, 1] * ny - offset[line]
+            after = ends[other, 0] * nx + ends[other, 1] * ny - offset[line]
+            if before * after > 0.0 or abs(before - after) <= PARALLEL:
+                continue
+            share = before / (before - after)
+            x = starts[other, 0] + share * (ends[other, 0] - starts[other, 0])
+            y = starts[other, 1] + share * (ends[other, 1] - starts[other, 1])
+            along = x * -ny + y * nx
+            if along >= high[line]:
+                up[line] = min(up[line], along - high[line])
+            if along <= low[line]:
+                down[line] = min(down[line], low[line] - along)
+    return up, down

@@ -14,7 +14,6 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
 from eaves.reconstruct.attributes import describe
 from eaves.reconstruct.base import Reconstructor
-from eaves.reconstruct.cell_labels import points_in_cells
 from eaves.reconstruct.evidence import (
     FEWEST_POINTS,
     faces_as_planes,
@@ -113,7 +112,7 @@ class PlaneIntersection(Reconstructor):
 
 def vote(plan: Coverage, roof: Points, labels: Labels, count: int) -> Integers:
     """The plane (C,) most of each cell's roof points (N, 3) belong to; empty cells take their neighbour's."""
-    point, cell = points_in_cells(plan, roof)
+    point, cell = plan.cells_of(roof)
     known = labels[point] >= 0
     votes = np.zeros((plan.count, count), np.int64)
     np.add.at(votes, (cell[known], labels[point[known]]), 1)

@@ -1,0 +1,133 @@
+"""Which points lie inside which polygons, exactly."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import shapely
+from numba import njit
+from numpy.typing import NDArray
+
+from eaves.model import Mask, Points
+
+Integers = NDArray[np.int64]
+
+ROUNDING = 1e-15
+"""Share of its terms by which a cross product may be wrong; nearer to zero its sign is found exactly."""
+
+
+def edges_of(
+    polygons: NDArray[np.object_],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], Integers]:
+    """Where the edges of polygons start and end (E, 2), (E, 2), and the polygon of each (E,), ascending."""
+    rings, owner = shapely.get_rings(polygons, return_index=True)
+    places, ring = shapely.get_coordinates(rings, return_index=True)
+    goes_on = ring[:-1] == ring[1:]
+    return places[:-1][goes_on], places[1:][goes_on], owner[ring[:-1][goes_on]].astype(np.int64)
+
+
+def points_in_polygons(
+    points: Points, start: NDArray[np.float64], end: NDArray[np.float64], owner: Integers, count: int
+) -> tuple[Integers, Integers]:
+    """Pairs of point and polygon (K,), (K,): points inside or on the border, in the order of the points.
+
+    `points` are (N, 2 or 3), the edges of `count` polygons go from `start` to `end` (E, 2), all of a polygon
+    together: `owner` (E,) ascends.
+    """
+    order = np.argsort(points[:, 1], kind="stable")
+    first = np.searchsorted(owner, np.arange(count + 1))
+    x, y = points[order, 0], points[order, 1]
+    point, polygon, sure = inside_kernel(x, y, start, end, first)
+    for number in np.flatnonzero(~sure).tolist():
+        edges = slice(first[polygon[number]], first[polygon[number] + 1])
+        sure[number] = is_inside(x[point[number]], y[point[number]], start[edges], end[edges])
+    point, polygon = order[point[sure]], polygon[sure]
+    order = np.lexsort((polygon, point))
+    return point[order], polygon[order]
+
+
+@njit(cache=True)
+def inside_kernel(
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+    first: Integers,
+) -> tuple[Integers, Integers, Mask]:
+    """Pairs of point and polygon (K,), (K,) that lie inside or may do so, and which are sure (K,).
+
+    Points at `x`, `y` (N,), y ascending; the edges of polygon p are `first[p]` to `first[p + 1]`. Counts the
+    edges that a ray to the east of the point crosses.
+    """
+    room, found = len(x) + 16, 0
+    point, polygon = np.empty(room, np.int64), np.empty(room, np.int64)
+    sure = np.empty(room, np.bool_)
+    near = np.empty(len(x), np.int64)
+    height = np.empty(len(x))
+    odd, border, unsure = np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_)
+    for number in range(len(first) - 1):
+        edges = range(first[number], first[number + 1])
+        if len(edges) == 0:
+            continue
+        west, south, east, north = np.inf, np.inf, -np.inf, -np.inf
+        for edge in edges:
+            west, east = min(west, start[edge, 0]), max(east, start[edge, 0])
+            south, north = min(south, start[edge, 1]), max(north, start[edge, 1])
+        count = 0
+        for one in range(np.searchsorted(y, south), np.searchsorted(y, north, side="right")):
+            if west <= x[one] <= east:
+                near[count], height[count] = one, y[one]
+                odd[count] = border[count] = unsure[count] = False
+                count += 1
+        for edge in edges:
+            ax, ay, bx, by = start[edge, 0], start[edge, 1], end[edge, 0], end[edge, 1]
+            low, high = min(ay, by), max(ay, by)
+            right = max(ax, bx)
+            for one in range(np.searchsorted(height[:count], low), count):
+                if height[one] > high:
+                    break
+                px, py = x[near[one]], height[one]
+                if px > right:
+                    continue
+                if (px == bx and py == by) or (low == high and px >= min(ax, bx)):
+                    border[one] = True
+                elif low <= py < high:
+                    one_way, other = (ax - px) * (by - py), (ay - py) * (bx - px)
+                    cross = one_way - other
+                    if abs(cross) < ROUNDING * (abs(one_way) + abs(other)):
+                        unsure[one] = True
+                    elif cross == 0.0:
+                        border[one] = True
+                    elif (cross > 0.0) == (by > ay):
+                        odd[one] = not odd[one]
+        for one in range(count):
+            if odd[one] or border[one] or unsure[one]:
+                if found == room:
+                    room *= 2
+                    longer = np.empty((2, room), np.int64)
+                    longer[0, :found], longer[1, :found] = point, polygon
+                    point, polygon = longer[0], longer[1]
+                    surer = np.empty(room, np.bool_)
+                    surer[:found] = sure
+                    sure = surer
+                point[found], polygon[found] = near[one], number
+                sure[found] = border[one] or not unsure[one]
+                found += 1
+    return point[:found], polygon[:found], sure[:found]
+
+
+def is_inside(x: float, y: float, start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
+    """Whether a place is inside a polygon with edges from `start` to `end` (E, 2), or on its border, in exact
+    arithmetic.
+    """
+    px, py = Fraction(float(x)), Fraction(float(y))
+    odd = False
+    for one, other in zip(start.tolist(), end.tolist(), strict=True):
+        ax, ay, bx, by = (Fraction(value) for value in (*one, *other))
+        cross = (ax - px) * (by - py) - (ay - py) * (bx - px)
+        if cross == 0 and min(ax, bx) <= px <= max(ax, bx) and min(ay, by) <= py <= max(ay, by):
+            return True
+        if min(ay, by) <= py < max(ay, by) and (cross > 0) == (by > ay):
+            odd = not odd
+    return odd

@@ -1,0 +1,32 @@
+"""Percentiles of many groups of values at once."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.model import Labels, Values
+
+
+def group_percentiles(
+    values: Values, group: Labels | NDArray[np.int64], count: int, percent: float
+) -> Values:
+    """The percentile (G,) of the values (N,) of each of `count` groups; NaN for a group without any.
+
+    Between two values it is linear, to the bit as `numpy.percentile` is. Values of group -1 are left out.
+    """
+    order = np.lexsort((values, group))
+    ordered = values[order]
+    first = np.searchsorted(group[order], np.arange(count + 1))
+    size = np.diff(first)
+    last = np.maximum(size - 1, 0)
+    place = last * (percent / 100.0)
+    low = np.floor(place).astype(np.int64)
+    some = size > 0
+    answer = np.full(count, np.nan)
+    before = ordered[(first[:-1] + low)[some]]
+    after = ordered[(first[:-1] + np.minimum(low + 1, last))[some]]
+    share = (place - low)[some]
+    step = after - before
+    answer[some] = np.where(share < 0.5, before + step * share, after - step * (1.0 - share))
+    return answer
