@@ -1,14 +1,19 @@
-"""How inputs are hurt: bytes anywhere, and words of a text."""
+"""How any input is hurt: bytes anywhere, words of a text, and the place it should be in."""
 
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
+from pathlib import Path
 
+Mutate = Callable[[bytes, random.Random], bytes]
 STRANGE = ("1e400", "-1e308", "NaN", "null", "[]", "{}", '""', "9" * 20, "-1", "true", "", ",")
 """What texts get in place of a word."""
 HEAD_BYTES = 900
 """Headers, records and the first chunk's beginning, where damage does most."""
 INTERESTING = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF)
+ODD_SHARE = 0.03
+"""So many inputs are not a hurt file but none, a folder, another kind of file, or twice the file."""
 
 
 def hurt_bytes(data: bytes, chance: random.Random) -> bytes:
@@ -54,3 +59,29 @@ def hurt_words(data: bytes, chance: random.Random) -> bytes:
         first, last = places[at], places[min(at + chance.choice((1, 1, 2)), len(places) - 1)]
         text = text[: first + 1] + chance.choice(STRANGE) + text[last:]
     return text.encode("utf-8")
+
+
+def either(share: float, one: Mutate, other: Mutate) -> Mutate:
+    """The first way of hurting in so large a share of the inputs, the second in the others."""
+    return lambda data, chance: (one if chance.random() < share else other)(data, chance)
+
+
+def put_hurt(path: Path, data: bytes, mutate: Mutate, others: list[Path], chance: random.Random) -> None:
+    """Write a hurt input to `path`; now and then something that no mutation of the file gives."""
+    if chance.random() >= ODD_SHARE:
+        path.write_bytes(mutate(data, chance))
+        return
+    act = chance.randrange(6)
+    if act == 0:
+        path.write_bytes(b"")
+    elif act == 1:
+        path.mkdir()
+        (path / path.name).write_bytes(data[: chance.choice((0, 100, len(data)))])
+    elif act == 2:
+        path.symlink_to(path.with_name("nothing"))
+    elif act == 3:
+        path.write_bytes(chance.choice(others).read_bytes())
+    elif act == 4:
+        path.write_bytes(data + data)
+    else:
+        path.write_bytes(chance.randbytes(chance.choice((1, 226, 4096, 100_000))))

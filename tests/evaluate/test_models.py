@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
 
 from eaves.evaluate import evaluate_models
-from eaves.evaluate.city import CityBuilding
+from eaves.evaluate.city import CityBuilding, read_buildings
 from eaves.evaluate.models import lay_points
+from eaves.formats import write_cityjson
+from eaves.simulate import nine_roofs_on_a_slope
 
 SLOPE = 0.75  # 3:4:5: the cosine of the slope is 0.8
 EAST = 500_000.0  # far from the origin, as real data are
@@ -98,3 +103,18 @@ def test_the_highest_of_several_faces_counts() -> None:
 def test_nothing_gives_an_answer() -> None:
     score = evaluate_models([], np.zeros((0, 3)), {})
     assert score.buildings == 0 and np.isnan(score.missed) and score.lods == {}
+
+
+def test_damaged_faces_have_a_footprint_of_polygons(tmp_path: Path) -> None:
+    scene = nine_roofs_on_a_slope(density=0.1)
+    path = tmp_path / "a.city.json"
+    write_cityjson(path, [building.model(scene.cloud.origin) for building in scene.buildings])
+    document = json.loads(path.read_text())
+    for item in document["CityObjects"].values():
+        for geometry in item.get("geometry", ()):
+            for shell in geometry["boundaries"] if geometry["type"] == "Solid" else ():
+                for rings in shell[::2]:  # to and fro along one edge: a line, seen from above
+                    rings[0] = [rings[0][0], rings[0][1], rings[0][0], rings[0][1]]
+    path.write_text(json.dumps(document))
+    kinds = {building.footprint.geom_type for building in read_buildings(path)}
+    assert kinds <= {"Polygon", "MultiPolygon"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -48,6 +49,25 @@ def test_scanned_model_is_written_with_its_own_ids(model: Path, tmp_path: Path) 
     scene = scan_town(town_of_model(model, trees=1.0), 1.0)
     paths = write_simulation(scene, tmp_path)
     assert {b.id for b in scene.buildings} <= set(read_cityjson(paths["models"]))
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+def test_model_larger_than_a_survey_is_refused(model: Path, tmp_path: Path, axis: int) -> None:
+    document = json.loads(model.read_text())
+    document["vertices"][3][axis] += 20_000 / document["transform"]["scale"][axis]
+    (tmp_path / "a.city.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match="measures"):
+        town_of_model(tmp_path / "a.city.json")
+
+
+def test_faces_without_corners_are_left_out(model: Path, tmp_path: Path) -> None:
+    document = json.loads(model.read_text())
+    first = next(iter(town_of_model(model).buildings)).id
+    shell = document["CityObjects"][first]["geometry"][-1]["boundaries"][0]
+    shell += [[], [[0, 1]]]
+    document["CityObjects"][first]["geometry"][-1].pop("semantics")
+    (tmp_path / "a.city.json").write_text(json.dumps(document))
+    assert len(town_of_model(tmp_path / "a.city.json").buildings) == 9
 
 
 def test_model_without_buildings_is_refused(tmp_path: Path) -> None:

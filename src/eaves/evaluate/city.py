@@ -11,6 +11,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from eaves.formats import CityObject, read_cityjson
+from eaves.geometry.polygons import polygon_parts
 from eaves.geometry.rings import area_vector
 from eaves.model import CoordinateSystem, Points
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
@@ -85,6 +86,8 @@ def _building(name: str, items: list[CityObject], lod: str | None) -> CityBuildi
                 ground.append(_shadow(rings))
     plan = ground or [_shadow(rings) for rings in roofs]
     footprint = shapely.union_all([shapely.make_valid(shape) for shape in plan], grid_size=0.001)
+    if footprint.geom_type not in ("Polygon", "MultiPolygon"):  # damaged faces have lines for a shadow
+        footprint = MultiPolygon(polygon_parts(footprint))
     return CityBuilding(
         name, wanted if faces else "", lods, tuple(roofs), tuple(faces), footprint, items[0].system
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -14,6 +14,7 @@ from pyproj.exceptions import CRSError
 
 from eaves.formats.errors import InputError
 from eaves.formats.geokeys import crs_of_geokeys
+from eaves.formats.inputs import LAS_SUFFIXES
 
 SIGNATURE = b"LASF"
 RECORD_LENGTHS = {0: 20, 1: 28, 2: 26, 3: 34, 4: 57, 5: 63, 6: 30, 7: 36, 8: 38, 9: 59, 10: 67}
@@ -118,36 +119,27 @@ class LasHeader:
         return crs_of_geokeys(keys)
 
 
-def is_las(path: Path) -> bool:
-    """Whether a file begins as LAS, LAZ and COPC do."""
-    with path.open("rb") as file:
-        return file.read(4) == SIGNATURE
-
-
-def read_las_header(path: Path) -> LasHeader:
-    """The checked header of a file; only the header and the records that matter are read.
+def read_las_header(path: Path, file: BinaryIO) -> LasHeader | None:
+    """The checked header of an open file; only the header and the records that matter are read. None when
+    the file neither begins as LAS, LAZ and COPC do nor is named so.
 
     Raises
     ------
     InputError
         When the header contradicts itself or the size of the file.
     """
-    with path.open("rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        head = file.read(375)
-        if head[:4] != SIGNATURE:
-            raise InputError.about(
-                path, f"begins with {head[:4]!r}, not with LASF", "give a LAS, LAZ or COPC file"
-            )
-        if len(head) < 227:
-            raise InputError.about(path, f"is cut off after {size} bytes, within its header", COPY_AGAIN)
-        header = _parse(path, file, head, size)
-        file.seek(header.data_offset + (8 if header.compressed else 0))  # behind the place of the chunk table
-        raw = file.read(12)
-    if not header.count or len(raw) < 12:
-        return header
-    stored = zip(struct.unpack("<3i", raw), header.scales, header.offsets, strict=True)
-    return replace(header, first=tuple(number * scale + offset for number, scale, offset in stored))
+    size = os.fstat(file.fileno()).st_size
+    file.seek(0)
+    head = file.read(375)
+    if head[:4] != SIGNATURE and path.suffix.lower() not in LAS_SUFFIXES:
+        return None
+    if head[:4] != SIGNATURE:
+        raise InputError.about(
+            path, f"begins with {head[:4]!r}, not with LASF", "give a LAS, LAZ or COPC file"
+        )
+    if len(head) < 227:
+        raise InputError.about(path, f"is cut off after {size} bytes, within its header", COPY_AGAIN)
+    return _parse(path, file, head, size)
 
 
 def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:
@@ -197,9 +189,22 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:
         highest=(east, north, top),
         compressed=compressed,
         records=records,
+        first=_first_point(file, data_offset + (8 if compressed else 0), scales, offsets) if count else (),
     )
     _check_points(header, refuse)
     return header
+
+
+def _first_point(
+    file: BinaryIO, start: int, scales: tuple[float, ...], offsets: tuple[float, ...]
+) -> tuple[float, ...]:
+    """The coordinates stored at a byte (behind the place of the chunk table, where there is one)."""
+    file.seek(start)
+    raw = file.read(12)
+    if len(raw) < 12:
+        return ()
+    stored = zip(struct.unpack("<3i", raw), scales, offsets, strict=True)
+    return tuple(number * scale + offset for number, scale, offset in stored)
 
 
 def _check_points(header: LasHeader, refuse: object) -> None:

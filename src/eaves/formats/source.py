@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pyproj
@@ -14,9 +16,10 @@ import pyproj
 from eaves.formats.chunk import Chunk
 from eaves.formats.crs import agree, degrees_remedy, parse_crs, system_of
 from eaves.formats.errors import InputError
-from eaves.formats.inputs import LAS_SUFFIXES, find_inputs
+from eaves.formats.fingerprint import fingerprint
+from eaves.formats.inputs import find_inputs
 from eaves.formats.las import WHOLE, iter_las
-from eaves.formats.las_header import LasHeader, is_las, read_las_header
+from eaves.formats.las_header import LasHeader, read_las_header
 from eaves.formats.text import TextLayout, iter_text, read_text_layout
 from eaves.model import Block, Bounds, CoordinateSystem, Mask, PointCloud, Points
 from eaves.model.cloud import snap
@@ -89,15 +92,22 @@ def open_source(path: str | Path, crs: str | None = None) -> Source:
     >>> open_source(write_simulation(nine_roofs_on_a_slope(density=1.0), "nine")["points"]).count
     10404
     """
+    return _opened(path, crs, lambda file: b"")[0]
+
+
+def open_marked(path: str | Path, crs: str | None = None) -> tuple[Source, bytes]:
+    """What `open_source` gives, and the file's fingerprint, for one opening."""
+    return _opened(path, crs, fingerprint)
+
+
+def _opened(path: str | Path, crs: str | None, look: Callable[[BinaryIO], bytes]) -> tuple[Source, bytes]:
     path = Path(path)
     try:
-        if path.stat().st_size == 0:
-            raise InputError.about(path, "is empty (0 bytes)", "copy or download it again")
-        if is_las(path):
-            return _open_las(path, crs)
-        if path.suffix.lower() in LAS_SUFFIXES:
-            read_las_header(path)
-        return _open_text(path, crs)
+        with path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size == 0:
+                raise InputError.about(path, "is empty (0 bytes)", "copy or download it again")
+            header, seen = read_las_header(path, file), look(file)
+        return _open_text(path, crs) if header is None else _open_las(header, crs), seen
     except OSError as error:
         raise InputError.about(
             path, f"cannot be read ({error.strerror or error})", "check the path and its permissions"
@@ -272,8 +282,7 @@ def _native_chunks(
     return iter_las(layout, rectangle, size, part)
 
 
-def _open_las(path: Path, crs: str | None) -> Source:
-    header = read_las_header(path)
+def _open_las(header: LasHeader, crs: str | None) -> Source:
     count, low, high = header.count, header.lowest, header.highest
     if not _box_is_believed(header):
         try:
@@ -283,7 +292,7 @@ def _open_las(path: Path, crs: str | None) -> Source:
                 raise
     system = _declared(_Projection(header.projection, crs, header))
     if system is None:
-        system = _system(path, None, low, high, min(map(abs, header.scales[:2])))
+        system = _system(header.path, None, low, high, min(map(abs, header.scales[:2])))
     kind = "copc" if header.compressed and header.copc is not None else "laz" if header.compressed else "las"
     return _source(kind, count, low, high, system, FIELDS, header)
 

@@ -43,6 +43,9 @@ GROUND_NEIGHBOURS = 6
 CLOSING_GRIDS = (0.001, 0.005, 0.01, 0.02)
 """Grids (m) to which the corners of roof faces are snapped, in turn, until a solid closes over them."""
 
+LARGEST = (10_000.0, 10_000.0, 900.0)
+"""What a town may measure (m): terrain and points are held in memory, and surveys fly 1,000 m above it."""
+
 SMOOTHING = 5.0
 """Standard deviation (m) of the filter that rounds the terrain between buildings."""
 
@@ -80,6 +83,10 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
             path, "holds no building with surfaces", "give a CityJSON file with LoD 1 or 2"
         )
     corners = np.concatenate([solid.vertices for _, solid, _ in solids])
+    if (np.ptp(corners, axis=0) > LARGEST).any():
+        sides = " × ".join(f"{side:.0f}" for side in np.ptp(corners, axis=0))
+        most = " × ".join(f"{side:.0f}" for side in LARGEST)
+        raise InputError.about(path, f"measures {sides} m, more than {most}", "give a part of it, in metres")
     west, south = np.floor((corners.min(axis=0)[:2] - RIM) / 10.0) * 10.0
     origin = float(west), float(south)
     buildings: list[ExactBuilding] = []
@@ -109,11 +116,17 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
 
 
 def _shells(found: CityObject) -> tuple[Solid, ...]:
-    """The shells of the object's finest geometry that has faces."""
+    """The shells of the object's finest geometry that has faces; of damaged ones those faces with corners."""
     finest = max(found.geometries, key=lambda geometry: geometry.lod, default=None)
     if finest is None:
         return ()
-    return tuple(solid for solid in found.as_solids(finest) if solid.faces)
+    shells = (
+        replace(
+            solid, faces=tuple(face for face in solid.faces if face.rings and min(map(len, face.rings)) > 2)
+        )
+        for solid in found.as_solids(finest)
+    )
+    return tuple(solid for solid in shells if solid.faces)
 
 
 def _building(name: str, solid: Solid, number: int, first_face: int) -> ExactBuilding | None:

@@ -11,8 +11,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from eaves.formats import InputError, find_inputs
+from eaves.formats import InputError
 from eaves.formats.disk import report_full_disk
+from eaves.formats.inputs import list_inputs
 from eaves.model import Bounds
 from eaves.pipeline import Recipe, make_recipe
 from eaves.tiling.exports import check_formats
@@ -96,7 +97,7 @@ def build(
             "leave one of --footprints and --party-walls out"
         )
     folder = Path(out)
-    paths = find_inputs([inputs] if isinstance(inputs, str | Path) else inputs)
+    paths = list_inputs(inputs)
     failed: list[str] = []
     index = index_inputs(paths, options.crs, failed, lambda done, total: tell("index", done, total))
     bounds = in_metres(options.bounds, index.system)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from eaves.formats import InputError, Source, open_source
 from eaves.formats.crs import agree
-from eaves.formats.source import FIELDS, warn_without_system
+from eaves.formats.source import FIELDS, open_marked, warn_without_system
 from eaves.model import Bounds, CoordinateSystem, Mask
 
 log = logging.getLogger("eaves")
@@ -23,9 +23,6 @@ ENTRY = np.dtype(
     [("count", "<i8"), ("box", "<f8", 4), ("fields", "u1"), ("mark", "u1", 16), ("path_end", "<i8")]
 )
 """Records, west-south-east-north (world metres), bits of `FIELDS`, fingerprint, end of the path's bytes."""
-SAMPLED_BYTES = 1 << 16
-"""Of a longer file the first and last so many bytes are hashed: header and first points, and the chunk table,
-whose compressed sizes change with any point. Hashing a country whole would read it once more."""
 LISTED_INPUTS = 1000
 """Up to so many inputs are named one by one in run.json; of more, their number and common hash are."""
 
@@ -129,7 +126,7 @@ class Index:
 
 
 def index_inputs(
-    paths: Sequence[Path],
+    paths: Sequence[str | Path],
     crs: str | None,
     failed: list[str],
     tell: Callable[[int, int], None] = lambda done, total: None,
@@ -146,8 +143,7 @@ def index_inputs(
     number, lying = 0, []
     for path in paths:
         try:
-            source = open_source(path, crs)
-            mark = fingerprint(path)
+            source, mark = open_marked(path, crs)
         except InputError as error:
             if len(paths) == 1:
                 raise
@@ -161,9 +157,10 @@ def index_inputs(
         entries[number] = source.count, box, bits, np.frombuffer(mark, np.uint8), len(names)
         if source.measured:
             kept[number] = source
-        if source.lies:
-            lying.append(path)
-        systems.setdefault(source.system, path)
+            if source.lies:
+                lying.append(path)
+        if source.system not in systems:
+            systems[source.system] = Path(path)
         number += 1
         if number % 1000 == 0:
             tell(number, len(paths))
@@ -180,26 +177,3 @@ def index_inputs(
             lying[0],
         )
     return index
-
-
-def fingerprint(path: Path) -> bytes:
-    """16 bytes that change with the file's size, time of change, beginning or end.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read.
-    """
-    try:
-        state = Path(path).stat()
-        told = hashlib.sha256(f"{state.st_size} {state.st_mtime_ns}".encode())
-        with Path(path).open("rb") as file:
-            told.update(file.read(SAMPLED_BYTES))
-            if state.st_size > 2 * SAMPLED_BYTES:
-                file.seek(-SAMPLED_BYTES, 2)
-            told.update(file.read(SAMPLED_BYTES))
-    except OSError as error:
-        raise InputError.about(
-            path, f"cannot be read ({error.strerror})", "check the path and its permissions"
-        ) from None
-    return told.digest()[:16]
