@@ -9,10 +9,9 @@ import numpy as np
 import shapely
 from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from shapely import Polygon
 
+from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.inside import points_in_polygons
 from eaves.model import Points, Values
 
@@ -177,8 +176,7 @@ class Coverage:
         left, right = padded[self.cell], padded[self.cell[self.twin]]
         inner = (left == right) & (left != OUTSIDE) & (self.cell != OUTSIDE)
         pairs = (self.cell[inner], self.cell[self.twin][inner])
-        graph = coo_matrix((np.ones(len(pairs[0]), np.int8), pairs), shape=(self.count, self.count))
-        group = connected_components(graph, directed=False)[1].astype(np.int64)
+        group = connected_groups_kernel(*pairs, self.count)
         kept = np.flatnonzero(label != OUTSIDE)
         first = np.full(int(group.max(initial=-1)) + 1, self.count)
         np.minimum.at(first, group[kept], kept)
@@ -199,8 +197,8 @@ class Coverage:
         """The connected pieces of the coverage, each with the cells it is made of."""
         inner = (self.cell != OUTSIDE) & (self.cell[self.twin] != OUTSIDE)
         pairs = (self.cell[inner], self.cell[self.twin][inner])
-        graph = coo_matrix((np.ones(len(pairs[0]), np.int8), pairs), shape=(self.count, self.count))
-        number, group = connected_components(graph, directed=False)
+        group = connected_groups_kernel(*pairs, self.count)
+        number = int(group.max(initial=-1)) + 1
         if number <= 1:
             return [(self, np.arange(self.count))]
         answer = []

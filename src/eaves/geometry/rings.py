@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import chain
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +27,19 @@ def area_vector(ring: NDArray[np.float64]) -> NDArray[np.float64]:
     cross = np.empty(shifted.shape)
     cross[:, 0], cross[:, 1], cross[:, 2] = y * w - z * v, z * u - x * w, x * v - y * u
     return np.asarray(0.5 * cross.sum(axis=0))
+
+
+def ring_edges(
+    rings: Sequence[Sequence[int]],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Where the edges of closed rings of vertex numbers start and end (E,), (E,), and their rings (E,)."""
+    size = np.array([len(ring) for ring in rings], np.int64)
+    start = np.fromiter(chain.from_iterable(rings), np.int64, int(size.sum()))
+    end = np.empty_like(start)
+    end[:-1] = start[1:]
+    after = np.cumsum(size)
+    end[after[size > 0] - 1] = start[(after - size)[size > 0]]
+    return start, end, np.repeat(np.arange(len(size)), size)
 
 
 def split_loops(ring: NDArray[np.int64]) -> list[NDArray[np.int64]]:

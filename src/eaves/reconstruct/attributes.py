@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from eaves.geometry.rings import ring_edges
 from eaves.geometry.roof_fit import collect_faces, fit_roof
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Mask, Points, Solid, Values
@@ -37,10 +38,8 @@ Surface = tuple[Values, Values, NDArray[np.int64]]
 
 def face_vectors(solid: Solid) -> NDArray[np.float64]:
     """Vector areas (F, 3) of the faces, holes taken off: direction outwards, length the area (Newell)."""
-    rings = [(number, ring) for number, face in enumerate(solid.faces) for ring in face.rings]
-    owner = np.concatenate([np.full(len(ring), number) for number, ring in rings])
-    start = np.concatenate([np.asarray(ring) for _, ring in rings])
-    end = np.concatenate([np.roll(np.asarray(ring), -1) for _, ring in rings])
+    start, end, ring = ring_edges([ring for face in solid.faces for ring in face.rings])
+    owner = np.repeat(np.arange(len(solid.faces)), [len(face.rings) for face in solid.faces])[ring]
     centred = solid.vertices - solid.vertices[0]
     cross = 0.5 * np.cross(centred[start], centred[end])
     return np.column_stack([np.bincount(owner, cross[:, axis], len(solid.faces)) for axis in range(3)])

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
+from eaves.geometry.components import connected_groups_kernel
 from eaves.model import BuildingModel, Labels, Points, RoofPlane
 from eaves.reconstruct.attributes import Surface, surface_heights
 
@@ -60,8 +59,7 @@ def level_unexplained(
         return answer, heights
     scaled = points[loose] * np.array([1.0, 1.0, CLUSTER_REACH * spacing / LEVEL_STEP])
     pairs = cKDTree(scaled).query_pairs(CLUSTER_REACH * spacing, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(loose),) * 2)
-    cluster = connected_components(graph, directed=False)[1]
+    cluster = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(loose))
     sizes = np.bincount(cluster)
     most = max(MOST_PLANES - count, 0)
     kept = np.argsort(-sizes, kind="stable")[:most]

@@ -78,34 +78,111 @@ def strongest_lines(
 
     `trust` (A,) multiplies the weight of each direction.
     """
-    lines: list[Line] = []
     width, gap = max(WINDOW * spacing, 0.25), max(2.5 * spacing, 0.8)
     shortest = max(2.0 * spacing, 0.6)
     offsets = normals @ places.T
     order = np.argsort(offsets, axis=1, kind="stable")
     columns = np.take_along_axis(offsets, order, axis=1)
-    left = np.ones(len(places), bool)
-    while left.sum() >= FEWEST_SAMPLES:
-        best, start = strongest_strip_kernel(columns, order, weights, left, trust, width)
-        first = columns[best, start]
-        strip = order[best, start : np.searchsorted(columns[best], first + width, side="right")]
-        near = np.sort(strip[left[strip]])
+    found = strongest_lines_kernel(places, columns, order, weights, normals, trust, width, gap, shortest)
+    direction, first, strip, longest = found
+    lines: list[Line] = []
+    for line, best in enumerate(direction.tolist()):
+        mine = slice(first[line], first[line + 1])
+        near = strip[mine][longest[mine]]
         nx, ny = normals[best].tolist()
-        along = places[near] @ np.array([-ny, nx])
-        turn = np.argsort(along, kind="stable")
-        near, along = near[turn], along[turn]
-        stretch = np.split(np.arange(len(near)), np.flatnonzero(np.diff(along) > gap) + 1)
-        longest = max(stretch, key=lambda some: float(weights[near[some]].sum()))
-        low, high = float(along[longest[0]]), float(along[longest[-1]])
-        if len(longest) >= FEWEST_SAMPLES and high - low >= shortest:
-            middle = float(np.median(offsets[best, near[longest]]))
-            lines.append(Line((nx, ny), middle, low, high, float(weights[near[longest]].sum()), False))
-        left[near[longest]] = False
-        if 2 * left.sum() < order.shape[1]:
-            stays = left[order]
-            order = order[stays].reshape(len(normals), -1)
-            columns = columns[stays].reshape(len(normals), -1)
+        along = (places[strip[mine]] @ np.array([-ny, nx]))[longest[mine]]
+        near = near[np.argsort(along, kind="stable")]
+        middle, support = float(np.median(offsets[best, near])), float(weights[near].sum())
+        lines.append(Line((nx, ny), middle, float(along.min()), float(along.max()), support, False))
     return lines
+
+
+@njit(cache=True)
+def strongest_lines_kernel(
+    places: NDArray[np.float64],
+    columns: NDArray[np.float64],
+    order: NDArray[np.int64],
+    weights: Values,
+    normals: NDArray[np.float64],
+    trust: Values,
+    width: float,
+    gap: float,
+    shortest: float,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], Mask]:
+    """The direction (L,) of each line, and the places in its strip: where they start (L + 1,), their numbers
+    (S,), ascending, and whether each belongs to the longest stretch without a `gap` (S,), which is the line.
+
+    `columns` (A, M) are the offsets of the places `order` (A, M) in each direction, ascending; both change.
+    Lines of fewer than `FEWEST_SAMPLES` places or shorter than `shortest` only use their places up.
+    """
+    count = columns.shape[1]
+    direction, first = np.empty(count, np.int64), np.zeros(count + 1, np.int64)
+    strip, longest = np.empty(count * len(normals), np.int64), np.zeros(count * len(normals), np.bool_)
+    left = np.ones(count, np.bool_)
+    lines, remaining = 0, count
+    while remaining >= FEWEST_SAMPLES:
+        best, start = strongest_strip_kernel(
+            columns[:, :count], order[:, :count], weights, left, trust, width
+        )
+        end = np.searchsorted(columns[best, :count], columns[best, start] + width, side="right")
+        near = order[best, start:end]
+        near = np.sort(near[left[near]])
+        nx, ny = normals[best]
+        along = np.empty(len(near))
+        for one in range(len(near)):
+            along[one] = places[near[one], 1] * nx - places[near[one], 0] * ny
+        turn = np.argsort(along, kind="mergesort")
+        most, low, high, begin = -1.0, 0, 0, 0
+        for one in range(1, len(turn) + 1):
+            if one == len(turn) or along[turn[one]] - along[turn[one - 1]] > gap:
+                total = pairwise_sum_kernel(weights[near[turn[begin:one]]])
+                if total > most:
+                    most, low, high = total, begin, one
+                begin = one
+        if high - low >= FEWEST_SAMPLES and along[turn[high - 1]] - along[turn[low]] >= shortest:
+            if first[lines] + len(near) > len(strip):
+                strip = np.append(strip, np.empty(len(strip) + len(near), np.int64))
+                longest = np.append(longest, np.zeros(len(strip), np.bool_))
+            direction[lines], first[lines + 1] = best, first[lines] + len(near)
+            strip[first[lines] : first[lines + 1]] = near
+            longest[first[lines] + turn[low:high]] = True
+            lines += 1
+        left[near[turn[low:high]]] = False
+        remaining -= high - low
+        if 2 * remaining < count:
+            for number in range(len(normals)):
+                kept = 0
+                for one in range(count):
+                    if left[order[number, one]]:
+                        order[number, kept] = order[number, one]
+                        columns[number, kept] = columns[number, one]
+                        kept += 1
+            count = remaining
+    used = first[lines]
+    return direction[:lines], first[: lines + 1], strip[:used], longest[:used]
+
+
+@njit(cache=True)
+def pairwise_sum_kernel(values: Values) -> float:
+    """The sum of values (N,), in halves, which keeps more digits: in the order in which numpy adds them."""
+    count = len(values)
+    if count < 8:
+        total = 0.0
+        for value in values:
+            total += value
+        return total
+    if count > 128:
+        half = count // 2
+        half -= half % 8
+        return float(pairwise_sum_kernel(values[:half]) + pairwise_sum_kernel(values[half:]))
+    part = values[:8].copy()
+    whole = count - count % 8
+    for one in range(8, whole):
+        part[one % 8] += values[one]
+    total = ((part[0] + part[1]) + (part[2] + part[3])) + ((part[4] + part[5]) + (part[6] + part[7]))
+    for one in range(whole, count):
+        total += values[one]
+    return float(total)
 
 
 @njit(cache=True)

@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from eaves.geometry.rings import ring_edges
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.model import Solid
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
@@ -31,11 +32,9 @@ def find_defect(solid: Solid) -> str:
     with area.
     """
     rings = [ring for face in solid.faces for ring in face.rings]
-    sizes = np.array([len(ring) for ring in rings])
-    if sizes.min() < 3:
+    if min(map(len, rings)) < 3:
         return "a ring of fewer than three vertices"
-    start = np.concatenate([np.asarray(ring) for ring in rings])
-    end = np.concatenate([np.roll(np.asarray(ring), -1) for ring in rings])
+    start, end, _ = ring_edges(rings)
     count = len(solid.vertices)
     there, back = np.sort(start * count + end), np.sort(end * count + start)
     if np.any(np.diff(there) == 0) or not np.array_equal(there, back):

@@ -1,0 +1,38 @@
+"""The connected groups of a graph."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Integers = NDArray[np.int64]
+
+
+@njit(cache=True)
+def connected_groups_kernel(one: Integers, other: Integers, count: int) -> Integers:
+    """The group (N,) of each of `count` nodes, edges joining `one` (E,) to `other` (E,).
+
+    Groups are numbered in the order of their first nodes.
+    """
+    head = np.arange(count)
+    for edge in range(len(one)):
+        a, b = one[edge], other[edge]
+        while head[a] != a:
+            head[a] = head[head[a]]
+            a = head[a]
+        while head[b] != b:
+            head[b] = head[head[b]]
+            b = head[b]
+        if a < b:
+            head[b] = a
+        else:
+            head[a] = b
+    groups = 0
+    for node in range(count):
+        if head[node] == node:
+            head[node] = groups
+            groups += 1
+        else:  # the head of a node comes before it, and bears its number already
+            head[node] = head[head[node]]
+    return head
