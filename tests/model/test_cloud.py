@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -54,3 +55,13 @@ def test_raster_is_linear_between_cell_centres() -> None:
     xy = np.array([[10.25, 19.75], [11.0, 19.5], [12.1, 18.6]])
     expected = 2 * ((xy[:, 0] - 10.25) / 0.5) - (19.75 - xy[:, 1]) / 0.5
     assert np.allclose(raster.at(xy), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 127, 128, 1000])
+@pytest.mark.parametrize("columns", [2, 3])
+def test_bounds_are_the_extremes_of_the_columns(count: int, columns: int) -> None:
+    xyz = np.random.default_rng(count).normal(0, 10, (count, columns))
+    for points in (xyz, xyz[::-1], np.asfortranarray(xyz)):
+        bounds = Bounds.of(points)
+        assert (bounds.west, bounds.south) == tuple(xyz.min(axis=0)[:2])
+        assert (bounds.east, bounds.north) == tuple(xyz.max(axis=0)[:2])

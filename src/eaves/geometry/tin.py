@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from eaves.model import Points, Values
+from eaves.model import Bounds, Points, Values
 from eaves.model.cloud import QUANTUM
 
 Ids = NDArray[np.int32]
@@ -40,10 +40,10 @@ class Tin:
     """
 
     def __init__(self, xy: Points, first: NDArray[np.int64] | None = None) -> None:
-        self.xy = np.ascontiguousarray(xy[:, :2], np.float64)
-        corner = np.array([self.xy[:, 0].min(), self.xy[:, 1].min()]) if len(xy) else np.zeros(2)
-        self.whole = np.round((self.xy - corner) / QUANTUM).astype(np.int64)
-        self.corner = corner
+        self.xy = np.ascontiguousarray(xy, np.float64)
+        bounds = Bounds.of(self.xy) if len(xy) else Bounds(0.0, 0.0, 0.0, 0.0)
+        self.corner = np.array([bounds.west, bounds.south])
+        self.whole = whole_kernel(self.xy, self.corner)
         capacity = 2 * len(xy) + 4
         self._vertices = np.empty((capacity, 3), np.int32)
         self._neighbours = np.empty((capacity, 3), np.int32)
@@ -98,7 +98,7 @@ class Tin:
         """
         if self._count == 0:
             return np.full(len(xy), -1, np.int32)
-        whole = np.round((xy[:, :2] - self.corner) / QUANTUM).astype(np.int64)
+        whole = whole_kernel(np.ascontiguousarray(xy), self.corner)
         start = np.full(len(xy), -1, np.int32) if hint is None else hint
         return np.asarray(locate_kernel(self.whole, whole, self.vertices, self.neighbours, start))
 
@@ -113,9 +113,19 @@ class Tin:
                 np.asarray(heights, np.float64),
                 self.vertices,
                 triangle,
-                np.ascontiguousarray(xy[:, :2]),
+                np.ascontiguousarray(xy),
             )
         )
+
+
+@njit(cache=True)
+def whole_kernel(xy: Points, corner: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Plan coordinates (N, 2) of points (N, 2 or 3) about the corner, in quanta."""
+    whole = np.empty((len(xy), 2), np.int64)
+    for i in range(len(xy)):
+        for axis in range(2):
+            whole[i, axis] = int(np.rint((xy[i, axis] - corner[axis]) / QUANTUM))
+    return whole
 
 
 @njit(cache=True)

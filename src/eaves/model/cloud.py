@@ -60,7 +60,8 @@ class PointCloud:
         """Which points are noise (classes 7 and 18); none where there are no classes."""
         if self.classification is None:
             return np.zeros(len(self), bool)
-        return np.isin(self.classification, NOISE_CLASSES)
+        low, high = NOISE_CLASSES
+        return np.asarray((self.classification == low) | (self.classification == high))
 
     @property
     def has_returns(self) -> bool:

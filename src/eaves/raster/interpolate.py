@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
 from eaves.geometry.tin import Tin
-from eaves.model import Grid, Mask, Points, Raster, Values
+from eaves.model import Grid, Mask, Raster
+from eaves.raster.nearest import nearest_cells, places
 
 
 def fill_nearest(raster: Raster, within: float = np.inf) -> Raster:
@@ -28,25 +28,22 @@ def fill_linear(raster: Raster) -> Raster:
     if known.all() or not known.any():
         return raster
     rim = known & ndimage.binary_dilation(~known, np.ones((3, 3), bool))
-    rows, columns = np.nonzero(rim)
     filled = raster.values.copy()
-    filled[~known] = interpolate_cells(
-        np.c_[columns, -rows].astype(np.float64), raster.values[rim].astype(np.float64), ~known
-    )
+    filled[~known] = interpolate_cells(raster.values, rim, ~known)
     return raster.with_(values=filled)
 
 
-def interpolate_cells(xy: Points, heights: Values, wanted: Mask) -> Grid:
-    """Heights at the wanted cells (H, W), as (K,), linear between points (N, 2) given in columns and minus
-    rows.
-    """
+def interpolate_cells(values: Grid, known: Mask, wanted: Mask) -> Grid:
+    """Values (K,) at the wanted cells (H, W), linear between the known cells (H, W) of `values` (H, W)."""
+    known_rows, known_columns = np.nonzero(known)
     rows, columns = np.nonzero(wanted)
-    target = np.c_[columns, -rows].astype(np.float64)
-    values = Tin(xy).interpolated(heights, target)
-    outside = ~np.isfinite(values)
-    if outside.any():
-        values[outside] = heights[cKDTree(xy).query(target[outside])[1]]
-    return values.astype(np.float32)
+    heights = values[known_rows, known_columns].astype(np.float64)
+    tin = Tin(places(known_rows, known_columns))
+    answer = tin.interpolated(heights, places(rows, columns)).astype(np.float32)
+    outside = np.flatnonzero(~np.isfinite(answer))
+    if len(outside):
+        answer[outside] = values[nearest_cells(known, rows[outside], columns[outside])]
+    return answer
 
 
 def fill_smooth(values: Grid) -> Grid:

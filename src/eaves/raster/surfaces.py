@@ -30,7 +30,7 @@ def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
     >>> bool(dtm.values.max() < cloud.xyz[:, 2].max())
     True
     """
-    ground = cloud.xyz[cloud.ground]
+    ground = cloud.xyz.take(np.flatnonzero(cloud.ground), axis=0)
     mean, _ = mean_heights(ground, bounds, cell)
     raster = Raster(mean, bounds.west, bounds.north, cell)
     if (
@@ -65,6 +65,7 @@ def make_dsm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, close: float
     >>> dsm.values.shape, dsm.cell
     ((102, 102), 1.0)
     """
-    xyz = cloud.xyz[~cloud.noise]
+    noise = cloud.noise
+    xyz = cloud.xyz.take(np.flatnonzero(~noise), axis=0) if noise.any() else cloud.xyz
     top = heights_of(highest_points(xyz, bounds, cell), xyz[:, 2])
     return fill_nearest(Raster(top, bounds.west, bounds.north, cell), close)

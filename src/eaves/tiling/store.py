@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
-from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure, PointCloud
+from eaves.model import Block, BuildingModel, CoordinateSystem, Failure, PointCloud, Points
 from eaves.model.cloud import QUANTUM
 from eaves.pipeline import BlockResult, BuildingResult
 from eaves.tiling.block_file import BlockFile, save_block
@@ -69,32 +70,46 @@ class Store:
         """The records of all points in a block, by input and place in it."""
         path = self.points_path(block)
         files = sorted(path.glob("*.bin")) if path.exists() else []
-        return np.concatenate([np.zeros(0, RECORD), *(np.fromfile(file, RECORD) for file in files)])
+        ends = np.cumsum([0, *(file.stat().st_size // RECORD.itemsize for file in files)])
+        records = np.empty(ends[-1], RECORD)
+        for start, end, path in zip(ends[:-1], ends[1:], files, strict=True):
+            with path.open("rb") as file:  # numpy joins records field by field, many times as slowly
+                file.readinto(records[start:end].view(np.uint8).data)
+        return records
 
     def load_cloud(self, block: Block, reach: float) -> PointCloud:
         """The points of a block and of its surroundings up to `reach` (m), about the block's corner."""
         steps = int(np.ceil(reach / block.side))
-        window = block.bounds.grown(reach).moved(-block.origin[0], -block.origin[1])
+        west, south, east, north = (
+            round(side / QUANTUM)
+            for side in vars(block.bounds.grown(reach).moved(-block.origin[0], -block.origin[1])).values()
+        )
         pieces = []
         for column in range(block.column - steps, block.column + steps + 1):
             for row in range(block.row - steps, block.row + steps + 1):
                 near = Block(column, row, block.side)
                 records = self.read_points(near)
-                if not len(records):
-                    continue
-                shift = np.round((np.array(near.origin) - block.origin) / QUANTUM).astype(np.int64)
-                if near != block:
-                    records = records[within(records["xyz"], window.moved(*(-shift * QUANTUM)))]
-                pieces.append(((records["xyz"] + np.append(shift, 0)) * QUANTUM, records))
-        xyz = np.concatenate([piece[0] for piece in pieces])
-        records = np.concatenate([piece[1] for piece in pieces])
+                right, up = (round(way / QUANTUM) for way in np.subtract(near.origin, block.origin))
+                quanta = records["xyz"]
+                which = within_kernel(quanta, west - right, south - up, east - right, north - up)
+                if len(which):  # of the neighbours only the rim is kept while the others are read
+                    records = records if len(which) == len(records) else records.take(which)
+                    pieces.append((records, right, up))
+        ends = np.cumsum([0, *(len(records) for records, _, _ in pieces)])
+        xyz = np.empty((ends[-1], 3))
+        for start, (records, right, up) in zip(ends[:-1], pieces, strict=True):
+            metres_kernel(records["xyz"], right, up, QUANTUM, xyz[start : start + len(records)])
+
+        def joined(name: str) -> NDArray[Any]:
+            return np.concatenate([np.zeros(0, RECORD[name]), *(records[name] for records, _, _ in pieces)])
+
         return PointCloud(
             xyz=xyz,
             origin=block.origin,
-            return_number=records["return_number"].copy() if self.has_returns else None,
-            number_of_returns=records["number_of_returns"].copy() if self.has_returns else None,
-            classification=records["classification"].copy() if self.has_classes else None,
-            point_id=records["point_id"].copy(),
+            return_number=joined("return_number") if self.has_returns else None,
+            number_of_returns=joined("number_of_returns") if self.has_returns else None,
+            classification=joined("classification") if self.has_classes else None,
+            point_id=joined("point_id"),
             system=self.system,
         )
 
@@ -164,8 +179,22 @@ class Store:
             temporary.write_text(json.dumps(plan), encoding="utf-8")
 
 
-def within(quanta: NDArray[np.int32], window: Bounds) -> NDArray[np.int64]:
-    """Numbers (K,) of the points, in quanta (N, 3), inside a window whose sides are whole quanta (m)."""
-    west, south, east, north = (round(side / QUANTUM) for side in vars(window).values())
-    x, y = quanta[:, 0], quanta[:, 1]
-    return np.flatnonzero((x >= west) & (x < east) & (y >= south) & (y < north))
+@njit(cache=True)
+def within_kernel(
+    quanta: NDArray[np.int32], west: int, south: int, east: int, north: int
+) -> NDArray[np.int64]:
+    """Numbers (K,) of the points (N, 3) inside a window; all in quanta."""
+    which, count = np.empty(len(quanta), np.int64), 0
+    for i in range(len(quanta)):
+        which[count] = i
+        count += west <= quanta[i, 0] < east and south <= quanta[i, 1] < north
+    return which[:count]
+
+
+@njit(cache=True)
+def metres_kernel(quanta: NDArray[np.int32], right: int, up: int, quantum: float, xyz: Points) -> None:
+    """The places of points in quanta (N, 3), moved by whole quanta, in metres into `xyz` (N, 3)."""
+    for i in range(len(quanta)):
+        xyz[i, 0] = (quanta[i, 0] + right) * quantum
+        xyz[i, 1] = (quanta[i, 1] + up) * quantum
+        xyz[i, 2] = quanta[i, 2] * quantum

@@ -1,0 +1,23 @@
+"""The nearest known cell is that of a k-d tree, ties included."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from eaves.raster.nearest import nearest_cells, places
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "share"), [(1, 1, 1.0), (1, 30, 0.1), (40, 1, 0.1), (60, 80, 0.01), (50, 50, 0.3)]
+)
+def test_nearest_cells_are_those_of_a_tree(rows: int, columns: int, share: float) -> None:
+    known = np.random.default_rng(rows).random((rows, columns)) < share
+    known[rows // 2, columns // 3] = True
+    wanted = np.nonzero(~known | known)
+    known_rows, known_columns = np.nonzero(known)
+    row, column = nearest_cells(known, *wanted)
+    which = cKDTree(places(known_rows, known_columns)).query(places(*wanted))[1]
+    assert (row == known_rows[which]).all()
+    assert (column == known_columns[which]).all()
