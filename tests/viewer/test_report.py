@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from eaves.formats import InputError
+from eaves.tiling.build import Options
 from eaves.tiling.build import build as build_files
 from eaves.tiling.outputs import Summary
 from eaves.viewer import sample
 from eaves.viewer.build import build
-from eaves.viewer.contents import points_of, read_contents
+from eaves.viewer.contents import read_contents
 from eaves.viewer.open import open_report
 from eaves.viewer.report import page_arrays, render
 from eaves.viewer.sample import Heard
@@ -76,9 +77,10 @@ def test_more_points_than_wanted_are_thinned_and_the_page_says_so(nine_run: Summ
 def test_the_points_heard_while_they_are_written_are_those_read_afterwards(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for limit in (2000, 10_000_000):
-        heard = Heard(limit, lambda: points_of(read_contents(tmp_path).rows))
-        build_files(nine_roofs_file, tmp_path, hear=heard)
+    for limit, jobs in ((2000, 2), (10_000_000, 1)):
+        heard = Heard(limit, 1000)
+        options = Options(jobs=jobs, block=60.0)
+        build_files(nine_roofs_file, tmp_path, options=options, listener=heard)
         read = read_contents(tmp_path, points=limit).points
         assert len(read) > 0 and (len(read) < 6000) == (limit == 2000)
         with monkeypatch.context() as patched:

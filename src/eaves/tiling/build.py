@@ -19,7 +19,7 @@ from eaves.pipeline import Recipe, make_recipe
 from eaves.tiling.exports import check_formats
 from eaves.tiling.index import Index, index_inputs
 from eaves.tiling.outputs import EVERYTHING, Summary
-from eaves.tiling.point_labels import Hear
+from eaves.tiling.point_labels import Listener
 from eaves.tiling.region import Job, Tell, everywhere
 from eaves.tiling.runners import Workers
 from eaves.tiling.scatter import Window
@@ -62,7 +62,7 @@ def build(
     recipe: Recipe | None = None,
     options: Options | None = None,
     tell: Tell = lambda stage, done, total: None,
-    hear: Hear | None = None,
+    listener: Listener | None = None,
 ) -> Summary:
     """Footprints, models, rasters and classified points of all inputs, written to the folder `out`.
 
@@ -78,8 +78,8 @@ def build(
         The rest; see `Options`.
     tell
         Hears progress.
-    hear
-        Hears the classified points as they are written, after the footprints; not in a run by tiles.
+    listener
+        Hears the classified points as they are written; not in a run by tiles.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def build(
     with report_full_disk(folder), Workers(options.jobs, options.scheduler) as workers:
         if tiled:
             return by_tiles(job, folder, workers, tell)
-        return everywhere(job, folder, workers, tell, hear)
+        return everywhere(job, folder, workers, tell, listener)
 
 
 def claim(folder: Path) -> None:

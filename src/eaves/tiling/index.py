@@ -86,6 +86,12 @@ class Index:
         """What the header says of where one file's points are."""
         return Bounds(*map(float, self.entries["box"][number]))
 
+    def spans_blocks(self, side: float) -> bool:
+        """Whether the headers say that the points lie in more than one block of this side (m)."""
+        west, south, east, north = self.entries["box"].T
+        first = np.floor(west.min() / side), np.floor(south.min() / side)
+        return bool(first != (np.floor(east.max() / side), np.floor(north.max() / side)))
+
     def meeting(self, bounds: Bounds) -> Mask:
         """Which files (F,) say that they have points within `bounds`."""
         west, south, east, north = self.entries["box"].T

@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import pyogrio
 import rasterio
 import shapely
 
@@ -29,6 +28,8 @@ class TileRows:
     layer: str
 
     def __iter__(self) -> Iterator[Row]:
+        import pyogrio.raw
+
         number = 0
         for place in self.places:
             path = place / "footprints.gpkg"
@@ -68,6 +69,8 @@ def merge_masks(footprints: Path, places: Sequence[Path], system: CoordinateSyst
 
 def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem) -> None:
     """mask.tif of one tile, over the extent of its terrain."""
+    import pyogrio.raw
+
     unit = system.horizontal_unit_m
     with rasterio.open(place / "dtm.tif") as image:
         extent = image.bounds

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import shutil
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from glob import escape
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,18 +17,19 @@ from typing import Any
 from eaves.formats import write_cityjson_seq
 from eaves.formats.atomic import atomic
 from eaves.formats.geopackage import Row, write_geopackage
-from eaves.model import Block, BuildingModel, Failure
+from eaves.model import Block, Bounds, BuildingModel, Failure
 from eaves.tiling.block_file import Notes
 from eaves.tiling.exports import export_footprints, export_models
 from eaves.tiling.index import Index
 from eaves.tiling.neighbours import party_walls
-from eaves.tiling.point_labels import Hear, write_points
+from eaves.tiling.point_labels import Listener, write_points
 from eaves.tiling.rows import PARTY_WALLS
-from eaves.tiling.runners import peak_memory_mb
+from eaves.tiling.runners import Workers, peak_memory_mb
 from eaves.tiling.store import Store
 from eaves.tiling.surfaces import extent_of, write_mask, write_surfaces
 
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified")
+LONGEST_FIRST = ("classified", "models", "footprints", "rasters", "mask")
 
 
 @dataclass(frozen=True)
@@ -118,6 +122,55 @@ class BuildingRows:
                 yield Row(digest.polygon, digest.numbered(number, next(areas, None)))
 
 
+@dataclass(frozen=True, eq=False)
+class OutputPlan:
+    """What the files are made of; picklable, for each may be written by another process.
+
+    `blocks` and `homes` are those the files show, without blocks that failed.
+    """
+
+    store: Store
+    index: Index
+    blocks: Sequence[Block]
+    homes: Sequence[Block]
+    extent: Bounds
+    folder: Path
+    formats: Sequence[str]
+    shared: Sequence[float | None]
+    """The party walls (m²) of the buildings, where known."""
+    classified: Path | None
+    listener: Listener | None
+
+    def answers(self) -> Iterator[BuildingModel | Failure]:
+        """All models and failures, home block by home block, the models with their party walls."""
+        areas = iter(self.shared)
+        for answer in self.store.answers(self.homes):
+            area = next(areas, None)
+            if isinstance(answer, BuildingModel) and area is not None:
+                answer = answer.with_(attributes={**answer.attributes, PARTY_WALLS: area})
+            yield answer
+
+
+def write_output(step: str, plan: OutputPlan) -> tuple[list[Path], Listener | None]:
+    """Write what one name of `EVERYTHING` stands for: the files, and the listener with what it heard."""
+    store, homes, folder, system = plan.store, plan.homes, plan.folder, plan.store.system
+    if step == "footprints":
+        files, rows = [folder / "footprints.gpkg"], BuildingRows(store, homes, plan.shared)
+        write_geopackage(files[0], rows, BuildingRows(store, homes, faces=True), system)
+        return files + export_footprints(folder, rows, system, plan.formats), None
+    if step == "models":
+        files = [folder / "buildings.city.jsonl"]
+        write_cityjson_seq(files[0], plan.answers(), system)
+        return files + export_models(folder, plan.answers, system, plan.formats), None
+    if step == "mask":
+        polygons = [digest.polygon for digest in store.digests(homes)]
+        return write_mask(system, plan.blocks, polygons, plan.extent, folder / "mask.tif"), None
+    if step == "rasters":
+        return write_surfaces(store, plan.blocks, plan.extent, folder), None
+    files = write_points(store, plan.index, plan.blocks, homes, folder, plan.classified, plan.listener)
+    return files, plan.listener
+
+
 def write_outputs(
     store: Store,
     index: Index,
@@ -125,6 +178,7 @@ def write_outputs(
     homes: Sequence[Block],
     folder: Path,
     *,
+    workers: Workers,
     wanted: Sequence[str] = EVERYTHING,
     formats: Sequence[str] = (),
     classified: Path | None = None,
@@ -132,42 +186,48 @@ def write_outputs(
     failed: Sequence[str],
     started: float,
     tell: Callable[[str, int, int], None],
-    hear: Hear | None = None,
+    listener: Listener | None = None,
 ) -> Summary:
     """Write what is wanted into `folder`, each file whole or not at all, and say what came out.
 
-    `blocks` and `homes` are those the files are to show; blocks that failed are left out. `hear` hears the
-    classified points, after the footprints are there.
+    `blocks` and `homes` are those the files are to show; blocks that failed are left out.
     """
-    files: list[Path] = []
-    system = store.system
     steps = [name for name in EVERYTHING if name in wanted]
     shared = party_walls(store, homes) if {"footprints", "models"} & set(steps) else []
-    rows, notes = BuildingRows(store, homes, shared), read_notes(store, blocks)
+    notes = read_notes(store, blocks)
     computed, extent = [note.block for note in notes], extent_of(notes)
-    for done, step in enumerate(steps):
-        tell("write", done, len(steps))
-        if step == "footprints":
-            files.append(folder / "footprints.gpkg")
-            write_geopackage(files[-1], rows, BuildingRows(store, homes, faces=True), system)
-            files += export_footprints(folder, rows, system, formats)
-        elif step == "models":
-            files.append(folder / "buildings.city.jsonl")
-            write_cityjson_seq(files[-1], answers(store, homes, shared), system)
-            files += export_models(folder, lambda: answers(store, homes, shared), system, formats)
-        elif step == "mask":
-            polygons = [digest.polygon for digest in store.digests(homes)]
-            files += write_mask(system, computed, polygons, extent, folder / "mask.tif")
-        elif step == "rasters":
-            files += write_surfaces(store, computed, extent, folder)
-        elif step == "classified":
-            files += write_points(store, index, computed, homes, folder, classified, hear)
-    tell("write", len(steps), len(steps))
+    plan = OutputPlan(store, index, computed, homes, extent, folder, formats, shared, classified, listener)
+    if listener is not None:
+        sizes = [int(digest.row.get("points") or 0) for digest in store.digests(homes)]
+        listener.start(index.points, len(sizes), sum(sizes))
+    written: dict[str, list[Path]] = {}
+    tell("write", 0, len(steps))
+    order = sorted(steps, key=LONGEST_FIRST.index)
+    for outcome in workers.run(partial(write_output, plan=plan), order) if workers.started else ():
+        run = {**run, "peak_memory_mb": max(run["peak_memory_mb"], round(outcome.peak_mb))}
+        if outcome.answer is not None:
+            written[order[outcome.index]], heard = outcome.answer
+            if listener is not None and heard is not None:
+                listener.take_over(heard)
+            tell("write", len(written), len(steps))
+    for step in steps:
+        if step not in written:  # what failed in another process is tried here, where its error can be raised
+            written[step] = write_output(step, plan)[0]
+            tell("write", len(written), len(steps))
 
+    files = [path for step in steps for path in written[step]]
+    clear_leftovers(files)
     summary = summarise(store, index, notes, homes, folder, files, run, failed, started)
     if classified is None:
         write_run(summary)
     return summary
+
+
+def clear_leftovers(files: Sequence[Path]) -> None:
+    """Remove what processes that were killed have left of these files in the making."""
+    for path in files:
+        for place in path.parent.glob(f".{escape(path.name)}.*"):
+            shutil.rmtree(place, ignore_errors=True)
 
 
 def write_run(summary: Summary) -> None:
@@ -239,15 +299,3 @@ def summarise(
         failed=tuple(failed),
         run={**run, "peak_memory_mb": max(run["peak_memory_mb"], round(peak_memory_mb()))},
     )
-
-
-def answers(
-    store: Store, homes: Sequence[Block], shared: Sequence[float | None] = ()
-) -> Iterator[BuildingModel | Failure]:
-    """All models and failures, home block by home block; models with their party walls (m²), where known."""
-    areas = iter(shared)
-    for answer in store.answers(homes):
-        area = next(areas, None)
-        if isinstance(answer, BuildingModel) and area is not None:
-            answer = answer.with_(attributes={**answer.attributes, PARTY_WALLS: area})
-        yield answer

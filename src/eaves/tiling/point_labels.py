@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,19 @@ TYPES: dict[str, Any] = {
     "building_id": np.int32,
     "plane_id": np.int32,
 }
-Hear = Callable[[Path, int, int, NDArray[np.void]], None]
-"""Hears of the records that are written: their file, how many all files have, the place of the first in its
-file, the records."""
+
+
+class Listener(Protocol):
+    """Hears of the classified points as they are written; picklable, for another process may write them."""
+
+    def start(self, points: int, buildings: int, on_buildings: int) -> None:
+        """Hear how many points the inputs have, how many buildings were found, and the points of these."""
+
+    def hear(self, path: Path, first: int, records: NDArray[np.void]) -> None:
+        """Hear of records of a file and the place of the first."""
+
+    def take_over(self, other: Any) -> None:
+        """Become the listener that came back from another process."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +67,7 @@ def write_points(
     homes: Sequence[Block],
     folder: Path,
     single: Path | None,
-    hear: Hear | None = None,
+    listener: Listener | None = None,
 ) -> list[Path]:
     """The classified points of every input; `single` names the file of the only one."""
     gather_labels(store, index, blocks, homes)
@@ -72,8 +82,8 @@ def write_points(
         }
         classes = mine.pop("classes")
         try:
-            heard = None if hear is None else partial(hear, path, index.points)
-            write_classified(index.source(number), path, classes, {} if single else mine, hear=heard)
+            hear = None if listener is None else partial(listener.hear, path)
+            write_classified(index.source(number), path, classes, {} if single else mine, hear=hear)
             written.append(path)
         except InputError as error:  # a damaged file; scattering it has said so
             log.debug("%s", error)

@@ -29,7 +29,7 @@ from eaves.tiling.gather import Gatherer
 from eaves.tiling.index import Index
 from eaves.tiling.join import HomePlan, Seam, assign_footprints, blocks_beyond, blocks_under, join_regions
 from eaves.tiling.outputs import EVERYTHING, Summary, write_outputs
-from eaves.tiling.point_labels import Hear
+from eaves.tiling.point_labels import Listener
 from eaves.tiling.runners import Outcome, Workers, peak_memory_mb
 from eaves.tiling.scatter import Part, Window, earlier, parts_of, scatter_part
 from eaves.tiling.store import Store
@@ -99,9 +99,9 @@ class Region:
             system=job.index.system,
         )
 
-    def compute(self, core: Core, hear: Hear | None = None) -> Summary:
-        """Everything, up to the files; the working folder goes when nothing failed. `hear` hears the
-        classified points.
+    def compute(self, core: Core, listener: Listener | None = None) -> Summary:
+        """Everything, up to the files; the working folder goes when nothing failed. `listener` hears
+        the classified points.
 
         Raises
         ------
@@ -133,7 +133,8 @@ class Region:
             classified=self.job.classified,
             started=self.job.started,
             tell=self.tell,
-            hear=hear,
+            workers=self.workers,
+            listener=listener,
         )
         if summary.complete:
             self.store.discard()
@@ -250,6 +251,7 @@ class Region:
         left = [block for block in blocks if not self.store.has("blocks", block)]
         if left:  # what was joined without them no longer holds
             self.store.forget("buildings")
+        left = self.workers.heaviest_first(left, self.store.count_points)
         work = partial(compute_block, store=self.store, recipe=self.job.recipe)
         for done, outcome in enumerate(self.workers.run(work, left), 1):
             self.note(outcome, f"block {left[outcome.index].name}")
@@ -258,6 +260,7 @@ class Region:
     def model(self, homes: Sequence[HomePlan]) -> None:
         """The building pass for those home blocks that have not been computed."""
         left = [home for home in homes if not self.store.has("buildings", home.home)]
+        left = self.workers.heaviest_first(left, lambda home: len(home.buildings))
         work = partial(compute_home, store=self.store, recipe=self.job.recipe, snap=self.job.snap)
         for done, outcome in enumerate(self.workers.run(work, left), 1):
             self.note(outcome, f"buildings of block {left[outcome.index].home.name}")
@@ -289,6 +292,10 @@ def warn_of_boxes(index: Index, lying: dict[int, Bounds]) -> None:
             len(lying),
             index.path(first),
         )
+
+
+def get_ready(recipe: Recipe) -> None:
+    """Nothing: what a worker needs is imported by the time it knows this function and the methods."""
 
 
 def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
@@ -332,10 +339,14 @@ def draw_all(buildings: list[BuildingPoints], recipe: Recipe) -> list[Footprint 
         return [draw_all([building], recipe)[0] for building in buildings]
 
 
-def everywhere(job: Job, folder: Path, workers: Workers, tell: Tell, hear: Hear | None = None) -> Summary:
-    """The whole job as one region; `hear` hears the classified points."""
+def everywhere(
+    job: Job, folder: Path, workers: Workers, tell: Tell, listener: Listener | None = None
+) -> Summary:
+    """The whole job as one region; `listener` hears the classified points."""
     name = ".eaves-work" if job.classified is None else f".eaves-work-{job.classified.stem}"
+    if job.index.spans_blocks(job.side):
+        workers.start(partial(get_ready, job.recipe))
     region = Region(job, folder, folder / name, workers, tell)
-    summary = region.compute(Core(holds=lambda block: True), hear)
+    summary = region.compute(Core(holds=lambda block: True), listener)
     warn_of_boxes(job.index, region.lying)
     return summary

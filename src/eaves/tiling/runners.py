@@ -21,6 +21,8 @@ Task = TypeVar("Task")
 AHEAD = 4
 """Tasks that wait for each worker."""
 PROCESS_STATUS = Path("/proc/self/status")
+FEW = 64
+"""Tasks for each worker, of which the largest go first."""
 DASK_AHEAD = 16
 """Threads a cluster is taken to have while its workers are still coming."""
 
@@ -94,6 +96,25 @@ class Workers:
         """Whether this process does all the work."""
         return self.scheduler is None and self.jobs < 2
 
+    def start(self, work: Callable[[], Any]) -> None:
+        """Start the processes, if there are to be some, with work that makes them import what they need."""
+        if self.scheduler is None and self.jobs > 1 and self._pool is None:
+            pool = self._processes()
+            for _ in range(self.jobs):
+                pool.submit(work)
+
+    def heaviest_first(self, tasks: Sequence[Task], weight: Callable[[Task], int]) -> list[Task]:
+        """The tasks in the order in which several processes end together; in their own when they are many,
+        for neighbours read the same files."""
+        if self.alone or len(tasks) > FEW * max(self.jobs, 1):
+            return list(tasks)
+        return sorted(tasks, key=weight, reverse=True)
+
+    @property
+    def started(self) -> bool:
+        """Whether there are processes that wait for work."""
+        return self._pool is not None
+
     def run(self, work: Callable[[Task], Any], tasks: Sequence[Task]) -> Iterator[Outcome]:
         """Outcomes of `work(task)` for every task, as they are ready; `work` must write its own part."""
         if self.scheduler is not None and tasks:
@@ -132,9 +153,7 @@ class Workers:
 
         Few tasks wait in the pool at a time: a country has more of them than memory should hold.
         """
-        if self._pool is None:
-            context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self.jobs, mp_context=context, initializer=ignore_interrupt)
+        pool = self._processes()
         waiting, broken = iter(batch), False
         running: set[Future[Outcome]] = set()
         try:
@@ -144,7 +163,7 @@ class Workers:
                     if index is None:
                         break
                     try:
-                        running.add(self._pool.submit(attempt, work, index, tasks[index]))
+                        running.add(pool.submit(attempt, work, index, tasks[index]))
                     except BrokenProcessPool:
                         broken = True
                 if not running:
@@ -190,6 +209,12 @@ class Workers:
             else:
                 yield Outcome(number[future.key], error=f"the cluster lost it: {future.exception()}")
             stream.update(submit(1))
+
+    def _processes(self) -> ProcessPoolExecutor:
+        if self._pool is None:
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(self.jobs, mp_context=context, initializer=ignore_interrupt)
+        return self._pool
 
     def _stop_processes(self) -> None:
         for process in list((getattr(self._pool, "_processes", None) or {}).values()):

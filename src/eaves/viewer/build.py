@@ -11,8 +11,9 @@ from eaves.tiling.build import Options
 from eaves.tiling.build import build as build_files
 from eaves.tiling.outputs import Summary
 from eaves.tiling.region import Tell
-from eaves.viewer.contents import listen
+from eaves.viewer.contents import BUILDINGS_SHOWN, POINTS_SHOWN
 from eaves.viewer.report import write_report
+from eaves.viewer.sample import Heard
 
 
 def build(
@@ -40,7 +41,7 @@ def build(
     >>> (summary.folder / "report.html").exists()
     True
     """
-    heard = listen(out)
+    heard = Heard(POINTS_SHOWN, BUILDINGS_SHOWN)
     summary = build_files(inputs, out, recipe, options, tell, heard)
     if "tiles" in summary.run:
         return summary

@@ -34,7 +34,7 @@ FARTHEST = 2_000_000.0
 """Points farther (m) from the scene are strays; what whole millimetres in four bytes can hold."""
 TERRAIN_CELLS = 250
 """The terrain is drawn with at most this many cells a side."""
-ROOFS_AT_ONCE = 2000
+ROOFS_AT_ONCE = 400
 """The points are held against so many roof faces at a time, which takes some 20 MB."""
 MARGIN = 30.0
 """Surroundings (m) shown around the buildings where only some of them are."""
@@ -126,16 +126,6 @@ def read_contents(
         others=others,
         run=json.loads(run.read_text(encoding="utf-8")) if run.exists() else {},
     )
-
-
-def listen(folder: str | Path) -> Heard:
-    """Hears the points that a run writes into the folder, after its footprints, and takes the page's."""
-
-    def expected() -> int | None:
-        rows = read_polygons(Path(folder) / "footprints.gpkg", layer="footprints")[2]
-        return points_of(rows) if len(rows) <= BUILDINGS_SHOWN else None
-
-    return Heard(POINTS_SHOWN, expected)
 
 
 def points_of(rows: list[dict[str, Any]]) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -95,26 +95,25 @@ class Heard:
     ----------
     limit
         As in `sample_points`.
-    expected
-        Says, when the first points come, how many points the buildings have; None when not all points will be
-        asked for, and nothing is to be taken.
+    buildings
+        Of a run with more buildings than these nothing is taken: not all points will be asked for.
     """
 
-    def __init__(self, limit: int, expected: Callable[[], int | None]) -> None:
-        self._limit, self._expected = limit, expected
+    def __init__(self, limit: int, buildings: int) -> None:
+        self._limit, self._buildings = limit, buildings
         self._thinning: Thinning | None = None
-        self._started = False
         self._kept: dict[Path, list[NDArray[np.void]]] = {}
         self._counts: dict[Path, int] = {}
         self.on_buildings = 0
 
-    def __call__(self, path: Path, total: int, first: int, records: NDArray[np.void]) -> None:
-        """Hear of some records of a file: `total` counts those of all files, `first` those before them."""
-        if not self._started:
-            self._started = True
-            expected = self._expected()
-            thinning = None if expected is None else Thinning.of(total, self._limit, expected)
-            self._thinning = thinning if thinning is not None and thinning.every == 1 else None
+    def start(self, points: int, buildings: int, on_buildings: int) -> None:
+        """Settle what is taken: of so many points, some on buildings."""
+        thinning = Thinning.of(points, self._limit, on_buildings)
+        if buildings <= self._buildings and thinning.every == 1:
+            self._thinning = thinning
+
+    def hear(self, path: Path, first: int, records: NDArray[np.void]) -> None:
+        """Take some of the records of a file, of which so many came before."""
         if self._thinning is None:
             return
         number = _extra(records, "building_id")
@@ -122,6 +121,10 @@ class Heard:
         self._kept.setdefault(path, []).append(records[keep])
         self._counts[path] = self._counts.get(path, 0) + len(records)
         self.on_buildings += int(np.count_nonzero(number))
+
+    def take_over(self, other: Heard) -> None:
+        """Become another."""
+        self.__dict__.update(other.__dict__)
 
     def pieces(self, layouts: Sequence[LasHeader], thinning: Thinning) -> list[list[NDArray[np.void]]] | None:
         """The records taken of each file; None when these are not the files heard of, or not thinned so."""
