@@ -8,9 +8,12 @@ import shapely
 
 from eaves.geometry.arrangement import arrange
 from eaves.geometry.coverage import Coverage
+from eaves.geometry.simplification import SHORTEST_BORDER
+from eaves.model import Face, Solid
+from eaves.model.building import ROOF_SURFACE
 from eaves.reconstruct.attributes import measure_volume
-from eaves.reconstruct.extrusion import extrude
-from eaves.reconstruct.soundness import find_defect
+from eaves.reconstruct.extrusion import extrude, split_crossings
+from eaves.reconstruct.soundness import find_defect, fold_defect
 
 SQUARE = shapely.box(0, 0, 4, 4)
 CROSS = np.array([[0.0, 2.0, 4.0, 2.0], [2.0, -1.0, 2.0, 5.0]])
@@ -66,6 +69,58 @@ def test_planes_that_cross_along_an_edge_get_a_vertex_there() -> None:
     assert find_defect(solid) == ""
     assert np.any(np.all(np.isclose(solid.vertices, [2.0, 1.0, 4.5]), axis=1))
     assert measure_volume(solid) == pytest.approx(4 * 4.5 + 4 * 4.5)
+
+
+@pytest.mark.parametrize("beside", [0.005, 0.012, 0.019])
+def test_a_crossing_beside_a_node_inside_is_at_that_node(beside: float) -> None:
+    plan = four_cells()
+    planes = quadrants(plan, {(False, False): 4.0, (True, False): 5.0, (False, True): 4.0, (True, True): 0.0})
+    planes[planes[:, 2] == 0.0] = [2.0, 0.0, 5.0 - 2.0 * (2.0 + beside)]
+    split = split_crossings(plan, planes)
+    assert len(split.nodes) == len(plan.nodes)
+    assert split.length.min() > SHORTEST_BORDER
+    assert np.any(np.all(np.isclose(split.nodes, [2.0 + beside, 2.0]), axis=1))
+    (solid,) = extrude(plan, planes, 0.0) or []
+    assert find_defect(solid) == ""
+
+
+def test_a_crossing_further_away_gets_a_node_of_its_own() -> None:
+    plan = four_cells()
+    planes = quadrants(plan, {(False, False): 4.0, (True, False): 5.0, (False, True): 4.0, (True, True): 0.0})
+    planes[planes[:, 2] == 0.0] = [2.0, 0.0, 5.0 - 2.0 * (2.0 + 0.021)]
+    split = split_crossings(plan, planes)
+    assert len(split.nodes) == len(plan.nodes) + 1
+    assert np.array_equal(split.nodes[:-1], plan.nodes)
+
+
+def test_a_crossing_beside_the_outline_moves_no_node_of_it() -> None:
+    plan = arrange(SQUARE, CROSS[:1])
+    assert plan is not None
+    south = [shape.centroid.y < 2 for shape in plan.polygons()]
+    planes = np.array([[0.0, 0.0, 5.0] if one else [2.0, 0.0, 5.0 - 2.0 * 0.012] for one in south])
+    split = split_crossings(plan, planes)
+    assert np.array_equal(split.nodes[:-1], plan.nodes)
+    assert split.nodes[-1].tolist() == [0.012, 2.0]
+
+
+def test_a_fold_is_seen_on_the_plane_of_its_face() -> None:
+    """Face of a block in Delft: two nodes 12 mm apart, and a triangle 1 mm high between three of them."""
+    corners = [
+        (154.857, 170.042, 12.384),
+        (152.776, 172.864, 9.48),
+        (152.401, 172.467, 9.571),
+        (152.278, 172.631, 9.402),
+        (151.416, 172.03, 9.4),
+        (151.147, 171.883, 9.372),
+        (151.137, 171.877, 9.372),
+        (143.569, 166.32, 9.547),
+        (143.225, 165.747, 9.772),
+        (146.227, 164.027, 12.366),
+    ]
+    whole = Face((tuple(range(10)),), ROOF_SURFACE, 0)
+    assert fold_defect(Solid(np.array(corners), (whole,))) == "a roof face with a fold"
+    without = Face(((0, 1, 2, 3, 4, 6, 7, 8, 9),), ROOF_SURFACE, 0)
+    assert fold_defect(Solid(np.array(corners), (without,))) == ""
 
 
 def test_courtyard_is_a_hole_of_ground_and_roof() -> None:

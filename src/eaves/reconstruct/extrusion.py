@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.coverage import OUTSIDE, Coverage, Integers
+from eaves.geometry.simplification import SHORTEST_BORDER, is_sound
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
-from eaves.model import Face, Solid
+from eaves.model import Face, Mask, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 
 SAME_HEIGHT = 0.7 * PLANARITY
@@ -70,7 +71,23 @@ def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> lis
 
 
 def split_crossings(coverage: Coverage, planes: NDArray[np.float64]) -> Coverage:
-    """The coverage with a node on every edge along which the planes of its two cells cross."""
+    """The coverage with a node on every edge along which the planes of its two cells cross.
+
+    A crossing beside a node inside the plan is at that node, which moves there: an edge as short as the rest
+    would lie askew once it is rounded, and fold the faces beside it.
+    """
+    free = np.ones(len(coverage.nodes), bool)
+    free[coverage.start[coverage.cell == OUTSIDE]] = False
+    while True:
+        halves, places = crossings(coverage, planes)
+        moved = node_moved(coverage, halves, places, free)
+        if moved is None:
+            return coverage.split(halves, places)
+        coverage = moved
+
+
+def crossings(coverage: Coverage, planes: NDArray[np.float64]) -> tuple[Integers, NDArray[np.float64]]:
+    """Where the planes of two cells cross along their edge: its half (K,) and the place (K, 2)."""
     halves = np.flatnonzero(
         (coverage.cell > coverage.cell[coverage.twin]) & (coverage.cell[coverage.twin] >= 0)
     )
@@ -80,8 +97,6 @@ def split_crossings(coverage: Coverage, planes: NDArray[np.float64]) -> Coverage
     before = step[:, 0] * start[:, 0] + step[:, 1] * start[:, 1] + step[:, 2]
     after = step[:, 0] * end[:, 0] + step[:, 1] * end[:, 1] + step[:, 2]
     crosses = (before * after < 0.0) & (np.minimum(np.abs(before), np.abs(after)) > SAME_HEIGHT)
-    if not crosses.any():
-        return coverage
     share = (before[crosses] / (before[crosses] - after[crosses]))[:, None]
     places = start[crosses] * (1.0 - share) + end[crosses] * share
     places = np.round(np.round(places / COORDINATE_STEP) * COORDINATE_STEP, 6)
@@ -89,7 +104,25 @@ def split_crossings(coverage: Coverage, planes: NDArray[np.float64]) -> Coverage
         np.minimum(np.hypot(*(places - start[crosses]).T), np.hypot(*(places - end[crosses]).T))
         > 1.5 * COORDINATE_STEP
     )
-    return coverage.split(halves[crosses][clear], places[clear])
+    return halves[crosses][clear], places[clear]
+
+
+def node_moved(
+    coverage: Coverage, halves: Integers, places: NDArray[np.float64], free: Mask
+) -> Coverage | None:
+    """The coverage with one of the nodes that are `free` (V,) moved to one of the `places` (K, 2) beside it
+    on the edges `halves` (K,); None where none can. A node tried is free no more.
+    """
+    for half, place in zip(halves.tolist(), places, strict=True):
+        for node in (int(coverage.start[half]), int(coverage.end[half])):
+            if free[node] and np.hypot(*(coverage.nodes[node] - place)) < SHORTEST_BORDER:
+                free[node] = False
+                nodes = coverage.nodes.copy()
+                nodes[node] = place
+                moved = coverage.moved(nodes)
+                if is_sound(moved):
+                    return moved
+    return None
 
 
 def raise_columns(coverage: Coverage, planes: NDArray[np.float64], base: float) -> Columns:

@@ -53,10 +53,14 @@ def find_defect(solid: Solid) -> str:
 
 def height_error(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> float:
     """Largest distance (m) of the face's vertices from the plane of least squares through them."""
+    return float(np.abs(on_own_plane(solid, rings)[:, 2]).max())
+
+
+def on_own_plane(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> NDArray[np.float64]:
+    """The vertices (V, 3) of a face's rings along, across and off its plane of least squares."""
     places = solid.vertices[[vertex for ring in rings for vertex in ring]]
     centred = places - places.mean(axis=0)
-    normal = np.linalg.svd(centred, full_matrices=False)[2][2]
-    return float(np.abs(centred @ normal).max())
+    return np.asarray(centred @ np.linalg.svd(centred, full_matrices=False)[2].T)
 
 
 def plan_defect(solid: Solid) -> str:
@@ -83,12 +87,27 @@ def plan_polygons(solid: Solid) -> NDArray[np.object_]:
     return np.array(shapes, object)
 
 
+def flat_polygons(solid: Solid) -> NDArray[np.object_]:
+    """The roof faces (F,) of more than three vertices as polygons on their planes; heights are off those."""
+    shapes = []
+    for face in solid.faces:
+        sizes = [len(ring) for ring in face.rings]
+        if face.surface == ROOF_SURFACE and sum(sizes) > 3:
+            outer, *holes = np.split(on_own_plane(solid, face.rings), np.cumsum(sizes)[:-1])
+            shapes.append(shapely.Polygon(outer, holes))
+    return np.array(shapes, object)
+
+
 def fold_defect(solid: Solid) -> str:
-    """Whether a triangle of a face leans away from the others, as thin ones do once heights are rounded."""
-    polygons = plan_polygons(solid)[1:]
-    polygons = polygons[shapely.get_num_coordinates(polygons) > 4]
+    """Whether a triangle of a face leans away from the others, as thin ones do once heights are rounded.
+
+    The triangles are those of Delaunay on the face's own plane, on which validators define them.
+    """
+    polygons = flat_polygons(solid)
     if len(polygons) == 0:
         return ""
+    if not shapely.is_valid(polygons).all():
+        return "a face whose rings cross on its plane"
     pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
     corners = shapely.get_coordinates(pieces, include_z=True).reshape(-1, 4, 3)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
