@@ -157,13 +157,19 @@ def without_gaps(labels: Labels) -> Labels:
 
 def touching_regions(labels: Labels, neighbours: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
     """Which of K regions touch (K, K): a point of one is a neighbour (N, M) of a point of the other."""
-    touching = np.zeros((count + 1, count + 1), bool)
-    near = labels[neighbours]
-    for column in range(1, near.shape[1]):
-        touching[labels, near[:, column]] = True
-    touching |= touching.T
-    np.fill_diagonal(touching, False)
-    return np.ascontiguousarray(touching[1:, 1:])
+    return np.ascontiguousarray(touching_kernel(neighbours, labels, count)[1:, 1:])
+
+
+@njit(cache=True)
+def touching_kernel(neighbours: NDArray[np.int64], labels: NDArray[np.int32], count: int) -> Mask:
+    """Which labels 0…K touch (K + 1, K + 1): a point of one is a neighbour (N, M) of a point of another."""
+    touching = np.zeros((count + 1, count + 1), np.bool_)
+    for i in range(len(labels)):
+        for column in range(1, neighbours.shape[1]):
+            j = neighbours[i, column]
+            if labels[j] != labels[i]:
+                touching[labels[i], labels[j]] = touching[labels[j], labels[i]] = True
+    return touching
 
 
 def join_coplanar(

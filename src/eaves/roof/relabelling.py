@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
 
-from eaves.model import Labels, Points
+from eaves.model import Labels, Mask, Points
+from eaves.roof.regions import touching_kernel
 
 
 @njit(cache=True)
@@ -28,21 +28,34 @@ def relabel_kernel(
     """
     changed = 0
     width = neighbours.shape[1]
-    for _ in range(sweeps):
+    # The choice of a point hangs on the labels around it alone: it is made again when one of them changed.
+    last_change = np.full(len(xyz), -1)
+    for sweep in range(sweeps):
         moved = 0
         for i in range(len(xyz)):
+            before = (sweep - 1) * len(xyz) + i
+            first = labels[neighbours[i, 0]]
+            alike, fresh = True, sweep > 0
+            for column in range(width):
+                j = neighbours[i, column]
+                alike &= labels[j] == first
+                fresh &= last_change[j] < before
+            if fresh:
+                continue
             best, winner = np.inf, labels[i]
             for column in range(width + 1):
                 if column == width:
                     label = 0
+                elif column > 0 and alike:
+                    continue
                 else:
                     label = labels[neighbours[i, column]]
                 seen = False
-                for earlier in range(column):
+                for earlier in range(column if label != 0 else 0):
                     if labels[neighbours[i, earlier]] == label:
                         seen = True
                         break
-                if seen and label != 0:
+                if seen:
                     continue
                 if label == 0:
                     cost = outlier
@@ -59,6 +72,7 @@ def relabel_kernel(
                     best, winner = cost, label
             if winner != labels[i]:
                 labels[i] = winner
+                last_change[i] = sweep * len(xyz) + i
                 moved += 1
         changed += moved
         if moved == 0:
@@ -83,19 +97,20 @@ def worth_kernel(
     pays for neighbours of other labels. So a plane that passes through a crown by chance saves little.
     """
     count = len(planes)
-    touching = np.zeros((count + 1, count + 1), np.bool_)
-    for i in range(len(xyz)):
-        for column in range(1, neighbours.shape[1]):
-            touching[labels[i], labels[neighbours[i, column]]] = True
-            touching[labels[neighbours[i, column]], labels[i]] = True
+    touching = touching_kernel(neighbours, labels, count)
+    beside = np.empty((count + 1, count), np.int64)
+    sizes = np.zeros(count + 1, np.int64)
+    for own in range(1, count + 1):
+        for label in range(1, count + 1):
+            if label == own or touching[own, label]:
+                beside[own, sizes[own]] = label
+                sizes[own] += 1
     for i in range(len(xyz)):
         own = labels[i]
         if own == 0:
             continue
         cheapest, mine = outlier, 0.0
-        for label in range(1, count + 1):
-            if label != own and not touching[own, label]:
-                continue
+        for label in beside[own, : sizes[own]]:
             plane = planes[label - 1]
             away = plane[0] * xyz[i, 0] + plane[1] * xyz[i, 1] + plane[2] * xyz[i, 2] - plane[3]
             cost = 0.5 * away * away * weights[label - 1]
@@ -171,16 +186,24 @@ def near_regions(labels: Labels, xyz: Points, count: int, gap: float) -> NDArray
     cell -= cell.min(axis=0) - 1
     columns = int(cell[:, 0].max()) + 2
     place = cell[:, 1] * columns + cell[:, 0]
-    places = int(place.max()) + columns + 2
     pairs = np.unique(place[labels > 0] * np.int64(count) + labels[labels > 0] - 1)
     where, label = pairs // count, pairs % count
-    ones = np.ones(len(pairs), np.float32)
-    occupied = csr_matrix((ones, (label, where)), shape=(count, places))
-    steps = [down * columns + right for down in (-1, 0, 1) for right in (-1, 0, 1)]
-    wide = csr_matrix(
-        (np.tile(ones, 9), (np.tile(label, 9), np.concatenate([where + step for step in steps]))),
-        shape=(count, places),
-    )
-    near = np.asarray((wide @ occupied.T).toarray() > 0)
-    np.fill_diagonal(near, False)
-    return np.ascontiguousarray(near | near.T)
+    first = np.searchsorted(where, np.arange(int(place.max()) + columns + 3))
+    return np.asarray(near_kernel(label, first, columns, count))
+
+
+@njit(cache=True)
+def near_kernel(label: NDArray[np.int64], first: NDArray[np.int64], columns: int, count: int) -> Mask:
+    """Which of K labels share a cell or have cells side by side (K, K), of a grid with a rim of empty ones.
+
+    Cell c of rows of `columns` has the labels `first[c]` to `first[c + 1]`.
+    """
+    near = np.zeros((count, count), np.bool_)
+    for cell in range(len(first) - 1):
+        for one in range(first[cell], first[cell + 1]):
+            for step in (0, 1, columns - 1, columns, columns + 1):
+                for other in range(first[cell + step], first[cell + step + 1]):
+                    near[label[one], label[other]] = near[label[other], label[one]] = True
+    for one in range(count):
+        near[one, one] = False
+    return near
