@@ -202,8 +202,7 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
     then the answer is the same whichever files or tiles they came from.
     """
     clock = Clock()
-    cloud = cloud.about(block.origin)
-    cloud = cloud.take(cloud.canonical_order())
+    cloud = cloud.about(block.origin).in_canonical_order()
     cloud = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes)
     clock.lap("ground")
     core = Bounds(0.0, 0.0, block.side, block.side)
@@ -216,8 +215,9 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
     clock.lap("detect")
 
     inside = core.contains(cloud.xyz)
-    near_border = core.grown(SEAM).contains(cloud.xyz) & ~core.grown(-SEAM).contains(cloud.xyz)
-    seam = near_border & (regions.label > 0)
+    labelled = np.flatnonzero(regions.label > 0)
+    place = cloud.xyz.take(labelled, axis=0)
+    seam = labelled[core.grown(SEAM).contains(place) & ~core.grown(-SEAM).contains(place)]
     part = regions.part if regions.part is not None else np.zeros(len(cloud), np.uint8)
     assert cloud.classification is not None and cloud.point_id is not None
     return BlockResult(

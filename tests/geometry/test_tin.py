@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from eaves.geometry.tin import Tin
+from eaves.geometry.tin import Tin, hilbert_kernel
 
 
 def faces(triangles: np.ndarray) -> set[tuple[int, ...]]:
@@ -68,3 +68,10 @@ def test_a_line_becomes_a_triangle_when_a_point_off_it_comes() -> None:
     assert len(tin.triangles) == 0
     tin.insert(np.array([5]))
     assert len(tin.triangles) == 4
+
+
+def test_curve_goes_from_cell_to_neighbouring_cell() -> None:
+    rows, columns = np.indices((64, 64))
+    whole = np.c_[rows.ravel(), columns.ravel()] * (1 << 10)
+    ordered = whole[np.argsort(hilbert_kernel(np.r_[whole, [[(1 << 16) - 1, 0]]])[:-1])]
+    assert (np.abs(np.diff(ordered, axis=0)).sum(axis=1) == 1 << 10).all()

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import ndimage
 
-from eaves.ground.islands import find_islands
+from eaves.ground.islands import find_islands, others_kernel
 from eaves.model import Raster
 
 
@@ -39,3 +40,15 @@ def test_rise_with_nothing_high_beside_it_stays() -> None:
 
 def test_wide_gap_stays_whatever_its_height() -> None:
     assert islands_at(1.5, 7.0, cells=4) == []
+
+
+def test_others_are_the_nearest_cells_of_other_islands__ties_by_number() -> None:
+    ground = np.random.default_rng(5).random((40, 50)) < 0.08
+    island = np.asarray(ndimage.label(ground, np.ones((3, 3)))[0], np.int32)
+    rows, columns = np.nonzero(ground)
+    found = others_kernel(island, rows, columns)
+    number = rows * 50 + columns
+    for i in range(len(rows)):
+        other = island[rows, columns] != island[rows[i], columns[i]]
+        away = (rows - rows[i]) ** 2 + (columns - columns[i]) ** 2
+        assert found[i].tolist() == number[other][np.lexsort((number[other], away[other]))][:12].tolist()

@@ -65,3 +65,15 @@ def test_bounds_are_the_extremes_of_the_columns(count: int, columns: int) -> Non
         bounds = Bounds.of(points)
         assert (bounds.west, bounds.south) == tuple(xyz.min(axis=0)[:2])
         assert (bounds.east, bounds.north) == tuple(xyz.max(axis=0)[:2])
+
+
+def test_order_is_known_while_points_are_picked_and_forgotten_when_they_move() -> None:
+    xyz = np.random.default_rng(2).uniform(0, 30, (500, 3))
+    cloud = PointCloud(xyz).in_canonical_order()
+    assert np.array_equal(cloud.xyz, xyz[canonical_order(xyz)])
+    picked = cloud.take(cloud.xyz[:, 2] > 10.0)
+    assert picked.ordered
+    assert np.array_equal(canonical_order(picked.xyz), picked.canonical_order())
+    assert not cloud.take(np.arange(len(cloud))[::-1]).ordered
+    assert not cloud.with_(xyz=cloud.xyz[::-1]).ordered
+    assert not cloud.about((240.0, 0.0)).ordered

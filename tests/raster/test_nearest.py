@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from eaves.raster.nearest import nearest_cells, places
+from eaves.raster.nearest import near_cells, nearest_cells, places
 
 
 @pytest.mark.parametrize(
@@ -21,3 +21,13 @@ def test_nearest_cells_are_those_of_a_tree(rows: int, columns: int, share: float
     which = cKDTree(places(known_rows, known_columns)).query(places(*wanted))[1]
     assert (row == known_rows[which]).all()
     assert (column == known_columns[which]).all()
+
+
+@pytest.mark.parametrize("square", [0, 1, 2, 24, 144])
+@pytest.mark.parametrize("share", [0.0, 0.003, 0.1])
+def test_near_cells_are_those_within_the_distance(square: int, share: float) -> None:
+    known = np.random.default_rng(square).random((40, 55)) < share
+    known_rows, known_columns = np.nonzero(known)
+    rows, columns = np.nonzero(known | ~known)
+    away = (rows[:, None] - known_rows) ** 2 + (columns[:, None] - known_columns) ** 2
+    assert np.array_equal(near_cells(known, square).ravel(), (away <= square).any(axis=1))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from eaves.model import Points, Values
+from eaves.model import Bounds, Points, Values
 
 CELL_SIDES_M = (0.5, 0.6, 0.75, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
 """Sides that divide a block of 240 m, so that neighbouring blocks share their cells."""
@@ -32,15 +33,11 @@ class Cells:
     @classmethod
     def of(cls, xyz: Points, side: float, margin: int = 1) -> Cells:
         """Cells of the given side (m) that hold N > 0 points (N, 2 or 3), with `margin` empty ones around."""
-        column = np.floor(xyz[:, 0] / side).astype(np.int64)
-        line = np.floor(xyz[:, 1] / side).astype(np.int64)
-        first, last = int(column.min()) - margin, int(line.max()) + margin
-        rows = last - int(line.min()) + 1 + margin
-        columns = int(column.max()) - first + 1 + margin
-        cell = (last - line) * columns + (column - first)
-        order = np.argsort(cell, kind="stable")
-        start = np.zeros(rows * columns + 1, np.int64)
-        np.cumsum(np.bincount(cell, minlength=rows * columns), out=start[1:])
+        bounds = Bounds.of(xyz)
+        first, last = int(np.floor(bounds.west / side)) - margin, int(np.floor(bounds.north / side)) + margin
+        rows = last - int(np.floor(bounds.south / side)) + 1 + margin
+        columns = int(np.floor(bounds.east / side)) - first + 1 + margin
+        cell, order, start = sort_kernel(xyz, side, first, last, rows, columns)
         return cls(side, first * side, (last + 1) * side, (rows, columns), cell, order, start)
 
     @property
@@ -89,3 +86,23 @@ class Cells:
 def side_near(wanted: float) -> float:
     """The smallest of `CELL_SIDES_M` that is not under `wanted` (m), or the largest there is."""
     return next((side for side in CELL_SIDES_M if side >= wanted - 1e-9), CELL_SIDES_M[-1])
+
+
+@njit(cache=True)
+def sort_kernel(
+    xyz: Points, side: float, first: int, last: int, rows: int, columns: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Cell (N,) of each point, the points (N,) cell by cell, and where each cell's begin (cells + 1,)."""
+    cell, order = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
+    start = np.zeros(rows * columns + 1, np.int64)
+    for i in range(len(xyz)):
+        column, line = int(np.floor(xyz[i, 0] / side)), int(np.floor(xyz[i, 1] / side))
+        cell[i] = (last - line) * columns + column - first
+        start[cell[i] + 1] += 1
+    for k in range(rows * columns):
+        start[k + 1] += start[k]
+    following = start[:-1].copy()
+    for i in range(len(xyz)):
+        order[following[cell[i]]] = i
+        following[cell[i]] += 1
+    return cell, order, start

@@ -21,6 +21,7 @@ from eaves.detect.windows import LEAST_POINTS
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, Regions, Scene, Values
 from eaves.model.scene import ROOF
+from eaves.raster.nearest import near_cells
 
 RIM_ODDS = 3.0
 """Log odds of the rim of a roof that swallows the beam."""
@@ -128,7 +129,7 @@ class Consensus(Detector):
         emit("odds", odds)
         void, rims = find_roof_voids(evidence)
         odds, roof = raise_rims(odds, rims, RIM_ODDS), roof | void
-        odds = np.where(ndimage.distance_transform_edt(~roof) * side <= self.max_rough, odds, -self.sure)
+        odds = np.where(near_cells(roof, int((self.max_rough / side) ** 2 + 1e-9)), odds, -self.sure)
         building = void | cut_cells(evidence, odds, self.sure, self.smoothness, self.max_jump)
         emit("cut", building)
         region = self.keep_buildings(building, roof, evidence)

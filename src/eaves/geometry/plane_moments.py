@@ -6,6 +6,7 @@ For many sets at once; `planes` has the same ten sums for one set at a time, ins
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from eaves.model import Points, Values
@@ -19,9 +20,26 @@ def sums_of(xyz: Points, group: NDArray[np.int64], count: int) -> Sums:
 
     Heights should be counted from a level near the points: squares of world heights lose the noise.
     """
-    x, y, z = xyz.T
-    terms = (None, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z)
-    return np.stack([np.bincount(group, weights=term, minlength=count) for term in terms], axis=1)
+    return np.asarray(sums_kernel(xyz, group, count))
+
+
+@njit(cache=True)
+def sums_kernel(xyz: Points, group: NDArray[np.int64], count: int) -> Sums:
+    """See `sums_of`."""
+    sums = np.zeros((count, 10))
+    for i in range(len(xyz)):
+        x, y, z, total = xyz[i, 0], xyz[i, 1], xyz[i, 2], sums[group[i]]
+        total[0] += 1.0
+        total[1] += x
+        total[2] += y
+        total[3] += z
+        total[4] += x * x
+        total[5] += x * y
+        total[6] += x * z
+        total[7] += y * y
+        total[8] += y * z
+        total[9] += z * z
+    return sums
 
 
 def scatter(sums: Sums) -> tuple[Points, NDArray[np.float64]]:

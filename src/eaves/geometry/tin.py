@@ -15,6 +15,8 @@ Ids = NDArray[np.int32]
 OUTSIDE = -1
 """The vertex at infinity: a triangle that has it stands for the outside of one hull edge."""
 
+CURVE_BITS, CURVE_SIDE = 4, 16
+"""Levels of the Hilbert curve that are looked up at once, and cells along a side of them."""
 PLACE_BITS = 31
 """Points are numbered in so many bits; with their position on the Hilbert curve they make 63."""
 NEAR_BITS = 39
@@ -128,6 +130,26 @@ def whole_kernel(xy: Points, corner: NDArray[np.float64]) -> NDArray[np.int64]:
     return whole
 
 
+def hilbert_table() -> NDArray[np.int32]:
+    """Position of 16 by 16 cells along a Hilbert curve, times 4, plus how the curve lies inside each cell.
+
+    (4, 16, 16): for each of the four ways the curve can lie. Bit 0 of a way says that it is turned over, bit
+    1 that x and y change places.
+    """
+    turn, x, y = np.indices((4, CURVE_SIDE, CURVE_SIDE))
+    position = np.zeros_like(turn)
+    for level in range(CURVE_BITS - 1, -1, -1):
+        over, swapped = turn & 1, turn >> 1
+        one, two = (x >> level & 1) ^ over, (y >> level & 1) ^ over
+        right, up = np.where(swapped, two, one), np.where(swapped, one, two)
+        position = position << 2 | (3 * right) ^ up
+        turn = (over ^ (right & (1 - up))) | (swapped ^ (1 - up)) << 1
+    return np.asarray(position << 2 | turn, np.int32)
+
+
+HILBERT = hilbert_table()
+
+
 @njit(cache=True)
 def hilbert_kernel(whole: NDArray[np.int64]) -> NDArray[np.int64]:
     """Position (N,) of whole coordinates (N, 2) along a Hilbert curve."""
@@ -144,16 +166,10 @@ def hilbert_kernel(whole: NDArray[np.int64]) -> NDArray[np.int64]:
     while (top >> shift) >= (1 << levels):
         shift += 1
     for i in range(count):
-        x, y, position = (whole[i, 0] - low_x) >> shift, (whole[i, 1] - low_y) >> shift, 0
-        side = 1 << (levels - 1)
-        while side > 0:
-            right, up = 1 if x & side else 0, 1 if y & side else 0
-            position += side * side * ((3 * right) ^ up)
-            if up == 0:
-                if right == 1:
-                    x, y = (2 * side - 1) - (x & (2 * side - 1)), (2 * side - 1) - (y & (2 * side - 1))
-                x, y = y, x
-            side >>= 1
+        x, y, position, turn = (whole[i, 0] - low_x) >> shift, (whole[i, 1] - low_y) >> shift, 0, 0
+        for level in range(levels - CURVE_BITS, -1, -CURVE_BITS):
+            at = HILBERT[turn, (x >> level) & (CURVE_SIDE - 1), (y >> level) & (CURVE_SIDE - 1)]
+            position, turn = position << 2 * CURVE_BITS | at >> 2, at & 3
         key[i] = position
     return key
 

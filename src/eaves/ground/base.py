@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from numba import njit
 
 from eaves.ground.outliers import find_outliers
 from eaves.methods import Emit, Method, emitter, ignore, make_method
-from eaves.model import Mask, PointCloud
+from eaves.model import Mask, PointCloud, Points
 from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCLASSIFIED
 
 
@@ -59,8 +60,7 @@ def classify_ground(
     True
     """
     given = cloud.classification
-    x, y, z = cloud.xyz.T
-    finite = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
+    finite = finite_kernel(cloud.xyz)
     classes = np.full(len(cloud), UNCLASSIFIED, np.uint8)
     classes[~finite] = LOW_NOISE
     believed = use_classes and given is not None and bool((given == GROUND).any())
@@ -73,14 +73,23 @@ def classify_ground(
         said = np.isin(given[left], NOISE_CLASSES)
         classes[left[said]] = given[left[said]]
         left = left[~said]
-    low, high = find_outliers(cloud.take(left))
+    taken = cloud.take(left)
+    low, high = find_outliers(taken)
     classes[left[low]], classes[left[high]] = LOW_NOISE, HIGH_NOISE
-    good = left[~(low | high)]
-    taken = cloud.take(good)
+    good = np.flatnonzero(~(low | high))
+    taken, good = taken.take(good), left[good]
     order = taken.canonical_order()
-    good = good[order]
     filter_ = method or make_method("ground")
     assert isinstance(filter_, GroundMethod)
     mask = filter_.ground_mask(taken.take(order), emitter(debug))
-    classes[good[mask]] = GROUND
+    classes[good[order[mask]]] = GROUND
     return cloud.with_(classification=classes)
+
+
+@njit(cache=True)
+def finite_kernel(xyz: Points) -> Mask:
+    """Which points (N, 3) have coordinates."""
+    finite = np.empty(len(xyz), np.bool_)
+    for i in range(len(xyz)):
+        finite[i] = np.isfinite(xyz[i, 0]) and np.isfinite(xyz[i, 1]) and np.isfinite(xyz[i, 2])
+    return finite

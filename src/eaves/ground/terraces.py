@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from eaves.model import Labels, Mask, Raster
+from eaves.raster.nearest import ADJOINING, near_cells
 
 STEP_M = 0.3
 """A larger misfit between two cells of 1 m parts them; it grows with the root of the cell."""
@@ -17,7 +17,7 @@ WIDE_M2, LEAST_AREA_M2 = 200.0, 80.0
 """Under 200 m² twice the share of the rim must be level; under 80 m² it is too short to judge."""
 ROOF_M, HIGH_SHARE = 2.0, 0.1
 """No roof is lower than 2 m on nine tenths of its rim ..."""
-LOW_CELLS = 5.0
+LOW_CELLS = 5
 """... and no car, hedge or boat is so wide that a cell of it lies five cells from its rim."""
 ROUNDS = 2
 """A terrace may join the ground over another terrace."""
@@ -40,13 +40,12 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, share: float) 
     for _ in range(ROUNDS):
         piece, count = pieces_kernel(left, misfit, step)
         # cells without a point of their own kind beside them were interpolated, and say nothing of steps
-        near = [ndimage.binary_dilation(occupied & kind, np.ones((3, 3), bool)) for kind in (left, ~left)]
+        near = [near_cells(occupied & kind, ADJOINING) for kind in (left, ~left)]
         known = np.where(left, *near)
         level, down, high = rim_kernel(left, piece, count, misfit, z, step, known)
         area = np.bincount(piece[known], minlength=count + 1) * cell * cell
         terrain = level > np.where(area >= WIDE_M2, 1.0, 2.0) * share * (level + down)
-        depth = ndimage.distance_transform_edt(np.pad(left, 1, mode="edge"))[1:-1, 1:-1]
-        deep = np.bincount(piece[depth >= LOW_CELLS], minlength=count + 1) > 0
+        deep = np.bincount(piece[~near_cells(~left, LOW_CELLS**2 - 1)], minlength=count + 1) > 0
         terrain |= deep & (high <= HIGH_SHARE * (level + down)) & (down > 0)
         terrain &= area >= LEAST_AREA_M2
         terrain[0] = False

@@ -39,6 +39,8 @@ class PointCloud:
     point_id: NDArray[np.int64] | None = None
     """Position of each point in the input, counted through all files in order."""
     system: CoordinateSystem = field(default=LOCAL_METRES)
+    ordered: bool = False
+    """Whether the points are known to be in canonical order."""
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -70,6 +72,8 @@ class PointCloud:
 
     def with_(self, **changes: object) -> PointCloud:
         """A copy with some arrays replaced."""
+        if not changes.keys().isdisjoint(("xyz", "return_number")):
+            changes.setdefault("ordered", False)
         return replace(self, **changes)  # type: ignore[arg-type]
 
     def take(self, which: Mask | NDArray[np.int64]) -> PointCloud:
@@ -89,6 +93,7 @@ class PointCloud:
             number_of_returns=pick(self.number_of_returns),
             classification=pick(self.classification),
             point_id=pick(self.point_id),
+            ordered=self.ordered and bool((index[1:] > index[:-1]).all()),
         )
 
     def about(self, origin: tuple[float, float]) -> PointCloud:
@@ -96,7 +101,7 @@ class PointCloud:
         if origin == self.origin:
             return self
         shift = np.array([self.origin[0] - origin[0], self.origin[1] - origin[1], 0.0])
-        return replace(self, xyz=snap(self.xyz + shift), origin=origin)
+        return replace(self, xyz=snap(self.xyz + shift), origin=origin, ordered=False)
 
     def canonical_order(self) -> NDArray[np.int64]:
         """Indices that put the points in the one order every method sees: by 1 m cell, row by row, then
@@ -105,7 +110,11 @@ class PointCloud:
         The order depends on the points alone, so no answer depends on the order of the file; neighbours
         in the order are neighbours in the plane, which is what insertion into a TIN and caches want.
         """
-        return canonical_order(self.xyz, self.return_number)
+        return np.arange(len(self)) if self.ordered else canonical_order(self.xyz, self.return_number)
+
+    def in_canonical_order(self) -> PointCloud:
+        """The same points in canonical order; the cloud itself when it is known to be."""
+        return self if self.ordered else replace(self.take(self.canonical_order()), ordered=True)
 
     @classmethod
     def from_world(

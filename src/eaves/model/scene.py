@@ -47,16 +47,10 @@ class Raster:
 
     def at(self, xy: Points) -> Values:
         """Bilinear values (N,) at points (N, 2 or 3); the nearest cell's beyond the rim; NaN at NaN cells."""
-        rows, columns = self.shape
-        x = np.clip((xy[:, 0] - self.west) / self.cell - 0.5, 0, columns - 1)
-        y = np.clip((self.north - xy[:, 1]) / self.cell - 0.5, 0, rows - 1)
-        c0 = np.minimum(x.astype(np.int64), max(columns - 2, 0))
-        r0 = np.minimum(y.astype(np.int64), max(rows - 2, 0))
-        east, south = np.minimum(1, columns - 1 - c0), np.minimum(1, rows - 1 - r0) * columns
-        fx, fy, v, here = x - c0, y - r0, self.values.ravel(), r0 * columns + c0
-        top = v.take(here) * (1 - fx) + v.take(here + east) * fx
-        bottom = v.take(here + south) * (1 - fx) + v.take(here + south + east) * fx
-        return np.asarray(top * (1 - fy) + bottom * fy, np.float64)
+        from eaves.model.bilinear import bilinear_kernel  # imports numba, which a raster alone does not need
+
+        values, places = np.ascontiguousarray(self.values), np.ascontiguousarray(xy, np.float64)
+        return np.asarray(bilinear_kernel(values, self.west, self.north, self.cell, places))
 
 
 @dataclass(frozen=True, eq=False)

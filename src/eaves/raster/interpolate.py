@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from eaves.geometry.tin import Tin
 from eaves.model import Grid, Mask, Raster
-from eaves.raster.nearest import nearest_cells, places
+from eaves.raster.nearest import ADJOINING, near_cells, nearest_cells, places
 
 
 def fill_nearest(raster: Raster, within: float = np.inf) -> Raster:
@@ -27,7 +27,7 @@ def fill_linear(raster: Raster) -> Raster:
     known = np.isfinite(raster.values)
     if known.all() or not known.any():
         return raster
-    rim = known & ndimage.binary_dilation(~known, np.ones((3, 3), bool))
+    rim = known & near_cells(~known, ADJOINING)
     filled = raster.values.copy()
     filled[~known] = interpolate_cells(raster.values, rim, ~known)
     return raster.with_(values=filled)

@@ -1,4 +1,4 @@
-"""Which of some cells is nearest to each of many others."""
+"""Which of some cells is nearest to each of many others, and which of these are near one."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from eaves.model import Mask, Points
 Index = NDArray[np.int64]
 FARTHEST_CELLS = 1 << 24
 """More cells than a raster has along a side."""
+
+ADJOINING = 2
+"""Square of the distance of two cells that touch at a corner."""
 
 
 def nearest_cells(known: Mask, rows: Index, columns: Index) -> tuple[Index, Index]:
@@ -27,6 +30,12 @@ def nearest_cells(known: Mask, rows: Index, columns: Index) -> tuple[Index, Inde
         which = cKDTree(places(known_rows, known_columns)).query(places(rows[tied], columns[tied]))[1]
         row[tied], column[tied] = known_rows[which], known_columns[which]
     return row, column
+
+
+def near_cells(known: Mask, square: int) -> Mask:
+    """The cells (H, W) with one of `known` (H, W) no farther than the root of `square`, in cells."""
+    steps = np.arange(int(np.sqrt(square)) + 1)
+    return np.asarray(near_kernel(away_kernel(known), np.sqrt(square - steps**2).astype(np.int32)))
 
 
 def places(rows: Index, columns: Index) -> Points:
@@ -80,3 +89,20 @@ def nearest_kernel(
         nearest_row[i], nearest_column[i] = up if above else below, where
         tied[i] = several or (above and under)
     return nearest_row, nearest_column, tied
+
+
+@njit(cache=True)
+def near_kernel(away: NDArray[np.int32], most: NDArray[np.int32]) -> Mask:
+    """Cells (H, W) that are `away` from a known one, in a column so many steps aside, by at most `most`."""
+    rows, columns = away.shape
+    near = np.zeros((rows, columns), np.bool_)
+    for row in range(rows):
+        here, found = away[row], near[row]
+        for step in range(min(len(most), columns)):
+            limit, rest = most[step], columns - step
+            aside, left = here[step:], found[step:]
+            for column in range(rest):
+                found[column] |= aside[column] <= limit
+            for column in range(rest):
+                left[column] |= here[column] <= limit
+    return near
