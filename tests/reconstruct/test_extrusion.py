@@ -13,7 +13,7 @@ from eaves.model import Face, Solid
 from eaves.model.building import ROOF_SURFACE
 from eaves.reconstruct.attributes import measure_volume
 from eaves.reconstruct.extrusion import extrude, split_crossings
-from eaves.reconstruct.soundness import find_defect, fold_defect
+from eaves.reconstruct.soundness import find_defect, fold_defect, on_own_plane
 
 SQUARE = shapely.box(0, 0, 4, 4)
 CROSS = np.array([[0.0, 2.0, 4.0, 2.0], [2.0, -1.0, 2.0, 5.0]])
@@ -117,10 +117,9 @@ def test_a_fold_is_seen_on_the_plane_of_its_face() -> None:
         (143.225, 165.747, 9.772),
         (146.227, 164.027, 12.366),
     ]
-    whole = Face((tuple(range(10)),), ROOF_SURFACE, 0)
-    assert fold_defect(Solid(np.array(corners), (whole,))) == "a roof face with a fold"
-    without = Face(((0, 1, 2, 3, 4, 6, 7, 8, 9),), ROOF_SURFACE, 0)
-    assert fold_defect(Solid(np.array(corners), (without,))) == ""
+    for ring, defect in ((range(10), "a roof face with a fold"), ((0, 1, 2, 3, 4, 6, 7, 8, 9), "")):
+        solid = Solid(np.array(corners), (Face((tuple(ring),), ROOF_SURFACE, 0),))
+        assert fold_defect(solid, {0: on_own_plane(solid, solid.faces[0].rings)}) == defect
 
 
 def test_courtyard_is_a_hole_of_ground_and_roof() -> None:

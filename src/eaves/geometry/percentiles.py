@@ -30,3 +30,19 @@ def group_percentiles(
     step = after - before
     answer[some] = np.where(share < 0.5, before + step * share, after - step * (1.0 - share))
     return answer
+
+
+def column_percentiles(values: NDArray[np.float64], percents: tuple[float, ...]) -> NDArray[np.float64]:
+    """The percentiles (P, K) of each column of values (N, K), N ≥ 1; to the bit as `numpy.percentile` has
+    them.
+    """
+    ordered = np.sort(values, axis=0)
+    last = len(ordered) - 1
+    rows = []
+    for percent in percents:
+        place = last * (percent / 100.0)
+        low = int(place)
+        before, after, share = ordered[low], ordered[min(low + 1, last)], place - low
+        step = after - before
+        rows.append(before + step * share if share < 0.5 else after - step * (1.0 - share))
+    return np.array(rows)

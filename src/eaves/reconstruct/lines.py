@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 from shapely import Polygon
 
+from eaves.geometry.percentiles import column_percentiles
 from eaves.model import Labels, Mask, Points, Values
 from eaves.reconstruct.jumps import fall_angles, jump_lines
 from eaves.reconstruct.line import SAME_DIRECTION_DEG, Line
@@ -28,6 +29,9 @@ FEWEST_LINES = 80
 
 FEWEST_IN_RECTANGLE = 6
 """Points of a plane whose rectangle is worth drawing."""
+
+FILLED = (2.0, 98.0)
+"""Percentiles of its points between which a plane's rectangle lies, half a spacing off."""
 
 LEAST_FILLING = 0.7
 """Share of its rectangle that a plane's points fill when it is one."""
@@ -113,8 +117,7 @@ def candidate_lines(
     lines: list[Line] = []
     jumps = np.ones(len(places), bool)
     found, number = np.unique(pairs, axis=0, return_inverse=True)
-    for one, (a, b) in enumerate(found.tolist()):
-        mine = np.flatnonzero(number.ravel() == one)
+    for (a, b), mine in zip(found.tolist(), members(number.ravel(), len(found)), strict=True):
         meeting, near = meeting_line(places[mine], planes[a], planes[b], spacing)
         if meeting is not None:
             lines.append(meeting)
@@ -122,9 +125,16 @@ def candidate_lines(
     if len(found):
         used, main = np.unique(pairs), main_directions(polygon)
         lines += jump_lines(places[jumps], weights[jumps], main, fall_angles(planes[used]), spacing)
+        of_plane = members(labels, len(planes))
         for one in used.tolist():
-            lines += rectangle_lines(points[labels == one, :2], main, spacing)
+            lines += rectangle_lines(points[of_plane[one], :2], main, spacing)
     return align(lines, polygon, spacing)[: FEWEST_LINES + LINES_PER_PLANE * len(planes)]
+
+
+def members(group: Labels | NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
+    """The numbers of the members of each of `count` groups, ascending; of group -1 there is no list."""
+    order = np.argsort(group, kind="stable")
+    return np.split(order, np.searchsorted(group[order], np.arange(count + 1)))[1:-1]
 
 
 def meeting_line(
@@ -159,7 +169,7 @@ def rectangle_lines(places: NDArray[np.float64], main: Values, spacing: float) -
     best: tuple[float, float, Values, Values] | None = None
     for angle in main.tolist():
         turned = places @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        low, high = np.percentile(turned, [2.0, 98.0], axis=0)
+        low, high = column_percentiles(turned, FILLED)
         low, high = low - 0.5 * spacing, high + 0.5 * spacing
         area = float(np.prod(high - low))
         if best is None or area < best[0]:

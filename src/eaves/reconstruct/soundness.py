@@ -39,21 +39,18 @@ def find_defect(solid: Solid) -> str:
     there, back = np.sort(start * count + end), np.sort(end * count + start)
     if np.any(np.diff(there) == 0) or not np.array_equal(there, back):
         return "an edge that is not used once each way"
-    for face in solid.faces:
-        if face.surface == WALL_SURFACE:
-            continue
-        if len(face.rings[0]) > 3 and height_error(solid, face.rings) > FLATTEST_SHARE * PLANARITY:
-            return "a roof face that is not planar"
+    flat = {
+        number: on_own_plane(solid, face.rings)
+        for number, face in enumerate(solid.faces)
+        if face.surface != WALL_SURFACE and sum(map(len, face.rings)) > 3
+    }
+    if any(np.abs(places[:, 2]).max() > FLATTEST_SHARE * PLANARITY for places in flat.values()):
+        return "a roof face that is not planar"
     ground = solid.vertices[solid.faces[0].rings[0][0], 2]
     roof = {v for face in solid.faces if face.surface == ROOF_SURFACE for v in face.rings[0]}
     if solid.vertices[list(roof), 2].min() < ground + LOWEST_WALL:
         return "a roof that reaches the ground"
-    return plan_defect(solid) or fold_defect(solid)
-
-
-def height_error(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> float:
-    """Largest distance (m) of the face's vertices from the plane of least squares through them."""
-    return float(np.abs(on_own_plane(solid, rings)[:, 2]).max())
+    return plan_defect(solid) or fold_defect(solid, flat)
 
 
 def on_own_plane(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> NDArray[np.float64]:
@@ -87,25 +84,21 @@ def plan_polygons(solid: Solid) -> NDArray[np.object_]:
     return np.array(shapes, object)
 
 
-def flat_polygons(solid: Solid) -> NDArray[np.object_]:
-    """The roof faces (F,) of more than three vertices as polygons on their planes; heights are off those."""
-    shapes = []
-    for face in solid.faces:
-        sizes = [len(ring) for ring in face.rings]
-        if face.surface == ROOF_SURFACE and sum(sizes) > 3:
-            outer, *holes = np.split(on_own_plane(solid, face.rings), np.cumsum(sizes)[:-1])
-            shapes.append(shapely.Polygon(outer, holes))
-    return np.array(shapes, object)
-
-
-def fold_defect(solid: Solid) -> str:
+def fold_defect(solid: Solid, flat: dict[int, NDArray[np.float64]]) -> str:
     """Whether a triangle of a face leans away from the others, as thin ones do once heights are rounded.
 
-    The triangles are those of Delaunay on the face's own plane, on which validators define them.
+    `flat` are the vertices (V, 3) of faces of more than three, by number, on their own planes: there are the
+    triangles of Delaunay by which validators define folds.
     """
-    polygons = flat_polygons(solid)
-    if len(polygons) == 0:
+    shapes = []
+    for number, places in flat.items():
+        face = solid.faces[number]
+        if face.surface == ROOF_SURFACE:
+            outer, *holes = np.split(places, np.cumsum([len(ring) for ring in face.rings])[:-1])
+            shapes.append(shapely.Polygon(outer, holes))
+    if not shapes:
         return ""
+    polygons = np.array(shapes, object)
     if not shapely.is_valid(polygons).all():
         return "a face whose rings cross on its plane"
     pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
