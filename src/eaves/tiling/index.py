@@ -6,6 +6,7 @@ import hashlib
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -94,9 +95,21 @@ class Index:
 
     def meeting(self, bounds: Bounds) -> Mask:
         """Which files (F,) say that they have points within `bounds`."""
-        west, south, east, north = self.entries["box"].T
+        order, sorted_west, widest = self._by_west
+        first, last = np.searchsorted(sorted_west, [bounds.west - widest, bounds.east])
+        near = order[first:last]  # a country's files are asked for tile by tile: look at a strip of them
+        west, south, east, north = self.entries["box"][near].T
         meets = (west < bounds.east) & (east >= bounds.west)
-        return np.asarray(meets & (south < bounds.north) & (north >= bounds.south))
+        answer = np.zeros(len(self), bool)
+        answer[near] = meets & (south < bounds.north) & (north >= bounds.south)
+        return answer
+
+    @cached_property
+    def _by_west(self) -> tuple[NDArray[np.int64], NDArray[np.float64], float]:
+        """The files' numbers (F,) by western border, these borders, and more than the width of the widest."""
+        west, _, east, _ = self.entries["box"].T
+        order = np.argsort(west, kind="stable")
+        return order, west[order], float((east - west).max(initial=0.0)) + 1.0
 
     def subset(self, numbers: NDArray[np.int64]) -> Index:
         """The index of some files (rising numbers)."""
