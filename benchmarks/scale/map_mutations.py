@@ -192,7 +192,7 @@ def strange_value(value: Any, document: dict[str, Any], chance: random.Random) -
         return chance.choice((*OTHER_TEXTS, *names, value[: len(value) // 2], value * 2))
     if isinstance(value, list):
         return chance.choice(
-            (value[::-1], value[:-1], value * 2, [value], value[:1], value * 500, value[1:] + names)
+            (value[::-1], value[:-1], value * 2, [value], value[:1], value * 20, value[1:] + names)
         )
     members = list(value.items())
     family = {"parents": names, "children": names, "geometry": [{}], "attributes": []}

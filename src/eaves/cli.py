@@ -375,6 +375,9 @@ def main() -> None:
             raise
         typer.echo(f"error: {' '.join(str(error).split())}", err=True)
         status = INCOMPLETE if isinstance(error, DiskFullError) else MISUSE
+    except MemoryError as error:
+        typer.echo(f"error: memory ran out ({error}); use fewer --jobs, or --bounds for a part", err=True)
+        status = INCOMPLETE
     except Exception as error:
         # a wrong word on the command line; typer brings its own click, so its classes have no fixed name
         told = getattr(error, "format_message", None)

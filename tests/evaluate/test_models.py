@@ -118,3 +118,20 @@ def test_damaged_faces_have_a_footprint_of_polygons(tmp_path: Path) -> None:
     path.write_text(json.dumps(document))
     kinds = {building.footprint.geom_type for building in read_buildings(path)}
     assert kinds <= {"Polygon", "MultiPolygon"}
+
+
+def test_a_roof_as_wide_as_a_country_is_refused_and_not_laid_out() -> None:
+    wide = np.array([[0, 0, 3], [1e7, 0, 3], [1e7, 1e7, 3], [0, 1e7, 3.0]])
+    with pytest.raises(ValueError, match="more than any roof"):
+        lay_points([CityBuilding("a", "2.2", ("2.2",), ([wide],), ([wide],), shapely.box(0, 0, 1e7, 1e7))])
+
+
+def test_a_reference_without_volume_has_no_share_in_the_volume_error() -> None:
+    flat = CityBuilding("a", "2.2", ("2.2",), ([ring_of(3.0)],), ([ring_of(3.0)],), shapely.box(0, 0, 4, 8))
+    score = evaluate_models([flat], lay_points([flat]), {"a": flat.footprint}, [], [flat])
+    assert np.isnan(score.volume_error)
+
+
+def ring_of(height: float) -> np.ndarray:
+    """A level roof."""
+    return np.array([[0, 0, height], [4, 0, height], [4, 8, height], [0, 8, height]])

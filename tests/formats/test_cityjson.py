@@ -203,3 +203,14 @@ def test_damaged_files_are_refused_in_one_line(tmp_path: Path, name: str) -> Non
             refused += 1
             assert str(path) in str(error) and "\n" not in str(error)
     assert refused > len(cuts) / 4 and read + refused == len(cuts)
+
+
+@pytest.mark.parametrize(("place", "value"), [("scale", 1e300), ("translate", 1e18)])
+def test_vertices_out_of_this_world_are_refused(tmp_path: Path, place: str, value: float) -> None:
+    path = tmp_path / "a.city.json"
+    write_cityjson(path, [house("a")])
+    document = json.loads(path.read_text())
+    document["transform"][place][0] = value
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match="out of this world"):
+        read_cityjson(path)

@@ -199,6 +199,18 @@ def test_a_header_that_cannot_be_copied_costs_its_extras_and_not_the_points(
     assert np.array_equal(found.building_id, np.arange(COUNT))
 
 
+def test_a_version_that_cannot_hold_the_points_costs_its_extras_and_not_the_points(
+    tmp_path: Path, files: dict[str, bytes], caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "a.laz"
+    # The number of points as LAS 1.2 knows it, beside the version.
+    data = patched(patched(files["laz"], "<B", 25, 2), "<I", 107, COUNT)
+    path.write_bytes(data)
+    write_classified(open_source(path), tmp_path / "b.laz", np.full(COUNT, 2, np.uint8))
+    assert "cannot be copied" in caplog.text
+    assert laspy.read(tmp_path / "b.laz").header.version.minor == 4
+
+
 def test_points_out_of_this_world_are_left_out_and_counted(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -102,3 +102,16 @@ def test_walls_that_nearly_meet_leave_no_tiny_edges() -> None:
     for part in parts:
         xy = shapely.get_coordinates(part)
         assert np.hypot(*np.diff(xy, axis=0).T).min() > 0.015
+
+
+def test_a_footprint_of_a_hundred_thousand_corners_has_fewer_and_the_same_place() -> None:
+    circle = Point(0, 0).buffer(9.0, quad_segs=25_000)
+    (found,) = repair_footprints([circle])
+    assert shapely.get_num_coordinates(found.polygon) < 1000
+    assert shapely.hausdorff_distance(found.polygon, circle) < 0.003
+
+
+def test_a_footprint_with_too_many_courtyards_is_left_with_them() -> None:
+    courts = [box(3 * x, 3 * y, 3 * x + 1.5, 3 * y + 1.5).exterior for x in range(30) for y in range(30)]
+    (found,) = repair_footprints([Polygon(box(-1, -1, 91, 91).exterior, courts)])
+    assert len(found.polygon.interiors) == 900

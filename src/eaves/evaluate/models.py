@@ -27,6 +27,9 @@ WITHIN = (0.1, 0.2, 0.5)
 MISSED_RMSE = 1.0
 """What a building without any face under its points counts as in the mean of the RMSE (m)."""
 
+MOST_SPOTS = 20_000_000
+"""Of the grid over a roof face, 5 km² with its usual step: more is damage, and does not fit the memory."""
+
 TRIMMED = 95.0
 """Percentage of a building's nearest points of which the trimmed RMSE is taken."""
 
@@ -138,7 +141,12 @@ def evaluate_models(
     seen = [row for row in rows if row.points]
     near = np.where(hit, distance, np.inf)
     modelled = [model for model in models if model.faces]
-    errors = [row for row in rows if row.volume_error_m3 is not None and row.volume_m3 is not None]
+    errors = [(row.volume_error_m3, row.volume_m3) for row in rows]
+    shares = [
+        abs(error) / abs(volume - error)
+        for error, volume in errors
+        if error is not None and volume is not None and volume != error
+    ]
     return ModelScore(
         len(seen),
         len(use),
@@ -157,12 +165,7 @@ def evaluate_models(
         dict(sorted(Counter(model.lod for model in modelled).items())),
         dict(sorted(Counter(finding.code for finding in findings).items())),
         len({finding.building for finding in findings}),
-        _mean(
-            [
-                abs(row.volume_error_m3 or 0.0) / abs((row.volume_m3 or 0.0) - (row.volume_error_m3 or 0.0))
-                for row in errors
-            ]
-        ),
+        _mean(shares),
         _mean([abs(row.height_error_m) for row in rows if row.height_error_m is not None]),
         tuple(rows),
     )
@@ -178,6 +181,9 @@ def lay_points(buildings: Sequence[CityBuilding], step: float = 0.5) -> Points:
     spots = [np.zeros((0, 2))]
     for shape in faces.polygons:
         west, south, east, north = np.round(np.array(shape.bounds) / step)
+        if (east - west + 1) * (north - south + 1) > MOST_SPOTS:
+            spans = f"{(east - west) * step:.0f} × {(north - south) * step:.0f} m"
+            raise ValueError(f"a roof face spans {spans}, more than any roof; check the models' coordinates")
         x, y = np.meshgrid(
             (np.arange(west, east + 1) + 0.5) * step, (np.arange(south, north + 1) + 0.5) * step
         )

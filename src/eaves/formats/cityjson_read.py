@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.formats.chunk import FARTHEST
 from eaves.formats.cityjson import WKT_MEMBER
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.errors import InputError
@@ -191,7 +192,10 @@ class _Frame:
             ) from None
         if not isinstance(raw, dict) or not np.isfinite(vertices).all():
             raise InputError.about(self.path, "has CityObjects or vertices that are damaged", REPAIR)
-        world = (vertices * self.scale + self.translate) * self.system.unit_m
+        with np.errstate(over="ignore", invalid="ignore"):
+            world = (vertices * self.scale + self.translate) * self.system.unit_m
+        if not (np.abs(world) <= FARTHEST).all():
+            raise InputError.about(self.path, "has vertices that are out of this world", REPAIR)
         world.flags.writeable = False
         for name, value in raw.items():
             yield self._object(name, value, world)

@@ -11,6 +11,7 @@ from typing import Any
 
 import laspy
 import numpy as np
+from laspy.point.dims import raise_if_version_not_compatible_with_fmt
 from laspy.vlrs.vlrlist import VLRList
 from numpy.typing import NDArray
 
@@ -119,6 +120,7 @@ def _las_header(
         if record.itemsize != layout.record_length:
             raise ValueError(f"its dimensions fill {record.itemsize} of {layout.record_length} bytes")
         _add_dimensions(header, arrays)
+        raise_if_version_not_compatible_with_fmt(header.point_format.id, str(header.version))
         header.write_to(BytesIO())
     except Exception as error:  # laspy raises whatever its parts raise
         log.warning(

@@ -17,9 +17,9 @@ from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from eaves.formats.atomic import atomic
+from eaves.formats.chunk import FARTHEST
 from eaves.formats.crs import describe, parse_crs, pyproj_crs, system_of
 from eaves.formats.errors import InputError
-from eaves.formats.source import FARTHEST
 from eaves.model import CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
 

@@ -80,9 +80,10 @@ def _decode(header: LasHeader, position: NDArray[np.int64], records: NDArray[np.
         np.ndarray(len(records), "<i4", records, 4 * axis, (header.record_length,)) for axis in range(3)
     ]
     xyz = np.empty((len(records), 3))
-    for axis in range(3):
-        np.multiply(stored[axis], header.scales[axis], out=xyz[:, axis])
-        xyz[:, axis] += header.offsets[axis]
+    with np.errstate(over="ignore", invalid="ignore"):  # such points are left out, and counted
+        for axis in range(3):
+            np.multiply(stored[axis], header.scales[axis], out=xyz[:, axis])
+            xyz[:, axis] += header.offsets[axis]
     layered = header.point_format >= FIRST_LAYERED_FORMAT
     bits, shift = (np.uint8(15), np.uint8(4)) if layered else (np.uint8(7), np.uint8(3))
     returns, flags = records[:, 14], records[:, 15]

@@ -13,7 +13,7 @@ from typing import BinaryIO
 import numpy as np
 import pyproj
 
-from eaves.formats.chunk import Chunk
+from eaves.formats.chunk import FARTHEST, Chunk
 from eaves.formats.crs import agree, degrees_remedy, parse_crs, system_of
 from eaves.formats.errors import InputError
 from eaves.formats.fingerprint import fingerprint
@@ -26,8 +26,6 @@ from eaves.model.cloud import snap
 from eaves.model.coordinates import LOCAL_METRES
 
 Corner = tuple[float, float, float]
-FARTHEST = (2e8, 2e8, 1e5)
-"""What no coordinate of a survey exceeds, in metres or feet: false eastings with a zone reach 6e7 m."""
 FIELDS = ("return_number", "number_of_returns", "classification")
 MISSING = {"return_number": 1, "number_of_returns": 1, "classification": 0}
 """What stands for a field in points of files that lack it."""

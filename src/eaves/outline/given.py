@@ -14,6 +14,10 @@ from eaves.geometry.polygons import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Bounds, Failure, Footprint
 
+MOST_CORNERS = 3000
+"""No building has more; lines and checks of all corners with all others would take hours of a million."""
+COARSEST = 1.0
+"""No corner is moved so far (m) to have fewer: what has more even so has as many courtyards."""
 MIN_AREA_M2 = 1.0
 """A given footprint, or a part of one, that is smaller is a slip of the pen."""
 
@@ -60,11 +64,22 @@ def repaired_parts(shape: BaseGeometry | None) -> list[Polygon]:
     if shape is None or shape.is_empty or not np.isfinite(shapely.get_coordinates(shape)).all():
         return []
     parts = []
-    for part in polygon_parts(shapely.force_2d(shape), COORDINATE_STEP):
+    for whole in polygon_parts(shapely.force_2d(shape), COORDINATE_STEP):
+        part = lightened(whole)
         if part.area >= MIN_AREA_M2:
             holes = [ring for ring in part.interiors if Polygon(ring).area >= MIN_AREA_M2]
             parts.append(shapely.orient_polygons(Polygon(part.exterior, holes)))
     return sorted(parts, key=lambda part: (-part.area, part.bounds))
+
+
+def lightened(part: Polygon) -> Polygon:
+    """The polygon; of more corners than `MOST_CORNERS` fewer, true to a millimetre, or to the least
+    power of two of it that leaves no more."""
+    tolerance, light = COORDINATE_STEP, part
+    while shapely.get_num_coordinates(light) > MOST_CORNERS and tolerance < COARSEST:
+        light = shapely.simplify(part, tolerance)
+        tolerance *= 2
+    return light
 
 
 def unused_id(given: str, used: set[str]) -> str:
