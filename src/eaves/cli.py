@@ -384,7 +384,8 @@ def main() -> None:
         if told is None:
             raise
         helped = type(error).__name__ == "NoArgsIsHelpError"
-        typer.echo(told() if helped else f"error: {' '.join(told().split())}; see --help", err=not helped)
+        line = " ".join(told().split()).rstrip(".")
+        typer.echo(told() if helped else f"error: {line}; see --help", err=not helped)
         status = MISUSE
     if status == INTERRUPTED:
         typer.echo("interrupted: nothing is half-written; run again with --resume to go on", err=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from pathlib import Path
 
 import laspy
@@ -127,10 +128,28 @@ def test_inputs_are_found_once_and_sorted(tmp_path: Path) -> None:
     assert [path.name for path in find_inputs(str(tmp_path / "**" / "c.txt"))] == ["c.txt", "c.txt"]
 
 
+def test_a_link_is_the_file_it_names(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    saved(tmp_path / "real" / "a.laz", "1 2 3\n")
+    (tmp_path / "b.laz").symlink_to(tmp_path / "real" / "a.laz")
+    (tmp_path / "gone.laz").symlink_to(tmp_path / "nothing")
+    (tmp_path / "folder").symlink_to(tmp_path / "real")
+    found = find_inputs([tmp_path, tmp_path / "folder", tmp_path / "real"])
+    assert [path.resolve() for path in found] == [tmp_path / "real" / "a.laz"]
+
+
+def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.laz")
+    with pytest.raises(InputError, match="is a pipe"):
+        find_inputs(tmp_path / "pipe.laz")
+    with pytest.raises(InputError, match="is empty"):
+        find_inputs("")
+
+
 @pytest.mark.parametrize("name", ["none.laz", "*.laz", "", "empty"])
 def test_a_path_without_files_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match=r"does not exist|has no point files"):
+    with pytest.raises(InputError, match=r"does not exist|has no point files|matches no file"):
         find_inputs(tmp_path / name)
     with pytest.raises(InputError, match="no input given"):
         find_inputs([])

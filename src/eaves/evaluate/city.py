@@ -11,6 +11,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from eaves.formats import CityObject, read_cityjson
+from eaves.formats.cityjson_read import has_corners
 from eaves.geometry.polygons import polygon_parts
 from eaves.geometry.rings import area_vector
 from eaves.model import CoordinateSystem, Points
@@ -77,6 +78,8 @@ def _building(name: str, items: list[CityObject], lod: str | None) -> CityBuildi
     ground: list[Polygon] = []
     for item, geometry in geometries:
         for face in (face for solid in geometry.solids for shell in solid for face in shell):
+            if not has_corners(face):
+                continue
             rings = [item.vertices[list(ring)] for ring in face.rings]
             if geometry.lod == wanted:
                 faces.append(rings)

@@ -233,6 +233,11 @@ class _Frame:
         return system_of(parse_crs(str(text), self.path), self.path, (np.inf, np.inf))
 
 
+def has_corners(face: Face) -> bool:
+    """Whether a face has a ring, and three corners in each; `eaves validate` names those that have not."""
+    return bool(face.rings) and min(map(len, face.rings)) >= 3
+
+
 def _geometry(entry: dict[str, Any], vertex_count: int) -> CityGeometry | None:
     kind = entry["type"]
     if kind not in NESTING:

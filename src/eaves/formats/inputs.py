@@ -12,6 +12,8 @@ from eaves.formats.errors import InputError
 LAS_SUFFIXES = (".las", ".laz")
 TEXT_SUFFIXES = (".txt", ".xyz", ".csv", ".asc")
 
+REMEDY = "give a LAS, LAZ, COPC or text file, a folder of them, or a glob"
+
 
 def find_inputs(paths: str | Path | Sequence[str | Path]) -> list[Path]:
     """The point files that files, folders and globs name, each once, sorted.
@@ -38,6 +40,8 @@ def list_inputs(paths: str | Path | Sequence[str | Path]) -> list[str]:
     """What `find_inputs` gives, as text: of a million paths a quarter of the memory and of the time."""
     found: dict[str, str] = {}
     for given in [paths] if isinstance(paths, str | Path) else paths:
+        if not str(given):
+            raise InputError(f"the name of an input is empty; {REMEDY}")
         path = str(Path(given))
         if os.path.isdir(path):
             files = files_in(path)
@@ -50,12 +54,11 @@ def list_inputs(paths: str | Path | Sequence[str | Path]) -> list[str]:
             files = [(os.path.realpath(name), str(Path(name))) for name in names]
         if not files:
             rule = "has no point files" if os.path.isdir(path) else "does not exist"
-            raise InputError.about(
-                given, rule, "give a LAS, LAZ, COPC or text file, a folder of them, or a glob"
-            )
+            rule = "matches no file" if glob.has_magic(str(given)) else rule
+            raise InputError.about(given, rule, REMEDY)
         found.update(files)
     if not found:
-        raise InputError("no input given; give a LAS, LAZ, COPC or text file, a folder of them, or a glob")
+        raise InputError(f"no input given; {REMEDY}")
     return [found[real] for real in sorted(found)]
 
 

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from eaves.formats.cityjson_read import CityObject, read_cityjson
+from eaves.formats.cityjson_read import CityObject, has_corners, read_cityjson
 from eaves.formats.errors import InputError
 from eaves.geometry.polygons import as_polygon
 from eaves.model import Bounds, Face, Solid
@@ -121,10 +121,7 @@ def _shells(found: CityObject) -> tuple[Solid, ...]:
     if finest is None:
         return ()
     shells = (
-        replace(
-            solid, faces=tuple(face for face in solid.faces if face.rings and min(map(len, face.rings)) > 2)
-        )
-        for solid in found.as_solids(finest)
+        replace(solid, faces=tuple(filter(has_corners, solid.faces))) for solid in found.as_solids(finest)
     )
     return tuple(solid for solid in shells if solid.faces)
 
