@@ -15,7 +15,14 @@ from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.evidence import MOST_PLANES, largest_only
 from eaves.reconstruct.jumps import MOST_TOGETHER, divide, strongest_strip_kernel
 from eaves.reconstruct.line import Line
-from eaves.reconstruct.lines import FEWEST_LINES, LINES_PER_PLANE, OVERSHOOT, PARALLEL, extend
+from eaves.reconstruct.lines import (
+    FEWEST_LINES,
+    LINES_PER_PLANE,
+    OVERSHOOT,
+    PARALLEL,
+    border_samples,
+    extend,
+)
 from eaves.validate.models import validate_model
 
 SIDE, WIDTH = 10, 6.0
@@ -151,3 +158,11 @@ def extended_by_every_pair(lines: list[Line], polygon: Polygon, extension: float
     last = np.where(np.isfinite(up), up + OVERSHOOT, high)
     first = np.where(np.isfinite(down), down - OVERSHOOT, low)
     return np.hstack([foot + direction * first[:, None], foot + direction * last[:, None]])
+
+
+def test_border_samples_of_few_or_collinear_points_are_none() -> None:
+    square = shapely.box(-1.0, -1.0, 9.0, 9.0)
+    for points in (np.zeros((0, 3)), np.zeros((2, 3)), np.column_stack([np.arange(6.0)] * 3)):
+        labels = (np.arange(len(points)) % 2).astype(np.int32)
+        pairs, places, weights = border_samples(points, labels, square, 0.5)
+        assert len(pairs) == len(places) == len(weights) == 0

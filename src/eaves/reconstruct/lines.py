@@ -6,10 +6,10 @@ import numpy as np
 import shapely
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError
 from shapely import Polygon
 
 from eaves.geometry.percentiles import column_percentiles
+from eaves.geometry.tin import Tin
 from eaves.model import Labels, Mask, Points, Values
 from eaves.reconstruct.jumps import fall_angles, jump_lines
 from eaves.reconstruct.line import SAME_DIRECTION_DEG, Line
@@ -63,12 +63,13 @@ def border_samples(
     nothing = np.zeros((0, 2), np.int64), np.zeros((0, 2)), np.zeros(0)
     if len(np.unique(mark)) < 2:
         return nothing
-    try:
-        simplices = Delaunay(known[:, :2]).simplices
-    except QhullError:
+    simplices = Tin(known[:, :2]).triangles
+    if len(simplices) == 0:
         return nothing
-    ends = np.vstack([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [2, 0]]])
-    ends = np.unique(np.sort(ends[mark[ends[:, 0]] != mark[ends[:, 1]]], axis=1), axis=0)
+    ends = np.vstack([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [2, 0]]]).astype(np.int64)
+    ends = ends[mark[ends[:, 0]] != mark[ends[:, 1]]]
+    sides = np.unique(ends.min(axis=1) * len(known) + ends.max(axis=1))
+    ends = np.column_stack([sides // len(known), sides % len(known)])
     higher_first = known[ends[:, 0], 2] >= known[ends[:, 1], 2]
     high = np.where(higher_first, ends[:, 0], ends[:, 1])
     low = np.where(higher_first, ends[:, 1], ends[:, 0])
