@@ -10,7 +10,7 @@ from eaves.detect.borders import source_side
 from eaves.detect.consensus import Consensus
 from eaves.detect.evidence import gather_evidence
 from eaves.detect.segments import find_segments, inner_width, square_width
-from eaves.detect.windows import regress_planes, window_sum
+from eaves.detect.windows import planes_kernel, window_sum
 from eaves.geometry.plane_moments import sums_of
 from eaves.model.scene import ROOF, WALL
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
@@ -114,10 +114,13 @@ def test_the_residual_beside_a_ridge_is_that_of_the_faces() -> None:
 def test_a_plane_is_regressed_exactly() -> None:
     xy = np.random.default_rng(0).uniform(0, 3, (50, 2))
     z = 0.4 * xy[:, 0] - 0.2 * xy[:, 1] + 1.0
-    a, b, mean, rmse, width = regress_planes(sums_of(np.c_[xy, z], np.zeros(50, int), 1))
-    assert np.allclose([a[0], b[0], rmse[0]], [0.4, -0.2, 0.0], atol=1e-6)
-    assert np.allclose(mean[0, 2] - a[0] * mean[0, 0] - b[0] * mean[0, 1], 1.0)
-    assert 0.7 < width[0] < 1.0
+    sums = sums_of(np.c_[xy, z], np.zeros(50, int), 1).reshape(1, 1, 10)
+    planes = np.full((4, 1, 1), np.inf)
+    planes_kernel(sums, 3, 0.7, planes)
+    assert np.allclose(planes.ravel(), [0.4, -0.2, 1.0, 0.0], atol=1e-6)
+    planes[:] = np.inf
+    planes_kernel(sums, 3, 1.0, planes)
+    assert planes[3, 0, 0] == np.inf
 
 
 def test_windows_sum_three_by_three_cells() -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from eaves.detect.cells import Cells
 from eaves.geometry.plane_moments import Sums
-from eaves.model import Points, Values
+from eaves.model import Values
 
 WINDOWS = ((3, 1.0), (2, 2.0))
 """Cells along a window, and what its residual is multiplied with, as few points fit by chance."""
@@ -16,6 +16,8 @@ LEAST_POINTS = 6
 """Points of a window that a plane is fitted to: three would always fit, six leave half for the residual."""
 LEAST_WIDTH = 0.25
 """A window whose points are narrower than this share of a cell is a line, not a surface."""
+LEAST_DETERMINANT = 1e-12
+"""Of the moments in plan (m⁴): a line has no slope of its own."""
 
 
 def best_planes(sums: Sums, cells: Cells) -> tuple[Values, Values, Values, Values]:
@@ -39,16 +41,51 @@ def best_planes(sums: Sums, cells: Cells) -> tuple[Values, Values, Values, Value
 
 def planes_of_windows(sums: Sums, cells: Cells, size: int) -> NDArray[np.float64]:
     """Slopes, height at the origin and residual (4, H · W) of each cell's window; inf where none fits."""
-    window = window_sum(sums, size).reshape(-1, 10)
-    planes = np.zeros((4, len(window)))
+    planes = np.zeros((4, *cells.shape))
     planes[3] = np.inf
-    fitted = np.flatnonzero(window[:, 0] >= LEAST_POINTS)
-    if len(fitted):
-        a, b, mean, rmse, width = regress_planes(window[fitted])
-        planes[0, fitted], planes[1, fitted] = a, b
-        planes[2, fitted] = mean[:, 2] - a * mean[:, 0] - b * mean[:, 1]
-        planes[3, fitted] = np.where(width >= LEAST_WIDTH * cells.side, rmse, np.inf)
-    return planes
+    planes_kernel(sums, size, LEAST_WIDTH * cells.side, planes)
+    return planes.reshape(4, -1)
+
+
+@njit(cache=True)
+def planes_kernel(sums: Sums, size: int, least_width: float, planes: NDArray[np.float64]) -> None:
+    """Least squares planes z = ax + by + c through the windows of `size` by `size` cells, into (4, H, W).
+
+    The residual is the RMSE across the plane with three degrees of freedom taken off; windows with too few
+    points, or whose points have a lesser standard deviation in plan, are left alone. `sums` is (H, W, 10).
+    """
+    rows, columns, channels = sums.shape
+    total, beside = np.empty(channels), np.empty(channels)
+    for row in range(rows):
+        first, last = max(0, row - 1), min(rows, row + size - 1)
+        for column in range(columns):
+            left, right = max(0, column - 1), min(columns, column + size - 1)
+            n = 0.0
+            for r in range(first, last):
+                for c in range(left, right):
+                    n += sums[r, c, 0]
+            if n < LEAST_POINTS:
+                continue
+            total[:] = 0.0
+            for c in range(left, right):
+                beside[:] = 0.0
+                for r in range(first, last):
+                    for k in range(channels):
+                        beside[k] += sums[r, c, k]
+                for k in range(channels):
+                    total[k] += beside[k]
+            x, y, z = total[1] / n, total[2] / n, total[3] / n
+            xx, xy, xz = total[4] / n - x * x, total[5] / n - x * y, total[6] / n - x * z
+            yy, yz, zz = total[7] / n - y * y, total[8] / n - y * z, total[9] / n - z * z
+            least = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
+            determinant = max(xx * yy - xy * xy, LEAST_DETERMINANT)
+            a = (xz * yy - yz * xy) / determinant
+            b = (yz * xx - xz * xy) / determinant
+            planes[0, row, column], planes[1, row, column] = a, b
+            planes[2, row, column] = z - a * x - b * y
+            if np.sqrt(max(least, 0.0)) >= least_width:
+                rest = max(zz - a * xz - b * yz, 0.0) * n / max(n - 3, 1.0)
+                planes[3, row, column] = np.sqrt(rest / (1 + a * a + b * b))
 
 
 def window_sum(values: Values, size: int = 3) -> Values:
@@ -92,23 +129,3 @@ def least_around_kernel(values: Values, size: int) -> NDArray[np.int64]:
                         best, number = values[r, c], r * columns + c
             least[row, column] = number
     return least
-
-
-def regress_planes(sums: Sums) -> tuple[Values, Values, Points, Values, Values]:
-    """Least squares planes z = ax + by + c of K sets.
-
-    Answers a, b (K,), centroids (K, 3), RMSE across the plane with three degrees of freedom taken off (K,),
-    and the lesser standard deviation in plan (K,).
-    """
-    n = sums[:, 0]
-    mean = sums[:, 1:4] / n[:, None]
-    x, y, z = mean.T
-    xx, xy, xz, yy, yz, zz = (sums[:, 4:] / n[:, None]).T
-    xx, xy, xz = xx - x * x, xy - x * y, xz - x * z
-    yy, yz, zz = yy - y * y, yz - y * z, zz - z * z
-    determinant = np.maximum(xx * yy - xy * xy, 1e-12)
-    a = (xz * yy - yz * xy) / determinant
-    b = (yz * xx - xz * xy) / determinant
-    rest = np.maximum(zz - a * xz - b * yz, 0.0) * n / np.maximum(n - 3, 1)
-    least = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
-    return a, b, mean, np.sqrt(rest / (1 + a * a + b * b)), np.sqrt(np.maximum(least, 0.0))

@@ -75,7 +75,8 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
         if not fits.any():
             return number
         tin.insert(waiting[new])
-        waiting, hint, judged = waiting[~fits], hint[~fits], judged[~fits]
+        left = np.flatnonzero(~fits)
+        waiting, hint, judged = waiting.take(left), hint.take(left), judged.take(left, axis=0)
     return rounds
 
 
@@ -88,7 +89,9 @@ def insert_misfits(tin: Tin, xyz: Points, numbers: NDArray[np.int64], misfit: Va
     judged = np.full((len(numbers), 3), OUTSIDE, np.int32)
     while (far := misfit > noise).any():
         tin.insert(numbers[far])
-        numbers, misfit, hint, judged = numbers[~far], misfit[~far], hint[~far], judged[~far]
+        left = np.flatnonzero(~far)
+        numbers, misfit = numbers.take(left), misfit.take(left)
+        hint, judged = hint.take(left), judged.take(left, axis=0)
         misfit_kernel(xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, misfit)
 
 
@@ -199,7 +202,7 @@ def fits_kernel(
         off = abs(z - height) / np.sqrt(1.0 + slope * slope)
         if off > distance and slope < steep:
             continue
-        nearest, closest, widest = -1, np.inf, 0.0
+        nearest, closest, sine = -1, np.inf, 0.0
         for k in range(3):
             v = vertices[here, k]
             if v == OUTSIDE:
@@ -208,9 +211,8 @@ def fits_kernel(
             if length < closest:
                 nearest, closest = v, length
             if length > 0.0:
-                widest = max(widest, np.arcsin(min(1.0, off / length)))
-        if away > 0.0:
-            widest = np.arctan2(off, away)
+                sine = max(sine, min(1.0, off / length))
+        widest = np.arctan2(off, away) if away > 0.0 else np.arcsin(sine)
         if off <= distance and widest <= angle + angle_gain * min(slope, 1.5):
             fits[i], new[i] = True, off > noise
             continue

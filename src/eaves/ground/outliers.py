@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -57,25 +59,30 @@ def extremes_kernel(
     """The `GROUP` lowest z and lowest -z of each cell, sorted, and its count: (rows, columns, GROUP + 1)."""
     below = np.full((rows, columns, GROUP + 1), np.inf)
     above = np.full((rows, columns, GROUP + 1), np.inf)
-    below[:, :, GROUP] = 0.0
-    above[:, :, GROUP] = 0.0
+    count = np.zeros((rows, columns))
+    # the last of each group, side by side: most points are beyond it, and nothing else is looked at
+    least, most = np.full((rows, columns), np.inf), np.full((rows, columns), np.inf)
     for i in range(len(xyz)):
+        z = xyz[i, 2]
         row, column = int((xyz[i, 1] - corner[1]) / side), int((xyz[i, 0] - corner[0]) / side)
-        keep_lowest(below, row, column, xyz[i, 2])
-        keep_lowest(above, row, column, -xyz[i, 2])
+        count[row, column] += 1
+        if z < least[row, column]:
+            least[row, column] = keep_lowest(below[row, column], z)
+        if -z < most[row, column]:
+            most[row, column] = keep_lowest(above[row, column], -z)
+    below[:, :, GROUP], above[:, :, GROUP] = count, count
     return below, above
 
 
 @njit(cache=True, inline="always")
-def keep_lowest(best: NDArray[np.float64], row: int, column: int, value: float) -> None:
-    """Count a value in its cell of `best` (rows, columns, GROUP + 1), and sort it in if it is low enough."""
-    best[row, column, GROUP] += 1
+def keep_lowest(best: NDArray[np.float64], value: float) -> Any:
+    """Sort a value into the first `GROUP` of a cell, which it is low enough for; the highest of them then."""
     k = GROUP - 1
-    if value < best[row, column, k]:
-        while k > 0 and best[row, column, k - 1] > value:
-            best[row, column, k] = best[row, column, k - 1]
-            k -= 1
-        best[row, column, k] = value
+    while k > 0 and best[k - 1] > value:
+        best[k] = best[k - 1]
+        k -= 1
+    best[k] = value
+    return best[GROUP - 1]
 
 
 @njit(cache=True)
@@ -141,7 +148,10 @@ def mark_kernel(
     high: Mask,
 ) -> None:
     """Mark in `low` and `high` (N,) the points at or beyond the limits (rows, columns) of their cells."""
+    lowest, highest = floor.max(), ceiling.min()
     for i in range(len(xyz)):
+        if lowest < xyz[i, 2] < highest:
+            continue
         row, column = int((xyz[i, 1] - corner[1]) / side), int((xyz[i, 0] - corner[0]) / side)
         if xyz[i, 2] <= floor[row, column]:
             low[i] = True
