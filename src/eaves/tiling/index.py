@@ -87,11 +87,14 @@ class Index:
         """What the header says of where one file's points are."""
         return Bounds(*map(float, self.entries["box"][number]))
 
-    def spans_blocks(self, side: float) -> bool:
-        """Whether the headers say that the points lie in more than one block of this side (m)."""
+    def spans_blocks(self, side: float, bounds: Bounds | None = None) -> bool:
+        """Whether the headers say that points, within the bounds, lie in several blocks of `side` (m)."""
         west, south, east, north = self.entries["box"].T
-        first = np.floor(west.min() / side), np.floor(south.min() / side)
-        return bool(first != (np.floor(east.max() / side), np.floor(north.max() / side)))
+        low, high = np.array([west.min(), south.min()]), np.array([east.max(), north.max()])
+        if bounds is not None:  # which hold no point of their east and north sides
+            low = np.maximum(low, [bounds.west, bounds.south])
+            high = np.minimum(high, np.nextafter([bounds.east, bounds.north], -np.inf))
+        return bool((np.floor(low / side) != np.floor(high / side)).any())
 
     def meeting(self, bounds: Bounds) -> Mask:
         """Which files (F,) say that they have points within `bounds`."""

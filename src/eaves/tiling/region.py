@@ -344,7 +344,7 @@ def everywhere(
 ) -> Summary:
     """The whole job as one region; `listener` hears the classified points."""
     name = ".eaves-work" if job.classified is None else f".eaves-work-{job.classified.stem}"
-    if job.index.spans_blocks(job.side):
+    if job.index.spans_blocks(job.side, job.window.bounds):
         workers.start(partial(get_ready, job.recipe))
     region = Region(job, folder, folder / name, workers, tell)
     summary = region.compute(Core(holds=lambda block: True), listener)

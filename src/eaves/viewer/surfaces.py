@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,6 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.formats import CityObject
-from eaves.formats.meshes import unit_normal
 from eaves.model import Mask, Points
 from eaves.model.building import GROUND_SURFACE, LODS, ROOF_SURFACE, WALL_SURFACE
 
@@ -124,21 +122,30 @@ def iter_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -> I
 
 def cut_into_triangles(faces: Sequence[CityFace]) -> Surfaces:
     """Constrained Delaunay triangles of planar faces, found on each face's own plane."""
-    frames = [_frame(face.rings[0]) for face in faces]
-    flat = [
-        [(ring - frame[0]) @ frame[1:3].T + 0.0 for ring in face.rings]
-        for face, frame in zip(faces, frames, strict=True)
-    ]
-    shapes = np.array([shapely.Polygon(rings[0], rings[1:]) for rings in flat], object)
+    if not faces:
+        return Surfaces(np.zeros((0, 3, 3)), np.zeros(0, np.int64), ())
+    rings = [ring for face in faces for ring in face.rings]
+    sizes, counts = (
+        np.array([len(each) for each in several], np.int64)
+        for several in (rings, [face.rings for face in faces])
+    )
+    own = np.concatenate([np.zeros((0, 3)), *rings])
+    ring_face = np.repeat(np.arange(len(faces)), counts)
+    number = np.repeat(ring_face, sizes)
+    outer = np.cumsum(counts) - counts
+    frame = _frames(own, sizes, outer)
+    aside = own - frame[number, 0]
+    places = np.stack([(aside * frame[number, axis]).sum(axis=1) for axis in (1, 2)], axis=1) + 0.0
+    edges = shapely.linearrings(places, indices=np.repeat(np.arange(len(rings)), sizes))
+    shapes = np.asarray(shapely.polygons(edges, indices=ring_face), object)
     broken = ~shapely.is_valid(shapes)
     shapes[broken] = shapely.buffer(shapes[broken], 0)
     pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(shapes), return_index=True)
     uv = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
     clockwise = _twice_area(uv) < 0
     uv[clockwise] = uv[clockwise][:, ::-1]
-    frame = np.array(frames).reshape(-1, 4, 3)[owner]
-    corners = frame[:, None, 0] + np.einsum("tkc,tcd->tkd", uv, frame[:, 1:3])
-    _take_own_corners(corners, uv, owner, faces, flat)
+    corners = frame[owner, None, 0] + np.einsum("tkc,tcd->tkd", uv, frame[owner, 1:3])
+    _take_own_corners(corners, uv, owner, own, places, number)
     return Surfaces(np.asarray(corners), np.asarray(owner, np.int64), tuple(faces))
 
 
@@ -146,17 +153,14 @@ def _take_own_corners(
     corners: Points,
     uv: NDArray[np.float64],
     owner: NDArray[np.int64],
-    faces: Sequence[CityFace],
-    flat: list[list[NDArray[np.float64]]],
+    own: Points,
+    places: NDArray[np.float64],
+    number: NDArray[np.int64],
 ) -> None:
-    """Put triangle corners (T, 3, 3) where the face's own are: faces are planar to a millimetre only, and
-    neighbours must meet."""
-    sizes = [sum(map(len, rings)) for rings in flat]
-    numbers = np.repeat(np.arange(len(flat)), sizes)
-    own = np.concatenate([np.zeros((0, 3)), *(ring for face in faces for ring in face.rings)])
-    places = np.concatenate([np.zeros((0, 2)), *(ring for rings in flat for ring in rings)])
+    """Put triangle corners (T, 3, 3) where the faces' own (V, 3) are, whose places on their plane and faces
+    are given: faces are planar to a millimetre only, and neighbours must meet."""
     asked = np.column_stack([np.repeat(owner, 3), uv.reshape(-1, 2) + 0.0])
-    keys = np.ascontiguousarray(np.concatenate([np.column_stack([numbers, places]), asked]))
+    keys = np.ascontiguousarray(np.concatenate([np.column_stack([number, places]), asked]))
     _, which = np.unique(keys.view([("", keys.dtype)] * 3).ravel(), return_inverse=True)
     known = np.full(int(which.max(initial=-1)) + 1, -1)
     known[which[: len(own)]] = np.arange(len(own))
@@ -174,15 +178,24 @@ def edges_of(faces: CityFaces) -> tuple[Points, NDArray[np.int64]]:
     return np.stack([faces.corners, faces.corners[following]], axis=1), np.repeat(ring_face, end - start)
 
 
-def _frame(ring: Points) -> NDArray[np.float64]:
-    """Origin, two directions on the ring's plane and its normal, (4, 3)."""
-    normal = unit_normal(ring)
-    aside = np.array([0.0 - normal[1], normal[0], 0.0])  # across the vertical and the normal
-    long = math.hypot(normal[0], normal[1])
-    first = aside / long if long > 1e-9 else np.array([1.0, 0.0, 0.0])
-    (a, b, c), (d, e, _) = normal.tolist(), first.tolist()
-    second = np.array([-c * e, c * d, a * e - b * d])  # np.cross takes a tenth of a page
-    return np.stack([ring[0], first, second, normal])
+def _frames(corners: Points, sizes: NDArray[np.int64], outer: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Origin, two directions on its plane and its normal, (F, 4, 3), of each ring numbered in `outer`; the
+    rings have `sizes` corners each."""
+    start = np.cumsum(sizes) - sizes
+    following = np.arange(1, len(corners) + 1)
+    following[start + sizes - 1] = start
+    aside = corners - np.repeat(corners[start], sizes, axis=0)
+    area = np.add.reduceat(np.cross(aside, aside[following]), start, axis=0)[outer]  # Newell's sum
+    length = np.linalg.norm(area, axis=1)
+    area[length == 0] = 0.0, 0.0, 1.0
+    normal = area / np.where(length > 0, length, 1.0)[:, None]
+    a, b, c = normal.T
+    long = np.hypot(a, b)
+    steep = long > 1e-9
+    d, e = np.where(steep, [-b, a], [[1.0], [0.0]]) / np.where(steep, long, 1.0)
+    first = np.stack([d, e, np.zeros(len(d))], axis=1)
+    second = np.stack([-c * e, c * d, a * e - b * d], axis=1)
+    return np.stack([corners[start[outer]], first, second, normal], axis=1)
 
 
 def _twice_area(corner: NDArray[np.float64]) -> NDArray[np.float64]:
