@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eaves import cli
 from tests.conftest import write_laz
 
 OUTPUTS = {
@@ -197,3 +199,33 @@ def test_models_are_judged_over_given_footprints_at_a_given_level(built: Path, n
     assert done.stdout != finest.stdout and "LoD 1.2" in done.stdout
     done = eaves("evaluate", "ground", built / "classified.laz", nine_roofs_file, "--lod", "1.2")
     assert done.returncode == 2 and "lod is for models only" in one_line(done)
+
+
+def test_an_interrupt_that_a_library_swallows_is_still_an_interrupt(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def swallow(**_: object) -> int:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise RuntimeError("failed to call write") from None
+        return 0
+
+    monkeypatch.setattr(cli, "app", swallow)
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 130
+    assert capsys.readouterr().err.startswith("interrupted:")
+
+
+def test_memory_that_runs_out_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fill(**_: object) -> int:
+        raise MemoryError("Unable to allocate 8 TB")
+
+    monkeypatch.setattr(cli, "app", fill)
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 1
+    assert "memory ran out (Unable to allocate 8 TB)" in capsys.readouterr().err

@@ -36,15 +36,16 @@ from eaves.invocation import (
     COMPLETE,
     INCOMPLETE,
     INTERRUPTED,
-    MISUSE,
     describe_methods,
     finish,
+    heard_interrupts,
     options_from,
     progress,
     read_config,
     recipe_from,
     run_build,
     start_log,
+    tell_error,
 )
 
 app = typer.Typer(
@@ -362,34 +363,19 @@ def demo(out: Out = Path("demo-out"), quiet: Quiet = False) -> None:
 
 def main() -> None:
     """Entry point: a caller's mistake is one line and status 2, never a traceback."""
-    from eaves.formats.disk import DiskFullError
-
-    try:
-        status = app(standalone_mode=False)
-    except SystemExit as end:  # how typer passes Ctrl-C on
-        status = end.code
-    except (KeyboardInterrupt, typer.Abort):
-        status = INTERRUPTED
-    except (ValueError, OSError) as error:
-        if "--verbose" in sys.argv or "-v" in sys.argv:
-            raise
-        typer.echo(f"error: {' '.join(str(error).split())}", err=True)
-        status = INCOMPLETE if isinstance(error, DiskFullError) else MISUSE
-    except MemoryError as error:
-        typer.echo(f"error: memory ran out ({error}); use fewer --jobs, or --bounds for a part", err=True)
-        status = INCOMPLETE
-    except Exception as error:
-        # a wrong word on the command line; typer brings its own click, so its classes have no fixed name
-        told = getattr(error, "format_message", None)
-        if told is None:
-            raise
-        helped = type(error).__name__ == "NoArgsIsHelpError"
-        line = " ".join(told().split()).rstrip(".")
-        typer.echo(told() if helped else f"error: {line}; see --help", err=not helped)
-        status = MISUSE
-    if status == INTERRUPTED:
+    with heard_interrupts() as interrupts:
+        try:
+            status = app(standalone_mode=False) or COMPLETE
+        except SystemExit as end:  # how typer passes Ctrl-C on
+            status = end.code
+        except (KeyboardInterrupt, typer.Abort):
+            status = INTERRUPTED
+        except Exception as error:
+            status = INTERRUPTED if interrupts else tell_error(error)
+    if status == INTERRUPTED or (interrupts and status != COMPLETE):
         typer.echo("interrupted: nothing is half-written; run again with --resume to go on", err=True)
-    sys.exit(status or COMPLETE)
+        status = INTERRUPTED
+    sys.exit(status)
 
 
 if __name__ == "__main__":

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +25,46 @@ WHERE_TO_OPEN = {
     "in Cesium": "tileset.json",
 }
 """What the last lines of a run point to, where it was written."""
+
+
+@contextmanager
+def heard_interrupts() -> Iterator[list[int]]:
+    """A list that grows with every Ctrl-C: libraries turn the exception into errors of their own."""
+    heard: list[int] = []
+
+    def hear(number: int, frame: object) -> None:
+        heard.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, hear)
+    try:
+        yield heard
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def tell_error(error: Exception) -> int:
+    """Say in one line what went wrong; the exit status. What nobody foresaw is raised again."""
+    from eaves.formats.disk import DiskFullError
+
+    status, line = MISUSE, " ".join(str(error).split())
+    # a wrong word on the command line; typer brings its own click, so its classes have no fixed name
+    told = getattr(error, "format_message", None)
+    if isinstance(error, MemoryError):
+        status, line = INCOMPLETE, f"memory ran out ({line}); use fewer --jobs, or --bounds for a part"
+    elif isinstance(error, ValueError | OSError):
+        if "--verbose" in sys.argv or "-v" in sys.argv:
+            raise error
+        status = INCOMPLETE if isinstance(error, DiskFullError) else MISUSE
+    elif told is None:
+        raise error
+    elif type(error).__name__ == "NoArgsIsHelpError":
+        typer.echo(told())
+        return status
+    else:
+        line = " ".join(told().split()).rstrip(".") + "; see --help"
+    typer.echo(f"error: {line}", err=True)
+    return status
 
 
 def read_config(path: Path | None) -> dict[str, dict[str, Any]]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eaves.tiling.runners import Outcome, Workers
+from eaves.tiling.runners import Outcome, Workers, attempt
 
 
 def run(work: Callable[[Any], Any], tasks: Sequence[Any], jobs: int) -> list[Outcome]:
@@ -70,3 +70,14 @@ def test_peak_memory_is_the_process_own__not_that_of_the_one_that_started_it() -
     code = "from eaves.tiling.runners import peak_memory_mb; print(peak_memory_mb())"
     told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
     assert 5 < float(told) < 100 < large.nbytes / 1e6
+
+
+def test_an_interrupt_within_a_kernel_is_not_a_failed_task() -> None:
+    def interrupted_kernel(task: int) -> None:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise SystemError("returned a result with an exception set") from error
+
+    with pytest.raises(KeyboardInterrupt):
+        attempt(interrupted_kernel, 0, 1)

@@ -93,3 +93,9 @@ def test_a_turned_box_is_valid_wherever_it_stands(seed: int) -> None:
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     moved = box_.vertices * [9.7, 5.3, 4.1] @ turn.T + rng.uniform(-5e5, 5e5, 3)
     assert validate_model(model_of(l2_2=(Solid(moved, box_.faces),))) == []
+
+
+def test_a_face_that_crosses_itself_on_its_plane_alone_is_found() -> None:
+    steep = ((28660, 16160, 15964), (19096, 20617, 17868), (19096, 20617, 17855), (35266, 24492, 16774))
+    findings = validate_model(model_of(l2_2=(solid_of([*CUBE, [list(steep)]]),)))
+    assert [finding.code for finding in findings] == [104]

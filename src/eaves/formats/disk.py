@@ -9,8 +9,11 @@ from pathlib import Path
 
 NUMBERS = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 """No space left, file too large for the disk or the limit, quota used up."""
-PHRASES = ("no space left", "disk is full", "disk full", "write error", "writeerror", "disk quota exceeded")
-"""How GDAL and SQLite say it, which hand on no number."""
+PHRASES = (
+    *("no space left", "disk is full", "disk full", "write error", "writeerror", "disk quota exceeded"),
+    "failed to call write",
+)
+"""How GDAL, SQLite and lazrs say it, which hand on no number."""
 
 
 class DiskFullError(OSError):

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyproj
@@ -249,7 +249,7 @@ def read(
         )
     # what was left out frees its memory with the whole arrays only if it is much
     trim = slice(None) if filled > total // 2 else np.arange(filled)
-    arrays = {name: values[:filled][trim] for name, values in known.items()}
+    arrays: dict[str, Any] = {name: values[:filled][trim] for name, values in known.items()}
     xyz, point_id = xyz[:filled][trim], point_id[:filled][trim]
     origin = Block.at(*xyz[:, :2].min(axis=0)).origin if filled else (0.0, 0.0)
     for first in range(0, filled, CHUNK_POINTS):  # in place, for a second copy is what memory runs out of

@@ -59,9 +59,18 @@ def attempt(work: Callable[[Task], Any], index: int, task: Task) -> Outcome:
     try:
         return Outcome(index, work(task), peak_mb=peak_memory_mb())
     except Exception as error:
+        if is_interrupt(error):
+            raise KeyboardInterrupt from None
         log.debug("task %d failed", index, exc_info=True)
         reason = f"{type(error).__name__}: {error}"
         return Outcome(index, error=reason, full=is_full(error), peak_mb=peak_memory_mb())
+
+
+def is_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is what caused an error: a compiled kernel returns it as one of its own."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 class Workers:

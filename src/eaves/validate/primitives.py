@@ -26,7 +26,7 @@ from eaves.validate.polygons import (
 from eaves.validate.rings import faces_with_repeated_points, faces_with_short_rings
 from eaves.validate.shells import check_shells
 from eaves.validate.solids import composite_defects, solid_defects, solids_overlap
-from eaves.validate.triangles import Triangles, normal_deviations, triangulate
+from eaves.validate.triangles import Triangles, normal_deviations, tangled_faces, triangulate
 
 NORMALS_DEG = 20.0
 """Largest angle between the normals of two triangles of a polygon; val3dity's default `planarity_n_tol`."""
@@ -162,7 +162,14 @@ def check_faces(boundaries: Boundaries, limits: Tolerances) -> tuple[dict[int, t
                 codes[int(face)] = (208, "an inner ring runs the same way round as the outer one")
         good[list(codes)] = False
     uneven = np.flatnonzero(good & (planes.distance > EVEN))
-    deviation = np.rad2deg(normal_deviations(triangulate(boundaries, flat, uneven), boundaries.face_count))
+    try:
+        on_plane = triangulate(boundaries, flat, uneven)
+    except shapely.errors.GEOSException:  # valid on two axes, and not on the plane it nearly lies on
+        tangled = tangled_faces(boundaries, flat, uneven)
+        codes |= {int(face): (104, "the polygon crosses itself on its plane") for face in tangled}
+        good[tangled] = False
+        on_plane = triangulate(boundaries, flat, np.setdiff1d(uneven, tangled))
+    deviation = np.rad2deg(normal_deviations(on_plane, boundaries.face_count))
     triangles = triangulate(boundaries, shadow, np.flatnonzero(good))
     for face in np.flatnonzero(deviation > limits.normals):
         codes[int(face)] = (204, f"the normals of its triangles differ by {deviation[face]:.1f} degrees")

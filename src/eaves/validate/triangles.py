@@ -49,6 +49,18 @@ def triangulate(boundaries: Boundaries, flat: NDArray[np.float64], faces: Intege
     return Triangles(numbers, corners, face)
 
 
+def tangled_faces(boundaries: Boundaries, flat: NDArray[np.float64], faces: Integers) -> Integers:
+    """Those of some faces that cross themselves in these two dimensions so that no triangles fill them."""
+    polygons = as_polygons(boundaries, flat, faces)
+    tangled = []
+    for face, polygon in zip(faces, polygons, strict=True):
+        try:
+            shapely.constrained_delaunay_triangles(polygon)
+        except shapely.errors.GEOSException:
+            tangled.append(face)
+    return np.array(tangled, np.int64)
+
+
 def normal_deviations(triangles: Triangles, face_count: int) -> Values:
     """Largest angle (F,), radians, between normals of a face's triangles; those without area do not count."""
     a, b, c = (triangles.corners[:, k].astype(np.float64) for k in range(3))
