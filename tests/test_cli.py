@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
+import logging
 import signal
 import subprocess
 import sys
 import time
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -28,10 +31,26 @@ OUTPUTS = {
 }
 
 
-def eaves(*words: str | Path) -> subprocess.CompletedProcess[str]:
+def started(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    """A command in a process of its own, as a shell starts it."""
     return subprocess.run(
         [sys.executable, "-m", "eaves.cli", *map(str, words)], capture_output=True, text=True, timeout=300
     )
+
+
+def eaves(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    """A command in this process, which has everything imported."""
+    told, said, arguments = io.StringIO(), io.StringIO(), sys.argv
+    log = logging.getLogger("eaves")
+    handlers, level = list(log.handlers), log.level
+    sys.argv = ["eaves", *map(str, words)]
+    try:
+        with redirect_stdout(told), redirect_stderr(said), pytest.raises(SystemExit) as end:
+            cli.main()
+    finally:
+        sys.argv, log.handlers[:] = arguments, handlers
+        log.setLevel(level)
+    return subprocess.CompletedProcess(words, int(end.value.code or 0), told.getvalue(), said.getvalue())
 
 
 def one_line(done: subprocess.CompletedProcess[str]) -> str:
@@ -44,7 +63,7 @@ def one_line(done: subprocess.CompletedProcess[str]) -> str:
 @pytest.fixture(scope="module")
 def built(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("out")
-    done = eaves("build", nine_roofs_file, "-o", out, "--jobs", "1")
+    done = started("build", nine_roofs_file, "-o", out, "--jobs", "1")
     assert done.returncode == 0, done.stderr
     return out
 
@@ -70,9 +89,9 @@ def test_help_answers_at_once() -> None:
 
 
 def timed_help() -> float:
-    started = time.perf_counter()
-    assert eaves("--help").returncode == 0
-    return time.perf_counter() - started
+    before = time.perf_counter()
+    assert started("--help").returncode == 0
+    return time.perf_counter() - before
 
 
 def test_methods_are_listed_with_their_papers() -> None:
@@ -110,7 +129,8 @@ def test_a_bad_file_gets_one_line_and_status_2(tmp_path: Path, name: str, conten
         ["build", "FILE", "-o", "OUT", "--lod", "9"],
         ["build", "FILE", "-o", "OUT", "--footprints", "no-such.gpkg"],
         ["build", "FILE", "-o", "BELOW"],
-        ["methods", "cooking"],
+        ["build", "FILE", "-o", "OUT", "--jobs", "-3"],
+        ["build", "FILE"],
     ],
     ids=lambda words: " ".join(words[-2:]),
 )
@@ -118,6 +138,12 @@ def test_misuse_gets_one_line_and_status_2(words: list[str], nine_roofs_file: Pa
     places = {"FILE": nine_roofs_file, "OUT": tmp_path / "out", "BELOW": nine_roofs_file / "below-a-file"}
     done = eaves(*[places.get(word, word) for word in words])
     assert done.returncode == 2, done.stdout + done.stderr
+    assert one_line(done).startswith("error: ")
+
+
+def test_a_process_leaves_with_the_status_and_the_line() -> None:
+    done = started("methods", "cooking")
+    assert done.returncode == 2
     assert one_line(done).startswith("error: ")
 
 
@@ -172,7 +198,7 @@ def test_a_corrupt_file_among_good_ones_leaves_the_rest(nine_roofs_file: Path, t
 
 
 def test_a_second_run_gives_the_same_bytes(built: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
-    assert eaves("build", nine_roofs_file, "-o", tmp_path, "--jobs", "2").returncode == 0
+    assert started("build", nine_roofs_file, "-o", tmp_path, "--jobs", "2").returncode == 0
     for name in ("buildings.city.jsonl", "mask.tif", "dtm.tif", "classified.laz"):
         assert (built / name).read_bytes() == (tmp_path / name).read_bytes(), name
 
