@@ -1,7 +1,7 @@
 """The same buildings, whatever the files, the order of points and who computes.
 
 usage: python -m benchmarks.scale.identical [--area KM2] [--density D] [--jobs N]
-(EAVES_DATA adds ign_urban)
+(EAVES_DATA adds ign_urban and Delft)
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -99,7 +101,7 @@ Way = tuple[str, float, int, tuple[str, str]]
 """Name, seconds, buildings and digest."""
 
 
-def variants(points: Path, place: Path, block: float, jobs: int) -> Iterator[Way]:
+def variants(points: Path, place: Path, given: Options, jobs: int) -> Iterator[Way]:
     """Every way to run the same points: the first in one process, files cut otherwise in `jobs`."""
     las = laspy.read(points)
     folders = {
@@ -111,19 +113,19 @@ def variants(points: Path, place: Path, block: float, jobs: int) -> Iterator[Way
     }
     del las
 
-    def once(name: str, source: Path, options: Options) -> Way:
+    def once(name: str, source: Path, **way: Any) -> Way:
         out = place / "out"
         shutil.rmtree(out, ignore_errors=True)
         started = time.perf_counter()
-        summary = build(source, out, options=options)
+        summary = build(source, out, options=replace(given, **way))
         return name, time.perf_counter() - started, summary.found, digest(out)
 
-    yield once("one file, serial", points, Options(block=block))
+    yield once("one file, serial", points)
     for name, source in folders.items():
-        yield once(f"{name}, {jobs} processes", source, Options(block=block, jobs=jobs))
-    yield once("36 files, by tiles", folders["36 files"], Options(block=block, jobs=jobs, per_tile=True))
+        yield once(f"{name}, {jobs} processes", source, jobs=jobs)
+    yield once("36 files, by tiles", folders["36 files"], jobs=jobs, per_tile=True)
     with cluster() as address:
-        yield once("one file, Dask, 2 workers", points, Options(block=block, scheduler=address))
+        yield once("one file, Dask, 2 workers", points, scheduler=address)
 
 
 def main() -> None:
@@ -137,7 +139,7 @@ def main() -> None:
         place = Path(name)
         town = simulate_town(asked.area, terrain="hilly", seed=11)
         points = write_simulation(scan_town(town, asked.density, seed=11), place / "town")["points"]
-        jobs = [(f"town, {asked.area:g} km²", points, 240.0)]
+        jobs = [(f"town, {asked.area:g} km²", points, Options())]
         data = os.environ.get("EAVES_DATA")
         if data:
             tiles = [laspy.read(path) for path in sorted(Path(data, "ign_urban").glob("*.laz"))]
@@ -149,17 +151,20 @@ def main() -> None:
                 tiles[0].points.offsets,
             )
             whole.write(place / "ign.laz")
-            jobs += [("ign_urban", place / "ign.laz", 240.0), ("ign_urban", place / "ign.laz", 30.0)]
-        for number, (data_name, source, block) in enumerate(jobs):
+            jobs += [("ign_urban", place / "ign.laz", Options(block=side)) for side in (240.0, 30.0)]
+            delft = Path(data, "delft")
+            given = Options(footprints=delft / "footprints.gpkg")
+            jobs.append(("Delft, footprints given", delft / "ahn3.laz", given))
+        for number, (data_name, source, options) in enumerate(jobs):
             (place / str(number)).mkdir()
             first = None
-            for name, seconds, found, hashed in variants(source, place / str(number), block, asked.jobs):
+            for name, seconds, found, hashed in variants(source, place / str(number), options, asked.jobs):
                 first = first or hashed
                 same = hashed[0] == first[0] and hashed[1] in (first[1], "")
                 rows.append(
                     {
                         "data": data_name,
-                        "block m": block,
+                        "block m": options.block,
                         "way": name,
                         "s": round(seconds, 1),
                         "buildings": found,

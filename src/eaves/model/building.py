@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from eaves.model.arrays import Points, Values
@@ -42,6 +43,13 @@ class Footprint:
     id: str = ""
     score: float = 1.0
     attributes: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        # A grid on which later overlays would round gets lost on the way to another process; the answer must
+        # not depend on that.
+        if shapely.get_precision(self.polygon):
+            free = shapely.set_precision(self.polygon, 0.0, mode="pointwise")
+            object.__setattr__(self, "polygon", free)
 
     def with_(self, **changes: Any) -> Footprint:
         """A copy with some fields replaced."""
