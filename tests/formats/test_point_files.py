@@ -138,6 +138,18 @@ def test_the_same_dimension_twice_is_replaced(tmp_path: Path) -> None:
     assert set(back.part) == {2} and list(back.point_format.extra_dimension_names) == ["amplitude", "part"]
 
 
+def test_a_dimension_of_pairs_gives_way_to_numbers_of_the_same_name(tmp_path: Path) -> None:
+    las = survey()
+    las.add_extra_dim(laspy.ExtraBytesParams("part", "2u1"))
+    las.part = np.ones((COUNT, 2), np.uint8)
+    las.write(tmp_path / "a.laz")
+    part = (np.arange(COUNT) % 5).astype(np.uint8)
+    write_classified(
+        open_source(tmp_path / "a.laz"), tmp_path / "b.laz", np.full(COUNT, 2, np.uint8), {"part": part}
+    )
+    assert np.array_equal(laspy.read(tmp_path / "b.laz").part, part)
+
+
 def test_writing_twice_gives_the_same_bytes(tmp_path: Path) -> None:
     source = open_source(written(tmp_path, "copc")[0])
     for name in ("a.laz", "b.laz"):

@@ -95,7 +95,7 @@ def write_classified(
             part = slice(first, first + len(records))
             points = laspy.ScaleAwarePointRecord.zeros(len(records), header=header)
             for name in records.dtype.names or ():
-                if name in points.array.dtype.names:
+                if name in points.array.dtype.names and name not in arrays:
                     points.array[name] = records[name]
             _set_classes(points, header, np.asarray(classification[part], np.uint8))
             for name, values in arrays.items():
