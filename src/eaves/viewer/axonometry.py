@@ -35,8 +35,8 @@ def models_figure(
     contents = read_contents(folder, points=POINTS_DRAWN)
     view = view_matrix(azimuth, elevation)
     corners, colours, points = scene_of(contents)
-    lines = edges_of(CityFaces.of(contents.faces.take(finest_faces(contents.faces))))[0]
-    lines = split_lines(lines)
+    finest = CityFaces.of(contents.faces.take(finest_faces(contents.faces)))
+    lines = split_lines(finest.corners[edges_of(finest)[0]])
     lines = lines[over_terrain(contents, lines)]
     seen, spots, rims = corners @ view.T, points @ view.T, lines @ view.T
     rim_depth = rims[:, :, 2].mean(axis=1) + IN_FRONT

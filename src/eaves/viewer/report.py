@@ -171,8 +171,8 @@ def iter_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     """Points, triangles, edges, outlines and terrain; buildings count from 1, 0 is none."""
     yield from point_arrays(contents)
     yield from triangle_arrays(contents)
-    edges, edge_face = edges_of(contents.faces)
-    yield "edge_xyz", millimetres(edges)
+    ends, edge_face = edges_of(contents.faces)
+    yield "edge_xyz", millimetres(contents.faces.corners)[ends]
     yield "edge_building", (contents.faces.building[edge_face] + 1).astype(np.uint32)
     yield "edge_lod", contents.faces.lod[edge_face].astype(np.uint8)
     outlines, outline_row = draped_outlines(contents)
@@ -220,8 +220,9 @@ def millimetres(xyz: Points) -> NDArray[np.int32]:
 def pack(values: NDArray[Any]) -> dict[str, str]:
     """Base64 of the deflated bytes, those of one significance together."""
     flat = np.ascontiguousarray(values).reshape(-1)
-    planes = flat.astype(flat.dtype.newbyteorder("<")).view(np.uint8).reshape(len(flat), flat.itemsize).T
-    packed = zlib.compress(np.ascontiguousarray(planes).tobytes(), 6)
+    stored = flat.astype(flat.dtype.newbyteorder("<"), copy=False)
+    planes = stored.view(np.uint8).reshape(len(flat), flat.itemsize).T
+    packed = zlib.compress(np.ascontiguousarray(planes).data, 6)
     return {"type": flat.dtype.name, "data": base64.b64encode(packed).decode("ascii")}
 
 

@@ -169,13 +169,14 @@ def _take_own_corners(
     corners.reshape(-1, 3)[hit] = own[found[hit]]
 
 
-def edges_of(faces: CityFaces) -> tuple[Points, NDArray[np.int64]]:
-    """The two ends of every ring edge, (E, 2, 3), and the number (E,) of its face."""
+def edges_of(faces: CityFaces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which corners every ring edge goes between, (E, 2), and the number (E,) of its face."""
     start, end = faces.ring_start[:-1], faces.ring_start[1:]
-    following = np.arange(1, len(faces.corners) + 1)
+    corner = np.arange(len(faces.corners))
+    following = corner + 1
     following[end[end > start] - 1] = start[end > start]
     ring_face = np.repeat(np.arange(len(faces)), np.diff(faces.face_start))
-    return np.stack([faces.corners, faces.corners[following]], axis=1), np.repeat(ring_face, end - start)
+    return np.stack([corner, following], axis=1), np.repeat(ring_face, end - start)
 
 
 def _frames(corners: Points, sizes: NDArray[np.int64], outer: NDArray[np.int64]) -> NDArray[np.float64]:
