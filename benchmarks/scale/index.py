@@ -35,7 +35,7 @@ from eaves.tiling.merge import merge_footprints
 from eaves.tiling.region import Job
 from eaves.tiling.runners import peak_memory_mb
 from eaves.tiling.scatter import Window
-from eaves.tiling.tiles import plan_tiles, task_of
+from eaves.tiling.tiles import TileTasks, plan_tiles
 
 FILE_POINTS = 10_000_000
 FILE_SIDE = 1000.0
@@ -117,7 +117,9 @@ def measure_index(folder: Path) -> list[Figures]:
     assert isinstance(tiles, list)
     job = Job(index, make_recipe(), 240.0, Window(), {})  # type: ignore[arg-type]
     some = tiles[:: max(1, len(tiles) // TASKS_TRIED)]
-    sent = timed("tasks of some tiles", len(some), lambda: [len(task_of(job, tile).numbers) for tile in some])
+    sent = timed(
+        "tasks of some tiles", len(some), lambda: [len(task.numbers) for task in TileTasks(job, some)]
+    )
     sent["answer"] = f"{np.mean(sent['answer']):.0f} files each"  # type: ignore[call-overload]
     return [before, found, made | {"answer": ""}, planned | {"answer": f"{len(tiles)} tiles"}, sent]
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from eaves.formats.disk import DiskFullError
@@ -109,6 +110,8 @@ class TileTasks(Sequence[TileTask]):
 
     def __init__(self, job: Job, tiles: Sequence[Tile]) -> None:
         self.job, self.tiles = job, tiles
+        self._given = None if job.given is None else FootprintSearch(job.given)
+        self._addresses = FootprintSearch(job.addresses)
 
     def __len__(self) -> int:
         return len(self.tiles)
@@ -120,26 +123,36 @@ class TileTasks(Sequence[TileTask]):
     def __getitem__(self, k: int | slice) -> TileTask | Sequence[TileTask]:
         if isinstance(k, slice):
             return [self[n] for n in range(len(self))[k]]
-        return task_of(self.job, self.tiles[k])
+        return self._make(self.tiles[k])
+
+    def _make(self, tile: Tile, ring: int = 1) -> TileTask:
+        """A tile's part of the job: the inputs whose box comes near enough, the footprints likewise."""
+        loaded = loaded_with(tile, ring, self.job.recipe.reach)
+        numbers = np.flatnonzero(self.job.index.meeting(loaded.grown(LYING_BY)))
+        index = self.job.index.subset(numbers)
+        mine = replace(
+            self.job,
+            index=index,
+            given=None if self._given is None else self._given.near(loaded),
+            addresses=self._addresses.near(loaded),
+            plan={**self.job.plan, **index.describe(), "tile": tile.name},
+            failed=(),
+            outputs=WANTED,
+        )
+        return TileTask(tile, mine, tuple(int(number) for number in numbers), ring)
 
 
-def task_of(job: Job, tile: Tile, ring: int = 1) -> TileTask:
-    """A tile's part of the job: the inputs whose box comes near enough, the given footprints likewise."""
-    loaded = loaded_with(tile, ring, job.recipe.reach)
-    numbers = np.flatnonzero(job.index.meeting(loaded.grown(LYING_BY)))
-    given = job.given
-    if given is not None:
-        given = footprints_near(given, loaded)
-    addresses = footprints_near(job.addresses, loaded)
-    index = job.index.subset(numbers)
-    plan = {**job.plan, **index.describe(), "tile": tile.name}
-    mine = replace(job, index=index, given=given, addresses=addresses, plan=plan, failed=(), outputs=WANTED)
-    return TileTask(tile, mine, tuple(int(number) for number in numbers), ring)
+class FootprintSearch:
+    """Footprints (world metres) by place: a country's are too many to look through for every tile."""
 
+    def __init__(self, footprints: Sequence[Footprint]) -> None:
+        self._footprints = footprints
+        self._tree = shapely.STRtree([footprint.polygon for footprint in footprints])
 
-def footprints_near(footprints: Sequence[Footprint], loaded: Bounds) -> list[Footprint]:
-    """The footprints (world metres) in or near the bounds of the points loaded."""
-    return [f for f in footprints if Bounds(*f.polygon.bounds).grown(LYING_BY).intersects(loaded)]
+    def near(self, loaded: Bounds) -> list[Footprint]:
+        """Those in or near the bounds of the points loaded, in their order."""
+        found = self._tree.query(shapely.box(*vars(loaded.grown(LYING_BY)).values()))
+        return [self._footprints[k] for k in np.sort(found)]
 
 
 def loaded_with(tile: Tile, ring: int, reach: float) -> Bounds:

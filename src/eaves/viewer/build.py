@@ -11,7 +11,7 @@ from eaves.tiling.build import Options
 from eaves.tiling.build import build as build_files
 from eaves.tiling.outputs import Summary
 from eaves.tiling.region import Tell
-from eaves.viewer.contents import BUILDINGS_SHOWN, POINTS_SHOWN
+from eaves.viewer.contents import BUILDINGS_SHOWN, POINTS_SHOWN, get_ready
 from eaves.viewer.report import write_report
 from eaves.viewer.sample import Heard
 
@@ -42,7 +42,14 @@ def build(
     True
     """
     heard = Heard(POINTS_SHOWN, BUILDINGS_SHOWN)
-    summary = build_files(inputs, out, recipe, options, tell, heard)
+    waits = options is not None and (options.jobs > 1 or options.scheduler is not None)
+
+    def tell_and_get_ready(stage: str, done: int, total: int) -> None:
+        tell(stage, done, total)
+        if waits and stage == "buildings" and done == 1:  # the others compute meanwhile
+            get_ready()
+
+    summary = build_files(inputs, out, recipe, options, tell_and_get_ready, heard)
     if "tiles" in summary.run:
         return summary
     return replace(summary, files=(*summary.files, write_report(summary, heard)))

@@ -171,8 +171,9 @@ def iter_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     """Points, triangles, edges, outlines and terrain; buildings count from 1, 0 is none."""
     yield from point_arrays(contents)
     yield from triangle_arrays(contents)
+    corners = millimetres(contents.faces.corners)
     ends, edge_face = edges_of(contents.faces)
-    yield "edge_xyz", millimetres(contents.faces.corners)[ends]
+    yield "edge_xyz", corners[ends]
     yield "edge_building", (contents.faces.building[edge_face] + 1).astype(np.uint32)
     yield "edge_lod", contents.faces.lod[edge_face].astype(np.uint8)
     outlines, outline_row = draped_outlines(contents)
@@ -206,7 +207,9 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
         corners.append(millimetres(surfaces.corners))
         for name, values in figures.items():
             values.append(surfaces.figure(name).astype(np.uint32 if name == "building" else np.uint8))
-    yield "triangle_xyz", np.concatenate(corners)
+    whole = np.concatenate(corners)
+    corners.clear()
+    yield "triangle_xyz", whole
     yield "triangle_building", np.concatenate([np.zeros(0, np.uint32), *figures["building"]]) + np.uint32(1)
     for name in ("lod", "kind"):
         yield f"triangle_{name}", np.concatenate([np.zeros(0, np.uint8), *figures[name]])
@@ -214,7 +217,8 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
 
 def millimetres(xyz: Points) -> NDArray[np.int32]:
     """Coordinates as whole millimetres."""
-    return np.asarray(np.round(xyz * MILLIMETRES), np.int32)
+    whole = xyz * MILLIMETRES
+    return np.asarray(np.rint(whole, out=whole), np.int32)
 
 
 def pack(values: NDArray[Any]) -> dict[str, str]:

@@ -169,13 +169,13 @@ def _take_own_corners(
     corners.reshape(-1, 3)[hit] = own[found[hit]]
 
 
-def edges_of(faces: CityFaces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def edges_of(faces: CityFaces) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Which corners every ring edge goes between, (E, 2), and the number (E,) of its face."""
     start, end = faces.ring_start[:-1], faces.ring_start[1:]
-    corner = np.arange(len(faces.corners))
-    following = corner + 1
+    corner = np.arange(len(faces.corners), dtype=np.int32)
+    following = corner + np.int32(1)
     following[end[end > start] - 1] = start[end > start]
-    ring_face = np.repeat(np.arange(len(faces)), np.diff(faces.face_start))
+    ring_face = np.repeat(np.arange(len(faces), dtype=np.int32), np.diff(faces.face_start))
     return np.stack([corner, following], axis=1), np.repeat(ring_face, end - start)
 
 
