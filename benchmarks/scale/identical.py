@@ -130,16 +130,18 @@ def variants(points: Path, place: Path, given: Options, jobs: int) -> Iterator[W
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--area", type=float, default=4.0)
+    parser.add_argument("--area", type=float, default=4.0, help="Of the town (km²); 0 for none.")
     parser.add_argument("--density", type=float, default=2.0)
     parser.add_argument("--jobs", type=int, default=2)
     asked = parser.parse_args()
     rows: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
-        town = simulate_town(asked.area, terrain="hilly", seed=11)
-        points = write_simulation(scan_town(town, asked.density, seed=11), place / "town")["points"]
-        jobs = [(f"town, {asked.area:g} km²", points, Options())]
+        jobs: list[tuple[str, Path, Options]] = []
+        if asked.area:
+            town = simulate_town(asked.area, terrain="hilly", seed=11)
+            points = write_simulation(scan_town(town, asked.density, seed=11), place / "town")["points"]
+            jobs.append((f"town, {asked.area:g} km²", points, Options()))
         data = os.environ.get("EAVES_DATA")
         if data:
             tiles = [laspy.read(path) for path in sorted(Path(data, "ign_urban").glob("*.laz"))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 import shapely
@@ -40,6 +41,24 @@ def test_given_footprints_are_modelled_once_each(
     summary = build(nine_roofs_file, tmp_path / "tiled", options=Options(**options, per_tile=True))
     assert summary.found == 9
     assert features([tmp_path / "whole" / "buildings.city.jsonl"]) == of_tiles(tmp_path / "tiled")
+
+
+def test_a_given_footprint_on_the_border_of_two_files_stays_whole(
+    nine_roofs: ExactScene, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    polygons = [shapely.transform(one.footprint, lambda xy: xy + PLACE) for one in nine_roofs.buildings]
+    write_geopackage(tmp_path / "given.gpkg", [Row(one, {}) for one in polygons], (), CoordinateSystem())
+    las = laspy.read(nine_roofs_file)
+    east = las.x >= polygons[4].centroid.x
+    for name, which in ("east", east), ("west", ~east):
+        part = laspy.LasData(las.header)
+        part.points = las.points[which]
+        part.write(tmp_path / f"{name}.laz")
+    options = Options(block=BLOCK, footprints=tmp_path / "given.gpkg")
+    build(nine_roofs_file, tmp_path / "whole", options=options)
+    build([tmp_path / "east.laz", tmp_path / "west.laz"], tmp_path / "cut", options=options)
+    models = [features([tmp_path / name / "buildings.city.jsonl"]) for name in ("whole", "cut")]
+    assert models[0] == models[1]
 
 
 @pytest.mark.usefixtures("small_tiles")

@@ -105,7 +105,7 @@ def build(
     given, addresses = None, []
     known = options.footprints or options.party_walls
     if known is not None:
-        area = area_of(index.entries["box"], bounds, clip)
+        area = area_of(index.entries["box"][index.entries["count"] > 0], bounds, clip)
         addresses = read_footprints(known, options.id_field, index.system, area)
     if options.footprints is not None:
         given, addresses = addresses, []

@@ -234,7 +234,11 @@ class Region:
                 raise TooNarrowError
             todo = sorted((beyond & there) - tried)
         if self.job.given is not None:
-            return assign_footprints(self.job.given, blocks) if blocks else []
+            homes = assign_footprints(self.job.given, blocks) if blocks else []
+            left_out = len(self.job.given) - sum(len(home.buildings) for home in homes)
+            if left_out and core.loaded is None:  # of a tile's some are its neighbours'
+                log.warning("%d footprints lie far from all points, left out", left_out)
+            return homes
         return with_addresses(join_regions(self.seams(sorted(tried))), self.job.addresses)
 
     def seams(self, blocks: Sequence[Block]) -> list[Seam]:

@@ -33,8 +33,15 @@ def read_area(path: Path, system: CoordinateSystem) -> BaseGeometry:
 
 
 def area_of(boxes: NDArray[np.float64], bounds: Bounds | None, clip: BaseGeometry | None) -> BaseGeometry:
-    """Where points are used: the boxes (F, 4) of the files, within `bounds` and `clip`."""
-    area = shapely.union_all(shapely.box(*boxes.T))
+    """Where footprints are used: the rectangle around the boxes (F, 4) of all files that have points, within
+    `bounds` and `clip`.
+
+    Not the union of the boxes: between those of neighbouring files are gaps of a point spacing, which would
+    cut the footprints that cross them.
+    """
+    if not len(boxes):
+        return shapely.Polygon()
+    area: BaseGeometry = shapely.box(*boxes[:, :2].min(axis=0), *boxes[:, 2:].max(axis=0))
     for limit in (None if bounds is None else as_box(bounds), clip):
         if limit is not None:
             area = shapely.intersection(area, limit)
