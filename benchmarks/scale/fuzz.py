@@ -191,7 +191,7 @@ def wrong_with(status: int, said: str, out: Path) -> str:
     try:
         for path in left:
             open_again(path)
-    except Exception as error:
+    except Exception as error:  # whatever its reader raises, the file is no good
         return f"{path.name} does not open: {error}"
     return ""
 

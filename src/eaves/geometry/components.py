@@ -17,17 +17,7 @@ def connected_groups_kernel(one: Integers, other: Integers, count: int) -> Integ
     """
     head = np.arange(count)
     for edge in range(len(one)):
-        a, b = one[edge], other[edge]
-        while head[a] != a:
-            head[a] = head[head[a]]
-            a = head[a]
-        while head[b] != b:
-            head[b] = head[head[b]]
-            b = head[b]
-        if a < b:
-            head[b] = a
-        else:
-            head[a] = b
+        unite_kernel(head, one[edge], other[edge])
     groups = 0
     for node in range(count):
         if head[node] == node:
@@ -36,3 +26,18 @@ def connected_groups_kernel(one: Integers, other: Integers, count: int) -> Integ
         else:  # the head of a node comes before it, and bears its number already
             head[node] = head[head[node]]
     return head
+
+
+@njit(cache=True)
+def unite_kernel(head: Integers, a: int, b: int) -> None:
+    """Make the groups of two nodes one; following `head` (N,) leads to a group's first node, its own head."""
+    while head[a] != a:
+        head[a] = head[head[a]]
+        a = head[a]
+    while head[b] != b:
+        head[b] = head[head[b]]
+        b = head[b]
+    if a < b:
+        head[b] = a
+    else:
+        head[a] = b

@@ -26,9 +26,7 @@ def group_percentiles(
     answer = np.full(count, np.nan)
     before = ordered[(first[:-1] + low)[some]]
     after = ordered[(first[:-1] + np.minimum(low + 1, last))[some]]
-    share = (place - low)[some]
-    step = after - before
-    answer[some] = np.where(share < 0.5, before + step * share, after - step * (1.0 - share))
+    answer[some] = between(before, after, (place - low)[some])
     return answer
 
 
@@ -42,7 +40,11 @@ def column_percentiles(values: NDArray[np.float64], percents: tuple[float, ...])
     for percent in percents:
         place = last * (percent / 100.0)
         low = int(place)
-        before, after, share = ordered[low], ordered[min(low + 1, last)], place - low
-        step = after - before
-        rows.append(before + step * share if share < 0.5 else after - step * (1.0 - share))
+        rows.append(between(ordered[low], ordered[min(low + 1, last)], place - low))
     return np.array(rows)
+
+
+def between(before: Values, after: Values, share: Values | float) -> Values:
+    """The values (K,) at a share of the way from some to others, from the nearer end: as numpy has them."""
+    step = after - before
+    return np.where(share < 0.5, before + step * share, after - step * (1.0 - share))

@@ -35,11 +35,16 @@ def ring_edges(
     """Where the edges of closed rings of vertex numbers start and end (E,), (E,), and their rings (E,)."""
     size = np.array([len(ring) for ring in rings], np.int64)
     start = np.fromiter(chain.from_iterable(rings), np.int64, int(size.sum()))
-    end = np.empty_like(start)
-    end[:-1] = start[1:]
+    return start, start[following_places(size)], np.repeat(np.arange(len(size)), size)
+
+
+def following_places(size: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The place (V,) of the corner after each, in rings of `size` (R,) corners that stand one behind the
+    other."""
     after = np.cumsum(size)
-    end[after[size > 0] - 1] = start[(after - size)[size > 0]]
-    return start, end, np.repeat(np.arange(len(size)), size)
+    following = np.arange(1, int(size.sum()) + 1)
+    following[after[size > 0] - 1] = (after - size)[size > 0]
+    return following
 
 
 def split_loops(ring: NDArray[np.int64]) -> list[NDArray[np.int64]]:

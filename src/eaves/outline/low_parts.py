@@ -7,6 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from eaves.geometry.alpha import Mesh
+from eaves.geometry.components import unite_kernel
 from eaves.model import Mask, Values
 
 STEP_M, STEEP = 0.5, 1.2
@@ -46,16 +47,7 @@ def low_parts_kernel(
             length = np.sqrt((xy[i, 0] - xy[j, 0]) ** 2 + (xy[i, 1] - xy[j, 1]) ** 2)
             if length > reach or abs(height[i] - height[j]) > STEP_M + STEEP * length:
                 continue
-            while root[i] != i:
-                root[i] = root[root[i]]
-                i = root[i]
-            while root[j] != j:
-                root[j] = root[root[j]]
-                j = root[j]
-            if i < j:
-                root[j] = i
-            else:
-                root[i] = j
+            unite_kernel(root, i, j)
     count = np.zeros(size)
     mean = np.zeros(size)
     first = np.zeros((size, 2))

@@ -16,6 +16,7 @@ from eaves.model import Failure, Footprint
 from eaves.outline.party_walls import split_block
 from eaves.pipeline import BuildingPoints
 from eaves.tiling.join import HomePlan
+from eaves.tiling.vectors import as_box
 
 log = logging.getLogger("eaves")
 Drawn = list[Footprint | Failure]
@@ -29,7 +30,7 @@ def with_addresses(homes: Sequence[HomePlan], addresses: Sequence[Footprint]) ->
     answers = []
     for home in homes:
         blocks = sorted({block for building in home.buildings for block, _ in building.regions})
-        boxes = [shapely.box(b.west, b.south, b.east, b.north) for b in (block.bounds for block in blocks)]
+        boxes = [as_box(block.bounds) for block in blocks]
         near = np.unique(tree.query(boxes)[1])
         mine = tuple(moved for k in near if (moved := about(addresses[k], home.home.origin)) is not None)
         answers.append(replace(home, addresses=mine))

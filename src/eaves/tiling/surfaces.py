@@ -16,6 +16,7 @@ from eaves.pipeline import CELL
 from eaves.raster.burn import burn
 from eaves.tiling.block_file import Notes
 from eaves.tiling.store import Store
+from eaves.tiling.vectors import as_box
 
 
 def extent_of(notes: Sequence[Notes]) -> Bounds:
@@ -50,6 +51,6 @@ def write_mask(
     tree = shapely.STRtree(polygons)
     with MosaicWriter(path, extent, CELL, system, mask=True) as mosaic:
         for block in blocks:
-            near = [polygons[i] for i in np.sort(tree.query(shapely.box(*vars(block.bounds).values())))]
+            near = [polygons[i] for i in np.sort(tree.query(as_box(block.bounds)))]
             mosaic.write(burn(near, block.bounds, CELL), block.bounds)
     return [path, path.with_suffix(".tfw")]

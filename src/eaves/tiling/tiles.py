@@ -24,6 +24,7 @@ from eaves.tiling.outputs import Summary, write_run
 from eaves.tiling.region import Core, Job, Region, Tell, TooNarrowError, warn_of_boxes
 from eaves.tiling.runners import Workers, peak_memory_mb
 from eaves.tiling.scatter import LYING_BY, Window
+from eaves.tiling.vectors import as_box
 
 log = logging.getLogger("eaves")
 
@@ -151,7 +152,7 @@ class FootprintSearch:
 
     def near(self, loaded: Bounds) -> list[Footprint]:
         """Those in or near the bounds of the points loaded, in their order."""
-        found = self._tree.query(shapely.box(*vars(loaded.grown(LYING_BY)).values()))
+        found = self._tree.query(as_box(loaded.grown(LYING_BY)))
         return [self._footprints[k] for k in np.sort(found)]
 
 

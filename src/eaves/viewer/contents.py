@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -130,8 +131,7 @@ def read_contents(
 
 def get_ready() -> None:
     """Load the library and the kernels that reading contents takes: the better part of a second."""
-    import pyogrio.raw  # noqa: F401
-
+    import_module("pyogrio.raw")
     face = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     fit_roof(face[:1], collect_faces([[face]], [0]))
     Raster(np.zeros((2, 2), np.float32), 0.0, 0.0, 1.0).at(face[:1, :2])

@@ -13,6 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.formats import CityObject
+from eaves.geometry.rings import following_places
 from eaves.model import Mask, Points
 from eaves.model.building import GROUND_SURFACE, LODS, ROOF_SURFACE, WALL_SURFACE
 
@@ -171,22 +172,21 @@ def _take_own_corners(
 
 def edges_of(faces: CityFaces) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Which corners every ring edge goes between, (E, 2), and the number (E,) of its face."""
-    start, end = faces.ring_start[:-1], faces.ring_start[1:]
-    corner = np.arange(len(faces.corners), dtype=np.int32)
-    following = corner + np.int32(1)
-    following[end[end > start] - 1] = start[end > start]
+    size = np.diff(faces.ring_start)
+    following = following_places(size).astype(np.int32)
     ring_face = np.repeat(np.arange(len(faces), dtype=np.int32), np.diff(faces.face_start))
-    return np.stack([corner, following], axis=1), np.repeat(ring_face, end - start)
+    ends = np.stack([np.arange(len(following), dtype=np.int32), following], axis=1)
+    return ends, np.repeat(ring_face, size)
 
 
 def _frames(corners: Points, sizes: NDArray[np.int64], outer: NDArray[np.int64]) -> NDArray[np.float64]:
     """Origin, two directions on its plane and its normal, (F, 4, 3), of each ring numbered in `outer`; the
     rings have `sizes` corners each."""
     start = np.cumsum(sizes) - sizes
-    following = np.arange(1, len(corners) + 1)
-    following[start + sizes - 1] = start
     aside = corners - np.repeat(corners[start], sizes, axis=0)
-    area = np.add.reduceat(np.cross(aside, aside[following]), start, axis=0)[outer]  # Newell's sum
+    area = np.add.reduceat(np.cross(aside, aside[following_places(sizes)]), start, axis=0)[
+        outer
+    ]  # Newell's sum
     length = np.linalg.norm(area, axis=1)
     area[length == 0] = 0.0, 0.0, 1.0
     normal = area / np.where(length > 0, length, 1.0)[:, None]
