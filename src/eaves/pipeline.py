@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from eaves.detect import Detector, detect_buildings
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import GroundMethod, classify_ground
+from eaves.ground.wide_objects import WideObjects
 from eaves.methods import DEFAULTS, Method, make_method, method_class
 from eaves.model import (
     Block,
@@ -68,6 +69,11 @@ class Recipe:
     def reach(self) -> float:
         """Width (m) of the surroundings a block is computed with: the largest of the methods'."""
         return max(self.ground.reach, self.scene_reach)
+
+    @property
+    def sees_wide(self) -> bool:
+        """Whether more than a block's reach is looked at to find what is wider."""
+        return self.ground.wide_reach > 0.0 and not self.use_classes
 
     @property
     def scene_reach(self) -> float:
@@ -178,8 +184,9 @@ class BuildingResult:
         return cls(failure, np.zeros(0, np.int64), np.zeros(0, np.int32))
 
 
-def make_scene(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Scene:
+def make_scene(cloud: PointCloud, bounds: Bounds, cell: float = CELL, beneath: Points | None = None) -> Scene:
     """A classified cloud with its terrain, its surface and every point's height; `bounds` in local metres.
+    `beneath` (K, 3) are points of the terrain under what is wide.
 
     Examples
     --------
@@ -191,24 +198,28 @@ def make_scene(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Scene:
     >>> bool(abs(scene.height[cloud.classification == 2]).max() < 0.5)
     True
     """
-    dtm, dsm = make_dtm(cloud, bounds, cell), make_dsm(cloud, bounds, cell)
+    dtm, dsm = make_dtm(cloud, bounds, cell, beneath), make_dsm(cloud, bounds, cell)
     return Scene(cloud, dtm, dsm, measure_spacing(cloud.xyz), cloud.xyz[:, 2] - dtm.at(cloud.xyz))
 
 
-def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
+def block_pass(
+    cloud: PointCloud, block: Block, recipe: Recipe, wide: WideObjects | None = None
+) -> BlockResult:
     """Ground, rasters and regions of one block.
 
     `cloud` must hold the points of the block and of its surroundings up to `recipe.reach`, and no others:
-    then the answer is the same whichever files or tiles they came from.
+    then the answer is the same whichever files or tiles they came from. `wide` is what a look at more than
+    them has found; by default it is looked for in the cloud.
     """
     clock = Clock()
     cloud = cloud.about(block.origin).in_canonical_order()
-    cloud = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes)
+    cloud = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide)
     clock.lap("ground")
     core = Bounds(0.0, 0.0, block.side, block.side)
     seen = core.grown(recipe.scene_reach)
     cloud = cloud.take(seen.contains(cloud.xyz))
-    scene = make_scene(cloud, seen)
+    beneath = None if wide is None else wide.terrain_beneath(seen, block.origin)
+    scene = make_scene(cloud, seen, beneath=beneath)
     clock.lap("rasters")
     nothing = Regions(np.zeros(len(cloud), np.int32))
     regions = detect_buildings(scene, recipe.detect) if recipe.detect else nothing

@@ -11,8 +11,11 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.tin import Tin
 from eaves.ground.base import GroundMethod
 from eaves.ground.densification import Limits, densify, insert_misfits, misfits, near_surface
+from eaves.ground.floor import Floor
+from eaves.ground.plateaus import Rules
 from eaves.ground.rim import rim_points
 from eaves.ground.seeds import lowest_of_cells, lowest_surface, seeds_by_opening
+from eaves.ground.wide_objects import Patch, find_wide_objects
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud, Points
 
@@ -22,6 +25,10 @@ FIRST_CELLS = 2.0
 
 WIDEST_SPACING_M = 2.0
 """Wider spacings add no more to the angle."""
+
+
+WIDE_REACH_M = 600.0
+"""What is wide is judged with all that lies so far around: a hall of 500 m with its surroundings."""
 
 
 class AdaptiveTin(GroundMethod):
@@ -55,7 +62,7 @@ class AdaptiveTin(GroundMethod):
     lowest point of a wide cell misses every hilltop and terrace, so by default we leave it in this:
 
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
-      pingel2013], up to `widest_object`. The rise that makes an object grows with the slope of the terrain,
+      pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done
       twice, so that a roof between roofs is found. Points low on a wall and in holes are left out after,
       and so are up to three cells alone among objects that do not fit the ground around them.
@@ -69,14 +76,14 @@ class AdaptiveTin(GroundMethod):
       away from roofs and crowns that the rim of the data cuts: its slivers are as steep as walls. Not with
       `seed_cell`: the paper has none.
 
-    The reach of a window of `widest_object` is its width, and a chain of joining points adds little: 60 m.
+    The reach of a window of `window` is its width, and a chain of joining points adds little: 60 m.
     The roughness and the spacing are measured over the whole cloud that is given, which for a tiler is
     block + reach.
 
     Fails where
     -----------
     Water is taken for ground, and much of a bridge that goes on at the level of its road. A building wider
-    than `widest_object` in both directions stays, and so does a wide one whose lowest step is under
+    than `window` in both directions stays, and so does a wide one whose lowest step is under
     (0.12 + 0.3 slope) times half its width: a hall of 35 m on a slope of 0.3 that rises 3.7 m uphill.
     A hill narrower than the window goes when it is steep on all sides. A kerb of three decimetres on dense
     data is cut off, a step of two decimetres is kept. Dense low plants that no pulse passes are ground.
@@ -103,7 +110,20 @@ class AdaptiveTin(GroundMethod):
         published=40.0,
         gt=0,
     )
-    widest_object: float = parameter(36.0, "Widest object the opening takes away.", unit="m", gt=0)
+    wall: float = parameter(
+        2.0, "Least height of the walls of a surface that stands on the terrain.", unit="m", gt=0
+    )
+    wall_share: float = parameter(
+        0.85, "Share of its rim to the terrain that must be walls, where it is known.", gt=0, le=1
+    )
+    rim_known: float = parameter(0.4, "Least share of its rim that must be known.", ge=0, le=1)
+    rim_void: float = parameter(
+        0.4, "Largest share of its rim beyond which nothing was measured.", ge=0, le=1
+    )
+    wide_area: float = parameter(200.0, "Smaller surfaces are left to the opening.", unit="m²", gt=0)
+    window: float = parameter(
+        36.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
+    )
     object_slope: float = parameter(
         0.12, "Rise over the opened surface, per metre of the window's radius, that makes an object.", gt=0
     )
@@ -164,16 +184,32 @@ class AdaptiveTin(GroundMethod):
     def reach(self) -> float:
         return 60.0
 
+    @property
+    def wide_reach(self) -> float:
+        return WIDE_REACH_M if self.seed_cell is None else 0.0
+
+    def find_wide_objects(self, floor: Floor) -> Patch | None:
+        if self.seed_cell is not None:
+            return None
+        return find_wide_objects(
+            floor, Rules(self.wall, self.wall_share, self.rim_known, self.rim_void, self.wide_area)
+        )
+
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
+        return self.ground_mask_below(cloud, np.zeros(len(cloud), bool), emit)
+
+    def ground_mask_below(self, cloud: PointCloud, over: Mask, emit: Emit = ignore) -> Mask:
         xyz = cloud.xyz
         if len(xyz) < 3:
             return np.ones(len(xyz), bool)
         spacing = measure_spacing(xyz)
         cell = max(self.cell_least, spacing)
         bounds = Bounds.of(xyz)
-        seeds = self.find_seeds(xyz, cell, bounds)
+        seeds = self.find_seeds(xyz, cell, bounds, over)
         emit("seeds", xyz[seeds])
-        waiting = np.ones(len(xyz), bool)
+        if len(seeds) == 0:
+            return np.zeros(len(xyz), bool)
+        waiting = ~over
         first = seeds[lowest_of_cells(xyz[seeds], FIRST_CELLS * cell)]
         waiting[first] = False
         rest = seeds[waiting[seeds]]
@@ -190,16 +226,14 @@ class AdaptiveTin(GroundMethod):
         if emit is not ignore:
             emit("triangles", xyz[tin.triangles])
         slant = min(self.slant_most, self.slant_share * spacing)
-        return near_surface(tin, xyz, level, slant, self.slope_cap)[: len(cloud)]
+        return near_surface(tin, xyz, level, slant, self.slope_cap)[: len(cloud)] & ~over
 
-    def find_seeds(self, xyz: Points, cell: float, bounds: Bounds) -> NDArray[np.int64]:
+    def find_seeds(self, xyz: Points, cell: float, bounds: Bounds, over: Mask) -> NDArray[np.int64]:
         """Numbers (K,) of the points the TIN begins with."""
         if self.seed_cell is not None:
             return lowest_of_cells(xyz, self.seed_cell, bounds)
-        lowest = lowest_surface(xyz, bounds, cell, self.widest_object)
-        return seeds_by_opening(
-            lowest, self.widest_object, self.object_slope, self.slope_share, self.level_share
-        )
+        lowest = lowest_surface(xyz, bounds, cell, self.window, over)
+        return seeds_by_opening(lowest, self.window, self.object_slope, self.slope_share, self.level_share)
 
     def limits(self, spacing: float, cell: float, noise: float) -> Limits:
         """What a point may differ from the surface to join it."""

@@ -8,7 +8,9 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
+from eaves.ground.floor import Floor
 from eaves.ground.outliers import find_outliers
+from eaves.ground.wide_objects import Patch, WideObjects
 from eaves.methods import Emit, Method, emitter, ignore, make_method
 from eaves.model import Mask, PointCloud, Points
 from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCLASSIFIED
@@ -27,12 +29,34 @@ class GroundMethod(Method):
         """Whether each point is ground; see the class."""
         raise NotImplementedError
 
+    @property
+    def wide_reach(self) -> float:
+        """How far away (m) a point can be and still change what `find_wide_objects` finds here; 0 where it
+        finds nothing. A tiler adds the side of its squares.
+        """
+        return 0.0
+
+    def ground_mask_below(self, cloud: PointCloud, over: Mask, emit: Emit = ignore) -> Mask:
+        """As `ground_mask`, where some points (N,) are known to be over the terrain."""
+        mask = np.zeros(len(cloud), bool)
+        below = np.flatnonzero(~over)
+        mask[below] = self.ground_mask(cloud.take(below), emit)
+        return mask
+
+    def find_wide_objects(self, floor: Floor) -> Patch | None:
+        """What the method takes away before its filter sees a point, whatever its width; None for nothing.
+
+        `floor` may be that of a far wider surrounding than `reach`.
+        """
+        return None
+
 
 def classify_ground(
     cloud: PointCloud,
     method: GroundMethod | None = None,
     *,
     use_classes: bool = False,
+    wide: WideObjects | None = None,
     debug: str | Path | Emit | None = None,
 ) -> PointCloud:
     """The cloud with classes 2 (ground), 7 and 18 (low and high noise) and 1 (the rest).
@@ -46,6 +70,9 @@ def classify_ground(
     use_classes
         Believe the file's classes 2, 7 and 18 instead of filtering, and keep its other classes; without
         any class 2 the method runs all the same.
+    wide
+        What stands over the terrain, where more than the cloud was seen to find it; by default it is looked
+        for in the cloud.
     debug
         A folder or a callback that receives every named intermediate.
 
@@ -78,10 +105,17 @@ def classify_ground(
     classes[left[low]], classes[left[high]] = LOW_NOISE, HIGH_NOISE
     good = np.flatnonzero(~(low | high))
     taken, good = taken.take(good), left[good]
-    order = taken.canonical_order()
     filter_ = method or make_method("ground")
     assert isinstance(filter_, GroundMethod)
-    mask = filter_.ground_mask(taken.take(order), emitter(debug))
+    if wide is None and len(taken):
+        patch = filter_.find_wide_objects(Floor.of(taken))
+        wide = None if patch is None else WideObjects((patch,))
+    order = taken.canonical_order()
+    taken = taken.take(order)
+    if wide is None:
+        mask = filter_.ground_mask(taken, emitter(debug))
+    else:
+        mask = filter_.ground_mask_below(taken, wide.holds(taken), emitter(debug))
     classes[good[order[mask]]] = GROUND
     return cloud.with_(classification=classes)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from eaves.model import Bounds, Mask, PointCloud, Raster
+from eaves.model import Bounds, Mask, PointCloud, Points, Raster
 from eaves.raster.grid import empty_raster, heights_of, highest_points, mean_heights
 from eaves.raster.interpolate import fill_linear, fill_nearest
 
@@ -13,12 +13,13 @@ CELL = 0.5
 """Side of a cell of the rasters (m)."""
 
 
-def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
+def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, beneath: Points | None = None) -> Raster:
     """The terrain over `bounds` (local m), linear between ground points; NaN only when there is no ground
     at all.
 
     A cell with ground points holds their mean height; the others are linear in the triangles of the cells
-    around the gap, and beyond the outermost ground points take the nearest height.
+    around the gap, and beyond the outermost ground points take the nearest height. `beneath` (K, 3) are
+    points of terrain that was not seen, which count as ground.
 
     Examples
     --------
@@ -31,6 +32,8 @@ def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
     True
     """
     ground = cloud.xyz.take(np.flatnonzero(cloud.ground), axis=0)
+    if beneath is not None and len(beneath):
+        ground = np.concatenate([ground, beneath])
     mean, _ = mean_heights(ground, bounds, cell)
     raster = Raster(mean, bounds.west, bounds.north, cell)
     if (

@@ -166,6 +166,7 @@ def describe(index: Index, recipe: Recipe, options: Options) -> dict[str, Any]:
         "lod": recipe.lod,
         "block": options.block,
         "reach": recipe.reach,
+        "wide_reach": recipe.ground.wide_reach if recipe.sees_wide else 0.0,
         "bounds": None if options.bounds is None else list(vars(options.bounds).values()),
         "clip": None if options.clip is None else hash_of(options.clip),
         "footprints": None if options.footprints is None else hash_of(options.footprints),

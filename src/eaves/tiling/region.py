@@ -34,6 +34,7 @@ from eaves.tiling.runners import Outcome, Workers, peak_memory_mb
 from eaves.tiling.scatter import Part, Window, earlier, parts_of, scatter_part
 from eaves.tiling.store import Store
 from eaves.tiling.strays import stray_blocks
+from eaves.tiling.wide import keep_floor, keep_square, load_wide, squares_of
 
 log = logging.getLogger("eaves")
 
@@ -92,6 +93,7 @@ class Region:
         self.failed: list[str] = list(job.failed)
         self.peak = peak_memory_mb()
         self.lying: dict[int, Bounds] = {}
+        self.blocks: list[Block] = []
         self.store = Store(
             work_folder,
             has_returns=job.index.has_field("return_number"),
@@ -110,7 +112,7 @@ class Region:
         """
         self.open_store()
         self.scatter()
-        blocks = self.used_blocks()
+        self.blocks = blocks = self.used_blocks()
         self.check_rasters(blocks)
         if not any(map(core.holds, blocks)):
             log.warning("no points left to use: see the bounds, the clip area and the files")
@@ -181,8 +183,8 @@ class Region:
             if workers is self.workers:
                 read_more(done.records)
         if changed:  # what was computed of fewer points no longer holds
-            self.store.forget("blocks")
-            self.store.forget("buildings")
+            for kind in ("floors", "squares", "blocks", "buildings"):
+                self.store.forget(kind)
         if unread and len(unread) == len(self.job.index):
             self.refuse(next(iter(unread.values())))
         self.failed += unread.values()
@@ -255,11 +257,28 @@ class Region:
         left = [block for block in blocks if not self.store.has("blocks", block)]
         if left:  # what was joined without them no longer holds
             self.store.forget("buildings")
+        self.find_wide(left)
         left = self.workers.heaviest_first(left, self.store.count_points)
         work = partial(compute_block, store=self.store, recipe=self.job.recipe)
         for done, outcome in enumerate(self.workers.run(work, left), 1):
             self.note(outcome, f"block {left[outcome.index].name}")
             self.tell("blocks", done, len(left))
+
+    def find_wide(self, blocks: Sequence[Block]) -> None:
+        """What stands over the terrain of some blocks, in squares that have not been looked at."""
+        recipe, store, side = self.job.recipe, self.store, self.job.side
+        if not recipe.sees_wide:
+            return
+        squares = squares_of([block.bounds.grown(recipe.reach) for block in blocks])
+        squares = [square for square in squares if not store.has("squares", square)]
+        seen = {square: square.bounds.grown(recipe.ground.wide_reach) for square in squares}
+        near = {b for b in self.blocks if any(b.bounds.intersects(bounds) for bounds in seen.values())}
+        floors = sorted(block for block in near if not store.has("floors", block))
+        for outcome in self.workers.run(partial(keep_floor, store=store), floors):
+            self.note(outcome, f"floor of block {floors[outcome.index].name}")
+        work = partial(keep_square, store=store, side=side, ground=recipe.ground)
+        for outcome in self.workers.run(work, squares):
+            self.note(outcome, f"square {squares[outcome.index].name}")
 
     def model(self, homes: Sequence[HomePlan]) -> None:
         """The building pass for those home blocks that have not been computed."""
@@ -304,7 +323,8 @@ def get_ready(recipe: Recipe) -> None:
 
 def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
     """The block pass for one block, kept in the store."""
-    store.save_block(block_pass(store.load_cloud(block, recipe.reach), block, recipe))
+    wide = load_wide(store, block.bounds.grown(recipe.reach)) if recipe.sees_wide else None
+    store.save_block(block_pass(store.load_cloud(block, recipe.reach), block, recipe, wide))
 
 
 def compute_home(plan: HomePlan, store: Store, recipe: Recipe, snap: bool = False) -> None:

@@ -25,6 +25,7 @@ from eaves.tiling.region import Core, Job, Region, Tell, TooNarrowError, warn_of
 from eaves.tiling.runners import Workers, peak_memory_mb
 from eaves.tiling.scatter import LYING_BY, Window
 from eaves.tiling.vectors import as_box
+from eaves.tiling.wide import seen_from
 
 log = logging.getLogger("eaves")
 
@@ -129,7 +130,7 @@ class TileTasks(Sequence[TileTask]):
     def _make(self, tile: Tile, ring: int = 1) -> TileTask:
         """A tile's part of the job: the inputs whose box comes near enough, the footprints likewise."""
         loaded = loaded_with(tile, ring, self.job.recipe.reach)
-        numbers = np.flatnonzero(self.job.index.meeting(loaded.grown(LYING_BY)))
+        numbers = np.flatnonzero(self.job.index.meeting(seen_with(loaded, self.job).grown(LYING_BY)))
         index = self.job.index.subset(numbers)
         mine = replace(
             self.job,
@@ -161,6 +162,11 @@ def loaded_with(tile: Tile, ring: int, reach: float) -> Bounds:
     return tile.bounds.grown(ring * tile.block + reach)
 
 
+def seen_with(loaded: Bounds, job: Job) -> Bounds:
+    """World metres of the points that are read for it: what is wide is looked for farther away."""
+    return seen_from(loaded, job.recipe.ground) if job.recipe.sees_wide else loaded
+
+
 def compute_tile(task: TileTask, folder: Path) -> TileDone:
     """One tile with its files in its folder; an earlier run's where it matches."""
     place = folder / TILES_FOLDER / task.tile.name
@@ -175,7 +181,8 @@ def compute_tile(task: TileTask, folder: Path) -> TileDone:
     ring = task.ring
     while True:
         loaded = loaded_with(task.tile, ring, task.job.recipe.reach)
-        window = Window(within(loaded, task.job.window.bounds), task.job.window.clip)
+        seen = seen_with(loaded, task.job)
+        window = Window(within(seen, task.job.window.bounds), task.job.window.clip)
         region = Region(
             replace(task.job, window=window), place, place / ".eaves-work", Workers(), lambda *told: None
         )
@@ -253,7 +260,7 @@ def by_tiles(job: Job, folder: Path, workers: Workers, tell: Tell) -> Summary:
 
 def differs(tile: Tile, job: Job, old: Index, new: Index) -> bool:
     """Whether a tile meets other inputs when boxes are corrected."""
-    loaded = loaded_with(tile, 1, job.recipe.reach).grown(LYING_BY)
+    loaded = seen_with(loaded_with(tile, 1, job.recipe.reach), job).grown(LYING_BY)
     return bool((new.meeting(loaded) & ~old.meeting(loaded)).any())
 
 
