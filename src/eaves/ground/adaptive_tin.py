@@ -116,7 +116,7 @@ class AdaptiveTin(GroundMethod):
     wall_share: float = parameter(
         0.85, "Share of its rim to the terrain that must be walls, where it is known.", gt=0, le=1
     )
-    rim_known: float = parameter(0.4, "Least share of its rim that must be known.", ge=0, le=1)
+    rim_known: float = parameter(0.25, "Least share of its rim that must face terrain.", ge=0, le=1)
     rim_void: float = parameter(
         0.4, "Largest share of its rim beyond which nothing was measured.", ge=0, le=1
     )

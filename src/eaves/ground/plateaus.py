@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from eaves.geometry.components import connected_groups_kernel
 from eaves.model import Grid, Labels, Mask, Values
+from eaves.raster.nearest import nearest_cells
 
 Integers = NDArray[np.int64]
 
@@ -25,8 +26,9 @@ SCRAP_CELLS = 8
 """Smaller surfaces are left out, as are cells that join none."""
 OBJECTIONS = 0.5
 """Surfaces with less than half of the rim stepping down are terrain before the doubtful ones are judged."""
-LOW_SHARE = 0.1
-"""A surface is a low one when no more of its rim steps down."""
+LOW_SHARE, LOW_SLOPE = 0.1, 0.15
+"""A surface is a low one when no more of its rim steps down, and it lies no wall higher than the widest surface
+where that is nearest; a slope between them of 0.15 is allowed for."""
 
 UNKNOWN, DOWN, UP, LEVEL, VOID = 0, 1, 2, 3, 4
 """What is beyond a piece of rim; void, where nothing was measured at all."""
@@ -57,6 +59,7 @@ class Surfaces:
     `contacts` (E, 3) are surface, surface beyond (0: none), kind; `length` (E,) counts sides of cells.
     """
 
+    cell: float
     z: Grid
     label: Labels
     area: Values
@@ -104,13 +107,13 @@ def find_surfaces(heights: Grid, cell: float, wall: float) -> Surfaces:
     key, length = np.unique(sides, return_counts=True)
     one, rest = np.divmod(key, KINDS * (count + 1))
     contacts = np.stack([one, rest // KINDS, rest % KINDS], axis=-1)
-    return Surfaces(z, label, np.asarray(area, np.float64), contacts, length.astype(np.float64))
+    return Surfaces(cell, z, label, np.asarray(area, np.float64), contacts, length.astype(np.float64))
 
 
 def judge_surfaces(surfaces: Surfaces, rules: Rules) -> Verdict:
     """Which surfaces are terrain, and which stand over it.
 
-    The widest surface is terrain, and so are low ones, from which nothing steps down. All others are taken
+    The widest surface is terrain, and so are low ones, such as courtyards. All others are taken
     for raised, in groups of those that touch, until their rims object: a surface that meets terrain is
     terrain too unless `share` of what is known steps down to it by a wall; so is one in a group whose outer
     rim does not. What is low in terrain's company no longer is a wall's foot, so the worst objections come
@@ -121,8 +124,10 @@ def judge_surfaces(surfaces: Surfaces, rules: Rules) -> Verdict:
     wide = area >= rules.area
     everything = surfaces.rims(np.ones(len(contacts), bool))
     rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
+    widest = int(np.argmax(area))
     terrain = wide & (everything[:, DOWN] <= LOW_SHARE * stepped)
-    terrain[np.argmax(area)] = True
+    terrain &= height_over(surfaces, widest, terrain) < rules.wall
+    terrain[widest] = True
     terrain[0] = False
     while True:
         facing = surfaces.rims(terrain[other] & (other > 0))
@@ -155,6 +160,26 @@ def judge_surfaces(surfaces: Surfaces, rules: Rules) -> Verdict:
     raised &= wide | ~low
     raised[0] = False
     return Verdict(terrain, raised, group_share[group], known[group])
+
+
+def height_over(surfaces: Surfaces, base: int, wanted: Mask) -> Values:
+    """How much higher than the surface `base` each wanted surface (K + 1,) lies where it is nearest to
+    it, less what a slope makes; 0 for the others.
+    """
+    over = np.zeros(len(surfaces.area))
+    at = np.flatnonzero(wanted[surfaces.label])
+    if len(at) == 0:
+        return over
+    there = surfaces.label == base
+    rows, columns = np.divmod(at, there.shape[1])
+    near_rows, near_columns = nearest_cells(there, rows, columns)
+    away = np.hypot(near_rows - rows, near_columns - columns)
+    mine = surfaces.label.ravel()[at]
+    order = np.lexsort((at, away, mine))
+    first = order[np.r_[True, np.diff(mine[order]) > 0]]
+    rise = surfaces.z.ravel()[at[first]] - surfaces.z[near_rows[first], near_columns[first]]
+    over[mine[first]] = rise - LOW_SLOPE * surfaces.cell * away[first]
+    return over
 
 
 @njit(cache=True)
