@@ -112,7 +112,7 @@ def judge_scenes() -> None:
     for width, roof, slope in product((50.0, 120.0, 250.0, 500.0), ROOFS, (0.0, 0.05, 0.1, 0.15)):
         if width > 250.0 and slope not in (0.0, 0.15):
             continue
-        scene = simulate_hall(width, roof, slope, density=2.0 if width < 250.0 else 0.7)
+        scene = simulate_hall(width, roof, slope, density=2.0)
         ground = classify_ground(scene.cloud).ground
         free = ~scene.hall & ~scene.terrace
         rows.append(

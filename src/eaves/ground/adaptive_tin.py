@@ -15,7 +15,7 @@ from eaves.ground.floor import Floor
 from eaves.ground.plateaus import Rules
 from eaves.ground.rim import rim_points
 from eaves.ground.seeds import lowest_of_cells, lowest_surface, seeds_by_opening
-from eaves.ground.wide_objects import Patch, find_wide_objects
+from eaves.ground.wide_objects import OVER, Patch, Standing, find_wide_objects
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud, Points
 
@@ -116,7 +116,7 @@ class AdaptiveTin(GroundMethod):
     wall_share: float = parameter(
         0.85, "Share of its rim to the terrain that must be walls, where it is known.", gt=0, le=1
     )
-    rim_known: float = parameter(0.25, "Least share of its rim that must face terrain.", ge=0, le=1)
+    rim_known: float = parameter(0.2, "Least share of its rim that must face terrain.", ge=0, le=1)
     rim_void: float = parameter(
         0.4, "Largest share of its rim beyond which nothing was measured.", ge=0, le=1
     )
@@ -196,20 +196,20 @@ class AdaptiveTin(GroundMethod):
         )
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
-        return self.ground_mask_below(cloud, np.zeros(len(cloud), bool), emit)
+        return self.ground_mask_among(cloud, np.zeros(len(cloud), np.uint8), emit)
 
-    def ground_mask_below(self, cloud: PointCloud, over: Mask, emit: Emit = ignore) -> Mask:
+    def ground_mask_among(self, cloud: PointCloud, standing: Standing, emit: Emit = ignore) -> Mask:
         xyz = cloud.xyz
         if len(xyz) < 3:
             return np.ones(len(xyz), bool)
         spacing = measure_spacing(xyz)
         cell = max(self.cell_least, spacing)
         bounds = Bounds.of(xyz)
-        seeds = self.find_seeds(xyz, cell, bounds, over)
+        seeds = self.find_seeds(xyz, cell, bounds, standing)
         emit("seeds", xyz[seeds])
         if len(seeds) == 0:
             return np.zeros(len(xyz), bool)
-        waiting = ~over
+        waiting = standing != OVER
         first = seeds[lowest_of_cells(xyz[seeds], FIRST_CELLS * cell)]
         waiting[first] = False
         rest = seeds[waiting[seeds]]
@@ -226,13 +226,13 @@ class AdaptiveTin(GroundMethod):
         if emit is not ignore:
             emit("triangles", xyz[tin.triangles])
         slant = min(self.slant_most, self.slant_share * spacing)
-        return near_surface(tin, xyz, level, slant, self.slope_cap)[: len(cloud)] & ~over
+        return near_surface(tin, xyz, level, slant, self.slope_cap)[: len(cloud)] & (standing != OVER)
 
-    def find_seeds(self, xyz: Points, cell: float, bounds: Bounds, over: Mask) -> NDArray[np.int64]:
+    def find_seeds(self, xyz: Points, cell: float, bounds: Bounds, standing: Standing) -> NDArray[np.int64]:
         """Numbers (K,) of the points the TIN begins with."""
         if self.seed_cell is not None:
             return lowest_of_cells(xyz, self.seed_cell, bounds)
-        lowest = lowest_surface(xyz, bounds, cell, self.window, over)
+        lowest = lowest_surface(xyz, bounds, cell, self.window, standing)
         return seeds_by_opening(lowest, self.window, self.object_slope, self.slope_share, self.level_share)
 
     def limits(self, spacing: float, cell: float, noise: float) -> Limits:

@@ -10,7 +10,7 @@ from numba import njit
 
 from eaves.ground.floor import Floor
 from eaves.ground.outliers import find_outliers
-from eaves.ground.wide_objects import Patch, WideObjects
+from eaves.ground.wide_objects import OVER, Patch, Standing, WideObjects
 from eaves.methods import Emit, Method, emitter, ignore, make_method
 from eaves.model import Mask, PointCloud, Points
 from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCLASSIFIED
@@ -36,10 +36,10 @@ class GroundMethod(Method):
         """
         return 0.0
 
-    def ground_mask_below(self, cloud: PointCloud, over: Mask, emit: Emit = ignore) -> Mask:
-        """As `ground_mask`, where some points (N,) are known to be over the terrain."""
+    def ground_mask_among(self, cloud: PointCloud, standing: Standing, emit: Emit = ignore) -> Mask:
+        """As `ground_mask`, where it is known of some points (N,) where they stand."""
         mask = np.zeros(len(cloud), bool)
-        below = np.flatnonzero(~over)
+        below = np.flatnonzero(standing != OVER)
         mask[below] = self.ground_mask(cloud.take(below), emit)
         return mask
 
@@ -115,7 +115,7 @@ def classify_ground(
     if wide is None:
         mask = filter_.ground_mask(taken, emitter(debug))
     else:
-        mask = filter_.ground_mask_below(taken, wide.holds(taken), emitter(debug))
+        mask = filter_.ground_mask_among(taken, wide.place(taken), emitter(debug))
     classes[good[order[mask]]] = GROUND
     return cloud.with_(classification=classes)
 

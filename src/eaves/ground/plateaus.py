@@ -15,7 +15,7 @@ from eaves.raster.nearest import nearest_cells
 
 Integers = NDArray[np.int64]
 
-STEP_SHARE, STEP_LEAST_M, STEP_MOST_M = 0.6, 1.0, 2.0
+STEP_SHARE, STEP_LEAST_M, STEP_MOST_M = 1.0, 1.0, 2.0
 """Neighbouring cells join up to a rise of 0.6 of their side, which is a slope that earth keeps; at least 1 m,
 at most 2 m."""
 WALL_SHARE = 0.8

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.ground.floor import Floor
@@ -19,9 +20,17 @@ CLEAR_M = 1.0
 """Points this far over the terrain beneath a raised surface belong to it."""
 SUPPORT_CELLS = 2
 """The terrain beneath is drawn from that within so many cells of the raised surface."""
+FRINGE_CELLS = 4
+"""Cells of no surface so near to a raised one are its parapets, steep flanks and walls."""
 DOUBT_M2, DOUBT_SHARE = 500.0, 0.6
 """Of surfaces this large with this share of the rim stepping down that were left in the terrain, word is
 given."""
+
+
+Standing = NDArray[np.uint8]
+"""(N,) `OVER` or `REACHED`; 0 where nothing is said."""
+OVER, REACHED = 1, 2
+"""A point over the terrain beneath a raised surface; one on a surface to which a way leads."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +47,8 @@ class Patch:
     """Raised surfaces in a rectangle of cells (H, W) of a side `cell` (m), numbered as in `Floor`.
 
     `ceiling`: the height from which on points are none of the terrain's, NaN where there is nothing raised;
-    `terrain`: the height of the terrain well inside a raised surface, NaN elsewhere.
+    `terrain`: the height of the terrain well inside a raised surface, NaN elsewhere; `reached`: the height of
+    surfaces to which a way leads over the terrain, NaN elsewhere.
     """
 
     west: int
@@ -46,6 +56,7 @@ class Patch:
     cell: float
     ceiling: Grid
     terrain: Grid
+    reached: Grid
     doubts: tuple[Doubt, ...] = ()
 
     def cropped(self, bounds: Bounds) -> Patch:
@@ -60,6 +71,7 @@ class Patch:
             self.cell,
             self.ceiling[rows, columns],
             self.terrain[rows, columns],
+            self.reached[rows, columns],
             tuple(
                 doubt
                 for doubt in self.doubts
@@ -74,15 +86,15 @@ class WideObjects:
 
     patches: tuple[Patch, ...] = ()
 
-    def holds(self, cloud: PointCloud) -> Mask:
-        """Which points (N,) of a cloud are over a ceiling."""
-        over = np.zeros(len(cloud), bool)
+    def place(self, cloud: PointCloud) -> Standing:
+        """Where the points (N,) of a cloud stand."""
+        standing = np.zeros(len(cloud), np.uint8)
         for patch in self.patches:
-            if np.isfinite(patch.ceiling).any():
-                right, up = (round(value / QUANTUM) for value in cloud.origin)
-                side = round(patch.cell / QUANTUM)
-                over_kernel(cloud.xyz, right, up, side, patch.west, patch.north, patch.ceiling, over)
-        return over
+            right, up = (round(value / QUANTUM) for value in cloud.origin)
+            side = round(patch.cell / QUANTUM)
+            about = right, up, side, patch.west, patch.north
+            place_kernel(cloud.xyz, *about, patch.ceiling, patch.reached, np.float32(CLEAR_M), standing)
+        return standing
 
     def terrain_beneath(self, bounds: Bounds, origin: tuple[float, float]) -> Points:
         """Points (K, 3) of the terrain beneath, those within `bounds`; local metres about `origin`."""
@@ -109,10 +121,11 @@ def find_wide_objects(floor: Floor, rules: Rules) -> Patch:
     terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
     nothing = np.full(floor.shape, np.nan, np.float32)
     doubts = find_doubts(floor, surfaces, verdict, rules)
+    reached = np.where(surfaces.label == np.argmax(surfaces.area), surfaces.z, np.nan).astype(np.float32)
     if not raised.any():
-        return Patch(floor.west, floor.north, floor.cell, nothing, nothing, doubts)
+        return Patch(floor.west, floor.north, floor.cell, nothing, nothing, reached, doubts)
     inside = raised | enclosed(raised, terrain)
-    region = near_cells(inside, ADJOINING)
+    region = near_cells(inside, ADJOINING) | (near_cells(inside, FRINGE_CELLS**2) & ~terrain)
     support = terrain & near_cells(region, SUPPORT_CELLS**2) & np.isfinite(floor.lowest)
     beneath = nothing.copy()
     if support.sum() >= 3:
@@ -128,6 +141,7 @@ def find_wide_objects(floor: Floor, rules: Rules) -> Patch:
         floor.cell,
         ceiling.astype(np.float32),
         np.where(core, ground, np.nan).astype(np.float32),
+        reached,
         doubts,
     )
 
@@ -158,13 +172,28 @@ def find_doubts(floor: Floor, surfaces: Surfaces, verdict: Verdict, rules: Rules
 
 
 @njit(cache=True)
-def over_kernel(
-    xyz: Points, right: int, up: int, side: int, west: int, north: int, ceiling: Grid, over: Mask
+def place_kernel(
+    xyz: Points,
+    right: int,
+    up: int,
+    side: int,
+    west: int,
+    north: int,
+    ceiling: Grid,
+    reached: Grid,
+    clear: float,
+    standing: Standing,
 ) -> None:
-    """Mark in `over` (N,) the points over the ceiling (H, W) of their cells."""
+    """Mark in `standing` (N,) the points over the ceiling (H, W) of their cells, and those on a surface
+    that is reached (H, W).
+    """
     rows, columns = ceiling.shape
     for i in range(len(xyz)):
         column = (np.int64(np.rint(xyz[i, 0] / QUANTUM)) + right) // side - west
         row = north - (np.int64(np.rint(xyz[i, 1] / QUANTUM)) + up) // side
-        if 0 <= row < rows and 0 <= column < columns and xyz[i, 2] > ceiling[row, column]:
-            over[i] = True
+        if row < 0 or column < 0 or row >= rows or column >= columns:
+            continue
+        if xyz[i, 2] > ceiling[row, column]:
+            standing[i] = OVER
+        elif xyz[i, 2] <= reached[row, column] + clear:
+            standing[i] = REACHED
