@@ -56,7 +56,6 @@ def simulate_hall(width: float, roof: str, slope: float, density: float = 2.0, s
     way = np.abs(xy[:, 1] - middle) < RAMP_M / 2.0
     way &= (x >= width) & (level - RAMP_SLOPE * (x - width) > z)
     z[way] = level - RAMP_SLOPE * (x[way] - width)
-    terrace |= way
     z += rng.normal(0.0, NOISE_M, len(z))
     walls = np.concatenate(
         [
@@ -128,8 +127,8 @@ def judge_scenes() -> None:
         )
     note = (
         f"Halls found (99 % of the roof): {np.mean([row['hall not ground'] > 0.99 for row in rows]):.3f}; "
-        f"terraces kept (99 %): {np.mean([row['terrace ground'] > 0.99 for row in rows]):.3f}. Points on walls "
-        "count as terrain's: a little of it is lost."
+        f"terraces kept (99 %): {np.mean([row['terrace ground'] > 0.99 for row in rows]):.3f}. Of the "
+        "terraces the ramps are left out; points on walls count with the terrain, and are not ground."
     )
     keep("halls", "Halls beside terraces of their height", rows, COMMAND, note)
 

@@ -226,7 +226,8 @@ class AdaptiveTin(GroundMethod):
         if emit is not ignore:
             emit("triangles", xyz[tin.triangles])
         slant = min(self.slant_most, self.slant_share * spacing)
-        return near_surface(tin, xyz, level, slant, self.slope_cap)[: len(cloud)] & (standing != OVER)
+        near = near_surface(tin, xyz, level, slant, self.slope_cap)[: len(cloud)]
+        return np.asarray(near & (standing != OVER))
 
     def find_seeds(self, xyz: Points, cell: float, bounds: Bounds, standing: Standing) -> NDArray[np.int64]:
         """Numbers (K,) of the points the TIN begins with."""

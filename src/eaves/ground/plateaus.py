@@ -16,8 +16,8 @@ from eaves.raster.nearest import nearest_cells
 Integers = NDArray[np.int64]
 
 STEP_SHARE, STEP_LEAST_M, STEP_MOST_M = 1.0, 1.0, 2.0
-"""Neighbouring cells join up to a rise of 0.6 of their side, which is a slope that earth keeps; at least 1 m,
-at most 2 m."""
+"""Neighbouring cells join up to a rise of their side, a slope that earth and vaults keep; at least 1 m, at
+most 2 m."""
 WALL_SHARE = 0.8
 """In wide cells a wall is at least 0.8 of their side high: less may be a slope."""
 LOOK_M = 3.0
@@ -27,8 +27,8 @@ SCRAP_CELLS = 8
 OBJECTIONS = 0.5
 """Surfaces with less than half of the rim stepping down are terrain before the doubtful ones are judged."""
 LOW_SHARE, LOW_SLOPE = 0.1, 0.15
-"""A surface is a low one when no more of its rim steps down, and it lies no wall higher than the widest surface
-where that is nearest; a slope between them of 0.15 is allowed for."""
+"""A surface is a low one when no more of its rim steps down, and it lies no wall higher than the widest
+surface where that is nearest; a slope between them of 0.15 is allowed for."""
 
 UNKNOWN, DOWN, UP, LEVEL, VOID = 0, 1, 2, 3, 4
 """What is beyond a piece of rim; void, where nothing was measured at all."""
@@ -126,6 +126,7 @@ def judge_surfaces(surfaces: Surfaces, rules: Rules) -> Verdict:
     rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
     widest = int(np.argmax(area))
     terrain = wide & (everything[:, DOWN] <= LOW_SHARE * stepped)
+    terrain[widest] = False
     terrain &= height_over(surfaces, widest, terrain) < rules.wall
     terrain[widest] = True
     terrain[0] = False
