@@ -1,6 +1,6 @@
-"""Wide buildings that stand on the terrain beside wide terraces that are terrain: simulated, and three surveys.
+"""Halls that stand on the terrain beside terraces, as wide and as high, that are terrain.
 
-`python -m benchmarks.accuracy.halls [--scenes]`; surveys with `EAVES_DATA`, scored by their vendor's ground.
+`python -m benchmarks.accuracy.halls`
 """
 
 from __future__ import annotations

@@ -1,0 +1,129 @@
+"""The ground stage: contract of a filter, and the verb that classifies a cloud with one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+
+from eaves.ground.toolkit.floor import Floor
+from eaves.ground.toolkit.outliers import find_outliers
+from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, WideObjects
+from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
+from eaves.model import Mask, PointCloud, Points
+from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCLASSIFIED
+
+
+class GroundMethod(Method):
+    """Tells ground from everything else.
+
+    `ground_mask` sees a cloud without noise, in canonical order, about the origin of its block, with or
+    without returns, and answers a mask (N,). It may be given 0, 1, 2, collinear or duplicate points.
+    """
+
+    stage: ClassVar[str] = "ground"
+
+    def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
+        """Whether each point is ground; see the class."""
+        raise NotImplementedError
+
+    @property
+    def wide_buffer(self) -> float:
+        """How far away (m) a point can be and still change what `find_wide_objects` finds here; 0 where it
+        finds nothing. A tiler adds the side of its squares.
+        """
+        return 0.0
+
+    def ground_mask_among(self, cloud: PointCloud, standing: Standing, emit: Emit = ignore) -> Mask:
+        """As `ground_mask`, where it is known of some points (N,) where they stand."""
+        mask = np.zeros(len(cloud), bool)
+        below = np.flatnonzero(standing != OVER)
+        mask[below] = self.ground_mask(cloud.take(below), emit)
+        return mask
+
+    def find_wide_objects(self, floor: Floor) -> Patch | None:
+        """What the method takes away before its filter sees a point, whatever its width; None for nothing.
+
+        `floor` may be that of a far wider surrounding than `reach`.
+        """
+        return None
+
+
+def classify_ground(
+    cloud: PointCloud,
+    method: MethodChoice = None,
+    *,
+    use_classes: bool = False,
+    wide: WideObjects | None = None,
+    debug: str | Path | Emit | None = None,
+) -> PointCloud:
+    """The cloud with classes 2 (ground), 7 and 18 (low and high noise) and 1 (the rest).
+
+    Parameters
+    ----------
+    cloud
+        N points in any order; those with NaN coordinates become class 7.
+    method
+        The filter; the default is `AdaptiveTin()`.
+    use_classes
+        Believe the file's classes 2, 7 and 18 instead of filtering, and keep its other classes; without
+        any class 2 the method runs all the same.
+    wide
+        What stands over the terrain, where more than the cloud was seen to find it; by default it is looked
+        for in the cloud.
+    debug
+        A folder or a callback that receives every named intermediate.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> cloud = eaves.classify_ground(truth.cloud)
+    >>> wrong = (cloud.classification == 2) != (truth.truth_class == 2)
+    >>> bool(wrong.mean() < 0.05)
+    True
+    """
+    given = cloud.classification
+    finite = finite_kernel(cloud.xyz)
+    classes = np.full(len(cloud), UNCLASSIFIED, np.uint8)
+    classes[~finite] = LOW_NOISE
+    believed = use_classes and given is not None and bool((given == GROUND).any())
+    if believed and given is not None:
+        classes[finite] = given[finite]
+        return cloud.with_(classification=classes)
+
+    left = np.flatnonzero(finite)
+    if given is not None:  # noise is noise whoever says so
+        said = np.isin(given[left], NOISE_CLASSES)
+        classes[left[said]] = given[left[said]]
+        left = left[~said]
+    taken = cloud.take(left)
+    low, high = find_outliers(taken)
+    classes[left[low]], classes[left[high]] = LOW_NOISE, HIGH_NOISE
+    good = np.flatnonzero(~(low | high))
+    taken, good = taken.take(good), left[good]
+    filter_ = resolve_method("ground", method)
+    assert isinstance(filter_, GroundMethod)
+    if wide is None and len(taken):
+        patch = filter_.find_wide_objects(Floor.of(taken))
+        wide = None if patch is None else WideObjects((patch,))
+    order = taken.canonical_order()
+    taken = taken.take(order)
+    if wide is None:
+        mask = filter_.ground_mask(taken, emitter(debug))
+    else:
+        mask = filter_.ground_mask_among(taken, wide.place(taken), emitter(debug))
+    classes[good[order[mask]]] = GROUND
+    return cloud.with_(classification=classes)
+
+
+@njit(cache=True)
+def finite_kernel(xyz: Points) -> Mask:
+    """Which points (N, 3) have coordinates."""
+    finite = np.empty(len(xyz), np.bool_)
+    for i in range(len(xyz)):
+        finite[i] = np.isfinite(xyz[i, 0]) and np.isfinite(xyz[i, 1]) and np.isfinite(xyz[i, 2])
+    return finite
