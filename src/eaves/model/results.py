@@ -13,6 +13,15 @@ from eaves.model.building import BuildingModel, Failure, Footprint
 from eaves.model.scene import WALL, Raster
 
 
+@dataclass(frozen=True)
+class Doubt:
+    """A place that the scan does not decide, world metres, and the reason."""
+
+    x: float
+    y: float
+    reason: str
+
+
 @dataclass(frozen=True, eq=False)
 class BlockResult:
     """What the block pass found out about the points in one block; arrays are (N,) and in canonical order."""
@@ -33,6 +42,8 @@ class BlockResult:
     seam_label: Labels
     """Labelled points within `SEAM` of the border, on both sides of it."""
     seconds: dict[str, float] = field(default_factory=dict)
+    doubts: tuple[Doubt, ...] = ()
+    """Places in the block that were not decided."""
 
     @property
     def extent(self) -> Bounds:

@@ -58,6 +58,7 @@ def block_pass(
         seam_id=cloud.point_id[seam],
         seam_label=regions.label[seam],
         seconds=clock.laps,
+        doubts=() if wide is None else wide.doubts_in(block.bounds),
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eaves.formats.atomic import atomic
 from eaves.model import Block, Bounds, Labels, Points, Raster
 from eaves.model.cloud import GRID_STEP, GROUND, NOISE_CLASSES
-from eaves.model.results import BlockResult
+from eaves.model.results import BlockResult, Doubt
 
 CANDIDATE_HEIGHT = 1.0
 """Points lower than this (m) over the terrain belong to no roof."""
@@ -46,6 +46,7 @@ class BlockMetadata:
     extent: Bounds
     """World metres of the points in the block."""
     seconds: dict[str, float]
+    doubts: tuple[Doubt, ...] = ()
 
 
 def save_block(path: Path, result: BlockResult) -> None:
@@ -59,6 +60,7 @@ def save_block(path: Path, result: BlockResult) -> None:
         "spacing": result.spacing,
         "extent": [extent.west, extent.south, extent.east, extent.north],
         "corner": [result.dtm.west, result.dtm.north, result.dtm.cell],
+        "doubts": [vars(doubt) for doubt in result.doubts],
     }
     arrays = {
         "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
@@ -115,8 +117,9 @@ class BlockFile:
         return np.asarray(self._file[name])
 
     def metadata(self) -> BlockMetadata:
-        """Extent and seconds."""
-        return BlockMetadata(self.block, Bounds(*self.about["extent"]), self.about["seconds"])
+        """Extent, seconds and doubts."""
+        doubts = tuple(Doubt(**doubt) for doubt in self.about["doubts"])
+        return BlockMetadata(self.block, Bounds(*self.about["extent"]), self.about["seconds"], doubts)
 
     def raster(self, name: str) -> Raster:
         """`dtm` or `dsm` in metres about the block's corner."""

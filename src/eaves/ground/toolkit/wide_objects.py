@@ -10,9 +10,18 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.ground.toolkit.floor import Floor
-from eaves.ground.toolkit.plateaus import Rules, Surfaces, Verdict, find_surfaces, judge_surfaces
+from eaves.ground.toolkit.plateaus import (
+    DOWN,
+    VOID,
+    Rules,
+    Surfaces,
+    Verdict,
+    find_surfaces,
+    judge_surfaces,
+)
 from eaves.model import Bounds, Grid, Mask, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
+from eaves.model.results import Doubt
 from eaves.raster.interpolate import interpolate_cells
 from eaves.raster.nearest import ADJOINING, near_cells
 
@@ -22,24 +31,15 @@ SUPPORT_CELLS = 2
 """The terrain beneath is drawn from that within so many cells of the raised surface."""
 FRINGE_CELLS = 4
 """Cells of no surface so near to a raised one are its parapets, steep flanks and walls."""
-DOUBT_M2, DOUBT_SHARE = 500.0, 0.6
-"""Of surfaces this large with this share of the rim stepping down that were left in the terrain, word is
-given."""
+DOUBT_M2, DOUBT_MOST_M2, DOUBT_SHARE = 500.0, 250_000.0, 0.6
+"""Word is given of surfaces of 500 m² to 500 by 500 m that were left in the terrain though so much of their
+known rim steps down."""
 
 
 Standing = NDArray[np.uint8]
 """(N,) `OVER` or `REACHED`; 0 where nothing is said."""
 OVER, REACHED = 1, 2
 """A point over the terrain beneath a raised surface; one on a surface to which a way leads."""
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """A place that the scan does not decide: world metres, and the reason."""
-
-    x: float
-    y: float
-    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +167,31 @@ def rise_within(ground: Grid, cell: float) -> Grid:
 
 
 def find_doubts(floor: Floor, surfaces: Surfaces, verdict: Verdict, rules: Rules) -> tuple[Doubt, ...]:
-    """The large surfaces left in the terrain though much of their rim steps down."""
-    return ()
+    """The large surfaces left in the terrain though much of their rim steps down.
+
+    The place of each is that of its cell nearest to its centre.
+    """
+    everything = surfaces.rims(np.ones(len(surfaces.contacts), bool))
+    rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
+    share = everything[:, DOWN] / np.maximum(stepped, 1.0)
+    doubtful = ~verdict.raised & (share >= DOUBT_SHARE)
+    doubtful &= (surfaces.area >= DOUBT_M2) & (surfaces.area <= DOUBT_MOST_M2)
+    doubtful[np.argmax(surfaces.area)] = False
+    doubts = []
+    for k in np.flatnonzero(doubtful):
+        rows, columns = np.nonzero(surfaces.label == k)
+        away = (rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2
+        middle = int(np.argmin(away))
+        cut = everything[k, VOID] > rules.void * rim[k]
+        doubts.append(
+            Doubt(
+                x=float((floor.west + columns[middle] + 0.5) * floor.cell),
+                y=float((floor.north - rows[middle] + 0.5) * floor.cell),
+                reason=f"left in the terrain: a surface of {surfaces.area[k]:.0f} m² that steps down on "
+                f"{100 * share[k]:.0f} % of its known rim" + (", cut by the rim of the data" if cut else ""),
+            )
+        )
+    return tuple(doubts)
 
 
 @njit(cache=True)
