@@ -61,6 +61,15 @@ class AdaptiveTin(GroundMethod):
     rounds to the end. With `seed_cell` the seeds are the lowest points of such cells, as in the paper. The
     lowest point of a wide cell misses every hilltop and terrace, so by default we leave it in this:
 
+    - What is wide is found first, whatever its width, in the lowest heights of cells of 1.5 m (3 or 6 m in
+      thinner data) that are fixed to the world. Squares of two by two cells without a step join to surfaces,
+      so that what joins two of them is a way at least two cells wide. The widest surface is terrain. Others
+      are groups of those that touch, and stand on it when walls of at least `wall` go down to terrain on
+      `wall_share` of the group's rim, where that is known; a surface that a ramp or a slope joins is part of
+      what it leads to. Where less than `rim_known` of the rim faces terrain, or more than `rim_void` of it
+      faces nothing, as at the rim of the data, the surface stays. Points over the terrain beneath a raised
+      surface, drawn from around it, are never ground; the steps below see them as objects. Not with
+      `seed_cell`.
     - The default seeds are all lowest points that survive an opening with a growing window [zhang2003,
       pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done
@@ -69,7 +78,8 @@ class AdaptiveTin(GroundMethod):
     - A piece over 200 m² that the opening took, and that meets the ground without a step on more than
       `level_share` of its rim, is terrain again; from 80 m² on, with twice the share. Roofs step down on all
       sides, spurs and high fields do not: this tells a hall from a terrace, whatever their size. A wide
-      piece that is nowhere two metres over the ground is terrain too: a terrace the rim of the data cuts.
+      piece that is nowhere two metres over the ground is terrain too: a terrace the rim of the data cuts;
+      and a piece over 200 m² to which a way leads, as found above.
     - The larger the spacing, the larger the angle: the terrain bends more within a wide facet.
     - A seed or point within `noise`, or `noise_share` of t, of a facet is not inserted: the TIN stays small.
     - Points around the data, at heights that the seeds nearest to them foretell, keep the hull of the TIN
@@ -78,13 +88,15 @@ class AdaptiveTin(GroundMethod):
 
     The reach of a window of `window` is its width, and a chain of joining points adds little: 60 m.
     The roughness and the spacing are measured over the whole cloud that is given, which for a tiler is
-    block + reach.
+    block + reach. What is wide is looked for within 600 m (`wide_buffer`), in squares of 480 m that are fixed
+    to the world: a point farther than 1,080 m has no say.
 
     Fails where
     -----------
     Water is taken for ground, and much of a bridge that goes on at the level of its road. A building wider
-    than `window` in both directions stays, and so does a wide one whose lowest step is under
-    (0.12 + 0.3 slope) times half its width: a hall of 35 m on a slope of 0.3 that rises 3.7 m uphill.
+    than `window` in both directions stays where a ramp or a slope two cells wide leads up to it, as to a
+    parking deck or to the stands of a stadium on its embankment, where the rim of the data cuts through half
+    of its walls, or where it is wider than 600 m. A plateau of rock with vertical walls all round goes.
     A hill narrower than the window goes when it is steep on all sides. A kerb of three decimetres on dense
     data is cut off, a step of two decimetres is kept. Dense low plants that no pulse passes are ground.
     Heaps and rocks in thin data lose their tops.
@@ -92,7 +104,8 @@ class AdaptiveTin(GroundMethod):
     Complexity
     ----------
     O(N + C log C) with C cells of `cell_least` or one spacing: about 0.4 CPU seconds per million points at 15
-    points/m², 2 at 1 point/m², where every point has a cell of its own.
+    points/m², 2 at 1 point/m², where every point has a cell of its own. What is wide costs 0.1 s per million
+    cells of 1.5 m, and 0.02 s per million points.
 
     References
     ----------
