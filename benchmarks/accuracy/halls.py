@@ -125,10 +125,13 @@ def judge_scenes() -> None:
                 "terrain ground": float(ground[free].mean()),
             }
         )
+    found, kept = (
+        np.mean([float(str(row[name])) > 0.99 for row in rows])
+        for name in ("hall not ground", "terrace ground")
+    )
     note = (
-        f"Halls found (99 % of the roof): {np.mean([row['hall not ground'] > 0.99 for row in rows]):.3f}; "
-        f"terraces kept (99 %): {np.mean([row['terrace ground'] > 0.99 for row in rows]):.3f}. Of the "
-        "terraces the ramps are left out; points on walls count with the terrain, and are not ground."
+        f"Halls found (99 % of the roof): {found:.3f}; terraces kept (99 %): {kept:.3f}. Of the terraces the "
+        "ramps are left out; points on walls count with the terrain, and are not ground."
     )
     keep("halls", "Halls beside terraces of their height", rows, COMMAND, note)
 

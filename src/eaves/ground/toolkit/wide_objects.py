@@ -31,6 +31,8 @@ SUPPORT_CELLS = 2
 """The terrain beneath is drawn from that within so many cells of the raised surface."""
 FRINGE_CELLS = 4
 """Cells of no surface so near to a raised one are its parapets, steep flanks and walls."""
+BROAD_CELLS = 5
+"""A surface narrower than this is a way and no terrace: it may be a bridge."""
 DOUBT_M2, DOUBT_MOST_M2, DOUBT_SHARE = 500.0, 250_000.0, 0.6
 """Word is given of surfaces of 500 m² to 500 by 500 m that were left in the terrain though so much of their
 known rim steps down."""
@@ -48,7 +50,7 @@ class Patch:
 
     `ceiling`: the height from which on points are none of the terrain's, NaN where there is nothing raised;
     `terrain`: the height of the terrain well inside a raised surface, NaN elsewhere; `reached`: the height of
-    surfaces to which a way leads over the terrain, NaN elsewhere.
+    broad surfaces to which a way leads over the terrain, NaN elsewhere.
     """
 
     west: int
@@ -121,7 +123,9 @@ def find_wide_objects(floor: Floor, rules: Rules) -> Patch:
     terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
     nothing = np.full(floor.shape, np.nan, np.float32)
     doubts = find_doubts(floor, surfaces, verdict, rules)
-    reached = np.where(surfaces.label == np.argmax(surfaces.area), surfaces.z, np.nan).astype(np.float32)
+    widest = surfaces.label == np.argmax(surfaces.area)
+    broad = ndimage.binary_opening(widest, np.ones((BROAD_CELLS, BROAD_CELLS)))
+    reached = np.where(broad, surfaces.z, np.nan).astype(np.float32)
     if not raised.any():
         return Patch(floor.west, floor.north, floor.cell, nothing, nothing, reached, doubts)
     inside = raised | enclosed(raised, terrain)
