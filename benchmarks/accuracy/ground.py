@@ -1,8 +1,8 @@
 """How good the ground filters are: real samples, simulated towns, speed, memory, and what the choice of
 numbers is worth.
 
-`python -m benchmarks.accuracy.ground [--command] [--left-out] [--moved] [--speed] [--towns]`; the data is found
-by EAVES_DATA. Maps of the errors are drawn by `benchmarks.gallery.ground`.
+`python -m benchmarks.accuracy.ground [--command] [--left-out] [--moved] [--speed] [--towns]`; EAVES_DATA is set.
+Maps of the errors are drawn by `benchmarks.gallery.ground`.
 """
 
 from __future__ import annotations
