@@ -24,11 +24,18 @@ LOOK_M = 3.0
 """What is beyond a rim is looked for this far: walls and eaves hide the ground at their foot."""
 SCRAP_CELLS = 8
 """Smaller surfaces are left out, as are cells that join none."""
+JOINED_SHARE = 0.05
+"""A surface that joins terrain without a wall on so much of its rim is judged by itself, however little of
+the rim meets terrain."""
 OBJECTIONS = 0.5
 """Surfaces with less than half of the rim stepping down are terrain before the doubtful ones are judged."""
 LOW_SHARE, LOW_SLOPE = 0.1, 0.15
 """A surface is a low one when no more of its rim steps down, and it lies no wall higher than the widest
 surface where that is nearest; a slope between them of 0.15 is allowed for."""
+
+RINGED_SHARE, RINGED_WALLS = 0.01, 2.0
+"""Where nothing at all steps down from it, it may lie two walls higher: a yard on a terrace, no valley of a
+roof, which ends in eaves."""
 
 UNKNOWN, DOWN, UP, LEVEL, VOID = 0, 1, 2, 3, 4
 """What is beyond a piece of rim; void, where nothing was measured at all."""
@@ -127,14 +134,17 @@ def judge_surfaces(surfaces: Surfaces, rules: Rules) -> Verdict:
     widest = int(np.argmax(area))
     terrain = wide & (everything[:, DOWN] <= LOW_SHARE * stepped)
     terrain[widest] = False
-    terrain &= height_over(surfaces, widest, terrain) < rules.wall
+    ringed = everything[:, DOWN] <= RINGED_SHARE * stepped
+    terrain &= height_over(surfaces, widest, terrain) < np.where(ringed, RINGED_WALLS, 1.0) * rules.wall
     terrain[widest] = True
     terrain[0] = False
     while True:
         facing = surfaces.rims(terrain[other] & (other > 0))
         met = facing[:, DOWN:VOID].sum(axis=1)
         share = facing[:, DOWN] / np.maximum(met, 1.0)
-        objects = ~terrain & wide & (met >= (1.0 - rules.share) * rim) & (met > 0) & (share < rules.share)
+        joined = facing[:, LEVEL] + facing[:, UP]
+        heard = (met >= (1.0 - rules.share) * rim) | (joined >= JOINED_SHARE * rim)
+        objects = ~terrain & wide & heard & (met > 0) & (share < rules.share)
         if objects.any():
             terrain |= objects & (share <= max(OBJECTIONS, float(share[objects].min())))
             continue
