@@ -1,7 +1,7 @@
 """How good the ground filters are: real samples, simulated towns, speed, memory, and what the choice of
 numbers is worth.
 
-`python -m benchmarks.accuracy.ground [--command] [--left-out] [--moved] [--speed] [--towns]`; EAVES_DATA is set.
+`python -m benchmarks.accuracy.ground [--command] [--left-out] [--moved] [--speed] [--towns]`, EAVES_DATA set.
 Maps of the errors are drawn by `benchmarks.gallery.ground`.
 """
 
