@@ -110,13 +110,14 @@ def run_build(
     **options: Any,
 ) -> Summary:
     """Build with progress on screen; the methods of the command line go before the configuration file's."""
-    import os
     from dataclasses import replace
 
     from eaves.pipeline import build as build_files
     from eaves.report.build import build as build_with_report
     from eaves.run.recipe import make_recipe
+    from eaves.run.workers import import_pyogrio_alone
 
+    import_pyogrio_alone()
     settings = read_config(words.config)
     named = {stage: {"method": name} for stage, name in names.items() if name}
     recipe = make_recipe(
@@ -136,7 +137,7 @@ def run_build(
             bounds=parse_bounds(words.bounds),
             clip=words.clip,
             block=words.block,
-            jobs=words.jobs or os.cpu_count() or 1,
+            jobs=words.jobs,
             scheduler=words.scheduler,
             resume=words.resume,
             **options,

@@ -16,7 +16,6 @@ from eaves.formats import iter_cityjson, read_polygons
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
-from eaves.report.plan import plan_figure
 from eaves.report.sample import Sample, classified_files, sample_points
 from eaves.report.surfaces import CityFaces, cut_into_triangles, iter_city_faces
 
@@ -58,6 +57,8 @@ def summary_html(summary: Summary) -> str:
     lines = html.escape(summary.as_text()).replace("\n", "<br>")
     picture = ""
     if (summary.folder / "dsm.tif").exists() and (summary.folder / "footprints.gpkg").exists():
+        from eaves.report.plan import plan_figure  # plots load only when they are wanted
+
         buffer = io.BytesIO()
         plan_figure(summary.folder, 5.0).savefig(buffer, format="png", dpi=100)
         encoded = base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,6 +25,9 @@ EVERYTHING = ("footprints", "models", "mask", "rasters", "classified")
 """The outputs there are; see `eaves.run.outputs`."""
 TILES_ABOVE = 2_000_000_000
 """More points than this are computed by tiles: their temporary files would take 46 GB and more."""
+
+PROCESSES_ABOVE = 1_000_000
+"""Fewer points are computed in less time than processes take to start: two to three seconds each."""
 
 Progress = Callable[[str, int, int], None]
 """Called with the step, how much of it is done, and how much there is."""
@@ -63,7 +67,7 @@ class RunOptions(TypedDict, total=False):
     block: float
     """Side of a block (m)."""
     jobs: int
-    """Processes."""
+    """Processes; 0 is one a core where there are more than `PROCESSES_ABOVE` points, and else one."""
     scheduler: str | None
     """Address of a Dask scheduler."""
     resume: bool
@@ -180,7 +184,7 @@ def open_run(
         formats=formats,
         outputs=tuple(options.get("outputs") or EVERYTHING),
         classified=classified,
-        jobs=options.get("jobs", 1),
+        jobs=options.get("jobs", 1) or (os.cpu_count() or 1 if index.points > PROCESSES_ABOVE else 1),
         scheduler=options.get("scheduler"),
         resume=options.get("resume", False),
         by_tiles=classified is None and (options.get("per_tile", False) or index.points > TILES_ABOVE),

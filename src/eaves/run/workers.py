@@ -222,7 +222,7 @@ class Workers:
     def _processes(self) -> ProcessPoolExecutor:
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self.jobs, mp_context=context, initializer=ignore_interrupt)
+            self._pool = ProcessPoolExecutor(self.jobs, mp_context=context, initializer=start_process)
         return self._pool
 
     def _stop_processes(self) -> None:
@@ -235,6 +235,21 @@ class Workers:
         self._pool = None
 
 
-def ignore_interrupt() -> None:
-    """Leave Ctrl-C to the process that started this one."""
+def start_process() -> None:
+    """Leave Ctrl-C to the process that started this one; import little."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    import_pyogrio_alone()
+
+
+def import_pyogrio_alone() -> None:
+    """Import pyogrio without the data frames it would offer: pandas and geopandas cost most of a second.
+
+    For processes of our own only: a caller's process may want pyogrio's data frames later.
+    """
+    hidden = [name for name in ("pandas", "geopandas", "pyarrow") if name not in sys.modules]
+    sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]
+    try:
+        import pyogrio.raw  # noqa: F401
+    finally:
+        for name in hidden:
+            del sys.modules[name]
