@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
 from eaves.geometry.neighbours import measure_spacing
-from eaves.model import Bounds, Mask, PointCloud, Raster, Scene
+from eaves.model import Bounds, PointCloud, Raster, Scene
 from eaves.raster.grid import empty_raster, heights_of, highest_points, mean_heights
 from eaves.raster.interpolate import fill_linear, fill_nearest
 
@@ -41,14 +40,6 @@ def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
         nearest = np.argmin(((ground[:, :2] - centre) ** 2).sum(axis=1))
         return empty_raster(bounds, cell, float(ground[nearest, 2]))
     return fill_linear(raster)
-
-
-def find_gaps(cloud: PointCloud, dtm: Raster, width: float) -> Mask:
-    """The cells (H, W) of a DTM that are over `width` (m) from any ground point: closed, not measured."""
-    _, count = mean_heights(cloud.xyz[cloud.ground], dtm.bounds, dtm.cell)
-    if not (count > 0).any():
-        return np.ones(dtm.shape, bool)
-    return np.asarray(ndimage.distance_transform_edt(count == 0, sampling=dtm.cell) > width)
 
 
 def make_dsm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, close: float = 1.0) -> Raster:
