@@ -22,7 +22,8 @@ def nearest_cells(known: Mask, rows: Index, columns: Index) -> tuple[Index, Inde
 
     Of cells equally near it is the one in the westernmost column, of two in a column the northern one.
     """
-    return nearest_kernel(known, away_kernel(known), rows, columns)
+    row, column = nearest_kernel(known, away_kernel(known), rows, columns)
+    return row, column
 
 
 def near_cells(known: Mask, square: int) -> Mask:
