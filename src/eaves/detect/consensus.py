@@ -12,7 +12,15 @@ from eaves.detect.borders import cut_cells
 from eaves.detect.cells import side_near
 from eaves.detect.evidence import Evidence, gather_evidence
 from eaves.detect.hidden import find_hidden_roofs
-from eaves.detect.judgement import judge_cells, judge_segments, score_regions
+from eaves.detect.judgement import (
+    FITTED,
+    Weights,
+    judge_cells,
+    judge_segments,
+    measured_terms,
+    read_weights,
+    score_regions,
+)
 from eaves.detect.members import part_of_points
 from eaves.detect.segments import Segments, find_segments, square_width
 from eaves.detect.vehicles import measure_tops
@@ -27,8 +35,9 @@ RIM_ODDS = 3.0
 """Log odds of the rim of a roof that swallows the beam."""
 VEHICLE_MOST_M2 = 60.0
 """An articulated lorry, with the cells at its rim, is no larger."""
-SMALL_SEGMENT_M2 = 2.0
-"""Smaller surfaces say no more than their cells do."""
+LEAST_TOLERANCE_M, TOLERANCE = 0.12, 0.11
+"""Noise of old scanners on a plane, and the share of the spacing by which windows that span a ridge miss one
+plane."""
 CORE_SHARE, CORE_SHARE_M = 0.4, 0.18
 """Least share of roof surfaces in a building, and the same times the cells' side (m): windows three cells
 wide fit into less of a face the wider the cells are."""
@@ -87,11 +96,12 @@ class Consensus(Detector):
     min_height: float = parameter(
         1.5, "Points lower than this over the terrain are no roof.", unit="m", ge=0.0
     )
-    max_residual: float = parameter(
-        0.12, "A window whose plane has a larger RMSE is no surface.", unit="m", gt=0.0
-    )
-    max_gap: float = parameter(
-        0.12, "Planes of neighbouring cells that differ more are two surfaces.", unit="m", gt=0.0
+    max_residual: float | None = parameter(
+        None,
+        "A window whose plane has a larger RMSE is no surface, and planes of neighbouring cells that differ "
+        "more are two; default: 0.11 spacings, at least 0.12.",
+        unit="m",
+        gt=0.0,
     )
     smoothness: float = parameter(
         2.5, "Price (log odds) of two neighbours called differently.", symbol="λ", ge=0.0
@@ -106,6 +116,9 @@ class Consensus(Detector):
         6.0, "Cells farther than this from a roof surface are no building.", unit="m", gt=0.0
     )
     min_core: float = parameter(3.0, "Least area of roof surfaces in a building.", unit="m²", ge=0.0)
+    weights: str | None = parameter(
+        None, "File (JSON) with weights of the evidence; default: those fitted to all labelled surveys."
+    )
     min_width: float = parameter(1.5, "Side of a square that fits into every building.", unit="m", ge=0.0)
 
     @property
@@ -113,19 +126,14 @@ class Consensus(Detector):
         return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
-        candidate = (scene.height >= self.min_height) & ~scene.cloud.ground & ~scene.cloud.noise
+        candidate = self.candidates(scene)
         if int(candidate.sum()) < LEAST_POINTS:
             return Regions(np.zeros(len(scene.cloud), np.int32), np.zeros(0))
-        xyz = scene.cloud.xyz - [0.0, 0.0, np.floor(scene.cloud.xyz[candidate, 2].min())]
-        side = self.cell or side_near(max(0.5, 1.2 * scene.spacing))
-        echoes = scene.cloud.has_returns
-
-        evidence = gather_evidence(scene, xyz, candidate, side)
+        xyz, evidence, segments = self.find_surfaces(scene, candidate)
+        side = evidence.cells.side
         emit("residual", evidence.residual)
-        smooth = evidence.candidate & (evidence.residual < self.max_residual)
-        segments = find_segments(evidence, smooth, self.max_gap, MIN_HEIGHT_M)
         emit("segments", segments.label)
-        odds, roof = self.judge(evidence, segments, echoes)
+        odds, roof = self.judge(evidence, segments, self.tolerance(scene.spacing))
         emit("odds", odds)
         void, rims = find_roof_voids(evidence)
         odds, roof = raise_rims(odds, rims, RIM_ODDS), roof | void
@@ -134,18 +142,39 @@ class Consensus(Detector):
         emit("cut", building)
         region = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
-        surface = roof & (evidence.residual < self.max_residual)
+        surface = roof & (segments.label > 0)
         hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface)
         emit("hidden", hidden)
         return self.regions_of(scene, xyz, evidence, region, hidden, odds)
 
-    def judge(self, evidence: Evidence, segments: Segments, echoes: bool) -> tuple[Values, Mask]:
+    def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
+        """Points (N, 3) with heights counted from near them, the evidence of cells, the smooth surfaces."""
+        xyz = scene.cloud.xyz - [0.0, 0.0, np.floor(scene.cloud.xyz[candidate, 2].min())]
+        side = self.cell or side_near(max(0.5, 1.2 * scene.spacing))
+        evidence = gather_evidence(scene, xyz, candidate, side)
+        most = self.tolerance(scene.spacing)
+        smooth = evidence.candidate & (evidence.residual < most)
+        return xyz, evidence, find_segments(evidence, smooth, most, MIN_HEIGHT_M)
+
+    def tolerance(self, spacing: float) -> float:
+        """The largest residual (m) of a surface in a scan of that spacing (m)."""
+        return self.max_residual or max(LEAST_TOLERANCE_M, TOLERANCE * spacing)
+
+    def candidates(self, scene: Scene) -> Mask:
+        """The points (N,) that could be roofs."""
+        return (scene.height >= self.min_height) & ~scene.cloud.ground & ~scene.cloud.noise
+
+    def judge(self, evidence: Evidence, segments: Segments, tolerance: float) -> tuple[Values, Mask]:
         """Log odds of every cell, and the cells of roof surfaces; (H, W) each."""
-        surface = judge_segments(segments, echoes)
-        emitted = np.r_[0.0, surface][segments.label]
-        large = np.r_[False, segments.area >= SMALL_SEGMENT_M2][segments.label]
-        odds = np.where(large, emitted, judge_cells(evidence, self.max_residual, echoes))
+        terms = measured_terms(evidence, segments, tolerance, self.judged_by)
+        emitted = np.r_[0.0, judge_segments(segments, terms.surface, self.judged_by)][segments.label]
+        odds = np.where(terms.large, emitted, judge_cells(terms.cell, self.judged_by))
         return odds, emitted > 0.0
+
+    @property
+    def judged_by(self) -> Weights:
+        """The weights of the evidence."""
+        return FITTED if self.weights is None else read_weights(self.weights)
 
     def keep_buildings(self, building: Mask, roof: Mask, evidence: Evidence) -> Labels:
         """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces."""
@@ -167,7 +196,7 @@ class Consensus(Detector):
         """The points of the buildings' cells, without vehicles, their parts, and the buildings' scores."""
         above = ~scene.cloud.ground & ~scene.cloud.noise & (scene.height > 0.5)
         number = np.where(above, region.ravel()[evidence.cells.cell], 0).astype(np.int32)
-        part = part_of_points(xyz, number, evidence, region, self.max_residual)
+        part = part_of_points(xyz, number, evidence, region, self.tolerance(scene.spacing))
         number = np.where(hidden > 0, hidden, number)
         part[hidden > 0] = ROOF
         size = np.bincount(region.ravel()) * evidence.cells.side**2

@@ -2,34 +2,37 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from eaves.detect.base import TALL_SHARE
 from eaves.detect.evidence import Evidence
 from eaves.detect.segments import Segments
-from eaves.model import Labels, Values
+from eaves.detect.separation import NOTHING, Separation, separate
+from eaves.model import Labels, Mask, Values
 
-SHARPNESS = 1.5
-"""The regression was shrunk towards even odds; this undoes it."""
+SURFACE_TERMS = ("constant", "area", "rough", "width", "height", "echoes", "penetration")
+CELL_TERMS = ("constant", "rough", "low", "echoes", "penetration")
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Log odds of a surface for each unit of the terms of `judge_segments`."""
+    """Log odds for each unit of the terms of surfaces (7,) and of cells in no surface (5,)."""
 
-    constant: float
-    area: float
-    rough: float
-    width: float
-    height: float
-    through: float
-    several: float
+    surface: tuple[float, ...]
+    cell: tuple[float, ...]
 
 
-WITH_ECHOES = Weights(2.1, area=0.8, rough=-3.6, width=0.46, height=1.9, through=-3.1, several=-4.75)
-WITHOUT_ECHOES = Weights(2.0, area=0.86, rough=-3.6, width=0.58, height=1.1, through=-5.3, several=0.0)
+def read_weights(path: str | Path) -> Weights:
+    """The weights in a JSON file: an object with lists `surface` and `cell`."""
+    found = json.loads(Path(path).read_text(encoding="utf-8"))
+    return Weights(tuple(map(float, found["surface"])), tuple(map(float, found["cell"])))
+
+
+FITTED = Weights((3.0, 1.2, -5.4, 0.7, 2.2, 1.0, 0.5), (-0.8, -0.3, 1.2, 1.0, 0.3))
 
 
 @dataclass(frozen=True)
@@ -50,40 +53,94 @@ fitted: nearly all that is false there is a van, and elsewhere it is not. The be
 VAN_WIDTH_M, VAN_HEIGHT_M, NEAR_M = 2.5, 2.5, 0.5
 """About the width and height of vans, and how far from them a region's own say more."""
 
-SHED_M2, DOOR_M, SHED_HEIGHT_M, ROUGH_M = 6.0, 2.5, 2.5, 0.05
-"""Where the terms are zero: the smallest shed, its width and height, a residual no roof's noise explains."""
+SHED_M2, DOOR_M, SHED_HEIGHT_M, ROUGH = 6.0, 2.5, 2.5, 0.4
+"""Where the terms are zero: the smallest shed, its width and height, a share of the largest
+residual."""
+SMALL_SEGMENT_M2 = 2.0
+"""Smaller surfaces say no more than their cells do."""
+ROUNDS = 3
+"""After three rounds the separation changes by less than a hundredth."""
 STOREY_M = 3.0
 """Bushes and hedges stay below a storey; above it height tells nothing of a cell."""
-LOW_CELL = 1.2
-"""Log odds that a rough cell loses for each metre under a storey."""
 LOW_SURFACE = -3.0
 """Log odds, at most, of a surface that is nowhere as high as a building: a wall, a hedge, a terrace."""
 
 
-def judge_segments(segments: Segments, echoes: bool) -> Values:
-    """Log odds (K,) that each surface is a roof."""
-    weight = WITH_ECHOES if echoes else WITHOUT_ECHOES
-    odds = (
-        weight.constant
-        + weight.area * np.clip(np.log2(np.maximum(segments.area, 0.1) / SHED_M2), -2.0, 4.0)
-        + weight.rough * np.clip(np.log(np.maximum(segments.residual, 1e-4) / ROUGH_M), 0.0, 1.0)
-        + weight.width * np.clip(segments.width - DOOR_M, -2.0, 2.0)
-        + weight.height * np.clip(segments.height - SHED_HEIGHT_M, -1.0, 1.5)
-        + weight.through * segments.through
-        + weight.several * segments.several
+def surface_terms(segments: Segments, max_residual: float, echoes: Separation, penetration: Separation) -> Values:
+    """The terms (K, 7) of each surface's odds, each clipped, in the order of `SURFACE_TERMS`."""
+    return np.column_stack(
+        [
+            np.ones(segments.count),
+            np.clip(np.log2(np.maximum(segments.area, 0.1) / SHED_M2), -2.0, 4.0),
+            np.clip(np.log(np.maximum(segments.residual, 1e-4) / (ROUGH * max_residual)), 0.0, 1.0),
+            np.clip(segments.width - DOOR_M, -2.0, 2.0),
+            np.clip(segments.height - SHED_HEIGHT_M, -1.0, 1.5),
+            echoes.log_ratio(segments.several),
+            penetration.log_ratio(segments.through),
+        ]
     )
+
+
+def cell_terms(
+    evidence: Evidence, max_residual: float, echoes: Separation, penetration: Separation
+) -> Values:
+    """The terms (H, W, 5) of the odds of cells in no surface, in the order of `CELL_TERMS`: bushes are low,
+    crowns rough."""
+    return np.stack(
+        [
+            np.ones(evidence.shape),
+            np.clip(np.log(np.clip(evidence.residual, 1e-4, 10.0) / max_residual), -1.5, 2.0),
+            np.clip(evidence.height - STOREY_M, -1.5, 0.0),
+            echoes.log_ratio(evidence.several),
+            penetration.log_ratio(evidence.through),
+        ],
+        axis=-1,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """What the odds of surfaces (K, 7) and of cells (H, W, 5) are made of; `large` (H, W) marks the cells that
+    their surface speaks for."""
+
+    surface: Values
+    cell: Values
+    large: Mask
+    echoes: Separation
+    penetration: Separation
+
+
+def measured_terms(evidence: Evidence, segments: Segments, max_residual: float, weights: Weights) -> Terms:
+    """The terms of all surfaces and cells, with what echoes and penetration tell in this very scan.
+
+    First the odds are those of shape alone; the cells that they call roofs and crowns give the measures'
+    separation, which gives better odds, and so once more (expectation maximisation, [dempster1977]).
+    """
+    large = np.r_[False, segments.area >= SMALL_SEGMENT_M2][segments.label]
+    seen = evidence.candidate
+    echoes = penetration = NOTHING
+    for rounds_left in range(ROUNDS, -1, -1):
+        surface = surface_terms(segments, max_residual, echoes, penetration)
+        cell = cell_terms(evidence, max_residual, echoes, penetration)
+        if rounds_left:
+            of_surface = np.r_[0.0, judge_segments(segments, surface, weights)][segments.label]
+            odds = np.where(large, of_surface, judge_cells(cell, weights))[seen]
+            likely = 1.0 / (1.0 + np.exp(-odds))
+            echoes = separate(evidence.several[seen], likely)
+            penetration = separate(evidence.through[seen], likely)
+    return Terms(surface, cell, large, echoes, penetration)
+
+
+def judge_segments(segments: Segments, terms: Values, weights: Weights) -> Values:
+    """Log odds (K,) that each surface is a roof, of its terms (K, 7)."""
+    odds = terms @ np.array(weights.surface)
     low = segments.tall <= TALL_SHARE
-    return np.asarray(np.where(low, np.minimum(SHARPNESS * odds, LOW_SURFACE), SHARPNESS * odds), np.float64)
+    return np.asarray(np.where(low, np.minimum(odds, LOW_SURFACE), odds), np.float64)
 
 
-def judge_cells(evidence: Evidence, max_residual: float, echoes: bool) -> Values:
-    """Log odds (H, W) of cells in no surface: chimneys and eaves split few pulses, crowns many; bushes are
-    low."""
-    if echoes:
-        low = np.clip(evidence.height - STOREY_M, -1.5, 0.0)
-        return np.asarray(2.0 - 5.0 * evidence.several - evidence.through + LOW_CELL * low, np.float64)
-    rough = np.clip(np.log(np.minimum(evidence.residual, 10.0) / max_residual), -1.5, 2.0)
-    return np.asarray(-0.8 - 0.3 * rough - evidence.through, np.float64)
+def judge_cells(terms: Values, weights: Weights) -> Values:
+    """Log odds (H, W) of cells in no surface, of their terms (H, W, 5)."""
+    return np.asarray(terms @ np.array(weights.cell), np.float64)
 
 
 def score_regions(region: Labels, odds: Values, width: Values, height: Values) -> Values:
