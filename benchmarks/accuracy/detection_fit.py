@@ -75,7 +75,7 @@ def row_of(survey: Survey, place: str) -> Row | None:
     method = Consensus()
     keep = judged(survey)
     cloud, truth = survey.cloud()
-    known = keep[np.lexsort(())] if False else np.isin(truth, np.unique(survey.truth[keep]))
+    known = np.isin(truth, np.unique(survey.truth[keep]))
     cloud = classify_ground(cloud)
     around = Bounds.of(cloud.xyz)
     bounds = Bounds(*np.floor([around.west, around.south]), *np.ceil([around.east, around.north]))

@@ -31,6 +31,8 @@ from eaves.model import Labels, Mask, Points, Regions, Scene, Values
 from eaves.model.scene import ROOF
 from eaves.raster.nearest import near_cells
 
+CELL_SPACINGS = 1.0
+"""Width of a cell: a window of three by three holds nine points, enough for a plane and its residual."""
 RIM_ODDS = 3.0
 """Log odds of the rim of a roof that swallows the beam."""
 VEHICLE_MOST_M2 = 60.0
@@ -91,7 +93,7 @@ class Consensus(Detector):
     paper: ClassVar[str] = "chen_sun_vaihingen"
 
     cell: float | None = parameter(
-        None, "Side of a cell; default: 1.2 spacings, at least 0.5.", unit="m", gt=0.0
+        None, "Side of a cell; default: one spacing, at least 0.5.", unit="m", gt=0.0
     )
     min_height: float = parameter(
         1.5, "Points lower than this over the terrain are no roof.", unit="m", ge=0.0
@@ -150,7 +152,7 @@ class Consensus(Detector):
     def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
         """Points (N, 3) with heights counted from near them, the evidence of cells, the smooth surfaces."""
         xyz = scene.cloud.xyz - [0.0, 0.0, np.floor(scene.cloud.xyz[candidate, 2].min())]
-        side = self.cell or side_near(max(0.5, 1.2 * scene.spacing))
+        side = self.cell or side_near(max(0.5, CELL_SPACINGS * scene.spacing))
         evidence = gather_evidence(scene, xyz, candidate, side)
         most = self.tolerance(scene.spacing)
         smooth = evidence.candidate & (evidence.residual < most)

@@ -7,20 +7,30 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy import ndimage
 
 from eaves.detect.base import TALL_SHARE
 from eaves.detect.evidence import Evidence
-from eaves.detect.segments import Segments
+from eaves.detect.segments import Segments, least_around
 from eaves.detect.separation import NOTHING, Separation, separate
 from eaves.model import Labels, Mask, Values
 
-SURFACE_TERMS = ("constant", "area", "rough", "width", "height", "echoes", "penetration")
-CELL_TERMS = ("constant", "rough", "low", "echoes", "penetration")
+SURFACE_SHAPE = ("constant", "area", "rough", "width", "height", "company")
+CELL_SHAPE = ("constant", "rough", "low", "company")
+"""What is known of surfaces, and of cells in none, without echoes and penetration."""
+
+
+def terms_from(shape: tuple[str, ...]) -> tuple[str, ...]:
+    """Terms of the odds: shape, shape once more in so far as echoes tell, echoes, penetration."""
+    return (*shape, *(f"{name} x echoes" for name in shape), "echoes", "penetration")
+
+
+SURFACE_TERMS, CELL_TERMS = terms_from(SURFACE_SHAPE), terms_from(CELL_SHAPE)
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Log odds for each unit of the terms of surfaces (7,) and of cells in no surface (5,)."""
+    """Log odds for each unit of the terms of surfaces and of cells in no surface."""
 
     surface: tuple[float, ...]
     cell: tuple[float, ...]
@@ -32,7 +42,10 @@ def read_weights(path: str | Path) -> Weights:
     return Weights(tuple(map(float, found["surface"])), tuple(map(float, found["cell"])))
 
 
-FITTED = Weights((3.0, 1.2, -5.4, 0.7, 2.2, 1.0, 0.5), (-0.8, -0.3, 1.2, 1.0, 0.3))
+FITTED = Weights(
+    (-2.39, 0.39, -2.39, 0.04, 1.5, 2.79, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.46, 0.66),
+    (-3.97, 0.84, 1.47, 7.58, 0.0, 0.0, 0.0, 0.0, 0.65, 0.43),
+)
 
 
 @dataclass(frozen=True)
@@ -56,6 +69,8 @@ VAN_WIDTH_M, VAN_HEIGHT_M, NEAR_M = 2.5, 2.5, 0.5
 SHED_M2, DOOR_M, SHED_HEIGHT_M, ROUGH = 6.0, 2.5, 2.5, 0.4
 """Where the terms are zero: the smallest shed, its width and height, a share of the largest
 residual."""
+COMPANY_CELLS = 7
+"""Side of the square in which the share of smooth cells is counted: two windows and the cell between."""
 SMALL_SEGMENT_M2 = 2.0
 """Smaller surfaces say no more than their cells do."""
 ROUNDS = 3
@@ -66,8 +81,23 @@ LOW_SURFACE = -3.0
 """Log odds, at most, of a surface that is nowhere as high as a building: a wall, a hedge, a terrace."""
 
 
-def surface_terms(segments: Segments, max_residual: float, echoes: Separation, penetration: Separation) -> Values:
-    """The terms (K, 7) of each surface's odds, each clipped, in the order of `SURFACE_TERMS`."""
+def smooth_share(candidate: Mask, smooth: Mask) -> Values:
+    """Share (H, W) of the candidate cells around each that are smooth: roofs keep company, while in a crown a
+    plane fits here and there by chance."""
+    around = ndimage.uniform_filter(candidate.astype(np.float64), COMPANY_CELLS, mode="constant")
+    alike = ndimage.uniform_filter((smooth & candidate).astype(np.float64), COMPANY_CELLS, mode="constant")
+    return np.asarray(alike / np.maximum(around, 0.5 / COMPANY_CELLS**2), np.float64)
+
+
+def mean_of(label: Labels, count: int, values: Values) -> Values:
+    """Mean of values (H, W) over each segment 1…`count` of labels (H, W)."""
+    size = np.bincount(label.ravel(), minlength=count + 1)[1:]
+    total = np.bincount(label.ravel(), weights=values.ravel(), minlength=count + 1)[1:]
+    return np.asarray(total / np.maximum(size, 1), np.float64)
+
+
+def surface_shape(segments: Segments, company: Values, max_residual: float) -> Values:
+    """What shape tells of each surface (K, 6), each term clipped, in the order of `SURFACE_SHAPE`."""
     return np.column_stack(
         [
             np.ones(segments.count),
@@ -75,32 +105,37 @@ def surface_terms(segments: Segments, max_residual: float, echoes: Separation, p
             np.clip(np.log(np.maximum(segments.residual, 1e-4) / (ROUGH * max_residual)), 0.0, 1.0),
             np.clip(segments.width - DOOR_M, -2.0, 2.0),
             np.clip(segments.height - SHED_HEIGHT_M, -1.0, 1.5),
-            echoes.log_ratio(segments.several),
-            penetration.log_ratio(segments.through),
+            mean_of(segments.label, segments.count, company),
         ]
     )
 
 
-def cell_terms(
-    evidence: Evidence, max_residual: float, echoes: Separation, penetration: Separation
-) -> Values:
-    """The terms (H, W, 5) of the odds of cells in no surface, in the order of `CELL_TERMS`: bushes are low,
-    crowns rough."""
+def cell_shape(evidence: Evidence, company: Values, max_residual: float) -> Values:
+    """What shape tells of cells (H, W, 4) in no surface, in the order of `CELL_SHAPE`: bushes are low, crowns
+    rough."""
     return np.stack(
         [
             np.ones(evidence.shape),
             np.clip(np.log(np.clip(evidence.residual, 1e-4, 10.0) / max_residual), -1.5, 2.0),
             np.clip(evidence.height - STOREY_M, -1.5, 0.0),
-            echoes.log_ratio(evidence.several),
-            penetration.log_ratio(evidence.through),
+            company,
         ],
         axis=-1,
     )
 
 
+def with_echoes(
+    shape: Values, several: Values, through: Values, echoes: Separation, penetration: Separation
+) -> Values:
+    """Terms (..., 2 S + 2) of shape (..., S), the share of several returns and that of points that reach the
+    ground (...)."""
+    said = [echoes.log_ratio(several)[..., None], penetration.log_ratio(through)[..., None]]
+    return np.concatenate([shape, echoes.power * shape, *said], axis=-1)
+
+
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """What the odds of surfaces (K, 7) and of cells (H, W, 5) are made of; `large` (H, W) marks the cells that
+    """What the odds of surfaces (K, T) and of cells (H, W, T) are made of; `large` (H, W) marks the cells that
     their surface speaks for."""
 
     surface: Values
@@ -118,28 +153,37 @@ def measured_terms(evidence: Evidence, segments: Segments, max_residual: float, 
     """
     large = np.r_[False, segments.area >= SMALL_SEGMENT_M2][segments.label]
     seen = evidence.candidate
-    echoes = penetration = NOTHING
+    company = smooth_share(seen, segments.label > 0)
+    of_surfaces = surface_shape(segments, company, max_residual)
+    of_cells = cell_shape(evidence, company, max_residual)
+    inner_several = least_around(evidence.several, seen)
+    inner_through = least_around(evidence.through, seen)
+    echoes = penetration = inner_echoes = inner_penetration = NOTHING
     for rounds_left in range(ROUNDS, -1, -1):
-        surface = surface_terms(segments, max_residual, echoes, penetration)
-        cell = cell_terms(evidence, max_residual, echoes, penetration)
+        surface = with_echoes(
+            of_surfaces, segments.several, segments.through, inner_echoes, inner_penetration
+        )
+        cell = with_echoes(of_cells, evidence.several, evidence.through, echoes, penetration)
         if rounds_left:
             of_surface = np.r_[0.0, judge_segments(segments, surface, weights)][segments.label]
             odds = np.where(large, of_surface, judge_cells(cell, weights))[seen]
             likely = 1.0 / (1.0 + np.exp(-odds))
             echoes = separate(evidence.several[seen], likely)
             penetration = separate(evidence.through[seen], likely)
+            inner_echoes = separate(inner_several[seen], likely)
+            inner_penetration = separate(inner_through[seen], likely)
     return Terms(surface, cell, large, echoes, penetration)
 
 
 def judge_segments(segments: Segments, terms: Values, weights: Weights) -> Values:
-    """Log odds (K,) that each surface is a roof, of its terms (K, 7)."""
+    """Log odds (K,) that each surface is a roof, of its terms (K, T)."""
     odds = terms @ np.array(weights.surface)
     low = segments.tall <= TALL_SHARE
     return np.asarray(np.where(low, np.minimum(odds, LOW_SURFACE), odds), np.float64)
 
 
 def judge_cells(terms: Values, weights: Weights) -> Values:
-    """Log odds (H, W) of cells in no surface, of their terms (H, W, 5)."""
+    """Log odds (H, W) of cells in no surface, of their terms (H, W, T)."""
     return np.asarray(terms @ np.array(weights.cell), np.float64)
 
 
