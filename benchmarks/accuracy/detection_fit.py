@@ -29,7 +29,15 @@ from benchmarks.accuracy.survey_variants import (
 )
 from eaves.detect.consensus import Consensus
 from eaves.detect.evidence import Evidence
-from eaves.detect.judgement import CELL_TERMS, FITTED, SURFACE_TERMS, Weights, measured_terms
+from eaves.detect.judgement import (
+    CELL_SHAPE,
+    CELL_TERMS,
+    FITTED,
+    SURFACE_SHAPE,
+    SURFACE_TERMS,
+    Weights,
+    measured_terms,
+)
 from eaves.detect.segments import Segments
 from eaves.ground import classify_ground
 from eaves.model import Bounds, Mask, Values
@@ -47,14 +55,24 @@ SHARES = (1.0, 0.5, 0.15, 0.05, 0.0)
 STYLES: tuple[TownStyle, ...] = ("suburb", "centre", "mixed")
 TERRAINS: tuple[TerrainKind, ...] = ("flat", "slope", "hilly", "terraced")
 PATTERNS: tuple[Pattern, ...] = ("lines", "zigzag", "ellipse")
-ROW_WEIGHT = 100.0
-"""Every scan counts as a hundred surfaces and a hundred cells, however large it is."""
+ROW_WEIGHT, CELLS_AS_ONE = 100.0, 50.0
+"""Every scan counts as its surfaces, but no more than a hundred, and fifty cells as one of them."""
 RIDGE = 0.5
 """Precision of the prior of each weight: unit terms move the odds by a factor of four or so."""
 ROUNDS = 3
 """The separations depend on the weights: so often both are fitted."""
-CELLS_A_ROW = 20_000
+CELLS_A_ROW = 5_000
 KEPT = Path(__file__).with_name("detection_weights.json")
+
+
+STEPS, LEAST_GAIN = (1.0, 0.5), 5e-4
+"""Steps (log odds) of the descent of the intercepts, and the least gain in IoU that is one."""
+SETTLED_ON = ("whole", "echoes 15 %", "no return fields", "density 1/10")
+"""Variants that the intercepts are chosen on."""
+EMPTY_SHARE = 1e-3
+"""Where no building stands, a thousand points called one cost half the agreement."""
+Offsets = tuple[float, float, float, float]
+Memo = dict[tuple[int, Offsets], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +86,12 @@ class Row:
     true_surface: Values
     true_cell: Values
     """Shares of candidate points that are building; NaN where none has a known class."""
+    points: Values
+    """Candidate points of known class of each cell."""
+    variant: str = "whole"
 
 
-def row_of(survey: Survey, place: str) -> Row | None:
+def row_of(survey: Survey, place: str, variant: str = "whole") -> Row | None:
     """The row of a survey; None where nothing stands."""
     method = Consensus()
     keep = judged(survey)
@@ -92,7 +113,8 @@ def row_of(survey: Survey, place: str) -> Row | None:
     with np.errstate(invalid="ignore"):
         true_surface = (np.bincount(label, hits) / np.bincount(label, total))[1:]
         true_cell = (hits / total).reshape(evidence.shape)
-    return Row(place, evidence, segments, method.tolerance(scene.spacing), true_surface, true_cell)
+    tolerance, points = method.tolerance(scene.spacing), total.reshape(evidence.shape)
+    return Row(place, evidence, segments, tolerance, true_surface, true_cell, points, variant)
 
 
 def rows(data: Path) -> Iterator[Row]:
@@ -116,7 +138,7 @@ def rows(data: Path) -> Iterator[Row]:
         survey = read()
         for variant in TRAINED_ON:
             if applies(variant, survey):
-                found = row_of(VARIANTS[variant](survey), PLACES.get(name, name))
+                found = row_of(VARIANTS[variant](survey), PLACES.get(name, name), variant)
                 if found is not None:
                     yield found
 
@@ -141,15 +163,17 @@ def samples(row: Row, weights: Weights) -> tuple[list[NDArray[np.float64]], list
     size = row.segments.area
     use = (size >= 2.0) & np.isfinite(row.true_surface) & (row.segments.tall > 0.1)
     share = np.sqrt(size[use])
-    surface = [terms.surface[use], row.true_surface[use], ROW_WEIGHT * share / max(share.sum(), 1.0)]
+    whole = min(ROW_WEIGHT, float(use.sum()))
+    surface = [terms.surface[use], row.true_surface[use], whole * share / max(share.sum(), 1.0)]
     rest: Mask = row.evidence.candidate & ~terms.large & np.isfinite(row.true_cell)
     chosen = np.flatnonzero(rest)
     if len(chosen) > CELLS_A_ROW:
         chosen = np.random.default_rng(0).choice(chosen, CELLS_A_ROW, replace=False)
+    whole = min(ROW_WEIGHT, len(chosen) / CELLS_AS_ONE)
     cell = [
         terms.cell.reshape(-1, terms.cell.shape[-1])[chosen],
         row.true_cell.ravel()[chosen],
-        np.full(len(chosen), ROW_WEIGHT / max(len(chosen), 1)),
+        np.full(len(chosen), whole / max(len(chosen), 1)),
     ]
     return surface, cell
 
@@ -167,13 +191,68 @@ def fitted(some: Sequence[Row], start: Weights = FITTED) -> Weights:
     return weights
 
 
+def shifted(weights: Weights, offsets: Offsets) -> Weights:
+    """The weights with their four intercepts moved: of surfaces and cells, each without and with echoes."""
+    surface, cell = list(weights.surface), list(weights.cell)
+    for terms, shape, (plain, told) in (
+        (surface, SURFACE_SHAPE, offsets[:2]),
+        (cell, CELL_SHAPE, offsets[2:]),
+    ):
+        terms[0] = round(terms[0] + plain, 2)
+        terms[len(shape)] = round(terms[len(shape)] + told, 2)
+    return Weights(tuple(surface), tuple(cell))
+
+
+def agreement(row: Row, weights: Weights) -> float:
+    """IoU of the building's cells with the truth, by candidate points; without buildings, 1 where none is
+    found."""
+    method = Consensus()
+    building, roof, _ = method.settle(row.evidence, row.segments, row.max_residual, weights)
+    found = method.keep_buildings(building, roof, row.evidence) > 0
+    true = np.nan_to_num(row.true_cell) * row.points
+    if not true.sum():
+        return 1.0 / (1.0 + float(row.points[found].sum()) * EMPTY_SHARE)
+    return float(true[found].sum() / (row.points[found].sum() + true[~found].sum()))
+
+
+def best_offsets(some: Sequence[int], there: Sequence[Row], weights: Weights, memo: Memo) -> Offsets:
+    """The intercepts' offsets with the best mean agreement over places, by coordinate descent."""
+
+    def score(offsets: Offsets) -> float:
+        by_place: dict[str, list[float]] = {}
+        for number in some:
+            if (number, offsets) not in memo:
+                memo[number, offsets] = agreement(there[number], shifted(weights, offsets))
+            by_place.setdefault(there[number].place, []).append(memo[number, offsets])
+        return float(np.mean([np.mean(values) for values in by_place.values()]))
+
+    best: Offsets = (0.0, 0.0, 0.0, 0.0)
+    for step in STEPS:
+        moved = True
+        while moved:
+            moved = False
+            for axis in range(4):
+                for sign in (-1.0, 1.0):
+                    trial = list(best)
+                    trial[axis] = round(trial[axis] + sign * step, 3)
+                    if score((trial[0], trial[1], trial[2], trial[3])) > score(best) + LEAST_GAIN:
+                        best, moved = (trial[0], trial[1], trial[2], trial[3]), True
+    return best
+
+
 def main() -> None:
     """Print and keep the weights."""
     there = list(rows(Path(os.environ["EAVES_DATA"])))
     kept: dict[str, dict[str, tuple[float, ...]]] = {}
     places = sorted({row.place for row in there} - {"simulated"})
+    slopes = fitted(there)
+    settled = [n for n, row in enumerate(there) if row.variant in SETTLED_ON]
+    memo: Memo = {}
     for place in ["", *places]:
-        weights = fitted([row for row in there if row.place != place])
+        weights = fitted([row for row in there if row.place != place]) if place else slopes
+        offsets = best_offsets([n for n in settled if there[n].place != place], there, slopes, memo)
+        weights = shifted(weights, offsets)
+        print(offsets)
         kept[place or "all"] = {"surface": weights.surface, "cell": weights.cell}
         print(f"without {place}" if place else "all")
         print("  surface", dict(zip(SURFACE_TERMS, weights.surface, strict=True)))

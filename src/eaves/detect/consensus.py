@@ -135,13 +135,9 @@ class Consensus(Detector):
         side = evidence.cells.side
         emit("residual", evidence.residual)
         emit("segments", segments.label)
-        odds, roof = self.judge(evidence, segments, self.tolerance(scene.spacing))
-        emit("odds", odds)
-        void, rims = find_roof_voids(evidence)
-        odds, roof = raise_rims(odds, rims, RIM_ODDS), roof | void
-        odds = np.where(near_cells(roof, int((self.max_rough / side) ** 2 + 1e-9)), odds, -self.sure)
-        building = void | cut_cells(evidence, odds, self.sure, self.smoothness, self.max_jump)
-        emit("cut", building)
+        building, roof, odds = self.settle(
+            evidence, segments, self.tolerance(scene.spacing), self.judged_by, emit
+        )
         region = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
         surface = roof & (segments.label > 0)
@@ -166,12 +162,26 @@ class Consensus(Detector):
         """The points (N,) that could be roofs."""
         return (scene.height >= self.min_height) & ~scene.cloud.ground & ~scene.cloud.noise
 
-    def judge(self, evidence: Evidence, segments: Segments, tolerance: float) -> tuple[Values, Mask]:
-        """Log odds of every cell, and the cells of roof surfaces; (H, W) each."""
-        terms = measured_terms(evidence, segments, tolerance, self.judged_by)
-        emitted = np.r_[0.0, judge_segments(segments, terms.surface, self.judged_by)][segments.label]
-        odds = np.where(terms.large, emitted, judge_cells(terms.cell, self.judged_by))
-        return odds, emitted > 0.0
+    def settle(
+        self,
+        evidence: Evidence,
+        segments: Segments,
+        tolerance: float,
+        weights: Weights,
+        emit: Emit = ignore,
+    ) -> tuple[Mask, Mask, Values]:
+        """The building cells, the cells of roof surfaces, the log odds of every cell; (H, W) each."""
+        terms = measured_terms(evidence, segments, tolerance, weights)
+        emitted = np.r_[0.0, judge_segments(segments, terms.surface, weights)][segments.label]
+        odds = np.where(terms.large, emitted, judge_cells(terms.cell, weights))
+        emit("odds", odds)
+        void, rims = find_roof_voids(evidence)
+        odds, roof = raise_rims(odds, rims, RIM_ODDS), (emitted > 0.0) | void
+        side = evidence.cells.side
+        odds = np.where(near_cells(roof, int((self.max_rough / side) ** 2 + 1e-9)), odds, -self.sure)
+        building = void | cut_cells(evidence, odds, self.sure, self.smoothness, self.max_jump)
+        emit("cut", building)
+        return building, roof, odds
 
     @property
     def judged_by(self) -> Weights:

@@ -15,8 +15,8 @@ from eaves.detect.segments import Segments, least_around
 from eaves.detect.separation import NOTHING, Separation, separate
 from eaves.model import Labels, Mask, Values
 
-SURFACE_SHAPE = ("constant", "area", "rough", "width", "height", "company")
-CELL_SHAPE = ("constant", "rough", "low", "company")
+SURFACE_SHAPE = ("constant", "area", "rough", "width", "height", "company", "enclosed")
+CELL_SHAPE = ("constant", "rough", "low", "company", "enclosed")
 """What is known of surfaces, and of cells in none, without echoes and penetration."""
 
 
@@ -43,8 +43,8 @@ def read_weights(path: str | Path) -> Weights:
 
 
 FITTED = Weights(
-    (-2.39, 0.39, -2.39, 0.04, 1.5, 2.79, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.46, 0.66),
-    (-3.97, 0.84, 1.47, 7.58, 0.0, 0.0, 0.0, 0.0, 0.65, 0.43),
+    (-2.39, 0.39, -2.39, 0.04, 1.5, 2.79, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.46, 0.66),
+    (-3.97, 0.84, 1.47, 7.58, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.65, 0.43),
 )
 
 
@@ -69,6 +69,8 @@ VAN_WIDTH_M, VAN_HEIGHT_M, NEAR_M = 2.5, 2.5, 0.5
 SHED_M2, DOOR_M, SHED_HEIGHT_M, ROUGH = 6.0, 2.5, 2.5, 0.4
 """Where the terms are zero: the smallest shed, its width and height, a share of the largest
 residual."""
+ENCLOSED_M = 6.0
+"""What stands on a roof has roof on all sides within so much; a tree beside one has not."""
 COMPANY_CELLS = 7
 """Side of the square in which the share of smooth cells is counted: two windows and the cell between."""
 SMALL_SEGMENT_M2 = 2.0
@@ -89,6 +91,23 @@ def smooth_share(candidate: Mask, smooth: Mask) -> Values:
     return np.asarray(alike / np.maximum(around, 0.5 / COMPANY_CELLS**2), np.float64)
 
 
+def enclosure(mask: Mask, steps: int) -> Values:
+    """Share (H, W) of eight directions in which a cell of the mask lies within so many steps of each cell."""
+    rows, columns = mask.shape
+    found = np.zeros(mask.shape)
+    for down, right in ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)):
+        met = np.zeros(mask.shape, bool)
+        for step in range(1, steps + 1):
+            y, x = down * step, right * step
+            if abs(y) >= rows or abs(x) >= columns:
+                break
+            met[max(0, -y) : rows - max(0, y), max(0, -x) : columns - max(0, x)] |= mask[
+                max(0, y) : rows - max(0, -y), max(0, x) : columns - max(0, -x)
+            ]
+        found += met
+    return found / 8.0
+
+
 def mean_of(label: Labels, count: int, values: Values) -> Values:
     """Mean of values (H, W) over each segment 1…`count` of labels (H, W)."""
     size = np.bincount(label.ravel(), minlength=count + 1)[1:]
@@ -96,7 +115,7 @@ def mean_of(label: Labels, count: int, values: Values) -> Values:
     return np.asarray(total / np.maximum(size, 1), np.float64)
 
 
-def surface_shape(segments: Segments, company: Values, max_residual: float) -> Values:
+def surface_shape(segments: Segments, company: Values, enclosed: Values, max_residual: float) -> Values:
     """What shape tells of each surface (K, 6), each term clipped, in the order of `SURFACE_SHAPE`."""
     return np.column_stack(
         [
@@ -106,11 +125,12 @@ def surface_shape(segments: Segments, company: Values, max_residual: float) -> V
             np.clip(segments.width - DOOR_M, -2.0, 2.0),
             np.clip(segments.height - SHED_HEIGHT_M, -1.0, 1.5),
             mean_of(segments.label, segments.count, company),
+            mean_of(segments.label, segments.count, enclosed),
         ]
     )
 
 
-def cell_shape(evidence: Evidence, company: Values, max_residual: float) -> Values:
+def cell_shape(evidence: Evidence, company: Values, enclosed: Values, max_residual: float) -> Values:
     """What shape tells of cells (H, W, 4) in no surface, in the order of `CELL_SHAPE`: bushes are low, crowns
     rough."""
     return np.stack(
@@ -119,6 +139,7 @@ def cell_shape(evidence: Evidence, company: Values, max_residual: float) -> Valu
             np.clip(np.log(np.clip(evidence.residual, 1e-4, 10.0) / max_residual), -1.5, 2.0),
             np.clip(evidence.height - STOREY_M, -1.5, 0.0),
             company,
+            enclosed,
         ],
         axis=-1,
     )
@@ -154,8 +175,10 @@ def measured_terms(evidence: Evidence, segments: Segments, max_residual: float, 
     large = np.r_[False, segments.area >= SMALL_SEGMENT_M2][segments.label]
     seen = evidence.candidate
     company = smooth_share(seen, segments.label > 0)
-    of_surfaces = surface_shape(segments, company, max_residual)
-    of_cells = cell_shape(evidence, company, max_residual)
+    roofs = np.r_[False, segments.area >= SHED_M2][segments.label]
+    enclosed = enclosure(roofs, round(ENCLOSED_M / evidence.cells.side))
+    of_surfaces = surface_shape(segments, company, enclosed, max_residual)
+    of_cells = cell_shape(evidence, company, enclosed, max_residual)
     inner_several = least_around(evidence.several, seen)
     inner_through = least_around(evidence.through, seen)
     echoes = penetration = inner_echoes = inner_penetration = NOTHING
