@@ -27,9 +27,9 @@ from benchmarks.accuracy.survey_variants import (
     no_fields,
     simulated_survey,
 )
-from eaves.detect.consensus import Consensus
-from eaves.detect.evidence import Evidence
-from eaves.detect.judgement import (
+from eaves.detect.consensus.method import Consensus
+from eaves.detect.consensus.evidence import Evidence
+from eaves.detect.consensus.classifier import (
     CELL_SHAPE,
     CELL_TERMS,
     FITTED,
@@ -38,11 +38,11 @@ from eaves.detect.judgement import (
     Weights,
     measured_terms,
 )
-from eaves.detect.segments import Segments
+from eaves.detect.consensus.segments import Segments
 from eaves.ground import classify_ground
 from eaves.model import Bounds, Mask, Values
 from eaves.model.cloud import BUILDING
-from eaves.pipeline import make_scene
+from eaves.raster.surfaces import make_scene
 from eaves.simulate.flight import Pattern
 from eaves.simulate.standard import StandardScene
 from eaves.simulate.streets import TownStyle
