@@ -207,8 +207,8 @@ def agreement(row: Row, weights: Weights) -> float:
     """IoU of the building's cells with the truth, by candidate points; without buildings, 1 where none is
     found."""
     method = Consensus()
-    building, roof, _ = method.settle(row.evidence, row.segments, row.max_residual, weights)
-    found = method.keep_buildings(building, roof, row.evidence) > 0
+    building, roof, _, _ = method.settle(row.evidence, row.segments, row.max_residual, weights)
+    found = method.keep_buildings(building, roof, row.evidence)[0] > 0
     true = np.nan_to_num(row.true_cell) * row.points
     if not true.sum():
         return 1.0 / (1.0 + float(row.points[found].sum()) * EMPTY_SHARE)
@@ -252,7 +252,7 @@ def main() -> None:
         weights = fitted([row for row in there if row.place != place]) if place else slopes
         offsets = best_offsets([n for n in settled if there[n].place != place], there, slopes, memo)
         weights = shifted(weights, offsets)
-        print(offsets)
+        print(offsets, flush=True)
         kept[place or "all"] = {"surface": weights.surface, "cell": weights.cell}
         print(f"without {place}" if place else "all")
         print("  surface", dict(zip(SURFACE_TERMS, weights.surface, strict=True)))

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
+from eaves.detect.consensus.attachment import attached_share
 from eaves.detect.consensus.borders import cut_cells
 from eaves.detect.consensus.classifier import (
     FITTED,
@@ -17,6 +18,7 @@ from eaves.detect.consensus.classifier import (
     read_weights,
     score_regions,
 )
+from eaves.detect.consensus.doubts import HALF_ATTACHED, region_doubts, void_doubts
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.hidden_roofs import find_hidden_roofs
 from eaves.detect.consensus.members import part_of_points
@@ -118,6 +120,9 @@ class Consensus(Detector):
         6.0, "Cells farther than this from a roof surface are no building.", unit="m", gt=0.0
     )
     min_core: float = parameter(3.0, "Least area of roof surfaces in a building.", unit="m²", ge=0.0)
+    max_attached: float = parameter(
+        0.5, "A region that goes on in the terrain along a larger share of its rim is rock.", ge=0.0, le=1.0
+    )
     weights: str | None = parameter(
         None, "File (JSON) with weights of the evidence; default: those fitted to all labelled surveys."
     )
@@ -135,15 +140,21 @@ class Consensus(Detector):
         side = evidence.cells.side
         emit("residual", evidence.residual)
         emit("segments", segments.label)
-        building, roof, odds = self.settle(
+        building, roof, void, odds = self.settle(
             evidence, segments, self.tolerance(scene.spacing), self.judged_by, emit
         )
-        region = self.keep_buildings(building, roof, evidence)
+        region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
         surface = roof & (segments.label > 0)
         hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface)
         emit("hidden", hidden)
-        return self.regions_of(scene, xyz, evidence, region, hidden, odds)
+        regions = self.regions_of(scene, xyz, evidence, region, hidden, odds)
+        doubts = [
+            *region_doubts(evidence, region, regions.score, attached),
+            *region_doubts(evidence, rocks, np.zeros(rocks.max(initial=0)), attached),
+            *void_doubts(evidence, void & (region > 0)),
+        ]
+        return regions.with_doubts(doubts)
 
     def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
         """Points (N, 3) with heights counted from near them, the evidence of cells, the smooth surfaces."""
@@ -169,8 +180,9 @@ class Consensus(Detector):
         tolerance: float,
         weights: Weights,
         emit: Emit = ignore,
-    ) -> tuple[Mask, Mask, Values]:
-        """The building cells, the cells of roof surfaces, the log odds of every cell; (H, W) each."""
+    ) -> tuple[Mask, Mask, Mask, Values]:
+        """The building cells, those of roof surfaces, those of roofs without points, the log odds of every
+        cell; (H, W) each."""
         terms = measured_terms(evidence, segments, tolerance, weights)
         emitted = np.r_[0.0, judge_segments(segments, terms.surface, weights)][segments.label]
         odds = np.where(terms.large, emitted, judge_cells(terms.cell, weights))
@@ -181,15 +193,17 @@ class Consensus(Detector):
         odds = np.where(near_cells(roof, int((self.max_rough / side) ** 2 + 1e-9)), odds, -self.sure)
         building = void | cut_cells(evidence, odds, self.sure, self.smoothness, self.max_jump)
         emit("cut", building)
-        return building, roof, odds
+        return building, roof, void, odds
 
     @property
     def judged_by(self) -> Weights:
         """The weights of the evidence."""
         return FITTED if self.weights is None else read_weights(self.weights)
 
-    def keep_buildings(self, building: Mask, roof: Mask, evidence: Evidence) -> Labels:
-        """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces."""
+    def keep_buildings(self, building: Mask, roof: Mask, evidence: Evidence) -> tuple[Labels, Values, Labels]:
+        """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces; the
+        share of each group's rim that continues the terrain; the groups (H, W) dropped for that alone, and
+        not without doubt."""
         found, count = ndimage.label(building, np.ones((3, 3)))
         label: Labels = np.asarray(found, np.int32)
         side = evidence.cells.side
@@ -199,8 +213,14 @@ class Consensus(Detector):
         share = min(CORE_SHARE, CORE_SHARE_M / side)
         good = (core >= self.min_core) & (core >= share * area) & (width >= self.min_width)
         good[0] = False
-        kept = np.where(good, np.arange(count + 1), 0).astype(np.int32)
-        return np.asarray(kept[label], np.int32)
+        attached = attached_share(evidence, label, count)
+        loose = attached <= self.max_attached
+        rock = good & ~loose & (attached <= 1.0 - HALF_ATTACHED)
+
+        def chosen(which: Mask) -> Labels:
+            return np.asarray(np.where(which, np.arange(count + 1), 0).astype(np.int32)[label], np.int32)
+
+        return chosen(good & loose), attached, chosen(rock)
 
     def regions_of(
         self, scene: Scene, xyz: Points, evidence: Evidence, region: Labels, hidden: Labels, odds: Values
