@@ -1,7 +1,7 @@
 """The weights of `consensus`, by logistic regression over surfaces and cells of labelled scans.
 
-Run `EAVES_DATA=... python -m benchmarks.accuracy.detection_fit`. Trained on simulated towns of varied scanners
-and on the labelled surveys with few echoes and thinned. Prints the weights of all, and keeps, for each place,
+Run `EAVES_DATA=... python -m benchmarks.accuracy.detection_fit`. Trained on simulated towns of varied
+scanners and on the labelled surveys with few echoes and thinned. Prints the weights of all, and keeps, for each place,
 those fitted with the place and all its variants left out (`detection_weights.json`), for `unseen`.
 """
 
@@ -27,8 +27,6 @@ from benchmarks.accuracy.survey_variants import (
     no_fields,
     simulated_survey,
 )
-from eaves.detect.consensus.method import Consensus
-from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.classifier import (
     CELL_SHAPE,
     CELL_TERMS,
@@ -38,6 +36,8 @@ from eaves.detect.consensus.classifier import (
     Weights,
     measured_terms,
 )
+from eaves.detect.consensus.evidence import Evidence
+from eaves.detect.consensus.method import Consensus
 from eaves.detect.consensus.segments import Segments
 from eaves.ground import classify_ground
 from eaves.model import Bounds, Mask, Values

@@ -1,8 +1,8 @@
 """Detection on surveys that chose nothing: every labelled survey, every transformation, by the command.
 
 Run `EAVES_DATA=... python -m benchmarks.accuracy.unseen [--rows TEXT...] [--columns TEXT...]`.
-Each cell of the table is one run of `eaves detect` on a bare file, in blocks. The default is shown twice: with
-the weights fitted to everything, and with those fitted with the row's place and all its variants left out
+Each cell of the table is one run of `eaves detect` on a bare file, in blocks. The default is shown twice:
+with the weights fitted to everything, and with those fitted with the row's place and all its variants left out
 (`benchmarks.accuracy.detection_fit` makes both). What was run is kept in EAVES_CACHE (default:
 ~/.cache/eaves/unseen) and not run again while the code that decides it is the same.
 """
@@ -173,8 +173,8 @@ def verdict(found: dict[str, Figures]) -> dict[str, object]:
 NOTE = """IoU by cells of 0.5 m against class 6, a cell being its highest point; in brackets precision and
 recall by points. `found`: buildings found where none stands. Left out: the weights of `consensus` were fitted
 without the row's place and all its variants; the other constants of all methods are the same in all columns.
-Ahead of the best: IoU of the left-out default less that of the best of the five published methods with derived
-defaults. Each is one run of `eaves detect` on a bare file in blocks of 240 m."""
+Ahead of the best: IoU of the left-out default less that of the best of the five published methods with
+derived defaults. Each is one run of `eaves detect` on a bare file in blocks of 240 m."""
 
 
 if __name__ == "__main__":

@@ -74,8 +74,8 @@ class Regions:
     """Which building each point belongs to.
 
     `label` (N,) is 0 for no building, else 1…K. `score` (K,) says how sure the detector is, 0 to 1.
-    `part` (N,) tells roof, wall, tree and noise apart where the method does (codes above). `doubts` are places,
-    in local metres, where the evidence contradicts itself or is missing.
+    `part` (N,) tells roof, wall, tree and noise apart where the method does (codes above). `doubts` are
+    places, in local metres, where the evidence contradicts itself or is missing.
     """
 
     label: Labels

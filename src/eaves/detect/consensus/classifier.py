@@ -156,8 +156,8 @@ def with_echoes(
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """What the odds of surfaces (K, T) and of cells (H, W, T) are made of; `large` (H, W) marks the cells that
-    their surface speaks for."""
+    """What the odds of surfaces (K, T) and of cells (H, W, T) are made of; `large` (H, W) marks the cells
+    that their surface speaks for."""
 
     surface: Values
     cell: Values

@@ -23,7 +23,7 @@ class Evidence:
     top: Values
     """Height (m above the terrain's local zero) of the highest candidate point; -inf where there is none."""
     low: Values
-    """Height of the highest other point but noise: terrain, and what is low over it; -inf where there is none."""
+    """Height of the highest other point but noise (terrain, and what is low over it); -inf where none is."""
     residual: Values
     """RMSE (m) across the plane of the best of the windows that hold the cell; inf where none fits."""
     east: Values

@@ -137,7 +137,6 @@ class Consensus(Detector):
         if int(candidate.sum()) < LEAST_POINTS:
             return Regions(np.zeros(len(scene.cloud), np.int32), np.zeros(0))
         xyz, evidence, segments = self.find_surfaces(scene, candidate)
-        side = evidence.cells.side
         emit("residual", evidence.residual)
         emit("segments", segments.label)
         building, roof, void, odds = self.settle(
