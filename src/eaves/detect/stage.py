@@ -73,7 +73,7 @@ def detect_buildings(
     if found.part is not None:
         gone = (found.label > 0) & (label == 0)
         part = np.where(gone, 0, found.part).astype(np.uint8)[back]
-    return Regions(label[back], score, part)
+    return Regions(label[back], score, part, found.doubts)
 
 
 def keep_regions(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from eaves.model.arrays import Labels, Points
 from eaves.model.block import Block, Bounds
 from eaves.model.building import BuildingModel, Failure, Footprint
+from eaves.model.doubt import Doubt
 from eaves.model.scene import WALL, Raster
 
 
@@ -32,6 +33,8 @@ class BlockResult:
     seam_id: NDArray[np.int64]
     seam_label: Labels
     """Labelled points within `SEAM` of the border, on both sides of it."""
+    doubts: tuple[Doubt, ...] = ()
+    """Those in the block, about its corner."""
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property

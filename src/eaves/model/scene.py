@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from eaves.model.arrays import Grid, Labels, Mask, Points, Values
 from eaves.model.block import Bounds
 from eaves.model.cloud import PointCloud
+from eaves.model.doubt import Doubt
 
 ROOF, WALL, TREE, NOISE = 1, 2, 3, 4
 """Codes of `Regions.part` and of the extra dimension `part` of classified.laz; 0 is none of them."""
@@ -72,12 +74,18 @@ class Regions:
     """Which building each point belongs to.
 
     `label` (N,) is 0 for no building, else 1…K. `score` (K,) says how sure the detector is, 0 to 1.
-    `part` (N,) tells roof, wall, tree and noise apart where the method does (codes above).
+    `part` (N,) tells roof, wall, tree and noise apart where the method does (codes above). `doubts` are
+    places, in local metres, where the evidence contradicts itself or is missing.
     """
 
     label: Labels
     score: Values = field(default_factory=lambda: np.zeros(0))
     part: NDArray[np.uint8] | None = None
+    doubts: tuple[Doubt, ...] = ()
+
+    def with_doubts(self, doubts: Iterable[Doubt]) -> Regions:
+        """The same regions with these doubts."""
+        return replace(self, doubts=tuple(doubts))
 
     @property
     def count(self) -> int:

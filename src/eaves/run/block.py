@@ -7,6 +7,7 @@ import numpy as np
 from eaves.detect import detect_buildings
 from eaves.ground import classify_ground
 from eaves.model import Block, Bounds, PointCloud, Raster, Regions
+from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import make_scene
 from eaves.run.clock import Clock
@@ -52,8 +53,14 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
         spacing=scene.spacing,
         seam_id=cloud.point_id[seam],
         seam_label=regions.label[seam],
+        doubts=tuple(doubt for doubt in regions.doubts if holds(core, doubt)),
         seconds=clock.laps,
     )
+
+
+def holds(bounds: Bounds, doubt: Doubt) -> bool:
+    """Whether a doubt lies within bounds: of neighbouring blocks only one has it."""
+    return bool(bounds.contains(np.array([[doubt.x, doubt.y]]))[0])
 
 
 def crop(raster: Raster, bounds: Bounds) -> Raster:

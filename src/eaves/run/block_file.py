@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eaves.formats.atomic import atomic
 from eaves.model import Block, Bounds, Labels, Points, Raster
 from eaves.model.cloud import GRID_STEP, GROUND, NOISE_CLASSES
+from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 
 CANDIDATE_HEIGHT = 1.0
@@ -58,6 +59,7 @@ def save_block(path: Path, result: BlockResult) -> None:
         "seconds": result.seconds,
         "spacing": result.spacing,
         "extent": [extent.west, extent.south, extent.east, extent.north],
+        "doubts": [asdict(doubt) for doubt in result.doubts],
         "corner": [result.dtm.west, result.dtm.north, result.dtm.cell],
     }
     arrays = {
@@ -117,6 +119,11 @@ class BlockFile:
     def metadata(self) -> BlockMetadata:
         """Extent and seconds."""
         return BlockMetadata(self.block, Bounds(*self.about["extent"]), self.about["seconds"])
+
+    def doubts(self) -> list[Doubt]:
+        """The doubts of the block, in world metres."""
+        found = (Doubt(**doubt) for doubt in self.about["doubts"])
+        return [doubt.translated(*self.block.origin) for doubt in found]
 
     def raster(self, name: str) -> Raster:
         """`dtm` or `dsm` in metres about the block's corner."""
