@@ -25,13 +25,14 @@ from eaves.run.classified_points import PointSink
 from eaves.run.outputs import write_outputs
 from eaves.run.recipe import Recipe
 from eaves.run.region import Core, Region, import_methods, warn_of_wrong_boxes
-from eaves.run.run import Progress, Run, RunOptions, no_progress, open_run
+from eaves.run.run import Progress, Run, RunOptions, list_options, no_progress, open_run
 from eaves.run.tiles import build_tiles
 from eaves.run.workers import Workers
 
 log = logging.getLogger("eaves")
 
 
+@list_options
 def build(
     inputs: str | Path | Sequence[str | Path],
     out: str | Path,
@@ -55,7 +56,7 @@ def build(
     sink
         Receives the classified points as they are written; not in a run by tiles.
     options
-        See `eaves.run.run.RunOptions`.
+        The keywords of `eaves.build`.
 
     Raises
     ------

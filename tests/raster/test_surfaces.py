@@ -10,7 +10,7 @@ from eaves.ground.toolkit.morphology import opened
 from eaves.model import Bounds, PointCloud, Raster
 from eaves.raster.grid import heights_of, highest_points, lowest_points, mean_heights, whole_cells
 from eaves.raster.interpolate import fill_linear, fill_nearest
-from eaves.raster.surfaces import make_dsm, make_dtm
+from eaves.raster.surfaces import make_dsm, make_dtm, terrain_of
 
 SQUARE = Bounds(0.0, 0.0, 20.0, 20.0)
 
@@ -44,7 +44,7 @@ def test_dtm_never_leaves_the_heights_of_its_points() -> None:
 
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_few_ground_points_give_a_level_or_empty_terrain(count: int) -> None:
-    dtm = make_dtm(ground_cloud(np.full((count, 3), 5.0)), SQUARE)
+    dtm = terrain_of(ground_cloud(np.full((count, 3), 5.0)), SQUARE)
     assert np.isnan(dtm.values).all() if count == 0 else (dtm.values == 5.0).all()
 
 

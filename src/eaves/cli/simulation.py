@@ -36,7 +36,7 @@ def run_simulation(
     scene = scan_town(drawn, **scan, seed=seed)
     if crs is not None and model is None:
         scene = scene.placed(crs)
-    told = {**town, **scan, "seed": seed, "model": None if model is None else model.name}
-    told["noise_m"] = told.pop("noise")
-    files = write_simulation(scene, out, told)
+    settings = {**town, **scan, "seed": seed, "model": None if model is None else model.name}
+    settings["noise_m"] = settings.pop("noise")
+    files = write_simulation(scene, out, settings)
     return f"{len(scene.cloud):,} points, {len(scene.buildings)} buildings; {files['points']}"

@@ -30,6 +30,8 @@ class NormalEcho(Detector):
     density remove trees, and the share of points of high curvature decides. Walls and trees are kept as parts
     of the answer.
 
+    Formula
+    -------
     C = 1/k Σ(pᵢ-p̄)(pᵢ-p̄)ᵀ (eq. 1); f_mr = Σ(return number > 1)/Σ points (eq. 2);
     σ = λ₀/(λ₀+λ₁+λ₂) (eq. 3).
 

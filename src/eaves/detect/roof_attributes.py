@@ -34,6 +34,8 @@ class RoofAttributes(Detector):
     are reconstructed by dilation under the normalised surface. A segment in which steep gradients are dense
     is vegetation, the others are buildings.
 
+    Formula
+    -------
     |n| = √{[Δy(z₀₁+z₀₀-z₁₁-z₁₀)]² + [Δx(z₀₁+z₁₁-z₁₀-z₀₀)]² + 4(ΔxΔy)²} (eq. 1) and
     R = ½|z₁₁+z₀₀-z₀₁-z₁₀| (eq. 2); the index i runs along x. On a plane 2ΔxΔy/|n| is the cosine of the slope.
 

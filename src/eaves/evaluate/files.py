@@ -49,17 +49,22 @@ def evaluate_files(
 
     Parameters
     ----------
-    what
+    what : str
         `ground`, `detection`, `footprints`, `planes` or `models`.
-    result, reference
+    result, reference : Path
         Clouds (LAS, LAZ, text with labels), label rasters, polygons, CityJSON, OBJ wireframes, as `what`
         allows.
-    report
+    report : Path or None
         Folder to write the figures, rows and maps to.
-    lod
+    lod : str or None
         For models: the level of detail; by default the finest of each building.
-    footprints
+    footprints : Path or None
         For models against a cloud: the polygons whose roof points count; by default the models' own.
+
+    Returns
+    -------
+    Evaluation
+        The figures, rows and map.
 
     Raises
     ------

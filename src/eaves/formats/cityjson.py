@@ -48,21 +48,31 @@ def write_cityjson_seq(
     system: CoordinateSystem = LOCAL_METRES,
     title: str = "",
 ) -> int:
-    """Write one line of metadata and one line a building; return the number of buildings.
+    """Write one line of metadata and one line a building.
 
-    Models are taken one by one, so any number of them can stream through. A Failure that knows its
-    footprint is written too, with LoD 0 and the attributes `failure_code` and `failure_reason`.
+    Models are taken one by one, so any number of them can stream through. A Failure that has its footprint is
+    written too, with LoD 0 and the attributes `failure_code` and `failure_reason`.
 
     Parameters
     ----------
-    path
+    path : str or Path
         The file (`.city.jsonl`); it appears when it is whole.
-    models
+    models : iterable of BuildingModel or Failure
         Buildings in metres about their footprint's origin.
-    system
+    system : CoordinateSystem
         Coordinate system the coordinates are written in.
-    title
+    title : str
         Title in the metadata, if any.
+
+    Returns
+    -------
+    int
+        The number of buildings.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------
@@ -98,9 +108,29 @@ def write_cityjson(
     system: CoordinateSystem = LOCAL_METRES,
     title: str = "",
 ) -> int:
-    """Write all buildings as one CityJSON object (`.city.json`); return their number.
+    """Write all buildings as one CityJSON object.
 
-    See `write_cityjson_seq`.
+    Parameters
+    ----------
+    path : str or Path
+        The file (`.city.json`); it appears when it is whole.
+    models : iterable of BuildingModel or Failure
+        Buildings in metres about their footprint's origin; a Failure that has its footprint is written with
+        LoD 0.
+    system : CoordinateSystem
+        Coordinate system the coordinates are written in.
+    title : str
+        Title in the metadata, if any.
+
+    Returns
+    -------
+    int
+        The number of buildings.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------

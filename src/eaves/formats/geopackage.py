@@ -52,8 +52,22 @@ def write_geopackage(
     """Write the layers `footprints` and `roof_planes` of a GeoPackage, geometry in the system's units.
 
     A column's type is that of its values: whole numbers, numbers, truth, text; what is missing or NaN is
-    null. The columns stand in the order in which the rows bring them up. Rows are gone through twice, and
+    null. The columns have the order in which the rows name them first. Rows are gone through twice, and
     written piece by piece: an iterable that makes them anew each time needs the memory of one piece.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file (`.gpkg`); it appears when it is whole.
+    footprints, roof_planes : iterable of Row
+        Geometry in world metres and attributes of each feature; a layer without rows is left out.
+    system : CoordinateSystem
+        Reference system of the layers.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------
@@ -93,27 +107,30 @@ def read_polygons(
     id_field: str | None = None,
     target: CoordinateSystem | None = None,
 ) -> tuple[list[Polygon | MultiPolygon], list[str], list[dict[str, Any]], CoordinateSystem]:
-    """The polygons of a vector file in world metres, their ids, their attributes, and the system they are in.
+    """The polygons of a vector file in world metres, their ids, their attributes, and their reference system.
 
     Parameters
     ----------
-    path
-        Shapefile, GeoPackage, GeoJSON, FlatGeobuf, or what else GDAL reads.
-    layer
+    path : str or Path
+        Shapefile, GeoPackage, GeoJSON, FlatGeobuf, or another format that GDAL reads.
+    layer : str or None
         The layer of a file of several; by default its first layer of polygons.
-    id_field
+    id_field : str or None
         The field that names the features; by default they are numbered from 1.
-    target
-        The system wanted: polygons in another one are reprojected. One of the two without a place on Earth is
-        taken to be in the other.
+    target : CoordinateSystem or None
+        The system wanted: polygons in another one are reprojected. When one of the two has no place on Earth,
+        both are taken to be the same.
 
     Returns
     -------
-    polygons
-        Polygon or MultiPolygon as they are, invalid ones too; features without coordinates are left
-        out, with a warning.
-    ids, attributes, system
-        One id and one mapping a polygon; `target` when given, else the file's own system.
+    polygons : list of Polygon or MultiPolygon
+        As they are, invalid ones too; features without coordinates are left out, with a warning.
+    ids : list of str
+        One a polygon.
+    attributes : list of dict
+        One a polygon.
+    system : CoordinateSystem
+        `target` when given, else the file's own.
 
     Raises
     ------

@@ -36,13 +36,23 @@ def require_pyarrow() -> None:
 
 
 def write_geoparquet(path: str | Path, rows: Sequence[Row], system: CoordinateSystem = LOCAL_METRES) -> None:
-    """Write one row a feature: its attributes, `geometry` as WKB in the system's units, `bbox` for fast
-    windows. Columns have the types that `write_geopackage` gives them.
+    """Write one row a feature: its attributes, `geometry` (WKB in the system's units) and `bbox`.
+
+    Columns have the types that `write_geopackage` gives them.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file (`.parquet`); it appears when it is whole.
+    rows : sequence of Row
+        Geometry in world metres and attributes of each feature.
+    system : CoordinateSystem
+        Reference system of the file.
 
     Raises
     ------
     InputError
-        When pyarrow is not installed.
+        When pyarrow is not installed, or the folder cannot be written.
 
     Examples
     --------

@@ -40,20 +40,43 @@ higher than wide (a tile of 0.01° has metres of relief) or stored in steps unde
 
 @dataclass(frozen=True)
 class Source:
-    """One input file: what its header says. Picklable, so that workers can open it again."""
+    """One input file, as its header describes it. Picklable, so that workers can open it again.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kind : str
+        `las`, `laz`, `copc` or `text`.
+    count : int
+        Records in the file, withheld ones included.
+    bounds : Bounds
+        World metres, closed on all sides.
+    heights : (float, float)
+        Lowest and highest point (m).
+    system : CoordinateSystem
+        Its reference system.
+    fields : tuple of str
+        Which of `return_number`, `number_of_returns`, `classification` the points have.
+    layout : LasHeader or TextLayout
+        Where the records are in the file.
+
+    Examples
+    --------
+    >>> from eaves.formats import open_source
+    >>> from eaves.simulate import nine_roofs_on_a_slope, write_simulation
+    >>> source = open_source(write_simulation(nine_roofs_on_a_slope(density=1.0), "nine")["points"])
+    >>> source.kind, source.count
+    ('laz', 10404)
+    """
 
     path: Path
     kind: str
-    """`las`, `laz`, `copc` or `text`."""
     count: int
-    """Records in the file, withheld ones included."""
     bounds: Bounds
-    """World metres, closed on all sides."""
     heights: tuple[float, float]
-    """Lowest and highest point, metres."""
     system: CoordinateSystem
     fields: tuple[str, ...]
-    """Which of `return_number`, `number_of_returns`, `classification` the points carry."""
     layout: LasHeader | TextLayout = field(repr=False, compare=False)
 
     @property
@@ -69,19 +92,24 @@ class Source:
 
 
 def open_source(path: str | Path, crs: str | None = None) -> Source:
-    """What a file holds, from its header alone (a text file has none: its points are read once).
+    """The description of a file, from its header alone (a text file has none: its points are read once).
 
     Parameters
     ----------
-    path
+    path : str or Path
         LAS, LAZ, COPC or text `x y z [label]`.
-    crs
+    crs : str or None
         EPSG code, compound code (`28992+5709`), or a file with WKT or PROJJSON; it overrides the file's own.
+
+    Returns
+    -------
+    Source
+        What the header states, in metres.
 
     Raises
     ------
     InputError
-        When the file is missing, empty, cut off, damaged, in degrees, or its header lies.
+        When the file is missing, empty, cut off, damaged, in degrees, or its header contradicts its points.
 
     Examples
     --------
@@ -114,6 +142,16 @@ def _opened(path: str | Path, crs: str | None, look: Callable[[BinaryIO], bytes]
 
 def common_system(sources: Sequence[Source]) -> CoordinateSystem:
     """The coordinate system all files share; warns once when there is none.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+        At least one file.
+
+    Returns
+    -------
+    CoordinateSystem
+        The system of all of them.
 
     Raises
     ------
@@ -151,10 +189,29 @@ def iter_chunks(
 ) -> Iterator[Chunk]:
     """The points of a file in world metres, in its order, about `chunk_points` at a time.
 
-    `part` (k, n) gives the k-th of n runs of the file's records, so that several processes share a file; of a
-    text file the first run is the whole. Withheld points and points without coordinates (NaN, or
-    x = y = z = 0) are left out; positions count them. With `bounds` (world metres, half-open) only the points
-    inside come; of COPC only the nodes needed are read.
+    Withheld points and points without coordinates (NaN, or x = y = z = 0) are left out; positions count them.
+
+    Parameters
+    ----------
+    source : Source
+        The file (`open_source`).
+    bounds : Bounds or None
+        World metres, half-open: only the points inside are returned; of COPC only the nodes needed are read.
+    chunk_points : int
+        About how many points a chunk holds (> 0).
+    part : (int, int)
+        The k-th of n runs of the file's records, so that several processes share a file; of a text file the
+        first run is the whole.
+
+    Returns
+    -------
+    iterator of Chunk
+        The points; no chunk is empty of arrays that the file has.
+
+    Raises
+    ------
+    InputError
+        When the file is cut off or damaged.
 
     Examples
     --------
@@ -197,12 +254,12 @@ def read(
 
     Parameters
     ----------
-    paths
+    paths : str, Path or sequence of them
         Files, folders or globs; they are read in the order of `find_inputs`.
-    bounds
+    bounds : Bounds or None
         World metres; only the points inside are read.
-    crs
-        Overrides what the files say (see `open_source`).
+    crs : str or None
+        Overrides the system that the files name (see `open_source`).
 
     Returns
     -------

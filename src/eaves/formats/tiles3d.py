@@ -59,17 +59,27 @@ class Leaf:
 def write_3dtiles(
     folder: str | Path, models: Iterable[BuildingModel | Failure], system: CoordinateSystem = LOCAL_METRES
 ) -> int:
-    """Write `tileset.json` and `content/*.glb` into a folder; return the number of buildings with a mesh.
+    """Write `tileset.json` and `content/*.glb` into a folder.
 
     Parameters
     ----------
-    folder
-        Made when missing. An older tileset in it goes first; the new `tileset.json` is written last.
-    models
+    folder : str or Path
+        Made when missing. An older tileset in it is removed first; the new `tileset.json` is written last.
+    models : iterable of BuildingModel or Failure
         Buildings in metres about their footprint's origin, those of one origin next to each other; one
         origin's buildings are in memory at a time.
-    system
+    system : CoordinateSystem
         Coordinate system of the buildings.
+
+    Returns
+    -------
+    int
+        The number of buildings with a mesh.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written, or the system has no place on Earth.
 
     Examples
     --------

@@ -31,6 +31,8 @@ class SmoothRegion(GroundMethod):
     and ground are no longer spoilt by what touches them. Neighbours of like normals form one region, and
     the region of the largest area is ground. Small regions are noise: outliers and crowns.
 
+    Formula
+    -------
     ::
 
         C = 1/k Σ (p_i − p̄)(p_i − p̄)ᵀ                    (eq. 1)

@@ -25,7 +25,34 @@ FILE_DIGITS = 4
 
 @dataclass(frozen=True)
 class Results(Summary):
-    """What a run found and wrote, with its results as notebooks want them."""
+    """What a run found and wrote, with its results as tables, arrays and meshes for notebooks.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the outputs are.
+    points, found, modelled : int
+        Numbers of points, of buildings, and of buildings with a model.
+    by_lod, failures, fallbacks : dict of str to int
+        Models by level of detail; buildings without a model, and with a coarser one than asked for, by code.
+    seconds : dict of str to float
+        Time (s) of each step, over all processes.
+    elapsed : float
+        Time (s) from start to end.
+    files : tuple of Path
+        The files written.
+    failed : tuple of str
+        Inputs and blocks that could not be used, with the reason.
+    run : dict
+        The content of run.json.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from eaves import Results
+    >>> Results(Path("out"), 1000, 2, 2, {"2.2": 2}, {}, {}, {}, 1.5, ()).found
+    2
+    """
 
     @classmethod
     def of(cls, summary: Summary) -> Self:

@@ -9,7 +9,7 @@ from eaves.ground import classify_ground
 from eaves.model import Block, Bounds, PointCloud, Raster, Regions
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
-from eaves.raster.surfaces import make_scene
+from eaves.raster.surfaces import scene_of
 from eaves.run.clock import Clock
 from eaves.run.recipe import SEAM, Recipe
 
@@ -18,7 +18,7 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
     """Ground, rasters and regions of one block.
 
     `cloud` must hold the points of the block and of its surroundings up to `recipe.buffer`, and no others:
-    then the answer is the same whichever files or tiles they came from.
+    then the result does not depend on the files or tiles they came from.
     """
     clock = Clock()
     cloud = cloud.about(block.origin).in_canonical_order()
@@ -27,7 +27,7 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
     core = Bounds(0.0, 0.0, block.side, block.side)
     seen = core.buffered(recipe.scene_buffer)
     cloud = cloud.take(seen.contains(cloud.xyz))
-    scene = make_scene(cloud, seen)
+    scene = scene_of(cloud, seen)
     clock.lap("rasters")
     nothing = Regions(np.zeros(len(cloud), np.int32))
     regions = detect_buildings(scene, recipe.detect) if recipe.detect else nothing

@@ -21,17 +21,39 @@ SEAM = 1.5
 
 @dataclass(frozen=True)
 class Recipe:
-    """Which methods to use, with their parameters, and what to believe of the input."""
+    """The methods of a run, with their parameters, and how the file's classes are used.
+
+    Parameters
+    ----------
+    ground : GroundMethod
+        The ground filter.
+    detect : Detector or None
+        The detector; None stops after the ground.
+    outline : OutlineMethod
+        The outline method.
+    roof : RoofMethod
+        The roof segmentation method.
+    reconstruct : Reconstructor
+        The reconstruction method.
+    use_classes : bool
+        Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise.
+    lod : str
+        The finest level of detail to keep: `0` (footprints alone), `1.2`, `1.3`, `2.0` or `2.2`.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> eaves.make_recipe().reconstruct.name
+    'arrangement'
+    """
 
     ground: GroundMethod
     detect: Detector | None
-    """None stops after the ground."""
     outline: OutlineMethod
     roof: RoofMethod
     reconstruct: Reconstructor
     use_classes: bool = False
     lod: str = "2.2"
-    """The finest level of detail to keep; `0` stops at footprints."""
 
     @property
     def buffer(self) -> float:
@@ -54,24 +76,25 @@ def make_recipe(
 ) -> Recipe:
     """The recipe for the methods given by stage; a stage not named uses its default.
 
-    A detector brings the ground filter of its own paper unless one is given. With `use_classes` buildings
+    A detector comes with the ground filter of its own paper unless one is given. With `use_classes` buildings
     are the points of class 6 unless a detector is given.
 
     Parameters
     ----------
-    methods
+    methods : mapping or None
         By stage (`ground`, `detect`, `outline`, `roof`, `reconstruct`): a method, its name, or a table of its
         parameters with its name under `method`.
-    published
+    published : bool
         Methods given by name take the numbers that their papers print.
-    use_classes
+    use_classes : bool
         Use the classes of the files.
-    lod
-        The finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2.
+    lod : str
+        The finest level of detail: `0`, `1.2`, `1.3`, `2.0` or `2.2`.
 
     Returns
     -------
     Recipe
+        One method for each stage.
 
     Raises
     ------
@@ -104,5 +127,22 @@ def make_recipe(
 
 
 def is_named(choice: MethodChoice) -> bool:
-    """Whether a choice says which method it is."""
+    """Whether a choice names its method.
+
+    Parameters
+    ----------
+    choice : Method, str, mapping or None
+        A method, its name, or a table of its parameters.
+
+    Returns
+    -------
+    bool
+        False for None and for a table without the key `method`.
+
+    Examples
+    --------
+    >>> from eaves.run.recipe import is_named
+    >>> is_named("prism"), is_named({"cell": 0.5})
+    (True, False)
+    """
     return "method" in choice if isinstance(choice, Mapping) else choice is not None

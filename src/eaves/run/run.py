@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack, get_type_hints
 
 from eaves.footprints.read import area_of, in_metres, read_area, read_footprints
 from eaves.formats import InputError
@@ -78,6 +79,43 @@ class RunOptions(TypedDict, total=False):
     """Where the classified points of the one input go, without extra dimensions and without a run.json."""
 
 
+DEFAULT_OPTIONS: RunOptions = {
+    "use_classes": False,
+    "as_published": False,
+    "lod": "2.2",
+    "snap_footprints": False,
+    "formats": (),
+    "outputs": EVERYTHING,
+    "block": 240.0,
+    "jobs": 1,
+    "resume": False,
+    "per_tile": False,
+}
+"""What an option is when it is not given; None for those not named here."""
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def list_options(function: Callable[P, T]) -> Callable[P, T]:
+    """The function itself, with the keywords of `RunOptions` in the signature that `help` shows."""
+    own = [
+        one
+        for one in inspect.signature(function).parameters.values()
+        if one.kind is not inspect.Parameter.VAR_KEYWORD
+    ]
+    keywords = [
+        inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=DEFAULT_OPTIONS.get(name), annotation=kind
+        )
+        for name, kind in get_type_hints(RunOptions).items()
+    ]
+    returned = inspect.signature(function).return_annotation
+    signature = inspect.Signature([*own, *keywords], return_annotation=returned)
+    function.__signature__ = signature  # type: ignore[attr-defined]
+    return function
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """What is to be computed: picklable, so that a worker can compute a tile on its own."""
@@ -113,7 +151,7 @@ def open_run(
     progress: Progress = no_progress,
     **options: Unpack[RunOptions],
 ) -> Run:
-    """The run that is asked for: every word checked, headers read, footprints read, the folder made.
+    """The run that is asked for: every option checked, headers read, footprints read, the folder made.
 
     Parameters
     ----------
@@ -126,7 +164,7 @@ def open_run(
     progress
         Called while headers are read.
     options
-        See `RunOptions`.
+        The keywords of `RunOptions`, documented at `eaves.build`.
 
     Raises
     ------
@@ -140,12 +178,13 @@ def open_run(
     if unknown:
         known = ", ".join(RunOptions.__annotations__)
         raise TypeError(f"unknown option '{min(unknown)}' of a run; choose among: {known}")
+    options = {**DEFAULT_OPTIONS, **options}
     if recipe is None:
         recipe = make_recipe(
             {stage: options.get(stage) for stage in METHOD_OPTIONS},  # type: ignore[misc]
-            published=options.get("as_published", False),
-            use_classes=options.get("use_classes", False),
-            lod=options.get("lod", "2.2"),
+            published=options["as_published"],
+            use_classes=options["use_classes"],
+            lod=options["lod"],
         )
     formats = tuple(options.get("formats") or ())
     check_formats(formats)
@@ -177,17 +216,17 @@ def open_run(
         index=index,
         window=window,
         plan=describe(index, recipe, options),
-        side=options.get("block", 240.0),
+        side=options["block"],
         given=None if footprints is None else known_polygons,
-        snap_footprints=options.get("snap_footprints", False),
+        snap_footprints=options["snap_footprints"],
         addresses=() if party_walls is None else known_polygons,
         formats=formats,
         outputs=tuple(options.get("outputs") or EVERYTHING),
         classified=classified,
-        jobs=options.get("jobs", 1) or (os.cpu_count() or 1 if index.points > PROCESSES_ABOVE else 1),
+        jobs=options["jobs"] or (os.cpu_count() or 1 if index.points > PROCESSES_ABOVE else 1),
         scheduler=options.get("scheduler"),
-        resume=options.get("resume", False),
-        by_tiles=classified is None and (options.get("per_tile", False) or index.points > TILES_ABOVE),
+        resume=options["resume"],
+        by_tiles=classified is None and (options["per_tile"] or index.points > TILES_ABOVE),
         failed=tuple(failed),
         started=started,
     )
@@ -231,12 +270,12 @@ def describe(index: Index, recipe: Recipe, options: RunOptions) -> dict[str, Any
         "methods": methods,
         "use_classes": recipe.use_classes,
         "lod": recipe.lod,
-        "block": options.get("block", 240.0),
+        "block": options["block"],
         "buffer": recipe.buffer,
         "bounds": None if bounds is None else list(vars(bounds).values()),
         "clip": hash_of(options.get("clip")),
         "footprints": hash_of(options.get("footprints")),
-        "snap_footprints": options.get("snap_footprints", False),
+        "snap_footprints": options["snap_footprints"],
         "party_walls": hash_of(options.get("party_walls")),
     }
 

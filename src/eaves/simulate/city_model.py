@@ -58,10 +58,24 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
 
     Parameters
     ----------
-    path : `.city.json` or `.city.jsonl`.
-    trees : share of 25 trees per hectare, scattered where no building is; none by default.
-    seed : of the trees.
-    crs : the system of a file that names none.
+    path : str or Path
+        `.city.json` or `.city.jsonl`.
+    trees : float
+        Share of 25 trees per hectare (≥ 0), scattered where no building is; none by default.
+    seed : int
+        Of the trees.
+    crs : str or None
+        The system of a file that names none.
+
+    Returns
+    -------
+    Town
+        The town; `scan_town` makes points of it.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, holds no building with surfaces, or is too large.
 
     Examples
     --------

@@ -61,6 +61,8 @@ class Consensus(Detector):
     core of roof surfaces are buildings; their planes are carried on below crowns; narrow long ones with a
     level top are vehicles.
 
+    Formula
+    -------
     Energy: Σ_cells odds(c)·[label(c) is against its odds] + λ Σ_neighbours exp(-(d/s)²)·[labels differ],
     where d is how far the highest points miss each other's surface.
 

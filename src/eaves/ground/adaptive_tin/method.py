@@ -35,6 +35,8 @@ class AdaptiveTin(GroundMethod):
     All candidates are judged on the same surface, those that fit are inserted, and so on until none joins.
     How far a point may be off follows the statistics of the surface: its roughness, and the spacing.
 
+    Formula
+    -------
     ::
 
         d ≤ d_max   and   α_k = arcsin(d / |p − v_k|) ≤ α_max + γ·s,  k = 1, 2, 3

@@ -31,6 +31,10 @@ class ContourGround(GroundMethod):
     round, the cells of the surface that lie close to the terrain, or below it, become its new support,
     until nothing changes. Points close to the last terrain are ground.
 
+    Formula
+    -------
+    support of the terrain:  z − terrain ≤ t + `rise` · cell · slope of the terrain,   t = `tolerance`
+
     Fidelity
     --------
     Followed: steps 1 to 3 of the paper, the three properties of a contour, nearest-neighbour gridding. The

@@ -47,6 +47,8 @@ class GlobalFit(OutlineMethod):
     corners are intersections; edges and jogs below `detail` go. At last every edge moves to the place where
     the points behind it end, which corrects the half spacing that points stay inside.
 
+    Formula
+    -------
     The cost of a polyline with K edges, F of them free, along M boundary points is
 
         Σ_points d² / 2σ² + price · log M · K + angle_price · F,    σ² = (scatter · spacing)² + blur²
@@ -55,9 +57,9 @@ class GlobalFit(OutlineMethod):
     k-th point after it, for k = 1 with gaps g between the points' depths Σ g² / 2 Σ g: 1/density for random
     points, half the distance of scan lines that run along the edge.
 
-    BlockMetadata
-    -----
-    *Fidelity.* The polyline is the optimal polygonal approximation of [perez_vidal1994] with a price per
+    Fidelity
+    --------
+    The polyline is the optimal polygonal approximation of [perez_vidal1994] with a price per
     edge in place of a number of edges; that a shared direction costs less follows the description length of
     [jung2017]; the mean distance ahead is the forward recurrence time of [cox1962]. The combination is
     ours.
@@ -69,10 +71,14 @@ class GlobalFit(OutlineMethod):
     outside. The points cannot tell how far; `spot` is a quarter of a spot of 0.3 m, or half the spacing
     where that is less: dense points come from a low flight. For a beam without width it is 0.
 
-    *Fails where* a jog or passage is narrower than twice the spacing; where trees touch the roof and were
+    Fails where
+    -----------
+    a jog or passage is narrower than twice the spacing; where trees touch the roof and were
     not taken out before (a bulge); on curves, which become polygons with a scatter's sagitta.
 
-    *Complexity.* O(N log N) for the triangulation; O(M²) at worst for a ring of M points, less where edges
+    Complexity
+    ----------
+    O(N log N) for the triangulation; O(M²) at worst for a ring of M points, less where edges
     are short, because a stretch that costs more than the best known is not made longer.
 
     References
