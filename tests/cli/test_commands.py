@@ -21,6 +21,7 @@ from eaves.cli import app as cli
 OUTPUTS = {
     "footprints.gpkg",
     "buildings.city.jsonl",
+    "buildings.qgz",
     "mask.tif",
     "mask.tfw",
     "dtm.tif",

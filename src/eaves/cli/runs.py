@@ -19,7 +19,7 @@ COMPLETE, INCOMPLETE, MISUSE, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses; 130 is the shell's for Ctrl-C."""
 WHERE_TO_OPEN = {
     "in a browser": "report.html",
-    "in QGIS": "footprints.gpkg",
+    "in QGIS": "buildings.qgz",
     "in Blender": "buildings.glb",
     "in Cesium": "tileset.json",
 }

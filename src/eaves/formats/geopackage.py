@@ -20,6 +20,7 @@ from eaves.formats.atomic import atomic
 from eaves.formats.chunk import FARTHEST
 from eaves.formats.crs import describe, parse_crs, pyproj_crs, system_of
 from eaves.formats.errors import InputError
+from eaves.formats.qgis.tables import describe_layers
 from eaves.model import CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
 
@@ -52,7 +53,8 @@ def write_geopackage(
     """Write the layers `footprints` and `roof_planes` of a GeoPackage, geometry in the system's units.
 
     A column's type is that of its values: whole numbers, numbers, truth, text; what is missing or NaN is
-    null. The columns have the order in which the rows name them first. Rows are gone through twice, and
+    null. The columns have the order in which the rows name them first. Styles for QGIS and the columns'
+    titles and units are in the file (`eaves.formats.qgis`). Rows are gone through twice, and
     written piece by piece: an iterable that makes them anew each time needs the memory of one piece.
 
     Parameters
@@ -82,6 +84,7 @@ def write_geopackage(
     with atomic(path) as temporary:
         for layer, rows in (("footprints", footprints), ("roof_planes", roof_planes)):
             _write_layer(temporary, rows, system, "GPKG", layer)
+        describe_layers(temporary, system)
 
 
 def write_polygons(

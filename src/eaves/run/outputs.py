@@ -15,7 +15,8 @@ from pathlib import Path
 from eaves.formats import write_cityjson_seq
 from eaves.formats.atomic import atomic
 from eaves.formats.geopackage import Row, write_geopackage
-from eaves.model import Block, Bounds, BuildingModel, Failure
+from eaves.formats.qgis.project import write_project
+from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.block_file import BlockMetadata
 from eaves.run.classified_points import PointSink, write_points
@@ -129,11 +130,19 @@ def write_outputs(
             progress("write", len(written), len(steps))
 
     files = [path for step in steps for path in written[step]]
+    if "footprints" in steps:
+        files.append(write_map(run.folder, files, store.system))
     clear_leftovers(files)
     summary = summarise(region, metadata, owners, files)
     if run.classified is None:
         write_run(summary)
     return summary
+
+
+def write_map(folder: Path, files: Sequence[Path], system: CoordinateSystem) -> Path:
+    """Write the QGIS project that shows footprints.gpkg over the terrain among `files`; its path."""
+    write_project(folder / "buildings.qgz", folder / "footprints.gpkg", files, system)
+    return folder / "buildings.qgz"
 
 
 def clear_leftovers(files: Sequence[Path]) -> None:

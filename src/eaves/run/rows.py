@@ -108,8 +108,16 @@ def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
                     "points": record.get("points"),
                     "share_no_data": None if share is None else round(share, 3),
                     "no_data": record.get("no_data"),
+                    "h_low": rounded(record.get("h_low")),
+                    "h_high": rounded(record.get("h_high")),
+                    "h_ground": rounded(answer.attributes.get("h_ground")),
                 },
             )
+
+
+def rounded(height: float | None) -> float | None:
+    """A height in whole millimetres."""
+    return None if height is None else round(float(height), 3)
 
 
 def rmse_of(model: BuildingModel, plane: int | None) -> float | None:

@@ -22,7 +22,7 @@ from eaves.model import Block, Bounds, Footprint
 from eaves.model.summary import Summary
 from eaves.run.index import Index
 from eaves.run.merge import merge_footprints, merge_masks, merge_rasters
-from eaves.run.outputs import write_run
+from eaves.run.outputs import write_map, write_run
 from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.region import Core, Region, TooNarrowError, warn_of_wrong_boxes
 from eaves.run.run import Progress, Run, no_progress
@@ -246,6 +246,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
         merge_masks(files[0], places, run.index.system, workers)
         progress("merge", 2, 3)
         files += merge_rasters(folder, places)
+    files.append(write_map(folder, files, run.index.system))
     progress("merge", 3, 3)
     runs = [done[tile].run for tile in sorted(done)]
     reasons = [*run.failed, *failed.values(), *(reason for one in runs for reason in one["incomplete"])]
