@@ -28,6 +28,7 @@ OUTPUTS = {
     "classified.laz",
     "report.html",
     "run.json",
+    "manifest.json",
 }
 
 

@@ -15,8 +15,10 @@ from eaves.formats import InputError
 from eaves.formats.inputs import list_inputs
 from eaves.methods import MethodChoice
 from eaves.model import Bounds, Footprint
+from eaves.run.collisions import refuse_collisions
 from eaves.run.exports import check_formats
 from eaves.run.index import Index, index_inputs
+from eaves.run.lock import LOCK
 from eaves.run.partition import Window
 from eaves.run.recipe import Recipe, make_recipe
 
@@ -101,6 +103,19 @@ class Run:
     """Inputs that could not be opened, with the reason."""
     started: float = 0.0
 
+    @property
+    def lock(self) -> str:
+        """Name of the file that holds the folder for this run; several may each write one file into it."""
+        return LOCK if self.classified is None else f"{LOCK}-{self.classified.stem}"
+
+    @property
+    def work_folder(self) -> Path:
+        """Where the parts of the run are kept until it is complete."""
+        return self.folder / (WORK if self.classified is None else f"{WORK}-{self.classified.stem}")
+
+
+WORK = ".eaves-work"
+
 
 def open_run(
     inputs: str | Path | Sequence[str | Path],
@@ -152,6 +167,8 @@ def open_run(
             "leave one of --footprints and --party-walls out"
         )
     folder, paths = Path(out), list_inputs(inputs)
+    polygons = [Path(one) for one in (footprints, party_walls, options.get("clip")) if one is not None]
+    refuse_collisions(folder, options.get("classified"), paths, polygons)
     failed: list[str] = []
     index = index_inputs(
         paths, options.get("crs"), failed, lambda done, total: progress("index", done, total)
