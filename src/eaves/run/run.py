@@ -6,6 +6,7 @@ import hashlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from glob import escape
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -249,14 +250,24 @@ def describe(index: Index, recipe: Recipe, options: RunOptions) -> dict[str, Any
         "bounds": None if bounds is None else list(vars(bounds).values()),
         "clip": hash_of(options.get("clip")),
         "footprints": hash_of(options.get("footprints")),
+        "id_field": options.get("id_field"),
         "snap_footprints": options.get("snap_footprints", False),
         "party_walls": hash_of(options.get("party_walls")),
     }
 
 
 def hash_of(path: str | Path | None) -> str | None:
-    """SHA-256 of a file."""
+    """SHA-256 of a file and of those beside it that belong to it: a shapefile is several."""
     if path is None:
         return None
-    with Path(path).open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    whole, path = hashlib.sha256(), Path(path)
+    beside = [one for one in path.parent.glob(f"{escape(path.stem)}.*") if one.suffix.lower() in SIDECARS]
+    beside += path.parent.glob(f"{escape(path.name)}-wal")
+    for one in [path, *sorted(set(beside) - {path})]:
+        with one.open("rb") as file:
+            whole.update(hashlib.file_digest(file, "sha256").digest())
+    return whole.hexdigest()
+
+
+SIDECARS = (".shp", ".shx", ".dbf", ".prj", ".cpg")
+"""Files whose contents are part of a shapefile's."""
