@@ -29,6 +29,7 @@ OUTPUTS = {
     "classified.laz",
     "report.html",
     "run.json",
+    "manifest.json",
 }
 
 

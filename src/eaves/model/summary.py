@@ -52,6 +52,11 @@ class Summary:
     run: dict[str, Any] = field(default_factory=dict)
 
     @property
+    def about(self) -> dict[str, Any]:
+        """What the manifest says of the run."""
+        return {name: self.run.get(name) for name in ("crs", "vertical_datum", "files", "inputs_sha256")}
+
+    @property
     def complete(self) -> bool:
         """Whether every block was computed and every file written."""
         return not self.failed

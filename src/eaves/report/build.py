@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
@@ -110,7 +110,5 @@ def build(
         if several and step == "buildings" and done == 1:  # the others compute meanwhile
             import_libraries()
 
-    results = Results.of(build_files(inputs, out, recipe, show, sample, **options))
-    if "tiles" in results.run:
-        return results
-    return replace(results, files=(*results.files, write_report(results, sample)))
+    report = partial(write_report, received=sample)
+    return Results.of(build_files(inputs, out, recipe, show, sample, report, **options))

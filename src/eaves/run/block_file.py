@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.formats.atomic import atomic
 from eaves.model import Block, Bounds, Labels, Points, Raster
 from eaves.model.cloud import GRID_STEP, GROUND, NOISE_CLASSES
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
+from eaves.run.part_file import open_part, save_part
 
 CANDIDATE_HEIGHT = 1.0
 """Points lower than this (m) over the terrain belong to no roof."""
@@ -62,7 +62,7 @@ def save_block(path: Path, result: BlockResult) -> None:
         "doubts": [asdict(doubt) for doubt in result.doubts],
         "corner": [result.dtm.west, result.dtm.north, result.dtm.cell],
     }
-    arrays = {
+    arrays: dict[str, NDArray[Any]] = {
         "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
         "point_id": result.point_id,
         "classification": result.classification,
@@ -78,9 +78,7 @@ def save_block(path: Path, result: BlockResult) -> None:
         "seam_label": result.seam_label,
         "sides": sides_of(result, count),
     }
-    with atomic(path) as temporary:
-        # numpy's stub takes any of the names for its own option allow_pickle
-        np.savez(temporary, **arrays)  # type: ignore[arg-type]
+    save_part(path, arrays)
 
 
 def sides_of(result: BlockResult, count: int) -> NDArray[np.uint8]:
@@ -103,7 +101,7 @@ class BlockFile:
 
     def __init__(self, path: Path, block: Block) -> None:
         self.block = block
-        self._file: Any = np.load(path)
+        self._file: Any = open_part(path)
         self.about: dict[str, Any] = json.loads(self._file["about"].tobytes())
 
     def __enter__(self) -> BlockFile:

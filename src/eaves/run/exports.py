@@ -63,4 +63,5 @@ def export_models(
         if name in names:
             write(folder / file, models(), system)
             written.append(folder / file / "tileset.json" if name == "3dtiles" else folder / file)
+            written += [folder / "buildings.mtl"] if name == "obj" else []
     return written

@@ -15,6 +15,7 @@ from eaves.formats.geopackage import Row, plain_value, write_geopackage
 from eaves.formats.vrt import write_vrt
 from eaves.model import Block, Bounds, CoordinateSystem
 from eaves.raster.surfaces import CELL
+from eaves.run.manifest import add_to_manifest
 from eaves.run.rasters import write_mask
 from eaves.run.workers import Workers
 
@@ -84,7 +85,8 @@ def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem) -> 
         for column in range(whole.column, last.column + 1)
         for row in range(whole.row, last.row + 1)
     ]
-    write_mask(system, blocks, list(np.asarray(shapes, object)), bounds, place / "mask.tif")
+    written = write_mask(system, blocks, list(np.asarray(shapes, object)), bounds, place / "mask.tif")
+    add_to_manifest(place, written)
 
 
 PIECE = 240.0

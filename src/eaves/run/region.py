@@ -84,6 +84,9 @@ class Region:
             self.store.discard()
             self.store.prepare()
             self.store.keep_plan(self.run.plan)
+        else:
+            self.store.prepare()
+            self.store.drop_damaged()
 
     def partition(self) -> None:
         """Bring all points that are not yet there to their blocks."""

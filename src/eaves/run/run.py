@@ -8,6 +8,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from glob import escape
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack, get_type_hints
@@ -17,8 +18,10 @@ from eaves.formats import InputError
 from eaves.formats.inputs import list_inputs
 from eaves.methods import MethodChoice
 from eaves.model import Bounds, Footprint
+from eaves.run.collisions import refuse_collisions
 from eaves.run.exports import check_formats
 from eaves.run.index import Index, index_inputs
+from eaves.run.lock import LOCK
 from eaves.run.partition import Window
 from eaves.run.recipe import Recipe, make_recipe
 
@@ -143,6 +146,19 @@ class Run:
     """Inputs that could not be opened, with the reason."""
     started: float = 0.0
 
+    @property
+    def lock(self) -> str:
+        """Name of the file that holds the folder for this run; several may each write one file into it."""
+        return LOCK if self.classified is None else f"{LOCK}-{self.classified.stem}"
+
+    @property
+    def work_folder(self) -> Path:
+        """Where the parts of the run are kept until it is complete."""
+        return self.folder / (WORK if self.classified is None else f"{WORK}-{self.classified.stem}")
+
+
+WORK = ".eaves-work"
+
 
 def open_run(
     inputs: str | Path | Sequence[str | Path],
@@ -195,6 +211,8 @@ def open_run(
             "leave one of --footprints and --party-walls out"
         )
     folder, paths = Path(out), list_inputs(inputs)
+    polygons = [Path(one) for one in (footprints, party_walls, options.get("clip")) if one is not None]
+    refuse_collisions(folder, options.get("classified"), paths, polygons)
     failed: list[str] = []
     index = index_inputs(
         paths, options.get("crs"), failed, lambda done, total: progress("index", done, total)
@@ -275,14 +293,24 @@ def describe(index: Index, recipe: Recipe, options: RunOptions) -> dict[str, Any
         "bounds": None if bounds is None else list(vars(bounds).values()),
         "clip": hash_of(options.get("clip")),
         "footprints": hash_of(options.get("footprints")),
+        "id_field": options.get("id_field"),
         "snap_footprints": options["snap_footprints"],
         "party_walls": hash_of(options.get("party_walls")),
     }
 
 
 def hash_of(path: str | Path | None) -> str | None:
-    """SHA-256 of a file."""
+    """SHA-256 of a file and of those beside it that belong to it: a shapefile is several."""
     if path is None:
         return None
-    with Path(path).open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    whole, path = hashlib.sha256(), Path(path)
+    beside = [one for one in path.parent.glob(f"{escape(path.stem)}.*") if one.suffix.lower() in SIDECARS]
+    beside += path.parent.glob(f"{escape(path.name)}-wal")
+    for one in [path, *sorted(set(beside) - {path})]:
+        with one.open("rb") as file:
+            whole.update(hashlib.file_digest(file, "sha256").digest())
+    return whole.hexdigest()
+
+
+SIDECARS = (".shp", ".shx", ".dbf", ".prj", ".cpg")
+"""Files whose contents are part of a shapefile's."""

@@ -17,10 +17,12 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.footprints.read import as_box
+from eaves.formats import InputError
 from eaves.formats.disk import DiskFullError
 from eaves.model import Block, Bounds, Footprint
 from eaves.model.summary import Summary
 from eaves.run.index import Index
+from eaves.run.manifest import MANIFEST, begin_manifest, check_folder, end_manifest
 from eaves.run.merge import merge_footprints, merge_masks, merge_rasters
 from eaves.run.outputs import write_map, write_run
 from eaves.run.partition import BOX_TOLERANCE, Window
@@ -167,7 +169,7 @@ def compute_tile(task: TileTask, folder: Path, build_region: BuildRegion) -> Til
     """One tile with its files in its folder; an earlier run's where it matches."""
     place = folder / TILES_FOLDER / task.tile.name
     earlier = place / "run.json"
-    if task.run.resume and earlier.exists():
+    if task.run.resume and is_whole(place):
         run: dict[str, Any] = json.loads(earlier.read_text(encoding="utf-8"))
         told = json.loads(json.dumps(task.run.plan))
         if not run["incomplete"] and all(run.get(key) == value for key, value in told.items()):
@@ -187,9 +189,23 @@ def compute_tile(task: TileTask, folder: Path, build_region: BuildRegion) -> Til
             ring += 1
             region.store.discard()
             log.info("tile %s: a building goes on far beyond it; it is computed again", task.tile.name)
+    end_manifest(place, summary.files, summary.about, summary.complete)
     run = json.loads((place / "run.json").read_text(encoding="utf-8"))
     assert summary.found == run["found"]
     return TileDone(run, {task.numbers[number]: box for number, box in region.wrong_boxes.items()})
+
+
+def is_whole(place: Path) -> bool:
+    """Whether an earlier run wrote a tile and every file is as it was; one that is not is named."""
+    if not (place / MANIFEST).exists():
+        return False
+    try:
+        wrong = check_folder(place)
+    except InputError as error:
+        wrong = [str(error)]
+    for reason in wrong:
+        log.warning("%s; the tile is computed again", reason)
+    return not wrong
 
 
 def within(one: Bounds, other: Bounds | None) -> Bounds:
@@ -215,6 +231,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
     wrong_boxes: dict[int, Bounds] = {}
     work = partial(compute_tile, folder=folder, build_region=build_region)
     peak, index = peak_memory_mb(), run.index
+    begin_manifest(folder)
     todo = plan_tiles(index, run.side, run.window.bounds)
     while todo:
         tasks = TileTasks(replace(run, index=index), todo)
@@ -250,6 +267,8 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
     progress("merge", 3, 3)
     runs = [done[tile].run for tile in sorted(done)]
     reasons = [*run.failed, *failed.values(), *(reason for one in runs for reason in one["incomplete"])]
+    files += [folder / TILES_FOLDER / tile.name / MANIFEST for tile in sorted(done)]
+    files.append(folder / "run.json")
     summary = total_of(runs, run, folder, files, tuple(dict.fromkeys(reasons)), peak)
     write_run(summary)
     return summary
