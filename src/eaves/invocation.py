@@ -200,5 +200,5 @@ def describe_methods(stage: str | None) -> Iterator[str]:
                 unit = "" if extra.get("unit") in (None, "1") else f" {extra['unit']}"
                 default = "derived" if field.default is None else f"{field.default}{unit}"
                 printed = extra.get("published")
-                published = "" if printed is None else f"; published {printed}{unit}"
+                published = "" if printed is None else f"; published {printed}{unit} ({extra['printed_in']})"
                 yield f"      {key} = {default}{published}: {field.description}"

@@ -30,15 +30,19 @@ def parameter(
     unit: str = "1",
     symbol: str | None = None,
     published: Any = None,
+    printed_in: str | None = None,
     **limits: float,
 ) -> Any:
     """Declare a method's parameter once.
 
     `default=None` means: derived from the measured spacing and noise, by the rule the sentence states.
-    `published` is the number the paper prints, used by `Method.as_published()`. `limits` are pydantic's
-    `ge, gt, le, lt`.
+    `published` is the number the paper prints, used by `Method.as_published()`, and `printed_in` the place in
+    the paper where it stands, or the step that it switches off because the paper has none. What a paper does
+    not print keeps our default. `limits` are pydantic's `ge, gt, le, lt`.
     """
-    extra = {"unit": unit, "symbol": symbol, "published": published}
+    if (published is None) != (printed_in is None):
+        raise ValueError(f"parameter '{sentence}': `published` and `printed_in` go together")
+    extra = {"unit": unit, "symbol": symbol, "published": published, "printed_in": printed_in}
     declared: dict[str, Any] = {"description": sentence, "json_schema_extra": extra, **limits}
     return Field(default, **declared)
 

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from eaves.ground.outliers import find_outliers
 from eaves.methods import Emit, Method, emitter, ignore, make_method
@@ -26,6 +27,14 @@ class GroundMethod(Method):
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
         """Whether each point is ground; see the class."""
         raise NotImplementedError
+
+    def told_apart(self, cloud: PointCloud, emit: Emit = ignore) -> tuple[Mask, NDArray[np.uint8] | None]:
+        """The mask (N,), and the walls, trees and small regions (N,) found on the way, by a filter that does.
+
+        What is found once is handed on with the cloud (`PointCloud.part`), so that the detector of the same
+        paper need not find it again.
+        """
+        return self.ground_mask(cloud, emit), None
 
 
 def classify_ground(
@@ -81,9 +90,13 @@ def classify_ground(
     order = taken.canonical_order()
     filter_ = method or make_method("ground")
     assert isinstance(filter_, GroundMethod)
-    mask = filter_.ground_mask(taken.take(order), emitter(debug))
+    mask, found = filter_.told_apart(taken.take(order), emitter(debug))
     classes[good[order[mask]]] = GROUND
-    return cloud.with_(classification=classes)
+    part = None
+    if found is not None:
+        part = np.zeros(len(cloud), np.uint8)
+        part[good[order]] = found
+    return cloud.with_(classification=classes, part=part)
 
 
 @njit(cache=True)

@@ -36,6 +36,8 @@ class PointCloud:
     number_of_returns: NDArray[np.uint8] | None = None
     classification: NDArray[np.uint8] | None = None
     """LAS classes: the file's until `classify_ground`, ours (1, 2, 6, 7, 18) after it."""
+    part: NDArray[np.uint8] | None = None
+    """Walls, trees and small regions (codes of `model.scene`) that a ground filter found on its way."""
     point_id: NDArray[np.int64] | None = None
     """Position of each point in the input, counted through all files in order."""
     system: CoordinateSystem = field(default=LOCAL_METRES)
@@ -92,6 +94,7 @@ class PointCloud:
             return_number=pick(self.return_number),
             number_of_returns=pick(self.number_of_returns),
             classification=pick(self.classification),
+            part=pick(self.part),
             point_id=pick(self.point_id),
             ordered=self.ordered and bool((index[1:] > index[:-1]).all()),
         )
