@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.base import Detector
-from eaves.detect.cells import side_near
-from eaves.detect.surface_grid import (
+from eaves.detect.stage import Detector
+from eaves.detect.toolkit.cells import side_near
+from eaves.detect.toolkit.surface_grid import (
     EIGHT,
     SurfaceGrid,
     connected,
@@ -98,7 +98,7 @@ class Contours(Detector):
     regrow: float = parameter(1.0, "How far the rim grows.", unit="m", ge=0.0)
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
@@ -118,7 +118,7 @@ class Contours(Detector):
         )
         emit("cores", core)
         mixed = edged & (share_around(smooth, edged, round(self.window / grid.side)) >= self.min_share)
-        grown = grow_back(core, mixed, grid.surface, self.storey, int((self.reach - 10.0) / grid.side))
+        grown = grow_back(core, mixed, grid.surface, self.storey, int((self.buffer - 10.0) / grid.side))
         emit("iteration", grown)
         whole = grow_back(grown, edged, grid.surface, self.max_step, round(self.regrow / grid.side))
         label, count = connected(whole)

@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.base import Detector
-from eaves.detect.cells import side_near
 from eaves.detect.contours import filled
-from eaves.detect.surface_grid import (
+from eaves.detect.stage import Detector
+from eaves.detect.toolkit.cells import side_near
+from eaves.detect.toolkit.surface_grid import (
     SurfaceGrid,
     connected,
     grow_back,
@@ -97,7 +97,7 @@ class HeightTexture(Detector):
     regrow: float = parameter(1.0, "How far the rim grows.", unit="m", ge=0.0)
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
@@ -118,7 +118,7 @@ class HeightTexture(Detector):
         core = np.r_[False, low <= self.max_low][found]
         emit("components", core)
         mixed = high & (share_around(smooth, high, round(self.window / grid.side)) >= self.min_share)
-        grown = grow_back(core, mixed, grid.surface, self.storey, int((self.reach - 10.0) / grid.side))
+        grown = grow_back(core, mixed, grid.surface, self.storey, int((self.buffer - 10.0) / grid.side))
         whole = grow_back(grown, high, grid.surface, self.max_step, round(self.regrow / grid.side))
         label, count = connected(whole)
         score = 1.0 - self.low_share(scene, grid, label, count)

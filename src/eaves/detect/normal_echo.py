@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from eaves.detect.base import Detector, covered_area
+from eaves.detect.stage import Detector, covered_area
 from eaves.geometry.planes import local_planes
 from eaves.geometry.smooth_surfaces import (
     NEIGHBOURS,
@@ -134,7 +134,7 @@ class NormalEcho(Detector):
     )
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:

@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.base import Detector
-from eaves.detect.cells import side_near
 from eaves.detect.contours import filled
-from eaves.detect.surface_grid import (
+from eaves.detect.stage import Detector
+from eaves.detect.toolkit.cells import side_near
+from eaves.detect.toolkit.surface_grid import (
     SurfaceGrid,
     connected,
     grow_back,
@@ -108,7 +108,7 @@ class RoofAttributes(Detector):
     regrow: float = parameter(1.0, "How far the rim grows.", unit="m", ge=0.0)
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
@@ -132,7 +132,7 @@ class RoofAttributes(Detector):
         core = opened_by_area(roof, least)
         emit("large groups", core)
         mixed = calm & (share_around(roof, high, wide) >= self.min_share)
-        grown = grow_back(core, mixed, grid.surface, self.storey, int((self.reach - 10.0) / grid.side))
+        grown = grow_back(core, mixed, grid.surface, self.storey, int((self.buffer - 10.0) / grid.side))
         square = np.ones((max(1, round(self.min_width / grid.side)),) * 2, bool)
         grown = opened_by_area(ndimage.binary_opening(grown, square), least)
         whole = grow_back(grown, high, grid.surface, self.max_step, round(self.regrow / grid.side))

@@ -20,7 +20,7 @@ from eaves.geometry.smooth_surfaces import (
     region_areas,
 )
 from eaves.geometry.tin import Tin
-from eaves.ground.base import GroundMethod
+from eaves.ground.stage import GroundMethod
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Mask, PointCloud, Points, Values
 from eaves.model.scene import NOISE, TREE, WALL
@@ -112,7 +112,7 @@ class SmoothRegion(GroundMethod):
     )
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         return 60.0
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:

@@ -1,0 +1,79 @@
+"""Known party walls: the addresses that a detected block is divided into, and its points with it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import GEOSException, Polygon
+
+from eaves.footprints.party_walls import split_block
+from eaves.model import Failure, Footprint
+from eaves.model.results import BuildingPoints
+
+log = logging.getLogger("eaves")
+Drawn = list[Footprint | Failure]
+
+
+def split_buildings(
+    buildings: Sequence[BuildingPoints], footprints: Drawn, addresses: Sequence[Footprint]
+) -> tuple[list[BuildingPoints], Drawn]:
+    """Buildings and footprints with every block that known party walls divide split into its addresses.
+
+    The part with the inner point of an address carries its id; all parts carry its attributes, and what no
+    address covers is a building of its own. The points of the block go to the part they lie in or next to.
+    """
+    number = max((building.number for building in buildings), default=0)
+    pieces: list[BuildingPoints] = []
+    outlines: Drawn = []
+    for building, footprint in zip(buildings, footprints, strict=True):
+        parts = [] if isinstance(footprint, Failure) else parts_of(building, footprint, addresses)
+        if not parts:
+            pieces.append(building)
+            outlines.append(footprint)
+            continue
+        owner = nearest_part(building, [part.polygon for part in parts])
+        for k, part in enumerate(parts):
+            mine = owner == k
+            if k > 0:
+                number += 1
+            pieces.append(
+                replace(
+                    building,
+                    xyz=building.xyz[mine],
+                    point_id=building.point_id[mine],
+                    part=building.part[mine],
+                    number=building.number if k == 0 else number,
+                )
+            )
+            reason = "no point of the block lies in this address"
+            outlines.append(part if mine.any() else Failure("no_points", reason, "tiling", part))
+    return pieces, outlines
+
+
+def parts_of(
+    building: BuildingPoints, footprint: Footprint, addresses: Sequence[Footprint]
+) -> list[Footprint]:
+    """The parts of one block, those with an address first; none where no address lies in it."""
+    near = [address for address in addresses if address.polygon.intersects(footprint.polygon)]
+    try:
+        found, rest = split_block(footprint.polygon, near)
+    except GEOSException as error:
+        log.warning("a block could not be split into its addresses and stays one building: %s", error)
+        return []
+    parts = []
+    for address, part in zip(near, found, strict=True):
+        if part is not None:
+            here = part.polygon.contains(address.polygon.representative_point())
+            parts.append(part.with_(id=part.id if here else "", score=building.score))
+    return [*parts, *(Footprint(polygon, origin=footprint.origin) for polygon in rest)] if parts else []
+
+
+def nearest_part(building: BuildingPoints, parts: Sequence[Polygon]) -> NDArray[np.int64]:
+    """The number (N,) of the part that each point lies in, or nearest to."""
+    away = [shapely.distance(part, shapely.points(building.xyz[:, :2])) for part in parts]
+    return np.asarray(np.argmin(np.stack(away), axis=0))
