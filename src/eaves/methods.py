@@ -111,6 +111,7 @@ REGISTRY: dict[str, dict[str, str]] = {
     "reconstruct": {
         "prism": "eaves.reconstruct.prism:Prism",
         "moments": "eaves.reconstruct.moments:Moments",
+        "maas_vosselman": "eaves.reconstruct.maas_vosselman:MaasVosselman",
         "plane_intersection": "eaves.reconstruct.plane_intersection:PlaneIntersection",
         "arrangement": "eaves.reconstruct.arrangement:Arrangement",
     },
