@@ -105,7 +105,8 @@ def run_build(
     words: RunWords,
     names: dict[str, str | None],
     *,
-    lod: str,
+    lod: str | None,
+    source: str | None = None,
     ground_only: bool = False,
     **options: Any,
 ) -> Summary:
@@ -121,6 +122,7 @@ def run_build(
     named = {stage: {"method": name} for stage, name in names.items() if name}
     recipe = make_recipe(
         {stage: settings.get(stage, {}) | named.get(stage, {}) for stage in {*settings, *named}},
+        source=source,
         published=words.as_published,
         use_classes=words.use_classes,
         lod=lod,
@@ -177,6 +179,16 @@ def progress_display(quiet: bool) -> Any:
     if quiet:
         return nothing()
     return bars() if sys.stderr.isatty() else lines()
+
+
+def describe_sources() -> Iterator[str]:
+    """Lines on every published system: what it delivers, its paper, and the command that runs it."""
+    from eaves.run.sources import SOURCES
+
+    for source in SOURCES.values():
+        yield f"{source.name}: {source.delivers} [{source.paper}]"
+        yield "  " + ", ".join(f"{stage} {name}" for stage, name in source.methods.items())
+        yield f"  eaves build INPUT -o OUT --source {source.name} [--as-published]"
 
 
 def describe_methods(stage: str | None) -> Iterator[str]:
