@@ -43,6 +43,7 @@ def parameter(
     unit: str = "1",
     symbol: str | None = None,
     published: Any = None,
+    printed_in: str | None = None,
     **limits: float,
 ) -> Any:
     """Declare a method's parameter once.
@@ -58,7 +59,10 @@ def parameter(
     symbol : str or None
         The paper's symbol.
     published : object
-        The number that the paper prints, used by `Method.as_published()`.
+        The number that the paper prints, used by `Method.as_published()`; what it does not print keeps the
+        default.
+    printed_in : str or None
+        The place in the paper where it is printed, or the step that it switches off because the paper has none.
     **limits : float
         The range: pydantic's `ge`, `gt`, `le`, `lt`.
 
@@ -71,6 +75,8 @@ def parameter(
     ------
     TypeError
         When a limit is none of pydantic's.
+    ValueError
+        When only one of `published` and `printed_in` is given.
 
     Examples
     --------
@@ -80,7 +86,9 @@ def parameter(
     >>> Example().cell
     0.5
     """
-    extra = {"unit": unit, "symbol": symbol, "published": published}
+    if (published is None) != (printed_in is None):
+        raise ValueError(f"parameter '{sentence}': `published` and `printed_in` go together")
+    extra = {"unit": unit, "symbol": symbol, "published": published, "printed_in": printed_in}
     declared: dict[str, Any] = {"description": sentence, "json_schema_extra": extra, **limits}
     return Field(default, **declared)
 
@@ -163,6 +171,7 @@ REGISTRY: dict[str, dict[str, str]] = {
     "reconstruct": {
         "prism": "eaves.reconstruct.prism:Prism",
         "moments": "eaves.reconstruct.moments:Moments",
+        "maas_vosselman": "eaves.reconstruct.maas_vosselman:MaasVosselman",
         "plane_intersection": "eaves.reconstruct.plane_intersection:PlaneIntersection",
         "arrangement": "eaves.reconstruct.arrangement:Arrangement",
     },

@@ -9,7 +9,14 @@ import typer
 
 from eaves.cli.compute import build, detect, ground, reconstruct
 from eaves.cli.results import check, evaluate, plot, validate, view
-from eaves.cli.runs import COMPLETE, INTERRUPTED, count_interrupts, describe_methods, report_error
+from eaves.cli.runs import (
+    COMPLETE,
+    INTERRUPTED,
+    count_interrupts,
+    describe_methods,
+    describe_sources,
+    report_error,
+)
 from eaves.cli.scenes import demo, simulate
 
 app = typer.Typer(
@@ -22,9 +29,12 @@ app = typer.Typer(
 )
 
 
-def methods(stage: Annotated[str | None, typer.Argument(help="One stage only.")] = None) -> None:
+def methods(
+    stage: Annotated[str | None, typer.Argument(help="One stage only.")] = None,
+    sources: Annotated[bool, typer.Option("--sources", help="The published systems instead.")] = False,
+) -> None:
     """Every method: name, idea, paper, parameters."""
-    for line in describe_methods(stage):
+    for line in describe_sources() if sources else describe_methods(stage):
         typer.echo(line)
 
 

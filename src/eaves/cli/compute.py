@@ -19,6 +19,7 @@ from eaves.cli.options import (
     PerTile,
     RunWords,
     Snap,
+    SourceName,
     Strict,
     with_run_words,
 )
@@ -34,7 +35,11 @@ def build(
     id_field: IdField = None,
     snap_footprints: Snap = False,
     party_walls: PartyWalls = None,
-    lod: Lod = "2.2",
+    lod: Annotated[
+        str | None,
+        typer.Option(help="Finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2, or what the source delivers."),
+    ] = None,
+    source: SourceName = None,
     ground_method: MethodName = None,
     detect_method: MethodName = None,
     outline_method: MethodName = None,
@@ -53,6 +58,7 @@ def build(
         words,
         names,
         lod=lod,
+        source=source,
         footprints=footprints,
         id_field=id_field,
         snap_footprints=snap_footprints,

@@ -47,6 +47,9 @@ MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `e
 Formats = Annotated[
     str, typer.Option(help="More formats, comma-separated: obj,glb,3dtiles,cityjson,geojson,fgb,parquet.")
 ]
+SourceName = Annotated[
+    str | None, typer.Option(help="A published system, whole; see `eaves methods --sources`.")
+]
 Lod = Annotated[str, typer.Option(help="Finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2.")]
 
 

@@ -105,7 +105,8 @@ def run_build(
     words: RunWords,
     names: dict[str, str | None],
     *,
-    lod: str,
+    lod: str | None,
+    source: str | None = None,
     ground_only: bool = False,
     **options: Any,
 ) -> Summary:
@@ -122,6 +123,7 @@ def run_build(
     named = {stage: {"method": name} for stage, name in names.items() if name}
     recipe = make_recipe(
         {stage: settings.get(stage, {}) | named.get(stage, {}) for stage in {*settings, *named}},
+        source=source,
         published=words.as_published,
         use_classes=words.use_classes,
         lod=lod,
@@ -180,6 +182,16 @@ def progress_display(quiet: bool) -> Any:
     return bars() if sys.stderr.isatty() else lines()
 
 
+def describe_sources() -> Iterator[str]:
+    """Lines on every published system: what it delivers, its paper, and the command that runs it."""
+    from eaves.run.sources import SOURCES
+
+    for source in SOURCES.values():
+        yield f"{source.name}: {source.delivers} [{source.paper}]"
+        yield "  " + ", ".join(f"{stage} {name}" for stage, name in source.methods.items())
+        yield f"  eaves build INPUT -o OUT --source {source.name} [--as-published]"
+
+
 def describe_methods(stage: str | None) -> Iterator[str]:
     """Lines on every method, or on those of one stage with their parameters."""
     from eaves.methods import DEFAULTS, REGISTRY, method_class
@@ -197,5 +209,5 @@ def describe_methods(stage: str | None) -> Iterator[str]:
                 unit = "" if extra.get("unit") in (None, "1") else f" {extra['unit']}"
                 default = "derived" if field.default is None else f"{field.default}{unit}"
                 printed = extra.get("published")
-                published = "" if printed is None else f"; published {printed}{unit}"
+                published = "" if printed is None else f"; published {printed}{unit} ({extra['printed_in']})"
                 yield f"      {key} = {default}{published}: {field.description}"

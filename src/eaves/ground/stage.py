@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from eaves.ground.toolkit.outliers import find_outliers
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
@@ -33,6 +34,14 @@ class GroundMethod(Method):
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
         """Whether each point is ground; see the class."""
         raise NotImplementedError
+
+    def separate(self, cloud: PointCloud, emit: Emit = ignore) -> tuple[Mask, NDArray[np.uint8] | None]:
+        """The mask (N,), and the walls, trees and small regions (N,) found on the way, by a filter that does.
+
+        What is found once is handed on with the cloud (`PointCloud.part`), so that the detector of the same
+        paper need not find it again.
+        """
+        return self.ground_mask(cloud, emit), None
 
 
 def classify_ground(
@@ -100,9 +109,13 @@ def classify_ground(
     good = np.flatnonzero(~(low | high))
     taken, good = taken.take(good), left[good]
     order = taken.canonical_order()
-    mask = filter_.ground_mask(taken.take(order), emitter(debug))
+    mask, found = filter_.separate(taken.take(order), emitter(debug))
     classes[good[order[mask]]] = GROUND
-    return cloud.with_(classification=classes)
+    part = None
+    if found is not None:
+        part = np.zeros(len(cloud), np.uint8)
+        part[good[order]] = found
+    return cloud.with_(classification=classes, part=part)
 
 
 @njit(cache=True)

@@ -38,6 +38,8 @@ class PointCloud:
         Number of each return in its pulse, from 1, and how many the pulse has.
     classification : ndarray (N,) of uint8 or None
         LAS classes: the file's until `classify_ground`, ours (1, 2, 6, 7, 18) after it.
+    part : ndarray (N,) of uint8 or None
+        Walls, trees and small regions (codes of `model.scene`) that a ground filter found.
     point_id : ndarray (N,) of int64 or None
         Position of each point in the input, counted through all files in order.
     system : CoordinateSystem
@@ -66,14 +68,15 @@ class PointCloud:
     return_number: NDArray[np.uint8] | None = None
     number_of_returns: NDArray[np.uint8] | None = None
     classification: NDArray[np.uint8] | None = None
+    part: NDArray[np.uint8] | None = None
     point_id: NDArray[np.int64] | None = None
     system: CoordinateSystem = field(default=LOCAL_METRES)
     ordered: bool = False
 
     def __post_init__(self) -> None:
         check_points(self.xyz, "xyz")
-        arrays = (self.return_number, self.number_of_returns, self.classification, self.point_id)
-        names = ("return_number", "number_of_returns", "classification", "point_id")
+        arrays = (self.return_number, self.number_of_returns, self.classification, self.part, self.point_id)
+        names = ("return_number", "number_of_returns", "classification", "part", "point_id")
         check_lengths(len(self.xyz), dict(zip(names, arrays, strict=True)))
 
     def __len__(self) -> int:
@@ -128,6 +131,7 @@ class PointCloud:
             return_number=pick(self.return_number),
             number_of_returns=pick(self.number_of_returns),
             classification=pick(self.classification),
+            part=pick(self.part),
             point_id=pick(self.point_id),
             ordered=self.ordered and bool((index[1:] > index[:-1]).all()),
         )

@@ -114,7 +114,7 @@ class Arrangement(Reconstructor):
     narrowest: float = parameter(0.5, "Width of the narrowest roof face, in spacings.", ge=0.0)
     smallest: float = parameter(0.5, "Area of the smallest roof face.", unit="m2", ge=0.0)
     level_jump: float = parameter(
-        3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", published=3.0, gt=0.0
+        3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", gt=0.0
     )
     simple_price: float = parameter(
         8.0, "Price of a plane in use at LoD 2.0, in square metres of misfit.", unit="m2", ge=0.0
@@ -123,7 +123,6 @@ class Arrangement(Reconstructor):
         10.0,
         "Area of the smallest roof face at LoD 2.0; at most an eighth of the footprint.",
         unit="m2",
-        published=10.0,
         ge=0.0,
     )
     least_fit: float = parameter(

@@ -58,7 +58,6 @@ class Prism(Reconstructor):
         "Percentile of the roof points' heights the roof is put at.",
         unit="percent",
         symbol="p",
-        published=70.0,
         ge=0.0,
         le=100.0,
     )

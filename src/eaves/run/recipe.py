@@ -14,6 +14,7 @@ from eaves.model.building import LODS
 from eaves.outline import OutlineMethod
 from eaves.reconstruct import Reconstructor
 from eaves.roof import RoofMethod
+from eaves.run.sources import find_source, with_source
 
 SEAM = 1.5
 """Points this near (m) to a block's border are labelled by both blocks; shared labels join regions."""
@@ -70,9 +71,10 @@ class Recipe:
 def make_recipe(
     methods: Mapping[str, MethodChoice] | None = None,
     *,
+    source: str | None = None,
     published: bool = False,
     use_classes: bool = False,
-    lod: str = "2.2",
+    lod: str | None = None,
 ) -> Recipe:
     """The recipe for the methods given by stage; a stage not named uses its default.
 
@@ -84,12 +86,15 @@ def make_recipe(
     methods : mapping or None
         By stage (`ground`, `detect`, `outline`, `roof`, `reconstruct`): a method, its name, or a table of its
         parameters with its name under `method`.
+    source : str or None
+        One of the published systems (`eaves.run.sources`): its chain is used where no method is given.
     published : bool
         Methods given by name take the numbers that their papers print.
     use_classes : bool
         Use the classes of the files.
-    lod : str
-        The finest level of detail: `0`, `1.2`, `1.3`, `2.0` or `2.2`.
+    lod : str or None
+        The finest level of detail: `0`, `1.2`, `1.3`, `2.0` or `2.2`; by default what the source delivers, or
+        2.2.
 
     Returns
     -------
@@ -99,7 +104,7 @@ def make_recipe(
     Raises
     ------
     ValueError, TypeError
-        When a stage, a method, a parameter or a level does not exist.
+        When a source, a stage, a method, a parameter or a level does not exist.
 
     Examples
     --------
@@ -108,6 +113,10 @@ def make_recipe(
     >>> recipe.ground.name, recipe.detect.name, recipe.roof.name
     ('smooth_region', 'normal_echo', 'global_refinement')
     """
+    if source is not None:
+        methods = with_source(source, methods)
+        lod = lod or find_source(source).lod
+    lod = lod or "2.2"
     chosen = {stage: choice for stage, choice in (methods or {}).items() if choice is not None}
     unknown = chosen.keys() - DEFAULTS.keys()
     if unknown:

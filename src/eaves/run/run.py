@@ -49,11 +49,13 @@ class RunOptions(TypedDict, total=False):
     outline: MethodChoice
     roof: MethodChoice
     reconstruct: MethodChoice
+    source: str | None
+    """One of the published systems, whole (`eaves.run.sources`)."""
     use_classes: bool
     """Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise."""
     as_published: bool
-    lod: str
-    """The finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2."""
+    lod: str | None
+    """The finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2; by default what the source delivers, or 2.2."""
     crs: str | None
     bounds: Bounds | Sequence[float] | None
     """West, south, east, north in the unit of the files' reference system."""
@@ -85,7 +87,6 @@ class RunOptions(TypedDict, total=False):
 DEFAULT_OPTIONS: RunOptions = {
     "use_classes": False,
     "as_published": False,
-    "lod": "2.2",
     "snap_footprints": False,
     "formats": (),
     "outputs": EVERYTHING,
@@ -198,9 +199,10 @@ def open_run(
     if recipe is None:
         recipe = make_recipe(
             {stage: options.get(stage) for stage in METHOD_OPTIONS},  # type: ignore[misc]
+            source=options.get("source"),
             published=options["as_published"],
             use_classes=options["use_classes"],
-            lod=options["lod"],
+            lod=options.get("lod"),
         )
     formats = tuple(options.get("formats") or ())
     check_formats(formats)

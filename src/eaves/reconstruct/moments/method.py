@@ -91,9 +91,7 @@ class Moments(Reconstructor):
     unexplained_share: float = parameter(
         0.2, "Share of the roof points that neither the roof nor its parts need explain.", ge=0.0, le=1.0
     )
-    min_part_area: float = parameter(
-        2.0, "Area of the smallest dormer or terrace.", unit="m2", published=2.0, ge=0.0
-    )
+    min_part_area: float = parameter(2.0, "Area of the smallest dormer or terrace.", unit="m2", ge=0.0)
 
     def model(
         self,

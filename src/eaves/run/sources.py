@@ -1,0 +1,139 @@
+"""The five systems that eaves brings together: each one's whole chain, from points to what it delivers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from eaves.methods import MethodChoice
+
+
+@dataclass(frozen=True)
+class Source:
+    """One published system: the method of each stage, and the level of detail it ends at."""
+
+    name: str
+    paper: str
+    """Key in references.bib."""
+    delivers: str
+    methods: Mapping[str, str]
+    lod: str
+
+
+SOURCES: dict[str, Source] = {
+    source.name: source
+    for source in (
+        Source(
+            "chen_sun",
+            "chen_sun_vaihingen",
+            "a mask and the contours of buildings",
+            {"ground": "adaptive_tin", "detect": "planar_patches", "outline": "alpha_shape"},
+            "0",
+        ),
+        Source(
+            "xiao2014",
+            "xiao2014",
+            "3D models of intersected roof planes inside regular outlines",
+            {
+                "ground": "smooth_region",
+                "detect": "normal_echo",
+                "outline": "ransac_lines",
+                "roof": "region_growing",
+                "reconstruct": "plane_intersection",
+            },
+            "2.2",
+        ),
+        Source(
+            "ren_fcs",
+            "ren_fcs",
+            "the areas of buildings, on undulating terrain and beside vegetation",
+            {"ground": "contours", "detect": "contours", "outline": "alpha_shape"},
+            "0",
+        ),
+        Source(
+            "roof_attributes",
+            "roof_attributes",
+            "the points of buildings",
+            {"ground": "adaptive_tin", "detect": "roof_attributes", "outline": "alpha_shape"},
+            "0",
+        ),
+        Source(
+            "maas_vosselman",
+            "maas_vosselman1999",
+            "3D models: standard houses from moments, others from intersected faces",
+            {
+                "ground": "adaptive_tin",
+                "detect": "height_texture",
+                "outline": "ransac_lines",
+                "roof": "tin_faces",
+                "reconstruct": "maas_vosselman",
+            },
+            "2.2",
+        ),
+    )
+}
+"""Name → source. What a document leaves open (an outline, a ground filter) takes what is nearest to it."""
+
+
+def find_source(name: str) -> Source:
+    """The source of a name.
+
+    Parameters
+    ----------
+    name
+        One of `SOURCES`.
+
+    Returns
+    -------
+    Source
+
+    Raises
+    ------
+    ValueError
+        When there is none of that name; it lists those there are.
+
+    Examples
+    --------
+    >>> from eaves.run.sources import find_source
+    >>> find_source("xiao2014").methods["ground"]
+    'smooth_region'
+    """
+    if name not in SOURCES:
+        raise ValueError(f"unknown source '{name}'; choose one of: {', '.join(SOURCES)}")
+    return SOURCES[name]
+
+
+def with_source(name: str, methods: Mapping[str, MethodChoice] | None) -> dict[str, MethodChoice]:
+    """The methods of a source by stage, under those that are given.
+
+    Parameters
+    ----------
+    name
+        One of `SOURCES`.
+    methods
+        A method, its name or a table of parameters by stage; what is named here goes before the source's.
+
+    Returns
+    -------
+    dict
+        By stage.
+
+    Raises
+    ------
+    ValueError
+        When there is no source of that name.
+
+    Examples
+    --------
+    >>> from eaves.run.sources import with_source
+    >>> with_source("chen_sun", {"outline": "global_fit"})["outline"]
+    'global_fit'
+    """
+    chosen: dict[str, MethodChoice] = dict(find_source(name).methods)
+    for stage, choice in (methods or {}).items():
+        own = chosen.get(stage)
+        if isinstance(choice, Mapping) and "method" not in choice and isinstance(own, str):
+            chosen[stage] = {"method": own, **choice}
+        elif choice is not None:
+            chosen[stage] = choice
+    return chosen
