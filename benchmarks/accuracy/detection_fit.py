@@ -1,8 +1,8 @@
 """The weights of `consensus`, by logistic regression over surfaces and cells of labelled scans.
 
 Run `EAVES_DATA=... python -m benchmarks.accuracy.detection_fit`. Trained on simulated towns of varied
-scanners and on the labelled surveys with few echoes and thinned. Prints the weights of all, and keeps, for each place,
-those fitted with the place and all its variants left out (`detection_weights.json`), for `unseen`.
+scanners and on the labelled surveys with few echoes and thinned. Prints the weights of all, and keeps, for each
+place, those fitted with the place and all its variants left out (`detection_weights.json`), for `unseen`.
 """
 
 from __future__ import annotations

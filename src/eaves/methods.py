@@ -62,7 +62,7 @@ def parameter(
         The number that the paper prints, used by `Method.as_published()`; what it does not print keeps the
         default.
     printed_in : str or None
-        The place in the paper where it is printed, or the step that it switches off because the paper has none.
+        The place in the paper where it is printed, or the step of ours that it switches off.
     **limits : float
         The range: pydantic's `ge`, `gt`, `le`, `lt`.
 

@@ -38,12 +38,14 @@ def build(
         Called with the step, how much of it is done, and how much there is.
     ground, detect, outline, roof, reconstruct : Method, str, mapping or None
         The method of the stage, its name, or a table of its parameters; None is the default.
+    source : str or None
+        One of the published systems, whole: chen_sun, xiao2014, ren_fcs, roof_attributes or maas_vosselman.
     use_classes : bool
         Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise.
     as_published : bool
         Methods given by name take the numbers that their papers print.
-    lod : str
-        The finest level of detail: `0`, `1.2`, `1.3`, `2.0` or `2.2`.
+    lod : str or None
+        The finest level of detail: `0`, `1.2`, `1.3`, `2.0` or `2.2`; None is what the source delivers, or 2.2.
     crs : str or None
         EPSG code, compound code, or a file with WKT or PROJJSON; it overrides the files' own.
     bounds : Bounds, four numbers or None
