@@ -1,8 +1,8 @@
 """Methods as values, and the registry that names them.
 
 A method is a frozen pydantic model: its parameters are its fields, each declared once by `parameter(...)`
-with default, sentence, unit, range and the paper's symbol. Names pick methods only at the border (command
-line, configuration file); in Python one writes `classify_ground(cloud, AdaptiveTin(seed_cell=80))`.
+with default, sentence, unit, range and the paper's symbol. In Python one writes
+`classify_ground(cloud, AdaptiveTin(seed_cell=80))`; names and tables of parameters stand for methods too.
 """
 
 from __future__ import annotations

@@ -170,7 +170,7 @@ class SmoothRegion(GroundMethod):
             for k in order:
                 if chosen[k]:
                     continue
-                base = tin.interpolated(xyz[ground, 2], xyz[members[k]])
+                base = tin.interpolate(xyz[ground, 2], xyz[members[k]])
                 outside = np.isnan(base)
                 base[outside] = xyz[ground[nearest.query(xyz[members[k]][outside, :2])[1]], 2]
                 above = float(np.median(xyz[members[k], 2] - base))

@@ -140,9 +140,9 @@ class Store:
     def save_buildings(self, owner: Block, results: Sequence[BuildingResult]) -> None:
         """Keep the buildings owned by one block."""
         sections = {
-            "digests": [BuildingRow.of(result.answer, result.seconds) for result in results],
+            "digests": [BuildingRow.of(result.outcome, result.seconds) for result in results],
             "planes": [(result.point_id, result.plane) for result in results],
-            "answers": [result.answer for result in results],
+            "answers": [result.outcome for result in results],
         }
         packed = [pickle.dumps(section, protocol=5) for section in sections.values()]
         ends = np.cumsum([8 * len(packed), *map(len, packed)])
