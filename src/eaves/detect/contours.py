@@ -28,11 +28,11 @@ class Contours(Detector):
     """Building labels by Fc-S: the second half, from the normalised surface to buildings.
 
     The surface is interpolated by nearest neighbour, which keeps the jump at walls, and the terrain found
-    from contours (`ground.Contours`) is taken off. Low objects go by height; groups with little edge
-    information (Sobel) go, because a building has strong edges. The quadratic gradient, small on roofs level
-    or oblique and large on crowns, deletes cells first, which shrinks large vegetation and parts it from
-    buildings; only then the size threshold removes what is left of it. The cores grow back, step by step, to
-    the whole building.
+    from contours (`ground.Contours`) is taken off. Low objects are removed by height, and groups with little
+    edge information (Sobel), because a building has strong edges. The quadratic gradient, small on roofs
+    level or oblique and large on crowns, deletes cells first, which shrinks large vegetation and parts it
+    from buildings; only then the size threshold removes what is left of it. The cores grow back, step by
+    step, to the whole building.
 
     Formula
     -------

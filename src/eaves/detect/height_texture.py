@@ -30,7 +30,7 @@ class HeightTexture(Detector):
     their plane: little on roofs, much on crowns. High cells of little texture are opened by the narrowest
     building width, and the connected components that stay are held against a least size. The histogram of the
     heights of all raw points in a component must have few low ones: a roof hides the ground, a crown does
-    not. The components grow back over their rims, and all raw points in them are the answer. First returns
+    not. The components grow back over their rims, and all raw points in them are the result. First returns
     alone are enough.
 
     Formula

@@ -24,11 +24,11 @@ NEIGHBOURS_IN_PLANE = 3
 class NormalEcho(Detector):
     """Building labels: what is left after walls, trees and ground, in components that are large and flat.
 
-    Walls leave first, by normals at right angles to the vertical; then trees, by the share of later returns
-    around each point. Normals and curvature are computed again on what remains, free of both. The rest, off
-    the ground, is joined to Euclidean connected components; area, the ratio of width to height and mean
-    density remove trees, and the share of points of high curvature decides. Walls and trees are kept as parts
-    of the answer.
+    Walls are removed first, by normals at right angles to the vertical; then trees, by the share of later
+    returns around each point. Normals and curvature are computed again on what remains, free of both. The
+    rest, off the ground, is joined to Euclidean connected components; area, the ratio of width to height and
+    mean density remove trees, and the share of points of high curvature decides. Walls and trees are kept as
+    parts of the result.
 
     Formula
     -------

@@ -24,8 +24,8 @@ class PlanarPatches(Detector):
     """Building labels: cells whose points lie in one plane, merged, grown and clustered.
 
     Points are gridded; a plane is fitted to the points of each cell. A cell with a small residual well above
-    the terrain is a patch of a roof or a facade, and facades go by their normal. Patches are merged with
-    their neighbours while one plane fits both; each plane then grows into the cells around it that hold
+    the terrain is a patch of a roof or a facade, and facades are removed by their normal. Patches are merged
+    with their neighbours while one plane fits both; each plane then grows into the cells around it that hold
     enough of its points. Neighbouring planes form a building; small planes are tree crowns. Points of a
     building's cells that stand `min_height` above the terrain are its roof.
 
@@ -43,7 +43,7 @@ class PlanarPatches(Detector):
     default the cell is three spacings wide, but not under 1 m (a crown is as smooth as a roof over half a
     metre), and the counts of points grow with what a cell holds. Not printed, and closed here: the slope that
     makes a facade; the fewest points of a fit; the order of merging (the pair that likes each other best
-    merges first, so the answer does not depend on the scan); the cell two planes want (the one with more
+    merges first, so the result does not depend on the scan); the cell that fits two planes (the one with more
     points gets it).
 
     Fails where

@@ -82,13 +82,13 @@ class Source:
     @property
     def measured(self) -> bool:
         """Whether the points had to be read to know this."""
-        return not (isinstance(self.layout, LasHeader) and _box_is_believed(self.layout))
+        return not (isinstance(self.layout, LasHeader) and _box_is_likely(self.layout))
 
     @property
     def has_wrong_bbox(self) -> bool:
         """Whether its header states a bounding box that cannot be that of its points."""
         layout = self.layout
-        return isinstance(layout, LasHeader) and layout.extent_is_known and not _box_is_believed(layout)
+        return isinstance(layout, LasHeader) and layout.extent_is_known and not _box_is_likely(layout)
 
 
 def open_source(path: str | Path, crs: str | None = None) -> Source:
@@ -339,7 +339,7 @@ def _native_chunks(
 
 def _open_las(header: LasHeader, crs: str | None) -> Source:
     count, low, high = header.count, header.lowest, header.highest
-    if not _box_is_believed(header):
+    if not _box_is_likely(header):
         try:
             count, low, high = _measured(header)
         except InputError:  # of a damaged file the points before the damage are used, wherever they are
@@ -352,7 +352,7 @@ def _open_las(header: LasHeader, crs: str | None) -> Source:
     return _source(kind, count, low, high, system, FIELDS, header)
 
 
-def _box_is_believed(header: LasHeader) -> bool:
+def _box_is_likely(header: LasHeader) -> bool:
     """Whether the points need not be read to know where they are."""
     return not header.count or (header.extent_is_known and header.extent_is_likely)
 

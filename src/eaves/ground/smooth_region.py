@@ -25,11 +25,11 @@ class SmoothRegion(GroundMethod):
 
     The mask (N,) of the ground points.
 
-    Every point gets the normal of the plane through its neighbours, from the smallest eigenvector of
-    their covariance [xiao2014, eq. 1]. Walls, whose normals are horizontal, leave first; then trees, where
+    Every point gets the normal of the plane through its neighbours, from the smallest eigenvector of their
+    covariance [xiao2014, eq. 1]. Walls, whose normals are horizontal, are removed first; then trees, where
     many echoes are second or later ones (eq. 2). Normals are computed again on what remains, so that roofs
-    and ground are no longer spoilt by what touches them. Neighbours of like normals form one region, and
-    the region of the largest area is ground. Small regions are noise: outliers and crowns.
+    and ground are no longer spoilt by what touches them. Neighbours of like normals form one region, and the
+    region of the largest area is ground. Small regions are noise: outliers and crowns.
 
     Formula
     -------
