@@ -45,6 +45,17 @@ WRONG: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ValueError,
         "unknown parameter 'window'",
     ),
+    "misspelt parameter": (lambda: eaves.Consensus(min_hight=2.0), ValueError, "it has: .*min_height"),
+    "parameter out of range": (
+        lambda: eaves.Consensus(min_height=-2.0),
+        ValueError,
+        "parameter 'min_height' of detect method 'consensus': .* equal to 0, not -2.0; see",
+    ),
+    "parameter of another type": (
+        lambda: eaves.make_recipe({"roof": {"price": "low"}}),
+        ValueError,
+        "parameter 'price' of roof method 'global_refinement': .* number.*, not 'low'",
+    ),
     "terrain without ground": (lambda: eaves.make_dtm(CLOUD, BOUNDS), ValueError, "must have ground points"),
     "terrain without classes": (
         lambda: eaves.make_dtm(PointCloud(XYZ), BOUNDS),
