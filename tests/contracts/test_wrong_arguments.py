@@ -112,6 +112,15 @@ WRONG: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ValueError,
         "result_ids must be one id for each of 1 polygons",
     ),
+    "no processes": (lambda: eaves.build("a.laz", "out", jobs=0), ValueError, "jobs must be a whole number"),
+    "jobs as text": (lambda: eaves.build("a.laz", "out", jobs="2"), ValueError, "not '2'"),
+    "three bounds": (
+        lambda: eaves.build("a.laz", "out", bounds=(0.0, 0.0, 1.0)),
+        ValueError,
+        "bounds must be west, south, east, north",
+    ),
+    "blocks without a side": (lambda: eaves.build("a.laz", "out", block=-1.0), ValueError, "block must be"),
+    "unknown level": (lambda: eaves.build("a.laz", "out", lod="3"), ValueError, "unknown level of detail"),
     "unknown option": (lambda: eaves.build("a.laz", "out", tiles=3), TypeError, "unknown option 'tiles'"),
 }
 

@@ -103,7 +103,7 @@ def build(
     True
     """
     sample = PointSample(POINTS_SHOWN, BUILDINGS_SHOWN)
-    several = options.get("jobs", 1) > 1 or options.get("scheduler") is not None
+    several = options.get("jobs", 1) != 1 or options.get("scheduler") is not None
 
     def show(step: str, done: int, total: int) -> None:
         progress(step, done, total)
