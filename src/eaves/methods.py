@@ -1,8 +1,8 @@
 """Methods as values, and the registry that names them.
 
 A method is a frozen pydantic model: its parameters are its fields, each declared once by `parameter(...)`
-with default, sentence, unit, range and the paper's symbol. Names pick methods only at the border (command
-line, configuration file); in Python one writes `classify_ground(cloud, AdaptiveTin(seed_cell=80))`.
+with default, sentence, unit, range and the paper's symbol. In Python one writes
+`classify_ground(cloud, AdaptiveTin(seed_cell=80))`; names and tables of parameters stand for methods too.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 Emit = Callable[[str, Any], None]
 """Receives every named intermediate of a method: `emit("seed points", xyz)`."""
@@ -118,6 +118,25 @@ class Method(BaseModel):
     """One sentence for `eaves methods`."""
     paper: ClassVar[str]
     """Key in references.bib."""
+
+    def __init__(self, **parameters: Any) -> None:
+        try:
+            super().__init__(**parameters)
+        except ValidationError as error:
+            raise ValueError(self._refusal(error)) from None
+
+    @classmethod
+    def _refusal(cls, error: ValidationError) -> str:
+        """One sentence for the first parameter that is refused."""
+        first = error.errors(include_url=False)[0]
+        parameter = ".".join(map(str, first["loc"]))
+        method = f"{cls.stage} method '{cls.name}'"
+        if first["type"] == "extra_forbidden":
+            known = ", ".join(cls.model_fields) or "none"
+            return f"unknown parameter '{parameter}' of {method}; it has: {known}"
+        rule = first["msg"][:1].lower() + first["msg"][1:]
+        remedy = f"see `eaves methods {cls.stage}`"
+        return f"parameter '{parameter}' of {method}: {rule}, not {first['input']!r}; {remedy}"
 
     @property
     def buffer(self) -> float:
@@ -247,12 +266,6 @@ def make_method(
     2.0
     """
     cls = method_class(stage, name or DEFAULTS[stage])
-    unknown = set(parameters or {}) - set(cls.model_fields)
-    if unknown:
-        raise ValueError(
-            f"unknown parameter '{min(unknown)}' of {stage} method '{cls.name}'; "
-            f"it has: {', '.join(cls.model_fields) or 'none'}"
-        )
     base = cls.as_published().model_dump() if published else {}
     return cls(**{**base, **(parameters or {})})
 

@@ -45,6 +45,17 @@ WRONG: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ValueError,
         "unknown parameter 'window'",
     ),
+    "misspelt parameter": (lambda: eaves.Consensus(min_hight=2.0), ValueError, "it has: .*min_height"),
+    "parameter out of range": (
+        lambda: eaves.Consensus(min_height=-2.0),
+        ValueError,
+        "parameter 'min_height' of detect method 'consensus': .* equal to 0, not -2.0; see",
+    ),
+    "parameter of another type": (
+        lambda: eaves.make_recipe({"roof": {"price": "low"}}),
+        ValueError,
+        "parameter 'price' of roof method 'global_refinement': .* number.*, not 'low'",
+    ),
     "terrain without ground": (lambda: eaves.make_dtm(CLOUD, BOUNDS), ValueError, "must have ground points"),
     "terrain without classes": (
         lambda: eaves.make_dtm(PointCloud(XYZ), BOUNDS),
@@ -101,6 +112,15 @@ WRONG: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ValueError,
         "result_ids must be one id for each of 1 polygons",
     ),
+    "no processes": (lambda: eaves.build("a.laz", "out", jobs=0), ValueError, "jobs must be a whole number"),
+    "jobs as text": (lambda: eaves.build("a.laz", "out", jobs="2"), ValueError, "not '2'"),
+    "three bounds": (
+        lambda: eaves.build("a.laz", "out", bounds=(0.0, 0.0, 1.0)),
+        ValueError,
+        "bounds must be west, south, east, north",
+    ),
+    "blocks without a side": (lambda: eaves.build("a.laz", "out", block=-1.0), ValueError, "block must be"),
+    "unknown level": (lambda: eaves.build("a.laz", "out", lod="3"), ValueError, "unknown level of detail"),
     "unknown option": (lambda: eaves.build("a.laz", "out", tiles=3), TypeError, "unknown option 'tiles'"),
 }
 

@@ -1,4 +1,4 @@
-"""The command line. Imports are late: `eaves --help` must answer at once."""
+"""The command line. Imports are late: `eaves --help` must be quick."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ Crs = Annotated[
 ]
 BoundsText = Annotated[str | None, typer.Option("--bounds", help="west,south,east,north in the CRS's unit.")]
 Clip = Annotated[Path | None, typer.Option(help="Polygons; points outside are not used.")]
-UseClasses = Annotated[bool, typer.Option("--use-classes", help="Believe the file's classes.")]
+UseClasses = Annotated[bool, typer.Option("--use-classes", help="Use the file's classes.")]
 Jobs = Annotated[int, typer.Option(help="Processes; 0: one a core, one for small data.", min=0)]
 Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Keep parts that are done and match.")]

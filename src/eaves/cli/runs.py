@@ -43,11 +43,11 @@ def count_interrupts() -> Iterator[list[int]]:
 
 
 def report_error(error: Exception) -> int:
-    """Print in one line what went wrong; the exit status. What nobody foresaw is raised again."""
+    """Print in one line what went wrong; the exit status. Unforeseen errors are raised again."""
     from eaves.formats.disk import DiskFullError
 
     status, line = MISUSE, " ".join(str(error).split())
-    # a wrong word on the command line; typer brings its own click, so its classes have no fixed name
+    # a wrong option; typer contains its own click, so its classes have no fixed name
     format_message = getattr(error, "format_message", None)
     if isinstance(error, MemoryError):
         status, line = INCOMPLETE, f"memory ran out ({line}); use fewer --jobs, or --bounds for a part"

@@ -290,7 +290,7 @@ def _building_points(cloud: PointCloud, path: Path) -> Values:
 
 
 def _planes(path: Path, grid: Raster) -> tuple[Numbers, Values | None]:
-    """Plane labels (H, W) of a file, and their heights where it tells them."""
+    """Plane labels (H, W) of a file, and their heights where it has them."""
     if kind_of(path) == "city":
         origin = (grid.west, grid.north)
         return plane_image(roofs_of(read_buildings(path), origin), grid.with_(west=0.0, north=0.0))

@@ -23,7 +23,7 @@ from eaves.model import Finding, Points, Values
 from eaves.model.checks import check_points
 
 WITHIN = (0.1, 0.2, 0.5)
-"""Distances (m) whose share of roof points is told."""
+"""Distances (m) within which the share of roof points is reported."""
 
 MISSED_RMSE = 1.0
 """What a building without any face under its points counts as in the mean of the RMSE (m)."""

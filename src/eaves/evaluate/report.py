@@ -63,7 +63,7 @@ class Evaluation:
     system: CoordinateSystem = LOCAL_METRES
 
     def table(self) -> list[tuple[str, str]]:
-        """Rows of (measure, value as text); what cannot be told is a dash."""
+        """Rows of (measure, value as text); what has nothing to divide by is a dash."""
         return [(name, _text(value)) for name, value in self.figures.items()]
 
     def as_text(self) -> str:

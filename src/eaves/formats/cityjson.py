@@ -34,7 +34,7 @@ STEP_M = 0.001
 """Largest step of written coordinates (m): the transform's scale is the power of ten at or under it."""
 CRS_URL = "https://www.opengis.net/def/crs/EPSG/0/"
 WKT_MEMBER = "coordinateSystemWkt"
-"""Member of the metadata with the system's WKT, where the URL does not tell all (no code, heights apart)."""
+"""Member of the metadata with the WKT of a system that no URL identifies (no code, separate heights)."""
 SURFACES = "surfaces"
 """The entry of `BuildingModel.attributes` that holds the attributes of the roof planes."""
 

@@ -268,8 +268,8 @@ class _Frame:
 
     def _system_of(self, head: dict[str, Any], crs: str | None) -> CoordinateSystem:
         metadata = head.get("metadata")
-        told = metadata if isinstance(metadata, dict) else {}
-        url, wkt = told.get("referenceSystem"), told.get(WKT_MEMBER)
+        given = metadata if isinstance(metadata, dict) else {}
+        url, wkt = given.get("referenceSystem"), given.get(WKT_MEMBER)
         if crs is None and not isinstance(url, str) and not isinstance(wkt, str):
             return LOCAL_METRES
         code = str(url).rstrip("/").replace("::", ":").replace("/", ":").split(":")[-1]

@@ -28,7 +28,7 @@ UNDATED = date(1, 1, 1)
 TEXT_SCALE = 0.001
 """Step (m) of coordinates that came as text."""
 UNCHANGED = 255
-"""In place of a class: the point was not used, keep what the file says of it."""
+"""In place of a class: the point was not used, keep the values of the file."""
 
 
 class Values(Protocol):
@@ -155,7 +155,7 @@ def _copied_header(layout: LasHeader) -> laspy.LasHeader:
 
 
 def _new_header(layout: LasHeader) -> laspy.LasHeader:
-    """A header that says of the input's points what reading them needs, and their coordinate system."""
+    """A header with the description of the input's points and their coordinate system."""
     version = "1.4" if layout.point_format >= FIRST_LAYERED_FORMAT else "1.2"
     header = laspy.LasHeader(version=version, point_format=layout.point_format)
     header.scales, header.offsets = np.array(layout.scales), np.array(layout.offsets)

@@ -1,4 +1,4 @@
-"""What the header of a LAS, LAZ or COPC file says, believed only as far as the file's size allows."""
+"""The header of a LAS, LAZ or COPC file, checked against the size of the file."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class LasHeader:
 
     @property
     def projection(self) -> tuple[tuple[str, int, bytes], ...]:
-        """The records that tell the coordinate system."""
+        """The records of the coordinate system."""
         return tuple(record for record in self.records if record[0] == "LASF_Projection")
 
     @property
@@ -97,12 +97,12 @@ class LasHeader:
         )
 
     def crs(self) -> tuple[pyproj.CRS | None, float | None]:
-        """The coordinate system and the vertical unit (m), None where the file does not tell.
+        """The coordinate system and the vertical unit (m), None where the file has none.
 
         Raises
         ------
         InputError
-            When it tells one that cannot be understood.
+            When it has one that cannot be parsed.
         """
         wkt = self.record("LASF_Projection", WKT_RECORD)
         text = (wkt or b"").rstrip(b"\0 ").decode("utf-8", "replace")

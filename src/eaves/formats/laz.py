@@ -128,7 +128,7 @@ def guard(header: LasHeader, call: Callable[[], Any]) -> Any:
 
 
 def _check_layers(header: LasHeader, piece: bytes, number: int) -> None:
-    """A chunk of layers says the size of each: together they must fit, or memory is asked for that never
+    """A chunk of layers holds the size of each: together they must fit, or memory is requested that never
     fills."""
     if header.point_format < 6:
         return

@@ -82,13 +82,13 @@ class Source:
     @property
     def measured(self) -> bool:
         """Whether the points had to be read to know this."""
-        return not (isinstance(self.layout, LasHeader) and _box_is_believed(self.layout))
+        return not (isinstance(self.layout, LasHeader) and _box_is_likely(self.layout))
 
     @property
-    def lies(self) -> bool:
+    def has_wrong_bbox(self) -> bool:
         """Whether its header states a bounding box that cannot be that of its points."""
         layout = self.layout
-        return isinstance(layout, LasHeader) and layout.extent_is_known and not _box_is_believed(layout)
+        return isinstance(layout, LasHeader) and layout.extent_is_known and not _box_is_likely(layout)
 
 
 def open_source(path: str | Path, crs: str | None = None) -> Source:
@@ -316,7 +316,7 @@ def read(
 
 
 def has_coordinates(xyz: Points) -> Mask:
-    """Which points (N, 3) have coordinates: not NaN, not all zero, which is how writers say 'none', and not
+    """Which points (N, 3) have coordinates: not NaN, not all zero, which writers use for 'none', and not
     beyond `FARTHEST`, which is how damage looks.
     """
     near: Mask = np.abs(xyz[:, 2]) <= FARTHEST[2]  # false for NaN, too
@@ -339,7 +339,7 @@ def _native_chunks(
 
 def _open_las(header: LasHeader, crs: str | None) -> Source:
     count, low, high = header.count, header.lowest, header.highest
-    if not _box_is_believed(header):
+    if not _box_is_likely(header):
         try:
             count, low, high = _measured(header)
         except InputError:  # of a damaged file the points before the damage are used, wherever they are
@@ -352,24 +352,24 @@ def _open_las(header: LasHeader, crs: str | None) -> Source:
     return _source(kind, count, low, high, system, FIELDS, header)
 
 
-def _box_is_believed(header: LasHeader) -> bool:
+def _box_is_likely(header: LasHeader) -> bool:
     """Whether the points need not be read to know where they are."""
     return not header.count or (header.extent_is_known and header.extent_is_likely)
 
 
 @dataclass(frozen=True)
 class _Projection:
-    """What decides a file's system: its projection records, or what the caller says instead."""
+    """What decides a file's system: its projection records, or what the caller gives instead."""
 
     records: tuple[tuple[str, int, bytes], ...]
     crs: str | None
     header: LasHeader = field(compare=False)
 
 
-@lru_cache(maxsize=64)  # the tiles of a country say the same thing a million times
-def _declared(said: _Projection) -> CoordinateSystem | None:
-    header = said.header
-    crs, vertical_unit = (parse_crs(said.crs), None) if said.crs else header.crs()
+@lru_cache(maxsize=64)  # a million tiles of a country have the same records
+def _declared(given: _Projection) -> CoordinateSystem | None:
+    header = given.header
+    crs, vertical_unit = (parse_crs(given.crs), None) if given.crs else header.crs()
     centre = (header.lowest[0] + header.highest[0]) / 2, (header.lowest[1] + header.highest[1]) / 2
     return None if crs is None else system_of(crs, header.path, centre, vertical_unit)
 
@@ -382,8 +382,7 @@ def _open_text(path: Path, crs: str | None) -> Source:
 
 
 def _measured(layout: LasHeader | TextLayout) -> tuple[int, Corner, Corner]:
-    """Count and corners of the points themselves, for files that do not tell or lie; zeros when there are
-    none."""
+    """Count and corners of the points themselves, for files whose header is wrong; zeros without points."""
     count, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
     for chunk in _native_chunks(layout, None, CHUNK_POINTS):
         count = int(chunk.position[-1]) + 1

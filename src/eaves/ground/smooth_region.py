@@ -34,11 +34,11 @@ class SmoothRegion(GroundMethod):
 
     The mask (N,) of the ground points.
 
-    Every point gets the normal of the plane through its neighbours, from the smallest eigenvector of
-    their covariance [xiao2014, eq. 1]. Walls, whose normals are horizontal, leave first; then trees, where
+    Every point gets the normal of the plane through its neighbours, from the smallest eigenvector of their
+    covariance [xiao2014, eq. 1]. Walls, whose normals are horizontal, are removed first; then trees, where
     many echoes are second or later ones (eq. 2). Normals are computed again on what remains, so that roofs
-    and ground are no longer spoilt by what touches them. Neighbours of like normals form one region, and
-    the region of the largest area is ground. Small regions are noise: outliers and crowns.
+    and ground are no longer spoilt by what touches them. Neighbours of like normals form one region, and the
+    region of the largest area is ground. Small regions are noise: outliers and crowns.
 
     Formula
     -------
@@ -156,7 +156,7 @@ class SmoothRegion(GroundMethod):
             for k in order:
                 if chosen[k]:
                     continue
-                base = tin.interpolated(xyz[ground, 2], xyz[members[k]])
+                base = tin.interpolate(xyz[ground, 2], xyz[members[k]])
                 outside = np.isnan(base)
                 base[outside] = xyz[ground[nearest.query(xyz[members[k]][outside, :2])[1]], 2]
                 above = float(np.median(xyz[members[k], 2] - base))

@@ -137,7 +137,7 @@ class Block:
         return f"{self.column}_{self.row}"
 
     def rng(self) -> np.random.Generator:
-        """The block's own random numbers: the same in every run, whoever computes the block."""
+        """The block's own random numbers: the same in every run and every process."""
         return np.random.default_rng([self.column & 0xFFFFFFFF, self.row & 0xFFFFFFFF])
 
     @classmethod

@@ -80,8 +80,8 @@ class Footprint:
     attributes: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # A grid on which later overlays would round gets lost on the way to another process; the answer must
-        # not depend on that.
+        # A precision grid is lost when a polygon is sent to another process, and overlays round to it: the
+        # result must not depend on that.
         if shapely.get_precision(self.polygon):
             free = shapely.set_precision(self.polygon, 0.0, mode="pointwise")
             object.__setattr__(self, "polygon", free)

@@ -1,4 +1,4 @@
-"""What the passes hand on: the findings of a block, the points of a building, the building's answer."""
+"""What the passes return: the result of a block, the points of a building, the result of a building."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from eaves.model.scene import WALL, Raster
 
 @dataclass(frozen=True, eq=False)
 class BlockResult:
-    """What the block pass found out about the points in one block; arrays are (N,) and in canonical order."""
+    """The result of the block pass for the points in one block; arrays are (N,) and in canonical order."""
 
     block: Block
     xyz: Points
@@ -68,7 +68,7 @@ class BuildingPoints:
 class BuildingResult:
     """A model, or the Failure (with its footprint), and the roof plane of every point (N,), 0 for none."""
 
-    answer: BuildingModel | Failure
+    outcome: BuildingModel | Failure
     point_id: NDArray[np.int64]
     plane: Labels
     seconds: dict[str, float] = field(default_factory=dict)

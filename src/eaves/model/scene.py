@@ -1,4 +1,4 @@
-"""What the detectors look at: a classified cloud with its rasters, and what they answer."""
+"""What detectors get, a classified cloud with its rasters, and what they return."""
 
 from __future__ import annotations
 

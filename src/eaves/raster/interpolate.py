@@ -42,11 +42,11 @@ def interpolate_cells(values: Grid, known: Mask, wanted: Mask) -> Grid:
     rows, columns = np.nonzero(wanted)
     heights = values[known_rows, known_columns].astype(np.float64)
     tin = Tin(places(known_rows, known_columns))
-    answer = tin.interpolated(heights, places(rows, columns)).astype(np.float32)
-    outside = np.flatnonzero(~np.isfinite(answer))
+    result = tin.interpolate(heights, places(rows, columns)).astype(np.float32)
+    outside = np.flatnonzero(~np.isfinite(result))
     if len(outside):
-        answer[outside] = values[nearest_cells(known, rows[outside], columns[outside])]
-    return answer
+        result[outside] = values[nearest_cells(known, rows[outside], columns[outside])]
+    return result
 
 
 def fill_smooth(values: Grid) -> Grid:

@@ -44,7 +44,7 @@ class Arrangement(Reconstructor):
     of two planes, the sides of planes that are rectangles, and the footprint itself; lines that nearly
     coincide become one, and each is lengthened to the next, so that it cuts. All is rounded to a 1 mm
     grid by snap rounding, which keeps the plan a plan. A graph cut gives every cell the plane that fits
-    its points, at a price for each metre of border, most where heights jump, and for each plane, and
+    its points, at a cost for each metre of border, most where heights jump, and for each plane, and
     never one that would leave the heights its own points support. Cells with one plane are merged,
     slivers and short edges go, and the plan is raised with vertices that all faces share. The coarser
     levels merge the same cells further: LoD 2.0 labels them at higher prices, 1.3 and 1.2 level them.

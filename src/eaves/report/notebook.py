@@ -20,7 +20,7 @@ from eaves.report.sample import Sample, classified_files, sample_points
 from eaves.report.surfaces import CityFaces, cut_into_triangles, iter_city_faces
 
 FILE_DIGITS = 4
-"""Decimals (m) that tell a file's corners apart; rounded to them, those of neighbouring faces are one."""
+"""Decimals (m) of a file's corners; rounded to them, those of neighbouring faces are one."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Results(Summary):
 
     @classmethod
     def of(cls, summary: Summary) -> Self:
-        """The same, with more to ask."""
+        """The same, with the tables, arrays and meshes."""
         return cls(**vars(summary))
 
     def _repr_html_(self) -> str:

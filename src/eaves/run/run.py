@@ -18,6 +18,7 @@ from eaves.formats import InputError
 from eaves.formats.inputs import list_inputs
 from eaves.methods import MethodChoice
 from eaves.model import Bounds, Footprint
+from eaves.model.checks import check_positive
 from eaves.run.collisions import refuse_collisions
 from eaves.run.exports import check_formats
 from eaves.run.index import Index, index_inputs
@@ -27,6 +28,8 @@ from eaves.run.recipe import Recipe, make_recipe
 
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified")
 """The outputs there are; see `eaves.run.outputs`."""
+BOUNDS_LENGTH = 4
+"""West, south, east, north."""
 TILES_ABOVE = 2_000_000_000
 """More points than this are computed by tiles: their temporary files would take 46 GB and more."""
 
@@ -204,6 +207,7 @@ def open_run(
             use_classes=options["use_classes"],
             lod=options.get("lod"),
         )
+    check_options(options)
     formats = tuple(options.get("formats") or ())
     check_formats(formats)
     footprints, party_walls = options.get("footprints"), options.get("party_walls")
@@ -250,6 +254,17 @@ def open_run(
         failed=tuple(failed),
         started=started,
     )
+
+
+def check_options(options: RunOptions) -> None:
+    """Raise TypeError or ValueError when a number among the options cannot be used."""
+    check_positive(options["block"], "block")
+    jobs = options["jobs"]
+    if not isinstance(jobs, int) or jobs < 1:
+        raise ValueError(f"jobs must be a whole number of at least 1, not {jobs!r}; use os.cpu_count()")
+    bounds = options.get("bounds")
+    if not (bounds is None or isinstance(bounds, Bounds) or len(bounds) == BOUNDS_LENGTH):
+        raise ValueError(f"bounds must be west, south, east, north, not {bounds!r}; give four numbers")
 
 
 METHOD_OPTIONS = ("ground", "detect", "outline", "roof", "reconstruct")

@@ -143,8 +143,8 @@ class Store:
     def save_buildings(self, owner: Block, results: Sequence[BuildingResult]) -> None:
         """Keep the buildings owned by one block."""
         sections = {
-            "rows": [vars(BuildingRow.of(result.answer, result.seconds)) for result in results],
-            "answers": [result.answer for result in results],
+            "rows": [vars(BuildingRow.of(result.outcome, result.seconds)) for result in results],
+            "answers": [result.outcome for result in results],
         }
         packed = {}
         for name, values in sections.items():

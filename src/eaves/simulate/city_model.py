@@ -1,4 +1,4 @@
-"""A town made of somebody's CityJSON instead of drawn at random: `eaves simulate --model`."""
+"""A town from a CityJSON file instead of random numbers: `eaves simulate --model`."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def _shells(found: CityObject) -> tuple[Solid, ...]:
 
 
 def _building(name: str, solid: Solid, number: int, first_face: int) -> ExactBuilding | None:
-    """The building of a shell: roof faces numbered, other faces told apart; None when it has no roof."""
+    """The building of a shell: roof faces numbered, other faces classified; None when it has no roof."""
     shell: list[Face] = []
     faces: list[ExactFace] = []
     for face in solid.faces:

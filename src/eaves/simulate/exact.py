@@ -176,7 +176,7 @@ class ExactScene:
         return {face.number: face for building in self.buildings for face in building.faces}
 
     def placed(self, crs: str) -> ExactScene:
-        """The scene, said to be in a projected system (EPSG code, or a file with WKT or PROJJSON)."""
+        """The scene, placed in a projected system (EPSG code, or a file with WKT or PROJJSON)."""
         from eaves.formats.crs import parse_crs, system_of
 
         system = system_of(parse_crs(crs), "--crs", self.cloud.origin)

@@ -75,7 +75,7 @@ def write_simulation(
     before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": GEOPACKAGE_DATE})
     try:
-        with warnings.catch_warnings():  # a town drawn at random lies nowhere on Earth, and is meant to
+        with warnings.catch_warnings():  # a random town has no place on Earth
             warnings.filterwarnings("ignore", message="'crs' was not provided")
             write_geopackage(paths[VECTORS], *_rows(scene), scene.cloud.system)
     finally:

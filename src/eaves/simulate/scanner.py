@@ -1,4 +1,4 @@
-"""The scan of a town, as an airborne scanner would bring it home, with the truth of every point."""
+"""The airborne scan of a town, with the truth of every point."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ DEVELOPMENT_SCENES = (
     StandardScene("mixed, terraced, 25/m²", 4, "mixed", "terraced", 25.0),
     StandardScene("suburb, hilly, 1.5/m²", 5, "suburb", "hilly", 1.5, noise=0.05, half_angle_deg=15.0),
 )
-"""Scenes that anybody may look at and tune on."""
+"""Scenes for development and tuning."""
 
 JUDGING_SCENES = (
     StandardScene("judging: centre, hilly, 8/m²", 9001, "centre", "hilly", 8.0, pattern="zigzag"),

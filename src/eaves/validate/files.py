@@ -38,7 +38,7 @@ class Grid:
     step: float = FINEST_STEP
 
     def places(self, written: Any) -> Integers:
-        """Written vertices as (V, 3) whole numbers of steps; ValueError says what is wrong with them."""
+        """Written vertices as (V, 3) whole numbers of steps; ValueError states what is wrong with them."""
         try:
             numbers = np.asarray(written, np.float64)
         except (TypeError, ValueError, OverflowError):

@@ -57,7 +57,7 @@ class Consensus(Detector):
     share of points that reach the ground through it. Cells in no surface (walls, chimneys, machinery,
     crowns) are judged by their echoes; a hole in the data with a level, raised rim is a roof of glass or
     water. A graph cut then finds the labelling of least energy, in which neighbours whose surfaces
-    continue each other want the same label and a jump in height lets them part. Connected cells with a
+    continue each other cost more to separate than those at a jump in height. Connected cells with a
     core of roof surfaces are buildings; their planes are carried on below crowns; narrow long ones with a
     level top are vehicles.
 

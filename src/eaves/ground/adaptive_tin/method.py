@@ -29,7 +29,7 @@ class AdaptiveTin(GroundMethod):
 
     The mask (N,) of the ground points.
 
-    A sparse TIN is made of points that are ground for sure. A point joins when it lies close to the facet
+    A sparse TIN is made of points that are certainly ground. A point joins when it lies close to the facet
     beneath it and is seen at a small angle from the facet's vertices. Where the facet is steep there may be a
     break line: the point is then mirrored at the nearest vertex and compared with the facet across, extended.
     All candidates are judged on the same surface, those that fit are inserted, and so on until none joins.

@@ -37,12 +37,12 @@ CORNER_REACH = 4.0
 
 
 class GlobalFit(OutlineMethod):
-    """The outline a draughtsman would draw through the points.
+    """The closed polyline of least cost through the boundary of the points.
 
     The alpha shape with a small disc gives the boundary points in order. Of all closed polylines along them
     the cheapest is taken: half the squared distance of every point to its edge, in units of its scatter,
-    plus a price per edge; the first pass lets every edge run freely, the second offers the directions that
-    several edges of the first agree on at a lower price, so that right angles and parallels appear where
+    plus a cost per edge; the first pass lets every edge run freely, the second offers the directions that
+    several edges of the first agree on at a lower cost, so that right angles and parallels appear where
     the points support them and nowhere else. Edges with a common direction are then fitted together;
     corners are intersections; edges and jogs below `detail` go. At last every edge moves to the place where
     the points behind it end, which corrects the half spacing that points stay inside.
@@ -59,7 +59,7 @@ class GlobalFit(OutlineMethod):
 
     Fidelity
     --------
-    The polyline is the optimal polygonal approximation of [perez_vidal1994] with a price per
+    The polyline is the optimal polygonal approximation of [perez_vidal1994] with a cost per
     edge in place of a number of edges; that a shared direction costs less follows the description length of
     [jung2017]; the mean distance ahead is the forward recurrence time of [cox1962]. The combination is
     ours.
@@ -68,7 +68,7 @@ class GlobalFit(OutlineMethod):
     beside them (`low_parts`).
 
     The beam of a scanner has a width: a pulse that strikes the edge with a part of its spot is placed
-    outside. The points cannot tell how far; `spot` is a quarter of a spot of 0.3 m, or half the spacing
+    outside. The points do not determine how far; `spot` is a quarter of a spot of 0.3 m, or half the spacing
     where that is less: dense points come from a low flight. For a beam without width it is 0.
 
     Fails where
