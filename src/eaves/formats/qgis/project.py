@@ -104,8 +104,9 @@ def write_project(path: Path, footprints: Path, rasters: Sequence[Path], system:
     SubElement(paths, "Absolute", type="bool").text = "false"
     _view_in_3d(root, layers, extent, ground, system)
     text = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n" + tostring(root, "unicode")
-    with atomic(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(zipfile.ZipInfo(path.with_suffix(".qgs").name, FIXED_DATE), text)
+    with atomic(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        entry = zipfile.ZipInfo(path.with_suffix(".qgs").name, FIXED_DATE)
+        archive.writestr(entry, text, zipfile.ZIP_DEFLATED)
 
 
 def _look(footprints: Path) -> tuple[tuple[float, ...], dict[str, list[str]], float]:
