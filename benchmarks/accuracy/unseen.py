@@ -2,7 +2,7 @@
 
 Run `EAVES_DATA=... python -m benchmarks.accuracy.unseen [--rows TEXT...] [--columns TEXT...]`.
 Each cell of the table is one run of `eaves detect` on a bare file, in blocks. The default is shown twice:
-with the weights fitted to everything, and with those fitted with the row's place and all its variants left out
+with the weights fitted to everything, and with those fitted with the row's place and its variants left out
 (`benchmarks.accuracy.detection_fit` makes both). What was run is kept in EAVES_CACHE (default:
 ~/.cache/eaves/unseen) and not run again while the code that decides it is the same.
 """
