@@ -45,19 +45,19 @@ def read_weights(path: str | Path) -> Weights:
 # fmt: off
 FITTED = Weights(
     surface=(
-        -3.05, 0.26, -2.29, 0.14, 1.5, 1.95, 2.62,
-        2.88, -0.21, 0.26, -0.1, 0.09, -2.09, -1.94,
-        0.39, 0.52,
+        -3.39, 0.22, -2.22, 0.16, 1.56, 1.66, 3.31,
+        2.88, -0.24, 0.31, -0.09, 0.07, -2.06, -1.76,
+        0.4, 0.41,
     ),
     cell=(
-        -4.61, 0.67, 0.78, 6.0, 3.78,
-        1.99, 0.2, 0.75, -1.46, -1.59,
-        0.7, 0.28,
+        -4.88, 0.68, 0.92, 5.03, 4.92,
+        1.99, 0.16, 0.64, -1.25, -1.69,
+        0.7, 0.26,
     ),
 )
 # fmt: on
 """Shape; shape once more in so far as echoes tell; echoes and penetration. Logistic regression over 24 simulated
-towns (0.3 to 30 points/m², all, few or no echoes) and the labelled surveys with their thinned variants:
+towns (0.3 to 30 points/m², all, few or no echoes) and the labelled surveys with thinned variants:
 `benchmarks.accuracy.detection_fit`, which also keeps what each survey left out gives."""
 
 
@@ -82,9 +82,8 @@ VAN_WIDTH_M, VAN_HEIGHT_M, NEAR_M = 2.5, 2.5, 0.5
 SHED_M2, DOOR_M, SHED_HEIGHT_M, ROUGH = 6.0, 2.5, 2.5, 0.4
 """Where the terms are zero: the smallest shed, its width and height, a share of the largest
 residual."""
-ENCLOSED_M, ENCLOSED_LEVEL_M = 6.0, 1.0
-"""What stands on a roof has roof on all sides within so much, and no higher than its own top by more than the
-second; a tree beside a roof, or in a court, has not."""
+ENCLOSED_M = 6.0
+"""What stands on a roof has roof on all sides within so much; a tree beside one has not."""
 COMPANY_CELLS = 7
 """Side of the square in which the share of smooth cells is counted: two windows and the cell between."""
 SMALL_SEGMENT_M2 = 2.0
@@ -105,24 +104,17 @@ def smooth_share(candidate: Mask, smooth: Mask) -> Values:
     return np.asarray(alike / np.maximum(around, 0.5 / COMPANY_CELLS**2), np.float64)
 
 
-def enclosure(roofs: Mask, level: Values, top: Values, steps: int) -> Values:
-    """Share (H, W) of eight directions in which, within so many steps, a roof lies that is no higher than the
-    cell.
-
-    `level` (H, W) is the height of the planes in the cells of `roofs` (H, W), `top` (H, W) that of the highest
-    point of each cell.
-    """
+def enclosure(roofs: Mask, steps: int) -> Values:
+    """Share (H, W) of eight directions in which a cell of `roofs` (H, W) lies within so many steps of each."""
     rows, columns = roofs.shape
     found = np.zeros(roofs.shape)
-    lowest = np.where(roofs, level - ENCLOSED_LEVEL_M, np.inf)
     for down, right in ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)):
-        met = np.full(roofs.shape, np.inf)
+        met = np.zeros(roofs.shape, bool)
         for step in range(1, min(steps, rows - 1, columns - 1) + 1):
             y, x = down * step, right * step
             here = (slice(max(0, -y), rows - max(0, y)), slice(max(0, -x), columns - max(0, x)))
-            there = (slice(max(0, y), rows - max(0, -y)), slice(max(0, x), columns - max(0, -x)))
-            np.minimum(met[here], lowest[there], out=met[here])
-        found += met <= top
+            met[here] |= roofs[max(0, y) : rows - max(0, -y), max(0, x) : columns - max(0, -x)]
+        found += met
     return found / 8.0
 
 
@@ -194,7 +186,7 @@ def measured_terms(evidence: Evidence, segments: Segments, max_residual: float, 
     seen = evidence.candidate
     company = smooth_share(seen, segments.label > 0)
     roofs = np.r_[False, segments.area >= SHED_M2][segments.label]
-    enclosed = enclosure(roofs, evidence.level, evidence.top, round(ENCLOSED_M / evidence.cells.side))
+    enclosed = enclosure(roofs, round(ENCLOSED_M / evidence.cells.side))
     of_surfaces = surface_shape(segments, company, enclosed, max_residual)
     of_cells = cell_shape(evidence, company, enclosed, max_residual)
     inner_several = least_around(evidence.several, seen)
