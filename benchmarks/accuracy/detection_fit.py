@@ -1,8 +1,8 @@
 """The weights of `consensus`, by logistic regression over surfaces and cells of labelled scans.
 
 Run `EAVES_DATA=... python -m benchmarks.accuracy.detection_fit`. Trained on simulated towns of varied
-scanners and on the labelled surveys with few echoes and thinned. Prints the weights of all, and keeps, for each
-place, those fitted with the place and all its variants left out (`detection_weights.json`), for `unseen`.
+scanners and on the labelled surveys, whole, with few echoes and thinned. Prints the weights of all, and keeps
+in `detection_weights.json`, for `unseen`, those fitted with each place and all its variants left out.
 """
 
 from __future__ import annotations
@@ -28,10 +28,8 @@ from benchmarks.accuracy.survey_variants import (
     simulated_survey,
 )
 from eaves.detect.consensus.classifier import (
-    CELL_SHAPE,
     CELL_TERMS,
     FITTED,
-    SURFACE_SHAPE,
     SURFACE_TERMS,
     Weights,
     measured_terms,
@@ -65,16 +63,6 @@ CELLS_A_ROW = 5_000
 KEPT = Path(__file__).with_name("detection_weights.json")
 
 
-STEPS, LEAST_GAIN = (1.0, 0.5), 5e-4
-"""Steps (log odds) of the descent of the intercepts, and the least gain in IoU that is one."""
-SETTLED_ON = ("whole", "echoes 15 %", "no return fields", "density 1/10")
-"""Variants that the intercepts are chosen on."""
-EMPTY_SHARE = 1e-3
-"""Where no building stands, a thousand points called one cost half the agreement."""
-Offsets = tuple[float, float, float, float]
-Memo = dict[tuple[int, Offsets], float]
-
-
 @dataclass(frozen=True, eq=False)
 class Row:
     """What one scan teaches: its evidence and what is true of its surfaces (K,) and cells (M,)."""
@@ -86,12 +74,9 @@ class Row:
     true_surface: Values
     true_cell: Values
     """Shares of candidate points that are building; NaN where none has a known class."""
-    points: Values
-    """Candidate points of known class of each cell."""
-    variant: str = "whole"
 
 
-def row_of(survey: Survey, place: str, variant: str = "whole") -> Row | None:
+def row_of(survey: Survey, place: str) -> Row | None:
     """The row of a survey; None where nothing stands."""
     method = Consensus()
     keep = judged(survey)
@@ -113,8 +98,7 @@ def row_of(survey: Survey, place: str, variant: str = "whole") -> Row | None:
     with np.errstate(invalid="ignore"):
         true_surface = (np.bincount(label, hits) / np.bincount(label, total))[1:]
         true_cell = (hits / total).reshape(evidence.shape)
-    tolerance, points = method.tolerance(scene.spacing), total.reshape(evidence.shape)
-    return Row(place, evidence, segments, tolerance, true_surface, true_cell, points, variant)
+    return Row(place, evidence, segments, method.tolerance(scene.spacing), true_surface, true_cell)
 
 
 def rows(data: Path) -> Iterator[Row]:
@@ -138,7 +122,7 @@ def rows(data: Path) -> Iterator[Row]:
         survey = read()
         for variant in TRAINED_ON:
             if applies(variant, survey):
-                found = row_of(VARIANTS[variant](survey), PLACES.get(name, name), variant)
+                found = row_of(VARIANTS[variant](survey), PLACES.get(name, name))
                 if found is not None:
                     yield found
 
@@ -191,72 +175,17 @@ def fitted(some: Sequence[Row], start: Weights = FITTED) -> Weights:
     return weights
 
 
-def shifted(weights: Weights, offsets: Offsets) -> Weights:
-    """The weights with their four intercepts moved: of surfaces and cells, each without and with echoes."""
-    surface, cell = list(weights.surface), list(weights.cell)
-    for terms, shape, (plain, told) in (
-        (surface, SURFACE_SHAPE, offsets[:2]),
-        (cell, CELL_SHAPE, offsets[2:]),
-    ):
-        terms[0] = round(terms[0] + plain, 2)
-        terms[len(shape)] = round(terms[len(shape)] + told, 2)
-    return Weights(tuple(surface), tuple(cell))
-
-
-def agreement(row: Row, weights: Weights) -> float:
-    """IoU of the building's cells with the truth, by candidate points; without buildings, 1 where none is
-    found."""
-    method = Consensus()
-    building, roof, _, _ = method.settle(row.evidence, row.segments, row.max_residual, weights)
-    found = method.keep_buildings(building, roof, row.evidence)[0] > 0
-    true = np.nan_to_num(row.true_cell) * row.points
-    if not true.sum():
-        return 1.0 / (1.0 + float(row.points[found].sum()) * EMPTY_SHARE)
-    return float(true[found].sum() / (row.points[found].sum() + true[~found].sum()))
-
-
-def best_offsets(some: Sequence[int], there: Sequence[Row], weights: Weights, memo: Memo) -> Offsets:
-    """The intercepts' offsets with the best mean agreement over places, by coordinate descent."""
-
-    def score(offsets: Offsets) -> float:
-        by_place: dict[str, list[float]] = {}
-        for number in some:
-            if (number, offsets) not in memo:
-                memo[number, offsets] = agreement(there[number], shifted(weights, offsets))
-            by_place.setdefault(there[number].place, []).append(memo[number, offsets])
-        return float(np.mean([np.mean(values) for values in by_place.values()]))
-
-    best: Offsets = (0.0, 0.0, 0.0, 0.0)
-    for step in STEPS:
-        moved = True
-        while moved:
-            moved = False
-            for axis in range(4):
-                for sign in (-1.0, 1.0):
-                    trial = list(best)
-                    trial[axis] = round(trial[axis] + sign * step, 3)
-                    if score((trial[0], trial[1], trial[2], trial[3])) > score(best) + LEAST_GAIN:
-                        best, moved = (trial[0], trial[1], trial[2], trial[3]), True
-    return best
-
-
 def main() -> None:
     """Print and keep the weights."""
     there = list(rows(Path(os.environ["EAVES_DATA"])))
     kept: dict[str, dict[str, tuple[float, ...]]] = {}
     places = sorted({row.place for row in there} - {"simulated"})
-    slopes = fitted(there)
-    settled = [n for n, row in enumerate(there) if row.variant in SETTLED_ON]
-    memo: Memo = {}
     for place in ["", *places]:
-        weights = fitted([row for row in there if row.place != place]) if place else slopes
-        offsets = best_offsets([n for n in settled if there[n].place != place], there, slopes, memo)
-        weights = shifted(weights, offsets)
-        print(offsets, flush=True)
-        kept[place or "all"] = {"surface": weights.surface, "cell": weights.cell}
+        weights = fitted([row for row in there if row.place != place])
         print(f"without {place}" if place else "all")
         print("  surface", dict(zip(SURFACE_TERMS, weights.surface, strict=True)))
         print("  cell   ", dict(zip(CELL_TERMS, weights.cell, strict=True)), flush=True)
+        kept[place or "all"] = {"surface": weights.surface, "cell": weights.cell}
     KEPT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
 
 

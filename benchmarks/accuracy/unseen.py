@@ -2,8 +2,8 @@
 
 Run `EAVES_DATA=... python -m benchmarks.accuracy.unseen [--rows TEXT...] [--columns TEXT...]`.
 Each cell of the table is one run of `eaves detect` on a bare file, in blocks. The default is shown twice:
-with the weights fitted to everything, and with those fitted with the row's place and all its variants left
-out (`benchmarks.accuracy.detection_fit` makes both). What was run is kept in EAVES_CACHE (default:
+with the weights fitted to everything, and with those fitted with the row's place and its variants left out
+(`benchmarks.accuracy.detection_fit` makes both). What was run is kept in EAVES_CACHE (default:
 ~/.cache/eaves/unseen) and not run again while the code that decides it is the same.
 """
 
@@ -105,13 +105,15 @@ def compared(xyz: np.ndarray, got: Mask, want: Mask, buildings: int) -> Figures:
     return Figures(iou, precision, recall, buildings, int(want.sum()))
 
 
-def figures(survey: Survey, name: str, variant: str, column: str, cache: Path) -> Figures:
-    """The figures of a run, from the cache where it was made before."""
+def figures(survey: Survey, name: str, variant: str, column: str, cache: Path, kept: bool) -> Figures | None:
+    """The figures of a run, from the cache where it was made before; None where `kept` forbids to make it."""
     place = PLACES.get(name, name)
     weights = json.loads(WEIGHTS.read_text(encoding="utf-8"))[place] if column == LEFT_OUT else None
     key = hashlib.sha256(f"{name}/{variant}/{column}/{code_of(column)}/{weights}".encode()).hexdigest()[:16]
     path = cache / f"{key}.json"
     if not path.exists():
+        if kept:
+            return None
         answer = run(VARIANTS[variant](survey), column, place)
         record = {"row": f"{name}, {variant}", "column": column, **answer.__dict__}
         path.write_text(json.dumps(record), encoding="utf-8")
@@ -129,6 +131,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--rows", nargs="+", metavar="TEXT", help="rows that hold one of these")
     options.add_argument("--columns", nargs="+", metavar="TEXT", help="columns that hold one of these")
+    options.add_argument("--kept", action="store_true", help="show what was run before, and run nothing")
     chosen = options.parse_args()
     cache = Path(os.environ.get("EAVES_CACHE", str(Path.home() / ".cache/eaves"))) / "unseen"
     cache.mkdir(parents=True, exist_ok=True)
@@ -141,8 +144,14 @@ def main() -> None:
             assert survey is not None
             if not applies(variant, survey):
                 continue
-            found = {column: figures(survey, name, variant, column, cache) for column in columns}
-            table.append({"survey": name, "variant": variant} | {c: shown(f) for c, f in found.items()})
+            tried = {c: figures(survey, name, variant, c, cache, chosen.kept) for c in columns}
+            found = {column: answer for column, answer in tried.items() if answer is not None}
+            if not found:
+                continue
+            table.append(
+                {"survey": name, "variant": variant}
+                | {c: shown(found[c]) if c in found else None for c in columns}
+            )
             table[-1] |= verdict(found)
             print(table[-1], flush=True)
     keep("unseen", "Detection on surveys left out, by the command", table, COMMAND, NOTE)
