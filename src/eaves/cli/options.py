@@ -23,6 +23,9 @@ Clip = Annotated[Path | None, typer.Option(help="Polygons; points outside are no
 UseClasses = Annotated[bool, typer.Option("--use-classes", help="Believe the file's classes.")]
 Jobs = Annotated[int, typer.Option(help="Processes; 0 means one a core.", min=0)]
 Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]
+Memory = Annotated[
+    str | None, typer.Option(help="Bound of the processes' memory together: 4G, 1500M.", metavar="SIZE")
+]
 Resume = Annotated[bool, typer.Option("--resume", help="Keep parts that are done and match.")]
 PerTile = Annotated[
     bool, typer.Option("--per-tile", help="Compute and write tile by tile, as for over 2 billion points.")
@@ -41,7 +44,7 @@ Snap = Annotated[
 PartyWalls = Annotated[
     Path | None, typer.Option(help="Polygons of addresses that detected blocks are split into.")
 ]
-BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).", min=6)]
+BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).")]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
 MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]
 Formats = Annotated[
@@ -62,6 +65,7 @@ class RunWords:
     block: BlockSide = 240.0
     jobs: Jobs = 0
     scheduler: Scheduler = None
+    memory: Memory = None
     resume: Resume = False
     config: Config = None
     quiet: Quiet = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from eaves.run.collisions import refuse_collisions
 from eaves.run.exports import check_formats
 from eaves.run.index import Index, index_inputs
 from eaves.run.lock import LOCK
+from eaves.run.memory import parse_memory
 from eaves.run.partition import Window
 from eaves.run.recipe import Recipe, make_recipe
 
@@ -69,6 +71,8 @@ class RunOptions(TypedDict, total=False):
     """Processes."""
     scheduler: str | None
     """Address of a Dask scheduler."""
+    memory: str | None
+    """Bound of the processes' memory together: `4G`, `1500M`."""
     resume: bool
     """Keep the parts of an earlier run that are done and match."""
     per_tile: bool
@@ -98,6 +102,8 @@ class Run:
     classified: Path | None = None
     jobs: int = 1
     scheduler: str | None = None
+    memory: int | None = None
+    """Bytes, for all processes together."""
     resume: bool = False
     by_tiles: bool = False
     failed: tuple[str, ...] = ()
@@ -159,6 +165,8 @@ def open_run(
             use_classes=options.get("use_classes", False),
             lod=options.get("lod", "2.2"),
         )
+    memory = parse_memory(options.get("memory"))
+    check_numbers(options)
     formats = tuple(options.get("formats") or ())
     check_formats(formats)
     footprints, party_walls = options.get("footprints"), options.get("party_walls")
@@ -200,6 +208,7 @@ def open_run(
         classified=classified,
         jobs=options.get("jobs", 1),
         scheduler=options.get("scheduler"),
+        memory=memory,
         resume=options.get("resume", False),
         by_tiles=classified is None and (options.get("per_tile", False) or index.points > TILES_ABOVE),
         failed=tuple(failed),
@@ -216,6 +225,32 @@ def as_bounds(bounds: Bounds | Sequence[float] | None) -> Bounds | None:
         return bounds
     west, south, east, north = bounds
     return Bounds(west, south, east, north)
+
+
+NARROWEST, WIDEST = 6.0, 100_000.0
+"""Sides of a block (m): the cells of all methods fit into the one, the steps of int32 across the other."""
+
+
+def check_numbers(options: RunOptions) -> None:
+    """Nothing, when bounds and block are numbers that a run can use.
+
+    Raises
+    ------
+    InputError
+        For one that is not.
+    """
+    side = options.get("block", 240.0)
+    if not NARROWEST <= side <= WIDEST:
+        raise InputError(f"--block {side}: the side of a block lies between {NARROWEST:g} and {WIDEST:g} m")
+    bounds = as_bounds(options.get("bounds"))
+    if bounds is None:
+        return
+    west, south, east, north = vars(bounds).values()
+    told = ",".join(f"{side:g}" for side in (west, south, east, north))
+    if not all(map(math.isfinite, (west, south, east, north))):
+        raise InputError(f"--bounds {told}: not four numbers; write west,south,east,north")
+    if west >= east or south >= north:
+        raise InputError(f"--bounds {told}: west must be below east, south below north")
 
 
 def claim(folder: Path) -> None:
