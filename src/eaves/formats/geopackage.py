@@ -92,6 +92,7 @@ def read_polygons(
     layer: str | None = None,
     id_field: str | None = None,
     target: CoordinateSystem | None = None,
+    keep_all: bool = False,
 ) -> tuple[list[Polygon | MultiPolygon], list[str], list[dict[str, Any]], CoordinateSystem]:
     """The polygons of a vector file in world metres, their ids, their attributes, and the system they are in.
 
@@ -106,6 +107,8 @@ def read_polygons(
     target
         The system wanted: polygons in another one are reprojected. One of the two without a place on Earth is
         taken to be in the other.
+    keep_all
+        Keep features without coordinates, too, as empty polygons.
 
     Returns
     -------
@@ -150,6 +153,9 @@ def read_polygons(
         )
     kinds_of = dict(zip(names, meta["dtypes"], strict=True))
     kept = [n for n, shape in enumerate(shapes) if _has_coordinates(shape)]
+    if keep_all:
+        shapes[[n for n in range(len(shapes)) if n not in set(kept)]] = Polygon()
+        kept = list(range(len(shapes)))
     if len(kept) < len(shapes):
         log.warning("%s: %d features without coordinates are left out", path, len(shapes) - len(kept))
     polygons, system = _in_metres(path, shapes[kept], meta["crs"], target)

@@ -217,7 +217,7 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
 
 def millimetres(xyz: Points) -> NDArray[np.int32]:
     """Coordinates as whole millimetres."""
-    whole = xyz * MILLIMETRES
+    whole = np.clip(xyz * MILLIMETRES, -UNKNOWN_HEIGHT, UNKNOWN_HEIGHT)
     return np.asarray(np.rint(whole, out=whole), np.int32)
 
 

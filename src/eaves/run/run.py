@@ -16,7 +16,7 @@ from eaves.footprints.read import area_of, in_metres, read_area, read_footprints
 from eaves.formats import InputError
 from eaves.formats.inputs import list_inputs
 from eaves.methods import MethodChoice
-from eaves.model import Bounds, Footprint
+from eaves.model import Bounds, Failure, Footprint
 from eaves.run.collisions import refuse_collisions
 from eaves.run.exports import check_formats
 from eaves.run.index import Index, index_inputs
@@ -94,6 +94,8 @@ class Run:
     side: float = 240.0
     """Side of a block (m)."""
     given: Sequence[Footprint] | None = None
+    lost: tuple[Failure, ...] = ()
+    """Given polygons that cannot be modelled, with the reason: each has its row all the same."""
     snap_footprints: bool = False
     addresses: Sequence[Footprint] = ()
     """What lies between known party walls; detected blocks are split into them."""
@@ -186,9 +188,10 @@ def open_run(
     clip = options.get("clip")
     window = Window(bounds, None if clip is None else read_area(Path(clip), index.system))
     known_polygons: list[Footprint] = []
+    lost: list[Failure] = []
     if (path := footprints or party_walls) is not None:
         area = area_of(index.entries["box"][index.entries["count"] > 0], window.bounds, window.clip)
-        known_polygons = read_footprints(Path(path), options.get("id_field"), index.system, area)
+        known_polygons, lost = read_footprints(Path(path), options.get("id_field"), index.system, area)
     classified = options.get("classified")
     if classified is not None and len(index) > 1:
         raise InputError(f"{classified}: one file cannot hold {len(index)} inputs; give a folder with -o")
@@ -201,6 +204,7 @@ def open_run(
         plan=describe(index, recipe, options),
         side=options.get("block", 240.0),
         given=None if footprints is None else known_polygons,
+        lost=() if footprints is None else tuple(lost),
         snap_footprints=options.get("snap_footprints", False),
         addresses=() if party_walls is None else known_polygons,
         formats=formats,
