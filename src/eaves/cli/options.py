@@ -36,7 +36,10 @@ Published = Annotated[
 Config = Annotated[Path | None, typer.Option(help="TOML with a table per stage: method and parameters.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also what happens inside.")]
-Footprints = Annotated[Path | None, typer.Option(help="Footprints to use instead of our own.")]
+Footprints = Annotated[
+    Path | None,
+    typer.Option(help="Footprints to use: shapefile, GeoPackage, GeoJSON, FlatGeobuf."),
+]
 IdField = Annotated[str | None, typer.Option(help="Field of the footprints that holds their id.")]
 Snap = Annotated[
     bool, typer.Option("--snap-footprints", help="Move given footprints to the eaves in the points.")

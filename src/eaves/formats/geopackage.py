@@ -20,6 +20,7 @@ from eaves.formats.atomic import atomic
 from eaves.formats.chunk import FARTHEST
 from eaves.formats.crs import describe, parse_crs, pyproj_crs, system_of
 from eaves.formats.errors import InputError
+from eaves.formats.vector_files import OFFLINE, REMEDY, checked_vector
 from eaves.model import CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
 
@@ -99,7 +100,7 @@ def read_polygons(
     Parameters
     ----------
     path
-        Shapefile, GeoPackage, GeoJSON, FlatGeobuf, or what else GDAL reads.
+        Shapefile, GeoPackage, GeoJSON or FlatGeobuf; no other driver is asked, no address reached.
     layer
         The layer of a file of several; by default its first layer of polygons.
     id_field
@@ -179,16 +180,19 @@ def _read_layer(path: Path, layer: str | None) -> tuple[dict[str, Any], NDArray[
         errors.FieldError,
         errors.GeometryError,
     )
-    refusal = InputError.about(
-        path,
-        "is not a vector file that can be read",
-        "give a shapefile, GeoPackage, GeoJSON or FlatGeobuf",
-    )
+    refusal = InputError.about(path, "is not a vector file that can be read", REMEDY)
     with warnings.catch_warnings():  # GDAL's remarks on single features: those lost are counted later
         warnings.simplefilter("ignore", RuntimeWarning)
         try:
-            layer = _chosen_layer(path, layer)
-            meta, _, wkb, columns = pyogrio.raw.read(path, layer=layer)
+            with checked_vector(path) as (safe, driver):
+                pyogrio.set_gdal_config_options(OFFLINE)
+                layer = _chosen_layer(path, safe, layer)
+                if pyogrio.read_info(safe, layer=layer, force_feature_count=False)["driver"] not in (
+                    driver,
+                    f"{driver}Seq",
+                ):
+                    raise refusal
+                meta, _, wkb, columns = pyogrio.raw.read(safe, layer=layer)
         except InputError:
             raise
         except (*ogr_errors, ValueError, IndexError, OverflowError, MemoryError, OSError):
@@ -200,11 +204,11 @@ def _read_layer(path: Path, layer: str | None) -> tuple[dict[str, Any], NDArray[
     return meta, wkb, columns
 
 
-def _chosen_layer(path: Path, layer: str | None) -> str | None:
+def _chosen_layer(path: Path, safe: Path, layer: str | None) -> str | None:
     """The layer asked for, which must be there; else the first of polygons, else the first."""
     import pyogrio
 
-    layers = pyogrio.list_layers(path)
+    layers = pyogrio.list_layers(safe)
     names = [str(name) for name, _ in layers]
     if layer is not None and layer not in names:
         raise InputError.about(

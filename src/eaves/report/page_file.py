@@ -113,7 +113,7 @@ def iter_data(contents: Contents) -> Iterator[str]:
 
 def as_json(value: Any) -> str:
     """JSON that no browser takes for the end of the script."""
-    return json.dumps(value, separators=(",", ":")).replace("</", "<\\/")
+    return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def say_shown(contents: Contents) -> str:
