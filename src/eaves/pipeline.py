@@ -75,7 +75,7 @@ def build(
     with (
         lock_folder(run.folder, run.lock),
         report_full_disk(run.folder),
-        Workers(run.jobs, run.scheduler) as workers,
+        Workers(run.jobs, run.scheduler, run.memory) as workers,
     ):
         if run.by_tiles:
             summary = build_tiles(run, workers, progress, build_region)
@@ -90,7 +90,7 @@ def build(
 
 def build_whole(run: Run, workers: Workers, progress: Progress, sink: PointSink | None) -> Summary:
     """The whole run as one region."""
-    if run.index.spans_blocks(run.side, run.window.bounds):
+    if run.memory is not None or run.index.spans_blocks(run.side, run.window.bounds):
         workers.start(partial(import_methods, run.recipe))
     region = Region(run, run.work_folder, workers, progress)
     summary = build_region(region, Core(holds=lambda block: True), sink)

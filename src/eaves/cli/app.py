@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from typing import Annotated
 
@@ -12,9 +13,11 @@ from eaves.cli.results import check, evaluate, plot, validate, view
 from eaves.cli.runs import (
     COMPLETE,
     INTERRUPTED,
+    TERMINATED,
     count_interrupts,
     describe_methods,
     describe_sources,
+    report_aborts,
     report_error,
 )
 from eaves.cli.scenes import demo, simulate
@@ -46,18 +49,21 @@ for command in (
 
 def main() -> None:
     """Entry point: a caller's mistake is one line and status 2, never a traceback."""
+    report_aborts()
     with count_interrupts() as interrupts:
         try:
             status = app(standalone_mode=False) or COMPLETE
         except SystemExit as end:  # how typer passes Ctrl-C on
             status = end.code
-        except (KeyboardInterrupt, typer.Abort):
-            status = INTERRUPTED
+        except (KeyboardInterrupt, typer.Abort) as end:  # typer takes a file's end for Ctrl-C, too
+            cause = end.__cause__
+            status = report_error(cause) if isinstance(cause, EOFError) else INTERRUPTED
         except Exception as error:
             status = INTERRUPTED if interrupts else report_error(error)
     if status == INTERRUPTED or (interrupts and status != COMPLETE):
-        typer.echo("interrupted: nothing is half-written; run again with --resume to go on", err=True)
-        status = INTERRUPTED
+        status = TERMINATED if interrupts[:1] == [signal.SIGTERM] else INTERRUPTED
+        word = "terminated" if status == TERMINATED else "interrupted"
+        typer.echo(f"{word}: nothing is half-written; run again with --resume to go on", err=True)
     sys.exit(status)
 
 

@@ -23,6 +23,9 @@ Clip = Annotated[Path | None, typer.Option(help="Polygons; points outside are no
 UseClasses = Annotated[bool, typer.Option("--use-classes", help="Use the file's classes.")]
 Jobs = Annotated[int, typer.Option(help="Processes; 0: one a core, one for small data.", min=0)]
 Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]
+Memory = Annotated[
+    str | None, typer.Option(help="Bound of the processes' memory together: 4G, 1500M.", metavar="SIZE")
+]
 Resume = Annotated[bool, typer.Option("--resume", help="Keep parts that are done and match.")]
 PerTile = Annotated[
     bool, typer.Option("--per-tile", help="Compute and write tile by tile, as for over 2 billion points.")
@@ -33,7 +36,10 @@ Published = Annotated[
 Config = Annotated[Path | None, typer.Option(help="TOML with a table per stage: method and parameters.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also what happens inside.")]
-Footprints = Annotated[Path | None, typer.Option(help="Footprints to use instead of our own.")]
+Footprints = Annotated[
+    Path | None,
+    typer.Option(help="Footprints to use: shapefile, GeoPackage, GeoJSON, FlatGeobuf."),
+]
 IdField = Annotated[str | None, typer.Option(help="Field of the footprints that holds their id.")]
 Snap = Annotated[
     bool, typer.Option("--snap-footprints", help="Move given footprints to the eaves in the points.")
@@ -41,7 +47,7 @@ Snap = Annotated[
 PartyWalls = Annotated[
     Path | None, typer.Option(help="Polygons of addresses that detected blocks are split into.")
 ]
-BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).", min=6)]
+BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).")]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
 MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]
 Formats = Annotated[
@@ -65,6 +71,7 @@ class RunWords:
     block: BlockSide = 240.0
     jobs: Jobs = 0
     scheduler: Scheduler = None
+    memory: Memory = None
     resume: Resume = False
     config: Config = None
     quiet: Quiet = False

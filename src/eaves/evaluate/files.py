@@ -30,6 +30,7 @@ from eaves.evaluate.roof_planes import evaluate_planes
 from eaves.evaluate.scores import Agreement
 from eaves.evaluate.wireframes import evaluate_wireframe, read_wireframe
 from eaves.formats import InputError, read, read_polygons
+from eaves.formats.vector_files import checked_vector
 from eaves.model import Mask, PointCloud, Raster, Values
 from eaves.model.cloud import BUILDING, GROUND
 from eaves.model.coordinates import LOCAL_METRES
@@ -300,6 +301,7 @@ def _planes(path: Path, grid: Raster) -> tuple[Numbers, Values | None]:
     if kind_of(path) == "cloud":
         remedy = "compare two clouds with plane_id, or CityJSON or polygons"
         raise InputError.about(path, "is a cloud and the other file is none", remedy)
-    layers = [str(name) for name, _ in pyogrio.list_layers(path)]
+    with checked_vector(path) as (safe, _):
+        layers = [str(name) for name, _ in pyogrio.list_layers(safe)]
     polygons: Shapes = read_polygons(path, "roof_planes" if "roof_planes" in layers else None)[0]
     return burn_labels(polygons, grid), None

@@ -252,7 +252,8 @@ def _city_objects(result: Result, vertices: _Vertices, name: str) -> dict[str, J
     attributes = attributes_of(result)
     bottoms = [solid.vertices[:, 2].min() for parts in solids.values() for solid in parts]
     base = min(bottoms) if bottoms else float(attributes.get("h_ground") or 0.0)
-    geometries = [_footprint_surface(footprint, base, vertices)]
+    empty = footprint.polygon.is_empty
+    geometries = [] if empty else [_footprint_surface(footprint, base, vertices)]
     parts: dict[str, Json] = {}
     for lod in sorted(solids):
         written = [

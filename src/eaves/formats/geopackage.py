@@ -21,6 +21,7 @@ from eaves.formats.chunk import FARTHEST
 from eaves.formats.crs import describe, parse_crs, pyproj_crs, system_of
 from eaves.formats.errors import InputError
 from eaves.formats.qgis.tables import describe_layers
+from eaves.formats.vector_files import OFFLINE, REMEDY, checked_vector
 from eaves.model import CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
 
@@ -109,13 +110,14 @@ def read_polygons(
     layer: str | None = None,
     id_field: str | None = None,
     target: CoordinateSystem | None = None,
+    keep_all: bool = False,
 ) -> tuple[list[Polygon | MultiPolygon], list[str], list[dict[str, Any]], CoordinateSystem]:
     """The polygons of a vector file in world metres, their ids, their attributes, and their reference system.
 
     Parameters
     ----------
     path : str or Path
-        Shapefile, GeoPackage, GeoJSON, FlatGeobuf, or another format that GDAL reads.
+        Shapefile, GeoPackage, GeoJSON or FlatGeobuf; no other driver is used, no address reached.
     layer : str or None
         The layer of a file of several; by default its first layer of polygons.
     id_field : str or None
@@ -123,6 +125,8 @@ def read_polygons(
     target : CoordinateSystem or None
         The system wanted: polygons in another one are reprojected. When one of the two has no place on Earth,
         both are taken to be the same.
+    keep_all : bool
+        Keep features without coordinates, too, as empty polygons.
 
     Returns
     -------
@@ -170,6 +174,9 @@ def read_polygons(
         )
     kinds_of = dict(zip(names, meta["dtypes"], strict=True))
     kept = [n for n, shape in enumerate(shapes) if _has_coordinates(shape)]
+    if keep_all:
+        shapes[[n for n in range(len(shapes)) if n not in set(kept)]] = Polygon()
+        kept = list(range(len(shapes)))
     if len(kept) < len(shapes):
         log.warning("%s: %d features without coordinates are left out", path, len(shapes) - len(kept))
     polygons, system = _in_metres(path, shapes[kept], meta["crs"], target)
@@ -193,16 +200,19 @@ def _read_layer(path: Path, layer: str | None) -> tuple[dict[str, Any], NDArray[
         errors.FieldError,
         errors.GeometryError,
     )
-    refusal = InputError.about(
-        path,
-        "is not a vector file that can be read",
-        "give a shapefile, GeoPackage, GeoJSON or FlatGeobuf",
-    )
+    refusal = InputError.about(path, "is not a vector file that can be read", REMEDY)
     with warnings.catch_warnings():  # GDAL's remarks on single features: those lost are counted later
         warnings.simplefilter("ignore", RuntimeWarning)
         try:
-            layer = _chosen_layer(path, layer)
-            meta, _, wkb, columns = pyogrio.raw.read(path, layer=layer)
+            with checked_vector(path) as (safe, driver):
+                pyogrio.set_gdal_config_options(OFFLINE)
+                layer = _chosen_layer(path, safe, layer)
+                if pyogrio.read_info(safe, layer=layer, force_feature_count=False)["driver"] not in (
+                    driver,
+                    f"{driver}Seq",
+                ):
+                    raise refusal
+                meta, _, wkb, columns = pyogrio.raw.read(safe, layer=layer)
         except InputError:
             raise
         except (*ogr_errors, ValueError, IndexError, OverflowError, MemoryError, OSError):
@@ -214,11 +224,11 @@ def _read_layer(path: Path, layer: str | None) -> tuple[dict[str, Any], NDArray[
     return meta, wkb, columns
 
 
-def _chosen_layer(path: Path, layer: str | None) -> str | None:
+def _chosen_layer(path: Path, safe: Path, layer: str | None) -> str | None:
     """The layer asked for, which must be there; else the first of polygons, else the first."""
     import pyogrio
 
-    layers = pyogrio.list_layers(path)
+    layers = pyogrio.list_layers(safe)
     names = [str(name) for name, _ in layers]
     if layer is not None and layer not in names:
         raise InputError.about(

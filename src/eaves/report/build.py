@@ -45,7 +45,8 @@ def build(
     as_published : bool
         Methods given by name take the numbers that their papers print.
     lod : str or None
-        The finest level of detail: `0`, `1.2`, `1.3`, `2.0` or `2.2`; None is what the source delivers, or 2.2.
+        The finest level of detail: `0`, `1.2`, `1.3`, `2.0` or `2.2`; None is what the source
+        delivers, or 2.2.
     crs : str or None
         EPSG code, compound code, or a file with WKT or PROJJSON; it overrides the files' own.
     bounds : Bounds, four numbers or None

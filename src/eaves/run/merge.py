@@ -17,6 +17,7 @@ from eaves.model import Block, Bounds, CoordinateSystem
 from eaves.raster.surfaces import CELL
 from eaves.run.manifest import add_to_manifest
 from eaves.run.rasters import write_mask
+from eaves.run.rows import BuildingRow
 from eaves.run.workers import Workers
 
 
@@ -27,6 +28,8 @@ class TileRows:
 
     places: Sequence[Path]
     layer: str
+    more: Sequence[Row] = ()
+    """Rows that belong to no tile."""
 
     def __iter__(self) -> Iterator[Row]:
         import pyogrio.raw
@@ -46,12 +49,26 @@ class TileRows:
                 if "number" in row:
                     row["number"] = number
                 yield Row(shape, {**row, "tile": place.name})
+        for one in self.more:
+            number += 1
+            yield Row(one.geometry, {**one.attributes, "number": number})
 
 
-def merge_footprints(path: Path, places: Sequence[Path], system: CoordinateSystem) -> None:
-    """Write the footprints and roof planes of all tiles into one GeoPackage, piece by piece."""
+def merge_footprints(
+    path: Path, places: Sequence[Path], system: CoordinateSystem, lost: Sequence[BuildingRow] = ()
+) -> None:
+    """Write the footprints and roof planes of all tiles into one GeoPackage, piece by piece, and behind them
+    what no tile holds."""
+    unit = system.horizontal_unit_m
+    more = [
+        Row(
+            None if row.polygon.is_empty else shapely.transform(row.polygon, lambda xy: xy / unit),
+            row.numbered(0, None),
+        )
+        for row in lost
+    ]
     as_it_is = replace(system, horizontal_unit_m=1.0, vertical_unit_m=1.0)  # the tiles' files are converted
-    write_geopackage(path, TileRows(places, "footprints"), TileRows(places, "roof_planes"), as_it_is)
+    write_geopackage(path, TileRows(places, "footprints", more), TileRows(places, "roof_planes"), as_it_is)
 
 
 def merge_masks(footprints: Path, places: Sequence[Path], system: CoordinateSystem, workers: Workers) -> None:

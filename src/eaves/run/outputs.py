@@ -50,7 +50,8 @@ class BuildingRows:
             if self.faces:
                 yield from (Row(*face) for face in row.faces)
             else:
-                yield Row(row.polygon, row.numbered(number, next(areas, None)))
+                polygon = None if row.polygon.is_empty else row.polygon
+                yield Row(polygon, row.numbered(number, next(areas, None)))
 
 
 @dataclass(frozen=True, eq=False)

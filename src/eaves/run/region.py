@@ -175,11 +175,7 @@ class Region:
                 raise TooNarrowError
             todo = sorted((beyond & there) - tried)
         if self.run.given is not None:
-            plans = assign_footprints(self.run.given, blocks) if blocks else []
-            left_out = len(self.run.given) - sum(len(plan.buildings) for plan in plans)
-            if left_out and core.loaded is None:  # of a tile's some are its neighbours'
-                log.warning("%d footprints lie far from all points, left out", left_out)
-            return plans
+            return assign_footprints(self.run.given, blocks, self.run.side, self.run.lost)
         return with_addresses(join_regions(self.seams(sorted(tried))), self.run.addresses)
 
     def seams(self, blocks: Sequence[Block]) -> list[Seam]:

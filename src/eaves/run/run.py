@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import math
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -17,12 +18,13 @@ from eaves.footprints.read import area_of, in_metres, read_area, read_footprints
 from eaves.formats import InputError
 from eaves.formats.inputs import list_inputs
 from eaves.methods import MethodChoice
-from eaves.model import Bounds, Footprint
+from eaves.model import Bounds, Failure, Footprint
 from eaves.model.checks import check_positive
 from eaves.run.collisions import refuse_collisions
 from eaves.run.exports import check_formats
 from eaves.run.index import Index, index_inputs
 from eaves.run.lock import LOCK
+from eaves.run.memory import parse_memory
 from eaves.run.partition import Window
 from eaves.run.recipe import Recipe, make_recipe
 
@@ -79,6 +81,8 @@ class RunOptions(TypedDict, total=False):
     """Processes; 0 is one a core where there are more than `PROCESSES_ABOVE` points, and else one."""
     scheduler: str | None
     """Address of a Dask scheduler."""
+    memory: str | None
+    """Bound of the processes' memory together: `4G`, `1500M`."""
     resume: bool
     """Keep the parts of an earlier run that are done and match."""
     per_tile: bool
@@ -136,6 +140,8 @@ class Run:
     side: float = 240.0
     """Side of a block (m)."""
     given: Sequence[Footprint] | None = None
+    lost: tuple[Failure, ...] = ()
+    """Given polygons that cannot be modelled, with the reason: each has its row all the same."""
     snap_footprints: bool = False
     addresses: Sequence[Footprint] = ()
     """What lies between known party walls; detected blocks are split into them."""
@@ -144,6 +150,8 @@ class Run:
     classified: Path | None = None
     jobs: int = 1
     scheduler: str | None = None
+    memory: int | None = None
+    """Bytes, for all processes together."""
     resume: bool = False
     by_tiles: bool = False
     failed: tuple[str, ...] = ()
@@ -207,7 +215,9 @@ def open_run(
             use_classes=options["use_classes"],
             lod=options.get("lod"),
         )
+    memory = parse_memory(options.get("memory"))
     check_options(options)
+    check_numbers(options)
     formats = tuple(options.get("formats") or ())
     check_formats(formats)
     footprints, party_walls = options.get("footprints"), options.get("party_walls")
@@ -227,9 +237,10 @@ def open_run(
     clip = options.get("clip")
     window = Window(bounds, None if clip is None else read_area(Path(clip), index.system))
     known_polygons: list[Footprint] = []
+    lost: list[Failure] = []
     if (path := footprints or party_walls) is not None:
         area = area_of(index.entries["box"][index.entries["count"] > 0], window.bounds, window.clip)
-        known_polygons = read_footprints(Path(path), options.get("id_field"), index.system, area)
+        known_polygons, lost = read_footprints(Path(path), options.get("id_field"), index.system, area)
     classified = options.get("classified")
     if classified is not None and len(index) > 1:
         raise InputError(f"{classified}: one file cannot hold {len(index)} inputs; give a folder with -o")
@@ -242,6 +253,7 @@ def open_run(
         plan=describe(index, recipe, options),
         side=options["block"],
         given=None if footprints is None else known_polygons,
+        lost=() if footprints is None else tuple(lost),
         snap_footprints=options["snap_footprints"],
         addresses=() if party_walls is None else known_polygons,
         formats=formats,
@@ -249,6 +261,7 @@ def open_run(
         classified=classified,
         jobs=options["jobs"] or (os.cpu_count() or 1 if index.points > PROCESSES_ABOVE else 1),
         scheduler=options.get("scheduler"),
+        memory=memory,
         resume=options["resume"],
         by_tiles=classified is None and (options["per_tile"] or index.points > TILES_ABOVE),
         failed=tuple(failed),
@@ -260,8 +273,8 @@ def check_options(options: RunOptions) -> None:
     """Raise TypeError or ValueError when a number among the options cannot be used."""
     check_positive(options["block"], "block")
     jobs = options["jobs"]
-    if not isinstance(jobs, int) or jobs < 1:
-        raise ValueError(f"jobs must be a whole number of at least 1, not {jobs!r}; use os.cpu_count()")
+    if not isinstance(jobs, int) or jobs < 0:
+        raise ValueError(f"jobs must be a whole number, not {jobs!r}; 0 chooses for you")
     bounds = options.get("bounds")
     if not (bounds is None or isinstance(bounds, Bounds) or len(bounds) == BOUNDS_LENGTH):
         raise ValueError(f"bounds must be west, south, east, north, not {bounds!r}; give four numbers")
@@ -276,6 +289,32 @@ def as_bounds(bounds: Bounds | Sequence[float] | None) -> Bounds | None:
         return bounds
     west, south, east, north = bounds
     return Bounds(west, south, east, north)
+
+
+NARROWEST, WIDEST = 6.0, 100_000.0
+"""Sides of a block (m): the cells of all methods fit into the one, the steps of int32 across the other."""
+
+
+def check_numbers(options: RunOptions) -> None:
+    """Nothing, when bounds and block are numbers that a run can use.
+
+    Raises
+    ------
+    InputError
+        For one that is not.
+    """
+    side = options.get("block", 240.0)
+    if not NARROWEST <= side <= WIDEST:
+        raise InputError(f"--block {side}: the side of a block lies between {NARROWEST:g} and {WIDEST:g} m")
+    bounds = as_bounds(options.get("bounds"))
+    if bounds is None:
+        return
+    west, south, east, north = vars(bounds).values()
+    told = ",".join(f"{side:g}" for side in (west, south, east, north))
+    if not all(map(math.isfinite, (west, south, east, north))):
+        raise InputError(f"--bounds {told}: not four numbers; write west,south,east,north")
+    if west >= east or south >= north:
+        raise InputError(f"--bounds {told}: west must be below east, south below north")
 
 
 def claim(folder: Path) -> None:

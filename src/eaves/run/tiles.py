@@ -22,11 +22,13 @@ from eaves.formats.disk import DiskFullError
 from eaves.model import Block, Bounds, Footprint
 from eaves.model.summary import Summary
 from eaves.run.index import Index
+from eaves.run.join import assign_footprints
 from eaves.run.manifest import MANIFEST, begin_manifest, check_folder, end_manifest
 from eaves.run.merge import merge_footprints, merge_masks, merge_rasters
 from eaves.run.outputs import write_map, write_run
 from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.region import Core, Region, TooNarrowError, warn_of_wrong_boxes
+from eaves.run.rows import BuildingRow
 from eaves.run.run import Progress, Run, no_progress
 from eaves.run.workers import Workers, peak_memory_mb
 
@@ -141,6 +143,7 @@ class TileTasks(Sequence[TileTask]):
             given=None if self._given is None else self._given.near(loaded),
             addresses=self._addresses.near(loaded),
             plan={**self.run.plan, **index.describe(), "tile": tile.name},
+            lost=(),
             failed=(),
             outputs=WANTED,
         )
@@ -257,7 +260,8 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
     tiles = [tile for tile in sorted(done) if (folder / TILES_FOLDER / tile.name / "dtm.tif").exists()]
     places = [folder / TILES_FOLDER / tile.name for tile in tiles]
     files = [folder / "footprints.gpkg"]
-    merge_footprints(files[0], places, run.index.system)
+    lost = rows_of_no_tile(run, {*done, *failed})
+    merge_footprints(files[0], places, run.index.system, lost)
     progress("merge", 1, 3)
     if places:
         merge_masks(files[0], places, run.index.system, workers)
@@ -269,9 +273,30 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
     reasons = [*run.failed, *failed.values(), *(reason for one in runs for reason in one["incomplete"])]
     files += [folder / TILES_FOLDER / tile.name / MANIFEST for tile in sorted(done)]
     files.append(folder / "run.json")
+    missing = Counter(row.code for row in lost)
+    runs.append({"found": len(lost), "failures": missing, **{name: {} for name in COUNTED}})
     summary = total_of(runs, run, folder, files, tuple(dict.fromkeys(reasons)), peak)
     write_run(summary)
     return summary
+
+
+COUNTED = ("by_lod", "fallbacks", "stage_cpu_seconds")
+"""What the sums over all tiles hold, beside the failures."""
+
+
+def rows_of_no_tile(run: Run, tiles: set[Tile]) -> list[BuildingRow]:
+    """The rows of the given footprints that no tile owns: they lie where no input has points."""
+    if run.given is None:
+        return []
+    plans = assign_footprints(run.given, [], run.side, run.lost)
+    unowned = set(run.lost)
+    return [
+        BuildingRow.of(plan.failure, {})
+        for one in plans
+        for plan in one.buildings
+        if plan.failure is not None
+        and (plan.failure in unowned or not any(tile.holds(one.owner_block) for tile in tiles))
+    ]
 
 
 def differs(tile: Tile, run: Run, old: Index, new: Index) -> bool:
@@ -289,9 +314,7 @@ def total_of(
     peak: float,
 ) -> Summary:
     """The sums over all tiles."""
-    counts: dict[str, Counter[str]] = {
-        name: Counter() for name in ("by_lod", "failures", "fallbacks", "stage_cpu_seconds")
-    }
+    counts: dict[str, Counter[str]] = {name: Counter() for name in ("failures", *COUNTED)}
     for one in runs:
         for name, counter in counts.items():
             counter.update(one[name])
@@ -300,7 +323,7 @@ def total_of(
         folder=folder,
         points=run.index.points,
         found=found,
-        modelled=sum(one["modelled"] for one in runs),
+        modelled=sum(one.get("modelled", 0) for one in runs),
         by_lod=dict(sorted(counts["by_lod"].items(), reverse=True)),
         failures=dict(sorted(counts["failures"].items())),
         fallbacks=dict(sorted(counts["fallbacks"].items())),
@@ -312,6 +335,6 @@ def total_of(
             **run.plan,
             "crs": run.index.system.code,
             "peak_memory_mb": round(peak),
-            "tiles": len(runs),
+            "tiles": len(runs) - 1,
         },
     )
