@@ -17,6 +17,8 @@ MOST_PIECES = 12
 """A plan of more pieces is no set of standard houses."""
 PAST = 0.001
 """How far (m) a cut runs past its ends, so that rounding leaves no bridge."""
+NEAR_CORNER = 0.01
+"""A cut that passes a corner nearer than this (m) ends there."""
 
 
 def cut_plan(plan: Polygon, least_fill: float, smallest: float) -> tuple[list[Polygon], NDArray[np.float64]]:
@@ -78,6 +80,9 @@ def cuts_of(piece: Polygon) -> list[LineString]:
             step = way / max(float(np.hypot(*way)), 1e-9)
             ray = LineString([corner + PAST * step, corner + far * step])
             meets = shapely.get_coordinates(shapely.intersection(ray, border))
+            near = np.abs((ring - corner) @ [-step[1], step[0]]) < NEAR_CORNER
+            near &= (ring - corner) @ step > NEAR_CORNER
+            meets = np.vstack([meets, ring[near]])
             if len(meets) and piece.contains(shapely.Point(corner + 2.0 * PAST * step)):
                 away = float(np.min((meets - corner) @ step))
                 lines.append(LineString([corner - PAST * step, corner + (away + PAST) * step]))
