@@ -20,7 +20,6 @@ import laspy
 import numpy as np
 import pyogrio
 import shapely
-from eaves.raster.burn import burn
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
