@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack, get_type_hints
+from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 from eaves.footprints.read import area_of, in_metres, read_area, read_footprints
 from eaves.formats import InputError
@@ -105,9 +105,12 @@ def list_options(function: Callable[P, T]) -> Callable[P, T]:
     ]
     keywords = [
         inspect.Parameter(
-            name, inspect.Parameter.KEYWORD_ONLY, default=DEFAULT_OPTIONS.get(name), annotation=kind
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=DEFAULT_OPTIONS.get(name),
+            annotation=kind.__forward_arg__,
         )
-        for name, kind in get_type_hints(RunOptions).items()
+        for name, kind in RunOptions.__annotations__.items()
     ]
     returned = inspect.signature(function).return_annotation
     signature = inspect.Signature([*own, *keywords], return_annotation=returned)
