@@ -263,7 +263,7 @@ class _Frame:
             raise InputError.about(self.path, f"object '{name}' {error}", REPAIR) from None
         except (TypeError, AttributeError, IndexError, RecursionError):
             raise InputError.about(
-                self.path, f"object '{name}' is not built as CityJSON asks", REPAIR
+                self.path, f"object '{name}' does not follow the CityJSON specification", REPAIR
             ) from None
 
     def _system_of(self, head: dict[str, Any], crs: str | None) -> CoordinateSystem:

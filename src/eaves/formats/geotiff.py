@@ -43,7 +43,7 @@ def transform_of(west: float, north: float, cell: float, system: CoordinateSyste
 
 
 def profile_of(raster_shape: tuple[int, int], transform: Affine, system: CoordinateSystem) -> dict[str, Any]:
-    """What rasterio needs to know of a raster of one band."""
+    """The profile of a raster of one band for rasterio."""
     rows, columns = raster_shape
     return {
         "height": rows,

@@ -157,7 +157,7 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:
     if header_size < HEADER_LENGTHS[minor] or header_size > data_offset:
         raise refuse(f"states a header of {header_size} bytes before points at byte {data_offset}")
     if data_offset > size:
-        raise refuse(f"promises points from byte {data_offset} but has {size} bytes", COPY_AGAIN)
+        raise refuse(f"states points from byte {data_offset} and has {size} bytes", COPY_AGAIN)
     if point_format not in RECORD_LENGTHS:
         raise refuse(f"has point format {point_format}, known are 0 to 10")
     if record_length < RECORD_LENGTHS[point_format]:
@@ -214,7 +214,7 @@ def _check_points(header: LasHeader, refuse: object) -> None:
             held = space // header.record_length
             raise InputError.about(
                 path,
-                f"is cut off: the header promises {header.count} points, the file holds {held}",
+                f"is cut off: the header states {header.count} points, the file holds {held}",
                 COPY_AGAIN,
             )
         return
@@ -222,7 +222,7 @@ def _check_points(header: LasHeader, refuse: object) -> None:
     if header.count > BOMB_POINTS and header.count > BOMB_POINTS_PER_BYTE * space:
         raise InputError.about(
             path,
-            f"promises {header.count} points in {space} bytes, which no survey compresses to",
+            f"states {header.count} points in {space} bytes, which no survey compresses to",
             WRITE_AGAIN,
         )
 

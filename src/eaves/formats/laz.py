@@ -42,7 +42,7 @@ def read_chunk_table(file: BinaryIO, header: LasHeader) -> ChunkTable:
     Raises
     ------
     InputError
-        When the table is missing or promises what the file cannot hold.
+        When the table is missing or states more than the file can hold.
     """
     start = header.data_offset + 8
     file.seek(header.data_offset)

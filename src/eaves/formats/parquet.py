@@ -88,7 +88,7 @@ def write_geoparquet(path: str | Path, rows: Sequence[Row], system: CoordinateSy
 def geo_metadata(
     shapes: np.ndarray[Any, Any], corners: np.ndarray[Any, Any], system: CoordinateSystem
 ) -> dict[str, Any]:
-    """The `geo` entry of the file's metadata, as the specification wants it."""
+    """The `geo` entry of the file's metadata, after the specification."""
     crs = horizontal_crs(system)
     column: dict[str, Any] = {
         "encoding": "WKB",

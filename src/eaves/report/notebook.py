@@ -1,4 +1,4 @@
-"""A run's results as notebooks want them: an HTML summary, GeoDataFrames, arrays, meshes."""
+"""A run's results for notebooks: an HTML summary, GeoDataFrames, arrays, meshes."""
 
 from __future__ import annotations
 

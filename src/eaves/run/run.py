@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from glob import escape
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack, get_type_hints
+from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 from eaves.footprints.read import area_of, in_metres, read_area, read_footprints
 from eaves.formats import InputError
@@ -117,9 +117,12 @@ def list_options(function: Callable[P, T]) -> Callable[P, T]:
     ]
     keywords = [
         inspect.Parameter(
-            name, inspect.Parameter.KEYWORD_ONLY, default=DEFAULT_OPTIONS.get(name), annotation=kind
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=DEFAULT_OPTIONS.get(name),
+            annotation=kind.__forward_arg__,
         )
-        for name, kind in get_type_hints(RunOptions).items()
+        for name, kind in RunOptions.__annotations__.items()
     ]
     returned = inspect.signature(function).return_annotation
     signature = inspect.Signature([*own, *keywords], return_annotation=returned)

@@ -289,7 +289,7 @@ def trace_kernel(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def gather_kernel(t, energy, label, base, amount, moment, largest, source):  # type: ignore[no-untyped-def]
-    """Add a reflection to its range bin and return its number; a bin remembers its largest source."""
+    """Add a reflection to its range bin and return its number; a bin keeps its largest source."""
     place = min(max(int((t - base) / BIN), 0), BINS - 1)
     amount[place] += energy
     moment[place] += energy * t

@@ -90,7 +90,7 @@ class Town:
         return index_town(self.terrain, surfaces, self.foliage)
 
     def ray_grid(self) -> RayGrid:
-        """The town as the ray tracer sees it; made once."""
+        """The grid of the town for the ray tracer; made once."""
         return self._grid
 
     @property
