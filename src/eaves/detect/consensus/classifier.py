@@ -56,8 +56,8 @@ FITTED = Weights(
     ),
 )
 # fmt: on
-"""Shape; shape once more in so far as echoes tell; echoes and penetration. Logistic regression over 24 simulated
-towns (0.3 to 30 points/m², all, few or no echoes) and the labelled surveys with thinned variants:
+"""Shape; shape once more in so far as echoes tell; echoes and penetration. Logistic regression over 24
+simulated towns (0.3 to 30 points/m², all, few or no echoes) and the labelled surveys with thinned variants:
 `benchmarks.accuracy.detection_fit`, which also keeps what each survey left out gives."""
 
 
@@ -105,7 +105,7 @@ def smooth_share(candidate: Mask, smooth: Mask) -> Values:
 
 
 def enclosure(roofs: Mask, steps: int) -> Values:
-    """Share (H, W) of eight directions in which a cell of `roofs` (H, W) lies within so many steps of each."""
+    """Share (H, W) of eight directions in which a cell of `roofs` (H, W) lies so few steps away."""
     rows, columns = roofs.shape
     found = np.zeros(roofs.shape)
     for down, right in ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)):
