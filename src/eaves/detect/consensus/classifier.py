@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,8 +21,8 @@ CELL_SHAPE = ("constant", "rough", "low", "company", "enclosed")
 
 
 def terms_from(shape: tuple[str, ...]) -> tuple[str, ...]:
-    """Terms of the odds: shape, shape once more in so far as echoes tell, what the scan tells apart."""
-    return (*shape, *(f"{name} x echoes" for name in shape), "echoes", "penetration", "residual")
+    """Terms of the odds: shape, shape once more in so far as echoes tell, echoes, penetration."""
+    return (*shape, *(f"{name} x echoes" for name in shape), "echoes", "penetration")
 
 
 SURFACE_TERMS, CELL_TERMS = terms_from(SURFACE_SHAPE), terms_from(CELL_SHAPE)
@@ -46,18 +45,18 @@ def read_weights(path: str | Path) -> Weights:
 # fmt: off
 FITTED = Weights(
     surface=(
-        -4.16, 0.15, -0.32, 0.2, 1.23, 1.45, 2.94,
-        2.14, -0.3, 0.22, -0.13, 0.23, -1.65, -1.04,
-        0.22, 0.62, 0.89,
+        -3.39, 0.22, -2.22, 0.16, 1.56, 1.66, 3.31,
+        2.88, -0.24, 0.31, -0.09, 0.07, -2.06, -1.76,
+        0.4, 0.41,
     ),
     cell=(
-        -4.98, 1.02, 1.01, 5.25, 5.44,
-        2.28, 0.21, 0.58, -1.62, -2.26,
-        0.69, 0.25, 0.33,
+        -4.88, 0.68, 0.92, 5.03, 4.92,
+        1.99, 0.16, 0.64, -1.25, -1.69,
+        0.7, 0.26,
     ),
 )
 # fmt: on
-"""Shape; shape once more in so far as echoes tell; echoes, penetration, residual. Logistic regression over 24
+"""Shape; shape once more in so far as echoes tell; echoes and penetration. Logistic regression over 24
 simulated towns (0.3 to 30 points/m², all, few or no echoes) and the labelled surveys with thinned variants:
 `benchmarks.accuracy.detection_fit`, which also keeps what each survey left out gives."""
 
@@ -83,8 +82,6 @@ VAN_WIDTH_M, VAN_HEIGHT_M, NEAR_M = 2.5, 2.5, 0.5
 SHED_M2, DOOR_M, SHED_HEIGHT_M, ROUGH = 6.0, 2.5, 2.5, 0.4
 """Where the terms are zero: the smallest shed, its width and height, a share of the largest
 residual."""
-RESIDUALS_M = 0.005, 1.0
-"""Residuals are told apart between these: the step of the coordinates, and no plane at all."""
 ENCLOSED_M = 6.0
 """What stands on a roof has roof on all sides within so much; a tree beside one has not."""
 COMPANY_CELLS = 7
@@ -158,11 +155,13 @@ def cell_shape(evidence: Evidence, company: Values, enclosed: Values, max_residu
     )
 
 
-def with_ratios(shape: Values, measures: Sequence[Values], told: Sequence[Separation]) -> Values:
-    """Terms (..., 2 S + 3) of shape (..., S) and three measures (...): the share of several returns, that of
-    points that reach the ground, and the residual (log)."""
-    said = [by.log_ratio(value)[..., None] for by, value in zip(told, measures, strict=True)]
-    return np.concatenate([shape, told[0].power * shape, *said], axis=-1)
+def with_echoes(
+    shape: Values, several: Values, through: Values, echoes: Separation, penetration: Separation
+) -> Values:
+    """Terms (..., 2 S + 2) of shape (..., S), the share of several returns and that of points that reach the
+    ground (...)."""
+    said = [echoes.log_ratio(several)[..., None], penetration.log_ratio(through)[..., None]]
+    return np.concatenate([shape, echoes.power * shape, *said], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,21 +189,23 @@ def measured_terms(evidence: Evidence, segments: Segments, max_residual: float, 
     enclosed = enclosure(roofs, round(ENCLOSED_M / evidence.cells.side))
     of_surfaces = surface_shape(segments, company, enclosed, max_residual)
     of_cells = cell_shape(evidence, company, enclosed, max_residual)
-    residual = np.log(np.clip(evidence.residual, *RESIDUALS_M))
-    of_cell = (evidence.several, evidence.through, residual)
-    inner = (least_around(evidence.several, seen), least_around(evidence.through, seen), residual)
-    of_segment = (segments.several, segments.through, np.log(np.clip(segments.residual, *RESIDUALS_M)))
-    told = inner_told = [NOTHING] * len(of_cell)
+    inner_several = least_around(evidence.several, seen)
+    inner_through = least_around(evidence.through, seen)
+    echoes = penetration = inner_echoes = inner_penetration = NOTHING
     for rounds_left in range(ROUNDS, -1, -1):
-        surface = with_ratios(of_surfaces, of_segment, inner_told)
-        cell = with_ratios(of_cells, of_cell, told)
+        surface = with_echoes(
+            of_surfaces, segments.several, segments.through, inner_echoes, inner_penetration
+        )
+        cell = with_echoes(of_cells, evidence.several, evidence.through, echoes, penetration)
         if rounds_left:
             of_surface = np.r_[0.0, judge_segments(segments, surface, weights)][segments.label]
             odds = np.where(large, of_surface, judge_cells(cell, weights))[seen]
             likely = 1.0 / (1.0 + np.exp(-odds))
-            told = [separate(value[seen], likely) for value in of_cell]
-            inner_told = [separate(value[seen], likely) for value in inner]
-    return Terms(surface, cell, large, told[0], told[1])
+            echoes = separate(evidence.several[seen], likely)
+            penetration = separate(evidence.through[seen], likely)
+            inner_echoes = separate(inner_several[seen], likely)
+            inner_penetration = separate(inner_through[seen], likely)
+    return Terms(surface, cell, large, echoes, penetration)
 
 
 def judge_segments(segments: Segments, terms: Values, weights: Weights) -> Values:
