@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.accuracy.survey_variants import (
+from benchmarks.survey_variants import (
     PLACES,
     VARIANTS,
     Survey,

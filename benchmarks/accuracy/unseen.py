@@ -27,7 +27,7 @@ import pyogrio
 from scipy.spatial import cKDTree
 
 from benchmarks.accuracy.detection import CELL, rates
-from benchmarks.accuracy.survey_variants import PLACES, VARIANTS, Survey, applies, judged, labelled_surveys
+from benchmarks.survey_variants import PLACES, VARIANTS, Survey, applies, judged, labelled_surveys
 from benchmarks.table import keep
 from eaves.model import Mask
 from eaves.model.cloud import BUILDING
