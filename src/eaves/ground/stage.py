@@ -9,7 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.outliers import find_outliers
+from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, WideObjects
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
 from eaves.model import Mask, PointCloud, Points
 from eaves.model.checks import check_type
@@ -43,12 +45,34 @@ class GroundMethod(Method):
         """
         return self.ground_mask(cloud, emit), None
 
+    @property
+    def wide_buffer(self) -> float:
+        """How far away (m) a point can be and still change what `find_wide_objects` finds here; 0 where it
+        finds nothing. A tiler adds the side of its squares.
+        """
+        return 0.0
+
+    def ground_mask_among(self, cloud: PointCloud, standing: Standing, emit: Emit = ignore) -> Mask:
+        """As `ground_mask`, where it is known of some points (N,) where they stand."""
+        mask = np.zeros(len(cloud), bool)
+        below = np.flatnonzero(standing != OVER)
+        mask[below] = self.ground_mask(cloud.take(below), emit)
+        return mask
+
+    def find_wide_objects(self, floor: Floor) -> Patch | None:
+        """What the method takes away before its filter sees a point, whatever its width; None for nothing.
+
+        `floor` may be that of a far wider surrounding than `reach`.
+        """
+        return None
+
 
 def classify_ground(
     cloud: PointCloud,
     method: MethodChoice = None,
     *,
     use_classes: bool = False,
+    wide: WideObjects | None = None,
     debug: str | Path | Emit | None = None,
 ) -> PointCloud:
     """The cloud with classes 2 (ground), 7 and 18 (low and high noise) and 1 (the rest).
@@ -62,6 +86,9 @@ def classify_ground(
     use_classes : bool
         Use the file's classes 2, 7 and 18 instead of filtering, and keep its other classes; without any class
         2 the method runs all the same. Noise classes of the file are kept in any case.
+    wide : WideObjects or None
+        What stands over the terrain, where more than the cloud was seen to find it; by default it is looked
+        for in the cloud.
     debug : str, Path, callable or None
         A folder or a callback `(name, value)` that receives every named intermediate.
 
@@ -108,8 +135,16 @@ def classify_ground(
     classes[left[low]], classes[left[high]] = LOW_NOISE, HIGH_NOISE
     good = np.flatnonzero(~(low | high))
     taken, good = taken.take(good), left[good]
+    if wide is None and len(taken):
+        patch = filter_.find_wide_objects(Floor.of(taken))
+        wide = None if patch is None else WideObjects((patch,))
     order = taken.canonical_order()
-    mask, found = filter_.separate(taken.take(order), emitter(debug))
+    taken = taken.take(order)
+    found = None
+    if wide is None:
+        mask, found = filter_.separate(taken, emitter(debug))
+    else:
+        mask = filter_.ground_mask_among(taken, wide.place(taken), emitter(debug))
     classes[good[order[mask]]] = GROUND
     part = None
     if found is not None:

@@ -34,7 +34,7 @@ class BlockResult:
     seam_label: Labels
     """Labelled points within `SEAM` of the border, on both sides of it."""
     doubts: tuple[Doubt, ...] = ()
-    """Those in the block, about its corner."""
+    """Places in the block, world metres, that the scan does not decide."""
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property

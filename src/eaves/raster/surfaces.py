@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eaves.geometry.neighbours import measure_spacing
-from eaves.model import Bounds, PointCloud, Raster, Scene
+from eaves.model import Bounds, PointCloud, Points, Raster, Scene
 from eaves.model.checks import check_positive, check_type
 from eaves.raster.grid import empty_raster, heights_of, highest_points, mean_heights
 from eaves.raster.interpolate import fill_linear, fill_nearest
@@ -56,9 +56,16 @@ def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
     return terrain_of(cloud, bounds, cell)
 
 
-def terrain_of(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
-    """The terrain of `make_dtm`; NaN everywhere when the cloud has no ground point."""
+def terrain_of(
+    cloud: PointCloud, bounds: Bounds, cell: float = CELL, beneath: Points | None = None
+) -> Raster:
+    """The terrain of `make_dtm`; NaN everywhere when the cloud has no ground point.
+
+    `beneath` (K, 3) are points of terrain that was not seen, which count as ground.
+    """
     ground = cloud.xyz.take(np.flatnonzero(cloud.ground), axis=0)
+    if beneath is not None and len(beneath):
+        ground = np.concatenate([ground, beneath])
     mean, _ = mean_heights(ground, bounds, cell)
     raster = Raster(mean, bounds.west, bounds.north, cell)
     if len(ground) and not np.isfinite(mean).any():  # all ground points are outside the bounds
@@ -152,9 +159,12 @@ def make_scene(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Scene:
     return scene_of(cloud, bounds, cell)
 
 
-def scene_of(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Scene:
-    """The scene of `make_scene`; terrain and heights are NaN when the cloud has no ground point."""
-    dtm, dsm = terrain_of(cloud, bounds, cell), make_dsm(cloud, bounds, cell)
+def scene_of(cloud: PointCloud, bounds: Bounds, cell: float = CELL, beneath: Points | None = None) -> Scene:
+    """The scene of `make_scene`; terrain and heights are NaN when the cloud has no ground point.
+
+    `beneath` (K, 3) are points of the terrain under what is wide.
+    """
+    dtm, dsm = terrain_of(cloud, bounds, cell, beneath), make_dsm(cloud, bounds, cell)
     return Scene(cloud, dtm, dsm, measure_spacing(cloud.xyz), cloud.xyz[:, 2] - dtm.at(cloud.xyz))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from eaves.detect import detect_buildings
 from eaves.ground import classify_ground
+from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, PointCloud, Raster, Regions
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
@@ -14,20 +15,24 @@ from eaves.run.clock import Clock
 from eaves.run.recipe import SEAM, Recipe
 
 
-def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
+def block_pass(
+    cloud: PointCloud, block: Block, recipe: Recipe, wide: WideObjects | None = None
+) -> BlockResult:
     """Ground, rasters and regions of one block.
 
     `cloud` must hold the points of the block and of its surroundings up to `recipe.buffer`, and no others:
-    then the result does not depend on the files or tiles they came from.
+    then the result does not depend on the files or tiles they came from. `wide` is what a look at more than
+    them has found; by default it is looked for in the cloud.
     """
     clock = Clock()
     cloud = cloud.about(block.origin).in_canonical_order()
-    cloud = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes)
+    cloud = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide)
     clock.lap("ground")
     core = Bounds(0.0, 0.0, block.side, block.side)
     seen = core.buffered(recipe.scene_buffer)
     cloud = cloud.take(seen.contains(cloud.xyz))
-    scene = scene_of(cloud, seen)
+    beneath = None if wide is None else wide.terrain_beneath(seen, block.origin)
+    scene = scene_of(cloud, seen, beneath=beneath)
     clock.lap("rasters")
     nothing = Regions(np.zeros(len(cloud), np.int32))
     regions = detect_buildings(scene, recipe.detect) if recipe.detect else nothing
@@ -53,7 +58,10 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
         spacing=scene.spacing,
         seam_id=cloud.point_id[seam],
         seam_label=regions.label[seam],
-        doubts=tuple(doubt for doubt in regions.doubts if holds(core, doubt)),
+        doubts=(
+            *(doubt.translated(*block.origin) for doubt in regions.doubts if holds(core, doubt)),
+            *(() if wide is None else wide.doubts_in(block.bounds)),
+        ),
         seconds=clock.laps,
     )
 

@@ -47,6 +47,7 @@ class BlockMetadata:
     extent: Bounds
     """World metres of the points in the block."""
     seconds: dict[str, float]
+    doubts: tuple[Doubt, ...] = ()
 
 
 def save_block(path: Path, result: BlockResult) -> None:
@@ -115,13 +116,9 @@ class BlockFile:
         return np.asarray(self._file[name])
 
     def metadata(self) -> BlockMetadata:
-        """Extent and seconds."""
-        return BlockMetadata(self.block, Bounds(*self.about["extent"]), self.about["seconds"])
-
-    def doubts(self) -> list[Doubt]:
-        """The doubts of the block, in world metres."""
-        found = (Doubt(**doubt) for doubt in self.about["doubts"])
-        return [doubt.translated(*self.block.origin) for doubt in found]
+        """Extent, seconds and doubts."""
+        doubts = tuple(Doubt(**doubt) for doubt in self.about["doubts"])
+        return BlockMetadata(self.block, Bounds(*self.about["extent"]), self.about["seconds"], doubts)
 
     def raster(self, name: str) -> Raster:
         """`dtm` or `dsm` in metres about the block's corner."""

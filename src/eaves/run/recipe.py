@@ -62,6 +62,11 @@ class Recipe:
         return max(self.ground.buffer, self.scene_buffer)
 
     @property
+    def sees_wide(self) -> bool:
+        """Whether more than a block's buffer is looked at to find what is wider."""
+        return self.ground.wide_buffer > 0.0 and not self.use_classes
+
+    @property
     def scene_buffer(self) -> float:
         """Width (m) of the surroundings the detector sees: its reach, in whole 3 m (all cells' multiple)."""
         needed = max(self.detect.buffer if self.detect else 0.0, 2 * SEAM)

@@ -349,6 +349,7 @@ def describe(index: Index, recipe: Recipe, options: RunOptions) -> dict[str, Any
         "lod": recipe.lod,
         "block": options["block"],
         "buffer": recipe.buffer,
+        "wide_buffer": recipe.ground.wide_buffer if recipe.sees_wide else 0.0,
         "bounds": None if bounds is None else list(vars(bounds).values()),
         "clip": hash_of(options.get("clip")),
         "footprints": hash_of(options.get("footprints")),

@@ -40,7 +40,8 @@ RECORD = np.dtype(
 @dataclass(frozen=True)
 class Store:
     """A folder with `points/` (a folder a block, a file in it a part of an input), `parts/` (a file for every
-    part of an input that is in place), `blocks/`, `buildings/` (a file a block each), and `plan.json`."""
+    part of an input that is in place), `floors/`, `blocks/`, `buildings/` (a file a block each), `squares/`
+    (a file a square), and `plan.json`."""
 
     folder: Path
     has_returns: bool = True
@@ -49,7 +50,7 @@ class Store:
 
     def prepare(self) -> None:
         """Make the folders."""
-        for name in ("points", "parts", "blocks", "buildings"):
+        for name in ("points", "parts", "floors", "squares", "blocks", "buildings"):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
 
     def discard(self) -> None:
@@ -119,7 +120,7 @@ class Store:
         )
 
     def path(self, kind: str, block: Block) -> Path:
-        """The file of a block's result: `kind` is `blocks` or `buildings`."""
+        """The file of a block's result: `kind` is `floors`, `squares`, `blocks` or `buildings`."""
         return self.folder / kind / f"{block.name}.npz"
 
     def has(self, kind: str, block: Block) -> bool:

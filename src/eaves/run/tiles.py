@@ -30,6 +30,7 @@ from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.region import Core, Region, TooNarrowError, warn_of_wrong_boxes
 from eaves.run.rows import BuildingRow
 from eaves.run.run import Progress, Run, no_progress
+from eaves.run.wide import seen_from
 from eaves.run.workers import Workers, peak_memory_mb
 
 log = logging.getLogger("eaves")
@@ -135,7 +136,7 @@ class TileTasks(Sequence[TileTask]):
     def _make(self, tile: Tile, ring: int = 1) -> TileTask:
         """A tile's part of the run: the inputs whose box comes near enough, the footprints likewise."""
         loaded = loaded_with(tile, ring, self.run.recipe.buffer)
-        numbers = np.flatnonzero(self.run.index.meeting(loaded.buffered(BOX_TOLERANCE)))
+        numbers = np.flatnonzero(self.run.index.meeting(seen_with(loaded, self.run).buffered(BOX_TOLERANCE)))
         index = self.run.index.subset(numbers)
         mine = replace(
             self.run,
@@ -168,6 +169,11 @@ def loaded_with(tile: Tile, ring: int, reach: float) -> Bounds:
     return tile.bounds.buffered(ring * tile.block + reach)
 
 
+def seen_with(loaded: Bounds, run: Run) -> Bounds:
+    """World metres of the points that are read for it: what is wide is looked for farther away."""
+    return seen_from(loaded, run.recipe.ground) if run.recipe.sees_wide else loaded
+
+
 def compute_tile(task: TileTask, folder: Path, build_region: BuildRegion) -> TileDone:
     """One tile with its files in its folder; an earlier run's where it matches."""
     place = folder / TILES_FOLDER / task.tile.name
@@ -182,7 +188,8 @@ def compute_tile(task: TileTask, folder: Path, build_region: BuildRegion) -> Til
     ring = task.ring
     while True:
         loaded = loaded_with(task.tile, ring, task.run.recipe.buffer)
-        window = Window(within(loaded, task.run.window.bounds), task.run.window.clip)
+        seen = seen_with(loaded, task.run)
+        window = Window(within(seen, task.run.window.bounds), task.run.window.clip)
         mine = replace(task.run, folder=place, window=window)
         region = Region(mine, place / ".eaves-work", Workers(), no_progress)
         try:
@@ -301,7 +308,7 @@ def rows_of_no_tile(run: Run, tiles: set[Tile]) -> list[BuildingRow]:
 
 def differs(tile: Tile, run: Run, old: Index, new: Index) -> bool:
     """Whether a tile meets other inputs when boxes are corrected."""
-    loaded = loaded_with(tile, 1, run.recipe.buffer).buffered(BOX_TOLERANCE)
+    loaded = seen_with(loaded_with(tile, 1, run.recipe.buffer), run).buffered(BOX_TOLERANCE)
     return bool((new.meeting(loaded) & ~old.meeting(loaded)).any())
 
 
