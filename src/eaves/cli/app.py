@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from eaves.cli.compute import build, detect, ground, reconstruct
+from eaves.cli.compute import build, detect, ground, reconstruct, sweep
 from eaves.cli.results import evaluate, plot, validate, view
 from eaves.cli.runs import (
     COMPLETE,
@@ -38,7 +38,20 @@ def methods(
         typer.echo(line)
 
 
-for command in (build, ground, detect, reconstruct, validate, evaluate, simulate, view, plot, methods, demo):
+for command in (
+    build,
+    ground,
+    detect,
+    reconstruct,
+    validate,
+    evaluate,
+    simulate,
+    view,
+    plot,
+    methods,
+    sweep,
+    demo,
+):
     app.command()(command)
 
 
