@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from eaves.cli.compute import build, detect, ground, reconstruct
+from eaves.cli.compute import build, detect, ground, reconstruct, sweep
 from eaves.cli.results import check, evaluate, plot, validate, view
 from eaves.cli.runs import (
     COMPLETE,
@@ -42,7 +42,8 @@ def methods(
 
 
 for command in (
-    *(build, ground, detect, reconstruct, check, validate, evaluate, simulate, view, plot, methods, demo),
+    *(build, ground, detect, reconstruct, sweep, check, validate, evaluate, simulate, view, plot),
+    *(methods, demo),
 ):
     app.command()(command)
 

@@ -145,20 +145,23 @@ class SmoothRegion(GroundMethod):
         return ground, part
 
     def add_level_regions(self, xyz: Points, region: NDArray[np.int64], area: Values, chosen: Mask) -> None:
-        """Mark in `chosen` (K,) the regions that continue the ground, the largest first, until none does."""
-        order = [k for k in np.argsort(-area, kind="stable") if area[k] >= self.noise_area]
-        members = {k: np.flatnonzero(region == k) for k in order}
-        grown = True
-        while grown:
-            grown = False
+        """Mark in `chosen` (K,) the regions that continue the ground, round by round, until none does."""
+        large = area >= self.noise_area
+        while True:
             ground = np.flatnonzero(chosen[region])
+            rest = np.flatnonzero((large & ~chosen)[region])
+            if len(rest) == 0:
+                return
             tin, nearest = Tin(xyz[ground]), cKDTree(xyz[ground, :2])
-            for k in order:
-                if chosen[k]:
-                    continue
-                base = tin.interpolate(xyz[ground, 2], xyz[members[k]])
-                outside = np.isnan(base)
-                base[outside] = xyz[ground[nearest.query(xyz[members[k]][outside, :2])[1]], 2]
-                above = float(np.median(xyz[members[k], 2] - base))
-                if abs(above) <= self.level:
-                    chosen[k] = grown = True
+            base = tin.interpolate(xyz[ground, 2], xyz[rest])
+            outside = np.flatnonzero(np.isnan(base))
+            base[outside] = xyz[ground[nearest.query(xyz[rest[outside], :2])[1]], 2]
+            above = xyz[rest, 2] - base
+            order = np.lexsort((above, region[rest]))
+            number, count = np.unique(region[rest], return_counts=True)
+            start = np.cumsum(count) - count
+            low, high = above[order][start + (count - 1) // 2], above[order][start + count // 2]
+            fits = np.abs(0.5 * (low + high)) <= self.level
+            if not fits.any():
+                return
+            chosen[number[fits]] = True
