@@ -162,6 +162,7 @@ def run_build(
             progress,
             crs=words.crs,
             crs_force=words.crs_force,
+            salvage=words.salvage,
             bounds=parse_bounds(words.bounds),
             clip=words.clip,
             block=words.block,

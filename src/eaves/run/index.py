@@ -18,6 +18,7 @@ from eaves.formats import InputError, Source, open_source
 from eaves.formats.crs import agree
 from eaves.formats.crs_check import refuse_conflict, refuse_numbers
 from eaves.formats.las_header import LasHeader
+from eaves.formats.recovery import check_chunks
 from eaves.formats.source import FIELDS, open_marked, warn_without_system
 from eaves.model import Bounds, CoordinateSystem, Mask
 
@@ -156,6 +157,7 @@ def index_inputs(
     failed: list[str],
     tell: Callable[[int, int], None] = lambda done, total: None,
     crs_force: bool = False,
+    salvage: bool = False,
 ) -> Index:
     """The index of all files that can be opened; why others cannot is noted in `failed`.
 
@@ -170,7 +172,7 @@ def index_inputs(
     number, wrong_boxes = 0, []
     for path in paths:
         try:
-            source, mark = open_marked(path, crs)
+            source, mark = open_or_salvage(path, crs, salvage)
         except InputError as error:
             if len(paths) == 1:
                 raise
@@ -206,6 +208,27 @@ def index_inputs(
             wrong_boxes[0],
         )
     return index
+
+
+def open_or_salvage(path: str | Path, crs: str | None, salvage: bool) -> tuple[Source, bytes]:
+    """A file with its fingerprint; where it is cut off and `salvage` asks for it, what is whole of it.
+
+    Points that its header does not count are used, with a warning.
+    """
+    try:
+        source, mark = open_marked(path, crs)
+        if salvage and isinstance(source.layout, LasHeader):
+            check_chunks(source.layout)
+    except InputError as error:
+        if not salvage:
+            raise
+        source, mark = open_marked(path, crs, salvage=True)
+        log.warning("%s; recovered are %d points", error, source.count)
+        return source, mark
+    stated = source.layout.stated if isinstance(source.layout, LasHeader) else None
+    if stated is not None:
+        log.warning("%s: the header counts %d points, %d are there and used", path, stated, source.count)
+    return source, mark
 
 
 def refuse_system(source: Source, crs: str | None) -> None:

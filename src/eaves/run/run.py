@@ -58,6 +58,8 @@ class RunOptions(TypedDict, total=False):
     crs: str | None
     crs_force: bool
     """Take `crs` for the system even where a file says another one, or its numbers do not fit it."""
+    salvage: bool
+    """Of files that are cut off, use what is whole."""
     bounds: Bounds | Sequence[float] | None
     """West, south, east, north in the unit of the files' reference system."""
     clip: str | Path | None
@@ -193,6 +195,7 @@ def open_run(
         failed,
         lambda done, total: progress("index", done, total),
         options.get("crs_force", False),
+        options.get("salvage", False),
     )
     bounds = in_metres(as_bounds(options.get("bounds")), index.system)
     clip = options.get("clip")
