@@ -18,6 +18,8 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write.")]
 Crs = Annotated[
     str | None, typer.Option(help="EPSG code, compound code (28992+5709), or a WKT or PROJJSON file.")
 ]
+CrsForce = Annotated[bool, typer.Option("--crs-force", help="Believe --crs, whatever files and numbers say.")]
+Salvage = Annotated[bool, typer.Option("--salvage", help="Of files that are cut off, use what is whole.")]
 BoundsText = Annotated[str | None, typer.Option("--bounds", help="west,south,east,north in the CRS's unit.")]
 Clip = Annotated[Path | None, typer.Option(help="Polygons; points outside are not used.")]
 UseClasses = Annotated[bool, typer.Option("--use-classes", help="Use the file's classes.")]
@@ -64,6 +66,8 @@ class RunWords:
     """The options of every command that computes."""
 
     crs: Crs = None
+    crs_force: CrsForce = False
+    salvage: Salvage = False
     bounds: BoundsText = None
     clip: Clip = None
     use_classes: UseClasses = False

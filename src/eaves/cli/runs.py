@@ -164,6 +164,8 @@ def run_build(
             replace(recipe, detect=None) if ground_only else recipe,
             progress,
             crs=words.crs,
+            crs_force=words.crs_force,
+            salvage=words.salvage,
             bounds=parse_bounds(words.bounds),
             clip=words.clip,
             block=words.block,

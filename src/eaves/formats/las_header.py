@@ -7,7 +7,7 @@ import os
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import pyproj
 from pyproj.exceptions import CRSError
@@ -54,6 +54,14 @@ class LasHeader:
     """Owner, id and data of the projection, laszip and COPC records."""
     first: tuple[float, ...] = ()
     """The first point, which compression leaves as it is; empty where there is none."""
+    room: int = 0
+    """Bytes between the first point and what follows the points."""
+    stated: int | None = None
+    """The count of a header that is wrong; `count` is right."""
+    salvaged: bool = False
+    """Whether only the whole chunks of a file without a table of them are read."""
+    chunks: Any = None
+    """Where those chunks are (`laz.ChunkTable`), if the file tells."""
 
     def record(self, owner: str, number: int) -> bytes | None:
         """The data of one record, None when there is none."""
@@ -119,9 +127,10 @@ class LasHeader:
         return crs_of_geokeys(keys)
 
 
-def read_las_header(path: Path, file: BinaryIO) -> LasHeader | None:
+def read_las_header(path: Path, file: BinaryIO, salvage: bool = False) -> LasHeader | None:
     """The checked header of an open file; only the header and the records that matter are read. None when
-    the file neither begins as LAS, LAZ and COPC do nor is named so.
+    the file neither begins as LAS, LAZ and COPC do nor is named so. With `salvage` a file that is cut off
+    passes with the points it still has.
 
     Raises
     ------
@@ -139,10 +148,10 @@ def read_las_header(path: Path, file: BinaryIO) -> LasHeader | None:
         )
     if len(head) < 227:
         raise InputError.about(path, f"is cut off after {size} bytes, within its header", COPY_AGAIN)
-    return _parse(path, file, head, size)
+    return _parse(path, file, head, size, salvage)
 
 
-def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:
+def _parse(path: Path, file: BinaryIO, head: bytes, size: int, salvage: bool) -> LasHeader:
     def refuse(rule: str, remedy: str = WRITE_AGAIN) -> InputError:
         return InputError.about(path, rule, remedy)
 
@@ -174,7 +183,16 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:
         first_evlr, evlr_count, long_count = struct.unpack_from("<QIQ", head, 235)
         count = long_count or count
     records = _read_records(file, path, header_size, record_count, data_offset, VLR_HEADER)
-    records += _read_records(file, path, first_evlr, evlr_count, size, EVLR_HEADER)
+    try:
+        records += _read_records(file, path, first_evlr, evlr_count, size, EVLR_HEADER)
+    except InputError:
+        if not salvage:
+            raise
+    behind = struct.unpack_from("<Q", head, 227)[0] if minor >= 3 and len(head) >= 235 else 0
+    ends = [place for place in (behind, first_evlr if evlr_count else 0) if data_offset < place < size]
+    room = min([size, *ends]) - data_offset
+    if salvage and not compressed:
+        count = min(count, room // record_length)
     header = LasHeader(
         path=path,
         size=size,
@@ -189,6 +207,7 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:
         highest=(east, north, top),
         compressed=compressed,
         records=records,
+        room=room,
         first=_first_point(file, data_offset + (8 if compressed else 0), scales, offsets) if count else (),
     )
     _check_points(header, refuse)

@@ -20,6 +20,7 @@ from eaves.formats.fingerprint import fingerprint
 from eaves.formats.inputs import find_inputs
 from eaves.formats.las import WHOLE, iter_las
 from eaves.formats.las_header import LasHeader, read_las_header
+from eaves.formats.recovery import corrected
 from eaves.formats.text import TextLayout, iter_text, read_text_layout
 from eaves.model import Block, Bounds, CoordinateSystem, Mask, PointCloud, Points
 from eaves.model.cloud import snap
@@ -82,7 +83,8 @@ class Source:
     @property
     def measured(self) -> bool:
         """Whether the points had to be read to know this."""
-        return not (isinstance(self.layout, LasHeader) and _box_is_likely(self.layout))
+        layout = self.layout
+        return not (isinstance(layout, LasHeader) and _box_is_likely(layout) and not layout.salvaged)
 
     @property
     def has_wrong_bbox(self) -> bool:
@@ -91,7 +93,7 @@ class Source:
         return isinstance(layout, LasHeader) and layout.extent_is_known and not _box_is_likely(layout)
 
 
-def open_source(path: str | Path, crs: str | None = None) -> Source:
+def open_source(path: str | Path, crs: str | None = None, salvage: bool = False) -> Source:
     """The description of a file, from its header alone (a text file has none: its points are read once).
 
     Parameters
@@ -100,6 +102,8 @@ def open_source(path: str | Path, crs: str | None = None) -> Source:
         LAS, LAZ, COPC or text `x y z [label]`.
     crs : str or None
         EPSG code, compound code (`28992+5709`), or a file with WKT or PROJJSON; it overrides the file's own.
+    salvage : bool
+        Of a file that is cut off, open what is whole.
 
     Returns
     -------
@@ -118,21 +122,24 @@ def open_source(path: str | Path, crs: str | None = None) -> Source:
     >>> open_source(write_simulation(nine_roofs_on_a_slope(density=1.0), "nine")["points"]).count
     10404
     """
-    return _opened(path, crs, lambda file: b"")[0]
+    return _opened(path, crs, lambda file: b"", salvage)[0]
 
 
-def open_marked(path: str | Path, crs: str | None = None) -> tuple[Source, bytes]:
+def open_marked(path: str | Path, crs: str | None = None, salvage: bool = False) -> tuple[Source, bytes]:
     """What `open_source` gives, and the file's fingerprint, for one opening."""
-    return _opened(path, crs, fingerprint)
+    return _opened(path, crs, fingerprint, salvage)
 
 
-def _opened(path: str | Path, crs: str | None, look: Callable[[BinaryIO], bytes]) -> tuple[Source, bytes]:
+def _opened(
+    path: str | Path, crs: str | None, look: Callable[[BinaryIO], bytes], salvage: bool
+) -> tuple[Source, bytes]:
     path = Path(path)
     try:
         with path.open("rb") as file:
             if os.fstat(file.fileno()).st_size == 0:
                 raise InputError.about(path, "is empty (0 bytes)", "copy or download it again")
-            header, seen = read_las_header(path, file), look(file)
+            header, seen = read_las_header(path, file, salvage), look(file)
+            header = header and corrected(header, file, salvage)
         return _open_text(path, crs) if header is None else _open_las(header, crs), seen
     except OSError as error:
         raise InputError.about(

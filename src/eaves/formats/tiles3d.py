@@ -12,7 +12,6 @@ leaves of a quadtree.
 from __future__ import annotations
 
 import json
-import logging
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -28,13 +27,13 @@ from pyproj.transformer import TransformerGroup
 from eaves.formats.atomic import atomic
 from eaves.formats.cityjson import attributes_of, clean
 from eaves.formats.crs import horizontal_crs, pyproj_crs
+from eaves.formats.crs_check import vertical_datum
 from eaves.formats.features import EXTENSIONS, add_feature_numbers, add_property_table
 from eaves.formats.glb import GlbParts, Json, scene_extras, y_up
 from eaves.formats.meshes import SURFACES, Mesh, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.coordinates import LOCAL_METRES
 
-log = logging.getLogger("eaves")
 ARM = 100.0
 """Length (m) over which the directions of the axes are measured."""
 CHILDREN = 8
@@ -108,7 +107,8 @@ def write_3dtiles(
             stale.unlink()
     nothing: Json = {"boundingVolume": {"sphere": [0, 0, 0, 1]}, "geometricError": 0}
     root = node_of(leaves) if leaves else nothing
-    extras = {"crs": system.code, "geoid_height_added_m": earth.lifts()}
+    extras: Json = {"crs": system.code, "vertical_datum": vertical_datum(system)}
+    extras["geoid_height_added_m"] = earth.lifts()
     asset = {"version": "1.1", "generator": f"eaves {version('eaves')}", "extras": extras}
     tileset: Json = {"asset": asset, "geometricError": 2 * root["geometricError"]}
     tileset["root"] = {"refine": "ADD", **root}
@@ -232,12 +232,6 @@ class Earth:
                 warnings.filterwarnings("ignore", message="Best transformation is not available")
                 group = TransformerGroup(whole, GEODETIC, always_xy=True)
             self._upright = group.transformers[0] if group.transformers else None
-            if not group.best_available:
-                log.warning(
-                    "3dtiles: PROJ lacks the geoid grid of %s, so heights are taken as above the ellipsoid; "
-                    "install the grid (pyproj sync) or raise the tileset in the viewer",
-                    whole.name,
-                )
 
     def frame(self, start: NDArray[np.float64], middle: NDArray[np.float64]) -> Matrix:
         """The matrix (4, 4) from metres east, north and up of `start` (3,) to the tileset's coordinates,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import logging
 import math
 import os
 import time
@@ -16,9 +17,10 @@ from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 from eaves.footprints.read import area_of, in_metres, read_area, read_footprints
 from eaves.formats import InputError
+from eaves.formats.crs_check import vertical_datum
 from eaves.formats.inputs import list_inputs
 from eaves.methods import MethodChoice
-from eaves.model import Bounds, Failure, Footprint
+from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
 from eaves.model.checks import check_positive
 from eaves.run.collisions import refuse_collisions
 from eaves.run.exports import check_formats
@@ -27,6 +29,8 @@ from eaves.run.lock import LOCK
 from eaves.run.memory import parse_memory
 from eaves.run.partition import Window
 from eaves.run.recipe import Recipe, make_recipe
+
+log = logging.getLogger("eaves")
 
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified")
 """The outputs there are; see `eaves.run.outputs`."""
@@ -62,6 +66,10 @@ class RunOptions(TypedDict, total=False):
     lod: str | None
     """The finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2; by default what the source delivers, or 2.2."""
     crs: str | None
+    crs_force: bool
+    """Take `crs` for the system even where a file says another one, or its numbers do not fit it."""
+    salvage: bool
+    """Of files that are cut off, use what is whole."""
     bounds: Bounds | Sequence[float] | None
     """West, south, east, north in the unit of the files' reference system."""
     clip: str | Path | None
@@ -94,6 +102,8 @@ class RunOptions(TypedDict, total=False):
 DEFAULT_OPTIONS: RunOptions = {
     "use_classes": False,
     "as_published": False,
+    "crs_force": False,
+    "salvage": False,
     "snap_footprints": False,
     "formats": (),
     "outputs": EVERYTHING,
@@ -234,7 +244,12 @@ def open_run(
     refuse_collisions(folder, options.get("classified"), paths, polygons)
     failed: list[str] = []
     index = index_inputs(
-        paths, options.get("crs"), failed, lambda done, total: progress("index", done, total)
+        paths,
+        options.get("crs"),
+        failed,
+        lambda done, total: progress("index", done, total),
+        options.get("crs_force", False),
+        options.get("salvage", False),
     )
     bounds = in_metres(as_bounds(options.get("bounds")), index.system)
     clip = options.get("clip")
@@ -247,6 +262,7 @@ def open_run(
     classified = options.get("classified")
     if classified is not None and len(index) > 1:
         raise InputError(f"{classified}: one file cannot hold {len(index)} inputs; give a folder with -o")
+    warn_of_heights(index.system, formats)
     claim(folder)
     return Run(
         folder=folder,
@@ -292,6 +308,18 @@ def as_bounds(bounds: Bounds | Sequence[float] | None) -> Bounds | None:
         return bounds
     west, south, east, north = bounds
     return Bounds(west, south, east, north)
+
+
+def warn_of_heights(system: CoordinateSystem, formats: Sequence[str]) -> None:
+    """Say once when heights above the ellipsoid are wanted and cannot be had."""
+    datum = vertical_datum(system)
+    if "3dtiles" in formats and system.wkt is not None and datum["status"] != "known":
+        log.warning(
+            "3dtiles: the vertical datum of the files is %s, so their heights are taken as above the "
+            "ellipsoid; install PROJ's geoid grid (pyproj sync), pass a compound --crs, or raise the tileset "
+            "in the viewer",
+            datum["status"] if datum["name"] is None else f"{datum['name']}, {datum['status']}",
+        )
 
 
 NARROWEST, WIDEST = 6.0, 100_000.0
@@ -344,6 +372,7 @@ def describe(index: Index, recipe: Recipe, options: RunOptions) -> dict[str, Any
     return {
         "version": version("eaves"),
         **index.describe(),
+        "vertical_datum": vertical_datum(index.system),
         "methods": methods,
         "use_classes": recipe.use_classes,
         "lod": recipe.lod,
