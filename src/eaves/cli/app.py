@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from eaves.cli.compute import build, detect, ground, reconstruct
-from eaves.cli.results import evaluate, plot, validate, view
+from eaves.cli.results import evaluate, load, plot, validate, view
 from eaves.cli.runs import COMPLETE, INTERRUPTED, count_interrupts, describe_methods, report_error
 from eaves.cli.scenes import demo, simulate
 
@@ -28,7 +28,9 @@ def methods(stage: Annotated[str | None, typer.Argument(help="One stage only.")]
         typer.echo(line)
 
 
-for command in (build, ground, detect, reconstruct, validate, evaluate, simulate, view, plot, methods, demo):
+for command in (
+    build, ground, detect, reconstruct, validate, evaluate, simulate, view, plot, load, methods, demo,
+):  # fmt: skip
     app.command()(command)
 
 
