@@ -16,10 +16,36 @@ app = typer.Typer(
     name="eaves",
     help="From raw airborne LiDAR to building footprints and valid 3D buildings.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def show_version(wanted: bool) -> None:
+    """Print the version and leave."""
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"eaves {version('eaves')}")
+        raise typer.Exit(COMPLETE)
+
+
+@app.callback()
+def first(
+    wanted: Annotated[
+        bool, typer.Option("--version", callback=show_version, is_eager=True, help="Say the version.")
+    ] = False,
+) -> None:
+    """From raw airborne LiDAR to building footprints and valid 3D buildings."""
+
+
+def doctor(
+    test: Annotated[bool, typer.Option(help="Build a small scene of known houses, too.")] = True,
+) -> None:
+    """Whether the installation is sound: versions, drivers, grids, cores, caches, a self-test."""
+    from eaves.cli.doctor import run_doctor
+
+    raise typer.Exit(run_doctor(test))
 
 
 def methods(stage: Annotated[str | None, typer.Argument(help="One stage only.")] = None) -> None:
@@ -29,7 +55,7 @@ def methods(stage: Annotated[str | None, typer.Argument(help="One stage only.")]
 
 
 for command in (
-    build, ground, detect, reconstruct, validate, evaluate, simulate, view, plot, load, methods, demo,
+    build, ground, detect, reconstruct, validate, evaluate, simulate, view, plot, load, methods, doctor, demo,
 ):  # fmt: skip
     app.command()(command)
 

@@ -7,6 +7,7 @@ import html
 import io
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Self
 
@@ -16,7 +17,6 @@ from eaves.formats import iter_cityjson, read_polygons
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
-from eaves.report.plan import plan_figure
 from eaves.report.sample import Sample, classified_files, sample_points
 from eaves.report.surfaces import CityFaces, cut_into_triangles, iter_city_faces
 
@@ -57,7 +57,10 @@ def summary_html(summary: Summary) -> str:
     """The summary as HTML: its lines, a small plan where there are rasters, and the files."""
     lines = html.escape(summary.as_text()).replace("\n", "<br>")
     picture = ""
-    if (summary.folder / "dsm.tif").exists() and (summary.folder / "footprints.gpkg").exists():
+    files = [summary.folder / name for name in ("dsm.tif", "footprints.gpkg")]
+    if find_spec("matplotlib") is not None and all(path.exists() for path in files):
+        from eaves.report.plan import plan_figure
+
         buffer = io.BytesIO()
         plan_figure(summary.folder, 5.0).savefig(buffer, format="png", dpi=100)
         encoded = base64.b64encode(buffer.getvalue()).decode("ascii")
