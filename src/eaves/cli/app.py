@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from eaves.cli.compute import build, detect, ground, reconstruct, sweep
-from eaves.cli.results import check, evaluate, plot, validate, view
+from eaves.cli.results import check, evaluate, load, plot, validate, view
 from eaves.cli.runs import (
     COMPLETE,
     INTERRUPTED,
@@ -26,10 +26,36 @@ app = typer.Typer(
     name="eaves",
     help="From raw airborne LiDAR to building footprints and valid 3D buildings.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def show_version(wanted: bool) -> None:
+    """Print the version and leave."""
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"eaves {version('eaves')}")
+        raise typer.Exit(COMPLETE)
+
+
+@app.callback()
+def first(
+    wanted: Annotated[
+        bool, typer.Option("--version", callback=show_version, is_eager=True, help="Say the version.")
+    ] = False,
+) -> None:
+    """From raw airborne LiDAR to building footprints and valid 3D buildings."""
+
+
+def doctor(
+    test: Annotated[bool, typer.Option(help="Build a small scene of known houses, too.")] = True,
+) -> None:
+    """Whether the installation is sound: versions, drivers, grids, cores, caches, a self-test."""
+    from eaves.cli.doctor import run_doctor
+
+    raise typer.Exit(run_doctor(test))
 
 
 def methods(
@@ -43,7 +69,7 @@ def methods(
 
 for command in (
     *(build, ground, detect, reconstruct, sweep, check, validate, evaluate, simulate, view, plot),
-    *(methods, demo),
+    *(load, methods, doctor, demo),
 ):
     app.command()(command)
 

@@ -53,7 +53,10 @@ BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m)."
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
 MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]
 Formats = Annotated[
-    str, typer.Option(help="More formats, comma-separated: obj,glb,3dtiles,cityjson,geojson,fgb,parquet.")
+    str,
+    typer.Option(
+        help="More formats, by commas: gpkg,citygml,citygml3,cityjson,obj,glb,3dtiles,geojson,fgb,parquet."
+    ),
 ]
 SourceName = Annotated[
     str | None, typer.Option(help="A published system, whole; see `eaves methods --sources`.")

@@ -157,7 +157,10 @@ def run_build(
         lod=lod,
     )
     start_log(words.quiet, words.verbose)
-    with progress_display(words.quiet) as progress:
+    compiling = not compiled_pieces()
+    if compiling and not words.quiet:
+        typer.echo("compiling for this machine, only now: a minute or two before points are read", err=True)
+    with progress_display(words.quiet, compiling) as progress:
         return (build_files if options.get("outputs") else build_with_report)(
             inputs,
             out,
@@ -175,6 +178,16 @@ def run_build(
             resume=words.resume,
             **options,
         )
+
+
+def compiled_pieces() -> int:
+    """How many pieces of compiled code numba keeps for us: none before the first run."""
+    import os
+
+    import eaves
+
+    place = os.environ.get("NUMBA_CACHE_DIR") or Path(eaves.__file__).parent
+    return sum(1 for _ in Path(place).rglob("*.nbc"))
 
 
 def finish(summary: Summary, quiet: bool, strict: bool = False) -> None:
@@ -207,14 +220,14 @@ def start_log(quiet: bool, verbose: bool = False) -> None:
     logger.setLevel(level)
 
 
-def progress_display(quiet: bool) -> Any:
+def progress_display(quiet: bool, compiling: bool = False) -> Any:
     """A context manager whose value takes progress: bars on a terminal, plain lines in a log, nothing if
     quiet."""
     from eaves.cli.progress import bars, lines, nothing
 
     if quiet:
         return nothing()
-    return bars() if sys.stderr.isatty() else lines()
+    return bars(compiling) if sys.stderr.isatty() else lines(compiling)
 
 
 def describe_sources() -> Iterator[str]:

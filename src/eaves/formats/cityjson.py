@@ -149,7 +149,12 @@ def write_cityjson(
             writer = _Vertices(system, footprint_of(model))
         count += 1
         objects.update(_city_objects(model, writer, f"building-{count}"))
-    city = _frame(writer, system, title) | {"CityObjects": objects, "vertices": writer.integers}
+    frame = _frame(writer, system, title)
+    if writer.integers:
+        corners = np.array(writer.integers) * writer.scale + writer.translate
+        extent = {"geographicalExtent": [*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()]}
+        frame["metadata"] = extent | frame.get("metadata", {})
+    city = frame | {"CityObjects": objects, "vertices": writer.integers}
     with atomic(path) as temporary:
         temporary.write_text(_line(city), encoding="utf-8", newline="\n")
     return count

@@ -18,7 +18,7 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.formats.atomic import atomic
 from eaves.formats.chunk import FARTHEST
-from eaves.formats.crs import describe, parse_crs, pyproj_crs, system_of
+from eaves.formats.crs import describe, horizontal_crs, parse_crs, pyproj_crs, system_of
 from eaves.formats.errors import InputError
 from eaves.formats.qgis.tables import describe_layers
 from eaves.formats.vector_files import OFFLINE, REMEDY, checked_vector
@@ -33,6 +33,8 @@ DRIVERS = {
     ".geojson": "GeoJSON",
     ".json": "GeoJSON",
 }
+GEOJSON_OPTIONS = {"RFC7946": "YES", "COORDINATE_PRECISION": "8"}
+"""Eight decimals of a degree are a millimetre."""
 PIECE_ROWS = 20_000
 """Rows of a GeoPackage in memory at a time; the other formats cannot be added to and take all at once."""
 
@@ -93,6 +95,9 @@ def write_polygons(
 ) -> None:
     """Write one layer in the format of the file's extension: .gpkg, .fgb, .geojson.
 
+    GeoJSON is in longitude and latitude (WGS 84) as RFC 7946 has it; a local system has none, and stays as
+    it is, with a warning.
+
     Raises
     ------
     InputError
@@ -101,6 +106,8 @@ def write_polygons(
     suffix = Path(path).suffix.lower()
     if suffix not in DRIVERS:
         raise InputError.about(path, f"'{suffix}' is no known vector format", f"use {', '.join(DRIVERS)}")
+    if DRIVERS[suffix] == "GeoJSON" and system.wkt is None:
+        log.warning("%s: the data have no reference system, so they are not in WGS 84; use --crs", path)
     with atomic(path) as temporary:
         _write_layer(temporary, rows, system, DRIVERS[suffix], layer)
 
@@ -299,6 +306,15 @@ class _Schema:
         return schema
 
 
+def append_rows(
+    path: Path, rows: Sequence[Row], system: CoordinateSystem, layer: str, kinds: Mapping[str, type]
+) -> None:
+    """Add rows of upright polygons to a layer of a GeoPackage, both made where missing; `kinds` are the types
+    of the columns."""
+    schema = _Schema({name: {kind} for name, kind in kinds.items()}, several=True, count=len(rows))
+    _write_rows(path, rows, schema, system, "GPKG", layer, append=path.exists())
+
+
 def _write_layer(path: Path, rows: Iterable[Row], system: CoordinateSystem, driver: str, layer: str) -> None:
     schema = _Schema.of(rows)
     waiting = iter(rows)
@@ -328,6 +344,10 @@ def _write_rows(
     ]
     with warnings.catch_warnings():  # a local system has no projection; the reader has warned
         warnings.filterwarnings("ignore", message="'crs' was not provided")
+        wkt, options = system.wkt, {}
+        if driver == "GeoJSON" and wkt is not None:
+            plane = horizontal_crs(system)
+            wkt, options = plane.to_wkt() if plane else wkt, GEOJSON_OPTIONS
         pyogrio.raw.write(
             path,
             geometry=shapely.to_wkb(shapes) if len(shapes) else shapes,
@@ -339,8 +359,9 @@ def _write_rows(
             geometry_type=("MultiPolygon" if schema.several else "Polygon")
             + (" Z" if schema.upright else ""),
             promote_to_multi=schema.several,
-            crs=system.wkt,
+            crs=wkt,
             append=append,
+            layer_options=options,
         )
 
 

@@ -178,9 +178,19 @@ def common_system(sources: Sequence[Source]) -> CoordinateSystem:
     return system
 
 
+def is_simulated(path: Path) -> bool:
+    """Whether a LAS file says that `eaves simulate` made it."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(90)
+    except OSError:
+        return False
+    return head[:4] == b"LASF" and head[58:90].rstrip(b"\0") == b"eaves simulate"
+
+
 def warn_without_system(system: CoordinateSystem, first: Path, count: int) -> None:
-    """Say so, once for `count` files, when they have no coordinate system."""
-    if system.wkt is None:
+    """Say so, once for `count` files, when they have no coordinate system; simulated scenes need none."""
+    if system.wkt is None and not is_simulated(first):
         log.warning(
             "%s has no coordinate system: a local plane in metres is assumed; if it is in feet, or has a "
             "place on Earth, pass crs= or --crs",

@@ -58,5 +58,6 @@ COLUMNS: dict[str, Column] = {
     "h_low": Column("Lowest corner", "m", "of the roof face"),
     "h_high": Column("Highest corner", "m", "of the roof face"),
     "surface": Column("Surface", "", "RoofSurface, WallSurface or GroundSurface"),
+    "face_count": Column("Faces", "", "of this surface"),
     "tile": Column("Tile", "", "the tile of the run that holds the building"),
 }

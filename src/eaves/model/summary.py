@@ -68,15 +68,19 @@ class Summary:
             for lod, count in self.by_lod.items()
         )
         files = self.run.get("files", 1)
+        inputs = f"{files:,} file{'s' * (files != 1)}, {self.points:,} points"
+        methods = self.run.get("methods")
+        if methods is not None and methods.get("detect") is None:  # of buildings nothing was asked
+            return f"{inputs}, ground and noise classified\n{self._ending()}"
         lines = [
-            f"{files:,} file{'s' * (files != 1)}, {self.points:,} points, "
+            f"{inputs}, "
             f"{self.found:,} buildings found = {self.modelled:,} modelled "
             f"+ {self.found - self.modelled:,} failed; {levels or 'no models'}"
         ]
         for title, counts in (("failed", self.failures), ("coarser than asked for", self.fallbacks)):
             if counts:
                 lines.append(f"{title}: " + ", ".join(f"{code} {n}" for code, n in sorted(counts.items())))
-        lines.append(
-            f"{self.elapsed:.1f} s, peak {self.run.get('peak_memory_mb', 0)} MB; results in {self.folder}"
-        )
-        return "\n".join(lines)
+        return "\n".join([*lines, self._ending()])
+
+    def _ending(self) -> str:
+        return f"{self.elapsed:.1f} s, peak {self.run.get('peak_memory_mb', 0)} MB; results in {self.folder}"

@@ -7,6 +7,7 @@ import html
 import io
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Self
 
@@ -83,8 +84,9 @@ def summary_html(summary: Summary) -> str:
     """The summary as HTML: its lines, a small plan where there are rasters, and the files."""
     lines = html.escape(summary.as_text()).replace("\n", "<br>")
     picture = ""
-    if (summary.folder / "dsm.tif").exists() and (summary.folder / "footprints.gpkg").exists():
-        from eaves.report.plan import plan_figure  # plots load only when they are wanted
+    files = [summary.folder / name for name in ("dsm.tif", "footprints.gpkg")]
+    if find_spec("matplotlib") is not None and all(path.exists() for path in files):
+        from eaves.report.plan import plan_figure
 
         buffer = io.BytesIO()
         plan_figure(summary.folder, 5.0).savefig(buffer, format="png", dpi=100)

@@ -85,8 +85,9 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
     folder, system = run.folder, store.system
     if step == "footprints":
         files, rows = [folder / "footprints.gpkg"], BuildingRows(store, owners, results.shared)
-        write_geopackage(files[0], rows, BuildingRows(store, owners, faces=True), system)
-        return files + export_footprints(folder, rows, system, run.formats), None
+        roofs = BuildingRows(store, owners, faces=True)
+        write_geopackage(files[0], rows, roofs, system)
+        return files + export_footprints(folder, rows, roofs, system, run.formats), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]
         write_cityjson_seq(files[0], results.answers(), system)

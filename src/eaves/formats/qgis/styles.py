@@ -34,6 +34,11 @@ DIRECTION_COLOURS = (
     "#5271a8", "#6d9bb8", "#86bfa4", "#d3c96b", "#f2a541", "#e2743e", "#b5577a", "#7b5aa0",
 )  # fmt: skip
 FLAT_COLOUR, UNKNOWN_COLOUR, WALL_COLOUR = "#c2bdb3", "#ffffff", "#e6e0d4"
+SURFACE_COLOURS = {
+    "RoofSurface": ("roof", "#d98c6a"),
+    "WallSurface": ("wall", WALL_COLOUR),
+    "GroundSurface": ("ground", "#8d8677"),
+}
 ROOF_TYPES = {
     "flat": "#c2bdb3", "shed": "#d3c96b", "gable": "#e2743e", "hip": "#b5577a", "pyramid": "#7b5aa0",
     "complex": "#5271a8",
@@ -65,6 +70,9 @@ class Style:
 def styles_of(layer: str, columns: Sequence[str], system: CoordinateSystem) -> list[Style]:
     """The styles of a layer with these columns; none for a layer of another name."""
     makers = {"footprints": footprint_styles, "roof_planes": roof_styles}
+    if layer.startswith("lod_"):
+        made = surface_style()
+        return [Style(made.name, made.meaning, (*made.elements, aliases(columns)))]
     if layer not in makers:
         return []
     about = [aliases(columns), map_tip(layer)]
@@ -116,6 +124,16 @@ def roof_styles(system: CoordinateSystem, columns: frozenset[str]) -> list[Style
     if "rmse_m" in columns:
         found.append(Style("Fit", "distance of a face's points to it", (by_fit(), raised)))
     return found
+
+
+def surface_style() -> Style:
+    """Roofs, walls and ground in colours of their own; walls have no extent on a map."""
+    kinds = [
+        (name, words, symbols.fill(colour, width=0.08)) for name, (words, colour) in SURFACE_COLOURS.items()
+    ]
+    tints = " ".join(f"WHEN '{name}' THEN '{colour}'" for name, (_, colour) in SURFACE_COLOURS.items())
+    raised = symbols.raised_polygons(WALL_COLOUR, tint=f'CASE "surface" {tints} END')
+    return Style("Surfaces", "roofs, walls, ground", (symbols.categorised('"surface"', kinds), raised))
 
 
 def by_direction(gaps: bool) -> Element:
