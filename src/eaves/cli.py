@@ -29,6 +29,7 @@ from eaves.command_options import (
     Scheduler,
     Snap,
     Strict,
+    Units,
     UseClasses,
     Verbose,
 )
@@ -74,6 +75,7 @@ def build(
     ground_method: MethodName = None,
     detect_method: MethodName = None,
     outline_method: MethodName = None,
+    units: Units = None,
     roof_method: MethodName = None,
     reconstruct_method: MethodName = None,
     formats: Formats = "",
@@ -90,7 +92,7 @@ def build(
 ) -> None:
     """Points in; footprints, 3D buildings and a report out. Also rasters and the classified points."""
     names = {"ground": ground_method, "detect": detect_method, "outline": outline_method}
-    names |= {"roof": roof_method, "reconstruct": reconstruct_method}
+    names |= {"units": units, "roof": roof_method, "reconstruct": reconstruct_method}
     recipe = recipe_from(
         names, read_config(config), as_published=as_published, use_classes=use_classes, lod=lod
     )

@@ -40,6 +40,7 @@ from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.surfaces import make_dsm, make_dtm
 from eaves.reconstruct import Reconstructor, reconstruct_building
 from eaves.roof import RoofMethod, segment_roof
+from eaves.units import UnitMethod
 from eaves.validate import validate_model
 
 CELL = 0.5
@@ -60,6 +61,8 @@ class Recipe:
     outline: OutlineMethod
     roof: RoofMethod
     reconstruct: Reconstructor
+    units: UnitMethod | None = None
+    """None leaves detected blocks whole."""
     use_classes: bool = False
     lod: str = "2.2"
     """The finest level of detail to keep; `0` stops at footprints."""
@@ -87,7 +90,7 @@ def make_recipe(
     """The recipe for the methods named by stage; a stage not named uses its default.
 
     A detector brings the ground filter of its own paper unless one is named. With `use_classes` buildings
-    are the points of class 6 unless a detector is named.
+    are the points of class 6 unless a detector is named. The name `off` for units leaves blocks whole.
 
     Examples
     --------
@@ -104,6 +107,7 @@ def make_recipe(
     made: dict[str, Method] = {
         stage: make_method(stage, chosen.get(stage), (parameters or {}).get(stage), published)
         for stage in DEFAULTS
+        if (stage, chosen.get(stage)) != ("units", "off")
     }
     return Recipe(**made, use_classes=use_classes, lod=lod)  # type: ignore[arg-type]
 
@@ -149,6 +153,10 @@ class BuildingPoints:
     number: int
     """Number among the buildings of its home block: the seed of its random numbers."""
     given: Footprint | None = None
+    block_id: str = ""
+    """Of the detected block that the building is a unit of; empty for one that is a block of its own."""
+    wall_certainty: float | None = None
+    """Probability of the least sure party wall that was found on it, None where none was."""
 
     @property
     def roof_points(self) -> Points:
@@ -276,7 +284,8 @@ def building_pass(building: BuildingPoints, footprint: Footprint | Failure, reci
         )
     footprint = name_footprint(footprint, building)
     if recipe.lod == "0":
-        return BuildingResult(BuildingModel(footprint, {}), building.point_id, plane, clock.laps)
+        model = BuildingModel(footprint, {}, attributes=unit_attributes(footprint, building))
+        return BuildingResult(model, building.point_id, plane, clock.laps)
 
     rng = np.random.default_rng(
         [building.home.column & 0xFFFFFFFF, building.home.row & 0xFFFFFFFF, building.number]
@@ -300,8 +309,14 @@ def building_pass(building: BuildingPoints, footprint: Footprint | Failure, reci
     if isinstance(answer, Failure):
         answer = Failure(answer.code, answer.reason, answer.stage, footprint)
     else:
-        answer = answer.with_(attributes={**answer.attributes, "h_ground": terrain})
+        facts = {"h_ground": terrain, **unit_attributes(footprint, building)}
+        answer = answer.with_(attributes={**answer.attributes, **facts})
     return BuildingResult(answer, building.point_id, plane, clock.laps)
+
+
+def unit_attributes(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
+    """The block that the building is a unit of, itself where it is whole, and how sure its walls are."""
+    return {"block_id": building.block_id or footprint.id, "wall_certainty": building.wall_certainty}
 
 
 def hull_of(points: Points, spacing: float) -> Footprint:

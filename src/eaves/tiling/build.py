@@ -152,7 +152,7 @@ def claim(folder: Path) -> None:
 
 def describe(index: Index, recipe: Recipe, options: Options) -> dict[str, Any]:
     """What decides the result, as JSON: inputs with their hashes, methods with parameters, block, version."""
-    stages = ("ground", "detect", "outline", "roof", "reconstruct")
+    stages = ("ground", "detect", "outline", "units", "roof", "reconstruct")
     chosen = {stage: getattr(recipe, stage) for stage in stages}
     methods = {
         stage: method and {"method": method.name, **method.model_dump(mode="json")}
