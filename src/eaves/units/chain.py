@@ -35,6 +35,11 @@ def best_walls(odds: Values, width_score: Values) -> tuple[NDArray[np.int64], Va
     return found, np.minimum(sums[high] - sums[low], 1.0)
 
 
+def log_sum(odds: Values, width_score: Values) -> float:
+    """Logarithm of the sum over all divisions of the exponentials of their scores."""
+    return float(forward_kernel(odds, width_score)[2][-1])
+
+
 NEAR = 2
 """Divisions with a wall within so many steps agree on it."""
 

@@ -12,7 +12,7 @@ from shapely import Polygon
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Points, Values
 from eaves.units.base import Division, UnitMethod
-from eaves.units.chain import best_walls
+from eaves.units.chain import best_walls, log_sum
 from eaves.units.division import RowUnits, divide_outline, label_cells
 from eaves.units.merging import merged_units
 from eaves.units.rows import CELL_M, Plan, Row, rows_of
@@ -32,6 +32,11 @@ class RowWalls(UnitMethod):
 
     narrowest: float = parameter(4.5, "Width under which a unit is unlikely.", unit="m", gt=0.0)
     spread: float = parameter(0.15, "Spread of the logarithm of widths below the narrowest.", gt=0.0)
+    likeness: float = parameter(0.1, "Spread of the logarithm of widths in a regular row.", gt=0.0)
+    odd_share: float = parameter(0.3, "Share of units of another width in a regular row.", gt=0.0, lt=1.0)
+    width_range: float = parameter(1.7, "Range of the logarithm of widths of units.", gt=0.0)
+    widest_usual: float = parameter(12.0, "Greatest usual width of a regular row.", unit="m", gt=0.0)
+    regular_gain: float = parameter(2.0, "Logarithm by which a regular row must explain its signs better.", ge=0.0)
     deepest: float = parameter(30.0, "Greatest depth of a row.", unit="m", gt=0.0)
     border_odds: float = parameter(-1.0, "Log-odds above which a border of two rows is a wall.")
 
@@ -60,25 +65,49 @@ class RowWalls(UnitMethod):
     def walls_of(self, row: Row, points: Points) -> RowUnits:
         """The inner walls of one row."""
         odds = wall_odds(wall_signs(row, points, 0.03))
-        width = np.maximum(np.arange(1, len(odds) + 1) * CELL_M, CELL_M)
-        score = -0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / self.spread) ** 2
-        score = np.concatenate([[-np.inf], score])
+        broad = self.any_width(len(odds))
+        best, score = log_sum(odds, broad) + self.regular_gain, broad
+        for usual in np.arange(self.narrowest, self.widest_usual, 2.0 * CELL_M):
+            regular = self.regular_width(len(odds), float(usual), broad)
+            total = log_sum(odds, regular)
+            if total > best:
+                best, score = total, regular
         walls, certainty = best_walls(odds, score)
         return RowUnits(row, walls, certainty)
 
+    def any_width(self, steps: int) -> Values:
+        """What a unit of so many steps (steps + 1,) adds when nothing is known of widths."""
+        width = np.maximum(np.arange(steps + 1), 1) * CELL_M
+        score = -0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / self.spread) ** 2
+        score[0] = -np.inf
+        return np.asarray(score)
+
+    def regular_width(self, steps: int, usual: float, broad: Values) -> Values:
+        """The same in a row whose houses have a usual width (m), against any width."""
+        width = np.maximum(np.arange(steps + 1), 1) * CELL_M
+        peak = np.exp(-0.5 * (np.log(width / usual) / self.likeness) ** 2) / self.likeness / np.sqrt(2 * np.pi)
+        odd = self.odd_share * np.exp(broad)
+        score = np.log(odd + (1.0 - self.odd_share) * peak * self.width_range)
+        score[0] = -np.inf
+        return np.asarray(score)
+
 
 def directions_of(outline: Polygon) -> NDArray[np.float64]:
-    """Unit vectors (K, 2) along the longest edges of an outline, each direction once."""
+    """Unit vectors (K, 2) along the edges of an outline, those with most length first, each direction once."""
     step = np.vstack([np.diff(np.asarray(ring.coords)[:, :2], axis=0) for ring in rings_of(outline)])
     length = np.hypot(step[:, 0], step[:, 1])
-    angles: list[float] = []
-    for k in np.argsort(-length, kind="stable").tolist():
-        if length[k] < SHORTEST_EDGE_M or len(angles) == MOST_DIRECTIONS:
+    angle = np.arctan2(step[:, 1], step[:, 0])
+    found: list[float] = []
+    while len(found) < MOST_DIRECTIONS and len(length):
+        apart = np.mod(angle[:, None] - angle[None, :] + np.pi / 2, np.pi) - np.pi / 2
+        weight = (np.abs(apart) < SAME_RAD) @ length
+        best = int(np.argmax(weight))
+        if weight[best] < SHORTEST_EDGE_M:
             break
-        angle = float(np.arctan2(step[k, 1], step[k, 0]))
-        if all(abs(np.mod(angle - other + np.pi / 2, np.pi) - np.pi / 2) > SAME_RAD for other in angles):
-            angles.append(angle)
-    return np.column_stack([np.cos(angles), np.sin(angles)])
+        mine = np.abs(apart[best]) < SAME_RAD
+        found.append(float(angle[best] - np.average(apart[best][mine], weights=length[mine])))
+        length, angle = length[~mine], angle[~mine]
+    return np.column_stack([np.cos(found), np.sin(found)])
 
 
 def rings_of(outline: Polygon) -> list[shapely.LinearRing]:
@@ -86,5 +115,5 @@ def rings_of(outline: Polygon) -> list[shapely.LinearRing]:
     return [outline.exterior, *outline.interiors]
 
 
-SHORTEST_EDGE_M, MOST_DIRECTIONS, SAME_RAD = 3.0, 8, float(np.radians(4.0))
+SHORTEST_EDGE_M, MOST_DIRECTIONS, SAME_RAD = 5.0, 8, float(np.radians(2.0))
 """Edges so long (m) show how walls run; so many directions, so far apart, are looked at."""

@@ -24,6 +24,9 @@ SHORTEST_FRONT_M = 5.0
 MOST_DEEPER = 1.5
 """Where ground is deeper than this many times the row's median depth, another row stands behind."""
 
+MOST_TURN_DEG = 5.0
+"""Jogs turn a front away from the edges it consists of by up to this angle."""
+
 SHALLOWEST_M = 4.0
 """No house is shallower (m)."""
 
@@ -143,6 +146,15 @@ def fronts_of(outline: Polygon) -> list[tuple[NDArray[np.float64], NDArray[np.fl
     return [front for front in fronts if np.hypot(*(front[1] - front[0])) >= SHORTEST_FRONT_M]
 
 
+def straightened(along: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The direction of the outline's own edges that is nearest to a front's, which jogs have turned."""
+    if len(directions) == 0:
+        return along
+    turned = directions * np.sign(directions @ along + 1e-12)[:, None]
+    nearest = turned[int(np.argmax(turned @ along))]
+    return nearest if nearest @ along > np.cos(np.radians(MOST_TURN_DEG)) else along
+
+
 def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[float, float, float]:
     """The key that sorts fronts, longest first, then by place."""
     start, end = front
@@ -158,7 +170,7 @@ def rows_of(plan: Plan, directions: NDArray[np.float64], deepest: float) -> Iter
     fronts = [front for volume in plan.volumes for front in fronts_of(volume)]
     for start, end in sorted(fronts, key=by_length):
         length = float(np.hypot(*(end - start)))
-        along = (end - start) / length
+        along = straightened((end - start) / length, directions)
         upright = np.array([-along[1], along[0]])
         best: tuple[float, Row] | None = None
         for across in [upright, *leaning(directions, upright)]:

@@ -21,6 +21,9 @@ STRIP_M = 0.5
 FEWEST = 3
 """Fewer points on one side of a metre say nothing of it."""
 
+LEAST_SPREAD = 0.015
+"""Points whose variance along a direction (m²) is less show no slope along it."""
+
 SIGNS = (
     "step",
     "stepped share",
@@ -32,13 +35,15 @@ SIGNS = (
     "one-sided share",
     "change of slope",
     "rough share",
+    "longest step",
+    "step to an edge",
 )
-COLUMNS = 10
+COLUMNS = 12
 """The columns of `wall_signs`."""
 
 
 def wall_signs(row: Row, points: Points, noise: float) -> NDArray[np.float64]:
-    """The signs (S + 1, 10) of a wall at each step along the row, from its roof points (N, 3)."""
+    """The signs (S + 1, 12) of a wall at each step along the row, from its roof points (N, 3)."""
     s, t = row.coordinates(points[:, :2])
     step = np.floor(s / CELL_M).astype(np.int64)
     inside = (step >= 0) & (step < len(row.first))
@@ -47,7 +52,8 @@ def wall_signs(row: Row, points: Points, noise: float) -> NDArray[np.float64]:
     low = float(row.first[used].min())
     depths = int((row.last.max() - low) / DEPTH_STEP_M) + 1
     line = ((t[inside] - low) / DEPTH_STEP_M).astype(np.int64)
-    moments = moments_kernel(s[inside], points[inside, 2], line, step[inside], depths, len(row.first))
+    middle = t[inside] - low - (line + 0.5) * DEPTH_STEP_M
+    moments = moments_kernel(s[inside], middle, points[inside, 2], line, step[inside], depths, len(row.first))
     ground = (low + (np.arange(depths)[:, None] + 0.5) * DEPTH_STEP_M >= row.first) & (
         low + (np.arange(depths)[:, None] + 0.5) * DEPTH_STEP_M < row.last
     )
@@ -56,28 +62,31 @@ def wall_signs(row: Row, points: Points, noise: float) -> NDArray[np.float64]:
 
 
 WEIGHTS = {
-    "one": -4.13,
-    "share": 6.62,
-    "step": 2.93,
-    "root": -4.08,
-    "valley": -1.71,
-    "ridge": -14.83,
-    "parapet": 5.64,
-    "depth": 0.36,
-    "lone": 1.27,
-    "rough": 0.8,
-    "rough share": -3.34,
+    "one": -4.41,
+    "share": 8.59,
+    "step": 3.14,
+    "root": -6.28,
+    "valley": -13.36,
+    "ridge": -18.34,
+    "parapet": 1.16,
+    "depth": 0.53,
+    "lone": -1.99,
+    "rough": 3.64,
+    "rough share": -3.96,
+    "longest": 0.15,
+    "edge": -0.17,
+    "full valley": 9.03,
 }
 
 
 def wall_odds(signs: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Log-odds (S + 1,) of a party wall from its signs (S + 1, 10), by logistic regression."""
+    """Log-odds (S + 1,) of a party wall from its signs (S + 1, 12), by logistic regression."""
     return traits_of(signs) @ np.array(list(WEIGHTS.values()))
 
 
 def traits_of(signs: NDArray[np.float64]) -> NDArray[np.float64]:
     """The columns (S + 1, K) that `WEIGHTS` weigh."""
-    step, share, valley, ridge, parapet, _, depth, lone, _, rough = signs.T
+    step, share, valley, ridge, parapet, _, depth, lone, _, rough, longest, edge = signs.T
     return np.column_stack(
         [
             np.ones(len(signs)),
@@ -91,6 +100,9 @@ def traits_of(signs: NDArray[np.float64]) -> NDArray[np.float64]:
             np.minimum(lone, 0.3),
             rough,
             rough * share,
+            longest / 10.0,
+            edge / 10.0,
+            np.clip((valley - 0.25) / 0.5, 0.0, 1.0),
         ]
     )
 
@@ -98,60 +110,70 @@ def traits_of(signs: NDArray[np.float64]) -> NDArray[np.float64]:
 @njit(cache=True)
 def moments_kernel(
     s: NDArray[np.float64],
+    t: NDArray[np.float64],
     z: NDArray[np.float64],
     line: NDArray[np.int64],
     step: NDArray[np.int64],
     depths: int,
     steps: int,
 ) -> NDArray[np.float64]:
-    """Running sums (6, D, S + 1) of 1, s, s², z, s z, z² along each of D lines of S steps."""
-    sums = np.zeros((6, depths, steps + 1))
+    """Running sums (D, S + 1, 10) of 1, s, t, s², s t, t², z, s z, t z, z² along each of D lines of S steps.
+
+    t counts from the middle of the line.
+    """
+    sums = np.zeros((depths, steps + 1, 10))
     for k in range(len(s)):
-        i, j = line[k], step[k] + 1
-        sums[0, i, j] += 1.0
-        sums[1, i, j] += s[k]
-        sums[2, i, j] += s[k] * s[k]
-        sums[3, i, j] += z[k]
-        sums[4, i, j] += s[k] * z[k]
-        sums[5, i, j] += z[k] * z[k]
-    for m in range(6):
-        for i in range(depths):
-            for j in range(steps):
-                sums[m, i, j + 1] += sums[m, i, j]
+        own = sums[line[k], step[k] + 1]
+        own[0] += 1.0
+        own[1] += s[k]
+        own[2] += t[k]
+        own[3] += s[k] * s[k]
+        own[4] += s[k] * t[k]
+        own[5] += t[k] * t[k]
+        own[6] += z[k]
+        own[7] += s[k] * z[k]
+        own[8] += t[k] * z[k]
+        own[9] += z[k] * z[k]
+    for i in range(depths):
+        for j in range(steps):
+            for m in range(10):
+                sums[i, j + 1, m] += sums[i, j, m]
     return sums
 
 
 @njit(cache=True)
 def side_kernel(
-    sums: NDArray[np.float64], line: int, at: int, way: int, room: int, place: float, noise: float
+    sums: NDArray[np.float64], at: int, way: int, room: int, place: float, noise: float
 ) -> tuple[bool, float, float, float]:
-    """Whether the points beside step `at` of a line, on the side `way`, lie on a straight line; how many they
-    are, the height of that line at `place`, and its slope.
+    """Whether the points beside step `at` of a line (`sums` (S + 1, 10)), on the side `way`, lie on a plane;
+    how many they are, the height of that plane at `place` in the middle of the line, its slope along the row.
 
     The widest of three windows in which they do is taken, at most `room` steps wide.
     """
+    n = 0.0
     for share in (4, 2, 1):
         width = room * share // 4
         low, high = (at - width, at) if way < 0 else (at, at + width)
-        low, high = max(low, 0), min(high, sums.shape[2] - 1)
+        low, high = max(low, 0), min(high, len(sums) - 1)
         if low >= high:
             return False, 0.0, 0.0, 0.0
-        n = sums[0, line, high] - sums[0, line, low]
+        q = sums[high] - sums[low]
+        n = q[0]
         if n < FEWEST:
             return False, n, 0.0, 0.0
-        s1 = sums[1, line, high] - sums[1, line, low]
-        s2 = sums[2, line, high] - sums[2, line, low]
-        z1 = sums[3, line, high] - sums[3, line, low]
-        sz = sums[4, line, high] - sums[4, line, low]
-        z2 = sums[5, line, high] - sums[5, line, low]
-        mean = s1 / n
-        spread = s2 / n - mean * mean
-        slope = 0.0
-        if spread > 0.02:
-            slope = (sz / n - mean * z1 / n) / spread
-        left = z2 / n - (z1 / n) ** 2 - slope * slope * spread
+        s, t, z = q[1] / n, q[2] / n, q[6] / n
+        ss, st, tt = q[3] / n - s * s, q[4] / n - s * t, q[5] / n - t * t
+        sz, tz, zz = q[7] / n - s * z, q[8] / n - t * z, q[9] / n - z * z
+        whole = ss * tt - st * st
+        slope, rise = 0.0, 0.0
+        if n > FEWEST and ss > LEAST_SPREAD and tt > LEAST_SPREAD and whole > 0.1 * ss * tt:
+            slope = (sz * tt - tz * st) / whole
+            rise = (tz * ss - sz * st) / whole
+        elif tt > LEAST_SPREAD:
+            rise = tz / tt
+        left = zz - slope * sz - rise * tz
         if left < noise * noise:
-            return True, n, z1 / n + slope * (place - mean), slope
+            return True, n, z + slope * (place - s) - rise * t, slope
     return False, n, 0.0, 0.0
 
 
@@ -173,22 +195,28 @@ def signs_kernel(
     for j in range(1, steps):
         place = j * cell
         both, lone, rough = 0, 0, 0
+        run, longest, lead, seen = 0, 0, 0, 0
         for i in range(depths):
             left, right = ground[i, j - 1], ground[i, j]
             if left != right:
                 lone += 1
             if not (left and right):
                 continue
-            good, n, before, rise = side_kernel(sums, i, j - 1, -1, window, place, straight)
-            fine, m, after, fall = side_kernel(sums, i, j + 1, 1, window, place, straight)
+            good, n, before, rise = side_kernel(sums[i], j - 1, -1, window, place, straight)
+            fine, m, after, fall = side_kernel(sums[i], j + 1, 1, window, place, straight)
             if n < FEWEST or m < FEWEST:
                 continue
             if not (good and fine):
                 rough += 1
                 continue
             both += 1
+            seen += 1
             jump = abs(after - before)
             doubt = 3.0 * noise * np.sqrt(4.0 / n + 4.0 / m)
+            run = run + 1 if jump > max(doubt, 0.08) else 0
+            longest = max(longest, run)
+            if run == seen:
+                lead = run
             if jump > max(doubt, 0.08):
                 signs[j, 0] += min(jump, 1.0)
                 signs[j, 1] += 1.0
@@ -199,13 +227,13 @@ def signs_kernel(
                 else:
                     signs[j, 3] -= fold
             signs[j, 8] += min(abs(fall - rise), 1.0)
-            good, n, before, _ = side_kernel(sums, i, j - strip, -1, window, place, straight)
-            fine, m, after, _ = side_kernel(sums, i, j + strip, 1, window, place, straight)
+            good, n, before, _ = side_kernel(sums[i], j - strip, -1, window, place, straight)
+            fine, m, after, _ = side_kernel(sums[i], j + strip, 1, window, place, straight)
             half = strip // 2
             if good and fine and j >= strip and j + strip <= steps:
-                k = sums[0, i, j + half] - sums[0, i, j - half]
+                k = sums[i, j + half, 0] - sums[i, j - half, 0]
                 if k >= 1:
-                    top = (sums[3, i, j + half] - sums[3, i, j - half]) / k
+                    top = (sums[i, j + half, 6] - sums[i, j - half, 6]) / k
                     over = top - max(before, after)
                     if over > max(0.15, 3.0 * noise):
                         signs[j, 4] += 1.0
@@ -217,5 +245,7 @@ def signs_kernel(
             signs[j, 5] = min(signs[j, 5], 2.0)
         signs[j, 7] = lone / max(both + rough + lone, 1)
         signs[j, 6] = min(abs(first[j] - first[j - 1]), 2.0) + min(abs(last[j] - last[j - 1]), 2.0)
+        signs[j, 10] = min(longest * DEPTH_STEP_M, 10.0)
+        signs[j, 11] = min(max(lead, run) * DEPTH_STEP_M, 10.0)
         signs[j, 9] = rough / max(both + rough, 1)
     return signs
