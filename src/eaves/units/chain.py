@@ -9,14 +9,18 @@ from numpy.typing import NDArray
 from eaves.model import Values
 
 
-def best_walls(odds: Values, width_score: Values) -> tuple[NDArray[np.int64], Values]:
+NEAR = 2
+"""Divisions with a wall within so many steps agree on it."""
+
+
+def best_walls(odds: Values, width_odds: Values) -> tuple[NDArray[np.int64], Values]:
     """The steps (W,) at which the best division has its walls, and the probability of a wall near each (W,).
 
-    `odds` (S + 1,) are the log-odds of a wall at each step, `width_score` (M + 1,) what a unit of so many
-    steps adds; wider ones add its last value. The division with the greatest sum is found by dynamic
-    programming, the probabilities by the forward-backward sums over all divisions.
+    `odds` (S + 1,) are the odds of a wall at each step, `width_odds` (S + 1,) what a unit of so many steps
+    multiplies them by. The division with the greatest product is found by dynamic programming, the
+    probabilities by the forward-backward sums over all divisions [rabiner1989].
     """
-    best, before, total = forward_kernel(odds, width_score)
+    before = best_kernel(np.log(odds), np.log(np.maximum(width_odds, 1e-300)))
     walls = []
     step = int(before[-1])
     while step > 0:
@@ -25,50 +29,49 @@ def best_walls(odds: Values, width_score: Values) -> tuple[NDArray[np.int64], Va
     found = np.array(walls[::-1], np.int64)
     if len(found) == 0:
         return found, np.zeros(0)
-    _, _, backward = forward_kernel(odds[::-1].copy(), width_score)
+    forward = forward_kernel(odds, width_odds)
+    backward = forward_kernel(odds[::-1].copy(), width_odds)[::-1]
     # an inner step counts its own odds in both directions
-    at = total + backward[::-1] - odds - total[-1]
-    chance = np.exp(np.minimum(at, 0.0))
+    chance = forward * backward / odds / forward[-1]
     chance[[0, -1]] = 0.0
     sums = np.concatenate([[0.0], np.cumsum(chance)])
     low, high = np.maximum(found - NEAR, 0), np.minimum(found + NEAR + 1, len(chance))
     return found, np.minimum(sums[high] - sums[low], 1.0)
 
 
-def log_sum(odds: Values, width_score: Values) -> float:
-    """Logarithm of the sum over all divisions of the exponentials of their scores."""
-    return float(forward_kernel(odds, width_score)[2][-1])
-
-
-NEAR = 2
-"""Divisions with a wall within so many steps agree on it."""
+def total_of(odds: Values, width_odds: Values) -> float:
+    """Logarithm of the sum over all divisions of their products."""
+    return float(np.log(forward_kernel(odds, width_odds)[-1]))
 
 
 @njit(cache=True)
-def forward_kernel(odds: Values, width_score: Values) -> tuple[Values, NDArray[np.int64], Values]:
-    """For each step the best score of a division that has a wall there, the wall before it, and the logarithm
-    of the sum of the exponentials of all scores; the first and the last step are walls of no odds.
+def forward_kernel(odds: Values, width_odds: Values) -> Values:
+    """For each step the sum over all divisions up to it that have a wall there; the first and the last step are
+    walls of odds 1.
     """
-    count, widest = len(odds), len(width_score) - 1
-    best = np.full(count, -np.inf)
-    total = np.full(count, -np.inf)
-    before = np.zeros(count, np.int64)
-    best[0] = total[0] = 0.0
+    count = len(odds)
+    total = np.zeros(count)
+    total[0] = 1.0
     for end in range(1, count):
-        own = odds[end] if end < count - 1 else 0.0
-        if own < -8.0:
-            continue
-        top = -np.inf
+        own = 0.0
         for start in range(end):
-            score = width_score[min(end - start, widest)]
-            if best[start] + score > best[end]:
-                best[end], before[end] = best[start] + score, start
-            top = max(top, total[start] + score)
-        if top == -np.inf:
-            continue
-        rest = 0.0
+            own += total[start] * width_odds[end - start]
+        total[end] = own * odds[end] if end < count - 1 else own
+    return total
+
+
+@njit(cache=True)
+def best_kernel(log_odds: Values, log_width: Values) -> NDArray[np.int64]:
+    """For each step the wall before it in the best division that has a wall there."""
+    count = len(log_odds)
+    best = np.full(count, -np.inf)
+    before = np.zeros(count, np.int64)
+    best[0] = 0.0
+    for end in range(1, count):
         for start in range(end):
-            rest += np.exp(total[start] + width_score[min(end - start, widest)] - top)
-        best[end] += own
-        total[end] = top + np.log(rest) + own
-    return best, before, total
+            score = best[start] + log_width[end - start]
+            if score > best[end]:
+                best[end], before[end] = score, start
+        if end < count - 1:
+            best[end] += log_odds[end]
+    return before

@@ -21,6 +21,12 @@ STRIP_M = 0.5
 FEWEST = 3
 """Fewer points on one side of a metre say nothing of it."""
 
+WIDE = 3
+"""Steps left out beside a wall where the points next to it lie on no plane: gutters, shadows."""
+
+CROSSING_M = 0.6
+"""Planes that cross this near (m) to a place meet there in a fold and make no step."""
+
 LEAST_SPREAD = 0.015
 """Points whose variance along a direction (m²) is less show no slope along it."""
 
@@ -62,20 +68,20 @@ def wall_signs(row: Row, points: Points, noise: float) -> NDArray[np.float64]:
 
 
 WEIGHTS = {
-    "one": -4.41,
-    "share": 8.59,
-    "step": 3.14,
-    "root": -6.28,
-    "valley": -13.36,
-    "ridge": -18.34,
-    "parapet": 1.16,
-    "depth": 0.53,
-    "lone": -1.99,
-    "rough": 3.64,
-    "rough share": -3.96,
-    "longest": 0.15,
-    "edge": -0.17,
-    "full valley": 9.03,
+    "one": -4.27,
+    "share": 8.11,
+    "step": 1.75,
+    "root": -4.51,
+    "valley": -10.3,
+    "ridge": -9.91,
+    "parapet": 1.53,
+    "depth": 0.45,
+    "lone": -2.29,
+    "rough": -1.8,
+    "rough share": -1.23,
+    "longest": -0.29,
+    "edge": 0.56,
+    "full valley": 11.14,
 }
 
 
@@ -204,6 +210,10 @@ def signs_kernel(
                 continue
             good, n, before, rise = side_kernel(sums[i], j - 1, -1, window, place, straight)
             fine, m, after, fall = side_kernel(sums[i], j + 1, 1, window, place, straight)
+            if not good:
+                good, n, before, rise = side_kernel(sums[i], j - WIDE, -1, window, place, straight)
+            if not fine:
+                fine, m, after, fall = side_kernel(sums[i], j + WIDE, 1, window, place, straight)
             if n < FEWEST or m < FEWEST:
                 continue
             if not (good and fine):
@@ -212,6 +222,8 @@ def signs_kernel(
             both += 1
             seen += 1
             jump = abs(after - before)
+            if jump < CROSSING_M * abs(fall - rise):
+                jump = 0.0
             doubt = 3.0 * noise * np.sqrt(4.0 / n + 4.0 / m)
             run = run + 1 if jump > max(doubt, 0.08) else 0
             longest = max(longest, run)
