@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +33,7 @@ def merged_units(
     target = np.arange(count + 1)
     area = np.bincount(label.ravel(), minlength=count + 1) * CELL_M**2
     borders = borders_between(label)
+    alone = np.repeat([len(row.walls) == 0 for row in rows], [len(row.walls) + 1 for row in rows])
     for unit in range(count, 0, -1):
         near = [
             (len(places), other, places)
@@ -43,22 +43,33 @@ def merged_units(
         ]
         if not near:
             continue
-        length, other, places = max(near, key=lambda item: (item[0], -item[1]))
         if area[unit] < SMALLEST_M2:
-            target[unit] = other
-        elif owner[other - 1] < owner[unit - 1] and length * CELL_M >= SHORTEST_BORDER_M:
-            if border_odds(plan, places, points) < least_odds:
+            other = max(near, key=lambda item: (item[0], -item[1]))[1]
+            if head_of(target, other) != unit:
                 target[unit] = other
-    for unit in range(1, count + 1):
-        seen = {unit}
-        while target[target[unit]] != target[unit] and target[unit] not in seen:
-            seen.add(int(target[unit]))
-            target[unit] = target[target[unit]]
+            continue
+        before = [item for item in near if owner[item[1] - 1] < owner[unit - 1]]
+        for length, other, places in sorted(before, key=lambda item: (-item[0], item[1])):
+            if length * CELL_M < SHORTEST_BORDER_M:
+                break
+            if target[unit] != unit and not (alone[unit - 1] and alone[other - 1]):
+                continue
+            if border_odds(plan, places, points) < least_odds:
+                one, two = sorted((head_of(target, unit), head_of(target, other)))
+                target[two] = one
+    target = np.array([head_of(target, unit) for unit in range(count + 1)])
     names, number = np.unique(target[label], return_inverse=True)
     number = number.reshape(label.shape)
     if names[0] != 0:
         number = number + 1
-    return number.astype(np.int32), [replace(row) for row in rows]
+    return number.astype(np.int32), list(rows)
+
+
+def head_of(target: NDArray[np.int64], unit: int) -> int:
+    """The unit that a unit was given to in the end."""
+    while target[unit] != unit:
+        unit = int(target[unit])
+    return unit
 
 
 def borders_between(label: NDArray[np.int32]) -> dict[tuple[int, int], NDArray[np.float64]]:
