@@ -8,7 +8,7 @@ import numpy as np
 
 from eaves.model import Footprint, PointCloud, Points, RoofPlane, Scene
 from eaves.model.cloud import BUILDING
-from eaves.pipeline import make_scene
+from eaves.raster.surfaces import make_scene
 from eaves.roof import segment_roof
 from eaves.simulate import scan_town, simulate_town
 

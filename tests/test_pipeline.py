@@ -12,9 +12,8 @@ import pytest
 import shapely
 
 import eaves
+from eaves.report.build import build
 from eaves.simulate.roofs import ExactScene
-from eaves.tiling.build import Options
-from eaves.viewer.build import build
 from tests.conftest import write_laz
 
 
@@ -58,7 +57,7 @@ def test_files_cut_elsewhere_and_points_shuffled_change_nothing(
 
 
 def test_small_blocks_leave_no_seam(whole: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
-    assert build(nine_roofs_file, tmp_path, options=Options(block=30.0)).complete
+    assert build(nine_roofs_file, tmp_path, block=30.0).complete
     expected, got = list(footprints(whole).values()), list(footprints(tmp_path).values())
     assert len(expected) == len(got)
     for polygon in expected:
@@ -67,8 +66,8 @@ def test_small_blocks_leave_no_seam(whole: Path, nine_roofs_file: Path, tmp_path
 
 
 def test_processes_give_what_one_process_gives(whole: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
-    build(nine_roofs_file, tmp_path / "one", options=Options(block=60.0))
-    build(nine_roofs_file, tmp_path / "two", options=Options(block=60.0, jobs=2))
+    build(nine_roofs_file, tmp_path / "one", block=60.0)
+    build(nine_roofs_file, tmp_path / "two", block=60.0, jobs=2)
     one, two = footprints(tmp_path / "one"), footprints(tmp_path / "two")
     assert one.keys() == two.keys()
     assert all(one[name].equals(two[name]) for name in one)
@@ -77,16 +76,16 @@ def test_processes_give_what_one_process_gives(whole: Path, nine_roofs_file: Pat
 def test_resume_does_not_compute_what_is_done(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from eaves.tiling import build as tiling
-    from eaves.tiling import region
+    from eaves import pipeline
+    from eaves.run import region
 
-    monkeypatch.setattr(region, "write_outputs", lambda *args, **kwargs: 1 / 0)
+    monkeypatch.setattr(pipeline, "write_outputs", lambda *args, **kwargs: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        tiling.build(nine_roofs_file, tmp_path)
+        pipeline.build(nine_roofs_file, tmp_path)
     monkeypatch.undo()
     monkeypatch.setattr(region, "block_pass", lambda *args: 1 / 0)
-    assert tiling.build(nine_roofs_file, tmp_path, options=Options(resume=True)).complete
-    summary = tiling.build(nine_roofs_file, tmp_path)
+    assert pipeline.build(nine_roofs_file, tmp_path, resume=True).complete
+    summary = pipeline.build(nine_roofs_file, tmp_path)
     assert not summary.complete
     assert "ZeroDivisionError" in summary.failed[0]
 
@@ -94,8 +93,8 @@ def test_resume_does_not_compute_what_is_done(
 def test_a_broken_building_keeps_the_others(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from eaves.tiling import build as tiling
-    from eaves.tiling import region
+    from eaves import pipeline
+    from eaves.run import region
 
     real, seen = region.building_pass, []
 
@@ -106,14 +105,14 @@ def test_a_broken_building_keeps_the_others(
         return real(*words)
 
     monkeypatch.setattr(region, "building_pass", fails_once)
-    summary = tiling.build(nine_roofs_file, tmp_path)
+    summary = pipeline.build(nine_roofs_file, tmp_path)
     assert summary.found == 9
     assert summary.failures == {"internal_error": 1}
 
 
 def test_the_python_verbs_make_the_same_flow(nine_roofs: ExactScene) -> None:
     classified = eaves.classify_ground(nine_roofs.cloud)
-    scene = eaves.make_scene(classified, classified.bounds.grown(5.0))
+    scene = eaves.make_scene(classified, classified.bounds.buffered(5.0))
     regions = eaves.detect_buildings(scene)
     assert regions.count == 9
     points = nine_roofs.cloud.xyz[regions.mask_of(1)]

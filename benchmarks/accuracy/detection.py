@@ -28,7 +28,7 @@ from eaves.model.cloud import BUILDING, GROUND
 from eaves.model.scene import WALL
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.outline.alpha_shape import AlphaShape
-from eaves.pipeline import make_scene
+from eaves.raster.surfaces import make_scene
 from eaves.simulate.exact import ExactScene
 from eaves.simulate.flight import Pattern
 from eaves.simulate.scanner import scan_town
@@ -165,7 +165,7 @@ def on_ign_buildings(data: Path, run: Callable[[PointCloud], Answer], cloud: Poi
 
 def against_polygons(found: list[shapely.Polygon], wanted: list[shapely.Polygon], cloud: PointCloud) -> str:
     """Polygons over 100 m² found, regions that touch no polygon, and the IoU of each polygon found."""
-    around = Bounds.of(cloud.xyz).moved(*cloud.origin)
+    around = Bounds.of(cloud.xyz).translated(*cloud.origin)
     inside = [
         p for p in wanted if shapely.box(around.west, around.south, around.east, around.north).contains(p)
     ]

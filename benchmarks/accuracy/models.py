@@ -28,10 +28,10 @@ from eaves.outline import regularise_outlines, trace_outline
 from eaves.outline.global_fit import GlobalFit
 from eaves.reconstruct import Reconstructor, reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
-from eaves.reconstruct.attributes import face_vectors, measure_volume
 from eaves.reconstruct.moments import Moments
 from eaves.reconstruct.plane_intersection import PlaneIntersection
 from eaves.reconstruct.prism import Prism
+from eaves.reconstruct.toolkit.attributes import face_vectors, measure_volume
 from eaves.roof import segment_roof
 from eaves.roof.global_refinement import GlobalRefinement
 from eaves.simulate.scanner import Scanner, scan_town

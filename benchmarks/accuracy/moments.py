@@ -14,11 +14,11 @@ import shapely
 from numpy.typing import NDArray
 
 from benchmarks.table import keep
-from eaves.geometry.moments import ClosedHouse, border_growth, close_house, surface_moments
 from eaves.geometry.tin import Tin
 from eaves.model import BuildingModel, Failure, Footprint, Points
-from eaves.reconstruct.house import House, fit_house
 from eaves.reconstruct.moments import Moments
+from eaves.reconstruct.moments.building import House, fit_house
+from eaves.reconstruct.moments.invariants import ClosedHouse, border_growth, close_house, surface_moments
 
 COMMAND = "python -m benchmarks.accuracy.moments"
 HOUSES = 200

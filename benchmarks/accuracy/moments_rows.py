@@ -18,9 +18,9 @@ import shapely
 from numpy.typing import NDArray
 
 from benchmarks.table import keep
-from eaves.geometry.parametric_roof import ACROSS, LEFT_SLOPE, RIGHT_SLOPE, TOP
 from eaves.model import Points, RoofPlane
-from eaves.reconstruct.house import House, fit_house
+from eaves.reconstruct.moments.building import House, fit_house
+from eaves.reconstruct.moments.parametric_roof import ACROSS, LEFT_SLOPE, RIGHT_SLOPE, TOP
 from eaves.roof import segment_roof
 
 COMMAND = "python -m benchmarks.accuracy.moments_rows"

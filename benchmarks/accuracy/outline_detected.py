@@ -13,6 +13,8 @@ from shapely import Polygon, STRtree
 
 from eaves.detect import detect_buildings
 from eaves.evaluate.footprints import count_vertices, outline_distances
+from eaves.footprints.given import repair_footprints
+from eaves.footprints.snap import snap_footprints
 from eaves.formats import read
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import classify_ground
@@ -20,9 +22,7 @@ from eaves.methods import make_method
 from eaves.model import Bounds, Failure, Footprint, PointCloud, Points
 from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
-from eaves.outline.given import repair_footprints
-from eaves.outline.snap import snap_footprints
-from eaves.pipeline import make_scene
+from eaves.raster.surfaces import make_scene
 from eaves.simulate import scan_town, simulate_town
 
 SEEDS = (3, 11, 12)
@@ -35,7 +35,7 @@ MAP_OFF_M = (0.8, -0.6)
 
 def detected_groups(cloud: PointCloud) -> tuple[list[Points], float]:
     """The roof points of every building our default detector finds, and the spacing (m)."""
-    scene = make_scene(classify_ground(cloud), Bounds.of(cloud.xyz).grown(3.0))
+    scene = make_scene(classify_ground(cloud), Bounds.of(cloud.xyz).buffered(3.0))
     regions = detect_buildings(scene)
     roof = np.ones(len(cloud), np.bool_) if regions.part is None else regions.part != WALL
     count = int(regions.label.max(initial=0))
@@ -75,7 +75,7 @@ def detected_rows(density: float, goals: Sequence[object], methods: Sequence[str
     for seed in SEEDS:
         scene = scan_town(simulate_town(0.04, seed=seed), density, seed=seed)
         united = shapely.union_all([one.footprint.buffer(0.01) for one in scene.buildings]).buffer(-0.01)
-        inside = Bounds.of(scene.cloud.xyz).grown(-2.0)
+        inside = Bounds.of(scene.cloud.xyz).buffered(-2.0)
         frame = shapely.box(inside.west, inside.south, inside.east, inside.north)
         blocks = [b for b in shapely.get_parts(united) if b.area >= LEAST_M2 and frame.covers(b)]
         towns.append((detected_groups(scene.cloud), blocks))

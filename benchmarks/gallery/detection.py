@@ -89,7 +89,7 @@ def real_cases(data: Path) -> Iterator[Case]:
         if name != "ign_buildings":
             yield Case(name, scene, truth == BUILDING, regions.label > 0)
             continue
-        around = Bounds.of(cloud.xyz).moved(*cloud.origin)
+        around = Bounds.of(cloud.xyz).translated(*cloud.origin)
         box = shapely.box(around.west, around.south, around.east, around.north)
         frame = pyogrio.read_dataframe(next((data / name).glob("*.shp")))
         drawn = tuple(shapely.force_2d(p) for p in frame.geometry if box.intersects(p))

@@ -90,7 +90,7 @@ def clusters_of(case: Case) -> list[Cluster]:
     """The largest clusters of errors, of both types."""
     cloud = case.sample.cloud
     xyz, spacing = cloud.xyz, measure_spacing(cloud.xyz)
-    link, bounds = max(LINK_LEAST_M, LINK_SPACINGS * spacing), Bounds.of(xyz).grown(spacing)
+    link, bounds = max(LINK_LEAST_M, LINK_SPACINGS * spacing), Bounds.of(xyz).buffered(spacing)
     terrain = {
         kind: make_dtm(cloud.with_(classification=np.where(mask, 2, 1).astype(np.uint8)), bounds, spacing)
         for kind, mask in (("I", case.ground), ("II", case.sample.truth))

@@ -20,13 +20,13 @@ from benchmarks.accuracy.outline import METHODS
 from benchmarks.accuracy.outline_detected import MAP_OFF_M, delft_detected, drawn_together
 from benchmarks.gallery.outline_cases import Case, outline_cases
 from benchmarks.gallery.roof import FOLDER, palette, save
+from eaves.footprints.given import repair_footprints
+from eaves.footprints.party_walls import split_block
+from eaves.footprints.snap import snap_footprints
 from eaves.geometry.neighbours import measure_spacing
 from eaves.methods import make_method
 from eaves.model import Footprint
 from eaves.outline import OutlineMethod
-from eaves.outline.given import repair_footprints
-from eaves.outline.party_walls import split_block
-from eaves.outline.snap import snap_footprints
 
 SHEETS = {"towns": {"town": 5, "found": 5}, "real": {"building3d": 4, "delft": 4, "ign": 2}}
 """How many outlines of which data each sheet shows; `found` are towns with nothing but points given."""

@@ -86,7 +86,7 @@ def detected_town(seed: int, method: OutlineMethod) -> Iterator[Case]:
     groups, spacing = detected_groups(scene.cloud)
     found = drawn_together(groups, spacing, method)
     united = shapely.union_all([one.footprint.buffer(0.01) for one in scene.buildings]).buffer(-0.01)
-    inside = Bounds.of(scene.cloud.xyz).grown(-2.0)
+    inside = Bounds.of(scene.cloud.xyz).buffered(-2.0)
     frame = shapely.box(inside.west, inside.south, inside.east, inside.north)
     blocks = [b for b in shapely.get_parts(united) if b.area >= LEAST_M2 and frame.covers(b)]
     yield from blocks_of(f"found {seed}", blocks, found, groups, scene.cloud.xyz)
@@ -118,7 +118,7 @@ def delft_blocks(data: Path, method: OutlineMethod) -> Iterator[Case]:
     united = shapely.union_all(shapely.make_valid(shapes), grid_size=0.001)
     united = shapely.transform(united, lambda xy: xy - corner)
     blocks = united.buffer(0.05, join_style="mitre").buffer(-0.05, join_style="mitre")
-    bounds = Bounds.of(xyz).grown(-1.0)
+    bounds = Bounds.of(xyz).buffered(-1.0)
     frame = shapely.box(bounds.west, bounds.south, bounds.east, bounds.north)
     outlines = shapely.union_all(drawn_together(groups, spacing, method))
     for number, block in enumerate(shapely.get_parts(blocks)):

@@ -14,7 +14,7 @@ import shapely
 from matplotlib.axes import Axes
 
 from benchmarks.accuracy.moments_rows import RowHouse, row_houses
-from eaves.geometry.parametric_roof import ACROSS, LEFT_SLOPE, RIGHT_SLOPE, TOP
+from eaves.reconstruct.moments.parametric_roof import ACROSS, LEFT_SLOPE, RIGHT_SLOPE, TOP
 
 PICTURE = Path(__file__).parents[2] / "docs" / "gallery" / "roof-rows.png"
 

@@ -37,7 +37,7 @@ from benchmarks.scale.map_mutations import hurt_database, hurt_json
 from benchmarks.scale.mutations import Mutate, either, hurt_bytes, hurt_words, put_hurt
 from benchmarks.scale.point_mutations import hurt_points
 from benchmarks.table import keep
-from eaves import cli
+from eaves.cli import app as cli
 from eaves.formats import iter_cityjson, open_source, read_polygons
 from eaves.formats.geopackage import Row, write_polygons
 from eaves.simulate import scan_town, simulate_town, write_simulation

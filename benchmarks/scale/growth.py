@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 
 from benchmarks.table import keep
-from eaves.tiling.runners import peak_memory_mb
+from eaves.run.workers import peak_memory_mb
 
 SIDE = 240.0
 """Of a block (m)."""
@@ -35,9 +35,9 @@ Figures = dict[str, float]
 
 def measure(points: Path, out: Path, jobs: int, blocks: int) -> None:
     """Run once in this process; the peak memory (MB) of this process by stage goes to `stages.json`."""
+
     from eaves.model import Bounds
-    from eaves.tiling.build import Options
-    from eaves.viewer.build import build
+    from eaves.report.build import build
 
     peaks: Figures = {}
 
@@ -47,7 +47,7 @@ def measure(points: Path, out: Path, jobs: int, blocks: int) -> None:
 
     side = SIDE * math.isqrt(blocks)
     window = Bounds(*CORNER, CORNER[0] + side, CORNER[1] + side)
-    build(points, out, options=Options(jobs=jobs, bounds=window), tell=tell)
+    build(points, out, jobs=jobs, bounds=window, progress=tell)
     tell("report", 1, 1)
     (out / "stages.json").write_text(json.dumps(peaks), encoding="utf-8")
 
@@ -72,7 +72,7 @@ def make_town(blocks: int, density: float, place: Path) -> Path:
     area = blocks * SIDE**2 / 1e6
     words = ["simulate", "-o", str(place), "--area", str(area), "--density", str(density), "-q"]
     more = ["--terrain", "hilly", "--seed", "12"]
-    subprocess.run([sys.executable, "-m", "eaves.cli", *words, *more], check=True)
+    subprocess.run([sys.executable, "-m", "eaves.cli.app", *words, *more], check=True)
     return place / "points.laz"
 
 

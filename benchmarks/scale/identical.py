@@ -17,7 +17,6 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +24,9 @@ import laspy
 import numpy as np
 
 from benchmarks.table import keep
+from eaves.pipeline import build
+from eaves.run.run import RunOptions
 from eaves.simulate import scan_town, simulate_town, write_simulation
-from eaves.tiling.build import Options, build
 
 SCHEDULER_PORT = 18786
 
@@ -101,7 +101,7 @@ Way = tuple[str, float, int, tuple[str, str]]
 """Name, seconds, buildings and digest."""
 
 
-def variants(points: Path, place: Path, given: Options, jobs: int) -> Iterator[Way]:
+def variants(points: Path, place: Path, given: RunOptions, jobs: int) -> Iterator[Way]:
     """Every way to run the same points: the first in one process, files cut otherwise in `jobs`."""
     las = laspy.read(points)
     folders = {
@@ -117,7 +117,7 @@ def variants(points: Path, place: Path, given: Options, jobs: int) -> Iterator[W
         out = place / "out"
         shutil.rmtree(out, ignore_errors=True)
         started = time.perf_counter()
-        summary = build(source, out, options=replace(given, **way))
+        summary = build(source, out, **{**given, **way})
         return name, time.perf_counter() - started, summary.found, digest(out)
 
     yield once("one file, serial", points)
@@ -137,11 +137,11 @@ def main() -> None:
     rows: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
-        jobs: list[tuple[str, Path, Options]] = []
+        jobs: list[tuple[str, Path, RunOptions]] = []
         if asked.area:
             town = simulate_town(asked.area, terrain="hilly", seed=11)
             points = write_simulation(scan_town(town, asked.density, seed=11), place / "town")["points"]
-            jobs.append((f"town, {asked.area:g} km²", points, Options()))
+            jobs.append((f"town, {asked.area:g} km²", points, {}))
         data = os.environ.get("EAVES_DATA")
         if data:
             tiles = [laspy.read(path) for path in sorted(Path(data, "ign_urban").glob("*.laz"))]
@@ -153,9 +153,9 @@ def main() -> None:
                 tiles[0].points.offsets,
             )
             whole.write(place / "ign.laz")
-            jobs += [("ign_urban", place / "ign.laz", Options(block=side)) for side in (240.0, 30.0)]
+            jobs += [("ign_urban", place / "ign.laz", RunOptions(block=side)) for side in (240.0, 30.0)]
             delft = Path(data, "delft")
-            given = Options(footprints=delft / "footprints.gpkg")
+            given = RunOptions(footprints=delft / "footprints.gpkg")
             jobs.append(("Delft, footprints given", delft / "ahn3.laz", given))
         for number, (data_name, source, options) in enumerate(jobs):
             (place / str(number)).mkdir()

@@ -29,13 +29,13 @@ from benchmarks.table import keep
 from eaves.formats.geopackage import Row, write_geopackage
 from eaves.formats.inputs import list_inputs
 from eaves.model import CoordinateSystem
-from eaves.pipeline import make_recipe
-from eaves.tiling.index import index_inputs
-from eaves.tiling.merge import merge_footprints
-from eaves.tiling.region import Job
-from eaves.tiling.runners import peak_memory_mb
-from eaves.tiling.scatter import Window
-from eaves.tiling.tiles import TileTasks, plan_tiles
+from eaves.run.index import index_inputs
+from eaves.run.merge import merge_footprints
+from eaves.run.partition import Window
+from eaves.run.recipe import make_recipe
+from eaves.run.region import Job
+from eaves.run.tiles import TileTasks, plan_tiles
+from eaves.run.workers import peak_memory_mb
 
 FILE_POINTS = 10_000_000
 FILE_SIDE = 1000.0

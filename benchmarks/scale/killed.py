@@ -39,7 +39,7 @@ def main() -> None:
         words = [
             sys.executable,
             "-m",
-            "eaves.cli",
+            "eaves.cli.app",
             "build",
             str(points),
             "-q",

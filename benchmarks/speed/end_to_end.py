@@ -31,7 +31,7 @@ RUNS: dict[str, tuple[str, list[str]]] = {
 def run(name: str, data: Path, out: Path) -> dict[str, object]:
     """One row: the figures of run.json with the wall time of the whole process."""
     source, options = RUNS[name]
-    words = [sys.executable, "-m", "eaves.cli", "build", str(data / source), "-o", str(out), "--quiet"]
+    words = [sys.executable, "-m", "eaves.cli.app", "build", str(data / source), "-o", str(out), "--quiet"]
     started = time.perf_counter()
     done = subprocess.run(
         [*words, *(word.format(data=data) for word in options)], capture_output=True, text=True
@@ -41,7 +41,7 @@ def run(name: str, data: Path, out: Path) -> dict[str, object]:
         return {"data": name, "exit status": done.returncode, "note": done.stderr.strip()[-80:]}
     figures = json.loads((out / "run.json").read_text(encoding="utf-8"))
     checked = subprocess.run(
-        [sys.executable, "-m", "eaves.cli", "validate", str(out / "buildings.city.jsonl")],
+        [sys.executable, "-m", "eaves.cli.app", "validate", str(out / "buildings.city.jsonl")],
         capture_output=True,
         text=True,
     )

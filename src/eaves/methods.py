@@ -7,7 +7,7 @@ line, configuration file); in Python one writes `classify_ground(cloud, Adaptive
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -56,7 +56,7 @@ class Method(BaseModel):
     """Key in references.bib."""
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         """How far away (m) a point can be and still change the answer here."""
         return 0.0
 
@@ -142,6 +142,37 @@ def make_method(
         )
     base = cls.as_published().model_dump() if published else {}
     return cls(**{**base, **(parameters or {})})
+
+
+MethodChoice = Method | str | Mapping[str, Any] | None
+"""A method, its name, its parameters (with its name under `method`), or None for the stage's default."""
+
+
+def resolve_method(stage: str, choice: MethodChoice, published: bool = False) -> Method:
+    """The method that is meant.
+
+    Raises
+    ------
+    TypeError
+        When the choice is of another type, or a method of another stage.
+    ValueError
+        When no method or parameter has that name, or a value is out of range.
+    """
+    if isinstance(choice, Method):
+        if choice.stage != stage:
+            raise TypeError(
+                f"{type(choice).__name__} is a {choice.stage} method, and a {stage} method is wanted"
+            )
+        return choice
+    if choice is None or isinstance(choice, str):
+        return make_method(stage, choice, None, published)
+    if isinstance(choice, Mapping):
+        table = dict(choice)
+        return make_method(stage, table.pop("method", None), table, published)
+    raise TypeError(
+        f"a {stage} method is given by a value, a name or a table of parameters, not by "
+        f"{type(choice).__name__}; see `eaves methods {stage}`"
+    )
 
 
 def emitter(debug: str | Path | Emit | None) -> Emit:

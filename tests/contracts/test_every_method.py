@@ -18,7 +18,7 @@ from eaves.methods import REGISTRY, make_method, method_class
 from eaves.model import Block, BuildingModel, Failure, Footprint, PointCloud
 from eaves.model.cloud import GROUND
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
-from eaves.pipeline import make_scene
+from eaves.raster.surfaces import make_scene
 from eaves.reconstruct import Reconstructor, reconstruct_building
 from eaves.roof import RoofMethod, segment_roof
 from eaves.simulate.roofs import ExactScene, nine_roofs_on_a_slope
@@ -81,7 +81,7 @@ def test_a_method_is_a_value(stage: str, name: str) -> None:
             method.__setattr__(next(iter(cls.model_fields), "x"), 1)
     assert cls.name == name
     assert cls.stage == stage
-    assert method.reach >= 0
+    assert method.buffer >= 0
 
 
 @pytest.mark.parametrize(("stage", "name"), EVERY)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from eaves.model import Bounds, PointCloud, Scene
 from eaves.model.cloud import GROUND, UNCLASSIFIED
-from eaves.pipeline import make_scene
+from eaves.raster.surfaces import make_scene
 
 Part = tuple[NDArray[np.float64], int, NDArray[np.uint8], NDArray[np.uint8]]
 """Points (M, 3), the object they are of, return number and number of returns (M,)."""

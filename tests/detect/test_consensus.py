@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from eaves.detect import detect_buildings
-from eaves.detect.borders import source_side
 from eaves.detect.consensus import Consensus
-from eaves.detect.evidence import gather_evidence
-from eaves.detect.segments import find_segments, inner_width, square_width
-from eaves.detect.windows import planes_kernel, window_sum
-from eaves.geometry.plane_moments import sums_of
+from eaves.detect.consensus.borders import source_side
+from eaves.detect.consensus.evidence import gather_evidence
+from eaves.detect.consensus.segments import find_segments, inner_width, square_width
+from eaves.detect.consensus.windows import planes_kernel, window_sum
+from eaves.detect.toolkit.plane_moments import sums_of
 from eaves.model.scene import ROOF, WALL
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from eaves.detect import detect_buildings
-from eaves.detect.cells import Cells, side_near
 from eaves.detect.planar_patches import PlanarPatches, merge_mutually
-from eaves.geometry.plane_moments import sums_of
+from eaves.detect.toolkit.cells import Cells, side_near
+from eaves.detect.toolkit.plane_moments import sums_of
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
 
 

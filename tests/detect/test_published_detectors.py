@@ -12,7 +12,7 @@ from eaves.detect.height_texture import HeightTexture, local_texture
 from eaves.detect.normal_echo import NormalEcho, find_neighbours
 from eaves.detect.planar_patches import PlanarPatches
 from eaves.detect.roof_attributes import RoofAttributes, micro_normals, roughness
-from eaves.detect.surface_grid import grow_back, nearest_surface, opened_by_area
+from eaves.detect.toolkit.surface_grid import grow_back, nearest_surface, opened_by_area
 from eaves.model.scene import TREE, WALL
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
 

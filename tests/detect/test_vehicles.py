@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eaves.detect.judgement import score_regions
-from eaves.detect.vehicles import measure_tops
+from eaves.detect.consensus.classifier import score_regions
+from eaves.detect.consensus.vehicles import measure_tops
 
 
 def top(

@@ -21,7 +21,7 @@ from eaves.formats.geopackage import Row, write_polygons
 from eaves.formats.meshes import mesh_of_solids
 from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
-from eaves.tiling.exports import check_formats
+from eaves.run.exports import check_formats
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -88,7 +88,7 @@ def test_bounds_give_the_points_inside(tmp_path: Path, kind: str) -> None:
     assert 0 < inside.sum() < len(inside) / 4
     assert np.array_equal(part.position, whole.position[inside])
     assert np.array_equal(part.xyz, whole.xyz[inside])
-    assert not list(iter_chunks(source, bounds.moved(1e5, 0)))
+    assert not list(iter_chunks(source, bounds.translated(1e5, 0)))
 
 
 def test_laspy_opens_the_copc_file_of_the_tests(tmp_path: Path) -> None:

@@ -169,7 +169,7 @@ def pieces_of(bounds: Bounds, cell: float, side: float) -> list[tuple[Raster, Bo
     for west in np.arange(bounds.west, bounds.east, side):
         for south in np.arange(bounds.south, bounds.north, side):
             core = Bounds(west, south, west + side, south + side)
-            grown = core.grown(3 * cell)
+            grown = core.buffered(3 * cell)
             count = round(grown.width / cell)
             x = grown.west + (np.arange(count) + 0.5) * cell
             y = grown.north - (np.arange(count) + 0.5) * cell

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from eaves.ground.islands import find_islands, others_kernel
+from eaves.ground.toolkit.islands import find_islands, others_kernel
 from eaves.model import Raster
 
 

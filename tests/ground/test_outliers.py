@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eaves.ground.outliers import find_outliers
+from eaves.ground.toolkit.outliers import find_outliers
 from eaves.model import PointCloud, Points
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eaves.ground import classify_ground
-from eaves.ground.rim import APART_M, BEYOND_M, rim_points
+from eaves.ground.adaptive_tin.rim import APART_M, BEYOND_M, rim_points
 from eaves.model import Bounds, PointCloud
 
 BOUNDS = Bounds(0.0, 0.0, 40.0, 30.0)
@@ -20,7 +20,7 @@ def test_rim_points_go_on_with_the_slope() -> None:
 
 def test_rim_points_surround_the_bounds() -> None:
     points = rim_points(np.zeros((1, 3)), BOUNDS)
-    outside = BOUNDS.grown(BEYOND_M)
+    outside = BOUNDS.buffered(BEYOND_M)
     on_rim = np.isin(points[:, 0], (outside.west, outside.east)) | np.isin(
         points[:, 1], (outside.south, outside.north)
     )

@@ -10,8 +10,8 @@ from shapely import Polygon, affinity
 
 from eaves.model import Boundary, Footprint
 from eaves.outline import regularise_outlines, trace_outline
-from eaves.outline.edges import edge_shift_kernel
 from eaves.outline.global_fit import GlobalFit
+from eaves.outline.toolkit.edges import edge_shift_kernel
 
 RECTANGLE = Polygon([(0, 0), (14, 0), (14, 9), (0, 9)])
 L_SHAPE = Polygon([(0, 0), (14, 0), (14, 6), (6, 6), (6, 12), (0, 12)])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.geometry.alpha import triangulate
-from eaves.outline.low_parts import low_parts
+from eaves.outline.global_fit.low_parts import low_parts
+from eaves.outline.toolkit.alpha import triangulate
 
 
 def house(seed: int = 0) -> NDArray[np.float64]:

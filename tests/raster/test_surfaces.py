@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from eaves.ground.toolkit.morphology import opened
 from eaves.model import Bounds, PointCloud, Raster
 from eaves.raster.grid import heights_of, highest_points, lowest_points, mean_heights, whole_cells
 from eaves.raster.interpolate import fill_linear, fill_nearest
-from eaves.raster.morphology import opened
 from eaves.raster.surfaces import find_gaps, make_dsm, make_dtm
 
 SQUARE = Bounds(0.0, 0.0, 20.0, 20.0)

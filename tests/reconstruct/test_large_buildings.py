@@ -12,10 +12,10 @@ from shapely import Polygon
 from eaves.model import BuildingModel, Footprint, Points, RoofPlane
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
-from eaves.reconstruct.evidence import MOST_PLANES, largest_only
-from eaves.reconstruct.jumps import MOST_TOGETHER, divide, strongest_strip_kernel
-from eaves.reconstruct.line import Line
-from eaves.reconstruct.lines import (
+from eaves.reconstruct.toolkit.evidence import MOST_PLANES, largest_only
+from eaves.reconstruct.toolkit.height_steps import MOST_TOGETHER, divide, strongest_strip_kernel
+from eaves.reconstruct.toolkit.line import Line
+from eaves.reconstruct.toolkit.plan_lines import (
     FEWEST_LINES,
     LINES_PER_PLANE,
     OVERSHOOT,

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import shapely
 
-from eaves.geometry.extents import extent_of
-from eaves.geometry.moments import SurfaceMoments, border_growth, close_house, surface_moments
 from eaves.geometry.tin import Tin
 from eaves.model import BuildingModel, Failure, Footprint
-from eaves.reconstruct.house import House, fit_house
 from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.soundness import find_defect
+from eaves.reconstruct.moments.building import House, fit_house
+from eaves.reconstruct.moments.extents import extent_of
+from eaves.reconstruct.moments.invariants import SurfaceMoments, border_growth, close_house, surface_moments
+from eaves.reconstruct.toolkit.soundness import find_defect
 
 LENGTH, WIDTH, EAVES, RISE = 12.0, 8.0, 5.0, 3.0
 

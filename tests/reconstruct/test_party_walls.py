@@ -8,8 +8,8 @@ import shapely
 
 from eaves.model import BuildingModel, Footprint, RoofPlane
 from eaves.reconstruct import reconstruct_building
-from eaves.reconstruct.party_walls import party_wall_area
 from eaves.reconstruct.prism import Prism
+from eaves.run.party_wall_areas import party_wall_area
 
 
 def block(west: float, south: float, east: float, north: float, height: float) -> BuildingModel:

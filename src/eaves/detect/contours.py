@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.base import Detector
-from eaves.detect.cells import side_near
-from eaves.detect.surface_grid import (
+from eaves.detect.stage import Detector
+from eaves.detect.toolkit.cells import side_near
+from eaves.detect.toolkit.surface_grid import (
     EIGHT,
     SurfaceGrid,
     connected,
@@ -81,7 +81,7 @@ class Contours(Detector):
     regrow: float = parameter(2.0, "How far cores grow back.", unit="m", ge=0.0)
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:

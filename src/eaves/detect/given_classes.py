@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.base import Detector
+from eaves.detect.stage import Detector
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Regions, Scene
 from eaves.model.cloud import BUILDING
@@ -41,7 +41,7 @@ class GivenClasses(Detector):
     )
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:

@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.base import Detector
-from eaves.detect.cells import side_near
 from eaves.detect.contours import filled
-from eaves.detect.surface_grid import (
+from eaves.detect.stage import Detector
+from eaves.detect.toolkit.cells import side_near
+from eaves.detect.toolkit.surface_grid import (
     SurfaceGrid,
     connected,
     grow_back,
@@ -77,7 +77,7 @@ class HeightTexture(Detector):
     regrow: float = parameter(1.5, "How far components grow back.", unit="m", ge=0.0)
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:

@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from eaves.detect.base import Detector, covered_area
+from eaves.detect.stage import Detector, covered_area
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Points, Regions, Scene, Values
 from eaves.model.scene import NOISE, ROOF, TREE, WALL
@@ -92,7 +92,7 @@ class NormalEcho(Detector):
     wall_distance: float = parameter(1.0, "Walls this near to a roof in plan are its.", unit="m", ge=0.0)
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.detect.base import Detector
-from eaves.detect.cells import Cells, side_near
-from eaves.geometry.plane_moments import Sums, fit_planes, plane_rmse, sums_of
+from eaves.detect.stage import Detector
+from eaves.detect.toolkit.cells import Cells, side_near
+from eaves.detect.toolkit.plane_moments import Sums, fit_planes, plane_rmse, sums_of
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Points, Regions, Scene, Values
 from eaves.model.scene import ROOF
@@ -97,7 +97,7 @@ class PlanarPatches(Detector):
     fit_points: int = parameter(5, "Fewest points of a cell that a plane is fitted to.", unit="point", ge=4)
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:

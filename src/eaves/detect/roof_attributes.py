@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.base import Detector
-from eaves.detect.cells import side_near
 from eaves.detect.contours import filled
-from eaves.detect.surface_grid import (
+from eaves.detect.stage import Detector
+from eaves.detect.toolkit.cells import side_near
+from eaves.detect.toolkit.surface_grid import (
     EIGHT,
     SurfaceGrid,
     connected,
@@ -86,7 +86,7 @@ class RoofAttributes(Detector):
     regrow: float = parameter(2.0, "How far the reconstruction reaches.", unit="m", ge=0.0)
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:

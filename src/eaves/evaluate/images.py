@@ -62,7 +62,7 @@ class BuildingSource:
         if self.raster is not None:
             return self.raster.bounds
         if self.cloud is not None:
-            return self.cloud.bounds.moved(*self.cloud.origin) if len(self.cloud) else None
+            return self.cloud.bounds.translated(*self.cloud.origin) if len(self.cloud) else None
         return Bounds(*map(float, shapely.total_bounds(self.polygons))) if self.polygons else None
 
     def label_image(self, grid: Raster) -> tuple[Numbers, Mask]:
@@ -173,7 +173,7 @@ def _from_raster(raster: Raster, grid: Raster) -> tuple[Numbers, Mask]:
 def _from_cloud(cloud: PointCloud, grid: Raster) -> tuple[Numbers, Mask]:
     """A cell is of the class of its highest point; cells without points are not known."""
     use = cloud.take(~cloud.noise)
-    top = highest_points(use.xyz, grid.bounds.moved(-cloud.origin[0], -cloud.origin[1]), grid.cell)
+    top = highest_points(use.xyz, grid.bounds.translated(-cloud.origin[0], -cloud.origin[1]), grid.cell)
     assert use.classification is not None
     known = np.asarray(top >= 0)
     if len(use) == 0:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import date
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import laspy
 import numpy as np
@@ -31,13 +31,24 @@ UNCHANGED = 255
 """In place of a class: the point was not used, keep what the file says of it."""
 
 
+class Values(Protocol):
+    """A value a record: an array, or what is read slice by slice like one."""
+
+    @property
+    def dtype(self) -> Any: ...
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, place: slice, /) -> NDArray[Any]: ...
+
+
 def write_classified(
     source: Source,
     path: str | Path,
-    classification: NDArray[np.uint8],
-    extra: Mapping[str, NDArray[Any]] | None = None,
+    classification: Values,
+    extra: Mapping[str, Values] | None = None,
     chunk_points: int = CHUNK_POINTS,
-    hear: Callable[[int, NDArray[np.void]], None] | None = None,
+    sink: Callable[[int, NDArray[np.void]], None] | None = None,
 ) -> None:
     """Write the points of a file as LAZ: same records in the same order, classes replaced, dimensions added.
 
@@ -57,7 +68,7 @@ def write_classified(
         replaced.
     chunk_points
         How many points are in memory at a time.
-    hear
+    sink
         Hears the place of the first of some records, and the records as they are written.
 
     Raises
@@ -101,15 +112,13 @@ def write_classified(
             for name, values in arrays.items():
                 points.array[name] = values[part]
             writer.write_points(points)
-            if hear is not None:
-                hear(first, points.array)
+            if sink is not None:
+                sink(first, points.array)
         if header.evlrs and header.version.minor >= 4:
             writer.write_evlrs(header.evlrs)
 
 
-def _las_header(
-    layout: LasHeader, arrays: Mapping[str, NDArray[Any]]
-) -> tuple[laspy.LasHeader, np.dtype[np.void]]:
+def _las_header(layout: LasHeader, arrays: Mapping[str, Values]) -> tuple[laspy.LasHeader, np.dtype[np.void]]:
     """A header for the input's points with new dimensions, and how its own records are laid out.
 
     One that is damaged where reading points does not need it gives way to a new one.
@@ -195,7 +204,7 @@ def _text_pieces(source: Source, size: int) -> Iterator[tuple[int, NDArray[np.vo
         yield int(chunk.position[0]), records
 
 
-def _add_dimensions(header: laspy.LasHeader, arrays: Mapping[str, NDArray[Any]]) -> None:
+def _add_dimensions(header: laspy.LasHeader, arrays: Mapping[str, Values]) -> None:
     present = set(header.point_format.extra_dimension_names)
     header.remove_extra_dims([name for name in arrays if name in present])
     header.add_extra_dims([laspy.ExtraBytesParams(name, values.dtype) for name, values in arrays.items()])

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from eaves.model import Bounds, Points, Values
-from eaves.model.cloud import QUANTUM
+from eaves.model.cloud import GRID_STEP
 
 Ids = NDArray[np.int32]
 OUTSIDE = -1
@@ -27,7 +27,7 @@ class Tin:
     """Delaunay triangulation of some of the points (N, 2 or 3) it was made with; others can be inserted
     later.
 
-    Coordinates are taken as whole multiples of `QUANTUM`, so every decision is exact and the result does
+    Coordinates are taken as whole multiples of `GRID_STEP`, so every decision is exact and the result does
     not depend on rounding. Insertion follows a Hilbert curve and costs about half a microsecond a point.
     With no three points off one line there are no triangles: `located` then answers -1 everywhere.
 
@@ -126,7 +126,7 @@ def whole_kernel(xy: Points, corner: NDArray[np.float64]) -> NDArray[np.int64]:
     whole = np.empty((len(xy), 2), np.int64)
     for i in range(len(xy)):
         for axis in range(2):
-            whole[i, axis] = int(np.rint((xy[i, axis] - corner[axis]) / QUANTUM))
+            whole[i, axis] = int(np.rint((xy[i, axis] - corner[axis]) / GRID_STEP))
     return whole
 
 

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from eaves.geometry.planes import LocalPlanes, local_planes
 from eaves.geometry.tin import Tin
-from eaves.ground.base import GroundMethod
+from eaves.ground.stage import GroundMethod
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Mask, PointCloud, Points, Values
 
@@ -90,7 +90,7 @@ class SmoothRegion(GroundMethod):
     )
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         return 60.0
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:

@@ -34,13 +34,13 @@ class Bounds:
         """Metres from south to north."""
         return self.north - self.south
 
-    def grown(self, distance: float) -> Bounds:
+    def buffered(self, distance: float) -> Bounds:
         """The rectangle moved outwards by `distance` (m) on every side."""
         return Bounds(
             self.west - distance, self.south - distance, self.east + distance, self.north + distance
         )
 
-    def moved(self, east: float, north: float) -> Bounds:
+    def translated(self, east: float, north: float) -> Bounds:
         """The rectangle shifted by (`east`, `north`) metres."""
         return Bounds(self.west + east, self.south + north, self.east + east, self.north + north)
 

@@ -19,7 +19,7 @@ LOW_NOISE, WATER, HIGH_NOISE = 7, 9, 18
 NOISE_CLASSES = (LOW_NOISE, HIGH_NOISE)
 """Class codes of LAS 1.4, table 17."""
 
-QUANTUM = 1e-4
+GRID_STEP = 1e-4
 """Local coordinates are whole multiples of this (m), so data moved by whole blocks compute identically."""
 
 
@@ -132,7 +132,7 @@ class PointCloud:
 
 def snap(xyz: Points) -> Points:
     """Coordinates rounded to the quantum, (N, 3)."""
-    return np.round(xyz / QUANTUM) * QUANTUM
+    return np.round(xyz / GRID_STEP) * GRID_STEP
 
 
 def millimetres(values: Values) -> NDArray[np.int64]:

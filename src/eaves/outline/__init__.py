@@ -1,5 +1,5 @@
 """Outlines: from a region's points to the footprint."""
 
-from eaves.outline.base import OutlineMethod, regularise_outlines, trace_outline
+from eaves.outline.stage import OutlineMethod, regularise_outlines, trace_outline
 
 __all__ = ["OutlineMethod", "regularise_outlines", "trace_outline"]

@@ -7,11 +7,11 @@ from typing import ClassVar
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.alpha import alpha_rings, triangulate
 from eaves.geometry.polygons import as_polygon
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
-from eaves.outline.base import OutlineMethod
+from eaves.outline.stage import OutlineMethod
+from eaves.outline.toolkit.alpha import alpha_rings, triangulate
 
 ALPHA_IN_SPACINGS = 4.8
 """The published 2.4 m at the published density of 4 points/m², that is a spacing of 0.5 m."""
@@ -30,7 +30,7 @@ class AlphaShape(OutlineMethod):
     ----------
     alpha, min_hole, tolerance : see their declarations.
 
-    Notes
+    BlockMetadata
     -----
     *Fidelity.* The document [chen_sun_vaihingen] gives alpha = 2.4 m and 50 m², and does not define alpha:
     it is taken as the radius of the largest empty disc. Derived from the spacing it is 4.8 times that, 2.4

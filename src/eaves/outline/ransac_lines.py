@@ -9,15 +9,15 @@ from numba import njit
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.alpha import alpha_rings, triangulate
 from eaves.geometry.polygons import as_polygon
 from eaves.geometry.rings import signed_area
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
-from eaves.outline.base import OutlineMethod
-from eaves.outline.corners import Drawing, joined_edges, ring_of_edges
-from eaves.outline.edges import RIGHT_ANGLE, Edges, common_axes, main_direction
-from eaves.outline.polyline import FREE
+from eaves.outline.stage import OutlineMethod
+from eaves.outline.toolkit.alpha import alpha_rings, triangulate
+from eaves.outline.toolkit.corners import Drawing, joined_edges, ring_of_edges
+from eaves.outline.toolkit.edges import RIGHT_ANGLE, Edges, common_axes, main_direction
+from eaves.outline.toolkit.polyline import FREE
 
 CORNER_REACH = 5.0
 """A corner farther than this from the boundary, in spacings, is cut off."""
@@ -33,7 +33,7 @@ class RansacLines(OutlineMethod):
     perpendicular, are turned into it about their middle; the others stay as they are. Corners are the
     intersections of consecutive segments.
 
-    Notes
+    BlockMetadata
     -----
     *Fidelity.* The steps are those of [xiao2014], section 4, the adjustment that of [zhang2006]; no number is
     printed in the former. Random sampling is replaced by all pairs of boundary points that are 1, 2, 4, 8, …

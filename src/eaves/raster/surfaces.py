@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from eaves.model import Bounds, Mask, PointCloud, Raster
+from eaves.geometry.neighbours import measure_spacing
+from eaves.model import Bounds, Mask, PointCloud, Raster, Scene
 from eaves.raster.grid import empty_raster, heights_of, highest_points, mean_heights
 from eaves.raster.interpolate import fill_linear, fill_nearest
 
@@ -69,3 +70,20 @@ def make_dsm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, close: float
     xyz = cloud.xyz.take(np.flatnonzero(~noise), axis=0) if noise.any() else cloud.xyz
     top = heights_of(highest_points(xyz, bounds, cell), xyz[:, 2])
     return fill_nearest(Raster(top, bounds.west, bounds.north, cell), close)
+
+
+def make_scene(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Scene:
+    """A classified cloud with its terrain, its surface and every point's height; `bounds` in local metres.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> cloud = truth.classified()
+    >>> scene = eaves.make_scene(cloud, cloud.bounds)
+    >>> bool(abs(scene.height[cloud.classification == 2]).max() < 0.5)
+    True
+    """
+    dtm, dsm = make_dtm(cloud, bounds, cell), make_dsm(cloud, bounds, cell)
+    return Scene(cloud, dtm, dsm, measure_spacing(cloud.xyz), cloud.xyz[:, 2] - dtm.at(cloud.xyz))

@@ -1,5 +1,5 @@
 """Reconstruction: from roof planes and a footprint to valid solids."""
 
-from eaves.reconstruct.base import Reconstructor, reconstruct_building
+from eaves.reconstruct.stage import Reconstructor, reconstruct_building
 
 __all__ = ["Reconstructor", "reconstruct_building"]

@@ -8,24 +8,24 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.geometry.arrangement import arrange
-from eaves.geometry.coverage import Coverage
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Values
-from eaves.reconstruct.attributes import Surface, describe, surface_heights
-from eaves.reconstruct.base import Reconstructor
-from eaves.reconstruct.cell_labels import Prices, hold_down, label_cells
-from eaves.reconstruct.evidence import (
+from eaves.reconstruct.stage import Reconstructor
+from eaves.reconstruct.toolkit.attributes import Surface, describe, surface_heights
+from eaves.reconstruct.toolkit.cell_labels import Prices, hold_down, label_cells
+from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
     faces_as_planes,
     points_inside,
     support_of,
 )
-from eaves.reconstruct.levels import coarse_solids, simple_solids
-from eaves.reconstruct.lines import candidate_lines, extend
-from eaves.reconstruct.raising import raise_plan, without_numbers
+from eaves.reconstruct.toolkit.levels import coarse_solids, simple_solids
+from eaves.reconstruct.toolkit.overlay import arrange
+from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
+from eaves.reconstruct.toolkit.raising import raise_plan, without_numbers
 
 NARROWEST = 0.1
 """Roof faces narrower than this (m) are slivers at any density."""

@@ -6,23 +6,23 @@ from typing import ClassVar
 
 import numpy as np
 
-from eaves.geometry.arrangement import arrange
-from eaves.geometry.coverage import Coverage, Integers
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
-from eaves.reconstruct.attributes import describe
-from eaves.reconstruct.base import Reconstructor
-from eaves.reconstruct.evidence import (
+from eaves.reconstruct.stage import Reconstructor
+from eaves.reconstruct.toolkit.attributes import describe
+from eaves.reconstruct.toolkit.coverage import Coverage, Integers
+from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
     faces_as_planes,
     points_inside,
     support_of,
 )
-from eaves.reconstruct.levels import coarse_solids
-from eaves.reconstruct.lines import candidate_lines, extend
-from eaves.reconstruct.raising import raise_plan
+from eaves.reconstruct.toolkit.levels import coarse_solids
+from eaves.reconstruct.toolkit.overlay import arrange
+from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
+from eaves.reconstruct.toolkit.raising import raise_plan
 
 
 class PlaneIntersection(Reconstructor):

@@ -6,20 +6,20 @@ from typing import ClassVar
 
 import numpy as np
 
-from eaves.geometry.arrangement import arrange
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
-from eaves.reconstruct.attributes import describe
-from eaves.reconstruct.base import Reconstructor
-from eaves.reconstruct.evidence import (
+from eaves.reconstruct.stage import Reconstructor
+from eaves.reconstruct.toolkit.attributes import describe
+from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
     LOWEST_ROOF,
     PRISM_PERCENTILE,
     points_inside,
 )
-from eaves.reconstruct.extrusion import extrude
-from eaves.reconstruct.soundness import find_defect
+from eaves.reconstruct.toolkit.extrude import extrude
+from eaves.reconstruct.toolkit.overlay import arrange
+from eaves.reconstruct.toolkit.soundness import find_defect
 
 
 class Prism(Reconstructor):

@@ -1,5 +1,5 @@
 """Roofs: the planes of one building."""
 
-from eaves.roof.base import RoofMethod, segment_roof
+from eaves.roof.stage import RoofMethod, segment_roof
 
 __all__ = ["RoofMethod", "segment_roof"]

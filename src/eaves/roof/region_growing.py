@@ -10,8 +10,8 @@ import numpy as np
 from eaves.geometry.planes import CALM_QUANTILE, LocalPlanes, local_planes, measure_noise, planes_around
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, RoofPlane
-from eaves.roof.base import RoofMethod
-from eaves.roof.regions import (
+from eaves.roof.stage import RoofMethod
+from eaves.roof.toolkit.regions import (
     fit_labels,
     grow_kernel,
     join_coplanar,
@@ -124,7 +124,7 @@ class RegionGrowing(RoofMethod):
     max_slope: float = parameter(78.0, "Slope above which a plane is a wall.", unit="degree", gt=0.0, lt=90.0)
 
     @property
-    def reach(self) -> float:
+    def buffer(self) -> float:
         """A building is seen whole: 0 m."""
         return 0.0
 

@@ -12,9 +12,9 @@ from eaves.geometry.planes import add_point_kernel, plane_of_sums_kernel
 from eaves.geometry.tin import Tin
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, RoofPlane
-from eaves.roof.base import RoofMethod
 from eaves.roof.region_growing import RegionGrowing
-from eaves.roof.regions import roof_planes
+from eaves.roof.stage import RoofMethod
+from eaves.roof.toolkit.regions import roof_planes
 
 RINGS = 2
 """Rings of triangles whose corners say which plane a triangle lies on: about twelve points."""

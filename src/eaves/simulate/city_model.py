@@ -207,7 +207,7 @@ def _plane_through(corners: NDArray[np.float64], normal: NDArray[np.float64]) ->
 
 def _terrain_through(buildings: list[ExactBuilding], bounds: Bounds) -> Terrain:
     """Terrain through the bases of the buildings."""
-    wide = bounds.grown(MARGIN)
+    wide = bounds.buffered(MARGIN)
     columns, rows = int(np.ceil(wide.width / CELL)), int(np.ceil(wide.height / CELL))
     blank = Terrain(np.zeros((columns + 1, rows + 1)), np.zeros((columns, rows), bool), wide.west, wide.south)
     places = np.array([shapely.get_coordinates(shapely.centroid(b.footprint))[0] for b in buildings])

@@ -71,7 +71,7 @@ class ExactBuilding:
         footprint = Footprint(self.footprint, origin, self.id, attributes=attributes)
         return BuildingModel(footprint, {"2.2": (self.solid(),)}, planes, attributes)
 
-    def moved(self, x: float, y: float) -> ExactBuilding:
+    def translated(self, x: float, y: float) -> ExactBuilding:
         """The building in coordinates about an origin that lies (−x, −y) metres away."""
         faces = tuple(
             ExactFace(translate(face.polygon, x, y), _moved(face.coefficients, x, y), face.number)

@@ -104,7 +104,7 @@ def _rows(scene: ExactScene) -> tuple[list[Row], list[Row]]:
     """The rows of the layers `footprints` and `roof_planes`, in world metres."""
     footprints, planes = [], []
     for building in scene.buildings:
-        placed = building.moved(*scene.cloud.origin)
+        placed = building.translated(*scene.cloud.origin)
         attributes = {
             "id": building.id,
             "number": building.number,

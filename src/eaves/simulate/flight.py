@@ -173,7 +173,7 @@ def _aim(
         + np.outer(swept.along + swept.lead + shake[:, 0], ahead)
         + np.outer(across + shake[:, 1], left)
     )
-    kept = np.flatnonzero(bounds.grown(BEYOND).contains(target))
+    kept = np.flatnonzero(bounds.buffered(BEYOND).contains(target))
     foot = middle + np.outer(swept.along[kept], ahead) + offset * left
     origins = np.column_stack([foot, np.full(len(kept), level + flight.height)])
     aim = np.column_stack([target[kept], np.full(len(kept), level)]) - origins

@@ -246,7 +246,7 @@ def _mitred(length: float, width: float, deep: float, slope: float, side: str, s
     plan = Polygon([(start, low), (end, low), (end - cut_last, low + deep), (start + cut_first, low + deep)])
     planes = ((0.0, slope, -slope * low), (0.0, -slope, slope * (low + deep)))
     turn = {"S": 0.0, "E": np.pi / 2, "N": np.pi, "W": -np.pi / 2}[side]
-    return Mass(plan, planes if slope > 0 else planes[:1]).moved(turn, 0.0, 0.0, 0.0)
+    return Mass(plan, planes if slope > 0 else planes[:1]).translated(turn, 0.0, 0.0, 0.0)
 
 
 def draw_slab(length: float, rng: np.random.Generator) -> Design:

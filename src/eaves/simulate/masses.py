@@ -37,7 +37,7 @@ class Mass:
     planes: tuple[Plane, ...]
     part: str = "main"
 
-    def moved(self, angle: float, x: float, y: float, z: float) -> Mass:
+    def translated(self, angle: float, x: float, y: float, z: float) -> Mass:
         """The mass turned about the origin by `angle` (radians, counter-clockwise), then shifted (m)."""
         cos, sin = np.cos(angle), np.sin(angle)
         polygon = affine_transform(self.polygon, [cos, -sin, sin, cos, x, y])

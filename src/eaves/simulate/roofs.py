@@ -85,7 +85,7 @@ def _broken(span: float, slope: float, upper: float, knee: float, along_x: bool)
 
 def shifted(masses: Masses, x: float, y: float, z: float = 0.0, angle: float = 0.0) -> Masses:
     """Masses turned by `angle` (radians) and moved."""
-    return tuple(mass.moved(angle, x, y, z) for mass in masses)
+    return tuple(mass.translated(angle, x, y, z) for mass in masses)
 
 
 def wing(length: float, width: float, slope: float, x: float, side: float) -> Masses:

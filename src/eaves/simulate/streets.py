@@ -151,7 +151,9 @@ def lay_streets(
             plots.append(Plot(float(x), float(y), float(angle + turn), length, depth))
             u += length + STREET
         v += depth + STREET
-    near = [plot for plot in plots if bounds.grown(PLOTS_BEYOND).contains(np.array([[plot.x, plot.y]])).all()]
+    near = [
+        plot for plot in plots if bounds.buffered(PLOTS_BEYOND).contains(np.array([[plot.x, plot.y]])).all()
+    ]
     return [near[k] for k in rng.permutation(len(near))], strip
 
 

@@ -86,7 +86,7 @@ def make_terrain(kind: TerrainKind, bounds: Bounds, rng: np.random.Generator) ->
     terraced: a slope of 7 to 12 % in steps of 1.5 to 3 m with retaining walls one lattice square wide. On
     all of them 2 cm of unevenness.
     """
-    wide = bounds.grown(MARGIN)
+    wide = bounds.buffered(MARGIN)
     columns, rows = int(np.ceil(wide.width / CELL)), int(np.ceil(wide.height / CELL))
     blank = Terrain(np.zeros((columns + 1, rows + 1)), np.zeros((columns, rows), bool), wide.west, wide.south)
     xy = blank.nodes()

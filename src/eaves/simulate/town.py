@@ -126,7 +126,7 @@ def simulate_town(
     limit = len(plots) * 1000 if buildings is None else buildings
     for number, plot in enumerate(plots):
         room = len(built.buildings) < limit
-        whole = bool(bounds.grown(-RIM).contains(plot.corners()).all())
+        whole = bool(bounds.buffered(-RIM).contains(plot.corners()).all())
         block = draw_block(plot, style, whole, room, np.random.default_rng([seed, 34, number]))
         for placement in block.placements:
             if len(built.buildings) < limit:
@@ -166,7 +166,7 @@ def _extras(
         along = np.array([np.cos(corridor.angle), np.sin(corridor.angle)])
         for step in np.arange(-10, 11) * 70.0:
             x, y = np.array([corridor.x, corridor.y]) + step * along
-            if bounds.grown(-15.0).contains(np.array([[x, y]])).all():
+            if bounds.buffered(-15.0).contains(np.array([[x, y]])).all():
                 extras.append(span_bridge(float(x), float(y), corridor, terrain))
     if bounds.width >= 200.0:
         x = rng.uniform(0.02, 0.06) * bounds.width
@@ -189,7 +189,7 @@ class _Site:
     """The town while it is being built."""
 
     def __init__(self, bounds: Bounds, terrain: Terrain) -> None:
-        self.area, self.terrain = bounds.grown(-RIM), terrain
+        self.area, self.terrain = bounds.buffered(-RIM), terrain
         self.buildings: list[ExactBuilding] = []
         self.surfaces: list[Surfaces] = []
         self.leaves: list[Foliage] = []
@@ -200,7 +200,8 @@ class _Site:
     def build(self, placement: Placement) -> None:
         """Put up the building, unless it would stand in another one or cannot be one closed solid."""
         at_street = [
-            mass.moved(placement.angle, placement.x, placement.y, 0.0) for mass in placement.design.masses
+            mass.translated(placement.angle, placement.x, placement.y, 0.0)
+            for mass in placement.design.masses
         ]
         outline = shapely.union_all([mass.polygon for mass in at_street])
         if not self.area.contains(shapely.get_coordinates(outline)).all() or self.overlaps(outline):
@@ -208,7 +209,7 @@ class _Site:
         around = shapely.get_coordinates(shapely.segmentize(shapely.boundary(outline), 2.0))
         levels = self.terrain.at(around)
         base = float(np.floor(levels.min() * 1000.0) / 1000.0)
-        masses = [mass.moved(0.0, 0.0, 0.0, float(np.quantile(levels, 0.75))) for mass in at_street]
+        masses = [mass.translated(0.0, 0.0, 0.0, float(np.quantile(levels, 0.75))) for mass in at_street]
         number = len(self.buildings) + 1
         design = placement.design
         try:
@@ -249,7 +250,7 @@ class _Site:
         self, plot: Plot, block: Block, trees: float, leaf_loss: float, rng: np.random.Generator
     ) -> None:
         """Plant and park what the block holds, where no building stands."""
-        near = self.near(Bounds.of(plot.corners()).grown(GARDEN_REACH))
+        near = self.near(Bounds.of(plot.corners()).buffered(GARDEN_REACH))
         built = shapely.union_all([shapely.buffer(outline, TRUNK_CLEARANCE) for outline in near])
         shapely.prepare(built)
 

@@ -1,5 +1,5 @@
 """Blocks divided into the buildings that stand in them wall to wall."""
 
-from eaves.units.base import Division, UnitMethod, divide_block
+from eaves.units.stage import Division, UnitMethod, divide_block
 
 __all__ = ["Division", "UnitMethod", "divide_block"]

@@ -1,0 +1,98 @@
+"""The options that several commands share, each declared once."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+Inputs = Annotated[
+    list[str], typer.Argument(help="LAS, LAZ, COPC or text files, folders or globs.", metavar="INPUT…")
+]
+Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write.")]
+Crs = Annotated[
+    str | None, typer.Option(help="EPSG code, compound code (28992+5709), or a WKT or PROJJSON file.")
+]
+BoundsText = Annotated[str | None, typer.Option("--bounds", help="west,south,east,north in the CRS's unit.")]
+Clip = Annotated[Path | None, typer.Option(help="Polygons; points outside are not used.")]
+UseClasses = Annotated[bool, typer.Option("--use-classes", help="Believe the file's classes.")]
+Jobs = Annotated[int, typer.Option(help="Processes; 0 means one a core.", min=0)]
+Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Keep parts that are done and match.")]
+PerTile = Annotated[
+    bool, typer.Option("--per-tile", help="Compute and write tile by tile, as for over 2 billion points.")
+]
+Published = Annotated[
+    bool, typer.Option("--as-published", help="Every method with the numbers its paper prints.")
+]
+Config = Annotated[Path | None, typer.Option(help="TOML with a table per stage: method and parameters.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and errors.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also what happens inside.")]
+Footprints = Annotated[Path | None, typer.Option(help="Footprints to use instead of our own.")]
+IdField = Annotated[str | None, typer.Option(help="Field of the footprints that holds their id.")]
+Snap = Annotated[
+    bool, typer.Option("--snap-footprints", help="Move given footprints to the eaves in the points.")
+]
+PartyWalls = Annotated[
+    Path | None, typer.Option(help="Polygons of addresses that detected blocks are split into.")
+]
+BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).", min=6)]
+Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
+Units = Annotated[
+    str | None, typer.Option(help="How blocks are divided into houses: a method's name, or off.")
+]
+MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]
+Formats = Annotated[
+    str, typer.Option(help="More formats, comma-separated: obj,glb,3dtiles,cityjson,geojson,fgb,parquet.")
+]
+Lod = Annotated[str, typer.Option(help="Finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2.")]
+
+
+@dataclass(frozen=True)
+class RunWords:
+    """The options of every command that computes."""
+
+    crs: Crs = None
+    bounds: BoundsText = None
+    clip: Clip = None
+    use_classes: UseClasses = False
+    as_published: Published = False
+    block: BlockSide = 240.0
+    jobs: Jobs = 0
+    scheduler: Scheduler = None
+    resume: Resume = False
+    config: Config = None
+    quiet: Quiet = False
+    verbose: Verbose = False
+
+
+def with_run_words(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the fields of `RunWords` as options of its own in place of its parameter `words`."""
+    names = [field.name for field in fields(RunWords)]
+
+    @wraps(command)
+    def whole(**values: Any) -> None:
+        words = RunWords(**{name: values.pop(name) for name in names})
+        command(**values, words=words)
+
+    hints = get_type_hints(command, include_extras=True)
+    shared = get_type_hints(RunWords, include_extras=True)
+    own = [
+        one.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY)
+        for name, one in inspect.signature(command).parameters.items()
+        if name != "words"
+    ]
+    more = [
+        inspect.Parameter(
+            field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=shared[field.name]
+        )
+        for field in fields(RunWords)
+    ]
+    whole.__signature__ = inspect.Signature([*own, *more])  # type: ignore[attr-defined]
+    whole.__annotations__ = {one.name: one.annotation for one in (*own, *more)}
+    return whole

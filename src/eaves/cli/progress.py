@@ -1,0 +1,96 @@
+"""Progress of long work: bars on a terminal, plain lines in a log."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+Show = Callable[[str, int, int], None]
+SECONDS_BETWEEN_LINES = 10.0
+SHARES = {"read": 0.08, "blocks": 0.45, "buildings": 0.4, "write": 0.07}
+"""Usual share of each stage in the time of a run; a run by tiles has one stage that is nearly all of it."""
+TILE_SHARES = {"tiles": 0.97, "merge": 0.03}
+
+
+class Remaining:
+    """How long a whole run will still take, from the shares of its stages and the time it took so far."""
+
+    def __init__(self) -> None:
+        self._started = time.monotonic()
+        self._done: dict[str, float] = {}
+
+    def after(self, stage: str, done: int, total: int) -> float | None:
+        """Seconds left when so much of a stage is done; None while that is guesswork."""
+        shares = TILE_SHARES if stage in TILE_SHARES else SHARES
+        for earlier in list(shares)[: list(shares).index(stage)] if stage in shares else ():
+            self._done[earlier] = 1.0
+        self._done[stage] = done / total if total else 1.0
+        share = sum(part * self._done.get(name, 0.0) for name, part in shares.items())
+        passed = time.monotonic() - self._started
+        return passed * (1.0 - share) / share if share > 0.02 and passed > 1.0 else None
+
+
+def in_words(seconds: float | None) -> str:
+    """`, about 3 min left`; nothing for None."""
+    if seconds is None:
+        return ""
+    for unit, length in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 1.5 * length:
+            return f", about {seconds / length:.0f} {unit} left"
+    return f", about {max(seconds, 1.0):.0f} s left"
+
+
+@contextmanager
+def nothing() -> Iterator[Show]:
+    """Shows nothing."""
+    yield lambda stage, done, total: None
+
+
+@contextmanager
+def lines() -> Iterator[Show]:
+    """A plain line to standard error at the end of each stage, and every ten seconds between."""
+    last, remaining = time.monotonic(), Remaining()
+
+    def show(stage: str, done: int, total: int) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if done >= total or now - last > SECONDS_BETWEEN_LINES:
+            last = now
+            left = in_words(remaining.after(stage, done, total))
+            sys.stderr.write(f"{stage}: {done:,} of {total:,}{left}\n")
+            sys.stderr.flush()
+
+    yield show
+
+
+@contextmanager
+def bars() -> Iterator[Show]:
+    """A bar a stage, drawn by rich on standard error."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TaskID,
+        TextColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description:>10}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[left]}"),
+    )
+    remaining = Remaining()
+    with Progress(*columns, console=Console(stderr=True)) as display:
+        tasks: dict[str, TaskID] = {}
+
+        def show(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = display.add_task(stage, total=total, left="")
+            left = in_words(remaining.after(stage, done, total)).removeprefix(", ")
+            display.update(tasks[stage], completed=done, total=total, left="" if done >= total else left)
+
+        yield show

@@ -1,0 +1,85 @@
+"""The commands that look at results: validate, evaluate, view, plot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eaves.cli.options import Quiet
+from eaves.cli.runs import COMPLETE, INCOMPLETE, start_log
+
+
+def validate(
+    file: Annotated[Path, typer.Argument(help="CityJSON or CityJSONSeq.", metavar="FILE")],
+    quiet: Quiet = False,
+) -> None:
+    """Every defect of every solid, by val3dity's codes. Exit status 1 when there is one."""
+    from eaves.validate import validate_file
+
+    findings = validate_file(file)
+    for finding in findings:
+        typer.echo(f"{finding.code} {finding.name}: {finding.building} {finding.where}: {finding.detail}")
+    if not quiet:
+        typer.echo(f"{file}: {len(findings)} findings" if findings else f"{file}: valid, no findings")
+    raise typer.Exit(INCOMPLETE if findings else COMPLETE)
+
+
+def evaluate(
+    what: Annotated[str, typer.Argument(help="ground, detection, footprints, planes or models.")],
+    result: Annotated[Path, typer.Argument(help="What is judged: a file that eaves or another wrote.")],
+    reference: Annotated[Path, typer.Argument(help="What it is held against.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for JSON, rows and maps.")] = None,
+    footprints: Annotated[
+        Path | None, typer.Option(help="For models: the polygons whose points count; else the models' own.")
+    ] = None,
+    lod: Annotated[
+        str | None, typer.Option(help="For models: 1.2, 1.3, 2.0 or 2.2; else each building's finest.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """How well a result agrees with a reference. By the measures of docs/evaluation.md."""
+    from eaves.evaluate import evaluate_files
+
+    start_log(quiet)
+    evaluation = evaluate_files(what, result, reference, out, lod=lod, footprints=footprints)
+    if not quiet:
+        typer.echo(evaluation.as_text())
+
+
+def view(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    browser: Annotated[bool, typer.Option(help="Open it, or only make it.")] = True,
+    again: Annotated[bool, typer.Option("--again", help="Make the page anew.")] = False,
+    around: Annotated[str | None, typer.Option(help="Of a large run, draw what is around this id.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Open the 3D page of a run; it is made when it is missing."""
+    from eaves.report.view import open_report
+
+    start_log(quiet)
+    path = open_report(folder, browser, again, around)
+    if not quiet:
+        typer.echo(f"report: {path}")
+
+
+def plot(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG, SVG or PDF; OUT/<what>.png.")] = None,
+    what: Annotated[str, typer.Option(help="plan, errors, section or models.")] = "plan",
+    reference: Annotated[
+        Path | None, typer.Option(help="For errors: polygons, or the detection.tif of `eaves evaluate`.")
+    ] = None,
+    building: Annotated[str | None, typer.Option(help="For section: the building's id.")] = None,
+    size: Annotated[float, typer.Option(help="Width (cm).", min=2, max=200)] = 18.0,
+    dpi: Annotated[int, typer.Option(help="Dots an inch.", min=30, max=1200)] = 300,
+    quiet: Quiet = False,
+) -> None:
+    """A picture of a run for print. Plan, errors against a reference, cross-section, all models."""
+    from eaves.report.plot import plot_run
+
+    start_log(quiet)
+    path = plot_run(folder, out, what, reference=reference, building=building, size_cm=size, dpi=dpi)
+    if not quiet:
+        typer.echo(f"picture: {path}")

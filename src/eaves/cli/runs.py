@@ -1,0 +1,200 @@
+"""What the commands share: configuration, log, progress, exit statuses, and the run itself."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from eaves.cli.options import RunWords
+    from eaves.model.summary import Summary
+
+COMPLETE, INCOMPLETE, MISUSE, INTERRUPTED = 0, 1, 2, 130
+"""Exit statuses; 130 is the shell's for Ctrl-C."""
+WHERE_TO_OPEN = {
+    "in a browser": "report.html",
+    "in QGIS": "footprints.gpkg",
+    "in Blender": "buildings.glb",
+    "in Cesium": "tileset.json",
+}
+"""What the last lines of a run point to, where it was written."""
+
+
+@contextmanager
+def count_interrupts() -> Iterator[list[int]]:
+    """A list that grows with every Ctrl-C: libraries turn the exception into errors of their own."""
+    interrupts: list[int] = []
+
+    def interrupt(number: int, frame: object) -> None:
+        interrupts.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield interrupts
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def report_error(error: Exception) -> int:
+    """Print in one line what went wrong; the exit status. What nobody foresaw is raised again."""
+    from eaves.formats.disk import DiskFullError
+
+    status, line = MISUSE, " ".join(str(error).split())
+    # a wrong word on the command line; typer brings its own click, so its classes have no fixed name
+    format_message = getattr(error, "format_message", None)
+    if isinstance(error, MemoryError):
+        status, line = INCOMPLETE, f"memory ran out ({line}); use fewer --jobs, or --bounds for a part"
+    elif isinstance(error, ValueError | OSError):
+        if "--verbose" in sys.argv or "-v" in sys.argv:
+            raise error
+        status = INCOMPLETE if isinstance(error, DiskFullError) else MISUSE
+    elif format_message is None:
+        raise error
+    elif type(error).__name__ == "NoArgsIsHelpError":
+        typer.echo(format_message())
+        return status
+    else:
+        line = " ".join(format_message().split()).rstrip(".") + "; see --help"
+    typer.echo(f"error: {line}", err=True)
+    return status
+
+
+def read_config(path: Path | None) -> dict[str, dict[str, Any]]:
+    """The tables of a TOML file by stage; ValueError names a stage that does not exist."""
+    import tomllib
+
+    from eaves.methods import REGISTRY
+
+    if path is None:
+        return {}
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ValueError(f"{path}: there is no such configuration file; check --config") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not valid TOML ({error}); mend the file") from None
+    for stage, table in tables.items():
+        if stage not in REGISTRY or not isinstance(table, dict):
+            raise ValueError(f"{path}: unknown table '{stage}'; choose among: {', '.join(REGISTRY)}")
+    return tables
+
+
+def parse_bounds(text: str | None) -> tuple[float, float, float, float] | None:
+    """The four numbers of `--bounds`."""
+    if not text:
+        return None
+    try:
+        west, south, east, north = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"--bounds {text}: not four numbers; write west,south,east,north") from None
+    if west >= east or south >= north:
+        raise ValueError(f"--bounds {text}: west must be below east, south below north")
+    return west, south, east, north
+
+
+def run_build(
+    inputs: list[str],
+    out: Path,
+    words: RunWords,
+    names: dict[str, str | None],
+    *,
+    lod: str,
+    ground_only: bool = False,
+    **options: Any,
+) -> Summary:
+    """Build with progress on screen; the methods of the command line go before the configuration file's."""
+    import os
+    from dataclasses import replace
+
+    from eaves.pipeline import build as build_files
+    from eaves.report.build import build as build_with_report
+    from eaves.run.recipe import make_recipe
+
+    settings = read_config(words.config)
+    named = {stage: {"method": name} for stage, name in names.items() if name}
+    recipe = make_recipe(
+        {stage: settings.get(stage, {}) | named.get(stage, {}) for stage in {*settings, *named}},
+        published=words.as_published,
+        use_classes=words.use_classes,
+        lod=lod,
+    )
+    start_log(words.quiet, words.verbose)
+    with progress_display(words.quiet) as progress:
+        return (build_files if options.get("outputs") else build_with_report)(
+            inputs,
+            out,
+            replace(recipe, detect=None) if ground_only else recipe,
+            progress,
+            crs=words.crs,
+            bounds=parse_bounds(words.bounds),
+            clip=words.clip,
+            block=words.block,
+            jobs=words.jobs or os.cpu_count() or 1,
+            scheduler=words.scheduler,
+            resume=words.resume,
+            **options,
+        )
+
+
+def finish(summary: Summary, quiet: bool, strict: bool = False) -> None:
+    """Say what came out, and leave with the right status."""
+    if not quiet:
+        typer.echo(summary.as_text())
+        for program, name in WHERE_TO_OPEN.items():
+            there = [path for path in summary.files if path.name == name]
+            if there:
+                typer.echo(f"  {program:<14} {there[0]}")
+    for reason in summary.failed:
+        typer.echo(f"incomplete: {reason}", err=True)
+    failures = strict and summary.found > summary.modelled
+    raise typer.Exit(COMPLETE if summary.complete and not failures else INCOMPLETE)
+
+
+def start_log(quiet: bool, verbose: bool = False) -> None:
+    """Warnings (and more, if wanted) go to standard error, a line each."""
+    import logging
+
+    level = logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
+    logger = logging.getLogger("eaves")
+    logger.handlers[:] = [handler]
+    logger.setLevel(level)
+
+
+def progress_display(quiet: bool) -> Any:
+    """A context manager whose value takes progress: bars on a terminal, plain lines in a log, nothing if
+    quiet."""
+    from eaves.cli.progress import bars, lines, nothing
+
+    if quiet:
+        return nothing()
+    return bars() if sys.stderr.isatty() else lines()
+
+
+def describe_methods(stage: str | None) -> Iterator[str]:
+    """Lines on every method, or on those of one stage with their parameters."""
+    from eaves.methods import DEFAULTS, REGISTRY, method_class
+
+    if stage is not None and stage not in REGISTRY:
+        raise ValueError(f"unknown stage '{stage}'; choose one of: {', '.join(REGISTRY)}")
+    for name in [stage] if stage else list(REGISTRY):
+        yield name
+        for method in REGISTRY[name]:
+            cls = method_class(name, method)
+            mark = " (default)" if DEFAULTS[name] == method else ""
+            yield f"  {method}{mark}: {cls.idea} [{cls.paper}]"
+            for key, field in cls.model_fields.items() if stage else ():
+                extra: Any = field.json_schema_extra or {}
+                unit = "" if extra.get("unit") in (None, "1") else f" {extra['unit']}"
+                default = "derived" if field.default is None else f"{field.default}{unit}"
+                printed = extra.get("published")
+                published = "" if printed is None else f"; published {printed}{unit}"
+                yield f"      {key} = {default}{published}: {field.description}"

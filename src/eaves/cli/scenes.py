@@ -1,0 +1,50 @@
+"""The commands that make scenes: simulate, demo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eaves.cli.options import Crs, Out, Quiet
+from eaves.cli.runs import progress_display, start_log
+
+
+def simulate(
+    out: Out,
+    area: Annotated[float, typer.Option(help="Area of the town (km²).", min=0.001)] = 0.09,
+    buildings: Annotated[
+        int | None, typer.Option(help="Number of buildings; what the area holds by default.")
+    ] = None,
+    density: Annotated[float, typer.Option(help="Points a square metre.", min=0.1, max=100)] = 10.0,
+    noise: Annotated[float, typer.Option(help="Standard deviation of a range (m).", min=0)] = 0.02,
+    pattern: Annotated[str, typer.Option(help="lines, zigzag, ellipse or random (no scan angle).")] = "lines",
+    terrain: Annotated[str, typer.Option(help="flat, slope, hilly or terraced.")] = "flat",
+    style: Annotated[str, typer.Option(help="mixed, suburb or centre.")] = "mixed",
+    trees: Annotated[float, typer.Option(help="Times the trees of an ordinary town.", min=0, max=10)] = 1.0,
+    clutter: Annotated[bool, typer.Option(help="Vents, skylights, panels and balconies on roofs.")] = True,
+    seed: Annotated[int, typer.Option(help="Same seed, same bytes.", min=0)] = 0,
+    model: Annotated[
+        Path | None, typer.Option(help="Scan the buildings of this CityJSON file instead.")
+    ] = None,
+    crs: Crs = None,
+    quiet: Quiet = False,
+) -> None:
+    """A town of which everything is known, and its scan. Every plane, corner and point label."""
+    from eaves.cli.simulation import run_simulation
+
+    start_log(quiet)
+    town: dict[str, object] = {"area_km2": area, "buildings": buildings, "terrain": terrain, "trees": trees}
+    town |= {"style": style, "clutter": clutter, "model": model}
+    message = run_simulation(out, town, {"density": density, "noise": noise, "pattern": pattern}, seed, crs)
+    if not quiet:
+        typer.echo(message)
+
+
+def demo(out: Out = Path("demo-out"), quiet: Quiet = False) -> None:
+    """Build a town whose every plane is known, and compare."""
+    from eaves.cli.demo import run_demo
+
+    start_log(quiet)
+    raise typer.Exit(run_demo(out, progress_display(quiet)))

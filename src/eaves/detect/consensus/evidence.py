@@ -1,0 +1,94 @@
+"""What each cell of a scene tells for or against a roof: planes, echoes, ground seen through it, height."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.detect.consensus.windows import best_planes, window_sum
+from eaves.detect.toolkit.cells import Cells
+from eaves.detect.toolkit.plane_moments import sums_of
+from eaves.model import Mask, Points, Scene, Values
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Rasters (H, W) over the cells; values mean nothing where `candidate` is False."""
+
+    cells: Cells
+    candidate: Mask
+    """Cells with at least one point that could be a roof."""
+    top: Values
+    """Height (m above the terrain's local zero) of the highest candidate point; -inf where there is none."""
+    residual: Values
+    """RMSE (m) across the plane of the best of the windows that hold the cell; inf where none fits."""
+    east: Values
+    north: Values
+    level: Values
+    """The best window's plane: slopes and its height at the middle of the cell."""
+    several: Values
+    """Share of the window's candidate points whose pulse had several returns; 0 without returns."""
+    through: Values
+    """Share of all points in the window that lie on or near the ground."""
+    height: Values
+    """Mean height (m) of the cell's candidate points over the terrain."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the cells."""
+        return self.cells.shape
+
+
+def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float) -> Evidence:
+    """Evidence on cells of the given side (m).
+
+    `candidate` (N,) marks the points that could be roofs; xyz (N, 3) counts heights from a level near them.
+    """
+    cells = Cells.of(xyz, side)
+    shape = cells.shape
+    chosen = np.flatnonzero(candidate)
+    cell = cells.cell[chosen]
+    count = np.bincount(cell, minlength=cells.size).reshape(shape)
+    sums = sums_of(xyz[chosen], cell, cells.size).reshape(*shape, 10)
+    slope_east, slope_north, level, residual = best_planes(sums, cells)
+    top = cells.extreme(np.where(candidate, xyz[:, 2], -np.inf))
+
+    around = window_sum(count.astype(np.float64))
+    several = np.zeros(shape)
+    if scene.cloud.has_returns and scene.cloud.number_of_returns is not None:
+        many = chosen[scene.cloud.number_of_returns[chosen] > 1]
+        several = window_sum(
+            np.bincount(cells.cell[many], minlength=cells.size).reshape(shape).astype(np.float64)
+        )
+        several = several / np.maximum(around, 1)
+    low = np.flatnonzero(~candidate & ~scene.cloud.noise)
+    under = window_sum(np.bincount(cells.cell[low], minlength=cells.size).reshape(shape).astype(np.float64))
+    height = np.bincount(cell, weights=scene.height[chosen], minlength=cells.size).reshape(shape)
+    return Evidence(
+        cells=cells,
+        candidate=count > 0,
+        top=top.reshape(shape),
+        residual=residual,
+        east=slope_east,
+        north=slope_north,
+        level=level,
+        several=several,
+        through=under / np.maximum(under + around, 1),
+        height=height / np.maximum(count, 1),
+    )
+
+
+def neighbour_pairs(mask: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Flat numbers of all pairs of eight-neighbouring cells that are both set in `mask` (H, W)."""
+    rows, columns = mask.shape
+    number = np.arange(rows * columns).reshape(rows, columns)
+    one, two = [], []
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        a = (slice(0, rows - down), slice(max(0, -right), columns - max(0, right)))
+        b = (slice(down, rows), slice(max(0, right), columns - max(0, -right)))
+        both = mask[a] & mask[b]
+        one.append(number[a][both])
+        two.append(number[b][both])
+    return np.concatenate(one), np.concatenate(two)

@@ -1,0 +1,119 @@
+"""Smooth surfaces: connected cells whose planes agree, and what each surface tells as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from eaves.detect.consensus.evidence import Evidence, neighbour_pairs
+from eaves.model import Labels, Mask, Values
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Surfaces 1…K: `label` (H, W), 0 for none; everything else is (K,)."""
+
+    label: Labels
+    area: Values
+    """m²"""
+    width: Values
+    """Side (m) of about the largest square that fits inside."""
+    residual: Values
+    """Mean RMSE (m) of its cells' planes."""
+    several: Values
+    through: Values
+    """Means of the cells' evidence."""
+    height: Values
+    """Mean height over the terrain (m)."""
+    tall: Values
+    """Share of its cells that are at least `tall_height` over the terrain."""
+
+    @property
+    def count(self) -> int:
+        """How many segments there are."""
+        return len(self.area)
+
+
+def find_segments(evidence: Evidence, smooth: Mask, max_gap: float, tall_height: float) -> Segments:
+    """Connected groups of `smooth` cells (H, W) whose planes differ by less than `max_gap` at both."""
+    one, two = neighbour_pairs(smooth)
+    level = evidence.level.ravel()
+    ahead = np.abs(level_at(evidence, one, two, 1.0) - level[two])
+    back = np.abs(level_at(evidence, two, one, 1.0) - level[one])
+    gap = np.maximum(ahead, back)
+    joined = gap < max_gap
+    number = np.full(smooth.size, -1)
+    members = np.flatnonzero(smooth)
+    number[members] = np.arange(len(members))
+    graph = coo_array(
+        (np.ones(int(joined.sum()), np.int8), (number[one[joined]], number[two[joined]])), (len(members),) * 2
+    )
+    count, group = connected_components(graph, directed=False)
+    flat = np.zeros(smooth.size, np.int32)
+    flat[members] = group + 1
+    label: Labels = flat.reshape(smooth.shape)
+
+    def mean(values: Values) -> Values:
+        total = np.bincount(group, weights=values.ravel()[members], minlength=count)
+        return np.asarray(total / np.maximum(size, 1), np.float64)
+
+    size = np.bincount(group, minlength=count).astype(np.float64)
+    side = evidence.cells.side
+    return Segments(
+        label=label,
+        area=size * (side * side),
+        width=inner_width(label, count) * side,
+        residual=mean(evidence.residual),
+        several=mean(least_around(evidence.several, evidence.candidate)),
+        through=mean(least_around(evidence.through, evidence.candidate)),
+        height=mean(evidence.height),
+        tall=mean(np.where(evidence.height >= tall_height, 1.0, 0.0)),
+    )
+
+
+def least_around(values: Values, mask: Mask) -> Values:
+    """The least value (H, W) of the cells of `mask` among the three by three around each cell."""
+    return np.asarray(ndimage.minimum_filter(np.where(mask, values, np.inf), 3), np.float64)
+
+
+def level_at(
+    evidence: Evidence, cells: NDArray[np.int64], towards: NDArray[np.int64], share: float
+) -> Values:
+    """Height (K,) of the planes of cells (K,) at the given share of the way to the cells `towards` (K,)."""
+    columns = evidence.shape[1]
+    row, column = np.divmod(cells, columns)
+    to_row, to_column = np.divmod(towards, columns)
+    side = evidence.cells.side * share
+    level = evidence.level.ravel()[cells]
+    level = level + evidence.east.ravel()[cells] * (to_column - column) * side
+    return np.asarray(level - evidence.north.ravel()[cells] * (to_row - row) * side, np.float64)
+
+
+def square_width(label: Labels, count: int) -> Values:
+    """Side (cells) of the largest square inside each segment 1…`count` of labels (H, W)."""
+    corner = label.copy()
+    for other in (label[1:, :-1], label[:-1, 1:], label[1:, 1:]):
+        corner[:-1, :-1][label[:-1, :-1] != other] = 0
+    corner[-1], corner[:, -1] = 0, 0
+    even = inner_width(corner, count)
+    return np.maximum(inner_width(label, count), np.where(even > 0.0, even + 1.0, 0.0))
+
+
+def inner_width(label: Labels, count: int) -> Values:
+    """Side (cells), an odd number, of the largest square with a middle cell in each segment 1…`count`."""
+    width = np.zeros(count + 1)
+    if count:
+        border = np.zeros(label.shape, bool)
+        padded = np.pad(label, 1)
+        for row, column in ((0, 1), (2, 1), (1, 0), (1, 2)):
+            border |= padded[row : row + label.shape[0], column : column + label.shape[1]] != label
+        inside = (label > 0) & ~border
+        distance = ndimage.distance_transform_cdt(inside, metric="chessboard")
+        some = np.flatnonzero(label)
+        np.maximum.at(width, label.ravel()[some], 2.0 * distance.ravel()[some] + 1.0)
+    return width[1:]

@@ -1,0 +1,131 @@
+"""Planes through windows of cells, and for each cell the best of the windows that hold it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from eaves.detect.toolkit.cells import Cells
+from eaves.detect.toolkit.plane_moments import Sums
+from eaves.model import Values
+
+WINDOWS = ((3, 1.0), (2, 2.0))
+"""Cells along a window, and what its residual is multiplied with, as few points fit by chance."""
+LEAST_POINTS = 6
+"""Points of a window that a plane is fitted to: three would always fit, six leave half for the residual."""
+LEAST_WIDTH = 0.25
+"""A window whose points are narrower than this share of a cell is a line, not a surface."""
+LEAST_DETERMINANT = 1e-12
+"""Of the moments in plan (m⁴): a line has no slope of its own."""
+
+
+def best_planes(sums: Sums, cells: Cells) -> tuple[Values, Values, Values, Values]:
+    """The best window's plane of each cell: slopes, height at the cell's middle, residual; (H, W) each.
+
+    Every cell lies in nine windows of three by three cells and in four of two by two; near a ridge or an
+    eaves at least one of them lies wholly on one face, and in a crown none of them is flat.
+    """
+    best = np.zeros((4, *cells.shape))
+    best[3] = np.inf
+    for size, price in WINDOWS:
+        planes = planes_of_windows(sums, cells, size)
+        planes[3] *= price
+        which = least_around_kernel(planes[3].reshape(cells.shape), size)
+        better = np.flatnonzero(planes[3, which.ravel()] < best[3].ravel())
+        best.reshape(4, -1)[:, better] = planes[:, which.ravel()[better]]
+    x = cells.west + (np.arange(cells.shape[1]) + 0.5) * cells.side
+    y = cells.north - (np.arange(cells.shape[0]) + 0.5) * cells.side
+    return best[0], best[1], best[2] + best[0] * x[None, :] + best[1] * y[:, None], best[3]
+
+
+def planes_of_windows(sums: Sums, cells: Cells, size: int) -> NDArray[np.float64]:
+    """Slopes, height at the origin and residual (4, H · W) of each cell's window; inf where none fits."""
+    planes = np.zeros((4, *cells.shape))
+    planes[3] = np.inf
+    planes_kernel(sums, size, LEAST_WIDTH * cells.side, planes)
+    return planes.reshape(4, -1)
+
+
+@njit(cache=True)
+def planes_kernel(sums: Sums, size: int, least_width: float, planes: NDArray[np.float64]) -> None:
+    """Least squares planes z = ax + by + c through the windows of `size` by `size` cells, into (4, H, W).
+
+    The residual is the RMSE across the plane with three degrees of freedom taken off; windows with too few
+    points, or whose points have a lesser standard deviation in plan, are left alone. `sums` is (H, W, 10).
+    """
+    rows, columns, channels = sums.shape
+    total, beside = np.empty(channels), np.empty(channels)
+    for row in range(rows):
+        first, last = max(0, row - 1), min(rows, row + size - 1)
+        for column in range(columns):
+            left, right = max(0, column - 1), min(columns, column + size - 1)
+            n = 0.0
+            for r in range(first, last):
+                for c in range(left, right):
+                    n += sums[r, c, 0]
+            if n < LEAST_POINTS:
+                continue
+            total[:] = 0.0
+            for c in range(left, right):
+                beside[:] = 0.0
+                for r in range(first, last):
+                    for k in range(channels):
+                        beside[k] += sums[r, c, k]
+                for k in range(channels):
+                    total[k] += beside[k]
+            x, y, z = total[1] / n, total[2] / n, total[3] / n
+            xx, xy, xz = total[4] / n - x * x, total[5] / n - x * y, total[6] / n - x * z
+            yy, yz, zz = total[7] / n - y * y, total[8] / n - y * z, total[9] / n - z * z
+            least = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
+            determinant = max(xx * yy - xy * xy, LEAST_DETERMINANT)
+            a = (xz * yy - yz * xy) / determinant
+            b = (yz * xx - xz * xy) / determinant
+            planes[0, row, column], planes[1, row, column] = a, b
+            planes[2, row, column] = z - a * x - b * y
+            if np.sqrt(max(least, 0.0)) >= least_width:
+                rest = max(zz - a * xz - b * yz, 0.0) * n / max(n - 3, 1.0)
+                planes[3, row, column] = np.sqrt(rest / (1 + a * a + b * b))
+
+
+def window_sum(values: Values, size: int = 3) -> Values:
+    """Sum over the window at each cell, of (H, W) or (H, W, C).
+
+    A window of `size` by `size` cells begins one cell north and west of its own: three cells lie around it.
+    """
+    rows, columns = values.shape[:2]
+    flat = np.ascontiguousarray(values, np.float64).reshape(rows, -1)
+    return np.asarray(window_kernel(flat, flat.shape[1] // columns, size).reshape(values.shape))
+
+
+@njit(cache=True)
+def window_kernel(values: Values, channels: int, size: int) -> Values:
+    """Sums over `size` rows and columns of (H, W * channels), the channels of a cell side by side."""
+    rows, width = values.shape
+    total = np.empty((rows, width))
+    line = np.zeros(width + 2 * channels)
+    for row in range(rows):
+        for i in range(width):
+            above = values[row - 1, i] if row > 0 else 0.0
+            below = values[row + 1, i] if size == 3 and row + 1 < rows else 0.0
+            line[channels + i] = above + values[row, i] + below
+        for i in range(width):
+            right = line[i + 2 * channels] if size == 3 else 0.0
+            total[row, i] = line[i] + line[i + channels] + right
+    return total
+
+
+@njit(cache=True)
+def least_around_kernel(values: Values, size: int) -> NDArray[np.int64]:
+    """Flat number (H, W) of the window, of those that hold each cell, with the least value (H, W)."""
+    rows, columns = values.shape
+    least = np.empty((rows, columns), np.int64)
+    for row in range(rows):
+        for column in range(columns):
+            best, number = values[row, column], row * columns + column
+            for r in range(max(0, row + 2 - size), min(rows, row + 2)):
+                for c in range(max(0, column + 2 - size), min(columns, column + 2)):
+                    if values[r, c] < best:
+                        best, number = values[r, c], r * columns + c
+            least[row, column] = number
+    return least

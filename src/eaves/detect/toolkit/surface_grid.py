@@ -1,0 +1,116 @@
+"""The surface of a scene on a grid, and the steps that the grid detectors share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from eaves.detect.toolkit.cells import Cells
+from eaves.model import Labels, Mask, Regions, Scene, Values
+from eaves.model.scene import ROOF
+
+EIGHT = np.ones((3, 3), bool)
+"""A cell and its eight neighbours."""
+LEAST_POINTS = 4
+"""Fewer points make no surface."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceGrid:
+    """Square cells with the surface and its height over the terrain, (H, W) each; NaN far from any point."""
+
+    cells: Cells
+    surface: Values
+    height: Values
+
+    @property
+    def side(self) -> float:
+        """Side of a cell (m)."""
+        return self.cells.side
+
+    def high(self, least: float) -> Mask:
+        """The cells (H, W) at least so high (m) over the terrain."""
+        return np.nan_to_num(self.height, nan=-np.inf) >= least
+
+
+def nearest_surface(scene: Scene, side: float) -> SurfaceGrid | None:
+    """The surface by nearest neighbour, which keeps the jump at walls; None without points.
+
+    Each cell takes the highest of its points, or the height of the nearest point up to three cells from its
+    middle.
+    """
+    used = np.flatnonzero(~scene.cloud.noise)
+    if len(used) < LEAST_POINTS:
+        return None
+    xyz = scene.cloud.xyz[used]
+    cells = Cells.of(xyz, side, margin=2)
+    surface = cells.extreme(xyz[:, 2])
+    empty = np.flatnonzero(~np.isfinite(surface))
+    surface[empty] = np.nan
+    if len(empty):
+        answer = cKDTree(xyz[:, :2]).query(cells.centres(empty), distance_upper_bound=3.0 * side)
+        distance, nearest = np.asarray(answer[0]), np.asarray(answer[1])
+        near = np.isfinite(distance)
+        surface[empty[near]] = xyz[nearest[near], 2]
+    terrain = scene.dtm.at(cells.centres(np.arange(cells.size)))
+    return SurfaceGrid(cells, surface.reshape(cells.shape), (surface - terrain).reshape(cells.shape))
+
+
+def connected(mask: Mask) -> tuple[Labels, int]:
+    """Numbers (H, W) of the connected groups (eight neighbours) of a mask, and how many there are."""
+    label, count = ndimage.label(mask, EIGHT)
+    return np.asarray(label, np.int32), int(count)
+
+
+def opened_by_area(mask: Mask, least: float) -> Mask:
+    """The connected groups (eight neighbours) of a mask (H, W) with at least so many cells."""
+    label, count = connected(mask)
+    size = np.bincount(label.ravel(), minlength=count + 1)
+    keep = size >= least
+    keep[0] = False
+    return np.asarray(keep[label], np.bool_)
+
+
+def grow_back(core: Mask, allowed: Mask, surface: Values, max_step: float, rounds: int) -> Mask:
+    """The core (H, W) grown cell by cell into `allowed` where the surface steps by less than `max_step` (m).
+
+    It stops when nothing grows, or after so many rounds: what was shrunk is grown back, and no more.
+    """
+    grown = core.copy()
+    for _ in range(rounds):
+        reached = np.zeros_like(grown)
+        padded, heights = np.pad(grown, 1), np.pad(surface, 1, constant_values=np.nan)
+        for row, column in ((0, 1), (2, 1), (1, 0), (1, 2)):
+            window = (slice(row, row + core.shape[0]), slice(column, column + core.shape[1]))
+            step = np.nan_to_num(np.abs(heights[window] - surface), nan=np.inf)
+            reached |= padded[window] & (step < max_step)
+        reached &= allowed & ~grown
+        if not reached.any():
+            break
+        grown |= reached
+    return grown
+
+
+def share_in(label: Labels, count: int, mask: Mask) -> Values:
+    """Share of the cells of each segment 1…`count` of labels (H, W) that are set in a mask (H, W)."""
+    size = np.bincount(label.ravel(), minlength=count + 1)[1:]
+    hits = np.bincount(label.ravel(), weights=mask.ravel(), minlength=count + 1)[1:]
+    return np.asarray(hits / np.maximum(size, 1), np.float64)
+
+
+def regions_of_cells(scene: Scene, grid: SurfaceGrid, label: Labels, score: Values, least: float) -> Regions:
+    """Regions of the points at least `least` (m) over the terrain in labelled cells (H, W)."""
+    number = np.zeros(len(scene.cloud), np.int32)
+    used = np.flatnonzero(~scene.cloud.noise)
+    inside = label.ravel()[grid.cells.cell]
+    roof = (inside > 0) & (scene.height[used] >= least) & ~scene.cloud.ground[used]
+    number[used[roof]] = inside[roof]
+    return Regions(number, score, np.where(number > 0, ROOF, 0).astype(np.uint8))
+
+
+def no_regions(scene: Scene) -> Regions:
+    """No building at all."""
+    return Regions(np.zeros(len(scene.cloud), np.int32), np.zeros(0))

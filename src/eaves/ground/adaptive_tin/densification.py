@@ -1,0 +1,295 @@
+"""Which points join a TIN of the ground: distance and angles to the facet, or that across a break line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from eaves.geometry.tin import OUTSIDE, Ids, Tin, walk
+from eaves.model import Mask, Points, Values
+from eaves.model.cloud import GRID_STEP
+
+STEEPEST_RIM = 1.5
+"""A facet at the hull that is steeper is a sliver, and says nothing of the terrain beyond."""
+
+UPRIGHT = 1e6
+"""Slope of a facet that has no area."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a point may differ from the surface to join it."""
+
+    distance: float
+    """From the facet, m."""
+    angle: float
+    """To the facet, seen from its vertices, radians."""
+    angle_gain: float
+    """Added to `angle` per unit of the facet's slope, radians."""
+    mirror_rise: float
+    """Height over the extended facet across the nearest vertex, per metre from the vertex."""
+    mirror_slope: float
+    """Steepest facet that is extended."""
+    mirror_reach: float
+    """Farthest vertex that is mirrored at, m."""
+    steep: float
+    """Facets at least this steep may hide a break line."""
+    noise: float
+    """A point nearer to the facet than this (m) is ground, and tells the TIN nothing new."""
+
+
+def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits, rounds: int) -> int:
+    """Insert into the TIN the candidates (K,) that fit, round by round until none does; the rounds used.
+
+    A round judges all candidates on the same surface, so their order is of no matter.
+    """
+    waiting = candidates.copy()
+    hint = np.full(len(waiting), -1, np.int32)
+    judged = np.full((len(waiting), 3), OUTSIDE, np.int32)
+    for number in range(rounds):
+        if len(waiting) == 0 or len(tin.vertices) == 0:
+            return number
+        fits, new = fits_kernel(
+            xyz,
+            waiting,
+            tin.whole,
+            tin.corner,
+            tin.vertices,
+            tin.neighbours,
+            hint,
+            judged,
+            limits.distance,
+            limits.angle,
+            limits.angle_gain,
+            limits.mirror_rise,
+            limits.mirror_slope,
+            limits.mirror_reach,
+            limits.steep,
+            limits.noise,
+        )
+        if not fits.any():
+            return number
+        tin.insert(waiting[new])
+        left = np.flatnonzero(~fits)
+        waiting, hint, judged = waiting.take(left), hint.take(left), judged.take(left, axis=0)
+    return rounds
+
+
+def insert_misfits(tin: Tin, xyz: Points, numbers: NDArray[np.int64], misfit: Values, noise: float) -> None:
+    """Insert the points (K,) that are farther than `noise` (m) from the TIN, until none is.
+
+    `misfit` (K,) holds their distances from it now. The others would tell it nothing new.
+    """
+    hint = np.full(len(numbers), -1, np.int32)
+    judged = np.full((len(numbers), 3), OUTSIDE, np.int32)
+    while (far := misfit > noise).any():
+        tin.insert(numbers[far])
+        left = np.flatnonzero(~far)
+        numbers, misfit = numbers.take(left), misfit.take(left)
+        hint, judged = hint.take(left), judged.take(left, axis=0)
+        misfit_kernel(xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, misfit)
+
+
+def misfits(tin: Tin, xyz: Points, numbers: NDArray[np.int64]) -> Values:
+    """Distances (K,) of the points with these numbers from the facets of the TIN, m; 0 without facets."""
+    misfit = np.zeros(len(numbers))
+    if len(tin.vertices):
+        hint = np.full(len(numbers), -1, np.int32)
+        judged = np.full((len(numbers), 3), OUTSIDE, np.int32)
+        misfit_kernel(xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, misfit)
+    return misfit
+
+
+def near_surface(tin: Tin, xyz: Points, level: float, slant: float, slope_cap: float) -> Mask:
+    """The points (N,) no farther along z from the TIN of some of them than `level` (m), plus `slant` (m) per
+    unit of the facet's slope, which counts up to `slope_cap`.
+    """
+    if len(tin.vertices) == 0:  # all on one line: the nearest point is all there is to compare with
+        nearest = cKDTree(xyz[tin.waiting, :2]).query(xyz[:, :2])[1]
+        return np.asarray(np.abs(xyz[:, 2] - xyz[tin.waiting[nearest], 2]) <= level)
+    return np.asarray(near_kernel(xyz, tin.whole, tin.vertices, tin.neighbours, level, slant, slope_cap))
+
+
+@njit(cache=True, inline="always")
+def plane_of(xyz: Points, vertices: Ids, triangle: int) -> Any:
+    """Rise of a finite facet's plane to the east and to the north, and its slope."""
+    a, b, c = vertices[triangle, 0], vertices[triangle, 1], vertices[triangle, 2]
+    ux, uy, uz = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1], xyz[b, 2] - xyz[a, 2]
+    vx, vy, vz = xyz[c, 0] - xyz[a, 0], xyz[c, 1] - xyz[a, 1], xyz[c, 2] - xyz[a, 2]
+    area = ux * vy - uy * vx
+    if area == 0.0:  # three points whose turn is less than a double can tell
+        return 0.0, 0.0, UPRIGHT
+    east, north = (uz * vy - uy * vz) / area, (ux * vz - uz * vx) / area
+    return east, north, np.sqrt(east * east + north * north)
+
+
+@njit(cache=True, inline="always")
+def facet_inside(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) -> Any:
+    """Height of a finite facet's plane at (x, y), and its slope."""
+    east, north, slope = plane_of(xyz, vertices, triangle)
+    a = vertices[triangle, 0]
+    return xyz[a, 2] + east * (x - xyz[a, 0]) + north * (y - xyz[a, 1]), slope
+
+
+@njit(cache=True, inline="always")
+def facet_at(xyz: Points, vertices: Ids, neighbours: Ids, triangle: int, x: float, y: float) -> Any:
+    """Height of a facet at (x, y), its slope, and the distance of (x, y) from the hull (0 inside).
+
+    Outside the hull the facet behind the hull's edge goes on, or where that is steep the edge's height does.
+    """
+    for k in range(3):
+        if vertices[triangle, k] != OUTSIDE:
+            continue
+        a, b = vertices[triangle, (k + 1) % 3], vertices[triangle, (k + 2) % 3]
+        ux, uy = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1]
+        along = ((x - xyz[a, 0]) * ux + (y - xyz[a, 1]) * uy) / (ux * ux + uy * uy)
+        along = min(1.0, max(0.0, along))
+        away = np.hypot(x - xyz[a, 0] - along * ux, y - xyz[a, 1] - along * uy)
+        height, slope = facet_inside(xyz, vertices, neighbours[triangle, k], x, y)
+        if slope <= STEEPEST_RIM:
+            return height, slope, away
+        return xyz[a, 2] + along * (xyz[b, 2] - xyz[a, 2]), 0.0, away
+    height, slope = facet_inside(xyz, vertices, triangle, x, y)
+    return height, slope, 0.0
+
+
+@njit(cache=True)
+def fits_kernel(
+    xyz: Points,
+    numbers: NDArray[np.int64],
+    whole: NDArray[np.int64],
+    corner: NDArray[np.float64],
+    vertices: Ids,
+    neighbours: Ids,
+    hint: Ids,
+    judged: Ids,
+    distance: float,
+    angle: float,
+    angle_gain: float,
+    mirror_rise: float,
+    mirror_slope: float,
+    mirror_reach: float,
+    steep: float,
+    noise: float,
+) -> tuple[Mask, Mask]:
+    """Which candidates (K,) fit the TIN, and which change it.
+
+    `hint` (K,) receives the triangle of each and `judged` (K, 3) its vertices: who did not fit a triangle
+    does not fit it later.
+    """
+    fits, new = np.zeros(len(numbers), np.bool_), np.zeros(len(numbers), np.bool_)
+    last = 0
+    for i in range(len(numbers)):
+        p, known = numbers[i], hint[i]
+        if (
+            known >= 0
+            and vertices[known, 0] == judged[i, 0]
+            and vertices[known, 1] == judged[i, 1]
+            and vertices[known, 2] == judged[i, 2]
+        ):
+            continue
+        x, y, z = xyz[p, 0], xyz[p, 1], xyz[p, 2]
+        here = walk(whole, vertices, neighbours, hint[i] if hint[i] >= 0 else last, whole[p, 0], whole[p, 1])
+        hint[i] = here
+        last = here
+        judged[i, 0], judged[i, 1], judged[i, 2] = vertices[here, 0], vertices[here, 1], vertices[here, 2]
+        height, slope, away = facet_at(xyz, vertices, neighbours, here, x, y)
+        off = abs(z - height) / np.sqrt(1.0 + slope * slope)
+        if off > distance and slope < steep:
+            continue
+        nearest, closest, sine = -1, np.inf, 0.0
+        for k in range(3):
+            v = vertices[here, k]
+            if v == OUTSIDE:
+                continue
+            length = np.sqrt((x - xyz[v, 0]) ** 2 + (y - xyz[v, 1]) ** 2 + (z - xyz[v, 2]) ** 2)
+            if length < closest:
+                nearest, closest = v, length
+            if length > 0.0:
+                sine = max(sine, min(1.0, off / length))
+        widest = np.arctan2(off, away) if away > 0.0 else np.arcsin(sine)
+        if off <= distance and widest <= angle + angle_gain * min(slope, 1.5):
+            fits[i], new[i] = True, off > noise
+            continue
+        reach = np.hypot(x - xyz[nearest, 0], y - xyz[nearest, 1])
+        if slope < steep or reach > mirror_reach:
+            continue
+        mx, my = 2.0 * xyz[nearest, 0] - x, 2.0 * xyz[nearest, 1] - y
+        across = walk(
+            whole,
+            vertices,
+            neighbours,
+            here,
+            int(np.round((mx - corner[0]) / GRID_STEP)),
+            int(np.round((my - corner[1]) / GRID_STEP)),
+        )
+        height, slope, away = facet_at(xyz, vertices, neighbours, across, mx, my)
+        if away > 0.0 or slope > mirror_slope:
+            continue
+        off = abs(z - (2.0 * xyz[nearest, 2] - height))
+        fits[i] = new[i] = off <= distance and off <= mirror_rise * reach
+    return fits, new
+
+
+@njit(cache=True)
+def misfit_kernel(
+    xyz: Points,
+    numbers: NDArray[np.int64],
+    whole: NDArray[np.int64],
+    vertices: Ids,
+    neighbours: Ids,
+    hint: Ids,
+    judged: Ids,
+    misfit: Values,
+) -> None:
+    """Distance of each of the points (K,) from its facet, into `misfit`.
+
+    Those whose facet has not changed, which `hint` and `judged` tell as in `fits_kernel`, keep theirs.
+    """
+    last = 0
+    for i in range(len(numbers)):
+        p, here = numbers[i], hint[i]
+        if here >= 0:
+            a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
+            if a == judged[i, 0] and b == judged[i, 1] and c == judged[i, 2]:
+                continue
+        last = walk(whole, vertices, neighbours, here if here >= 0 else last, whole[p, 0], whole[p, 1])
+        hint[i] = last
+        for k in range(3):
+            judged[i, k] = vertices[last, k]
+        height, slope, _ = facet_at(xyz, vertices, neighbours, last, xyz[p, 0], xyz[p, 1])
+        misfit[i] = abs(xyz[p, 2] - height) / np.sqrt(1.0 + slope * slope)
+
+
+@njit(cache=True)
+def near_kernel(
+    xyz: Points,
+    whole: NDArray[np.int64],
+    vertices: Ids,
+    neighbours: Ids,
+    level: float,
+    slant: float,
+    slope_cap: float,
+) -> Mask:
+    """Whether each point (N,) lies within `level` + `slant` · slope of the facet at it, along z."""
+    near = np.empty(len(xyz), np.bool_)
+    here, held = 0, -1
+    east, north, slope = 0.0, 0.0, 0.0
+    for i in range(len(xyz)):
+        here = walk(whole, vertices, neighbours, here, whole[i, 0], whole[i, 1])
+        a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
+        if a == OUTSIDE or b == OUTSIDE or c == OUTSIDE:
+            height, slope, _ = facet_at(xyz, vertices, neighbours, here, xyz[i, 0], xyz[i, 1])
+            held = -1
+        else:
+            if here != held:  # points come in order, so a plane often serves the next one too
+                east, north, slope = plane_of(xyz, vertices, here)
+                held = here
+            height = xyz[a, 2] + east * (xyz[i, 0] - xyz[a, 0]) + north * (xyz[i, 1] - xyz[a, 1])
+        near[i] = abs(xyz[i, 2] - height) <= level + slant * min(slope, slope_cap)
+    return near

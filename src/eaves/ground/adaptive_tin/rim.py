@@ -1,0 +1,54 @@
+"""How the terrain goes on beyond the data: a TIN that ends in walls and crowns climbs them."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from eaves.model import Bounds, Points
+from eaves.model.cloud import GRID_STEP
+
+BEYOND_M = 5.0
+"""Rim points stand this far outside the bounds of the data: so near that the terrain can be foretold."""
+APART_M = 10.0
+"""Rim points are at most this far apart."""
+NEAREST = 32
+"""A rim point lies on the plane through so many of the nearest sure ground points."""
+STIFFNESS_M = 1.0
+"""A plane through points scattered less than this is drawn level."""
+FARTHEST_M = 20.0
+"""The plane goes on no farther than this from the nearest ground point, then it is level."""
+
+
+def rim_points(sure: Points, bounds: Bounds) -> Points:
+    """Points (K, 3) around `bounds`, at the heights that the sure ground points (N, 3) foretell.
+
+    Without them the hull of a TIN runs through roofs and crowns that the rim of the data cuts. Its facets
+    there are slivers as steep as walls, and points climb them. Each height is that of a plane through the
+    nearest ground points, fitted with a little stiffness, for their place may not tell a slope.
+    """
+    if len(sure) == 0:
+        return np.zeros((0, 3))
+    xy = ring(bounds.buffered(BEYOND_M))
+    number = min(NEAREST, len(sure))
+    distance, nearest = map(np.asarray, cKDTree(sure[:, :2]).query(xy, k=np.arange(1, number + 1)))
+    near = sure[nearest]
+    middle = near.mean(axis=1)
+    offset = near - middle[:, None]
+    spread = np.einsum("ijk,ijl->ikl", offset[..., :2], offset[..., :2])
+    spread += number * STIFFNESS_M**2 * np.eye(2)
+    rise = np.einsum("ijk,ij->ik", offset[..., :2], offset[..., 2])
+    slope = np.linalg.solve(spread, rise[..., None])[..., 0]
+    step = xy - near[:, 0, :2]
+    step *= np.minimum(1.0, FARTHEST_M / np.maximum(distance[:, :1], GRID_STEP))
+    height = middle[:, 2] + ((near[:, 0, :2] + step - middle[:, :2]) * slope).sum(axis=1)
+    return np.asarray(np.c_[xy, np.round(height / GRID_STEP) * GRID_STEP])
+
+
+def ring(bounds: Bounds) -> Points:
+    """Points (K, 2) along the rim of `bounds`, corners among them, at most `APART_M` apart."""
+    columns = np.linspace(bounds.west, bounds.east, 1 + int(np.ceil((bounds.east - bounds.west) / APART_M)))
+    rows = np.linspace(bounds.south, bounds.north, 1 + int(np.ceil((bounds.north - bounds.south) / APART_M)))
+    south, north = (np.c_[columns, np.full(len(columns), y)] for y in (bounds.south, bounds.north))
+    west, east = (np.c_[np.full(len(rows) - 2, x), rows[1:-1]] for x in (bounds.west, bounds.east))
+    return np.asarray(np.round(np.concatenate([south, north, west, east]) / GRID_STEP) * GRID_STEP)

@@ -1,0 +1,123 @@
+"""Where a TIN of the ground begins: the lowest points that no object carries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from eaves.ground.toolkit.islands import find_islands
+from eaves.ground.toolkit.morphology import opened
+from eaves.ground.toolkit.pits import find_strays
+from eaves.ground.toolkit.terraces import find_terraces
+from eaves.model import Bounds, Grid, Mask, Points, Raster
+from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
+from eaves.raster.interpolate import fill_linear, fill_smooth
+
+FIRST_SLOPE, FIRST_HEIGHT_M = 0.12, 0.2
+"""Rise (m per m of radius) and height (m) over the opened surface of an object in the first, rough pass."""
+WINDOW_GROWTH = 1.15
+"""Ratio of one window to the next, once they differ by more than a cell."""
+SLOPE_SCALE_M = 8.0
+"""The slope of the terrain is measured after smoothing with this standard deviation: wider than a car."""
+ROUGH_STEP = 0.2
+"""Height over the opened surface that a cell of sloping terrain is allowed, per metre of cell and slope."""
+
+
+@dataclass(frozen=True, eq=False)
+class LowestPoints:
+    """The lowest point of each cell: its number (H, W), and its height moved to the centre of the cell."""
+
+    number: NDArray[np.int64]
+    surface: Raster
+    slope: Grid
+
+
+def lowest_of_cells(xyz: Points, side: float, bounds: Bounds | None = None) -> NDArray[np.int64]:
+    """Numbers (K,) of the lowest point in each cell of the given side (m), cells fixed to the origin.
+
+    `bounds` are those of the points, where they are known.
+    """
+    number = lowest_points(xyz, whole_cells(bounds or Bounds.of(xyz), side), side)
+    return np.asarray(number[number != EMPTY])
+
+
+def lowest_surface(xyz: Points, bounds: Bounds, cell: float, widest: float) -> LowestPoints:
+    """The surface of the lowest points (N, 3) within `bounds`, and the slope of the terrain in it as a first
+    pass finds it.
+
+    A lowest point lies anywhere in its cell, which on a slope is a height error of slope × cell. So the
+    heights are moved along the slope to the centre of the cell.
+    """
+    bounds = whole_cells(bounds, cell)
+    number = lowest_points(xyz, bounds, cell)
+    occupied = number != EMPTY
+    heights = fill_smooth(heights_of(number, xyz[:, 2]))
+    raw = Raster(heights, bounds.west, bounds.north, cell)
+    level = np.zeros(raw.shape, np.float32)
+    objects = stands_out(raw.values, cell, widest, level + np.float32(FIRST_SLOPE), FIRST_HEIGHT_M, level)
+    terrain = fill_smooth(np.where(objects | ~occupied, np.nan, raw.values).astype(np.float32))
+    smooth = ndimage.gaussian_filter(terrain, SLOPE_SCALE_M / cell, truncate=2.5)
+    south, east = (level, level) if min(raw.shape) < 2 else np.asarray(np.gradient(smooth, cell))
+    rows, columns = np.nonzero(occupied)
+    at = xyz[number[occupied]]
+    moved = raw.values[occupied].astype(np.float64)
+    moved += east[occupied] * (bounds.west + (columns + 0.5) * cell - at[:, 0])
+    moved -= south[occupied] * (bounds.north - (rows + 0.5) * cell - at[:, 1])
+    centred = np.full(raw.shape, np.nan, np.float32)
+    centred[occupied] = moved
+    slope = np.hypot(south, east).astype(np.float32)
+    return LowestPoints(number, fill_linear(raw.with_(values=centred)), slope)
+
+
+def seeds_by_opening(
+    lowest: LowestPoints, widest: float, object_slope: float, slope_share: float, level_share: float
+) -> NDArray[np.int64]:
+    """Numbers (K,) of the lowest points that stand on no object up to `widest` (m) wide.
+
+    The opening is done twice: what stood between objects stands alone once they are gone. Then terraces
+    return, and what is half way up a wall or in a hole goes.
+    """
+    surface, occupied = lowest.surface, lowest.number != EMPTY
+    cell = surface.cell
+    rise = (object_slope + slope_share * lowest.slope).astype(np.float32)
+    rough = (ROUGH_STEP * cell * lowest.slope).astype(np.float32)
+    objects = stands_out(surface.values, cell, widest, rise, 0.0, rough)
+    bare = surface.with_(values=np.where(objects | ~occupied, np.nan, surface.values).astype(np.float32))
+    objects |= stands_out(fill_linear(bare).values, cell, widest, rise, 0.0, rough)
+    objects &= ~find_terraces(surface, objects, occupied, level_share)
+    objects |= find_strays(surface, lowest.slope, objects, occupied)
+    objects |= find_islands(surface, lowest.slope, occupied & ~objects, occupied)
+    return np.asarray(lowest.number[occupied & ~objects])
+
+
+def stands_out(surface: Grid, cell: float, widest: float, rise: Grid, height: float, rough: Grid) -> Mask:
+    """Cells (H, W) that rise over the surface opened with a growing window.
+
+    A window of radius r takes away what is narrower than 2 r; a cell is an object's when it loses more than
+    `rise` · r + `height` + `rough` to one step [zhang2003, pingel2013].
+    """
+    objects = np.zeros(surface.shape, bool)
+    radius, widest_radius = 0, max(1, round(widest / 2.0 / cell))
+    while radius < widest_radius:
+        radius = min(widest_radius, max(radius + 1, round(radius * WINDOW_GROWTH)))
+        lower = opened(surface, radius)
+        stand_out_kernel(objects, surface, lower, rise, rough, np.float32(radius * cell), np.float32(height))
+        surface = lower
+    return objects
+
+
+@njit(cache=True)
+def stand_out_kernel(
+    objects: Mask, surface: Grid, lower: Grid, rise: Grid, rough: Grid, radius: float, height: float
+) -> None:
+    """Mark in `objects` (H, W) the cells of `surface` that rise over `lower`."""
+    rows, columns = objects.shape
+    for row in range(rows):
+        for column in range(columns):
+            most = rise[row, column] * radius + height + rough[row, column]
+            if surface[row, column] - lower[row, column] > most:
+                objects[row, column] = True

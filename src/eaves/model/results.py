@@ -1,0 +1,80 @@
+"""What the passes hand on: the findings of a block, the points of a building, the building's answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.model.arrays import Labels, Points
+from eaves.model.block import Block, Bounds
+from eaves.model.building import BuildingModel, Failure, Footprint
+from eaves.model.scene import WALL, Raster
+
+
+@dataclass(frozen=True, eq=False)
+class BlockResult:
+    """What the block pass found out about the points in one block; arrays are (N,) and in canonical order."""
+
+    block: Block
+    xyz: Points
+    point_id: NDArray[np.int64]
+    classification: NDArray[np.uint8]
+    label: Labels
+    part: NDArray[np.uint8]
+    height: NDArray[np.float32]
+    score: NDArray[np.float64]
+    """Of each label, (K,)."""
+    dtm: Raster
+    dsm: Raster
+    spacing: float
+    seam_id: NDArray[np.int64]
+    seam_label: Labels
+    """Labelled points within `SEAM` of the border, on both sides of it."""
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def extent(self) -> Bounds:
+        """World metres of the block's points; there is at least one."""
+        return Bounds.of(self.xyz).translated(*self.block.origin)
+
+
+@dataclass(frozen=True, eq=False)
+class BuildingPoints:
+    """One building before it is modelled: its points (N,) about its owner block's origin, the terrain."""
+
+    owner_block: Block
+    xyz: Points
+    point_id: NDArray[np.int64]
+    part: NDArray[np.uint8]
+    terrain: Raster
+    spacing: float
+    score: float
+    number: int
+    """Number among the buildings of its owner block: the seed of its random numbers."""
+    given: Footprint | None = None
+    block: Footprint | None = None
+    """The detected block that the building is a unit of; None for one that is a block of its own."""
+    wall_certainty: float | None = None
+    """Probability of the least sure party wall that was found on it, None where none was."""
+
+    @property
+    def roof_points(self) -> Points:
+        """The points (M, 3) that are not on walls."""
+        return np.asarray(self.xyz[self.part != WALL])
+
+
+@dataclass(frozen=True, eq=False)
+class BuildingResult:
+    """A model, or the Failure (with its footprint), and the roof plane of every point (N,), 0 for none."""
+
+    answer: BuildingModel | Failure
+    point_id: NDArray[np.int64]
+    plane: Labels
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def without_points(cls, failure: Failure) -> BuildingResult:
+        """A given footprint that no point belongs to."""
+        return cls(failure, np.zeros(0, np.int64), np.zeros(0, np.int32))

@@ -1,0 +1,337 @@
+"""The parametric house under a set of roof points: closed solution, one fit, edges, and whether it is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from eaves.geometry.tin import Tin
+from eaves.geometry.tolerance import FLAT_SLOPE_DEG
+from eaves.model import Failure, Mask, Points
+from eaves.reconstruct.moments.edges import (
+    LEAST_NOISE,
+    covered_area,
+    measure_edges,
+    settle_axes,
+    take_plan,
+)
+from eaves.reconstruct.moments.invariants import ClosedHouse, border_growth, close_house, surface_moments
+from eaves.reconstruct.moments.parametric_roof import (
+    ACROSS,
+    ALONG,
+    ANGLE,
+    CUT,
+    END_SLOPE,
+    FREE,
+    GABLE,
+    HALF_RIDGE,
+    HIP,
+    LEFT_SLOPE,
+    PLANE,
+    RIGHT_SLOPE,
+    TOP,
+    RoofFit,
+    fit_roof,
+)
+
+FEWEST_POINTS = 16
+"""Points a house of seven parameters is asked from."""
+
+CHOICE_POINTS, CHOICE_ROUNDS = 160, 10
+"""Points, and steps, with which the forms are compared before the one fit."""
+
+HIP_FALL, FULL_HIP_FALL = 0.12, 0.8
+"""Fall of the ends as a share of the sides': a gable below the first, a hip from the second."""
+
+FARTHEST_OVERLAP = 0.5
+"""How far (m) the end planes of a pyramid may reach over its middle."""
+
+HIGHEST_PARAPET = 1.2
+"""Points up to this height (m) above the roof's plane belong to its rectangle."""
+
+SHORT_RIDGE = 0.1
+"""Ridge as a share of the length below which a hip is a pyramid."""
+
+PARAMETER_PRICE = 0.01
+"""What a parameter must save at least, as a share of the points, for roofs are not exact."""
+
+
+@dataclass(frozen=True, eq=False)
+class House:
+    """A house with a simple roof: what it measures (m, radians), and how sure each number is.
+
+    `length` runs along the ridge (the eaves of a shed), `width` across; `x, y` is the rectangle's middle.
+    `slope` is the mean of both sides' slopes (radians), `ridge_offset` how far the ridge lies beside the
+    middle. `deviations` holds a standard deviation for each parameter by name, `inlier` (N,) the points the
+    roof explains.
+    """
+
+    roof: str
+    x: float
+    y: float
+    orientation: float
+    length: float
+    width: float
+    eaves: float
+    ridge: float
+    slope: float
+    ridge_offset: float
+    deviations: dict[str, float]
+    rmse: float
+    fit: RoofFit = field(repr=False)
+    closed: ClosedHouse = field(repr=False)
+    edges: tuple[float, float, float, float] = field(repr=False)
+    """Rectangle in the axes of the fit: low and high along, low and high across (m)."""
+    inlier: Mask = field(repr=False)
+    empty_share: float = 0.0
+    """Share of the rectangle that the points, with their border, do not cover."""
+
+
+def fit_house(points: Points, plan: Polygon | None = None, standing: Points | None = None) -> House | Failure:
+    """The parametric house under roof points (N, 3), or a Failure when there are too few.
+
+    With a ground plan, place, orientation, length and width are those of its least rectangle. Points
+    `standing` on the roof (M, 3), of dormers, are not fitted, but the roof reaches on under them.
+    """
+    if len(points) < FEWEST_POINTS:
+        return Failure("too_few_points", f"{len(points)} roof points for a parametric house", "reconstruct")
+    triangles = Tin(points[:, :2]).triangles
+    moments = surface_moments(points, triangles)
+    if moments.area <= 0.0 or min(moments.xx, moments.yy) <= 0.0:
+        return Failure("no_area", "the roof points lie on one line", "reconstruct")
+    growth = border_growth(len(points))
+    level = float(np.tan(np.radians(FLAT_SLOPE_DEG)) * np.sqrt(12.0 * moments.area) / 4.0)
+    closed = close_house(moments, level, growth)
+    best = choose_fit(points, closed)
+    inlier = np.abs(best.residuals) <= CUT * best.scale
+    if best.form == HIP and max(end_falls(best, *measure_edges(best, points[inlier])[:4])) < HIP_FALL:
+        best = fit_roof(GABLE, points, best.centre, best.parameters, LEAST_NOISE)
+        inlier = np.abs(best.residuals) <= CUT * best.scale
+    if plan is not None:
+        best, frame = take_plan(best, points, plan)
+        inlier = np.abs(best.residuals) <= CUT * best.scale
+    else:
+        rim = inlier | ((best.residuals > 0.0) & (best.residuals < HIGHEST_PARAPET))
+        if best.form == PLANE:
+            best = settle_axes(best, points[rim])
+        above = points[~rim & (best.residuals > 0.0)]
+        above = above if standing is None else np.vstack([above, standing])
+        frame = measure_edges(best, np.vstack([points[rim], hiding(best, above, points[rim])]))
+    covered = covered_area(points, triangles) * growth**2
+    return describe_house(best, closed, frame, inlier, covered)
+
+
+def hiding(fit: RoofFit, above: Points, rim: Points) -> Points:
+    """Those of the points `above` the roof (M, 3) that lie between the points of its rim (N, 3).
+
+    Without them a wide dormer looks like the end of a slope, and the roof below it like a few strays.
+    """
+    inside = np.ones(len(above), bool)
+    for place, reach in zip(fit.axes(above), fit.axes(rim), strict=True):
+        inside &= (place >= reach.min()) & (place <= reach.max())
+    return above[inside]
+
+
+def choose_fit(points: Points, closed: ClosedHouse) -> RoofFit:
+    """The fit of the form that explains the points best for its number of parameters."""
+    centre = np.array([closed.x, closed.y])
+    some = points[:: max(1, len(points) // CHOICE_POINTS)]
+    starts = [
+        (PLANE, start_of(PLANE, closed)),
+        (GABLE, start_of(GABLE, closed)),
+        (HIP, start_of(HIP, closed)),
+        (HIP, half_hip_start(closed)),
+        (GABLE, across_start(closed)),
+    ]
+    fits = [fit_roof(form, some, centre, start, LEAST_NOISE, CHOICE_ROUNDS) for form, start in starts]
+    fits = [fit for fit in fits if is_roof(fit)]
+    scale = min(fit.scale for fit in fits)
+    price = max(0.5 * float(np.log(len(some))), PARAMETER_PRICE * len(some))
+    costs = []
+    for fit in fits:
+        square = (fit.residuals / (CUT * scale)) ** 2
+        free = len(FREE[fit.form])
+        costs.append(0.5 * CUT**2 * float(np.sum(square / (1.0 + square))) + free * price)
+    for choice in np.argsort(costs, kind="stable"):
+        chosen = fits[choice]
+        final = fit_roof(chosen.form, points, centre, chosen.parameters, LEAST_NOISE)
+        if is_roof(final):
+            return final
+    return fit_roof(PLANE, points, centre, starts[0][1], LEAST_NOISE)
+
+
+def is_roof(fit: RoofFit) -> bool:
+    """Whether a fit has the shape of its form: sides and ends fall, ends do not begin beyond the middle."""
+    p = fit.parameters
+    if fit.form == PLANE:
+        return True
+    falls = [p[LEFT_SLOPE], p[RIGHT_SLOPE]]
+    if fit.form == HIP:
+        falls.append(p[END_SLOPE])
+        if p[HALF_RIDGE] < -FARTHEST_OVERLAP:
+            return False
+    return bool(min(falls) > np.tan(np.radians(FLAT_SLOPE_DEG)))
+
+
+def start_of(form: int, closed: ClosedHouse) -> NDArray[np.float64]:
+    """The closed solution as parameters (8,) of a form."""
+    start = np.zeros(8)
+    start[ANGLE] = closed.orientation
+    rise = max(abs(closed.rise), closed.rise_across, 0.1 * closed.width)
+    start[TOP] = closed.eaves + rise
+    if form == PLANE:
+        start[TOP] = closed.eaves + 0.5 * abs(closed.rise)
+        if closed.roof == "shed":
+            start[LEFT_SLOPE] = -closed.rise / closed.width
+        return start
+    start[LEFT_SLOPE] = start[RIGHT_SLOPE] = start[END_SLOPE] = 2.0 * rise / closed.width
+    start[HALF_RIDGE] = max(closed.length - closed.width, 0.0) / 2.0
+    return start
+
+
+def half_hip_start(closed: ClosedHouse) -> NDArray[np.float64]:
+    """Parameters (8,) of a roof whose ends begin half-way up."""
+    start = start_of(HIP, closed)
+    start[END_SLOPE] *= 1.3
+    start[HALF_RIDGE] = max(0.5 * closed.length - 0.2 * closed.width, 0.0)
+    return start
+
+
+def across_start(closed: ClosedHouse) -> NDArray[np.float64]:
+    """Parameters (8,) of a gable whose ridge runs the other way than the closed solution's."""
+    start = start_of(GABLE, closed)
+    start[ANGLE] += np.pi / 2.0
+    rise = max(closed.rise_along, 0.1 * closed.length)
+    start[LEFT_SLOPE] = start[RIGHT_SLOPE] = 2.0 * rise / closed.length
+    return start
+
+
+def describe_house(
+    fit: RoofFit,
+    closed: ClosedHouse,
+    frame: tuple[float, float, float, float, float, float],
+    inlier: Mask,
+    covered: float,
+) -> House:
+    """The house of a fit and its edges."""
+    west, east, south, north, end_deviation, side_deviation = frame
+    p = fit.parameters
+    length, width = east - west, north - south
+    along, across = 0.5 * (west + east), 0.5 * (south + north)
+    cosine, sine = np.cos(p[ANGLE]), np.sin(p[ANGLE])
+    x = fit.centre[0] + cosine * along - sine * across
+    y = fit.centre[1] + sine * along + cosine * across
+    corners = corner_heights(fit, west, east, south, north)
+    roof, slope, ridge = name_roof(fit, west, east, south, north)
+    eaves = min(corners) if roof in ("flat", "shed") else side_eaves(fit, south, north)
+    if roof == "flat":
+        eaves = ridge = float(np.mean(corners))
+    variance = np.maximum(np.diag(fit.covariance), 0.0)
+    tangent = float(np.tan(slope))
+    slope_variance = variance[[LEFT_SLOPE, END_SLOPE]].sum() if fit.form == PLANE else variance[LEFT_SLOPE]
+    edge = 0.5 * width * np.sqrt(slope_variance)
+    deviations = {
+        "x": float(np.hypot(cosine * end_deviation, sine * side_deviation) / np.sqrt(2.0)),
+        "y": float(np.hypot(sine * end_deviation, cosine * side_deviation) / np.sqrt(2.0)),
+        "orientation": orientation_deviation(fit, variance, length, width, end_deviation, side_deviation),
+        "length": float(np.sqrt(2.0) * end_deviation),
+        "width": float(np.sqrt(2.0) * side_deviation),
+        "ridge": float(
+            np.sqrt(variance[TOP]) if fit.form != PLANE else np.hypot(np.sqrt(variance[TOP]), edge)
+        ),
+        "eaves": float(np.sqrt(variance[TOP] + edge**2 + (tangent * side_deviation) ** 2)),
+        "slope": float(np.sqrt(slope_variance) / (1.0 + tangent**2)),
+    }
+    inside = fit.residuals[inlier]
+    return House(
+        roof,
+        float(x),
+        float(y),
+        float(np.mod(p[ANGLE], np.pi)),
+        float(length),
+        float(width),
+        float(eaves),
+        float(ridge),
+        slope,
+        float(p[ACROSS] - across) if fit.form != PLANE else 0.0,
+        deviations,
+        float(np.sqrt(np.mean(inside**2))) if len(inside) else 0.0,
+        fit,
+        closed,
+        (west, east, south, north),
+        inlier,
+        float(1.0 - covered / (length * width)),
+    )
+
+
+def squared_up(house: House) -> RoofFit:
+    """The fit with a full hip's ridge in the middle and level eaves, so that its hips end in the corners."""
+    if house.roof not in ("hip", "pyramid"):
+        return house.fit
+    west, east, south, north = house.edges
+    p = house.fit.parameters.copy()
+    p[ALONG], p[ACROSS] = 0.5 * (west + east), 0.5 * (south + north)
+    p[HALF_RIDGE] = 0.0 if house.roof == "pyramid" else min(max(p[HALF_RIDGE], 0.0), 0.45 * house.length)
+    fall = house.ridge - house.eaves
+    p[LEFT_SLOPE] = p[RIGHT_SLOPE] = 2.0 * fall / house.width
+    p[END_SLOPE] = fall / (0.5 * house.length - p[HALF_RIDGE])
+    return replace(house.fit, parameters=p)
+
+
+def corner_heights(fit: RoofFit, west: float, east: float, south: float, north: float) -> list[float]:
+    """Heights (m) of the roof over the rectangle's corners."""
+    cosine, sine = np.cos(fit.parameters[ANGLE]), np.sin(fit.parameters[ANGLE])
+    places = np.array([[west, south], [east, south], [east, north], [west, north]])
+    turn = np.array([[cosine, sine], [-sine, cosine]])
+    return [float(height) for height in fit.height_at(places @ turn + fit.centre)]
+
+
+def side_eaves(fit: RoofFit, south: float, north: float) -> float:
+    """Mean height (m) of the two eaves of a gable or hip."""
+    p = fit.parameters
+    left, right = p[LEFT_SLOPE] * (north - p[ACROSS]), p[RIGHT_SLOPE] * (p[ACROSS] - south)
+    return float(p[TOP] - 0.5 * (left + right))
+
+
+def name_roof(fit: RoofFit, west: float, east: float, south: float, north: float) -> tuple[str, float, float]:
+    """The roof's type, slope (radians) and ridge height (m)."""
+    p = fit.parameters
+    if fit.form == PLANE:
+        slope = float(np.arctan(np.hypot(p[LEFT_SLOPE], p[END_SLOPE])))
+        ridge = max(corner_heights(fit, west, east, south, north))
+        return ("flat" if slope < np.radians(FLAT_SLOPE_DEG) else "shed"), slope, ridge
+    slope = float(np.mean(np.arctan(p[[LEFT_SLOPE, RIGHT_SLOPE]])))
+    if fit.form == HIP:
+        falls = end_falls(fit, west, east, south, north)
+        if max(falls) >= HIP_FALL:
+            short = 2.0 * p[HALF_RIDGE] < SHORT_RIDGE * (east - west)
+            name = "half_hip" if min(falls) < FULL_HIP_FALL else "pyramid" if short else "hip"
+            return name, slope, float(p[TOP])
+    return "gable", slope, float(p[TOP])
+
+
+def end_falls(fit: RoofFit, west: float, east: float, south: float, north: float) -> tuple[float, float]:
+    """How far the western and the eastern end plane fall, as a share of the sides' fall."""
+    p = fit.parameters
+    sides = max(p[TOP] - side_eaves(fit, south, north), 1e-6)
+    west_run, east_run = p[ALONG] - west - p[HALF_RIDGE], east - p[ALONG] - p[HALF_RIDGE]
+    return float(p[END_SLOPE] * west_run / sides), float(p[END_SLOPE] * east_run / sides)
+
+
+def orientation_deviation(
+    fit: RoofFit,
+    variance: NDArray[np.float64],
+    length: float,
+    width: float,
+    end_deviation: float,
+    side_deviation: float,
+) -> float:
+    """Standard deviation (radians) of the orientation: of the fit, or of the edges for a single plane."""
+    if fit.form != PLANE:
+        return float(np.sqrt(variance[ANGLE]))
+    if abs(fit.parameters[END_SLOPE]) < 1e-9:  # turned to its fall
+        return float(np.sqrt(variance[END_SLOPE]) / max(abs(fit.parameters[LEFT_SLOPE]), 1e-6))
+    return float(1.0 / np.hypot(length / max(side_deviation, 1e-6), width / max(end_deviation, 1e-6)))

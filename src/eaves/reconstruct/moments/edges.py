@@ -1,0 +1,145 @@
+"""The rectangle of a parametric house: its axes where the roof does not tell them, its edges, its cover."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numba import njit
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from eaves.geometry.tolerance import FLAT_SLOPE_DEG
+from eaves.model import Points
+from eaves.reconstruct.moments.extents import MOST_STRAYS, STRAY, extent_kernel, extent_of
+from eaves.reconstruct.moments.parametric_roof import ANGLE, END_SLOPE, LEFT_SLOPE, PLANE, RoofFit, fit_roof
+
+LEAST_NOISE = 0.015
+"""Noise (m) under which a fit does not tell forms apart."""
+
+EMPTY_RADIUS = 4.0
+"""A triangle is empty ground when its circle is this many times wider than usual."""
+
+SQUARE_FALL_DEG = 4.0
+"""A shed that falls this nearly square to its sides (degrees) does so exactly; heights tell it best."""
+
+SEARCH = ((0.16, 11), (0.024, 7), (0.006, 7))
+"""Half widths (radians) and steps of the search for the least rectangle."""
+
+
+def take_plan(
+    fit: RoofFit, points: Points, plan: Polygon
+) -> tuple[RoofFit, tuple[float, float, float, float, float, float]]:
+    """The fit to points (N, 3) in the axes of the plan's least rectangle, and its edges, which are exact."""
+    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(plan))
+    side = corners[1] - corners[0]
+    turn = np.arctan2(side[1], side[0]) - fit.parameters[ANGLE]
+    turn = np.mod(turn + np.pi / 4.0, np.pi / 2.0) - np.pi / 4.0
+    if fit.form == PLANE:
+        fit = turned_fit(fit, float(turn))
+        if abs(fit.parameters[END_SLOPE]) > abs(fit.parameters[LEFT_SLOPE]):
+            fit = turned_fit(fit, np.pi / 2.0)
+    else:
+        start = fit.parameters.copy()
+        start[ANGLE] += turn
+        fit = fit_roof(fit.form, points, fit.centre, start, LEAST_NOISE, turns=False)
+    along, across = fit.axes(corners)
+    return fit, (along.min(), along.max(), across.min(), across.max(), 0.0, 0.0)
+
+
+def settle_axes(fit: RoofFit, points: Points) -> RoofFit:
+    """The plane's fit with axes along the sides of the rectangle around points (N, 3), falling across.
+
+    A plane has no ridge to tell the orientation. Where it falls nearly square to the axes of the closed
+    solution, the fall is the better witness; elsewhere the rectangle of least area is looked for around
+    them.
+    """
+    along, across = fit.parameters[END_SLOPE], fit.parameters[LEFT_SLOPE]
+    if np.hypot(along, across) < np.tan(np.radians(FLAT_SLOPE_DEG)):
+        settled = turned_fit(fit, least_rectangle(fit, points))
+        west, east, south, north = measure_edges(settled, points)[:4]
+        return settled if east - west >= north - south else turned_fit(settled, np.pi / 2.0)
+    if abs(along) > abs(across):
+        fit = turned_fit(fit, np.pi / 2.0)
+    turn = fall_angle(fit)
+    if abs(turn) < np.radians(SQUARE_FALL_DEG):
+        return turned_fit(fit, turn)
+    settled = turned_fit(fit, least_rectangle(fit, points))
+    if abs(settled.parameters[END_SLOPE]) > abs(settled.parameters[LEFT_SLOPE]):
+        settled = turned_fit(settled, np.pi / 2.0)
+    turn = fall_angle(settled)
+    return turned_fit(settled, turn) if abs(turn) < np.radians(SQUARE_FALL_DEG) else settled
+
+
+def fall_angle(fit: RoofFit) -> float:
+    """The turn (radians) that makes a plane fall exactly across its axes."""
+    return float(np.arctan(fit.parameters[END_SLOPE] / fit.parameters[LEFT_SLOPE]))
+
+
+def least_rectangle(fit: RoofFit, points: Points) -> float:
+    """The turn (radians) of the axes in which the edges of points (N, 3) enclose the least area."""
+    along, across = fit.axes(points)
+    best, angle = np.inf, 0.0
+    for width, steps in SEARCH:
+        turns = angle + np.linspace(-width, width, steps)
+        cosine, sine = np.cos(turns)[:, None], np.sin(turns)[:, None]
+        lengths = extents_kernel(np.sort(cosine * along + sine * across, axis=1), STRAY, MOST_STRAYS)
+        widths = extents_kernel(np.sort(cosine * across - sine * along, axis=1), STRAY, MOST_STRAYS)
+        areas = lengths * widths
+        least = int(np.argmin(areas))
+        if areas[least] < best:
+            best, angle = float(areas[least]), float(turns[least])
+    return angle
+
+
+@njit(cache=True)
+def extents_kernel(ordered: NDArray[np.float64], stray: float, most: float) -> NDArray[np.float64]:
+    """Distance (T,) between the edges of each row of ordered values (T, N)."""
+    extents, edges = np.empty(len(ordered)), np.zeros(4)
+    for k in range(len(ordered)):
+        extent_kernel(ordered[k], stray, most, edges)
+        extents[k] = edges[1] - edges[0]
+    return extents
+
+
+def turned_fit(fit: RoofFit, turn: float) -> RoofFit:
+    """The same plane in axes turned by `turn` (radians)."""
+    p = fit.parameters.copy()
+    cosine, sine = np.cos(turn), np.sin(turn)
+    gradient_along, gradient_across = p[END_SLOPE], -p[LEFT_SLOPE]
+    p[ANGLE] += turn
+    p[END_SLOPE] = cosine * gradient_along + sine * gradient_across
+    p[LEFT_SLOPE] = -(cosine * gradient_across - sine * gradient_along)
+    return RoofFit(fit.form, fit.centre, p, fit.residuals, fit.covariance, fit.scale)
+
+
+def measure_edges(fit: RoofFit, points: Points) -> tuple[float, float, float, float, float, float]:
+    """Low and high along, low and high across, in the axes of the fit, and a deviation for each axis."""
+    along, across = fit.axes(points)
+    west, east, end_deviation = extent_of(along)
+    south, north, side_deviation = extent_of(across)
+    return west, east, south, north, end_deviation, side_deviation
+
+
+def covered_area(points: Points, triangles: NDArray[np.int32]) -> float:
+    """Area (m²) of the triangles (T, 3) between points (N, 3) without the wide ones over empty ground."""
+    area, radius = np.zeros(len(triangles)), np.zeros(len(triangles))
+    circles_kernel(points, triangles, area, radius)
+    return float(area[radius <= EMPTY_RADIUS * np.median(radius)].sum())
+
+
+@njit(cache=True)
+def circles_kernel(
+    xyz: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    area: NDArray[np.float64],
+    radius: NDArray[np.float64],
+) -> None:
+    """Area (T,) and radius of the circle (T,) around each of the triangles (T, 3) in plan."""
+    for t in range(len(triangles)):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        ux, uy = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1]
+        vx, vy = xyz[c, 0] - xyz[b, 0], xyz[c, 1] - xyz[b, 1]
+        wx, wy = xyz[a, 0] - xyz[c, 0], xyz[a, 1] - xyz[c, 1]
+        area[t] = 0.5 * abs(ux * wy - uy * wx)
+        sides = np.sqrt((ux * ux + uy * uy) * (vx * vx + vy * vy) * (wx * wx + wy * wy))
+        radius[t] = sides / max(4.0 * area[t], 1e-12)

@@ -1,0 +1,183 @@
+"""What stands on, or is cut into, a parametric roof: dormers and terraces, from the residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from eaves.model import Mask, Points
+from eaves.reconstruct.moments.building import FEWEST_POINTS, House
+from eaves.reconstruct.moments.edges import LEAST_NOISE
+from eaves.reconstruct.moments.extents import extent_of
+from eaves.reconstruct.moments.parametric_roof import (
+    ANGLE,
+    CUT,
+    END_SLOPE,
+    GABLE,
+    HALF_RIDGE,
+    HIP,
+    LEFT_SLOPE,
+    PLANE,
+    RIGHT_SLOPE,
+    TOP,
+    RoofFit,
+    fit_roof,
+)
+
+LEAST_STEP = 0.15
+"""Residual (m) under which nothing stands on a roof, however exact the points are."""
+
+LINK = 2.0
+"""Distance, in spacings, at which residual points hang together."""
+
+REACH_BACK = 1.5
+"""How far (m) behind its last clear point a dormer may still meet the main roof."""
+
+
+NARROWEST = 0.8
+"""Width (m) under which a part is a parapet or a gutter."""
+
+FULL_SHARE = 0.5
+"""Share of its rectangle that the points of a part cover at least: parapets and L-shapes cover less."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoofPart:
+    """A rectangle in the axes of the house (m), and planes of which the lowest is its roof.
+
+    `planes` (P, 3) are a, b, c of z = a·u + b·v + c in those axes; `raised` says whether it stands above
+    the main roof or is cut into it; `members` (K,) are its points.
+    """
+
+    edges: tuple[float, float, float, float]
+    planes: NDArray[np.float64]
+    raised: bool
+    members: NDArray[np.int64]
+
+
+def main_planes(fit: RoofFit) -> NDArray[np.float64]:
+    """The planes (P, 3) of the main roof, z = a·u + b·v + c in the house's axes; the lowest is the roof."""
+    p = fit.parameters
+    if fit.form == PLANE:
+        return np.array([[p[END_SLOPE], -p[LEFT_SLOPE], p[TOP]]])
+    along, across = p[1], p[2]
+    planes = [
+        (0.0, -p[LEFT_SLOPE], p[TOP] + p[LEFT_SLOPE] * across),
+        (0.0, p[RIGHT_SLOPE], p[TOP] - p[RIGHT_SLOPE] * across),
+    ]
+    if fit.form == HIP:
+        steep, ridge = p[END_SLOPE], p[HALF_RIDGE]
+        planes.append((-steep, 0.0, p[TOP] + steep * (ridge + along)))
+        planes.append((steep, 0.0, p[TOP] + steep * (ridge - along)))
+    return np.array(planes)
+
+
+def lowest(
+    planes: NDArray[np.float64], u: NDArray[np.float64], v: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Height (N,) of the lowest plane (P, 3) over places (N,), (N,)."""
+    return np.asarray((planes[:, :1] * u + planes[:, 1:2] * v + planes[:, 2:]).min(axis=0))
+
+
+def find_parts(house: House, points: Points, min_area: float) -> list[RoofPart]:
+    """The parts of at least `min_area` (m²) in points (N, 3) that the main roof leaves, largest first."""
+    west, east, south, north = house.edges
+    u, v = house.fit.axes(points)
+    inside = (u >= west) & (u <= east) & (v >= south) & (v <= north)
+    spacing = float(np.sqrt(house.length * house.width / max(int(inside.sum()), 1)))
+    away = house.fit.residuals
+    step = max(CUT * house.fit.scale, LEAST_STEP)
+    parts = []
+    for sign in (1.0, -1.0):
+        some = np.flatnonzero(inside & (sign * away > step))
+        for members in clusters_of(points[some], LINK * spacing):
+            if len(members) * spacing**2 >= min_area and len(members) >= 5:
+                part = shape_part(house, points, some[members], sign > 0)
+                if part is not None:
+                    parts.append(part)
+    return sorted(parts, key=lambda part: (-len(part.members), int(part.members[0])))
+
+
+def clusters_of(points: Points, link: float) -> list[NDArray[np.int64]]:
+    """Groups of points (N, 3) that hang together in plan over at most `link` (m)."""
+    if len(points) == 0:
+        return []
+    pairs = cKDTree(points[:, :2]).query_pairs(link, output_type="ndarray")
+    size = len(points)
+    graph = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
+    count, group = connected_components(graph, directed=False)
+    order = np.argsort(group, kind="stable")
+    return np.split(order, np.cumsum(np.bincount(group, minlength=count))[:-1])
+
+
+def shape_part(house: House, points: Points, members: NDArray[np.int64], raised: bool) -> RoofPart | None:
+    """The rectangle and planes of a part: one plane, or a small gable across the ridge; None for scatter."""
+    own = points[members]
+    u, v = house.fit.axes(own)
+    start = np.zeros(8)
+    start[ANGLE], start[TOP] = house.fit.parameters[ANGLE], float(np.median(own[:, 2]))
+    fit = fit_roof(PLANE, own, house.fit.centre, start, LEAST_NOISE)
+    planes = main_planes(fit)
+    if fit.scale > 2.0 * house.fit.scale and len(members) >= FEWEST_POINTS:
+        start[ANGLE] += np.pi / 2.0
+        start[2] = -float(np.median(u))
+        start[TOP] = float(np.quantile(own[:, 2], 0.95))
+        start[LEFT_SLOPE] = start[RIGHT_SLOPE] = 0.7
+        small = fit_roof(GABLE, own, house.fit.centre, start, LEAST_NOISE)
+        p = small.parameters
+        if small.scale < fit.scale and min(p[LEFT_SLOPE], p[RIGHT_SLOPE]) > 0.1:
+            fit = small
+            ridge = -p[2]
+            planes = np.array(
+                [
+                    (p[LEFT_SLOPE], 0.0, p[TOP] - p[LEFT_SLOPE] * ridge),
+                    (-p[RIGHT_SLOPE], 0.0, p[TOP] + p[RIGHT_SLOPE] * ridge),
+                ]
+            )
+    good = np.abs(fit.residuals) <= CUT * fit.scale
+    if fit.scale > max(3.0 * house.fit.scale, LEAST_STEP) or good.sum() < 5:
+        return None
+    west, east, _ = extent_of(u[good])
+    south, north, _ = extent_of(v[good])
+    spacing_square = house.length * house.width / max(int(house.inlier.sum()), 1)
+    if good.sum() * spacing_square < FULL_SHARE * (east - west) * (north - south):
+        return None
+    edges = reach_main_roof(house, planes, (west, east, south, north))
+    narrow = min(edges[1] - edges[0], edges[3] - edges[2]) < NARROWEST
+    return None if narrow else RoofPart(edges, planes, raised, members)
+
+
+def reach_main_roof(
+    house: House, planes: NDArray[np.float64], edges: tuple[float, float, float, float]
+) -> tuple[float, float, float, float]:
+    """The edges (m) moved, where the part meets the main roof just behind its last point, to that line."""
+    west, east, south, north = edges
+    steps = np.arange(0.0, REACH_BACK, 0.05)
+    main = main_planes(house.fit)
+    moved = []
+    for edge, outwards in ((south, -1.0), (north, 1.0)):
+        v = edge + outwards * steps
+        u = np.full(len(v), 0.5 * (west + east))
+        above = lowest(planes, u, v) - lowest(main, u, v)
+        crossing = np.flatnonzero(np.sign(above[1:]) != np.sign(above[0]))
+        moved.append(float(v[crossing[0] + 1] + outwards * 0.05) if len(crossing) else edge)
+    low, high, left, right = house.edges[2], house.edges[3], house.edges[0], house.edges[1]
+    return max(west, left), min(east, right), max(moved[0], low), min(moved[1], high)
+
+
+def explained(house: House, parts: list[RoofPart], points: Points, tolerance: float) -> Mask:
+    """The points (N, 3) inside that lie within `tolerance` (m) of the main roof, or belong to a part."""
+    slope = np.cos(house.slope)
+    known = np.abs(house.fit.residuals) * slope <= tolerance
+    for part in parts:
+        known[part.members] = True
+    west, east, south, north = house.edges
+    u, v = house.fit.axes(points)
+    rim = tolerance
+    inside = (u >= west - rim) & (u <= east + rim) & (v >= south - rim) & (v <= north + rim)
+    return np.asarray(known & inside)

@@ -1,0 +1,205 @@
+"""Which plane each cell of a plan gets: the fit of its points, the length of borders, a price per plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from eaves.model import Labels, Points, Values
+from eaves.reconstruct.toolkit.alpha_expansion import LARGEST, Jumps, label_nodes
+from eaves.reconstruct.toolkit.coverage import OUTSIDE, Coverage, Integers
+from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF
+from eaves.reconstruct.toolkit.percentiles import group_percentiles
+
+RUNAWAY = 1e3
+"""Cost (m²) of a metre beyond the heights a plane's points support: more than any misfit."""
+
+RISE = 0.25
+"""A roof may rise over the highest of its points by this much (m): the ridge between two points."""
+
+UNKNOWN_PRICE = 0.3
+"""Cost (m²) of a square metre under the level that stands for no plane at all."""
+LEAST_SHARE = 0.3
+"""Share of the price of a border that is due where the two planes meet: ridges and valleys are cheap."""
+
+FULL_JUMP = 0.5
+"""Height (m) of a jump from which on a border costs its full price."""
+
+GAUSS_PLACES = (0.2113, 0.7887)
+"""Where along a border its jump is measured: the two places of Gauss and Legendre's rule."""
+FREE_MISFIT = 0.03
+"""Distance (m) of a point from its plane that costs nothing: noise, which no other plane explains better."""
+
+FARTHEST = 5.0
+"""A plane may cover cells this near (m) to the rectangle around its points, which bounds the work."""
+
+SUPPORT = (1.0, 99.0)
+"""Percentiles of the heights of a plane's points between which they support it."""
+
+
+@dataclass(frozen=True)
+class Prices:
+    """What a label costs; the parameters of the method, under the same names."""
+
+    misfit_limit: float
+    gross_limit: float
+    border: float
+    plane: float
+    overshoot: float
+    reach_beyond: float
+
+
+def label_cells(
+    coverage: Coverage,
+    roof: Points,
+    labels: Labels,
+    planes: NDArray[np.float64],
+    spacing: float,
+    ground: float,
+    prices: Prices,
+) -> Integers:
+    """The plane (C,) of every cell.
+
+    `labels` (N,) say which of the `planes` (P, 3: a, b, c) each roof point (N, 3) supports; the last
+    plane is the level that stands for no plane at all.
+    """
+    data = cell_costs(coverage, roof, labels, planes, spacing, ground, prices)
+    halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
+    edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
+    start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
+    places = np.stack([start + share * (end - start) for share in GAUSS_PLACES], axis=1)
+    jumps = Jumps(places, planes, LEAST_SHARE, FULL_JUMP)
+    border = prices.border * coverage.length[halves]
+    return label_nodes(data, edges, border, np.full(len(planes), prices.plane), jumps)
+
+
+def cell_costs(
+    coverage: Coverage,
+    roof: Points,
+    labels: Labels,
+    planes: NDArray[np.float64],
+    spacing: float,
+    ground: float,
+    prices: Prices,
+) -> NDArray[np.float64]:
+    """The cost (C, P; m²) of every plane for every cell, arguments as for `label_cells`.
+
+    Only planes near a cell may have it: those the rectangle around whose points is near the cell's. The last
+    plane stands for nothing known and may be anywhere.
+    """
+    count = len(planes)
+    point, cell = coverage.cells_of(roof)
+    order = np.argsort(cell, kind="stable")
+    inner = np.flatnonzero(coverage.cell != OUTSIDE)
+    inner = inner[np.argsort(coverage.cell[inner], kind="stable")]
+    box = np.full((count, 4), np.inf)
+    box[:, 2:] = -np.inf
+    mine = labels >= 0
+    np.minimum.at(box[:, :2], labels[mine], roof[mine, :2])
+    np.maximum.at(box[:, 2:], labels[mine], roof[mine, :2])
+    box += np.array([-FARTHEST, -FARTHEST, FARTHEST, FARTHEST])
+    box[-1] = -np.inf, -np.inf, np.inf, np.inf
+    heights = roof[mine, 2]
+    low, high = (group_percentiles(heights, labels[mine], count, percent) for percent in SUPPORT)
+    margin = prices.overshoot + prices.reach_beyond * np.hypot(planes[:, 0], planes[:, 1])
+    floor = np.where(np.isnan(low), -np.inf, low) - margin
+    ceiling = np.where(np.isnan(high), np.inf, high) + margin
+    ceiling = np.minimum(ceiling, highest_allowed(roof, planes, spacing))
+    data: NDArray[np.float64] = cell_costs_kernel(
+        roof[point[order]],
+        np.searchsorted(cell[order], np.arange(coverage.count + 1)),
+        coverage.nodes[coverage.start[inner]],
+        np.searchsorted(coverage.cell[inner], np.arange(coverage.count + 1)),
+        planes,
+        np.array([np.sqrt(1.0 + a**2 + b**2) for a, b, _ in planes.tolist()]),
+        box,
+        np.maximum(floor, ground + LOWEST_ROOF),
+        ceiling,
+        prices.misfit_limit,
+        prices.gross_limit,
+        spacing**2,
+    )
+    data[:, -1] += UNKNOWN_PRICE * coverage.area + 1e-6
+    return np.asarray(np.minimum(data, LARGEST))
+
+
+def hold_down(
+    coverage: Coverage,
+    chosen: Integers,
+    roof: Points,
+    labels: Labels,
+    planes: NDArray[np.float64],
+    spacing: float,
+    ground: float,
+    prices: Prices,
+) -> Integers:
+    """The plane (C,) of every cell, `chosen` but for those that rise above what `highest_allowed` allows;
+    they get the plane of least cost. Arguments as for `label_cells`.
+    """
+    halves = np.flatnonzero(coverage.cell >= 0)
+    cell, corner = coverage.cell[halves], coverage.nodes[coverage.start[halves]]
+    a, b, c = planes[chosen[cell]].T
+    limit = highest_allowed(roof, planes, spacing)
+    over = np.unique(cell[corner[:, 0] * a + corner[:, 1] * b + c > limit[chosen[cell]]])
+    if len(over) == 0:
+        return chosen
+    answer = chosen.copy()
+    answer[over] = cell_costs(coverage, roof, labels, planes, spacing, ground, prices)[over].argmin(axis=1)
+    return answer
+
+
+def highest_allowed(roof: Points, planes: NDArray[np.float64], spacing: float) -> Values:
+    """The height (P,; m) no plane may rise above: a little over the highest of all roof points (N, 3).
+
+    Where the slope is steep and points are sparse a ridge rises so far between two points.
+    """
+    rise = 0.25 * spacing * np.hypot(planes[:, 0], planes[:, 1])
+    return np.asarray(roof[:, 2].max() + np.maximum(rise, RISE))
+
+
+@njit(cache=True)
+def cell_costs_kernel(
+    places: Points,
+    first: Integers,
+    corners: NDArray[np.float64],
+    start: Integers,
+    planes: NDArray[np.float64],
+    steepness: Values,
+    box: NDArray[np.float64],
+    floor: Values,
+    ceiling: Values,
+    misfit_limit: float,
+    gross_limit: float,
+    point_area: float,
+) -> NDArray[np.float64]:
+    """The misfit (C, P; m²) of every plane's points in every cell, and of heights its own do not support.
+
+    Points `first[c]` to `first[c + 1]` of `places` (K, 3) are in cell c, the `corners` (M, 2) likewise from
+    `start`. `steepness` (P,) is √(1 + a² + b²), `box` (P, 4) where a plane may be, `floor` and `ceiling`
+    (P,; m) the heights it may have.
+    """
+    data = np.full((len(first) - 1, len(planes)), LARGEST)
+    for cell in range(len(first) - 1):
+        west, south, east, north = np.inf, np.inf, -np.inf, -np.inf
+        for corner in range(start[cell], start[cell + 1]):
+            west, east = min(west, corners[corner, 0]), max(east, corners[corner, 0])
+            south, north = min(south, corners[corner, 1]), max(north, corners[corner, 1])
+        for plane in range(len(planes)):
+            if west > box[plane, 2] or south > box[plane, 3] or east < box[plane, 0] or north < box[plane, 1]:
+                continue
+            a, b, c = planes[plane]
+            beyond = 0.0
+            for corner in range(start[cell], start[cell + 1]):
+                over = corners[corner, 0] * a + corners[corner, 1] * b + c
+                beyond = max(beyond, floor[plane] - over, over - ceiling[plane])
+            cost = 0.0
+            for point in range(first[cell], first[cell + 1]):
+                misfit = abs(places[point, 2] - places[point, 0] * a - places[point, 1] * b - c)
+                misfit = max(misfit / steepness[plane] - FREE_MISFIT, 0.0)
+                share = misfit / misfit_limit
+                cost += (min(share * share, 1.0) + min(misfit / gross_limit, 1.0)) * point_area
+            data[cell, plane] = cost + RUNAWAY * beyond
+    return data

@@ -1,0 +1,280 @@
+"""A polygon cut into cells that share their nodes and edges: the plan of a building model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numba import njit
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.inside import points_in_polygons
+from eaves.model import Points, Values
+
+Integers = NDArray[np.int64]
+
+OUTSIDE = -1
+"""The cell number of everything that is not covered."""
+
+PAIRWISE = 8
+"""Rings of this many edges and more are summed pairwise, which keeps more digits."""
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """Half-edges between nodes; the cell to the left of each. Every half-edge has its twin, the way back.
+
+    `nodes` (V, 2) are places in plan, `start`, `end` and `cell` (H,) describe the half-edges. The outside has
+    half-edges too, with cell `OUTSIDE`.
+    """
+
+    nodes: NDArray[np.float64]
+    start: Integers
+    end: Integers
+    cell: Integers
+
+    @cached_property
+    def count(self) -> int:
+        """Number of cells."""
+        return int(self.cell.max(initial=-1)) + 1
+
+    @cached_property
+    def twin(self) -> Integers:
+        """Number of the half-edge that goes the other way (H,)."""
+        size = len(self.nodes)
+        there, back = self.start * size + self.end, self.end * size + self.start
+        order = np.argsort(there, kind="stable")
+        return np.asarray(order[np.searchsorted(there[order], back)])
+
+    @cached_property
+    def length(self) -> Values:
+        """Length (H,) of every half-edge (m)."""
+        step = self.nodes[self.end] - self.nodes[self.start]
+        return np.asarray(np.hypot(step[:, 0], step[:, 1]))
+
+    @cached_property
+    def following(self) -> Integers:
+        """The half-edge (H,) that comes next on the ring around the cell to the left.
+
+        Where a cell touches itself in a node, the ring follows what lies between, so every ring is simple.
+        """
+        size = self.count + 1
+        leaving, arriving = self.start * size + self.cell + 1, self.end * size + self.cell + 1
+        step = self.nodes[self.end] - self.nodes[self.start]
+        angle = np.arctan2(step[:, 1], step[:, 0])
+        order = np.lexsort((angle, leaving))
+        first = np.searchsorted(leaving[order], arriving, side="left")
+        last = np.searchsorted(leaving[order], arriving, side="right")
+        answer = order[np.minimum(first, len(order) - 1)]
+        for half in np.flatnonzero(last - first > 1):
+            choices = order[first[half] : last[half]]
+            back = np.arctan2(-step[half, 1], -step[half, 0])
+            turn = np.mod(angle[choices] - back, 2.0 * np.pi)
+            answer[half] = choices[np.argmin(np.where(turn > 0.0, turn, 2.0 * np.pi))]
+        return np.asarray(answer)
+
+    @cached_property
+    def ring_order(self) -> tuple[Integers, Integers]:
+        """The half-edges (H,) ring by ring, and where each ring starts among them (R + 1,)."""
+        halves, first = ring_order_kernel(self.following)
+        return halves, first
+
+    @cached_property
+    def ring_cell(self) -> Integers:
+        """The cell (R,) to the left of every ring."""
+        halves, first = self.ring_order
+        return np.asarray(self.cell[halves[first[:-1]]])
+
+    @property
+    def rings(self) -> list[Integers]:
+        """The half-edges of every ring, in order."""
+        halves, first = self.ring_order
+        return np.split(halves, first[1:-1]) if len(first) > 1 else []
+
+    @cached_property
+    def ring_area(self) -> Values:
+        """Signed area of each of `rings`, positive when counter-clockwise (m²)."""
+        x, y = (self.nodes - self.nodes[:1]).T
+        halves, first = self.ring_order
+        start, end = self.start[halves], self.end[halves]
+        cross = x[start] * y[end] - x[end] * y[start]
+        size = np.diff(first)
+        answer = np.bincount(np.repeat(np.arange(len(size)), size), cross, len(size))
+        for ring in np.flatnonzero(size >= PAIRWISE):
+            answer[ring] = cross[first[ring] : first[ring + 1]].sum()
+        return np.asarray(0.5 * answer)
+
+    @cached_property
+    def area(self) -> Values:
+        """Area (C,) of every cell (m²)."""
+        inside = self.ring_cell >= 0
+        return np.asarray(
+            np.bincount(self.ring_cell[inside], self.ring_area[inside], minlength=self.count), np.float64
+        )
+
+    @cached_property
+    def outer_ring(self) -> Integers:
+        """The first counter-clockwise ring (C,) of every cell, -1 for a cell without area to stand on: with
+        none, or with a ring of fewer than three edges.
+        """
+        number = np.flatnonzero((self.ring_cell >= 0) & (self.ring_area > 0.0))
+        cells, first = np.unique(self.ring_cell[number], return_index=True)
+        answer = np.full(self.count + 1, -1)
+        answer[cells] = number[first]
+        answer[self.ring_cell[np.diff(self.ring_order[1]) < 3]] = -1
+        return answer[:-1]
+
+    def polygons(self) -> NDArray[np.object_]:
+        """The cells (C,) as shapely polygons; empty where a cell has no outer ring."""
+        halves, first = self.ring_order
+        outer = np.append(self.outer_ring, -1)[self.ring_cell]
+        numbers = np.flatnonzero(outer >= 0)
+        numbers = numbers[np.lexsort((numbers, numbers != outer[numbers], self.ring_cell[numbers]))]
+        answer = np.full(self.count, Polygon(), object)
+        if len(numbers) == 0:
+            return answer
+        size = np.diff(first)[numbers]
+        step = np.arange(int(size.sum())) - np.repeat(np.cumsum(size) - size, size)
+        places = self.nodes[self.start[halves[np.repeat(first[numbers], size) + step]]]
+        rings = shapely.linearrings(places, indices=np.repeat(np.arange(len(numbers)), size))
+        cells, owner = np.unique(self.ring_cell[numbers], return_inverse=True)
+        answer[cells] = shapely.polygons(rings, indices=owner.ravel())
+        return answer
+
+    def cells_of(self, points: Points) -> tuple[Integers, Integers]:
+        """Pairs of point and cell (K,), (K,): which cell each of the points (N, 3) lies in; on a border, in
+        several.
+        """
+        halves = np.flatnonzero(np.append(self.outer_ring, -1)[self.cell] >= 0)
+        halves = halves[np.argsort(self.cell[halves], kind="stable")]
+        start, end = self.nodes[self.start[halves]], self.nodes[self.end[halves]]
+        return points_in_polygons(points, start, end, self.cell[halves], self.count)
+
+    def merged(self, label: Integers) -> tuple[Coverage, Integers]:
+        """Neighbouring cells of like label (C,) made one, and the label of each new cell.
+
+        Cells with label `OUTSIDE` leave the coverage.
+        """
+        region, first = self.regions(label)
+        region = np.append(region, OUTSIDE)
+        new_left = region[self.cell]
+        stays = new_left != new_left[self.twin]
+        answer = Coverage(self.nodes, self.start[stays], self.end[stays], new_left[stays]).compact()
+        return answer, np.asarray(label[first])
+
+    def regions(self, label: Integers) -> tuple[Integers, Integers]:
+        """The number (C,) of the connected region of like label that each cell is in, and the first cell of
+        each region.
+
+        Cells with label `OUTSIDE` have that number.
+        """
+        padded = np.append(label, OUTSIDE)
+        left, right = padded[self.cell], padded[self.cell[self.twin]]
+        inner = (left == right) & (left != OUTSIDE) & (self.cell != OUTSIDE)
+        pairs = (self.cell[inner], self.cell[self.twin][inner])
+        group = connected_groups_kernel(*pairs, self.count)
+        kept = np.flatnonzero(label != OUTSIDE)
+        first = np.full(int(group.max(initial=-1)) + 1, self.count)
+        np.minimum.at(first, group[kept], kept)
+        order = np.argsort(first, kind="stable")
+        used = int((first < self.count).sum())
+        number = np.full(len(first) + 1, OUTSIDE)
+        number[order[:used]] = np.arange(used)
+        region = np.where(label == OUTSIDE, OUTSIDE, number[group])
+        return np.asarray(region, np.int64), first[order[:used]]
+
+    def compact(self) -> Coverage:
+        """The same coverage without the nodes that no edge uses."""
+        used, numbers = np.unique(np.concatenate([self.start, self.end]), return_inverse=True)
+        half = len(self.start)
+        return Coverage(self.nodes[used], numbers[:half], numbers[half:], self.cell)
+
+    def parts(self) -> list[tuple[Coverage, Integers]]:
+        """The connected pieces of the coverage, each with the cells it is made of."""
+        inner = (self.cell != OUTSIDE) & (self.cell[self.twin] != OUTSIDE)
+        pairs = (self.cell[inner], self.cell[self.twin][inner])
+        group = connected_groups_kernel(*pairs, self.count)
+        number = int(group.max(initial=-1)) + 1
+        if number <= 1:
+            return [(self, np.arange(self.count))]
+        answer = []
+        owner = np.append(group, OUTSIDE)
+        side = np.where(self.cell == OUTSIDE, owner[self.cell[self.twin]], owner[self.cell])
+        for piece in range(number):
+            cells = np.flatnonzero(group == piece)
+            numbers = np.full(self.count + 1, OUTSIDE)
+            numbers[cells] = np.arange(len(cells))
+            mine = side == piece
+            part = Coverage(self.nodes, self.start[mine], self.end[mine], numbers[self.cell[mine]])
+            answer.append((part.compact(), cells))
+        return answer
+
+    def split(self, halves: Integers, places: NDArray[np.float64]) -> Coverage:
+        """A new node at `places` (K, 2) on each of the edges `halves` (K,), given by one of their halves."""
+        if len(halves) == 0:
+            return self
+        middle = len(self.nodes) + np.arange(len(halves))
+        end = self.end.copy()
+        back = self.twin[halves]
+        end[halves] = middle
+        end[back] = middle
+        return Coverage(
+            np.vstack([self.nodes, places]),
+            np.concatenate([self.start, middle, middle]),
+            np.concatenate([end, self.end[halves], self.end[back]]),
+            np.concatenate([self.cell, self.cell[halves], self.cell[back]]),
+        )
+
+    def translated(self, nodes: NDArray[np.float64]) -> Coverage:
+        """The same graph with other places for its nodes."""
+        return replace(self, nodes=nodes)
+
+
+def coverage_of(polygons: NDArray[np.object_], grid: float) -> Coverage | None:
+    """The coverage of polygons that share nodes (coordinates on the grid, m), or None when they overlap."""
+    shapes = shapely.orient_polygons(polygons)
+    rings, owner = shapely.get_rings(shapes, return_index=True)
+    if len(rings) == 0:
+        return None
+    places, ring = shapely.get_coordinates(rings, return_index=True)
+    whole = np.round(places / grid).astype(np.int64)
+    low = whole.min(axis=0)
+    width = int(whole[:, 1].max() - low[1]) + 1
+    key = (whole[:, 0] - low[0]) * width + whole[:, 1] - low[1]
+    found, first, number = np.unique(key, return_index=True, return_inverse=True)
+    goes_on = ring[:-1] == ring[1:]
+    start, end, cell = number[:-1][goes_on], number[1:][goes_on], owner[ring[:-1]][goes_on]
+    size = len(found)
+    there, back = start * size + end, end * size + start
+    if len(np.unique(there)) < len(there) or np.any(start == end):
+        return None
+    alone = ~np.isin(back, there)
+    return Coverage(
+        np.round(whole[first] * grid, 6),
+        np.concatenate([start, end[alone]]).astype(np.int64),
+        np.concatenate([end, start[alone]]).astype(np.int64),
+        np.concatenate([cell, np.full(int(alone.sum()), OUTSIDE)]).astype(np.int64),
+    )
+
+
+@njit(cache=True)
+def ring_order_kernel(following: Integers) -> tuple[Integers, Integers]:
+    """The half-edges (H,) ring by ring, each `following` (H,) another, and where rings start (R + 1,)."""
+    seen = np.zeros(len(following), np.bool_)
+    halves, first = np.empty(len(following), np.int64), np.zeros(len(following) + 1, np.int64)
+    rings, count = 0, 0
+    for half in range(len(following)):
+        if seen[half]:
+            continue
+        while not seen[half]:
+            seen[half] = True
+            halves[count] = half
+            count += 1
+            half = following[half]
+        rings += 1
+        first[rings] = count
+    return halves, first[: rings + 1]

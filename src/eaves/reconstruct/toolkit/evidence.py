@@ -1,0 +1,136 @@
+"""Which points speak for the roof, and from how high the roof is seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from shapely import Polygon
+
+from eaves.geometry.components import connected_groups_kernel
+from eaves.model import BuildingModel, Labels, Points, RoofPlane
+from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
+
+PRISM_PERCENTILE = 70.0
+"""Height of a flat-topped model: percentile of the roof points, as the 3DBAG publishes it."""
+
+FEWEST_POINTS = 3
+"""Fewer roof points than this say nothing about a roof."""
+
+LOWEST_ROOF = 0.5
+"""A roof is at least this high (m) above the base: nothing is built lower, and solids keep a wall."""
+
+MOST_PLANES = 1500
+"""Planes that take part, those with most points; a table of cells and planes bounds the rest."""
+
+FEWEST_IN_LEVEL = 6
+"""Points that make a level of what no plane explains."""
+
+LEAST_LEVEL = 1.0
+"""Area (m²) that makes a level of what no plane explains."""
+
+CLUSTER_REACH = 2.0
+"""Points without a plane that are this many spacings apart stand together."""
+
+LEVEL_STEP = 0.5
+"""Points without a plane stand together only when their heights differ by less (m)."""
+
+
+def points_inside(points: Points, polygon: Polygon) -> NDArray[np.int64]:
+    """Numbers of the finite points (N, 3) inside a polygon."""
+    shapely.prepare(polygon)
+    inside = shapely.contains_xy(polygon, points[:, 0], points[:, 1])
+    return np.flatnonzero(inside & np.isfinite(points).all(axis=1))
+
+
+def level_unexplained(
+    points: Points, labels: Labels, count: int, spacing: float
+) -> tuple[Labels, list[float]]:
+    """Labels (N,) with clusters of the points that have none numbered from `count` on, and their heights (m).
+
+    What no plane explains but stands together, a cluttered roof or a dome, is better a level than nothing.
+    """
+    answer = labels.copy()
+    loose = np.flatnonzero(labels < 0)
+    heights: list[float] = []
+    fewest = max(FEWEST_IN_LEVEL, int(np.ceil(LEAST_LEVEL / spacing**2)))
+    if len(loose) < fewest:
+        return answer, heights
+    scaled = points[loose] * np.array([1.0, 1.0, CLUSTER_REACH * spacing / LEVEL_STEP])
+    pairs = cKDTree(scaled).query_pairs(CLUSTER_REACH * spacing, output_type="ndarray")
+    cluster = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(loose))
+    sizes = np.bincount(cluster)
+    most = max(MOST_PLANES - count, 0)
+    kept = np.argsort(-sizes, kind="stable")[:most]
+    for number in np.sort(kept[sizes[kept] >= fewest]).tolist():
+        mine = loose[cluster == number]
+        answer[mine] = count + len(heights)
+        heights.append(float(np.median(points[mine, 2])))
+    return answer, heights
+
+
+def support_of(
+    points: Points, top: NDArray[np.int64], planes: list[RoofPlane], spacing: float, ground: float
+) -> tuple[Labels, NDArray[np.float64]]:
+    """The plane of each roof point, -1 for none (T,), and the coefficients of the planes (P, 3).
+
+    `top` (T,) are the numbers of the roof points among `points` (N, 3). To the given planes come levels
+    for clutter; the last is the level for where nothing is known.
+    """
+    owner = np.full(len(points), -1, np.int32)
+    for number, plane in enumerate(planes):
+        owner[plane.members] = number
+    owner = largest_only(owner, top)
+    used, number_of = np.unique(owner[top], return_inverse=True)
+    labels: Labels = (number_of.ravel() - int(used[0] == -1)).astype(np.int32)
+    known = [planes[number].coefficients for number in used[used >= 0]]
+    labels, levels = level_unexplained(points[top], labels, len(known), spacing)
+    height = max(float(np.percentile(points[top, 2], PRISM_PERCENTILE)), ground + LOWEST_ROOF)
+    rows = [*known, *((0.0, 0.0, level) for level in levels), (0.0, 0.0, height)]
+    return labels, np.array(rows, np.float64)
+
+
+def largest_only(owner: Labels, top: NDArray[np.int64]) -> Labels:
+    """The planes (N,) of points, -1 for none, with those alone that have most roof points `top` (T,), at most
+    `MOST_PLANES` of them.
+    """
+    sizes = np.bincount(owner[top] + 1)[1:]
+    if np.count_nonzero(sizes) <= MOST_PLANES:
+        return owner
+    kept = np.zeros(len(sizes) + 1, bool)
+    kept[np.argsort(-sizes, kind="stable")[:MOST_PLANES]] = True
+    return np.where(kept[np.minimum(owner, len(sizes))], owner, -1).astype(np.int32)
+
+
+def faces_as_planes(
+    model: BuildingModel,
+    coefficients: NDArray[np.float64],
+    points: Points,
+    top: NDArray[np.int64],
+    surface: Surface | None = None,
+) -> tuple[RoofPlane, ...]:
+    """The roof faces of LoD 2.2 as planes (F, 3: a, b, c), with the roof points (numbers `top`) under each.
+
+    `surface` is the model over those points where it is known.
+    """
+    if len(coefficients) == 0:
+        return ()
+    solids = model.solids["2.2"]
+    height, cosine, number = surface or surface_heights(solids, points[top, :2])
+    error = (points[top, 2] - height) * cosine
+    shapes = [
+        shapely.Polygon(
+            solid.vertices[list(face.rings[0]), :2],
+            [solid.vertices[list(hole), :2] for hole in face.rings[1:]],
+        )
+        for solid in solids
+        for face in solid.faces
+        if face.plane is not None
+    ]
+    answer = []
+    for face, (row, shape) in enumerate(zip(coefficients.tolist(), shapes, strict=True)):
+        mine = number == face
+        rmse = float(np.sqrt(np.mean(error[mine] ** 2))) if mine.any() else 0.0
+        answer.append(RoofPlane((row[0], row[1], row[2]), top[mine], rmse, shape))
+    return tuple(answer)

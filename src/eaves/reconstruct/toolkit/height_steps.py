@@ -1,0 +1,215 @@
+"""The lines along which the heights of a roof jump."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from eaves.model import Mask, Values
+from eaves.reconstruct.toolkit.line import SAME_DIRECTION_DEG, Line, angle_between
+
+WINDOW = 1.2
+"""Width, in spacings, of the strip in which border places make one line."""
+
+FEWEST_SAMPLES = 3
+"""Border places that make a line."""
+
+MAIN_WEIGHT = 1.3
+"""How much more a line along the footprint is trusted than one along a plane's fall."""
+
+MOST_TOGETHER = 2000
+"""Places among which lines are sought together; more are divided, which bounds the work."""
+
+LEAST_FALL = 0.1
+"""Rise per metre below which a plane has no direction worth following."""
+
+
+def fall_angles(planes: NDArray[np.float64]) -> Values:
+    """Angles (K,) in [0, π) along and across the falls of sloped planes (P, 3), each direction once."""
+    steep = planes[np.hypot(planes[:, 0], planes[:, 1]) > LEAST_FALL]
+    angles: list[float] = []
+    for a, b, _ in steep.tolist():
+        for angle in (np.arctan2(b, a), np.arctan2(a, -b)):
+            if all(angle_between(angle, other) > np.radians(SAME_DIRECTION_DEG) for other in angles):
+                angles.append(float(np.mod(angle, np.pi)))
+    return np.array(angles)
+
+
+def jump_lines(
+    places: NDArray[np.float64], weights: Values, main: Values, falls: Values, spacing: float
+) -> list[Line]:
+    """Lines through the border places (M, 2) where heights jump, best supported first.
+
+    Their angles are those of the footprint, `main` and its perpendiculars, or else those of the planes'
+    falls.
+    """
+    angles = [*main, *(main + np.pi / 2)]
+    trust = [MAIN_WEIGHT] * len(angles)
+    for angle in falls.tolist():
+        if all(angle_between(angle, other) > 2.0 * np.radians(SAME_DIRECTION_DEG) for other in angles):
+            angles.append(angle)
+            trust.append(1.0)
+    normals = np.column_stack([-np.sin(angles), np.cos(angles)])
+    lines: list[Line] = []
+    for part in divide(places):
+        lines += strongest_lines(places[part], weights[part], normals, np.array(trust), spacing)
+    return lines
+
+
+def divide(places: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+    """Numbers of the places (M, 2) in groups of at most `MOST_TOGETHER`, halved across their longer side."""
+    waiting, groups = [np.arange(len(places))], []
+    while waiting:
+        some = waiting.pop()
+        if len(some) <= MOST_TOGETHER:
+            groups.append(some)
+            continue
+        axis = int(np.argmax(np.ptp(places[some], axis=0)))
+        order = some[np.argsort(places[some, axis], kind="stable")]
+        waiting += [order[len(order) // 2 :], order[: len(order) // 2]]
+    return groups
+
+
+def strongest_lines(
+    places: NDArray[np.float64], weights: Values, normals: NDArray[np.float64], trust: Values, spacing: float
+) -> list[Line]:
+    """Lines across `normals` (A, 2) through places (M, 2), again and again the strip with most weight in it.
+
+    `trust` (A,) multiplies the weight of each direction.
+    """
+    width, gap = max(WINDOW * spacing, 0.25), max(2.5 * spacing, 0.8)
+    shortest = max(2.0 * spacing, 0.6)
+    offsets = normals @ places.T
+    order = np.argsort(offsets, axis=1, kind="stable")
+    columns = np.take_along_axis(offsets, order, axis=1)
+    found = strongest_lines_kernel(places, columns, order, weights, normals, trust, width, gap, shortest)
+    direction, first, strip, longest = found
+    lines: list[Line] = []
+    for line, best in enumerate(direction.tolist()):
+        mine = slice(first[line], first[line + 1])
+        near = strip[mine][longest[mine]]
+        nx, ny = normals[best].tolist()
+        along = (places[strip[mine]] @ np.array([-ny, nx]))[longest[mine]]
+        near = near[np.argsort(along, kind="stable")]
+        middle, support = float(np.median(offsets[best, near])), float(weights[near].sum())
+        lines.append(Line((nx, ny), middle, float(along.min()), float(along.max()), support, False))
+    return lines
+
+
+@njit(cache=True)
+def strongest_lines_kernel(
+    places: NDArray[np.float64],
+    columns: NDArray[np.float64],
+    order: NDArray[np.int64],
+    weights: Values,
+    normals: NDArray[np.float64],
+    trust: Values,
+    width: float,
+    gap: float,
+    shortest: float,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], Mask]:
+    """The direction (L,) of each line, and the places in its strip: where they start (L + 1,), their numbers
+    (S,), ascending, and whether each belongs to the longest stretch without a `gap` (S,), which is the line.
+
+    `columns` (A, M) are the offsets of the places `order` (A, M) in each direction, ascending; both change.
+    Lines of fewer than `FEWEST_SAMPLES` places or shorter than `shortest` only use their places up.
+    """
+    count = columns.shape[1]
+    direction, first = np.empty(count, np.int64), np.zeros(count + 1, np.int64)
+    strip, longest = np.empty(count * len(normals), np.int64), np.zeros(count * len(normals), np.bool_)
+    left = np.ones(count, np.bool_)
+    lines, remaining = 0, count
+    while remaining >= FEWEST_SAMPLES:
+        best, start = strongest_strip_kernel(
+            columns[:, :count], order[:, :count], weights, left, trust, width
+        )
+        end = np.searchsorted(columns[best, :count], columns[best, start] + width, side="right")
+        near = order[best, start:end]
+        near = np.sort(near[left[near]])
+        nx, ny = normals[best]
+        along = np.empty(len(near))
+        for one in range(len(near)):
+            along[one] = places[near[one], 1] * nx - places[near[one], 0] * ny
+        turn = np.argsort(along, kind="mergesort")
+        most, low, high, begin = -1.0, 0, 0, 0
+        for one in range(1, len(turn) + 1):
+            if one == len(turn) or along[turn[one]] - along[turn[one - 1]] > gap:
+                total = pairwise_sum_kernel(weights[near[turn[begin:one]]])
+                if total > most:
+                    most, low, high = total, begin, one
+                begin = one
+        if high - low >= FEWEST_SAMPLES and along[turn[high - 1]] - along[turn[low]] >= shortest:
+            if first[lines] + len(near) > len(strip):
+                strip = np.append(strip, np.empty(len(strip) + len(near), np.int64))
+                longest = np.append(longest, np.zeros(len(strip), np.bool_))
+            direction[lines], first[lines + 1] = best, first[lines] + len(near)
+            strip[first[lines] : first[lines + 1]] = near
+            longest[first[lines] + turn[low:high]] = True
+            lines += 1
+        left[near[turn[low:high]]] = False
+        remaining -= high - low
+        if 2 * remaining < count:
+            for number in range(len(normals)):
+                kept = 0
+                for one in range(count):
+                    if left[order[number, one]]:
+                        order[number, kept] = order[number, one]
+                        columns[number, kept] = columns[number, one]
+                        kept += 1
+            count = remaining
+    used = first[lines]
+    return direction[:lines], first[: lines + 1], strip[:used], longest[:used]
+
+
+@njit(cache=True)
+def pairwise_sum_kernel(values: Values) -> float:
+    """The sum of values (N,), in halves, which keeps more digits: in the order in which numpy adds them."""
+    count = len(values)
+    if count < 8:
+        total = 0.0
+        for value in values:
+            total += value
+        return total
+    if count > 128:
+        half = count // 2
+        half -= half % 8
+        return float(pairwise_sum_kernel(values[:half]) + pairwise_sum_kernel(values[half:]))
+    part = values[:8].copy()
+    whole = count - count % 8
+    for one in range(8, whole):
+        part[one % 8] += values[one]
+    total = ((part[0] + part[1]) + (part[2] + part[3])) + ((part[4] + part[5]) + (part[6] + part[7]))
+    for one in range(whole, count):
+        total += values[one]
+    return float(total)
+
+
+@njit(cache=True)
+def strongest_strip_kernel(
+    columns: NDArray[np.float64],
+    order: NDArray[np.int64],
+    weights: Values,
+    left: Mask,
+    trust: Values,
+    width: float,
+) -> tuple[int, int]:
+    """Direction and position in its column of the first place of the strip with the most weight in it.
+
+    `columns` (A, K) are the offsets of the places `order` (A, K) in each direction, ascending; only those
+    still `left` count.
+    """
+    most, best, start = -1.0, 0, 0
+    for number in range(columns.shape[0]):
+        total, end = 0.0, 0
+        for first in range(columns.shape[1]):
+            if not left[order[number, first]]:
+                continue
+            while end < columns.shape[1] and columns[number, end] <= columns[number, first] + width:
+                if left[order[number, end]]:
+                    total += weights[order[number, end]]
+                end += 1
+            if trust[number] * total > most + 1e-9:
+                most, best, start = trust[number] * total, number, first
+            total -= weights[order[number, first]]
+    return best, start

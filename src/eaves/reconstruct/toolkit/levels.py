@@ -1,0 +1,109 @@
+"""The coarser levels of detail from the plan of the finest: LoD 2.0, 1.3 and 1.2."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.model import Labels, Points, Solid, Values
+from eaves.reconstruct.toolkit.cell_labels import Prices, hold_down, label_cells
+from eaves.reconstruct.toolkit.coverage import Coverage, Integers
+from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF, PRISM_PERCENTILE
+from eaves.reconstruct.toolkit.percentiles import group_percentiles
+from eaves.reconstruct.toolkit.raising import raise_plan, without_numbers
+
+MOST_WORK = 50_000_000
+"""Heights times cells that are looked at when levels are grouped; of more, evenly chosen heights speak."""
+
+SIMPLE_SHARE = 0.125
+"""The smallest roof face at LoD 2.0 is at most this share of the footprint."""
+
+
+def group_levels(plan: Coverage, cell: Integers, heights: Values, jump: float) -> Integers:
+    """A group (C,) for each cell: neighbours whose heights differ by less than `jump` (m) are one level.
+
+    Neighbours join in the order of their height difference, and a group's height is that of all its
+    points, so a row of small steps does not run together into one level. `cell` and `heights`
+    (K,) are those of the roof points.
+    """
+    every = max(1, len(heights) * plan.count // MOST_WORK)
+    if every > 1:
+        order = np.lexsort((heights, cell))[::every]
+        cell, heights = cell[order], heights[order]
+    group = np.arange(plan.count)
+    halves = np.flatnonzero((plan.cell >= 0) & (plan.cell[plan.twin] > plan.cell))
+    pairs = np.unique(np.column_stack([plan.cell[halves], plan.cell[plan.twin[halves]]]), axis=0)
+    height = heights_of(group[cell], heights, plan.count)
+    while len(pairs):
+        one, other = group[pairs[:, 0]], group[pairs[:, 1]]
+        step = np.abs(height[one] - height[other])
+        step = np.where(one == other, np.inf, np.where(np.isnan(step), 0.0, step))
+        nearest = int(np.argmin(step))
+        if not step[nearest] < jump:
+            break
+        group[group == other[nearest]] = one[nearest]
+        mine = group[cell] == one[nearest]
+        height[one[nearest]] = np.percentile(heights[mine], PRISM_PERCENTILE) if mine.any() else np.nan
+    return np.unique(group, return_inverse=True)[1].ravel().astype(np.int64)
+
+
+def flat_plan(
+    plan: Coverage, group: Integers, cell: Integers, heights: Values, ground: float
+) -> tuple[Coverage, NDArray[np.float64]]:
+    """The plan with the cells of a group (C,) made one, and a horizontal plane (G, 3) for each of its cells.
+
+    `cell` and `heights` (K,) are those of the roof points.
+    """
+    merged, names = plan.merged(group)
+    height = heights_of(plan.regions(group)[0][cell], heights, merged.count)
+    whole = float(np.percentile(heights, PRISM_PERCENTILE)) if len(heights) else ground
+    height = np.maximum(np.where(np.isnan(height), whole, height), ground + LOWEST_ROOF)
+    return merged, np.column_stack([np.zeros((len(names), 2)), height])
+
+
+def heights_of(cell: Integers, heights: Values, count: int) -> Values:
+    """The roof height (C,) of each cell: the 70th percentile of its points' heights; NaN without points."""
+    return group_percentiles(heights, cell, count, PRISM_PERCENTILE)
+
+
+def coarse_solids(
+    plan: Coverage, roof: Points, ground: float, jump: float, limits: tuple[float, float]
+) -> dict[str, tuple[Solid, ...]]:
+    """The sound solids at LoD 1.2 and 1.3 over a plan; `limits` are the smallest (m²) and the narrowest
+    (m) face.
+    """
+    point, cell = plan.cells_of(roof)
+    heights = roof[point, 2]
+    groups = {"1.2": np.zeros(plan.count, np.int64), "1.3": group_levels(plan, cell, heights, jump)}
+    answer = {}
+    for lod, group in groups.items():
+        level, planes = flat_plan(plan, group, cell, heights, ground)
+        raised = raise_plan(level, np.arange(level.count), planes, ground, *limits)
+        if raised.solids:
+            answer[lod] = without_numbers(raised.solids)
+    return answer
+
+
+def simple_solids(
+    plan: Coverage,
+    roof: Points,
+    labels: Labels,
+    planes: NDArray[np.float64],
+    spacing: float,
+    ground: float,
+    prices: Prices,
+    limits: tuple[float, float],
+) -> tuple[Solid, ...]:
+    """The solids at LoD 2.0: the main roof faces, without dormers and other small parts; none if not sound.
+
+    The cells of the finest plan are labelled once more, at higher prices. The smallest face (m²) of
+    `limits` is at most `SIMPLE_SHARE` of the plan, so that a shed keeps both its slopes.
+    """
+    chosen = label_cells(plan, roof, labels, planes, spacing, ground, prices)
+    simple, kept = plan.merged(chosen)
+    smallest = min(limits[0], SIMPLE_SHARE * float(plan.area.sum()))
+    known = (roof, labels, planes, spacing, ground, prices)
+    raised = raise_plan(
+        simple, kept, planes, ground, smallest, limits[1], lambda plan, kept: hold_down(plan, kept, *known)
+    )
+    return without_numbers(raised.solids)

@@ -1,0 +1,158 @@
+"""All models of a run seen obliquely, over the terrain and among the trees: a picture for print."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from eaves.model import Mask, Points, Raster
+from eaves.report.contents import Contents, finest_faces, read_contents
+from eaves.report.plan import SUN_ALTITUDE_DEG, SUN_AZIMUTH_DEG
+from eaves.report.surfaces import SURFACES, CityFaces, cut_into_triangles, edges_of
+
+ROOF_COLOUR, WALL_COLOUR, EARTH_COLOUR, TREE_COLOUR = "#dd7a5b", "#f3eee4", "#cdd2b6", "#6f8f56"
+FLAT_ROOF_COLOUR, EDGE_COLOUR = "#cdc7bc", "#4a4038"
+SLABS = 60
+"""Surfaces and points are drawn in so many layers by depth, the farthest first."""
+POINTS_DRAWN = 120_000
+PIECE = 5.0
+"""Faces and edges are cut to pieces of this size (m): the depth of a piece tells what it covers."""
+SUNKEN = 0.3
+"""Pieces whose middle lies so much (m) under the terrain are left out."""
+IN_FRONT = 1.0
+"""Edges are drawn as if so much (m) nearer, so that the faces they bound do not cover them."""
+
+
+def models_figure(
+    folder: str | Path, azimuth: float = -30.0, elevation: float = 38.0, size_inches: float = 9.0
+) -> Figure:
+    """The finest models from `azimuth` (degrees clockwise from south-on) and `elevation` over the horizon."""
+    contents = read_contents(folder, points=POINTS_DRAWN)
+    view = view_matrix(azimuth, elevation)
+    corners, colours, points = scene_of(contents)
+    finest = CityFaces.of(contents.faces.take(finest_faces(contents.faces)))
+    lines = split_lines(finest.corners[edges_of(finest)[0]])
+    lines = lines[over_terrain(contents, lines)]
+    seen, spots, rims = corners @ view.T, points @ view.T, lines @ view.T
+    rim_depth = rims[:, :, 2].mean(axis=1) + IN_FRONT
+    depth = seen[:, :, 2].mean(axis=1)
+    figure = Figure(figsize=(size_inches, size_inches))
+    axes = figure.add_axes((0, 0, 1, 1))
+    edges = np.quantile(depth, np.linspace(0, 1, SLABS + 1)) if len(depth) else np.zeros(2)
+    edges[-1], first = np.inf, -np.inf
+    for order, last in enumerate(edges[1:]):
+        mine = np.flatnonzero((depth >= first) & (depth < last))
+        mine = mine[np.argsort(depth[mine], kind="stable")]
+        shades = colours[mine]
+        axes.add_collection(
+            PolyCollection(
+                list(seen[mine][:, :, :2]),
+                facecolors=shades,
+                edgecolors=shades,
+                linewidths=0.25,
+                zorder=order,
+            )
+        )
+        drawn = rims[(rim_depth >= first) & (rim_depth < last)]
+        axes.add_collection(
+            LineCollection(list(drawn[:, :, :2]), colors=EDGE_COLOUR, linewidths=0.3, zorder=order + 0.3)
+        )
+        among = (spots[:, 2] >= first) & (spots[:, 2] < last)
+        x, y = spots[among, :2].T
+        axes.scatter(x, y, s=1.1, c=TREE_COLOUR, linewidths=0, zorder=order + 0.5, rasterized=True)
+        first = last
+    everything = np.concatenate([seen.reshape(-1, 3), np.zeros((1, 3))])
+    low, high = everything[:, :2].min(axis=0) - 2, everything[:, :2].max(axis=0) + 2
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    axes.set_axis_off()
+    wide, tall = high - low
+    figure.set_size_inches(size_inches, size_inches * float(tall / wide))
+    return figure
+
+
+def view_matrix(azimuth_deg: float, elevation_deg: float) -> NDArray[np.float64]:
+    """Rows: right, up and towards the eye, of an eye south of the scene turned by `azimuth_deg`."""
+    turn, tilt = np.radians(azimuth_deg), np.radians(elevation_deg)
+    back = np.array([-np.sin(turn) * np.cos(tilt), -np.cos(turn) * np.cos(tilt), np.sin(tilt)])
+    right = np.array([np.cos(turn), -np.sin(turn), 0.0])
+    return np.stack([right, np.cross(back, right), back])
+
+
+def scene_of(contents: Contents) -> tuple[Points, NDArray[np.float64], Points]:
+    """Triangles (T, 3, 3) of terrain and finest models, their shaded colours (T, 3), and the points (N, 3) of
+    trees."""
+    surfaces = cut_into_triangles(contents.faces.take(finest_faces(contents.faces)))
+    ground = terrain_triangles(contents)
+    parts, whole = split_triangles(surfaces.corners)
+    seen = over_terrain(contents, parts)
+    parts, whole = parts[seen], whole[seen]
+    corners = np.concatenate([parts, ground])
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    roof = surfaces.figure("kind")[whole] == SURFACES.index("RoofSurface")
+    steep = np.abs(normal[: len(roof), 2]) < np.cos(np.radians(5.0))
+    base = np.empty((len(corners), 3))
+    base[: len(roof)] = to_rgb(WALL_COLOUR)
+    base[: len(roof)][roof] = to_rgb(FLAT_ROOF_COLOUR)
+    base[: len(roof)][roof & steep] = to_rgb(ROOF_COLOUR)
+    base[len(roof) :] = to_rgb(EARTH_COLOUR)
+    azimuth, altitude = np.radians(SUN_AZIMUTH_DEG - 85.0), np.radians(SUN_ALTITUDE_DEG)
+    sun = np.array([np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)])
+    light = 0.8 + 0.26 * np.clip(normal @ sun, -0.8, 1.0)
+    trees = (contents.points.building == 0) & np.isin(contents.points.classification, (1, 3, 4, 5))
+    return corners, np.clip(base * light[:, None], 0, 1), contents.points.xyz[trees]
+
+
+def over_terrain(contents: Contents, pieces: Points) -> Mask:
+    """Which pieces (K, corners, 3) do not lie under the terrain, where sorting by depth could show them."""
+    middle = pieces.mean(axis=1)
+    if not contents.terrain.size or not len(pieces):
+        return np.ones(len(pieces), bool)
+    ground = Raster(contents.terrain, *contents.corner, contents.cell).at(middle)
+    return np.asarray(~(middle[:, 2] < ground - SUNKEN))
+
+
+def split_triangles(corners: Points) -> tuple[Points, NDArray[np.int64]]:
+    """Triangles (T, 3, 3) halved across their longest side until it is short, and which each came from."""
+    owner = np.arange(len(corners))
+    done, origin = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)]
+    while len(corners):
+        sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        small = sides.max(axis=1) <= PIECE
+        done.append(corners[small])
+        origin.append(owner[small])
+        corners, owner, longest = corners[~small], owner[~small], sides[~small].argmax(axis=1)
+        turned = np.take_along_axis(corners, ((longest[:, None] + np.arange(3)) % 3)[:, :, None], axis=1)
+        one, two, far = turned[:, 0], turned[:, 1], turned[:, 2]
+        middle = (one + two) / 2
+        corners = np.concatenate([np.stack([one, middle, far], 1), np.stack([middle, two, far], 1)])
+        owner = np.concatenate([owner, owner])
+    return np.concatenate(done), np.concatenate(origin)
+
+
+def split_lines(ends: Points) -> Points:
+    """Segments (E, 2, 3) cut into equal pieces no longer than `PIECE`."""
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    count = np.maximum(np.ceil(length / PIECE), 1).astype(np.int64)
+    owner = np.repeat(np.arange(len(ends)), count)
+    step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    shares = np.stack([step, step + 1], axis=1) / count[owner][:, None]
+    return np.asarray(ends[owner, :1] + shares[:, :, None] * (ends[owner, 1:] - ends[owner, :1]))
+
+
+def terrain_triangles(contents: Contents) -> Points:
+    """Two triangles (T, 3, 3) a cell of the drawn terrain, where all corners are known."""
+    rows, columns = contents.terrain.shape
+    if rows < 2 or columns < 2:
+        return np.zeros((0, 3, 3))
+    x = contents.corner[0] + (np.arange(columns) + 0.5) * contents.cell
+    y = contents.corner[1] - (np.arange(rows) + 0.5) * contents.cell
+    grid = np.dstack([*np.meshgrid(x, y), contents.terrain])
+    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[:-1, 1:], grid[1:, 1:]
+    both = np.stack([np.stack([a, b, c], axis=2), np.stack([c, b, d], axis=2)], axis=2).reshape(-1, 3, 3)
+    return np.asarray(both[np.isfinite(both).all(axis=(1, 2))])

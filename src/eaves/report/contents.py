@@ -1,0 +1,275 @@
+"""What a run's folder holds, brought to one local frame and to a size a page can draw."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rasterio
+import shapely
+from numpy.typing import NDArray
+from rasterio.enums import Resampling
+from rasterio.errors import NotGeoreferencedWarning
+from rasterio.windows import from_bounds
+from shapely import MultiPolygon, Polygon
+
+from eaves.formats import InputError, iter_cityjson, read_polygons
+from eaves.formats.crs import parse_crs, system_of
+from eaves.geometry.roof_fit import collect_faces, fit_roof
+from eaves.model import Bounds, CoordinateSystem, Mask, Points, Raster, Values
+from eaves.model.building import LODS
+from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.scene import ROOF
+from eaves.report.sample import PointSample, Sample, classified_files, sample_points
+from eaves.report.surfaces import SURFACES, CityFaces, in_pieces, iter_city_faces
+
+POINTS_SHOWN = 300_000
+BUILDINGS_SHOWN = 4_000
+"""More than these are thinned, and the page says so: what an office computer turns smoothly."""
+FARTHEST = 2_000_000.0
+"""Points farther (m) from the scene are strays; what whole millimetres in four bytes can hold."""
+TERRAIN_CELLS = 250
+"""The terrain is drawn with at most this many cells a side."""
+ROOFS_AT_ONCE = 400
+"""The points are held against so many roof faces at a time, which takes some 20 MB."""
+MARGIN = 30.0
+"""Surroundings (m) shown around the buildings where only some of them are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """A run as it is drawn: everything in metres about `origin` (world metres), heights about `base`.
+
+    `rows` and `polygons` are the buildings shown (B,), `faces` those of their models; `distance` (N,) is how
+    far each roof point of the sample lies over the roof face at its place, NaN for other points; `terrain`
+    (H, W) has row 0 north, its north-west corner at `corner`, and cells of `cell` metres.
+    """
+
+    folder: Path
+    origin: tuple[float, float]
+    base: float
+    system: CoordinateSystem
+    rows: list[dict[str, Any]]
+    polygons: list[Polygon | MultiPolygon]
+    faces: CityFaces
+    points: Sample
+    distance: Values
+    terrain: NDArray[np.float32]
+    corner: tuple[float, float]
+    cell: float
+    buildings: int
+    """How many the run found, shown or not."""
+    run: dict[str, Any] = field(default_factory=dict)
+    others: list[dict[str, Any]] = field(default_factory=list)
+    """Rows of the buildings not shown."""
+
+
+def read_contents(
+    folder: str | Path,
+    points: int = POINTS_SHOWN,
+    buildings: int = BUILDINGS_SHOWN,
+    around: str | None = None,
+    received: PointSample | None = None,
+) -> Contents:
+    """The contents of a run's folder; what a run did not write is empty.
+
+    Of more than `buildings` those nearest to the building of the id `around` are shown, or nearest to the
+    middle of all. `received` holds the sample of points, when the run has just written them.
+
+    Raises
+    ------
+    InputError
+        When the folder holds no footprints, or none of the id `around`, or a file of it is damaged.
+    """
+    folder = Path(folder)
+    polygons, _, rows, system = read_polygons(folder / "footprints.gpkg", layer="footprints")
+    system = system_of_folder(folder) or system
+    found = len(rows)
+    shown = nearest_buildings(polygons, buildings, None if around is None else place_of(around, rows, folder))
+    others = [rows[k] for k in sorted(set(range(found)).difference(shown.tolist()))]
+    polygons, rows = [polygons[k] for k in shown], [rows[k] for k in shown]
+    window = window_of(polygons) if len(shown) < found else None
+    terrain, bounds = read_terrain(folder / "dtm.tif", system, window)
+    sample = sample_points(
+        classified_files(folder), system, points, window, expected=points_of(rows), received=received
+    )
+    centre = middle_of(bounds, polygons, sample)
+    base = base_of(terrain, sample)
+    shift = np.array([*centre, base])
+
+    numbers = {str(row["id"]): number for number, row in enumerate(rows)}
+    models = folder / "buildings.city.jsonl"
+    faces = CityFaces.of(iter_city_faces(iter_cityjson(models), numbers) if models.exists() else ())
+    faces = replace(faces, corners=faces.corners - shift)
+    sample = sample.with_(xyz=sample.xyz - shift)
+    sample = sample.take(np.asarray((np.abs(sample.xyz) < FARTHEST).all(axis=1)))
+    run = folder / "run.json"
+    west, north = (bounds.west, bounds.north) if bounds else centre
+    return Contents(
+        folder=folder,
+        origin=centre,
+        base=base,
+        system=system,
+        rows=rows,
+        polygons=[shapely.transform(shape, lambda xy: xy - shift[:2]) for shape in polygons],
+        faces=faces,
+        points=sample,
+        distance=distances_to_roofs(sample, faces),
+        terrain=terrain - np.float32(base),
+        corner=(west - centre[0], north - centre[1]),
+        cell=bounds.width / terrain.shape[1] if bounds else 1.0,
+        buildings=found,
+        others=others,
+        run=json.loads(run.read_text(encoding="utf-8")) if run.exists() else {},
+    )
+
+
+def import_libraries() -> None:
+    """Load the library and the kernels that reading contents takes: the better part of a second."""
+    import_module("pyogrio.raw")
+    face = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    fit_roof(face[:1], collect_faces([[face]], [0]))
+    Raster(np.zeros((2, 2), np.float32), 0.0, 0.0, 1.0).at(face[:1, :2])
+
+
+def points_of(rows: list[dict[str, Any]]) -> int:
+    """How many points buildings have."""
+    return sum(int(row.get("points") or 0) for row in rows)
+
+
+def system_of_folder(folder: Path) -> CoordinateSystem | None:
+    """The reference system of a run, with its vertical unit, as its terrain says; None without one."""
+    path = folder / "dtm.tif"
+    if not path.exists():
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        with rasterio.open(path) as image:
+            if not image.crs:
+                return LOCAL_METRES
+            bounds = image.bounds
+            centre = (bounds.left + bounds.right) / 2, (bounds.bottom + bounds.top) / 2
+            return system_of(parse_crs(image.crs.to_wkt(), path), path, centre)
+
+
+def place_of(building: str, rows: list[dict[str, Any]], folder: Path) -> int:
+    """The place of a building's id in the rows."""
+    for place, row in enumerate(rows):
+        if str(row["id"]) == building:
+            return place
+    raise InputError.about(
+        folder, f"holds no building '{building}'", "take an id of the table in report.html"
+    )
+
+
+def nearest_buildings(
+    polygons: list[Polygon | MultiPolygon], limit: int, around: int | None = None
+) -> NDArray[np.int64]:
+    """The numbers of at most `limit` polygons, in their order: those nearest to the one of number `around`,
+    or to the median of all."""
+    if len(polygons) <= limit:
+        return np.arange(len(polygons))
+    centres = shapely.get_coordinates(shapely.centroid(polygons))
+    middle = np.median(centres, axis=0) if around is None else centres[around]
+    away = np.hypot(*(centres - middle).T)
+    return np.asarray(np.sort(np.argsort(away, kind="stable")[:limit]))
+
+
+def window_of(polygons: list[Polygon | MultiPolygon]) -> Bounds:
+    """World metres around polygons, with a margin."""
+    west, south, east, north = (float(value) for value in shapely.total_bounds(polygons))
+    return Bounds(west, south, east, north).buffered(MARGIN)
+
+
+def read_terrain(
+    path: Path, system: CoordinateSystem, window: Bounds | None
+) -> tuple[NDArray[np.float32], Bounds | None]:
+    """Heights (H, W) of the terrain at the page's resolution (its overviews are read) and where they lie."""
+    nothing = np.zeros((0, 0), np.float32), None
+    if not path.exists():
+        return nothing
+    unit = system.horizontal_unit_m
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        with rasterio.open(path) as image:
+            part = Bounds(*(value * unit for value in image.bounds))
+            if window is not None:
+                part = Bounds(
+                    max(part.west, window.west),
+                    max(part.south, window.south),
+                    min(part.east, window.east),
+                    min(part.north, window.north),
+                )
+            if part.width <= 0 or part.height <= 0:
+                return nothing
+            cell = max(part.width, part.height) / TERRAIN_CELLS
+            cell = max(cell, image.transform.a * unit)
+            shape = max(1, round(part.height / cell)), max(1, round(part.width / cell))
+            sides = (side / unit for side in (part.west, part.south, part.east, part.north))
+            heights = image.read(
+                1,
+                window=from_bounds(*sides, transform=image.transform),
+                out_shape=shape,
+                masked=True,
+                resampling=Resampling.average,
+            )
+    values = heights.astype(np.float32).filled(np.nan) * np.float32(system.vertical_unit_m)
+    return np.asarray(values, np.float32), part
+
+
+def middle_of(
+    bounds: Bounds | None, polygons: list[Polygon | MultiPolygon], sample: Sample
+) -> tuple[float, float]:
+    """The middle (whole world metres) of what is drawn."""
+    if bounds is None and polygons:
+        bounds = window_of(polygons)
+    if bounds is None and len(sample):
+        bounds = Bounds.of(sample.xyz)
+    if bounds is None:
+        return 0.0, 0.0
+    return float(round((bounds.west + bounds.east) / 2)), float(round((bounds.south + bounds.north) / 2))
+
+
+def base_of(terrain: NDArray[np.float32], sample: Sample) -> float:
+    """A low height (whole metres) of what is drawn, so that the page's heights are small numbers."""
+    heights = terrain[np.isfinite(terrain)] if np.isfinite(terrain).any() else sample.xyz[:, 2]
+    return float(np.floor(np.percentile(heights, 1))) if len(heights) else 0.0
+
+
+def distances_to_roofs(sample: Sample, faces: CityFaces) -> Values:
+    """How far (m) each roof point (N,) lies over the finest model's roof face at its place, along the normal;
+    NaN for points of no roof."""
+    roofs = faces.take(finest_faces(faces) & (faces.kind == SURFACES.index("RoofSurface")))
+    measured = (sample.building > 0) & ((sample.part == ROOF) | (sample.part == 0))
+    distance, height = np.full(len(sample), np.nan), np.full(len(sample), -np.inf)
+    for piece in in_pieces(roofs, ROOFS_AT_ONCE):
+        corners = np.concatenate([face.rings[0][:, :2] for face in piece])
+        inside = (sample.xyz[:, :2] >= corners.min(axis=0)) & (sample.xyz[:, :2] <= corners.max(axis=0))
+        near = np.flatnonzero(measured & inside.all(axis=1))
+        given = collect_faces([face.rings for face in piece], [face.building for face in piece])
+        fit = fit_roof(sample.xyz[near], given)
+        found = sample.xyz[near, 2] - fit.vertical
+        higher = found > height[near]  # false where the piece has no face
+        height[near[higher]], distance[near[higher]] = found[higher], fit.distance[higher]
+    return distance
+
+
+def finest_faces(faces: CityFaces) -> Mask:
+    """Which faces (F,) are of their building's finest solids."""
+    finest = np.zeros(int(faces.building.max(initial=-1)) + 1, np.int64)
+    np.maximum.at(finest, faces.building, faces.lod)
+    return np.asarray((faces.lod > LODS.index("0")) & (faces.lod == finest[faces.building]))
+
+
+def local_rings(shape: Polygon | MultiPolygon) -> list[Points]:
+    """The rings (M, 2) of a polygon, without repeated last point."""
+    return [
+        np.asarray(shapely.get_coordinates(ring)[:-1])
+        for part in shapely.get_parts(shape)
+        for ring in (part.exterior, *part.interiors)
+    ]

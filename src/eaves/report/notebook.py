@@ -1,0 +1,109 @@
+"""A run's results as notebooks want them: an HTML summary, GeoDataFrames, arrays, meshes."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from eaves.formats import iter_cityjson, read_polygons
+from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.summary import Summary
+from eaves.report.contents import finest_faces, system_of_folder
+from eaves.report.plan import plan_figure
+from eaves.report.sample import Sample, classified_files, sample_points
+from eaves.report.surfaces import CityFaces, cut_into_triangles, iter_city_faces
+
+FILE_DIGITS = 4
+"""Decimals (m) that tell a file's corners apart; rounded to them, those of neighbouring faces are one."""
+
+
+@dataclass(frozen=True)
+class Results(Summary):
+    """What a run found and wrote, with its results as notebooks want them."""
+
+    @classmethod
+    def of(cls, summary: Summary) -> Self:
+        """The same, with more to ask."""
+        return cls(**vars(summary))
+
+    def _repr_html_(self) -> str:
+        return summary_html(self)
+
+    def footprints(self) -> Any:
+        """The footprints as a geopandas.GeoDataFrame (`pip install eaves[notebook]`)."""
+        return footprint_frame(self.folder)
+
+    def roof_planes(self) -> Any:
+        """The roof faces as a geopandas.GeoDataFrame (`pip install eaves[notebook]`)."""
+        return footprint_frame(self.folder, "roof_planes")
+
+    def point_arrays(self, building: int | None = None) -> Sample:
+        """The classified points as arrays, of one building by its number or all."""
+        return point_arrays(self.folder, building)
+
+    def meshes(self) -> dict[str, Any]:
+        """A trimesh.Trimesh of every building's finest model, by id (`pip install eaves[notebook]`)."""
+        return building_meshes(self.folder)
+
+
+def summary_html(summary: Summary) -> str:
+    """The summary as HTML: its lines, a small plan where there are rasters, and the files."""
+    lines = html.escape(summary.as_text()).replace("\n", "<br>")
+    picture = ""
+    if (summary.folder / "dsm.tif").exists() and (summary.folder / "footprints.gpkg").exists():
+        buffer = io.BytesIO()
+        plan_figure(summary.folder, 5.0).savefig(buffer, format="png", dpi=100)
+        encoded = base64.b64encode(buffer.getvalue()).decode("ascii")
+        picture = f"<br><img alt='plan of the buildings' src='data:image/png;base64,{encoded}'>"
+    names = ", ".join(html.escape(path.name) for path in summary.files)
+    return f"<div><b>eaves</b><br>{lines}{picture}<br><small>{names}</small></div>"
+
+
+def footprint_frame(folder: Path, layer: str = "footprints") -> Any:
+    """A layer of footprints.gpkg as a geopandas.GeoDataFrame, in the run's reference system."""
+    return _optional("geopandas").read_file(folder / "footprints.gpkg", layer=layer)
+
+
+def point_arrays(folder: Path, building: int | None = None) -> Sample:
+    """The classified points (of one building by its number, all for None) in world metres."""
+    return sample_points(
+        classified_files(folder), system_of_folder(folder) or LOCAL_METRES, building=building
+    )
+
+
+def building_meshes(folder: Path) -> dict[str, Any]:
+    """A trimesh.Trimesh of every building's finest model by id, in metres about the building's lowest corner,
+    which `metadata["origin"]` holds."""
+    trimesh = _optional("trimesh")
+    _, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="footprints")
+    ids = [str(row["id"]) for row in rows]
+    models = iter_cityjson(folder / "buildings.city.jsonl")
+    faces = CityFaces.of(iter_city_faces(models, {name: number for number, name in enumerate(ids)}))
+    finest, meshes = finest_faces(faces), {}
+    for number, name in enumerate(ids):
+        mine = faces.take(finest & (faces.building == number))
+        if not mine:
+            continue
+        corners = cut_into_triangles(mine).corners
+        origin = np.floor(corners.min(axis=(0, 1)))
+        meshes[name] = trimesh.Trimesh(
+            np.round(corners - origin, FILE_DIGITS).reshape(-1, 3),
+            np.arange(3 * len(corners)).reshape(-1, 3),
+            metadata={"origin": origin, "id": name},
+            process=True,
+        )
+    return meshes
+
+
+def _optional(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError:
+        raise ImportError(f"{name} is not installed; pip install eaves[notebook]") from None

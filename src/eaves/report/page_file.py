@@ -1,0 +1,266 @@
+"""report.html: one page with the 3D scene, the table, the figures and the summary, that opens from disk.
+
+The scene is drawn by the page's own WebGL2 (the folder `page`, 60 kB): the ready-made viewers put 1 to 5 MB
+of script into every report, more than the data, and none picks a building out of points and meshes together.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import zlib
+from collections.abc import Iterator
+from importlib.resources import files
+from itertools import chain
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from eaves.formats.atomic import atomic
+from eaves.model import Points, Raster
+from eaves.model.building import LODS
+from eaves.model.summary import Summary
+from eaves.report.contents import Contents, local_rings, read_contents
+from eaves.report.sample import PointSample
+from eaves.report.surfaces import CityFace, cut_into_triangles, edges_of, in_pieces
+
+SCRIPTS = ("arrays", "camera", "draw", "pace", "pick", "colours", "table", "charts", "main", "listen")
+COLUMNS = {
+    "id": "id",
+    "lod": "LoD",
+    "roof_type": "roof",
+    "score": "score",
+    "area_m2": "area (m²)",
+    "h_ground": "ground (m)",
+    "h_eaves": "eaves (m)",
+    "h_ridge": "ridge (m)",
+    "roof_face_count": "faces",
+    "volume_m3": "volume (m³)",
+    "points": "points",
+    "rmse_m": "RMSE (m)",
+    "failure_code": "failure",
+    "failure_reason": "reason",
+}
+"""Columns of the table, where a run has them."""
+CHARTED = ("rmse95_m",)
+"""Attributes that the page's histograms show beside those of the table."""
+MILLIMETRES = 1000.0
+UNKNOWN_DISTANCE = 32767
+UNKNOWN_HEIGHT = 2_000_000_000
+"""Stand for NaN, in millimetres."""
+DRAPE = 0.15
+"""Outlines are drawn this much (m) over the terrain, in pieces no longer than `DRAPE_STEP` (m)."""
+DRAPE_STEP = 3.0
+
+
+def write_report(summary: Summary, received: PointSample | None = None) -> Path:
+    """Write report.html into the run's folder; its path. `received` has received the run write its points."""
+    return write_page(read_contents(summary.folder, received=received), summary.as_text())
+
+
+def write_page(contents: Contents, text: str) -> Path:
+    """Write report.html into the folder of `contents`; `text` is the summary of the run."""
+    path = contents.folder / "report.html"
+    with atomic(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.writelines(iter_page(contents, text))
+    return path
+
+
+def render(contents: Contents, text: str) -> str:
+    """The page as text, with its style, script and data inside."""
+    return "".join(iter_page(contents, text))
+
+
+def iter_page(contents: Contents, text: str) -> Iterator[str]:
+    """The page piece by piece: all of it is several times as large as its largest array."""
+    folder = files("eaves.report").joinpath("page")
+    parts = {name: folder.joinpath(name).read_text("utf-8") for name in ("page.html", "style.css")}
+    script = "\n".join(folder.joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS)
+    names = [Path(entry["path"]).name for entry in contents.run.get("inputs", ())]
+    title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: " if names else ""
+    shown, found = len(contents.rows), contents.buildings
+    heading = f"{found:,} buildings" if shown == found else f"{found:,} buildings, {shown:,} of them drawn"
+    before, after = parts["page.html"].split("$data")
+    words = dict(
+        title=html.escape(f"{title}buildings by eaves"),
+        headline=html.escape(text.split("\n")[0]),
+        style=parts["style.css"],
+        script=script,
+        shown=html.escape(say_shown(contents)),
+        heading=heading,
+        lods="".join(f"<option>{lod}</option>" for lod in lods_of(contents)),
+        summary=html.escape(text),
+        run=html.escape(json.dumps(contents.run, indent=1, default=str)),
+    )
+    yield Template(before).substitute(words)
+    yield from iter_data(contents)
+    yield Template(after).substitute(words)
+
+
+def iter_data(contents: Contents) -> Iterator[str]:
+    """What the script reads, as JSON, array by array."""
+    about = as_json(page_data(contents))
+    yield about.removesuffix("}") + ',"arrays":{'
+    for number, (name, values) in enumerate(iter_arrays(contents)):
+        yield "," * (number > 0) + f"{as_json(name)}:{as_json(pack(values))}"
+    yield "}}"
+
+
+def as_json(value: Any) -> str:
+    """JSON that no browser takes for the end of the script."""
+    return json.dumps(value, separators=(",", ":")).replace("</", "<\\/")
+
+
+def say_shown(contents: Contents) -> str:
+    """How much of the run is drawn."""
+    sample, rows = contents.points, len(contents.rows)
+    parts = [f"all {len(sample):,} points drawn"]
+    if len(sample) < sample.total:
+        ours = int(np.count_nonzero(sample.building))
+        parts = [
+            f"{len(sample):,} of {sample.total:,} points drawn (thinned for the page)",
+            f"on buildings {ours:,} of {sample.on_buildings:,}",
+        ]
+    parts.append(
+        f"{rows:,} of {contents.buildings:,} buildings, those nearest to the middle"
+        if rows < contents.buildings
+        else f"all {rows:,} buildings"
+    )
+    return "; ".join(parts)
+
+
+def lods_of(contents: Contents) -> list[str]:
+    """The levels of detail that the models have, finest first; `0`, the footprint, always."""
+    return [LODS[number] for number in sorted({0, *contents.faces.lod.tolist()}, reverse=True)]
+
+
+def page_data(contents: Contents) -> dict[str, Any]:
+    """What the script reads besides the arrays: rows and names."""
+    rows = [*contents.rows, *contents.others]
+    there = [name for name in COLUMNS if any(row.get(name) is not None for row in rows)]
+    numbers = {name for name in there if any(isinstance(row.get(name), int | float) for row in rows)}
+    rows_high, columns = contents.terrain.shape
+    return {
+        "rows": contents.rows,
+        "others": pack_rows(contents.others, [*there, *CHARTED]),
+        "columns": [{"name": name, "title": COLUMNS[name], "number": name in numbers} for name in there],
+        "lods": LODS,
+        "base": contents.base,
+        "modelled": len(contents.faces) > 0,
+        "terrain": {
+            "rows": rows_high,
+            "columns": columns,
+            "cell": contents.cell,
+            "west": contents.corner[0],
+            "north": contents.corner[1],
+        },
+    }
+
+
+def page_arrays(contents: Contents) -> dict[str, NDArray[Any]]:
+    """All arrays of the page by name."""
+    return dict(iter_arrays(contents))
+
+
+def iter_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Points, triangles, edges, outlines and terrain; buildings count from 1, 0 is none."""
+    yield from point_arrays(contents)
+    yield from triangle_arrays(contents)
+    corners = millimetres(contents.faces.corners)
+    ends, edge_face = edges_of(contents.faces)
+    yield "edge_xyz", corners[ends]
+    yield "edge_building", (contents.faces.building[edge_face] + 1).astype(np.uint32)
+    yield "edge_lod", contents.faces.lod[edge_face].astype(np.uint8)
+    outlines, outline_row = draped_outlines(contents)
+    yield "outline_xyz", millimetres(outlines)
+    yield "outline_building", outline_row.astype(np.uint32)
+    heights = np.nan_to_num(contents.terrain * MILLIMETRES, nan=UNKNOWN_HEIGHT)
+    yield "terrain", np.round(heights).astype(np.int32)
+
+
+def point_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
+    """The arrays (N,) of the points."""
+    points = contents.points
+    numbers = {int(row["number"]): place for place, row in enumerate(contents.rows, 1) if row.get("number")}
+    row_of = np.zeros(max([*numbers, int(points.building.max(initial=0))], default=0) + 1, np.uint32)
+    row_of[list(numbers)] = list(numbers.values())
+    distance = np.clip(np.nan_to_num(contents.distance * MILLIMETRES, nan=1e9), -32767, UNKNOWN_DISTANCE)
+    yield "point_xyz", millimetres(points.xyz)
+    yield "point_class", points.classification
+    yield "point_building", row_of[points.building]
+    yield "point_plane", np.where(points.plane > 0, points.plane % 255 + 1, 0).astype(np.uint8)
+    yield "point_distance", np.round(distance).astype(np.int16)
+
+
+def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
+    """The arrays (T,) of the triangles: those of the models, then those of the footprints, lying flat."""
+    flat = [CityFace(rings, number, 0, 0) for number, rings in enumerate(flat_footprints(contents))]
+    corners = [np.zeros((0, 3, 3), np.int32)]
+    figures: dict[str, list[NDArray[Any]]] = {name: [] for name in ("building", "lod", "kind")}
+    for piece in chain(in_pieces(contents.faces), in_pieces(flat)):
+        surfaces = cut_into_triangles(piece)
+        corners.append(millimetres(surfaces.corners))
+        for name, values in figures.items():
+            values.append(surfaces.figure(name).astype(np.uint32 if name == "building" else np.uint8))
+    whole = np.concatenate(corners)
+    corners.clear()
+    yield "triangle_xyz", whole
+    yield "triangle_building", np.concatenate([np.zeros(0, np.uint32), *figures["building"]]) + np.uint32(1)
+    for name in ("lod", "kind"):
+        yield f"triangle_{name}", np.concatenate([np.zeros(0, np.uint8), *figures[name]])
+
+
+def millimetres(xyz: Points) -> NDArray[np.int32]:
+    """Coordinates as whole millimetres."""
+    whole = xyz * MILLIMETRES
+    return np.asarray(np.rint(whole, out=whole), np.int32)
+
+
+def pack(values: NDArray[Any]) -> dict[str, str]:
+    """Base64 of the deflated bytes, those of one significance together."""
+    flat = np.ascontiguousarray(values).reshape(-1)
+    stored = flat.astype(flat.dtype.newbyteorder("<"), copy=False)
+    planes = stored.view(np.uint8).reshape(len(flat), flat.itemsize).T
+    packed = zlib.compress(np.ascontiguousarray(planes).data, 6)
+    return {"type": flat.dtype.name, "data": base64.b64encode(packed).decode("ascii")}
+
+
+def pack_rows(rows: list[dict[str, Any]], names: list[str]) -> dict[str, Any]:
+    """The named attributes of rows, a list each, as base64 of deflated JSON."""
+    columns = [[row.get(name) for row in rows] for name in names]
+    text = json.dumps(columns, separators=(",", ":"), default=str).encode("utf-8")
+    return {"names": names, "data": base64.b64encode(zlib.compress(text, 6)).decode("ascii")}
+
+
+def terrain_heights(contents: Contents, xy: Points) -> NDArray[np.float64]:
+    """Heights (N,) of the drawn terrain at places (N, 2); 0 where it is not known."""
+    if not contents.terrain.size:
+        return np.zeros(len(xy))
+    raster = Raster(contents.terrain, *contents.corner, contents.cell)
+    return np.asarray(np.nan_to_num(raster.at(xy), nan=0.0))
+
+
+def flat_footprints(contents: Contents) -> list[tuple[Points, ...]]:
+    """The rings of every footprint, level, at the highest terrain under its corners."""
+    flat = []
+    for shape in contents.polygons:
+        rings = local_rings(shapely.get_parts(shape)[0])
+        height = float(terrain_heights(contents, rings[0]).max(initial=-np.inf)) + DRAPE
+        flat.append(tuple(np.column_stack([ring, np.full(len(ring), height)]) for ring in rings))
+    return flat
+
+
+def draped_outlines(contents: Contents) -> tuple[Points, NDArray[np.int64]]:
+    """The outlines on the terrain in short pieces, (E, 2, 3), and the row (from 1) of each."""
+    pieces, owner = [np.zeros((0, 2, 3))], [np.zeros(0, np.int64)]
+    for number, shape in enumerate(contents.polygons, 1):
+        for ring in local_rings(shapely.segmentize(shape, DRAPE_STEP)):
+            upright = np.column_stack([ring, terrain_heights(contents, ring) + DRAPE])
+            pieces.append(np.stack([upright, np.roll(upright, -1, axis=0)], axis=1))
+            owner.append(np.full(len(ring), number))
+    return np.concatenate(pieces), np.concatenate(owner)

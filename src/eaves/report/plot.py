@@ -1,0 +1,79 @@
+"""Pictures of a run for print: which there are, and saving them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from eaves.report.axonometry import models_figure
+from eaves.report.errors import errors_figure
+from eaves.report.plan import plan_figure
+from eaves.report.section import section_figure
+
+PICTURES = ("plan", "errors", "section", "models")
+SUFFIXES = (".png", ".svg", ".pdf")
+CENTIMETRES = 2.54
+
+
+def plot_run(
+    folder: str | Path,
+    path: str | Path | None = None,
+    what: str = "plan",
+    *,
+    reference: str | Path | None = None,
+    building: str | None = None,
+    size_cm: float = 18.0,
+    dpi: int = 300,
+) -> Path:
+    """Save a picture of a run; its path.
+
+    Parameters
+    ----------
+    folder
+        What `eaves build` wrote.
+    path
+        PNG, SVG or PDF by its extension; `<what>.png` in the folder for None.
+    what
+        `plan` (faces by direction over the shaded surface), `errors` (found, missed, false areas), `section`
+        (across a building, with its points), `models` (all of them, seen obliquely).
+    reference
+        For `errors`: polygons, or the `detection.tif` of `eaves evaluate`.
+    building
+        For `section`: the id; the largest building with a model for None.
+    size_cm
+        Width of the picture.
+    dpi
+        Dots an inch, of PNG and of images inside SVG and PDF.
+
+    Raises
+    ------
+    ValueError
+        For another picture, another extension, or what it needs and has not.
+    """
+    if what not in PICTURES:
+        raise ValueError(f"'{what}' is no picture; choose one of: {', '.join(PICTURES)}")
+    target = Path(path) if path else Path(folder) / f"{what}.png"
+    if target.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"{target}: '{target.suffix}' cannot be drawn; use {', '.join(SUFFIXES)}")
+    figure_of(Path(folder), what, reference, building, size_cm / CENTIMETRES).savefig(target, dpi=dpi)
+    return target
+
+
+def figure_of(
+    folder: Path, what: str, reference: str | Path | None, building: str | None, size_inches: float
+) -> Figure:
+    """The picture as a matplotlib figure."""
+    if what == "errors":
+        if reference is None:
+            raise ValueError(
+                "errors need a reference; give --reference polygons, or evaluate's detection.tif"
+            )
+        return errors_figure(folder, reference, size_inches)
+    if what == "section":
+        return section_figure(folder, building, size_inches=size_inches)
+    return (
+        models_figure(folder, size_inches=size_inches)
+        if what == "models"
+        else plan_figure(folder, size_inches)
+    )

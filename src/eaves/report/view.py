@@ -1,0 +1,61 @@
+"""Opening the page of a run that is there already."""
+
+from __future__ import annotations
+
+import json
+import logging
+import webbrowser
+from pathlib import Path
+
+from eaves.formats import InputError
+from eaves.report.contents import read_contents
+from eaves.report.page_file import write_page
+
+log = logging.getLogger("eaves")
+
+
+def open_report(
+    folder: str | Path, show: bool = True, again: bool = False, around: str | None = None
+) -> Path:
+    """The report.html of a run's folder, opened in the browser if `show`; made when missing, older than the
+    run, `again`, or `around` a building of a large run that the page does not draw.
+
+    Raises
+    ------
+    InputError
+        When the folder holds no run.
+    """
+    folder = Path(folder)
+    record, path = folder / "run.json", folder / "report.html"
+    if not (folder / "footprints.gpkg").exists():
+        raise InputError.about(folder, "holds no footprints.gpkg", "give the folder of a run of eaves build")
+    newest = record if record.exists() else folder / "footprints.gpkg"
+    if again or around is not None or not path.exists() or path.stat().st_mtime < newest.stat().st_mtime:
+        write_page(read_contents(folder, around=around), describe_run(folder))
+    if show and not webbrowser.open(path.resolve().as_uri()):
+        log.warning("no browser could be started; open %s", path)
+    return path
+
+
+def describe_run(folder: Path) -> str:
+    """The summary of a run from its run.json, as the run itself said it."""
+    from eaves.model.summary import Summary
+
+    path = folder / "run.json"
+    if not path.exists():
+        return "the run left no run.json"
+    run = json.loads(path.read_text(encoding="utf-8"))
+    return Summary(
+        folder=folder,
+        points=run.get("points", 0),
+        found=run.get("found", 0),
+        modelled=run.get("modelled", 0),
+        by_lod=run.get("by_lod", {}),
+        failures=run.get("failures", {}),
+        fallbacks=run.get("fallbacks", {}),
+        seconds=run.get("stage_cpu_seconds", {}),
+        elapsed=run.get("elapsed_seconds", 0.0),
+        files=(),
+        failed=tuple(run.get("incomplete", ())),
+        run=run,
+    ).as_text()

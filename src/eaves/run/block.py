@@ -1,0 +1,65 @@
+"""The block pass: ground, rasters and regions of one block."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eaves.detect import detect_buildings
+from eaves.ground import classify_ground
+from eaves.model import Block, Bounds, PointCloud, Raster, Regions
+from eaves.model.results import BlockResult
+from eaves.raster.surfaces import make_scene
+from eaves.run.clock import Clock
+from eaves.run.recipe import SEAM, Recipe
+
+
+def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
+    """Ground, rasters and regions of one block.
+
+    `cloud` must hold the points of the block and of its surroundings up to `recipe.buffer`, and no others:
+    then the answer is the same whichever files or tiles they came from.
+    """
+    clock = Clock()
+    cloud = cloud.about(block.origin).in_canonical_order()
+    cloud = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes)
+    clock.lap("ground")
+    core = Bounds(0.0, 0.0, block.side, block.side)
+    seen = core.buffered(recipe.scene_buffer)
+    cloud = cloud.take(seen.contains(cloud.xyz))
+    scene = make_scene(cloud, seen)
+    clock.lap("rasters")
+    nothing = Regions(np.zeros(len(cloud), np.int32))
+    regions = detect_buildings(scene, recipe.detect) if recipe.detect else nothing
+    clock.lap("detect")
+
+    inside = core.contains(cloud.xyz)
+    labelled = np.flatnonzero(regions.label > 0)
+    place = cloud.xyz.take(labelled, axis=0)
+    seam = labelled[core.buffered(SEAM).contains(place) & ~core.buffered(-SEAM).contains(place)]
+    part = regions.part if regions.part is not None else np.zeros(len(cloud), np.uint8)
+    assert cloud.classification is not None and cloud.point_id is not None
+    return BlockResult(
+        block=block,
+        xyz=cloud.xyz[inside],
+        point_id=cloud.point_id[inside],
+        classification=cloud.classification[inside],
+        label=regions.label[inside],
+        part=part[inside],
+        height=scene.height[inside].astype(np.float32),
+        score=regions.score,
+        dtm=crop(scene.dtm, core),
+        dsm=crop(scene.dsm, core),
+        spacing=scene.spacing,
+        seam_id=cloud.point_id[seam],
+        seam_label=regions.label[seam],
+        seconds=clock.laps,
+    )
+
+
+def crop(raster: Raster, bounds: Bounds) -> Raster:
+    """The cells of a raster inside `bounds`, which run along cell borders."""
+    first_column = round((bounds.west - raster.west) / raster.cell)
+    first_row = round((raster.north - bounds.north) / raster.cell)
+    columns, rows = round(bounds.width / raster.cell), round(bounds.height / raster.cell)
+    values = raster.values[first_row : first_row + rows, first_column : first_column + columns]
+    return Raster(values.copy(), bounds.west, bounds.north, raster.cell)

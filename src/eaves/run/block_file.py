@@ -1,0 +1,137 @@
+"""What the block pass found in one block, as one file of which a reader takes only the arrays it needs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.formats.atomic import atomic
+from eaves.model import Block, Bounds, Labels, Points, Raster
+from eaves.model.cloud import GRID_STEP, GROUND, NOISE_CLASSES
+from eaves.model.results import BlockResult
+
+CANDIDATE_HEIGHT = 1.0
+"""Points lower than this (m) over the terrain belong to no roof."""
+BORDER = 6.0
+"""A region with points this near (m) to a side of its block may go on, or need terrain, beyond it: more than
+the seam, the gap a detector bridges and the margin of terrain around a building."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """The points (M,) of a block that can belong to a building, in its canonical order."""
+
+    block: Block
+    xyz: Points
+    point_id: NDArray[np.int64]
+    label: Labels
+    part: NDArray[np.uint8]
+    high: NDArray[np.bool_]
+    """Whether a given footprint may take the point: high over the terrain, neither ground nor noise."""
+    score: NDArray[np.float64]
+    """Of each label, (K,)."""
+    spacing: float
+
+
+@dataclass(frozen=True, eq=False)
+class BlockMetadata:
+    """The little that the whole run needs to know of a block."""
+
+    block: Block
+    extent: Bounds
+    """World metres of the points in the block."""
+    seconds: dict[str, float]
+
+
+def save_block(path: Path, result: BlockResult) -> None:
+    """Write a result, whole or not at all."""
+    high = (result.height >= CANDIDATE_HEIGHT) & ~np.isin(result.classification, (GROUND, *NOISE_CLASSES))
+    some = np.flatnonzero((result.label > 0) | high)
+    count = int(max(result.label.max(initial=0), result.seam_label.max(initial=0)))
+    extent = result.extent
+    about = {
+        "seconds": result.seconds,
+        "spacing": result.spacing,
+        "extent": [extent.west, extent.south, extent.east, extent.north],
+        "corner": [result.dtm.west, result.dtm.north, result.dtm.cell],
+    }
+    arrays = {
+        "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
+        "point_id": result.point_id,
+        "classification": result.classification,
+        "part": result.part,
+        "candidate": some.astype(np.int32),
+        "quanta": np.round(result.xyz[some] / GRID_STEP).astype(np.int32),
+        "label": result.label[some],
+        "high": high[some],
+        "score": result.score,
+        "dtm": result.dtm.values,
+        "dsm": result.dsm.values,
+        "seam_id": result.seam_id,
+        "seam_label": result.seam_label,
+        "sides": sides_of(result, count),
+    }
+    with atomic(path) as temporary:
+        # numpy's stub takes any of the names for its own option allow_pickle
+        np.savez(temporary, **arrays)  # type: ignore[arg-type]
+
+
+def sides_of(result: BlockResult, count: int) -> NDArray[np.uint8]:
+    """For labels 0 to `count`: 1 when points of it lie in the block, plus 2, 4, 8, 16 when some lie near its
+    west, south, east, north side; 0 for label 0."""
+    sides = np.zeros(count + 1, np.uint8)
+    sides[result.label] = 1
+    x, y = result.xyz[:, 0], result.xyz[:, 1]
+    far = result.block.side - BORDER
+    for bit, near in ((2, x < BORDER), (4, y < BORDER), (8, x >= far), (16, y >= far)):
+        touched = np.zeros(count + 1, bool)
+        touched[result.label[near]] = True
+        sides[touched] |= bit
+    sides[0] = 0
+    return sides
+
+
+class BlockFile:
+    """The file of one block, opened; use it in a `with` statement."""
+
+    def __init__(self, path: Path, block: Block) -> None:
+        self.block = block
+        self._file: Any = np.load(path)
+        self.about: dict[str, Any] = json.loads(self._file["about"].tobytes())
+
+    def __enter__(self) -> BlockFile:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._file.close()
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """One array, read now; see `save_block` for the names."""
+        return np.asarray(self._file[name])
+
+    def metadata(self) -> BlockMetadata:
+        """Extent and seconds."""
+        return BlockMetadata(self.block, Bounds(*self.about["extent"]), self.about["seconds"])
+
+    def raster(self, name: str) -> Raster:
+        """`dtm` or `dsm` in metres about the block's corner."""
+        return Raster(self[name], *self.about["corner"])
+
+    def candidates(self) -> Candidates:
+        """The points that can belong to a building."""
+        which = self["candidate"]
+        return Candidates(
+            self.block,
+            self["quanta"] * GRID_STEP,
+            self["point_id"][which],
+            self["label"],
+            self["part"][which],
+            self["high"],
+            self["score"],
+            self.about["spacing"],
+        )

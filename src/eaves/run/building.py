@@ -1,0 +1,150 @@
+"""The building pass: outline, roof planes and solids of one building."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from eaves.model import Block, Boundary, BuildingModel, Failure, Finding, Footprint, Points, Raster
+from eaves.model.results import BuildingPoints, BuildingResult
+from eaves.model.scene import WALL
+from eaves.outline import regularise_outlines, trace_outline
+from eaves.raster.surfaces import CELL
+from eaves.reconstruct import reconstruct_building
+from eaves.roof import segment_roof
+from eaves.run.clock import Clock
+from eaves.run.recipe import Recipe
+from eaves.validate import validate_model
+
+
+def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:
+    """A footprint for each building that is not given one; those of one owner block are regularised together,
+    so that neighbours share their edges.
+    """
+    drawn: list[Footprint | Failure] = [
+        building.given or Failure("no_outline", "the outline stage answered nothing", "outline")
+        for building in buildings
+    ]
+    boundaries: dict[int, Boundary] = {}
+    for number, building in enumerate(buildings):
+        if building.given is None:
+            boundary = trace_outline(building.roof_points, building.spacing, recipe.outline)
+            if isinstance(boundary, Failure):
+                drawn[number] = boundary
+            else:
+                boundaries[number] = boundary
+    regular = regularise_outlines(list(boundaries.values()), recipe.outline)
+    for number, footprint in zip(boundaries, regular, strict=True):
+        drawn[number] = footprint
+    return drawn
+
+
+def building_pass(building: BuildingPoints, footprint: Footprint | Failure, recipe: Recipe) -> BuildingResult:
+    """Roof planes and solids of one building with its footprint."""
+    clock = Clock()
+    roof = np.flatnonzero(building.part != WALL)
+    points = building.roof_points
+    plane = np.zeros(len(building.xyz), np.int32)
+    if isinstance(footprint, Failure):
+        blank = name_footprint(hull_of(building.xyz, building.spacing), building)
+        return BuildingResult(
+            Failure(footprint.code, footprint.reason, footprint.stage, blank),
+            building.point_id,
+            plane,
+            clock.laps,
+        )
+    footprint = name_footprint(footprint, building)
+    if recipe.lod == "0":
+        model = BuildingModel(footprint, {}, attributes=unit_attributes(footprint, building))
+        return BuildingResult(model, building.point_id, plane, clock.laps)
+
+    rng = np.random.default_rng(
+        [building.owner_block.column & 0xFFFFFFFF, building.owner_block.row & 0xFFFFFFFF, building.number]
+    )
+    planes = segment_roof(points, building.spacing, recipe.roof, rng=rng)
+    for number, found in enumerate(planes, 1):
+        plane[roof[found.members]] = number
+    clock.lap("roof")
+
+    base, terrain = heights_under(footprint, building.terrain)
+    if not np.isfinite(base):
+        answer: BuildingModel | Failure = Failure(
+            "no_ground", "no terrain under the footprint", "reconstruct"
+        )
+    else:
+        answer = reconstruct_building(points, footprint, planes, base, recipe.reconstruct)
+    clock.lap("reconstruct")
+    if isinstance(answer, BuildingModel):
+        answer = keep_valid(answer, recipe.lod)
+    clock.lap("validate")
+    if isinstance(answer, Failure):
+        answer = Failure(answer.code, answer.reason, answer.stage, footprint)
+    else:
+        facts = {"h_ground": terrain, **unit_attributes(footprint, building)}
+        answer = answer.with_(attributes={**answer.attributes, **facts})
+    return BuildingResult(answer, building.point_id, plane, clock.laps)
+
+
+def unit_attributes(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
+    """The block that the building is a unit of, itself where it is whole, and how sure its walls are."""
+    block = footprint if building.block is None else name_footprint(building.block, building)
+    return {"block_id": block.id, "wall_certainty": building.wall_certainty}
+
+
+def hull_of(points: Points, spacing: float) -> Footprint:
+    """The convex hull of points, widened by the spacing: the place of a building that has no outline."""
+    return Footprint(
+        shapely.MultiPoint(points[:, :2]).convex_hull.buffer(max(spacing, 0.1), join_style="mitre")
+    )
+
+
+def name_footprint(footprint: Footprint, building: BuildingPoints) -> Footprint:
+    """The footprint with origin, score and, unless given one, the id of its representative point's cell."""
+    owner = building.owner_block
+    if footprint.id:
+        return footprint.with_(origin=owner.origin)
+    point = footprint.polygon.representative_point()
+    block = Block.at(point.x + owner.origin[0], point.y + owner.origin[1], owner.side)
+    column = int((point.x + owner.origin[0] - block.origin[0]) / CELL)
+    row = int((point.y + owner.origin[1] - block.origin[1]) / CELL)
+    name = f"b{block.column}_{block.row}_{column}_{row}"
+    return footprint.with_(origin=owner.origin, score=building.score, id=name)
+
+
+def heights_under(footprint: Footprint, terrain: Raster) -> tuple[float, float]:
+    """The lowest terrain height on the outline, and its 5th percentile (m); NaN where no terrain is known."""
+    rim = shapely.segmentize(footprint.polygon, terrain.cell)
+    heights = terrain.at(shapely.get_coordinates(rim))
+    heights = heights[np.isfinite(heights)]
+    if len(heights) == 0:
+        return float("nan"), float("nan")
+    return float(heights.min()), float(np.percentile(heights, 5))
+
+
+def keep_valid(model: BuildingModel, finest: str) -> BuildingModel | Failure:
+    """The model without the levels that are finer than asked for or not valid, and why they went."""
+    wanted = {lod: solids for lod, solids in model.solids.items() if lod <= finest}
+    bad: dict[str, Finding] = {}
+    if validate_model(model.with_(solids=wanted)):
+        for lod, solids in wanted.items():
+            found = validate_model(model.with_(solids={lod: solids}))
+            if found:
+                bad[lod] = found[0]
+    good = {lod: solids for lod, solids in wanted.items() if lod not in bad}
+    reasons = "; ".join(f"LoD {lod}: {one.code} {one.name} {one.detail}" for lod, one in sorted(bad.items()))
+    if not good:
+        return Failure("invalid_solid", reasons or "no solid", "reconstruct")
+    kept = model.with_(solids=good)
+    attributes = {**model.attributes, "lod": kept.lod}
+    if bad and max(bad) > kept.lod:
+        attributes |= {"fallback_code": "invalid_solid", "fallback_reason": reasons}
+    return kept.with_(attributes=attributes)
+
+
+def broken_result(building: BuildingPoints, error: Exception) -> BuildingResult:
+    """What is left of a building whose pass raised: its place, its points, the error as the reason."""
+    place = name_footprint(building.given or hull_of(building.xyz, building.spacing), building)
+    failure = Failure("internal_error", f"{type(error).__name__}: {error}", "pipeline", place)
+    return BuildingResult(failure, building.point_id, np.zeros(len(building.xyz), np.int32))

@@ -1,0 +1,133 @@
+"""What a run found out about every point, one value a point in a file, and the classified copies."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.formats import InputError, write_classified
+from eaves.formats.classified import UNCHANGED
+from eaves.model import Block
+from eaves.model.cloud import BUILDING
+from eaves.run.index import Index
+from eaves.run.run import Run
+from eaves.run.store import Store
+
+log = logging.getLogger("eaves")
+TYPES: dict[str, Any] = {
+    "classes": np.uint8,
+    "part": np.uint8,
+    "building_id": np.int32,
+    "plane_id": np.int32,
+}
+
+
+class PointSink(Protocol):
+    """Receives the classified points as they are written; picklable, for another process may write them."""
+
+    def start(self, points: int, buildings: int, on_buildings: int) -> None:
+        """The number of points of the inputs, of buildings that were found, and of the points of these."""
+
+    def write(self, path: Path, first: int, records: NDArray[np.void]) -> None:
+        """Records of a file, and the place of the first."""
+
+    def take_from(self, other: Any) -> None:
+        """Take what the copy in another process received."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A run of values in a file, read slice by slice, so that memory does not grow with the file."""
+
+    path: Path
+    dtype: Any
+    first: int
+    count: int
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, place: slice) -> NDArray[Any]:
+        start, stop, _ = place.indices(self.count)
+        size = np.dtype(self.dtype).itemsize
+        return np.fromfile(self.path, self.dtype, stop - start, offset=(self.first + start) * size)
+
+
+def write_points(
+    store: Store, run: Run, blocks: Sequence[Block], owners: Sequence[Block], sink: PointSink | None = None
+) -> list[Path]:
+    """The classified points of every input."""
+    index, single = run.index, run.classified
+    gather_labels(store, index, blocks, owners)
+    written: list[Path] = []
+    names: set[str] = set()
+    starts = index.starts
+    for number in range(len(index)):
+        path = single or run.folder / classified_name(index.path(number), len(index) == 1, names)
+        mine = {
+            name: Column(store.folder / f"{name}.bin", dtype, int(starts[number]), index.count(number))
+            for name, dtype in TYPES.items()
+        }
+        classes = mine.pop("classes")
+        try:
+            write = None if sink is None else partial(sink.write, path)
+            write_classified(index.source(number), path, classes, {} if single else mine, sink=write)
+            written.append(path)
+        except InputError as error:  # a damaged file; scattering it has said so
+            log.debug("%s", error)
+            names.discard(path.stem)
+    return written
+
+
+def gather_labels(store: Store, index: Index, blocks: Sequence[Block], owners: Sequence[Block]) -> None:
+    """Fill the files of labels; they are opened anew for every block, for pages stay in memory till then."""
+    total = max(index.points, 1)
+    for name, dtype in TYPES.items():
+        fill_file(store.folder / f"{name}.bin", dtype, total, UNCHANGED if name == "classes" else 0)
+
+    def opened(name: str) -> np.memmap[Any, Any]:
+        return np.memmap(store.folder / f"{name}.bin", TYPES[name], "r+", shape=(total,))
+
+    number, first_plane = 0, 0
+    for owner in owners:
+        buildings, planes = opened("building_id"), opened("plane_id")
+        for point_id, plane in store.planes(owner):
+            number += 1
+            buildings[point_id] = number
+            planes[point_id] = np.where(plane > 0, plane + first_plane, 0)
+            first_plane += int(plane.max(initial=0))
+    for block in blocks:
+        with store.open_block(block) as file:
+            point_id, classes, part = file["point_id"], file["classification"], file["part"]
+        classes[opened("building_id")[point_id] > 0] = BUILDING
+        opened("classes")[point_id] = classes
+        opened("part")[point_id] = part
+
+
+def fill_file(path: Path, dtype: Any, count: int, value: int, piece: int = 1 << 20) -> None:
+    """Write a file of `count` equal values. All of it is written: a disk that is full must say so now, for a
+    page of memory that finds no place on it later ends the process."""
+    values = np.full(min(piece, count), value, dtype)
+    with path.open("wb") as file:
+        for first in range(0, count, len(values)):
+            file.write(values[: count - first].tobytes())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def classified_name(path: Path, alone: bool, taken: set[str]) -> str:
+    """Name of the classified copy of an input; files of one name from two folders get a number behind."""
+    stem = "classified" if alone else f"classified_{path.stem}"
+    number = 1
+    while (name := stem if number == 1 else f"{stem}-{number}") in taken:
+        number += 1
+    taken.add(name)
+    return f"{name}.laz"

@@ -1,0 +1,152 @@
+"""Puts the points and the terrain of one building together from the results of the blocks it lies in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import shapely
+
+from eaves.footprints.snap import snap_footprints
+from eaves.model import Block, Bounds, Failure, Footprint, Raster
+from eaves.model.cloud import snap
+from eaves.model.results import BuildingPoints
+from eaves.model.scene import WALL
+from eaves.raster.surfaces import CELL
+from eaves.run.block_file import Candidates
+from eaves.run.join import BuildingPlan, OwnedBuildings
+from eaves.run.store import Store
+
+MARGIN = 2.0
+"""Terrain is known this far (m) around a building's points."""
+TRUSTED_SHARE = 0.2
+"""Under a given footprint the detector's points are taken if at least this share of the high points."""
+
+
+class Gatherer:
+    """Reads the results of blocks as buildings need them, and keeps the last few."""
+
+    def __init__(self, store: Store, keep: int = 4) -> None:
+        self._store = store
+        self._keep = keep
+        self._candidates: dict[Block, Candidates] = {}
+        self._terrain: dict[Block, Raster] = {}
+
+    def candidates(self, block: Block) -> Candidates | None:
+        """The points of a block that can be a building's; None where it failed or has no points."""
+        if block not in self._candidates:
+            if not self._store.has("blocks", block):
+                return None
+            while len(self._candidates) >= self._keep:
+                self._candidates.pop(next(iter(self._candidates)))
+            with self._store.open_block(block) as file:
+                self._candidates[block] = file.candidates()
+        return self._candidates[block]
+
+    def terrain_of(self, block: Block) -> Raster | None:
+        """The terrain of a block; None where it failed or has no points."""
+        if block not in self._terrain:
+            if not self._store.has("blocks", block):
+                return None
+            while len(self._terrain) >= 2 * self._keep:
+                self._terrain.pop(next(iter(self._terrain)))
+            with self._store.open_block(block) as file:
+                self._terrain[block] = file.raster("dtm")
+        return self._terrain[block]
+
+    def gather(self, owner: Block, plan: BuildingPlan) -> BuildingPoints | Failure:
+        """The building's points about the corner of its owner block, with the terrain around them."""
+        xyz, point_id, part, score, spacing = [], [], [], 0.0, 1.0
+        for block, label in plan.regions:
+            result = self.candidates(block)
+            if result is None:
+                continue
+            spacing = result.spacing
+            shift = np.array([block.origin[0] - owner.origin[0], block.origin[1] - owner.origin[1], 0.0])
+            if plan.given is None:
+                chosen = result.label == label
+                score = max(score, float(result.score[label - 1]) if len(result.score) else 1.0)
+            else:
+                chosen = points_under(result, plan.given, shift)
+                score = 1.0
+            xyz.append(result.xyz[chosen] + shift)
+            point_id.append(result.point_id[chosen])
+            part.append(result.part[chosen])
+        if not sum(map(len, xyz)):
+            return Failure("no_points", "no point above the ground lies in it", "tiling", plan.given)
+        points = snap(np.concatenate(xyz))
+        reach = Bounds.of(points)
+        if plan.given is not None:
+            reach = reach.union(Bounds(*plan.given.polygon.bounds))
+        return BuildingPoints(
+            owner_block=owner,
+            xyz=points,
+            point_id=np.concatenate(point_id),
+            part=np.concatenate(part),
+            terrain=self.terrain(owner, reach.buffered(MARGIN)),
+            spacing=spacing,
+            score=score,
+            number=plan.number,
+            given=plan.given,
+        )
+
+    def snapped(self, plan: OwnedBuildings) -> OwnedBuildings:
+        """The plan with its given footprints moved to the eaves in the points, neighbours together."""
+        buildings = [building for building in plan.buildings if building.given is not None]
+        footprints = [building.given for building in buildings if building.given is not None]
+        blocks = sorted({block for building in buildings for block, _ in building.regions})
+        points, spacing = [], 1.0
+        for block in blocks:
+            result = self.candidates(block)
+            if result is not None:
+                shift = np.array(
+                    [
+                        block.origin[0] - plan.owner_block.origin[0],
+                        block.origin[1] - plan.owner_block.origin[1],
+                        0,
+                    ]
+                )
+                roof = (result.label > 0) & (result.part != WALL)
+                points.append(result.xyz[roof] + shift)
+                spacing = result.spacing
+        if not points:
+            return plan
+        moved = snap_footprints(footprints, np.concatenate(points), spacing)
+        pairs = zip(buildings, moved, strict=True)
+        return replace(plan, buildings=tuple(replace(building, given=given) for building, given in pairs))
+
+    def terrain(self, owner: Block, bounds: Bounds) -> Raster:
+        """The terrain inside `bounds` (about the owner block's corner), NaN where no block knows it."""
+        west, south = np.floor(bounds.west / CELL) * CELL, np.floor(bounds.south / CELL) * CELL
+        columns, rows = int(np.ceil((bounds.east - west) / CELL)), int(np.ceil((bounds.north - south) / CELL))
+        north = south + rows * CELL
+        values = np.full((rows, columns), np.nan, np.float32)
+        first = Block.at(west + owner.origin[0], south + owner.origin[1], owner.side)
+        last = Block.at(bounds.east + owner.origin[0], north + owner.origin[1], owner.side)
+        for column in range(first.column, last.column + 1):
+            for row in range(first.row, last.row + 1):
+                block = Block(column, row, owner.side)
+                tile = self.terrain_of(block)
+                if tile is None:
+                    continue
+                left = round((tile.west + block.origin[0] - owner.origin[0] - west) / CELL)
+                top = round((north - (tile.north + block.origin[1] - owner.origin[1])) / CELL)
+                height, width = tile.shape
+                r0, r1 = max(top, 0), min(top + height, rows)
+                c0, c1 = max(left, 0), min(left + width, columns)
+                if r0 < r1 and c0 < c1:
+                    values[r0:r1, c0:c1] = tile.values[r0 - top : r1 - top, c0 - left : c1 - left]
+        return Raster(values, float(west), float(north), CELL)
+
+
+def points_under(result: Candidates, given: Footprint, shift: np.ndarray) -> np.ndarray:
+    """Which points (N,) of a block belong to a given footprint: the detector's, else all high ones."""
+    west, south, east, north = given.polygon.bounds
+    x, y = result.xyz[:, 0] + shift[0], result.xyz[:, 1] + shift[1]
+    near = np.flatnonzero((x >= west) & (x <= east) & (y >= south) & (y <= north))
+    near = near[shapely.contains_xy(given.polygon, x[near], y[near])]
+    high = result.high[near]
+    detected = result.label[near] > 0
+    chosen = np.zeros(len(x), bool)
+    chosen[near] = detected if detected.sum() >= TRUSTED_SHARE * max(high.sum(), 1) else high
+    return chosen

@@ -1,0 +1,201 @@
+"""What the headers of all inputs say, in some 150 bytes a file: a country is a million of them."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.formats import InputError, Source, open_source
+from eaves.formats.crs import agree
+from eaves.formats.source import FIELDS, open_marked, warn_without_system
+from eaves.model import Bounds, CoordinateSystem, Mask
+
+log = logging.getLogger("eaves")
+
+ENTRY = np.dtype(
+    [("count", "<i8"), ("box", "<f8", 4), ("fields", "u1"), ("mark", "u1", 16), ("path_end", "<i8")]
+)
+"""Records, west-south-east-north (world metres), bits of `FIELDS`, fingerprint, end of the path's bytes."""
+LISTED_INPUTS = 1000
+"""Up to so many inputs are named one by one in run.json; of more, their number and common hash are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Index:
+    """The inputs of a run, in their order; arrays are (F,)."""
+
+    entries: NDArray[np.void]
+    paths: bytes
+    """All paths in UTF-8, one behind the other."""
+    system: CoordinateSystem
+    crs: str | None
+    kept: dict[int, Source]
+    """Those that had to be read to be opened (text, wrong_boxes headers), by number."""
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    @property
+    def starts(self) -> NDArray[np.int64]:
+        """The id of each file's first point."""
+        return np.asarray(np.cumsum(self.entries["count"]) - self.entries["count"])
+
+    @property
+    def points(self) -> int:
+        """Records in all files."""
+        return int(self.entries["count"].sum())
+
+    def count(self, number: int) -> int:
+        """Records in one file."""
+        return int(self.entries["count"][number])
+
+    def has_field(self, name: str) -> bool:
+        """Whether any file carries a field of `FIELDS`."""
+        return bool((self.entries["fields"] >> FIELDS.index(name) & 1).any())
+
+    def path(self, number: int) -> Path:
+        """The path of one file."""
+        start = int(self.entries["path_end"][number - 1]) if number else 0
+        text = self.paths[start : int(self.entries["path_end"][number])]
+        return Path(text.decode("utf-8", "surrogateescape"))
+
+    def source(self, number: int) -> Source:
+        """One file, opened again.
+
+        Raises
+        ------
+        InputError
+            When it cannot be, or is no longer what the index knows.
+        """
+        if number in self.kept:
+            return self.kept[number]
+        path = self.path(number)
+        source = open_source(path, self.crs)
+        if source.count != self.entries["count"][number]:
+            raise InputError.about(path, "changed while the run was reading it", "run again")
+        return source
+
+    def bounds(self, number: int) -> Bounds:
+        """What the header says of where one file's points are."""
+        return Bounds(*map(float, self.entries["box"][number]))
+
+    def spans_blocks(self, side: float, bounds: Bounds | None = None) -> bool:
+        """Whether the headers say that points, within the bounds, lie in several blocks of `side` (m)."""
+        west, south, east, north = self.entries["box"].T
+        low, high = np.array([west.min(), south.min()]), np.array([east.max(), north.max()])
+        if bounds is not None:  # which hold no point of their east and north sides
+            low = np.maximum(low, [bounds.west, bounds.south])
+            high = np.minimum(high, np.nextafter([bounds.east, bounds.north], -np.inf))
+        return bool((np.floor(low / side) != np.floor(high / side)).any())
+
+    def meeting(self, bounds: Bounds) -> Mask:
+        """Which files (F,) say that they have points within `bounds`."""
+        order, sorted_west, widest = self._by_west
+        first, last = np.searchsorted(sorted_west, [bounds.west - widest, bounds.east])
+        near = order[first:last]  # a country's files are asked for tile by tile: look at a strip of them
+        west, south, east, north = self.entries["box"][near].T
+        meets = (west < bounds.east) & (east >= bounds.west)
+        answer = np.zeros(len(self), bool)
+        answer[near] = meets & (south < bounds.north) & (north >= bounds.south)
+        return answer
+
+    @cached_property
+    def _by_west(self) -> tuple[NDArray[np.int64], NDArray[np.float64], float]:
+        """The files' numbers (F,) by western border, these borders, and more than the width of the widest."""
+        west, _, east, _ = self.entries["box"].T
+        order = np.argsort(west, kind="stable")
+        return order, west[order], float((east - west).max(initial=0.0)) + 1.0
+
+    def subset(self, numbers: NDArray[np.int64]) -> Index:
+        """The index of some files (rising numbers)."""
+        entries, names = self.entries[numbers].copy(), bytearray()
+        for k, number in enumerate(numbers):
+            names += str(self.path(int(number))).encode("utf-8", "surrogateescape")
+            entries["path_end"][k] = len(names)
+        kept = {k: self.kept[int(n)] for k, n in enumerate(numbers) if int(n) in self.kept}
+        return replace(self, entries=entries, paths=bytes(names), kept=kept)
+
+    def with_boxes(self, boxes: Mapping[int, Bounds]) -> Index:
+        """The index with the boxes of some files, by number, widened to hold others."""
+        entries = self.entries.copy()
+        for number, box in boxes.items():
+            whole = self.bounds(number).union(box)
+            entries["box"][number] = whole.west, whole.south, whole.east, whole.north
+        return replace(self, entries=entries)
+
+    def describe(self) -> dict[str, Any]:
+        """The inputs as JSON: how many, and their common hash; each with its own where they are few."""
+        whole = hashlib.sha256(self.entries.tobytes() + self.paths)
+        told: dict[str, Any] = {"files": len(self), "inputs_sha256": whole.hexdigest()}
+        if len(self) <= LISTED_INPUTS:
+            told["inputs"] = [
+                {
+                    "path": str(self.path(number)),
+                    "points": int(self.entries["count"][number]),
+                    "fingerprint": self.entries["mark"][number].tobytes().hex(),
+                }
+                for number in range(len(self))
+            ]
+        return told
+
+
+def index_inputs(
+    paths: Sequence[str | Path],
+    crs: str | None,
+    failed: list[str],
+    tell: Callable[[int, int], None] = lambda done, total: None,
+) -> Index:
+    """The index of all files that can be opened; why others cannot is noted in `failed`.
+
+    Raises
+    ------
+    InputError
+        When none can be opened, or units or systems differ.
+    """
+    entries, names, kept = np.zeros(len(paths), ENTRY), bytearray(), {}
+    systems: dict[CoordinateSystem, Path] = {}
+    number, wrong_boxes = 0, []
+    for path in paths:
+        try:
+            source, mark = open_marked(path, crs)
+        except InputError as error:
+            if len(paths) == 1:
+                raise
+            failed.append(str(error))
+            log.error("%s", error)
+            continue
+        names += str(path).encode("utf-8", "surrogateescape")
+        bits = sum(1 << bit for bit, name in enumerate(FIELDS) if name in source.fields)
+        bounds = source.bounds
+        box = bounds.west, bounds.south, bounds.east, bounds.north
+        entries[number] = source.count, box, bits, np.frombuffer(mark, np.uint8), len(names)
+        if source.measured:
+            kept[number] = source
+            if source.lies:
+                wrong_boxes.append(path)
+        if source.system not in systems:
+            systems[source.system] = Path(path)
+        number += 1
+        if number % 1000 == 0:
+            tell(number, len(paths))
+    if not number:
+        raise InputError(failed[0])
+    system = agree((path, system) for system, path in systems.items())
+    index = Index(entries[:number].copy(), bytes(names), system, crs, kept)
+    warn_without_system(system, index.path(0), number)
+    if wrong_boxes:
+        log.warning(
+            "%d files state a bounding box that is not that of their points (the first: %s); the points were "
+            "read to find it",
+            len(wrong_boxes),
+            wrong_boxes[0],
+        )
+    return index

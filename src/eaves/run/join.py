@@ -1,0 +1,213 @@
+"""Between the passes: regions that share points across a seam become one building, with one owner block."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from eaves.footprints.read import as_box
+from eaves.geometry.polygons import as_polygon
+from eaves.model import Block, Footprint
+from eaves.run.block_file import BORDER, BlockFile
+
+
+@dataclass(frozen=True, eq=False)
+class Seam:
+    """What the join needs to know of one block: its regions, and the labelled points near its border."""
+
+    block: Block
+    count: int
+    point_id: np.ndarray
+    label: np.ndarray
+    inside: np.ndarray
+    """Which labels (count + 1,) have points inside the block."""
+
+    sides: np.ndarray = field(default_factory=lambda: np.zeros(0, np.uint8))
+    """Which sides each label comes near (block_file.sides_of)."""
+
+    @classmethod
+    def read(cls, file: BlockFile) -> Seam:
+        """What the block pass found near the seams of its block."""
+        sides = file["sides"]
+        return cls(file.block, len(sides) - 1, file["seam_id"], file["seam_label"], (sides & 1) > 0, sides)
+
+
+@dataclass(frozen=True, eq=False)
+class BuildingPlan:
+    """The parts a building is joined from: regions (block, label), or blocks under a given footprint."""
+
+    number: int
+    regions: tuple[tuple[Block, int], ...]
+    given: Footprint | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class OwnedBuildings:
+    """The buildings owned by one block."""
+
+    owner_block: Block
+    buildings: tuple[BuildingPlan, ...]
+    addresses: tuple[Footprint, ...] = ()
+    """Between known party walls, about the block's corner (tiling.addresses)."""
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedRegions:
+    """The regions (R,) of several blocks, block by block, and the component each one is part of."""
+
+    blocks: list[Block]
+    owner: np.ndarray
+    """Number of the block."""
+    label: np.ndarray
+    component: np.ndarray
+    held: np.ndarray
+    """Whether points of it lie in its block."""
+    sides: np.ndarray
+
+
+def connect_regions(seams: Sequence[Seam]) -> JoinedRegions:
+    """Two regions are in one component when both blocks saw the same point in them."""
+    seams = sorted(seams, key=lambda seam: seam.block)
+    start = np.cumsum([0, *(seam.count for seam in seams)])
+    total = int(start[-1])
+    nothing = [np.zeros(0, np.int64)]
+    node = np.concatenate(nothing + [seam.label + start[i] - 1 for i, seam in enumerate(seams)])
+    point = np.concatenate(nothing + [seam.point_id for seam in seams])
+    order = np.lexsort((node, point))
+    same = point[order][1:] == point[order][:-1]
+    one, other = node[order][:-1][same], node[order][1:][same]
+    component = np.zeros(0, np.int32)
+    if total:
+        graph = coo_array((np.ones(len(one), bool), (one, other)), shape=(total, total))
+        _, component = connected_components(graph, directed=False)
+    owner = np.repeat(np.arange(len(seams)), [seam.count for seam in seams])
+    label = np.arange(total) - start[owner] + 1
+    held = np.concatenate([np.zeros(0, bool), *(seam.inside[1:] for seam in seams)])
+    none = [np.zeros(seam.count + 1, np.uint8) if not len(seam.sides) else seam.sides for seam in seams]
+    sides = np.concatenate([np.zeros(0, np.uint8), *(side[1:] for side in none)])
+    return JoinedRegions([seam.block for seam in seams], owner, label, component, held, sides)
+
+
+def blocks_beyond(seams: Sequence[Seam], core: Callable[[Block], bool]) -> set[Block]:
+    """The blocks without a seam that may hold more of a building of the core, or terrain around it.
+
+    `core` says whether a block is one of the core's.
+    """
+    regions, known = connect_regions(seams), {seam.block for seam in seams}
+    mine = np.array([core(block) for block in regions.blocks], bool)
+    wanted = np.zeros(regions.component.max(initial=-1) + 1, bool)
+    wanted[regions.component[regions.held & mine[regions.owner]]] = True
+    near = np.flatnonzero(regions.held & (regions.sides > 1) & wanted[regions.component])
+    beyond = set()
+    for owner, sides in {(int(regions.owner[k]), int(regions.sides[k])) for k in near}:
+        block = regions.blocks[owner]
+        columns = [0] + [-1] * (sides >> 1 & 1) + [1] * (sides >> 3 & 1)
+        rows = [0] + [-1] * (sides >> 2 & 1) + [1] * (sides >> 4 & 1)
+        beyond |= {Block(block.column + c, block.row + r, block.side) for c in columns for r in rows}
+    return beyond - known
+
+
+def blocks_under(footprints: Sequence[Footprint], side: float, core: Callable[[Block], bool]) -> set[Block]:
+    """The blocks under and around the given footprints (world metres) that are owned by the core."""
+    under = set()
+    for footprint in footprints:
+        point = footprint.polygon.representative_point()
+        if core(Block.at(point.x, point.y, side)):
+            west, south, east, north = footprint.polygon.buffer(BORDER).bounds
+            first, last = Block.at(west, south, side), Block.at(east, north, side)
+            under |= {
+                Block(column, row, side)
+                for column in range(first.column, last.column + 1)
+                for row in range(first.row, last.row + 1)
+            }
+    return under
+
+
+def join_regions(seams: Sequence[Seam]) -> list[OwnedBuildings]:
+    """Buildings from regions: two regions are one building when both blocks saw the same point in them.
+
+    A building is owned by the first (by column, row) of the blocks that hold points of it, and is
+    numbered there in the order of its first label.
+    """
+    regions = connect_regions(seams)
+    members: dict[int, list[int]] = {}
+    for index in np.flatnonzero(regions.held):
+        members.setdefault(int(regions.component[index]), []).append(int(index))
+    owners: dict[Block, list[tuple[tuple[Block, int], ...]]] = {}
+    for parts in sorted(members.values()):
+        joined = tuple((regions.blocks[regions.owner[part]], int(regions.label[part])) for part in parts)
+        owners.setdefault(joined[0][0], []).append(joined)
+    return [
+        OwnedBuildings(owner, tuple(BuildingPlan(i, joined) for i, joined in enumerate(owners[owner], 1)))
+        for owner in sorted(owners)
+    ]
+
+
+def assign_footprints(footprints: Sequence[Footprint], blocks: Sequence[Block]) -> list[OwnedBuildings]:
+    """Buildings from given footprints (polygons, world metres), owned by the block of their representative
+    point.
+
+    Footprints that meet no block with points are left out; the caller counts them.
+    """
+    side = blocks[0].side
+    known = set(blocks)
+    owners: dict[Block, list[tuple[tuple[Block, ...], Footprint]]] = {}
+    for footprint in footprints:
+        west, south, east, north = footprint.polygon.bounds
+        first, last = Block.at(west, south, side), Block.at(east, north, side)
+        under = tuple(
+            Block(column, row, side)
+            for column in range(first.column, last.column + 1)
+            for row in range(first.row, last.row + 1)
+            if Block(column, row, side) in known
+        )
+        if not under:
+            continue
+        point = footprint.polygon.representative_point()
+        owner = Block.at(point.x, point.y, side)
+        moved = as_polygon(
+            shapely.transform(footprint.polygon, lambda xy, origin=owner.origin: xy - np.array(origin))
+        )
+        if moved is None:
+            continue
+        owners.setdefault(owner, []).append(
+            (under, footprint.with_(polygon=shapely.orient_polygons(moved), origin=owner.origin))
+        )
+    return [
+        OwnedBuildings(
+            owner,
+            tuple(
+                BuildingPlan(i, tuple((block, 0) for block in under), footprint)
+                for i, (under, footprint) in enumerate(owners[owner], 1)
+            ),
+        )
+        for owner in sorted(owners)
+    ]
+
+
+def with_addresses(plans: Sequence[OwnedBuildings], addresses: Sequence[Footprint]) -> list[OwnedBuildings]:
+    """The owner blocks, each with the addresses (world metres) in the blocks of its buildings."""
+    if not addresses:
+        return list(plans)
+    tree = shapely.STRtree([address.polygon for address in addresses])
+    answers = []
+    for plan in plans:
+        blocks = sorted({block for building in plan.buildings for block, _ in building.regions})
+        boxes = [as_box(block.bounds) for block in blocks]
+        near = np.unique(tree.query(boxes)[1])
+        mine = tuple(
+            moved for k in near if (moved := about(addresses[k], plan.owner_block.origin)) is not None
+        )
+        answers.append(replace(plan, addresses=mine))
+    return answers
+
+
+def about(address: Footprint, origin: tuple[float, float]) -> Footprint | None:
+    """An address in local metres about `origin`; None when it is no polygon there."""
+    polygon = as_polygon(shapely.transform(address.polygon, lambda xy: xy - np.array(origin)))
+    return None if polygon is None else address.with_(polygon=shapely.orient_polygons(polygon), origin=origin)

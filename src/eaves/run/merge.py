@@ -1,0 +1,100 @@
+"""What tiles wrote, put together without holding it in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import rasterio
+import shapely
+
+from eaves.formats.geopackage import Row, plain_value, write_geopackage
+from eaves.formats.vrt import write_vrt
+from eaves.model import Block, Bounds, CoordinateSystem
+from eaves.raster.surfaces import CELL
+from eaves.run.rasters import write_mask
+from eaves.run.workers import Workers
+
+
+@dataclass(frozen=True, eq=False)
+class TileRows:
+    """The rows of one layer of all tiles' GeoPackages, tile by tile, in the units they are in; `number`
+    counts on from tile to tile, `tile` names the tile."""
+
+    places: Sequence[Path]
+    layer: str
+
+    def __iter__(self) -> Iterator[Row]:
+        import pyogrio.raw
+
+        number = 0
+        for place in self.places:
+            path = place / "footprints.gpkg"
+            meta, _, wkb, columns = pyogrio.raw.read(path, layer=self.layer)
+            names = [str(name) for name in meta["fields"]]
+            kinds = [str(kind) for kind in meta["dtypes"]]
+            for k, shape in enumerate(shapely.from_wkb(wkb)):
+                number += 1
+                row = {
+                    name: plain_value(column[k], kind)
+                    for name, kind, column in zip(names, kinds, columns, strict=True)
+                }
+                if "number" in row:
+                    row["number"] = number
+                yield Row(shape, {**row, "tile": place.name})
+
+
+def merge_footprints(path: Path, places: Sequence[Path], system: CoordinateSystem) -> None:
+    """Write the footprints and roof planes of all tiles into one GeoPackage, piece by piece."""
+    as_it_is = replace(system, horizontal_unit_m=1.0, vertical_unit_m=1.0)  # the tiles' files are converted
+    write_geopackage(path, TileRows(places, "footprints"), TileRows(places, "roof_planes"), as_it_is)
+
+
+def merge_masks(footprints: Path, places: Sequence[Path], system: CoordinateSystem, workers: Workers) -> None:
+    """Write every tile's mask.tif, with the footprints that reach into it from its neighbours.
+
+    Raises
+    ------
+    RuntimeError
+        With the reason of the first that could not be written.
+    """
+    work = partial(write_tile_mask, footprints=footprints, system=system)
+    for outcome in workers.run(work, list(places)):
+        if outcome.error:
+            raise RuntimeError(outcome.error)
+
+
+def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem) -> None:
+    """mask.tif of one tile, over the extent of its terrain."""
+    import pyogrio.raw
+
+    unit = system.horizontal_unit_m
+    with rasterio.open(place / "dtm.tif") as image:
+        extent = image.bounds
+    polygons = pyogrio.raw.read(footprints, layer="footprints", columns=[], bbox=tuple(extent))[2]
+    shapes = shapely.transform(shapely.from_wkb(polygons), lambda xy: xy * unit)
+    bounds = Bounds(*(round(side * unit / CELL) * CELL for side in extent))
+    whole = Block.at(bounds.west, bounds.south, PIECE)
+    last = Block.at(bounds.east, bounds.north, PIECE)
+    blocks = [
+        Block(column, row, PIECE)
+        for column in range(whole.column, last.column + 1)
+        for row in range(whole.row, last.row + 1)
+    ]
+    write_mask(system, blocks, list(np.asarray(shapes, object)), bounds, place / "mask.tif")
+
+
+PIECE = 240.0
+"""Side (m) of the squares in which a mask is burnt."""
+
+
+def merge_rasters(folder: Path, places: Sequence[Path]) -> list[Path]:
+    """Write dtm.vrt, dsm.vrt and mask.vrt over the tiles' rasters."""
+    written = []
+    for name in ("dtm", "dsm", "mask"):
+        written.append(folder / f"{name}.vrt")
+        write_vrt(written[-1], [place / f"{name}.tif" for place in places])
+    return written

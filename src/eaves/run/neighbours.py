@@ -1,0 +1,56 @@
+"""What buildings know of each other only when all are modelled: the walls they share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+import numpy as np
+import shapely
+
+from eaves.model import Block, BuildingModel, Failure
+from eaves.run.party_wall_areas import PARTY_GAP, party_wall_area
+from eaves.run.store import Store
+
+HOMES_IN_MEMORY = 16
+"""Home blocks whose buildings are kept while those around them are looked at."""
+
+
+def party_walls(store: Store, owners: Sequence[Block]) -> list[float | None]:
+    """The area (m²) of the walls each building shares with others, in the order of the store's results;
+    None for a building without solids.
+    """
+
+    @lru_cache(maxsize=HOMES_IN_MEMORY)
+    def load(owner: int) -> list[BuildingModel | Failure]:
+        return list(store.answers([owners[owner]]))
+
+    places: list[tuple[int, int]] = []
+    polygons = []
+    for owner in range(len(owners)):
+        for number, row in enumerate(store.building_rows([owners[owner]])):
+            places.append((owner, number))
+            polygons.append(row.polygon)
+    shapes = np.array(polygons, object)
+    one, other = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=PARTY_GAP)
+    order = np.lexsort((other, one))
+    one, other = one[order], other[order]
+    first = np.searchsorted(one, np.arange(len(places) + 1))
+    return [
+        shared_by(places[number], [places[near] for near in other[first[number] : first[number + 1]]], load)
+        for number in range(len(places))
+    ]
+
+
+def shared_by(
+    place: tuple[int, int],
+    near: Sequence[tuple[int, int]],
+    load: Callable[[int], list[BuildingModel | Failure]],
+) -> float | None:
+    """The party walls (m²) of the building at `place`, a owner and a number in it, with those `near` it."""
+    model = load(place[0])[place[1]]
+    if not isinstance(model, BuildingModel) or not model.solids:
+        return None
+    answers = [load(owner)[number] for owner, number in near if (owner, number) != place]
+    models = [answer for answer in answers if isinstance(answer, BuildingModel)]
+    return round(party_wall_area(model, models), 2)

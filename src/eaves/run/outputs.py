@@ -1,0 +1,210 @@
+"""The files of a run, made from the parts of its blocks and buildings."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from glob import escape
+from pathlib import Path
+
+from eaves.formats import write_cityjson_seq
+from eaves.formats.atomic import atomic
+from eaves.formats.geopackage import Row, write_geopackage
+from eaves.model import Block, Bounds, BuildingModel, Failure
+from eaves.model.summary import Summary
+from eaves.run.block_file import BlockMetadata
+from eaves.run.classified_points import PointSink, write_points
+from eaves.run.exports import export_footprints, export_models
+from eaves.run.join import OwnedBuildings
+from eaves.run.neighbours import party_walls
+from eaves.run.rasters import extent_of, write_mask, write_surfaces
+from eaves.run.region import Region
+from eaves.run.rows import PARTY_WALLS
+from eaves.run.run import EVERYTHING, Run
+from eaves.run.store import Store
+from eaves.run.workers import peak_memory_mb
+
+LONGEST_FIRST = ("classified", "models", "footprints", "rasters", "mask")
+
+
+@dataclass(frozen=True, eq=False)
+class BuildingRows:
+    """The rows of all buildings, or of all roof faces, read anew from the store each time."""
+
+    store: Store
+    owners: Sequence[Block]
+    shared: Sequence[float | None] = ()
+    """The party walls (m²) of the buildings, where known."""
+    faces: bool = False
+
+    def __iter__(self) -> Iterator[Row]:
+        areas = iter(self.shared)
+        for number, row in enumerate(self.store.building_rows(self.owners), 1):
+            if self.faces:
+                yield from (Row(*face) for face in row.faces)
+            else:
+                yield Row(row.polygon, row.numbered(number, next(areas, None)))
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """What a run has computed; picklable, for each output may be written by another process.
+
+    `blocks` and `owners` are those the files show, without blocks that failed.
+    """
+
+    run: Run
+    store: Store
+    blocks: Sequence[Block]
+    owners: Sequence[Block]
+    extent: Bounds
+    shared: Sequence[float | None]
+    """The party walls (m²) of the buildings, where known."""
+
+    def answers(self) -> Iterator[BuildingModel | Failure]:
+        """All models and failures, owner block by owner block, the models with their party walls."""
+        areas = iter(self.shared)
+        for answer in self.store.answers(self.owners):
+            area = next(areas, None)
+            if isinstance(answer, BuildingModel) and area is not None:
+                answer = answer.with_(attributes={**answer.attributes, PARTY_WALLS: area})
+            yield answer
+
+
+def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[list[Path], PointSink | None]:
+    """Write what one name of `EVERYTHING` stands for: the files, and the sink with what it received."""
+    run, store, owners = results.run, results.store, results.owners
+    folder, system = run.folder, store.system
+    if step == "footprints":
+        files, rows = [folder / "footprints.gpkg"], BuildingRows(store, owners, results.shared)
+        write_geopackage(files[0], rows, BuildingRows(store, owners, faces=True), system)
+        return files + export_footprints(folder, rows, system, run.formats), None
+    if step == "models":
+        files = [folder / "buildings.city.jsonl"]
+        write_cityjson_seq(files[0], results.answers(), system)
+        return files + export_models(folder, results.answers, system, run.formats), None
+    if step == "mask":
+        polygons = [row.polygon for row in store.building_rows(owners)]
+        return write_mask(system, results.blocks, polygons, results.extent, folder / "mask.tif"), None
+    if step == "rasters":
+        return write_surfaces(store, results.blocks, results.extent, folder), None
+    return write_points(store, run, results.blocks, owners, sink), sink
+
+
+def write_outputs(
+    region: Region, blocks: Sequence[Block], plans: Sequence[OwnedBuildings], sink: PointSink | None = None
+) -> Summary:
+    """Write what is wanted of a region, each file whole or not at all; what came out.
+
+    `blocks` and `plans` are those the files are to show; blocks that failed are left out.
+    """
+    run, store, workers, progress = region.run, region.store, region.workers, region.progress
+    owners = [plan.owner_block for plan in plans]
+    steps = [name for name in EVERYTHING if name in run.outputs]
+    shared = party_walls(store, owners) if {"footprints", "models"} & set(steps) else []
+    metadata = read_metadata(store, blocks)
+    results = Results(run, store, [one.block for one in metadata], owners, extent_of(metadata), shared)
+    if sink is not None:
+        sizes = [int(row.values.get("points") or 0) for row in store.building_rows(owners)]
+        sink.start(run.index.points, len(sizes), sum(sizes))
+    written: dict[str, list[Path]] = {}
+    progress("write", 0, len(steps))
+    order = sorted(steps, key=LONGEST_FIRST.index)
+    work = partial(write_output, results=results, sink=sink)
+    for outcome in workers.run(work, order) if workers.started else ():
+        region.peak = max(region.peak, outcome.peak_mb)
+        if outcome.answer is not None:
+            written[order[outcome.index]], filled = outcome.answer
+            if sink is not None and filled is not None:
+                sink.take_from(filled)
+            progress("write", len(written), len(steps))
+    for step in steps:
+        if step not in written:  # what failed in another process is tried here, where its error can be raised
+            written[step] = write_output(step, results, sink)[0]
+            progress("write", len(written), len(steps))
+
+    files = [path for step in steps for path in written[step]]
+    clear_leftovers(files)
+    summary = summarise(region, metadata, owners, files)
+    if run.classified is None:
+        write_run(summary)
+    return summary
+
+
+def clear_leftovers(files: Sequence[Path]) -> None:
+    """Remove what processes that were killed have left of these files in the making."""
+    for path in files:
+        for place in path.parent.glob(f".{escape(path.name)}.*"):
+            shutil.rmtree(place, ignore_errors=True)
+
+
+def write_run(summary: Summary) -> None:
+    """Write run.json into the run's folder."""
+    report = {
+        **summary.run,
+        "points": summary.points,
+        "found": summary.found,
+        "modelled": summary.modelled,
+        "failed": summary.found - summary.modelled,
+        "by_lod": summary.by_lod,
+        "failures": summary.failures,
+        "fallbacks": summary.fallbacks,
+        "stage_cpu_seconds": summary.seconds,
+        "elapsed_seconds": round(summary.elapsed, 2),
+        "incomplete": list(summary.failed),
+    }
+    with atomic(summary.folder / "run.json") as temporary:
+        temporary.write_text(json.dumps(report, indent=2, allow_nan=False), encoding="utf-8")
+
+
+def read_metadata(store: Store, blocks: Sequence[Block]) -> list[BlockMetadata]:
+    """The metadata of all blocks that were computed."""
+    metadata = []
+    for block in blocks:
+        if store.has("blocks", block):
+            with store.open_block(block) as file:
+                metadata.append(file.metadata())
+    return metadata
+
+
+def summarise(
+    region: Region, metadata: Sequence[BlockMetadata], owners: Sequence[Block], files: Sequence[Path]
+) -> Summary:
+    """Counts over all buildings, seconds over all blocks."""
+    by_lod: Counter[str] = Counter()
+    failures: Counter[str] = Counter()
+    fallbacks: Counter[str] = Counter()
+    seconds: Counter[str] = Counter()
+    found, run = 0, region.run
+    for row in region.store.building_rows(owners):
+        found += 1
+        seconds.update(row.seconds)
+        if row.modelled:
+            by_lod[row.values["lod"]] += 1
+        if row.code:
+            (fallbacks if row.modelled else failures)[row.code] += 1
+    for one in metadata:
+        seconds.update(one.seconds)
+    return Summary(
+        folder=run.folder,
+        points=run.index.points,
+        found=found,
+        modelled=sum(by_lod.values()),
+        by_lod=dict(sorted(by_lod.items(), reverse=True)),
+        failures=dict(sorted(failures.items())),
+        fallbacks=dict(sorted(fallbacks.items())),
+        seconds={name: round(value, 3) for name, value in seconds.items()},
+        elapsed=time.time() - run.started,
+        files=tuple(files),
+        failed=tuple(region.failed),
+        run={
+            **run.plan,
+            "crs": run.index.system.code,
+            "peak_memory_mb": round(max(region.peak, peak_memory_mb())),
+        },
+    )

@@ -1,0 +1,95 @@
+"""The walls that a building shares with its neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from eaves.model import BuildingModel
+from eaves.model.building import WALL_SURFACE
+from eaves.reconstruct.toolkit.attributes import face_vectors
+
+PARTY_GAP = 0.3
+"""Walls of two buildings that are nearer (m) are one wall: maps and outlines are no better than that."""
+
+MOST_TURN_DEG = 5.0
+"""Walls that face each other to this angle (degrees) are parallel."""
+
+
+@dataclass(frozen=True, eq=False)
+class Walls:
+    """Walls as upright polygons: `start`, `end` (W, 2) in plan about a common origin, `outward` (W, 2) unit
+    normals, `corners` the corners (K, 3) of each.
+    """
+
+    start: NDArray[np.float64]
+    end: NDArray[np.float64]
+    outward: NDArray[np.float64]
+    corners: tuple[NDArray[np.float64], ...]
+
+    @classmethod
+    def of(cls, model: BuildingModel, origin: tuple[float, float]) -> Walls:
+        """The walls of a model's finest level, about `origin` (world metres)."""
+        shift = np.array([*np.subtract(model.footprint.origin, origin), 0.0])
+        corners, outward = [], []
+        for solid in model.solids.get(model.lod, ()):
+            for face, vector in zip(solid.faces, face_vectors(solid), strict=True):
+                size = float(np.hypot(vector[0], vector[1]))
+                if face.surface == WALL_SURFACE and size > 0.0:
+                    corners.append(solid.vertices[list(face.rings[0])] + shift)
+                    outward.append(vector[:2] / size)
+        start = [places[0, :2] for places in corners]
+        far = [np.hypot(*(places[:, :2] - places[0, :2]).T).argmax() for places in corners]
+        end = [places[last, :2] for places, last in zip(corners, far, strict=True)]
+        return cls(pairs(start), pairs(end), pairs(outward), tuple(corners))
+
+    def lines(self) -> NDArray[np.object_]:
+        """The walls in plan (W,)."""
+        return np.asarray(shapely.linestrings(np.stack([self.start, self.end], axis=1)), object)
+
+
+def pairs(rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Rows of two numbers as an array (K, 2), also when there are none."""
+    return np.array(rows, np.float64).reshape(-1, 2)
+
+
+def party_wall_area(model: BuildingModel, neighbours: Sequence[BuildingModel]) -> float:
+    """Area (m²) of the model's walls that walls of its `neighbours` stand against, at their finest levels.
+
+    Two walls stand against each other where they face each other at most `PARTY_GAP` apart; what of one
+    rises above the other is not shared.
+    """
+    mine = Walls.of(model, model.footprint.origin)
+    covers: list[list[BaseGeometry]] = [[] for _ in mine.corners]
+    if not covers:
+        return 0.0
+    tree = shapely.STRtree(mine.lines())
+    for neighbour in neighbours:
+        walls = Walls.of(neighbour, model.footprint.origin)
+        if not walls.corners:
+            continue
+        theirs, own = tree.query(walls.lines(), predicate="dwithin", distance=PARTY_GAP)
+        facing = (walls.outward[theirs] * mine.outward[own]).sum(axis=1)
+        facing = facing < -np.cos(np.radians(MOST_TURN_DEG))
+        for other, wall in zip(theirs[facing].tolist(), own[facing].tolist(), strict=True):
+            covers[wall].append(upright(walls.corners[other], mine.start[wall], mine.end[wall]))
+    area = 0.0
+    for wall, found in enumerate(covers):
+        if found:
+            own_face = upright(mine.corners[wall], mine.start[wall], mine.end[wall])
+            area += float(shapely.intersection(own_face, shapely.union_all(found)).area)
+    return area
+
+
+def upright(
+    corners: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
+) -> BaseGeometry:
+    """A wall's corners (K, 3) as a polygon of length along the line from `start` to `end` and height."""
+    step = end - start
+    along = (corners[:, :2] - start) @ (step / max(float(np.hypot(*step)), 1e-9))
+    return shapely.make_valid(shapely.Polygon(np.column_stack([along, corners[:, 2]])))

@@ -1,0 +1,56 @@
+"""The rasters of a run, put together from its blocks: terrain, surface, building mask."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from eaves.footprints.read import as_box
+from eaves.formats import MosaicWriter
+from eaves.model import Block, Bounds, CoordinateSystem
+from eaves.raster.rasterize import rasterize
+from eaves.raster.surfaces import CELL
+from eaves.run.block_file import BlockMetadata
+from eaves.run.store import Store
+
+
+def extent_of(notes: Sequence[BlockMetadata]) -> Bounds:
+    """World metres of all points used, widened to whole cells."""
+    if not notes:
+        return Bounds(0.0, 0.0, CELL, CELL)
+    whole = notes[0].extent
+    for note in notes[1:]:
+        whole = whole.union(note.extent)
+    west, south = np.floor(whole.west / CELL) * CELL, np.floor(whole.south / CELL) * CELL
+    east, north = (np.floor(whole.east / CELL) + 1) * CELL, (np.floor(whole.north / CELL) + 1) * CELL
+    return Bounds(float(west), float(south), float(east), float(north))
+
+
+def write_surfaces(store: Store, blocks: Sequence[Block], extent: Bounds, folder: Path) -> list[Path]:
+    """dtm.tif and dsm.tif over `extent`, each block read once for both."""
+    written = [folder / "dtm.tif", folder / "dsm.tif"]
+    with ExitStack() as stack:
+        dtm, dsm = (stack.enter_context(MosaicWriter(path, extent, CELL, store.system)) for path in written)
+        for block in blocks:
+            with store.open_block(block) as file:
+                dtm.write(file.raster("dtm"), block.bounds, block.origin)
+                dsm.write(file.raster("dsm"), block.bounds, block.origin)
+    return written
+
+
+def write_mask(
+    system: CoordinateSystem, blocks: Sequence[Block], polygons: Sequence[Polygon], extent: Bounds, path: Path
+) -> list[Path]:
+    """mask.tif with its world file: the footprints (world metres) burnt into the raster cells whose centre
+    they hold."""
+    tree = shapely.STRtree(polygons)
+    with MosaicWriter(path, extent, CELL, system, mask=True) as mosaic:
+        for block in blocks:
+            near = [polygons[i] for i in np.sort(tree.query(as_box(block.bounds)))]
+            mosaic.write(rasterize(near, block.bounds, CELL), block.bounds)
+    return [path, path.with_suffix(".tfw")]

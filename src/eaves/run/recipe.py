@@ -1,0 +1,119 @@
+"""Which methods a run uses, with their parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from eaves.detect import Detector
+from eaves.ground import GroundMethod
+from eaves.methods import DEFAULTS, Method, MethodChoice, resolve_method
+from eaves.model.building import LODS
+from eaves.outline import OutlineMethod
+from eaves.reconstruct import Reconstructor
+from eaves.roof import RoofMethod
+from eaves.units import UnitMethod
+
+SEAM = 1.5
+"""Points this near (m) to a block's border are labelled by both blocks; shared labels join regions."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Which methods to use, with their parameters, and what to believe of the input."""
+
+    ground: GroundMethod
+    detect: Detector | None
+    """None stops after the ground."""
+    outline: OutlineMethod
+    roof: RoofMethod
+    reconstruct: Reconstructor
+    units: UnitMethod | None = None
+    """None leaves detected blocks whole."""
+    use_classes: bool = False
+    lod: str = "2.2"
+    """The finest level of detail to keep; `0` stops at footprints."""
+
+    @property
+    def buffer(self) -> float:
+        """Width (m) of the surroundings a block is computed with: the largest of the methods'."""
+        return max(self.ground.buffer, self.scene_buffer)
+
+    @property
+    def scene_buffer(self) -> float:
+        """Width (m) of the surroundings the detector sees: its reach, in whole 3 m (all cells' multiple)."""
+        needed = max(self.detect.buffer if self.detect else 0.0, 2 * SEAM)
+        return float(np.ceil(needed / 3.0) * 3.0)
+
+
+def make_recipe(
+    methods: Mapping[str, MethodChoice] | None = None,
+    *,
+    published: bool = False,
+    use_classes: bool = False,
+    lod: str = "2.2",
+) -> Recipe:
+    """The recipe for the methods given by stage; a stage not named uses its default.
+
+    A detector brings the ground filter of its own paper unless one is given. With `use_classes` buildings
+    are the points of class 6 unless a detector is given.
+
+    Parameters
+    ----------
+    methods
+        By stage (`ground`, `detect`, `outline`, `units`, `roof`, `reconstruct`): a method, its name, or a
+        table of its parameters with its name under `method`. The name `off` leaves blocks whole (`units`).
+    published
+        Methods given by name take the numbers that their papers print.
+    use_classes
+        Use the classes of the files.
+    lod
+        The finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2.
+
+    Returns
+    -------
+    Recipe
+
+    Raises
+    ------
+    ValueError, TypeError
+        When a stage, a method, a parameter or a level does not exist.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> recipe = eaves.make_recipe({"detect": "normal_echo"})
+    >>> recipe.ground.name, recipe.detect.name, recipe.roof.name
+    ('smooth_region', 'normal_echo', 'global_refinement')
+    """
+    chosen = {stage: choice for stage, choice in (methods or {}).items() if choice is not None}
+    unknown = chosen.keys() - DEFAULTS.keys()
+    if unknown:
+        raise ValueError(f"unknown stage '{min(unknown)}'; choose one of: {', '.join(DEFAULTS)}")
+    if lod not in LODS:
+        raise ValueError(f"--lod {lod}: unknown level of detail; choose one of: {', '.join(LODS)}")
+    if use_classes and not is_named(chosen.get("detect")):
+        chosen["detect"] = "given_classes"
+    made: dict[str, Method | None] = {}
+    for stage in ("detect", *(stage for stage in DEFAULTS if stage != "detect")):
+        choice = chosen.get(stage)
+        if stage == "units" and name_of(choice) == "off":
+            made[stage] = None
+            continue
+        if stage == "ground" and not is_named(choice):
+            own = getattr(made["detect"], "ground_method", DEFAULTS["ground"])
+            choice = {"method": own, **(choice if isinstance(choice, Mapping) else {})}
+        made[stage] = resolve_method(stage, choice, published)
+    return Recipe(**made, use_classes=use_classes, lod=lod)  # type: ignore[arg-type]
+
+
+def name_of(choice: MethodChoice) -> object:
+    """The name by which a choice is given, if by one."""
+    return choice.get("method") if isinstance(choice, Mapping) else choice
+
+
+def is_named(choice: MethodChoice) -> bool:
+    """Whether a choice says which method it is."""
+    return "method" in choice if isinstance(choice, Mapping) else choice is not None

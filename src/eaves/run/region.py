@@ -1,0 +1,284 @@
+"""From files to files in one region: scatter, block pass, join, building pass, outputs."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from eaves.footprints.addresses import split_buildings
+from eaves.formats import InputError
+from eaves.formats.disk import DiskFullError
+from eaves.model import Block, Bounds, Failure, Footprint
+from eaves.model.results import BuildingPoints, BuildingResult
+from eaves.raster.surfaces import CELL
+from eaves.run.block import block_pass
+from eaves.run.building import broken_result, building_pass, draw_footprints
+from eaves.run.clock import Clock
+from eaves.run.gather import Gatherer
+from eaves.run.index import Index
+from eaves.run.isolated_blocks import find_isolated_blocks
+from eaves.run.join import (
+    OwnedBuildings,
+    Seam,
+    assign_footprints,
+    blocks_beyond,
+    blocks_under,
+    join_regions,
+    with_addresses,
+)
+from eaves.run.partition import FileSlice, earlier, file_slices, partition_slice
+from eaves.run.recipe import Recipe
+from eaves.run.run import Progress, Run
+from eaves.run.store import Store
+from eaves.run.workers import Outcome, Workers, peak_memory_mb
+
+log = logging.getLogger("eaves")
+
+LARGEST_RASTER = 10**10
+"""Cells of a raster in one file: 50 km by 50 km. Empty ones cost time, too."""
+
+
+class TooNarrowError(Exception):
+    """A building of the core goes on beyond the blocks that were loaded."""
+
+
+@dataclass(frozen=True)
+class Core:
+    """The blocks whose buildings and rasters are wanted, and where blocks can be computed."""
+
+    holds: Callable[[Block], bool]
+    loaded: Bounds | None = None
+
+    def reaches(self, block: Block) -> bool:
+        """Whether all points the block is computed from were loaded."""
+        if self.loaded is None:
+            return True
+        bounds = block.bounds
+        return self.loaded.union(bounds) == self.loaded
+
+
+class Region:
+    """A run over the points of a job; failures, peak memory and boxes that lie are noted on the way."""
+
+    def __init__(self, run: Run, work_folder: Path, workers: Workers, progress: Progress) -> None:
+        self.run, self.workers, self.progress = run, workers, progress
+        self.failed: list[str] = list(run.failed)
+        self.peak = peak_memory_mb()
+        self.wrong_boxes: dict[int, Bounds] = {}
+        self.store = Store(
+            work_folder,
+            has_returns=run.index.has_field("return_number"),
+            has_classes=run.index.has_field("classification"),
+            system=run.index.system,
+        )
+
+    def open_store(self) -> None:
+        """Keep the parts of an earlier run that match, or start anew."""
+        if not (self.run.resume and self.store.matches(self.run.plan)):
+            self.store.discard()
+            self.store.prepare()
+            self.store.keep_plan(self.run.plan)
+
+    def partition(self) -> None:
+        """Bring all points that are not yet there to their blocks."""
+        parts = file_slices(self.run.index)
+        before = {part.name: mark for part in parts if (mark := earlier(part, self.store))}
+        todo = [part for part in parts if before.get(part.name, (0, "new"))[1] is not None]
+        total, read = self.run.index.points, sum(mark[0] for mark in before.values() if mark[1] is None)
+
+        def read_more(points: int) -> None:
+            nonlocal read
+            read += points
+            self.progress("read", min(read, total), total)
+
+        work = partial(partition_slice, store=self.store, side=self.run.side, window=self.run.window)
+        workers = self.workers
+        if workers.alone or len(todo) == 1:
+            work, workers = partial(work, progress=read_more), Workers()
+        unread: dict[int, str] = {}
+        changed = False
+        for outcome in workers.run(work, todo):
+            part: FileSlice = todo[outcome.index]
+            if outcome.answer is None:
+                self.note(outcome, str(part.path))
+                unread[part.number] = self.failed.pop()
+                continue
+            done = outcome.answer
+            changed |= before.get(part.name) != (done.records, done.unread)
+            if done.unread is not None and part.number not in unread:
+                log.error("%s", done.unread)
+                unread[part.number] = done.unread
+            if done.box is not None:
+                self.wrong_boxes[part.number] = self.wrong_boxes.get(part.number, done.box).union(done.box)
+            if workers is self.workers:
+                read_more(done.records)
+        if changed:  # what was computed of fewer points no longer holds
+            self.store.forget("blocks")
+            self.store.forget("buildings")
+        if unread and len(unread) == len(self.run.index):
+            self.refuse(next(iter(unread.values())))
+        self.failed += unread.values()
+
+    def used_blocks(self) -> list[Block]:
+        """The blocks that have points, without those that hold nothing but isolated."""
+        blocks = self.store.blocks(self.run.side)
+        isolated = find_isolated_blocks(self.store, blocks)
+        if isolated:
+            log.warning(
+                "%d points in %d blocks far from all others are left out; where they are a survey, check its "
+                "coordinates",
+                sum(isolated.values()),
+                len(isolated),
+            )
+        return [block for block in blocks if block not in isolated]
+
+    def check_rasters(self, blocks: Sequence[Block]) -> None:
+        """Refuse the run when its rasters would be too large."""
+        if not blocks or not {"rasters", "mask"} & set(self.run.outputs):
+            return
+        spans = np.ptp([(block.column, block.row) for block in blocks], axis=0) + 1
+        width, height = (spans * self.run.side / CELL).round().astype(int).tolist()
+        if width * height > LARGEST_RASTER:
+            self.refuse(
+                f"{self.run.folder}: the rasters would have {width:,} by {height:,} cells; check the "
+                "coordinates of the inputs, or build their regions apart with --per-tile or --bounds"
+            )
+
+    def refuse(self, reason: str) -> NoReturn:
+        """End the run for its inputs' sake; nothing of it stays."""
+        self.store.discard()
+        raise InputError(reason)
+
+    def join(self, blocks: Sequence[Block], core: Core) -> list[OwnedBuildings]:
+        """Compute the blocks of the core, and others as its buildings go on into them; the buildings."""
+        there, tried = set(blocks), set[Block]()
+        todo = [block for block in blocks if core.holds(block)]
+        while todo:
+            self.compute_blocks(todo)
+            tried |= set(todo)
+            if core.loaded is None:  # all blocks are the core's
+                break
+            seams = self.seams(sorted(tried))
+            beyond = blocks_beyond(seams, core.holds)
+            if self.run.given is not None:
+                beyond |= blocks_under(self.run.given, self.run.side, core.holds)
+            if not all(map(core.reaches, beyond - tried)):
+                raise TooNarrowError
+            todo = sorted((beyond & there) - tried)
+        if self.run.given is not None:
+            plans = assign_footprints(self.run.given, blocks) if blocks else []
+            left_out = len(self.run.given) - sum(len(plan.buildings) for plan in plans)
+            if left_out and core.loaded is None:  # of a tile's some are its neighbours'
+                log.warning("%d footprints lie far from all points, left out", left_out)
+            return plans
+        return with_addresses(join_regions(self.seams(sorted(tried))), self.run.addresses)
+
+    def seams(self, blocks: Sequence[Block]) -> list[Seam]:
+        """What the join needs of all blocks that could be computed."""
+        seams = []
+        for block in blocks:
+            if self.store.has("blocks", block):
+                with self.store.open_block(block) as file:
+                    seams.append(Seam.read(file))
+        return seams
+
+    def compute_blocks(self, blocks: Sequence[Block]) -> None:
+        """The block pass for those blocks that have not been computed."""
+        left = [block for block in blocks if not self.store.has("blocks", block)]
+        if left:  # what was joined without them no longer holds
+            self.store.forget("buildings")
+        left = self.workers.heaviest_first(left, self.store.count_points)
+        work = partial(compute_block, store=self.store, recipe=self.run.recipe)
+        for done, outcome in enumerate(self.workers.run(work, left), 1):
+            self.note(outcome, f"block {left[outcome.index].name}")
+            self.progress("blocks", done, len(left))
+
+    def model(self, plans: Sequence[OwnedBuildings]) -> None:
+        """The building pass for those owner blocks that have not been computed."""
+        left = [plan for plan in plans if not self.store.has("buildings", plan.owner_block)]
+        left = self.workers.heaviest_first(left, lambda plan: len(plan.buildings))
+        work = partial(
+            compute_buildings, store=self.store, recipe=self.run.recipe, snap=self.run.snap_footprints
+        )
+        for done, outcome in enumerate(self.workers.run(work, left), 1):
+            self.note(outcome, f"buildings of block {left[outcome.index].owner_block.name}")
+            self.progress("buildings", done, len(left))
+
+    def note(self, outcome: Outcome, what: str) -> None:
+        """Remember the peak memory of a task, and its error for the report.
+
+        Raises
+        ------
+        DiskFullError
+            When that was the error: there is no use in going on.
+        """
+        self.peak = max(self.peak, outcome.peak_mb)
+        if outcome.full:
+            raise DiskFullError(outcome.error)
+        if outcome.error:
+            self.failed.append(f"{what}: {outcome.error}")
+            log.error("%s", self.failed[-1])
+
+
+def warn_of_wrong_boxes(index: Index, wrong_boxes: dict[int, Bounds]) -> None:
+    """One warning for all files whose points lie outside the box their header states."""
+    if wrong_boxes:
+        first = min(wrong_boxes)
+        log.warning(
+            "%d files have points outside the bounding box of their header (the first: %s); the points are "
+            "used where they are",
+            len(wrong_boxes),
+            index.path(first),
+        )
+
+
+def import_methods(recipe: Recipe) -> None:
+    """Nothing: what a worker needs is imported by the time it knows this function and the methods."""
+
+
+def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
+    """The block pass for one block, kept in the store."""
+    store.save_block(block_pass(store.load_cloud(block, recipe.buffer), block, recipe))
+
+
+def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: bool = False) -> None:
+    """The building pass for the buildings owned by one block, kept in the store."""
+    gatherer = Gatherer(store)
+    if snap:
+        plan = gatherer.snapped(plan)
+    gathered = [gatherer.gather(plan.owner_block, building) for building in plan.buildings]
+    results = [BuildingResult.without_points(none) for none in gathered if isinstance(none, Failure)]
+    buildings = [building for building in gathered if not isinstance(building, Failure)]
+    clock = Clock()
+    footprints = draw_all(buildings, recipe)
+    buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
+    clock.lap("outline")
+    for building, footprint in zip(buildings, footprints, strict=True):
+        try:
+            results.append(building_pass(building, footprint, recipe))
+        except Exception as error:  # one building must not take the others of its block with it
+            log.warning(
+                "a building of block %s failed: %s: %s", plan.owner_block.name, type(error).__name__, error
+            )
+            log.debug("traceback", exc_info=True)
+            results.append(broken_result(building, error))
+    if results:
+        results[0].seconds.update(clock.laps)
+    store.save_buildings(plan.owner_block, results)
+
+
+def draw_all(buildings: list[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:
+    """The footprints of a block's buildings together; one by one where one of them breaks the others."""
+    try:
+        return draw_footprints(buildings, recipe)
+    except Exception as error:  # as in compute_buildings: the others must not go with it
+        if len(buildings) == 1:
+            log.debug("traceback", exc_info=True)
+            return [Failure("internal_error", f"{type(error).__name__}: {error}", "outline")]
+        return [draw_all([building], recipe)[0] for building in buildings]

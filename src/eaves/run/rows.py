@@ -1,0 +1,132 @@
+"""Attribute rows of buildings and roof faces, as the GeoPackage, the report and the summary show them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from eaves.geometry.rings import area_vector
+from eaves.geometry.tolerance import FLAT_SLOPE_DEG
+from eaves.model import BuildingModel, Failure, Footprint, Points
+from eaves.model.building import ROOF_SURFACE
+
+PARTY_WALLS = "party_wall_area_m2"
+
+
+@dataclass(frozen=True, eq=False)
+class BuildingRow:
+    """What tables say of one building: made with it, for its model takes ten times as long to load."""
+
+    polygon: Polygon
+    """The footprint in world metres."""
+    values: dict[str, Any]
+    given: dict[str, Any]
+    """The attributes of the footprint that was given."""
+    faces: list[tuple[Polygon, dict[str, Any]]]
+    """As `roof_rows` gives them."""
+    modelled: bool
+    code: str | None
+    """Of a failure; of a model the reason why it is coarser than asked for."""
+    seconds: Mapping[str, float]
+
+    @classmethod
+    def of(cls, answer: BuildingModel | Failure, seconds: Mapping[str, float]) -> BuildingRow:
+        """What is told of one building."""
+        footprint = answer.footprint
+        assert footprint is not None
+        row = building_row(answer)
+        given = {f"given_{key}": value for key, value in footprint.attributes.items()}
+        modelled = isinstance(answer, BuildingModel)
+        return cls(
+            world_polygon(footprint),
+            row,
+            given,
+            list(roof_rows(answer)),
+            modelled,
+            row["failure_code"],
+            seconds,
+        )
+
+    def numbered(self, number: int, shared: float | None) -> dict[str, Any]:
+        """The whole row; `number` is what `building_id` says in the classified points, `shared` the party
+        walls (m²), where known."""
+        walls = {} if shared is None else {PARTY_WALLS: shared}
+        return {**self.values, "number": number, **walls, **self.given}
+
+
+def world_polygon(footprint: Footprint) -> Polygon:
+    """The footprint's polygon in world metres."""
+    return shapely.transform(footprint.polygon, lambda xy: xy + np.array(footprint.origin))
+
+
+def building_row(answer: BuildingModel | Failure) -> dict[str, Any]:
+    """The attributes of one building that are known when it is modelled, and the place of its number."""
+    footprint = answer.footprint
+    assert footprint is not None
+    row: dict[str, Any] = {
+        "id": footprint.id,
+        "number": 0,
+        "score": round(float(footprint.score), 3),
+        "area_m2": round(float(footprint.polygon.area), 2),
+    }
+    if not isinstance(answer, BuildingModel):
+        return row | {"lod": None, "failure_code": answer.code, "failure_reason": answer.reason}
+    row |= {"lod": answer.lod, "failure_code": None, "failure_reason": None}
+    row |= {key: value for key, value in answer.attributes.items() if not isinstance(value, list | dict)}
+    row["failure_code"] = row.pop("fallback_code", None)
+    row["failure_reason"] = row.pop("fallback_reason", None)
+    return row
+
+
+def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[str, Any]]]:
+    """Polygon (world metres, with heights) and attributes of every roof face of the finest level."""
+    if not isinstance(answer, BuildingModel) or not answer.solids:
+        return
+    origin = np.array([*answer.footprint.origin, 0.0])
+    known = iter(answer.attributes.get("roof_faces", ()))
+    for solid in answer.solids[answer.lod]:
+        for face in solid.faces:
+            if face.surface != ROOF_SURFACE:
+                continue
+            rings = [solid.vertices[list(ring)] for ring in face.rings]
+            rmse = rmse_of(answer, face.plane)
+            record: dict[str, Any] = next(known, {})
+            share = record.get("share_no_data")
+            polygon = Polygon(rings[0] + origin, [ring + origin for ring in rings[1:]])
+            yield (
+                polygon,
+                {
+                    "building_id": answer.footprint.id,
+                    "lod": answer.lod,
+                    **face_figures(rings),
+                    "rmse_m": rmse,
+                    "points": record.get("points"),
+                    "share_no_data": None if share is None else round(share, 3),
+                    "no_data": record.get("no_data"),
+                },
+            )
+
+
+def rmse_of(model: BuildingModel, plane: int | None) -> float | None:
+    """The RMSE of the points of one of the model's planes, None where a face lies on none of them."""
+    known = plane is not None and 0 <= plane < len(model.planes)
+    return round(model.planes[plane].rmse, 4) if known and plane is not None else None
+
+
+def face_figures(rings: list[Points]) -> dict[str, float | None]:
+    """Slope, azimuth (clockwise from grid north, None if flat), sloped and projected area of a face."""
+    area = sum((area_vector(ring) for ring in rings), np.zeros(3))
+    sloped, projected = float(np.linalg.norm(area)), float(abs(area[2]))
+    slope = float(np.degrees(np.arccos(min(1.0, projected / sloped)))) if sloped else 0.0
+    azimuth = float(np.degrees(np.arctan2(area[0], area[1])) % 360.0)
+    return {
+        "slope_deg": round(slope, 2),
+        "azimuth_deg": round(azimuth, 1) if slope >= FLAT_SLOPE_DEG else None,
+        "area_m2": round(sloped, 2),
+        "projected_m2": round(projected, 2),
+    }

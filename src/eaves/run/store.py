@@ -1,0 +1,202 @@
+"""The working folder of a run: points by block, results by block and building, each written whole or not."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from eaves.formats.atomic import atomic
+from eaves.model import Block, BuildingModel, CoordinateSystem, Failure, PointCloud, Points
+from eaves.model.cloud import GRID_STEP
+from eaves.model.results import BlockResult, BuildingResult
+from eaves.run.block_file import BlockFile, save_block
+from eaves.run.rows import BuildingRow
+
+RECORD = np.dtype(
+    [
+        ("xyz", "<i4", 3),
+        ("point_id", "<i8"),
+        ("return_number", "u1"),
+        ("number_of_returns", "u1"),
+        ("classification", "u1"),
+    ]
+)
+"""A point between reading and the block pass: coordinates in quanta about its block's corner."""
+
+
+@dataclass(frozen=True)
+class Store:
+    """A folder with `points/` (a folder a block, a file in it a part of an input), `parts/` (a file for every
+    part of an input that is in place), `blocks/`, `buildings/` (a file a block each), and `plan.json`."""
+
+    folder: Path
+    has_returns: bool = True
+    has_classes: bool = True
+    system: CoordinateSystem = CoordinateSystem()  # noqa: RUF009 (frozen)
+
+    def prepare(self) -> None:
+        """Make the folders."""
+        for name in ("points", "parts", "blocks", "buildings"):
+            (self.folder / name).mkdir(parents=True, exist_ok=True)
+
+    def discard(self) -> None:
+        """Remove the folder with everything in it."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def points_path(self, block: Block) -> Path:
+        """The folder of a block's points."""
+        return self.folder / "points" / block.name
+
+    def blocks(self, side: float) -> list[Block]:
+        """The blocks that have points, in order."""
+        names = [entry.split("_") for entry in os.listdir(self.folder / "points")]
+        return sorted(Block(int(column), int(row), side) for column, row in names)
+
+    def count_points(self, block: Block) -> int:
+        """How many points a block holds."""
+        return sum(file.stat().st_size for file in self.points_path(block).glob("*.bin")) // RECORD.itemsize
+
+    def read_points(self, block: Block) -> NDArray[np.void]:
+        """The records of all points in a block, by input and place in it."""
+        path = self.points_path(block)
+        files = sorted(path.glob("*.bin")) if path.exists() else []
+        ends = np.cumsum([0, *(file.stat().st_size // RECORD.itemsize for file in files)])
+        records = np.empty(ends[-1], RECORD)
+        for start, end, path in zip(ends[:-1], ends[1:], files, strict=True):
+            with path.open("rb") as file:  # numpy joins records field by field, many times as slowly
+                file.readinto(records[start:end].view(np.uint8).data)
+        return records
+
+    def load_cloud(self, block: Block, reach: float) -> PointCloud:
+        """The points of a block and of its surroundings up to `reach` (m), about the block's corner."""
+        steps = int(np.ceil(reach / block.side))
+        west, south, east, north = (
+            round(side / GRID_STEP)
+            for side in vars(
+                block.bounds.buffered(reach).translated(-block.origin[0], -block.origin[1])
+            ).values()
+        )
+        pieces = []
+        for column in range(block.column - steps, block.column + steps + 1):
+            for row in range(block.row - steps, block.row + steps + 1):
+                near = Block(column, row, block.side)
+                records = self.read_points(near)
+                right, up = (round(way / GRID_STEP) for way in np.subtract(near.origin, block.origin))
+                quanta = records["xyz"]
+                which = within_kernel(quanta, west - right, south - up, east - right, north - up)
+                if len(which):  # of the neighbours only the rim is kept while the others are read
+                    records = records if len(which) == len(records) else records.take(which)
+                    pieces.append((records, right, up))
+        ends = np.cumsum([0, *(len(records) for records, _, _ in pieces)])
+        xyz = np.empty((ends[-1], 3))
+        for start, (records, right, up) in zip(ends[:-1], pieces, strict=True):
+            metres_kernel(records["xyz"], right, up, GRID_STEP, xyz[start : start + len(records)])
+
+        def joined(name: str) -> NDArray[Any]:
+            return np.concatenate([np.zeros(0, RECORD[name]), *(records[name] for records, _, _ in pieces)])
+
+        return PointCloud(
+            xyz=xyz,
+            origin=block.origin,
+            return_number=joined("return_number") if self.has_returns else None,
+            number_of_returns=joined("number_of_returns") if self.has_returns else None,
+            classification=joined("classification") if self.has_classes else None,
+            point_id=joined("point_id"),
+            system=self.system,
+        )
+
+    def path(self, kind: str, block: Block) -> Path:
+        """The file of a block's result: `kind` is `blocks` or `buildings`."""
+        return self.folder / kind / f"{block.name}.{'npz' if kind == 'blocks' else 'pickle'}"
+
+    def has(self, kind: str, block: Block) -> bool:
+        """Whether a block's result is there."""
+        return self.path(kind, block).exists()
+
+    def forget(self, kind: str) -> None:
+        """Remove all results of a kind."""
+        for path in (self.folder / kind).iterdir():
+            if path.is_file():
+                path.unlink()
+
+    def save_block(self, result: BlockResult) -> None:
+        """Keep what the block pass found in one block."""
+        save_block(self.path("blocks", result.block), result)
+
+    def open_block(self, block: Block) -> BlockFile:
+        """What the block pass found in one block; to be used in a `with` statement."""
+        return BlockFile(self.path("blocks", block), block)
+
+    def save_buildings(self, owner: Block, results: Sequence[BuildingResult]) -> None:
+        """Keep the buildings owned by one block."""
+        sections = {
+            "digests": [BuildingRow.of(result.answer, result.seconds) for result in results],
+            "planes": [(result.point_id, result.plane) for result in results],
+            "answers": [result.answer for result in results],
+        }
+        packed = [pickle.dumps(section, protocol=5) for section in sections.values()]
+        ends = np.cumsum([8 * len(packed), *map(len, packed)])
+        with atomic(self.path("buildings", owner)) as temporary, temporary.open("wb") as file:
+            file.write(ends[:-1].astype("<i8").tobytes())  # where each section begins
+            file.writelines(packed)
+
+    def building_rows(self, owners: Sequence[Block]) -> Iterator[BuildingRow]:
+        """What is told of all buildings, owner block by owner block."""
+        return self._buildings(owners, 0)
+
+    def planes(self, owner: Block) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int32]]]:
+        """Ids and roof planes (0 for none) of the points of each building owned by one block."""
+        return self._buildings([owner], 1)
+
+    def answers(self, owners: Sequence[Block]) -> Iterator[BuildingModel | Failure]:
+        """All buildings, owner block by owner block."""
+        return self._buildings(owners, 2)
+
+    def _buildings(self, owners: Sequence[Block], section: int) -> Iterator[Any]:
+        for owner in owners:
+            if self.has("buildings", owner):
+                with self.path("buildings", owner).open("rb") as file:
+                    file.seek(8 * section)
+                    file.seek(int.from_bytes(file.read(8), "little"))
+                    yield from pickle.load(file)
+
+    def matches(self, plan: dict[str, Any]) -> bool:
+        """Whether the folder was made by the same plan (inputs, recipe, version)."""
+        path = self.folder / "plan.json"
+        return path.exists() and json.loads(path.read_text(encoding="utf-8")) == plan
+
+    def keep_plan(self, plan: dict[str, Any]) -> None:
+        """Write the plan that everything in the folder belongs to."""
+        with atomic(self.folder / "plan.json") as temporary:
+            temporary.write_text(json.dumps(plan), encoding="utf-8")
+
+
+@njit(cache=True)
+def within_kernel(
+    quanta: NDArray[np.int32], west: int, south: int, east: int, north: int
+) -> NDArray[np.int64]:
+    """Numbers (K,) of the points (N, 3) inside a window; all in quanta."""
+    which, count = np.empty(len(quanta), np.int64), 0
+    for i in range(len(quanta)):
+        which[count] = i
+        count += west <= quanta[i, 0] < east and south <= quanta[i, 1] < north
+    return which[:count]
+
+
+@njit(cache=True)
+def metres_kernel(quanta: NDArray[np.int32], right: int, up: int, quantum: float, xyz: Points) -> None:
+    """The places of points in quanta (N, 3), moved by whole quanta, in metres into `xyz` (N, 3)."""
+    for i in range(len(quanta)):
+        xyz[i, 0] = (quanta[i, 0] + right) * quantum
+        xyz[i, 1] = (quanta[i, 1] + up) * quantum
+        xyz[i, 2] = quanta[i, 2] * quantum

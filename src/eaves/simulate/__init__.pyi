@@ -1,0 +1,14 @@
+from .city_model import town_of_model as town_of_model
+from .exact import ExactBuilding as ExactBuilding
+from .exact import ExactFace as ExactFace
+from .exact import ExactScene as ExactScene
+from .files import write_simulation as write_simulation
+from .flight import Flight as Flight
+from .roofs import nine_roofs_on_a_slope as nine_roofs_on_a_slope
+from .scanner import Scanner as Scanner
+from .scanner import scan_town as scan_town
+from .standard import DEVELOPMENT_SCENES as DEVELOPMENT_SCENES
+from .standard import JUDGING_SCENES as JUDGING_SCENES
+from .standard import StandardScene as StandardScene
+from .town import Town as Town
+from .town import simulate_town as simulate_town

@@ -1,0 +1,235 @@
+"""report.html in a real browser."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from matplotlib.image import imread
+
+from eaves.model.summary import Summary
+from eaves.report.build import build
+from eaves.report.contents import Contents, read_contents
+from eaves.report.page_file import render
+from eaves.report.surfaces import CityFace, CityFaces
+from eaves.simulate import scan_town, simulate_town, write_simulation
+
+from .browser import Browser, missing
+
+pytestmark = pytest.mark.skipif(bool(missing()), reason=missing())
+
+MIDDLE_OF = """
+const {low, high} = eaves.spots[ROW], canvas = eaves.canvas, box = canvas.getBoundingClientRect();
+const matrix = eaves.camera.matrix(canvas.width / canvas.height);
+const at = [...low.map((value, axis) => axis < 2 ? (value + high[axis]) / 2 : high[axis]), 1];
+const dot = row => at.reduce((sum, value, column) => sum + value * matrix[4 * column + row], 0);
+const [x, y] = [dot(0) / dot(3), dot(1) / dot(3)];
+return [box.left + (x + 1) / 2 * box.width, box.top + (1 - y) / 2 * box.height];
+"""
+CHOSEN = "return document.documentElement.dataset.chosen || ''"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with Browser() as window:
+        yield window
+
+
+def test_the_page_loads_selects_and_toggles(browser: Browser, nine_run: Summary, artefacts: Path) -> None:
+    page = nine_run.folder / "report.html"
+    browser.open(page)
+    assert browser.run("return document.documentElement.dataset.ready") == "yes"
+    ids = browser.run("return eaves.scene.rows.map(row => row.id)")
+    assert len(ids) == nine_run.found
+
+    browser.run("eaves.view('above')")
+    browser.settle()
+    browser.picture(artefacts / "nine-above.png")
+    whole = imread(browser.picture(artefacts / "nine.png"))
+    row = int(browser.run("return eaves.spots.findIndex(spot => Number.isFinite(spot.high[2]))"))
+    browser.click(*browser.run(MIDDLE_OF.replace("ROW", str(row))))
+    assert browser.run(CHOSEN) == ids[row], "a click on a roof chooses its building"
+    assert ids[row] in browser.run("return document.getElementById('building').textContent")
+    browser.press("\ue00c")
+    assert browser.run(CHOSEN) == "", "escape lets go"
+
+    browser.run("for (const name of ['roofs', 'walls', 'edges']) document.getElementById(name).click()")
+    browser.settle()
+    without = imread(browser.picture(artefacts / "nine-no-models.png"))
+    assert np.abs(whole - without).max(axis=2).mean() > 0.01, "models go when their layers are off"
+
+    browser.run("document.querySelectorAll('#buildings tbody tr')[2].focus()")
+    browser.press("\ue007")
+    assert browser.run(CHOSEN) == ids[2], "enter on a row flies to its building"
+    assert browser.errors() == []
+
+
+def test_the_table_sorts_up_and_down__numbers_as_numbers(browser: Browser, nine_run: Summary) -> None:
+    browser.open(nine_run.folder / "report.html")
+    areas = (
+        "return [...document.querySelectorAll('#buildings tbody tr')]"
+        ".map(line => Number(line.cells[COLUMN].textContent))"
+    )
+    column = browser.run(
+        "return [...document.querySelectorAll('#buildings th')]"
+        ".findIndex(head => head.textContent.startsWith('area'))"
+    )
+    click = f"document.querySelectorAll('#buildings th button')[{column}].click()"
+    browser.run(click)
+    up = browser.run(areas.replace("COLUMN", str(column)))
+    browser.run(click)
+    assert up == sorted(up)
+    assert browser.run(areas.replace("COLUMN", str(column))) == sorted(up, reverse=True)
+    assert browser.errors() == []
+
+
+def test_the_keyboard_turns_and_zooms_the_scene(browser: Browser, nine_run: Summary) -> None:
+    browser.open(nine_run.folder / "report.html")
+    browser.run("eaves.canvas.focus()")
+    before = browser.run("return [eaves.camera.azimuth, eaves.camera.distance]")
+    browser.press("\ue012", "+")
+    after = browser.run("return [eaves.camera.azimuth, eaves.camera.distance]")
+    assert after[0] != before[0]
+    assert after[1] < before[1]
+    browser.press("n")
+    assert browser.run(CHOSEN) != ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_every_view_of_delft_draws__screenshots_kept(
+    data: Path, tmp_path_factory: pytest.TempPathFactory, artefacts: Path, theme: str
+) -> None:
+    folder = tmp_path_factory.getbasetemp() / "delft-run"
+    if not (folder / "report.html").exists():
+        build(data / "delft" / "ahn3.laz", folder)
+    states = {
+        "home": "",
+        "above": "view=above&models=azimuth",
+        "side": "view=side",
+        "points-class": "off=roofs,walls,edges&on=points-building,points-ground",
+        "points-height": "points=height&off=roofs,walls,edges&on=points-building,points-ground",
+        "points-plane": "points=plane&off=roofs,walls,edges,points-other&on=points-building",
+        "points-building": "points=building&off=roofs,walls,edges,points-other&on=points-building",
+        "points-distance": "points=distance&off=points-other&on=points-building",
+        "models-lod": "models=lod",
+        "models-type": "models=type",
+        "models-fit": "models=fit",
+        "models-slope": "models=slope",
+        "models-failure": "models=failure",
+        "lod-1.2": "lod=1.2",
+    }
+    with Browser() as window:
+        for name, state in states.items():
+            window.open(folder / "report.html", f"{state}&theme={theme}")
+            image = imread(window.picture(artefacts / f"delft-{theme}-{name}.png"))[60:700, 10:1000, :3]
+            assert image.reshape(-1, 3).std(axis=0).max() > 0.03, f"{name} shows something"
+            assert window.errors() == [], name
+
+
+TURN = """
+const done = arguments[0], began = performance.now(), first = eaves.pace.painted;
+const step = () => {
+  eaves.camera.turn(0.02, 0);
+  eaves.ask();
+  if (performance.now() - began < 2500) requestAnimationFrame(step);
+  else done([eaves.pace.painted - first, eaves.pace.quality, document.getElementById('moving').textContent]);
+};
+requestAnimationFrame(step);
+"""
+
+
+def test_it_says_what_it_leaves_out_while_it_moves__and_draws_all_at_rest(
+    browser: Browser, nine_run: Summary
+) -> None:
+    browser.open(nine_run.folder / "report.html", "on=points-building,points-ground")
+    browser.run("eaves.pace.quality = QUALITIES.length - 1; eaves.pace.adapt = () => {}; eaves.ask()")
+    painted, quality, told = browser.run_async(TURN)
+    assert painted > 3
+    assert quality > 0 and "While it moves" in told and "points" in told
+    browser.settle()
+    assert browser.run("return document.getElementById('moving').hidden")
+    assert browser.run("return eaves.canvas.width === eaves.canvas.clientWidth")
+    assert browser.errors() == []
+
+
+def test_ten_thousand_rows_scroll_sort_and_are_found(
+    browser: Browser, nine_run: Summary, tmp_path: Path
+) -> None:
+    contents = read_contents(nine_run.folder)
+    others = [{**contents.rows[0], "id": f"far-{k}", "area_m2": 500.0 + k} for k in range(10_000)]
+    found = len(contents.rows) + len(others)
+    page = tmp_path / "report.html"
+    page.write_text(render(replace(contents, others=others, buildings=found), "many"), encoding="utf-8")
+    browser.open(page)
+    assert f"{found:,} buildings, {len(contents.rows)} of them drawn" in browser.run(
+        "return document.body.textContent"
+    )
+    lines = "return document.querySelectorAll('#buildings tbody tr').length"
+    assert browser.run(lines) < 100
+    browser.run("document.querySelector('#buildings').parentElement.scrollTop = 1e9")
+    browser.settle()
+    wait_for(browser, "return document.querySelector('#buildings tbody').textContent.includes('far-9999')")
+    browser.run("eaves.table.box.scrollTop = 0; eaves.table.fill(); eaves.table.body.rows[0].focus()")
+    browser.press("\ue010", "\ue007")
+    assert browser.run(CHOSEN) == "far-9999", "end and enter choose the last"
+    assert "eaves view OUT --around far-9999" in browser.run(
+        "return document.getElementById('building').textContent"
+    )
+    assert browser.run(lines) < 100
+    assert browser.errors() == []
+
+
+def wait_for(browser: Browser, question: str) -> None:
+    limit = time.monotonic() + 20
+    while not browser.run(question):
+        assert time.monotonic() < limit, question
+        time.sleep(0.05)
+
+
+@pytest.mark.slow
+def test_a_thousand_buildings_and_300000_points_turn_without_a_graphics_card(
+    tmp_path: Path, artefacts: Path
+) -> None:
+    """Frames are counted and printed; a picture of the moving scene is kept."""
+    points = scan_town(simulate_town(0.09, seed=4), density=10.0, seed=4)
+    write_simulation(points, tmp_path / "town")
+    build(tmp_path / "town" / "points.laz", tmp_path / "out")
+    contents = read_contents(tmp_path / "out")
+    many = repeat_to(contents, 1000)
+    page = tmp_path / "report.html"
+    page.write_text(render(many, "many"), encoding="utf-8")
+    with Browser() as window:
+        window.open(page, "on=points-building,points-ground")
+        window.run_async(TURN)
+        painted, _, _ = window.run_async(TURN)
+        window.picture(artefacts / "thousand-moving.png")
+        window.settle()
+        window.picture(artefacts / "thousand-still.png")
+        assert window.errors() == []
+    print(f"{len(many.rows)} buildings, {len(many.points)} points: {2500 / painted:.0f} ms a frame, turning")
+    assert 2500 / painted < 1000, "even on a busy machine"
+
+
+def repeat_to(contents: Contents, count: int) -> Contents:
+    """The contents with the buildings repeated side by side."""
+    own, rows, polygons, faces = len(contents.rows), [], [], []
+    for copy in range(-(-count // own)):
+        move = np.array([320.0 * (copy % 4), 320.0 * (copy // 4), 0.0])
+        rows += [
+            {**row, "id": f"{row['id']}-{copy}", "number": row["number"] + copy * own}
+            for row in contents.rows
+        ]
+        polygons += [shapely.transform(shape, lambda xy, by=move: xy + by[:2]) for shape in contents.polygons]
+        faces += [
+            CityFace(
+                tuple(ring + move for ring in face.rings), face.building + copy * own, face.lod, face.kind
+            )
+            for face in contents.faces
+        ]
+    return replace(contents, rows=rows, polygons=polygons, faces=CityFaces.of(faces), buildings=len(rows))

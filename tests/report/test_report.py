@@ -1,0 +1,114 @@
+"""The page and what goes into it, without a browser."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eaves.formats import InputError
+from eaves.model.summary import Summary
+from eaves.pipeline import build as build_files
+from eaves.report import sample
+from eaves.report.build import build
+from eaves.report.contents import read_contents
+from eaves.report.page_file import page_arrays, render
+from eaves.report.sample import PointSample
+from eaves.report.view import open_report
+
+from ..conftest import write_laz
+
+
+def data_of(page: Path) -> dict:
+    return data_of_text(page.read_text(encoding="utf-8"))
+
+
+def data_of_text(text: str) -> dict:
+    found = re.search(r'id="data">(.*?)</script>', text, re.S)
+    assert found
+    return json.loads(found[1])
+
+
+def unpacked(packed: dict) -> np.ndarray:
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8)
+    kind = np.dtype(packed["type"])
+    return np.ascontiguousarray(planes.reshape(kind.itemsize, -1).T).view(kind).ravel()
+
+
+def test_the_page_holds_every_building_and_asks_for_no_network(nine_run: Summary) -> None:
+    page = nine_run.folder / "report.html"
+    text = page.read_text(encoding="utf-8")
+    assert not re.search(r'(src|href)="(https?:)?//', text)
+    data = data_of(page)
+    assert len(data["rows"]) == nine_run.found
+    arrays = data["arrays"]
+    assert set(unpacked(arrays["outline_building"])) == set(range(1, nine_run.found + 1))
+    contents = read_contents(nine_run.folder)
+    assert np.array_equal(unpacked(arrays["point_xyz"]), page_arrays(contents)["point_xyz"].ravel())
+
+
+def test_roof_points_lie_on_the_models(nine_run: Summary) -> None:
+    contents = read_contents(nine_run.folder)
+    known = contents.distance[np.isfinite(contents.distance)]
+    assert len(known) > 1000
+    assert np.median(np.abs(known)) < 0.05
+
+
+def test_more_points_than_wanted_are_thinned_and_the_page_says_so(nine_run: Summary) -> None:
+    contents = read_contents(nine_run.folder, points=2000, buildings=3)
+    assert len(contents.points) < 6000, "points of neighbours come on top"
+    assert len(contents.rows) == 3
+    text = render(contents, "summary")
+    assert f"{len(contents.points):,} of {contents.points.total:,} points drawn" in text
+    assert f"3 of {nine_run.found} buildings, those nearest to the middle" in text
+    table = data_of_text(text)["others"]
+    listed = json.loads(zlib.decompress(base64.b64decode(table["data"])))
+    assert len(listed[table["names"].index("id")]) == nine_run.found - 3, "the table lists those not drawn"
+    again = read_contents(nine_run.folder, points=2000, buildings=3)
+    assert np.array_equal(contents.points.xyz, again.points.xyz)
+
+
+def test_the_points_heard_while_they_are_written_are_those_read_afterwards(
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for limit, jobs in ((2000, 2), (10_000_000, 1)):
+        received = PointSample(limit, 1000)
+        options = dict(jobs=jobs, block=60.0)
+        build_files(nine_roofs_file, tmp_path, **options, sink=received)
+        read = read_contents(tmp_path, points=limit).points
+        assert len(read) > 0 and (len(read) < 6000) == (limit == 2000)
+        with monkeypatch.context() as patched:
+            patched.setattr(sample, "_records", None)
+            known = read_contents(tmp_path, points=limit, received=received).points
+        for name, value in vars(read).items():
+            assert np.array_equal(getattr(known, name), value), name
+    other = read_contents(tmp_path, points=3000, received=received).points
+    assert len(other) < 6000, "what was received for another page is not used"
+
+
+def test_a_page_is_made_around_a_building(nine_run: Summary) -> None:
+    ids = [row["id"] for row in read_contents(nine_run.folder).rows]
+    for name in (ids[0], ids[-1]):
+        assert name in {row["id"] for row in read_contents(nine_run.folder, buildings=2, around=name).rows}
+    with pytest.raises(InputError, match="nowhere"):
+        read_contents(nine_run.folder, around="nowhere")
+
+
+def test_one_point_and_no_building_give_a_page(tmp_path: Path) -> None:
+    write_laz(tmp_path / "one.laz", np.array([[85000.0, 447000.0, 3.0]]))
+    summary = build(tmp_path / "one.laz", tmp_path / "out")
+    assert summary.found == 0
+    assert data_of(tmp_path / "out" / "report.html")["rows"] == []
+
+
+def test_a_missing_page_is_made__a_folder_without_a_run_is_refused(nine_run: Summary, tmp_path: Path) -> None:
+    (nine_run.folder / "report.html").unlink()
+    page = open_report(nine_run.folder, show=False)
+    assert "buildings found" in page.read_text(encoding="utf-8")
+    with pytest.raises(InputError, match=r"footprints\.gpkg"):
+        open_report(tmp_path, show=False)

@@ -1,0 +1,86 @@
+"""Tiles: given footprints, what a second run keeps, and what a failing tile leaves to the others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+import shapely
+from tests.run.test_long_buildings import features
+
+from eaves import pipeline
+from eaves.formats.geopackage import Row, write_geopackage
+from eaves.model import CoordinateSystem
+from eaves.pipeline import build
+from eaves.run import tiles
+from eaves.simulate.roofs import ExactScene
+
+PLACE = np.array([84960.0, 447120.0])
+BLOCK = 60.0
+
+
+@pytest.fixture
+def small_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tiles, "TILE_BLOCKS", 1)
+
+
+def of_tiles(folder: Path) -> dict[str, object]:
+    return features(sorted((folder / "tiles").glob("*/buildings.city.jsonl")))
+
+
+@pytest.mark.usefixtures("small_tiles")
+def test_given_footprints_are_modelled_once_each(
+    nine_roofs: ExactScene, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    polygons = [shapely.transform(one.footprint, lambda xy: xy + PLACE) for one in nine_roofs.buildings]
+    rows = [Row(polygon, {"name": f"house {k}"}) for k, polygon in enumerate(polygons)]
+    write_geopackage(tmp_path / "given.gpkg", rows, (), CoordinateSystem())
+    options = {"block": BLOCK, "footprints": tmp_path / "given.gpkg", "id_field": "name"}
+    assert build(nine_roofs_file, tmp_path / "whole", **options).found == 9
+    summary = build(nine_roofs_file, tmp_path / "tiled", **options, per_tile=True)
+    assert summary.found == 9
+    assert features([tmp_path / "whole" / "buildings.city.jsonl"]) == of_tiles(tmp_path / "tiled")
+
+
+def test_a_given_footprint_on_the_border_of_two_files_stays_whole(
+    nine_roofs: ExactScene, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    polygons = [shapely.transform(one.footprint, lambda xy: xy + PLACE) for one in nine_roofs.buildings]
+    write_geopackage(tmp_path / "given.gpkg", [Row(one, {}) for one in polygons], (), CoordinateSystem())
+    las = laspy.read(nine_roofs_file)
+    east = las.x >= polygons[4].centroid.x
+    for name, which in ("east", east), ("west", ~east):
+        part = laspy.LasData(las.header)
+        part.points = las.points[which]
+        part.write(tmp_path / f"{name}.laz")
+    options = dict(block=BLOCK, footprints=tmp_path / "given.gpkg")
+    build(nine_roofs_file, tmp_path / "whole", **options)
+    build([tmp_path / "east.laz", tmp_path / "west.laz"], tmp_path / "cut", **options)
+    models = [features([tmp_path / name / "buildings.city.jsonl"]) for name in ("whole", "cut")]
+    assert models[0] == models[1]
+
+
+@pytest.mark.usefixtures("small_tiles")
+def test_a_second_run_computes_only_the_tile_that_failed(
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, calls = pipeline.write_outputs, []
+
+    def fails_once(*words: object, **named: object) -> object:
+        calls.append(1)
+        if len(calls) == 2:
+            raise RuntimeError("on purpose")
+        return real(*words, **named)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(pipeline, "write_outputs", fails_once)
+    options = dict(block=BLOCK, per_tile=True, resume=True)
+    first = build(nine_roofs_file, tmp_path, **options)
+    assert not first.complete
+    assert "on purpose" in first.failed[0]
+    made = len(calls)
+    second = build(nine_roofs_file, tmp_path, **options)
+    assert second.complete
+    assert len(calls) == made + 1
+    assert second.found == 9

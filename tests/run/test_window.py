@@ -1,0 +1,84 @@
+"""With bounds or a clip area, exactly the points inside reach the blocks, whatever the format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+import rasterio
+import shapely
+from tests.formats.copc_writer import write_copc
+
+from eaves.formats import iter_chunks, open_source
+from eaves.model import Bounds
+from eaves.pipeline import build
+from eaves.run.index import index_inputs
+from eaves.run.partition import Window, file_slices, partition_slice
+from eaves.run.store import Store
+from eaves.simulate.roofs import ExactScene
+
+SIDE = 30.0
+BORDER = 13.0
+"""From the scene's corner to the south-west of the bounds (m): in the middle of a block."""
+KINDS = ("las", "laz", "copc.laz", "xyz")
+WINDOWS = ("bounds", "clip", "both")
+
+
+@pytest.fixture(scope="module")
+def inputs(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The same points in every format."""
+    folder = tmp_path_factory.mktemp("window")
+    las = laspy.read(nine_roofs_file)
+    paths = {kind: folder / f"points.{kind}" for kind in KINDS}
+    las.write(paths["las"])
+    las.write(paths["laz"])
+    write_copc(paths["copc.laz"], las)
+    np.savetxt(paths["xyz"], las.xyz, "%.3f")
+    return paths
+
+
+@pytest.fixture(scope="module")
+def windows(nine_roofs: ExactScene, inputs: dict[str, Path]) -> dict[str, Window]:
+    """Bounds that cut through blocks, a triangle, and both."""
+    whole = open_source(inputs["laz"]).bounds
+    west, south = whole.west + BORDER, whole.south + BORDER
+    bounds = Bounds(west, south, west + 25.0, south + 20.0)
+    clip = shapely.Polygon([(west - 5, south - 5), (west + 30, south - 5), (west - 5, south + 25)])
+    return {"bounds": Window(bounds), "clip": Window(clip=clip), "both": Window(bounds, clip)}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", WINDOWS)
+def test_only_points_in_the_window_are_scattered(
+    inputs: dict[str, Path], windows: dict[str, Window], tmp_path: Path, kind: str, name: str
+) -> None:
+    window, store = windows[name], Store(tmp_path)
+    store.prepare()
+    for part in file_slices(index_inputs([inputs[kind]], None, [])):
+        assert partition_slice(part, store, SIDE, window).unread is None
+    found = [store.read_points(block)["point_id"] for block in store.blocks(SIDE)]
+    wanted = []
+    for chunk in iter_chunks(open_source(inputs[kind])):
+        x, y, _ = chunk.xyz.T
+        inside = np.ones(len(x), bool)
+        if window.bounds is not None:
+            inside &= (x >= window.bounds.west) & (x < window.bounds.east)
+            inside &= (y >= window.bounds.south) & (y < window.bounds.north)
+        if window.clip is not None:
+            inside &= shapely.contains_xy(window.clip, x, y)
+        wanted.append(chunk.position[inside])
+    assert np.array_equal(np.sort(np.concatenate(found)), np.sort(np.concatenate(wanted)))
+    assert len(np.concatenate(wanted)) > 100
+
+
+def test_a_run_with_bounds_knows_nothing_outside(
+    inputs: dict[str, Path], windows: dict[str, Window], tmp_path: Path
+) -> None:
+    bounds = windows["bounds"].bounds
+    assert bounds is not None
+    summary = build(inputs["laz"], tmp_path / "out", bounds=bounds, outputs=("rasters",))
+    assert summary.complete
+    with rasterio.open(tmp_path / "out" / "dtm.tif") as image:
+        assert Bounds(*image.bounds).buffered(-1.0).union(bounds) == bounds
