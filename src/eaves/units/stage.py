@@ -8,8 +8,9 @@ from typing import ClassVar
 import numpy as np
 from shapely import Polygon
 
-from eaves.methods import Emit, Method, ignore
+from eaves.methods import Emit, Method, MethodChoice, ignore, resolve_method
 from eaves.model import Points, Values
+from eaves.model.cloud import canonical_order
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +40,44 @@ class UnitMethod(Method):
 
 
 def divide_block(
-    points: Points, height: Values, outline: Polygon, spacing: float, method: UnitMethod | None = None
+    points: Points, height: Values, outline: Polygon, spacing: float, method: MethodChoice = None
 ) -> Division:
-    """The units of a block, from its roof points (N, 3) and their heights over the terrain (N,; m)."""
-    from eaves.methods import make_method
+    """The units of a detected block.
 
-    divider = method or make_method("units")
+    Parameters
+    ----------
+    points
+        The block's roof points (N, 3), in any order.
+    height
+        Their heights over the terrain (N,; m), NaN where it is not known.
+    outline
+        The block, in the same local metres.
+    spacing
+        Mean distance of neighbouring points in plan (m).
+    method
+        A method of the stage, its name, or a table of its parameters.
+
+    Returns
+    -------
+    Division
+        Parts that fill the outline; the outline alone where nothing divides it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from shapely import box
+    >>> from eaves.units import divide_block
+    >>> x, y = np.meshgrid(np.arange(0.1, 18, 0.3), np.arange(0.1, 9, 0.3))
+    >>> z = np.where(x < 6, 7.0, np.where(x < 12, 8.0, 7.4))
+    >>> points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+    >>> len(divide_block(points, points[:, 2], box(0, 0, 18, 9), 0.3).parts)
+    3
+    """
+    divider = resolve_method("units", method)
     assert isinstance(divider, UnitMethod)
+    good = np.flatnonzero(np.isfinite(points).all(axis=1))
+    good = good[canonical_order(points[good])]
+    points, height = points[good], height[good]
     known = np.isfinite(height)
     if not known.any():
         return Division((outline,), (1.0,))

@@ -83,6 +83,7 @@ WEIGHTS = {
     "edge": 0.56,
     "full valley": 11.14,
 }
+"""Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.units learn`."""
 
 
 def wall_odds(signs: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -24,26 +24,78 @@ SMALLEST_BLOCK_M2 = 60.0
 
 
 class RowWalls(UnitMethod):
-    """Houses in rows."""
+    """The buildings that stand wall to wall in one detected block.
+
+    What stands higher than an annex is the block's main volume. Behind each of its long fronts, longest
+    first, lies the ground of a row; walls run along the direction in which heights change most alike at all
+    depths. At every quarter of a metre along a row planes are fitted to the points on both sides, metre by
+    metre of depth, and compared: steps, valleys, what stands over both, changes of depth, and against them
+    ridges, give the odds of a party wall there by logistic regression. The row is divided where the product
+    of the odds of its walls and of the widths of its units is greatest, by dynamic programming; the forward
+    and backward sums over all divisions give the certainty of each wall. Houses of one width make weak signs
+    at equal distances likely: that width is the one under which the row's signs are likeliest, so it comes
+    from the scan alone. Rows that meet without a wall are one; walls are carried on through annexes.
+
+    Formula
+    -------
+    max Π_walls o(s) · Π_units f(w),  f(w) = q g(w) + (1 − q) r N(ln w; ln u, λ),
+
+    o the odds at place s times e^boldness, w the width of a unit, g falling off below the narrowest, u the
+    usual width of the row, λ the likeness, q the share of odd widths, r the range of widths. A row without
+    a usual width has f = g.
+
+    Fidelity
+    --------
+    Own method; the sums over divisions are those of [rabiner1989] for states of explicit duration. The
+    weights of the signs were learned on four simulated towns (`benchmarks/accuracy/units.py`): a real town's
+    models of 853 buildings and three drawn at random, scanned at 10/m²; boldness and border odds were chosen
+    on the same.
+
+    Fails where
+    -----------
+    Neighbours with one roof and nothing on it are one unit. A house whose two halves differ in height may be
+    two. Houses back to back under one roof, and rows that turn by less than a right angle at each house,
+    are seen as one depth. Under about 3 points/m² steps below 0.2 m are lost.
+
+    Complexity
+    ----------
+    O(N) in points for each front; O(S²) in the quarter metres S of a front for each usual width.
+
+    References
+    ----------
+    [rabiner1989].
+    """
 
     name: ClassVar[str] = "row_walls"
     idea: ClassVar[str] = "Rows along fronts, each divided where its points show walls, by one sum."
-    paper: ClassVar[str] = "own"
+    paper: ClassVar[str] = "rabiner1989"
 
     boldness: float = parameter(
-        0.7, "Logarithm of how many false walls are worth as much as a missed one; chosen on simulated towns."
+        0.7,
+        "Logarithm of how many false walls are worth as much as a missed one.",
+        symbol="b",
+        ge=-5.0,
+        le=5.0,
     )
-    narrowest: float = parameter(4.0, "Width under which a unit is unlikely.", unit="m", gt=0.0)
+    narrowest: float = parameter(
+        4.0, "Width under which a unit is unlikely: 99 of 100 houses in rows are wider.", unit="m", gt=0.0
+    )
     spread: float = parameter(0.15, "Spread of the logarithm of widths below the narrowest.", gt=0.0)
-    likeness: float = parameter(0.07, "Spread of the logarithm of widths in a regular row.", gt=0.0)
-    odd_share: float = parameter(0.3, "Share of units of another width in a regular row.", gt=0.0, lt=1.0)
-    width_range: float = parameter(1.7, "Range of the logarithm of widths of units.", gt=0.0)
+    likeness: float = parameter(
+        0.07, "Spread of the logarithm of widths in a regular row.", symbol="λ", gt=0.0
+    )
+    odd_share: float = parameter(
+        0.3, "Share of units of another width in a regular row.", symbol="q", gt=0.0, lt=1.0
+    )
+    width_range: float = parameter(1.7, "Range of the logarithm of widths of units.", symbol="r", gt=0.0)
     widest_usual: float = parameter(12.0, "Greatest usual width of a regular row.", unit="m", gt=0.0)
     regular_gain: float = parameter(
-        2.0, "Logarithm by which a regular row must explain its signs better.", ge=0.0
+        2.0, "Logarithm of how much better a usual width must explain a row than any width.", ge=0.0
     )
     deepest: float = parameter(30.0, "Greatest depth of a row.", unit="m", gt=0.0)
-    border_odds: float = parameter(-1.0, "Log-odds above which a border of two rows is a wall.")
+    border_odds: float = parameter(
+        -1.0, "Log-odds above which a border of two rows is a wall.", ge=-20.0, le=20.0
+    )
 
     def divide(
         self, points: Points, height: Values, outline: Polygon, spacing: float, emit: Emit = ignore
