@@ -24,6 +24,7 @@ from eaves.run.join import OwnedBuildings
 from eaves.run.neighbours import party_walls
 from eaves.run.rasters import extent_of, write_mask, write_surfaces
 from eaves.run.region import Region
+from eaves.run.review import review_rows
 from eaves.run.rows import PARTY_WALLS
 from eaves.run.run import EVERYTHING, Run
 from eaves.run.store import Store
@@ -82,7 +83,8 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
     folder, system = run.folder, store.system
     if step == "footprints":
         files, rows = [folder / "footprints.gpkg"], BuildingRows(store, owners, results.shared)
-        write_geopackage(files[0], rows, BuildingRows(store, owners, faces=True), system)
+        review = review_rows(store.building_rows(owners))
+        write_geopackage(files[0], rows, BuildingRows(store, owners, faces=True), system, review)
         return files + export_footprints(folder, rows, system, run.formats), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]
