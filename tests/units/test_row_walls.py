@@ -16,7 +16,7 @@ HOUSE, DEPTH, SLOPE = 6.0, 9.0, 0.8
 def scanned_row(
     steps: list[float], density: float = 10.0, noise: float = 0.03, chimneys: bool = False, seed: int = 1
 ) -> NDArray[np.float64]:
-    """Points (N, 3) on gables side by side along x, lifted by `steps`; chimneys stand on the walls if asked."""
+    """Points (N, 3) on gables side by side along x, lifted by `steps`; chimneys stand on walls if asked."""
     rng = np.random.default_rng(seed)
     count = round(len(steps) * HOUSE * DEPTH * density)
     x, y = rng.uniform(0, len(steps) * HOUSE, count), rng.uniform(0, DEPTH, count)

@@ -106,5 +106,18 @@ def parts_of(
 
 def nearest_part(building: BuildingPoints, parts: Sequence[Polygon]) -> NDArray[np.int64]:
     """The number (N,) of the part that each point lies in, or nearest to."""
-    away = [shapely.distance(part, shapely.points(building.xyz[:, :2])) for part in parts]
-    return np.asarray(np.argmin(np.stack(away), axis=0))
+    xy = building.xyz[:, :2]
+    owner = np.full(len(xy), -1)
+    for number, part in enumerate(parts):
+        west, south, east, north = part.bounds
+        near = (
+            (owner < 0) & (xy[:, 0] >= west) & (xy[:, 0] <= east) & (xy[:, 1] >= south) & (xy[:, 1] <= north)
+        )
+        some = np.flatnonzero(near)
+        shapely.prepare(part)
+        owner[some[shapely.contains_xy(part, xy[some])]] = number
+    left = np.flatnonzero(owner < 0)
+    places = shapely.points(xy[left])
+    away = [shapely.distance(part, places) for part in parts]
+    owner[left] = np.argmin(np.stack(away), axis=0)
+    return owner

@@ -15,6 +15,9 @@ from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.outline.toolkit.shared_edges import welded
 from eaves.units.row_walls.rows import CELL_M, Plan, Row
 
+EVERY = 2
+"""Every other cell of a line votes for the unit a piece belongs to."""
+
 FARTHEST_M = 15.0
 """A wall is carried on through annexes and gardens' sheds by at most this much (m)."""
 
@@ -124,16 +127,18 @@ def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int
     """The unit (from 0) that has most cells in each piece; a piece without goes to the neighbour
     it shares the longest border with.
     """
-    row, column = np.nonzero(label > 0)
+    some = label[::EVERY, ::EVERY]
+    row, column = np.nonzero(some > 0)
+    numbers = some[row, column] - 1
+    row, column = EVERY * row, EVERY * column
     x = plan.west + (column + 0.5) * CELL_M
     y = plan.south + (row + 0.5) * CELL_M
-    numbers = label[row, column] - 1
     tree = shapely.STRtree(shapely.points(x, y))
     owner = [-1] * len(pieces)
     piece, cell = tree.query(pieces, predicate="contains")
     for k in range(len(pieces)):
         votes = np.bincount(numbers[cell[piece == k]], minlength=count)
-        area = CELL_M**2 * votes.max(initial=0)
+        area = (EVERY * CELL_M) ** 2 * votes.max(initial=0)
         if area > max(0.25 * pieces[k].area, 0.5):
             owner[k] = int(np.argmax(votes))
     changed = True
