@@ -158,6 +158,7 @@ DEFAULTS: dict[str, str] = {
     "ground": "adaptive_tin",
     "detect": "consensus",
     "outline": "global_fit",
+    "units": "row_walls",
     "roof": "global_refinement",
     "reconstruct": "arrangement",
 }
@@ -181,6 +182,9 @@ REGISTRY: dict[str, dict[str, str]] = {
         "alpha_shape": "eaves.outline.alpha_shape:AlphaShape",
         "global_fit": "eaves.outline.global_fit:GlobalFit",
         "ransac_lines": "eaves.outline.ransac_lines:RansacLines",
+    },
+    "units": {
+        "row_walls": "eaves.units.row_walls:RowWalls",
     },
     "roof": {
         "region_growing": "eaves.roof.region_growing:RegionGrowing",

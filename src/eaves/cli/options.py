@@ -51,6 +51,9 @@ PartyWalls = Annotated[
 ]
 BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).")]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
+Units = Annotated[
+    str | None, typer.Option(help="How blocks are divided into houses: a method's name, or off.")
+]
 MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]
 Formats = Annotated[
     str,

@@ -52,8 +52,10 @@ def write_geopackage(
     footprints: Iterable[Row],
     roof_planes: Iterable[Row] = (),
     system: CoordinateSystem = LOCAL_METRES,
+    review: Iterable[Row] = (),
 ) -> None:
-    """Write the layers `footprints` and `roof_planes` of a GeoPackage, geometry in the system's units.
+    """Write the layers `footprints`, `roof_planes` and, where it has rows, `review` of a GeoPackage, geometry
+    in the system's units.
 
     A column's type is that of its values: whole numbers, numbers, truth, text; what is missing or NaN is
     null. The columns have the order in which the rows name them first. Styles for QGIS and the columns'
@@ -68,6 +70,8 @@ def write_geopackage(
         Geometry in world metres and attributes of each feature; a layer without rows is left out.
     system : CoordinateSystem
         Reference system of the layers.
+    review : iterable of Row
+        What to look at first; a layer of its own where it has rows.
 
     Raises
     ------
@@ -87,6 +91,8 @@ def write_geopackage(
     with atomic(path) as temporary:
         for layer, rows in (("footprints", footprints), ("roof_planes", roof_planes)):
             _write_layer(temporary, rows, system, "GPKG", layer)
+        for _ in islice(review, 1):
+            _write_layer(temporary, review, system, "GPKG", "review")
         describe_layers(temporary, system)
 
 

@@ -57,6 +57,10 @@ class BuildingPoints:
     number: int
     """Number among the buildings of its owner block: the seed of its random numbers."""
     given: Footprint | None = None
+    block: Footprint | None = None
+    """The detected block that the building is a unit of; None for one that is a block of its own."""
+    wall_certainty: float | None = None
+    """Probability of the least sure party wall that was found on it, None where none was."""
 
     @property
     def roof_points(self) -> Points:

@@ -14,7 +14,7 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Values
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.attributes import Surface, describe, surface_heights
-from eaves.reconstruct.toolkit.cell_labels import Prices, label_cells
+from eaves.reconstruct.toolkit.cell_labels import Prices, hold_down, label_cells
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
@@ -162,7 +162,10 @@ class Arrangement(Reconstructor):
         emit("plan", plan.polygons())
         emit("plane of each cell", chosen)
         limits = (self.smallest, max(NARROWEST, self.narrowest * spacing))
-        fine = raise_plan(plan, chosen, coefficients, ground, *limits)
+        known = (roof, labels, coefficients, spacing, ground, prices)
+        fine = raise_plan(
+            plan, chosen, coefficients, ground, *limits, lambda tidied, kept: hold_down(tidied, kept, *known)
+        )
         solids = coarse_solids(plan, roof, ground, self.level_jump, limits)
         errors = {lod: errors_of(surface_heights(parts, roof[:, :2]), roof) for lod, parts in solids.items()}
         if planes and plan.count > 1:

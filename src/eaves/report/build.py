@@ -36,7 +36,7 @@ def build(
         The methods, instead of the options that name them.
     progress : callable
         Called with the step, how much of it is done, and how much there is.
-    ground, detect, outline, roof, reconstruct : Method, str, mapping or None
+    ground, detect, outline, units, roof, reconstruct : Method, str, mapping or None
         The method of the stage, its name, or a table of its parameters; None is the default.
     source : str or None
         One of the published systems, whole: chen_sun, xiao2014, ren_fcs, roof_attributes or maas_vosselman.

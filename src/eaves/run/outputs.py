@@ -26,6 +26,7 @@ from eaves.run.manifest import begin_manifest, note_files
 from eaves.run.neighbours import party_walls
 from eaves.run.rasters import extent_of, write_mask, write_surfaces
 from eaves.run.region import Region
+from eaves.run.review import review_rows
 from eaves.run.rows import PARTY_WALLS
 from eaves.run.run import EVERYTHING, Run
 from eaves.run.store import Store
@@ -85,8 +86,8 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
     folder, system = run.folder, store.system
     if step == "footprints":
         files, rows = [folder / "footprints.gpkg"], BuildingRows(store, owners, results.shared)
-        roofs = BuildingRows(store, owners, faces=True)
-        write_geopackage(files[0], rows, roofs, system)
+        roofs, review = BuildingRows(store, owners, faces=True), review_rows(store.building_rows(owners))
+        write_geopackage(files[0], rows, roofs, system, review)
         return files + export_footprints(folder, rows, roofs, system, run.formats), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]

@@ -15,6 +15,7 @@ from eaves.outline import OutlineMethod
 from eaves.reconstruct import Reconstructor
 from eaves.roof import RoofMethod
 from eaves.run.sources import find_source, with_source
+from eaves.units import UnitMethod
 
 SEAM = 1.5
 """Points this near (m) to a block's border are labelled by both blocks; shared labels join regions."""
@@ -53,6 +54,8 @@ class Recipe:
     outline: OutlineMethod
     roof: RoofMethod
     reconstruct: Reconstructor
+    units: UnitMethod | None = None
+    """None leaves detected blocks whole."""
     use_classes: bool = False
     lod: str = "2.2"
 
@@ -89,8 +92,8 @@ def make_recipe(
     Parameters
     ----------
     methods : mapping or None
-        By stage (`ground`, `detect`, `outline`, `roof`, `reconstruct`): a method, its name, or a table of its
-        parameters with its name under `method`.
+        By stage (`ground`, `detect`, `outline`, `units`, `roof`, `reconstruct`): a method, its name, or a
+        table of its parameters with its name under `method`. The name `off` leaves blocks whole (`units`).
     source : str or None
         One of the published systems (`eaves.run.sources`): its chain is used where no method is given.
     published : bool
@@ -119,7 +122,7 @@ def make_recipe(
     ('smooth_region', 'normal_echo', 'global_refinement')
     """
     if source is not None:
-        methods = with_source(source, methods)
+        methods = {"units": "off", **with_source(source, methods)}  # no source divides blocks
         lod = lod or find_source(source).lod
     lod = lod or "2.2"
     chosen = {stage: choice for stage, choice in (methods or {}).items() if choice is not None}
@@ -130,14 +133,22 @@ def make_recipe(
         raise ValueError(f"--lod {lod}: unknown level of detail; choose one of: {', '.join(LODS)}")
     if use_classes and not is_named(chosen.get("detect")):
         chosen["detect"] = "given_classes"
-    made: dict[str, Method] = {}
+    made: dict[str, Method | None] = {}
     for stage in ("detect", *(stage for stage in DEFAULTS if stage != "detect")):
         choice = chosen.get(stage)
+        if stage == "units" and name_of(choice) == "off":
+            made[stage] = None
+            continue
         if stage == "ground" and not is_named(choice):
             own = getattr(made["detect"], "ground_method", DEFAULTS["ground"])
             choice = {"method": own, **(choice if isinstance(choice, Mapping) else {})}
         made[stage] = resolve_method(stage, choice, published)
     return Recipe(**made, use_classes=use_classes, lod=lod)  # type: ignore[arg-type]
+
+
+def name_of(choice: MethodChoice) -> object:
+    """The name by which a choice is given, if by one."""
+    return choice.get("method") if isinstance(choice, Mapping) else choice
 
 
 def is_named(choice: MethodChoice) -> bool:

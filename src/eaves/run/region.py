@@ -277,8 +277,7 @@ def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: 
     buildings = [building for building in gathered if not isinstance(building, Failure)]
     clock = Clock()
     footprints = draw_all(buildings, recipe)
-    if plan.addresses:
-        buildings, footprints = split_buildings(buildings, footprints, plan.addresses)
+    buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
     clock.lap("outline")
     for building, footprint in zip(buildings, footprints, strict=True):
         try:

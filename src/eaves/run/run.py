@@ -56,6 +56,7 @@ class RunOptions(TypedDict, total=False):
     ground: MethodChoice
     detect: MethodChoice
     outline: MethodChoice
+    units: MethodChoice
     roof: MethodChoice
     reconstruct: MethodChoice
     source: str | None
@@ -299,7 +300,7 @@ def check_options(options: RunOptions) -> None:
         raise ValueError(f"bounds must be west, south, east, north, not {bounds!r}; give four numbers")
 
 
-METHOD_OPTIONS = ("ground", "detect", "outline", "roof", "reconstruct")
+METHOD_OPTIONS = ("ground", "detect", "outline", "units", "roof", "reconstruct")
 
 
 def as_bounds(bounds: Bounds | Sequence[float] | None) -> Bounds | None:
