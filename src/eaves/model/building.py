@@ -26,12 +26,14 @@ class Boundary:
 
     `rings` holds closed rings (M, 2) without repeated last point: the outer one counter-clockwise, then
     the holes clockwise. `points` (N, 3) are all points of the region, `spacing` their mean distance in
-    plan (m).
+    plan (m). `not_last` (K, 3) are those of them whose pulses came back once more from below; None where the
+    scan does not say.
     """
 
     rings: tuple[NDArray[np.float64], ...]
     points: Points
     spacing: float
+    not_last: Points | None = None
 
 
 @dataclass(frozen=True, eq=False)

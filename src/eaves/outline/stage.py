@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -11,7 +12,7 @@ from shapely import Polygon
 
 from eaves.geometry.polygons import as_polygon
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
-from eaves.model import Boundary, Failure, Footprint, Points
+from eaves.model import Boundary, Failure, Footprint, Mask, Points
 from eaves.model.cloud import canonical_order
 
 MIN_POINTS = 4
@@ -42,9 +43,13 @@ def trace_outline(
     spacing: float,
     method: MethodChoice = None,
     *,
+    not_last: Mask | None = None,
     debug: str | Path | Emit | None = None,
 ) -> Boundary | Failure:
     """The boundary of points (N, 3) in local metres; `spacing` is their mean distance in plan (m).
+
+    `not_last` (N,) are the points whose pulses came back once more from below, where the scan says so: they
+    tell how wide the beam is, which places points beyond an edge.
 
     Examples
     --------
@@ -58,11 +63,15 @@ def trace_outline(
     """
     outliner = resolve_method("outline", method)
     assert isinstance(outliner, OutlineMethod)
-    good = points[np.isfinite(points).all(axis=1)]
+    finite = np.isfinite(points).all(axis=1)
+    good = points[finite]
     good = good[canonical_order(good)]
     if len(np.unique(good[:, :2], axis=0)) < MIN_POINTS:
         return Failure("too_few_points", f"{len(good)} points have no outline", "outline")
-    return outliner.trace(good, spacing, emitter(debug))
+    boundary = outliner.trace(good, spacing, emitter(debug))
+    if isinstance(boundary, Failure) or not_last is None:
+        return boundary
+    return replace(boundary, not_last=points[finite & not_last])
 
 
 def regularise_outlines(

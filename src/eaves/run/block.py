@@ -6,7 +6,7 @@ import numpy as np
 
 from eaves.detect import detect_buildings
 from eaves.ground import classify_ground
-from eaves.model import Block, Bounds, PointCloud, Raster, Regions
+from eaves.model import Block, Bounds, Mask, PointCloud, Raster, Regions
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import make_scene
 from eaves.run.clock import Clock
@@ -45,6 +45,7 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
         classification=cloud.classification[inside],
         label=regions.label[inside],
         part=part[inside],
+        not_last=not_last(cloud)[inside],
         height=scene.height[inside].astype(np.float32),
         score=regions.score,
         dtm=crop(scene.dtm, core),
@@ -54,6 +55,13 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
         seam_label=regions.label[seam],
         seconds=clock.laps,
     )
+
+
+def not_last(cloud: PointCloud) -> Mask:
+    """The points (N,) whose pulses came back once more from below; none where the scan does not say."""
+    if cloud.return_number is None or cloud.number_of_returns is None:
+        return np.zeros(len(cloud), bool)
+    return np.asarray(cloud.return_number < cloud.number_of_returns)
 
 
 def crop(raster: Raster, bounds: Bounds) -> Raster:
