@@ -15,6 +15,7 @@ from .glb import write_glb as write_glb
 from .inputs import find_inputs as find_inputs
 from .mosaic import MosaicWriter as MosaicWriter
 from .obj import write_obj as write_obj
+from .obj_wireframe import write_obj_wireframe as write_obj_wireframe
 from .parquet import write_geoparquet as write_geoparquet
 from .source import Source as Source
 from .source import common_system as common_system

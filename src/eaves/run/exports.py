@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
-from eaves.formats import write_3dtiles, write_cityjson, write_geoparquet, write_glb, write_obj
+from eaves.formats import (
+    write_3dtiles,
+    write_cityjson,
+    write_geoparquet,
+    write_glb,
+    write_obj,
+    write_obj_wireframe,
+)
 from eaves.formats.geopackage import Row, write_polygons
 from eaves.formats.parquet import require_pyarrow
 from eaves.model import BuildingModel, CoordinateSystem, Failure
@@ -18,6 +25,7 @@ FOOTPRINT_FILES = {
 MODEL_FILES = {
     "cityjson": (write_cityjson, "buildings.city.json"),
     "obj": (write_obj, "buildings.obj"),
+    "obj-wireframe": (write_obj_wireframe, "wireframe.obj"),
     "glb": (write_glb, "buildings.glb"),
     "3dtiles": (write_3dtiles, "3dtiles"),
 }
