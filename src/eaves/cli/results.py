@@ -42,7 +42,7 @@ def check(
 
 
 def evaluate(
-    what: Annotated[str, typer.Argument(help="ground, detection, footprints, planes or models.")],
+    what: Annotated[str, typer.Argument(help="ground, detection, footprints, planes, models or wireframe.")],
     result: Annotated[Path, typer.Argument(help="What is judged: a file that eaves or another wrote.")],
     reference: Annotated[Path, typer.Argument(help="What it is held against.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for JSON, rows and maps.")] = None,

@@ -57,6 +57,11 @@ class Agreement:
         return ratio(self.correct, self.result)
 
     @property
+    def f1(self) -> float:
+        """The harmonic mean of completeness and correctness."""
+        return ratio(2.0 * self.completeness * self.correctness, self.completeness + self.correctness)
+
+    @property
     def quality(self) -> float:
         """TP / (TP + FN + FP), written so that it holds for both counts of TP [rutzinger2009], eq. 3."""
         one, two = self.completeness, self.correctness

@@ -33,6 +33,8 @@ class Boundary:
         All points of the region (local m).
     spacing : float
         Mean distance (m) of the points in plan.
+    not_last : ndarray (K, 3) or None
+        Those of the points whose pulses have a later return; None where the scan does not say.
 
     Examples
     --------
@@ -46,6 +48,7 @@ class Boundary:
     rings: tuple[NDArray[np.float64], ...]
     points: Points
     spacing: float
+    not_last: Points | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,8 @@ class BlockResult:
     classification: NDArray[np.uint8]
     label: Labels
     part: NDArray[np.uint8]
+    not_last: NDArray[np.bool_]
+    """Whether the pulse came back once more from below."""
     height: NDArray[np.float32]
     score: NDArray[np.float64]
     """Of each label, (K,)."""
@@ -61,6 +63,13 @@ class BuildingPoints:
     """The detected block that the building is a unit of; None for one that is a block of its own."""
     wall_certainty: float | None = None
     """Probability of the least sure party wall that was found on it, None where none was."""
+    not_last: NDArray[np.bool_] | None = None
+    """Points whose pulses came back once more from below."""
+
+    @property
+    def roof_not_last(self) -> NDArray[np.bool_] | None:
+        """Which of `roof_points` (M,) came back once more from below; None where it is not known."""
+        return None if self.not_last is None else np.asarray(self.not_last[self.part != WALL])
 
     @property
     def roof_points(self) -> Points:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -11,7 +12,7 @@ from shapely import Polygon
 
 from eaves.geometry.polygons import as_polygon
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
-from eaves.model import Boundary, Failure, Footprint, Points
+from eaves.model import Boundary, Failure, Footprint, Mask, Points
 from eaves.model.checks import check_points, check_positive, check_type
 from eaves.model.cloud import canonical_order
 
@@ -49,6 +50,7 @@ def trace_outline(
     spacing: float,
     method: MethodChoice = None,
     *,
+    not_last: Mask | None = None,
     debug: str | Path | Emit | None = None,
 ) -> Boundary | Failure:
     """The boundary of the points of one region.
@@ -61,6 +63,9 @@ def trace_outline(
         Mean distance (m, > 0) of the points in plan.
     method : OutlineMethod, str, mapping or None
         The method, its name, or its parameters; None is `GlobalFit()`.
+    not_last : ndarray (N,) of bool or None
+        The points whose pulses have a later return, where the scan says so: they show the width of the beam,
+        which places points beyond an edge.
     debug : str, Path, callable or None
         A folder or a callback `(name, value)` that receives every named intermediate.
 
@@ -91,12 +96,16 @@ def trace_outline(
     check_positive(spacing, "spacing")
     outliner = resolve_method("outline", method)
     assert isinstance(outliner, OutlineMethod)
-    good = points[np.isfinite(points).all(axis=1)]
+    finite = np.isfinite(points).all(axis=1)
+    good = points[finite]
     good = good[canonical_order(good)]
     if (places := len(np.unique(good[:, :2], axis=0))) < MIN_POINTS:
         reason = f"{len(good)} points at {places} places have no outline; {MIN_POINTS} places are needed"
         return Failure("too_few_points", reason, "outline")
-    return outliner.trace(good, spacing, emitter(debug))
+    boundary = outliner.trace(good, spacing, emitter(debug))
+    if isinstance(boundary, Failure) or not_last is None:
+        return boundary
+    return replace(boundary, not_last=points[finite & not_last])
 
 
 def regularise_outlines(

@@ -7,7 +7,7 @@ import numpy as np
 from eaves.detect import detect_buildings
 from eaves.ground import classify_ground
 from eaves.ground.toolkit.wide_objects import WideObjects
-from eaves.model import Block, Bounds, PointCloud, Raster, Regions
+from eaves.model import Block, Bounds, Mask, PointCloud, Raster, Regions
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import scene_of
@@ -51,6 +51,7 @@ def block_pass(
         classification=cloud.classification[inside],
         label=regions.label[inside],
         part=part[inside],
+        not_last=not_last(cloud)[inside],
         height=scene.height[inside].astype(np.float32),
         score=regions.score,
         dtm=crop(scene.dtm, core),
@@ -69,6 +70,13 @@ def block_pass(
 def holds(bounds: Bounds, doubt: Doubt) -> bool:
     """Whether a doubt lies within bounds: of neighbouring blocks only one has it."""
     return bool(bounds.contains(np.array([[doubt.x, doubt.y]]))[0])
+
+
+def not_last(cloud: PointCloud) -> Mask:
+    """The points (N,) whose pulses came back once more from below; none where the scan does not say."""
+    if cloud.return_number is None or cloud.number_of_returns is None:
+        return np.zeros(len(cloud), bool)
+    return np.asarray(cloud.return_number < cloud.number_of_returns)
 
 
 def crop(raster: Raster, bounds: Bounds) -> Raster:

@@ -37,6 +37,8 @@ class Candidates:
     score: NDArray[np.float64]
     """Of each label, (K,)."""
     spacing: float
+    not_last: NDArray[np.bool_]
+    """Whether the pulse came back once more from below."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +74,7 @@ def save_block(path: Path, result: BlockResult) -> None:
         "quanta": np.round(result.xyz[some] / GRID_STEP).astype(np.int32),
         "label": result.label[some],
         "high": high[some],
+        "not_last": result.not_last[some],
         "score": result.score,
         "dtm": result.dtm.values,
         "dsm": result.dsm.values,
@@ -136,4 +139,5 @@ class BlockFile:
             self["high"],
             self["score"],
             self.about["spacing"],
+            self["not_last"],
         )
