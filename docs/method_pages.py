@@ -18,9 +18,15 @@ STAGES = {
     "ground": "Ground",
     "detect": "Detection",
     "outline": "Outlines",
+    "units": "Units",
     "roof": "Roof planes",
     "reconstruct": "Reconstruction",
 }
+
+
+def option_of(stage: str) -> str:
+    """The option of `eaves build` that names a stage's method."""
+    return "--units" if stage == "units" else f"--{stage}-method"
 
 
 def method_page(stage: str, name: str, docs: Path) -> str:
@@ -28,7 +34,7 @@ def method_page(stage: str, name: str, docs: Path) -> str:
     cls = method_class(stage, name)
     lines = [f"# {stage}/{name}", "", f"*{sentence(cls.idea)}*"]
     lines += ["", f"`{cls.__module__}.{cls.__name__}`" + (", the default" if DEFAULTS[stage] == name else "")]
-    lines += ["", f"```\neaves build tile.laz -o out --{stage}-method {name}\n```"]
+    lines += ["", f"```\neaves build tile.laz -o out {option_of(stage)} {name}\n```"]
     sections = split_sections(inspect.getdoc(cls) or "")
     for title, text in sections:
         if title in ("Parameters", "References"):

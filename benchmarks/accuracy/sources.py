@@ -190,11 +190,12 @@ def main() -> None:
 
 NOTE = """Each row is one `eaves build --source NAME [--as-published]` from unclassified points in bare files.
 Completeness, correctness and IoU per area: the classified points written, cells of 0.5 m, a cell being its
-highest point, against the vendor's class 6; objects: of the footprints written, completeness/correctness over
-10 m². At LoD 2.2: by the chain's own method, not by a prism it fell back to. CPU seconds of the whole
-command, reading, writing and the start of Python included. As published: a number where the document prints
-one, our default where it prints none, and no step of ours that can be switched off. The derived defaults of
-the five detectors were chosen while looking at Delft and ign_urban; all other sets are blind tests."""
+highest point, against the vendor's class 6; objects: of the footprints written, completeness/correctness
+over 10 m². At LoD 2.2: by the chain's own method, not by a prism it fell back to. CPU seconds of the whole
+command, reading, writing and the start of Python included. As published: a number where the document
+prints one, our default where it prints none, and no step of ours that can be switched off. The derived
+defaults of the five detectors were chosen while looking at Delft and ign_urban; all other sets are blind
+tests of them."""
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from eaves.cli.options import (
     Snap,
     SourceName,
     Strict,
+    Units,
     with_run_words,
 )
 from eaves.cli.runs import finish, run_build, start_log
@@ -45,6 +46,7 @@ def build(
     ground_method: MethodName = None,
     detect_method: MethodName = None,
     outline_method: MethodName = None,
+    units: Units = None,
     roof_method: MethodName = None,
     reconstruct_method: MethodName = None,
     formats: Formats = "",
@@ -53,7 +55,7 @@ def build(
 ) -> None:
     """Points in; footprints, 3D buildings and a report out. Also rasters and the classified points."""
     names = {"ground": ground_method, "detect": detect_method, "outline": outline_method}
-    names |= {"roof": roof_method, "reconstruct": reconstruct_method}
+    names |= {"units": units, "roof": roof_method, "reconstruct": reconstruct_method}
     summary = run_build(
         inputs,
         out,

@@ -40,6 +40,8 @@ class Contours(Detector):
     buildings; only then the size threshold removes what is left of it. The cores grow back, cell by cell, to
     the whole building.
 
+    Formula
+    -------
     Quadratic gradient of a cell: Δ²·√(z_xx² + 2 z_xy² + z_yy²), the second differences of the surface (m).
 
     Fidelity

@@ -39,6 +39,8 @@ class HeightTexture(Detector):
     not. The components grow back over cells around which some are smooth and over their rims; all raw points
     in them are the answer. First returns alone are enough.
 
+    Formula
+    -------
     Texture: standard deviation of the nine heights of a three by three window about their plane.
 
     Fidelity

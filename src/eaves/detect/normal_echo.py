@@ -37,6 +37,8 @@ class NormalEcho(Detector):
     ratio of width to height and mean density remove trees, and the share of points of high curvature decides.
     Walls and trees are kept as parts of the answer.
 
+    Formula
+    -------
     C = 1/k Σ(pᵢ-p̄)(pᵢ-p̄)ᵀ (eq. 1); f_mr = Σ(return number > 1)/Σ points (eq. 2);
     σ = λ₀/(λ₀+λ₁+λ₂) (eq. 3).
 
@@ -140,7 +142,7 @@ class NormalEcho(Detector):
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
         cloud = scene.cloud
         number = np.zeros(len(cloud), np.int32)
-        part = np.where(cloud.noise, NOISE, self.told_apart(scene)).astype(np.uint8)
+        part = np.where(cloud.noise, NOISE, self.separate(scene)).astype(np.uint8)
         off = np.flatnonzero(~cloud.ground & (scene.height >= self.min_height))
         part[cloud.ground | ((scene.height < self.min_height) & (part != WALL))] = 0
         emit("walls", cloud.xyz[part == WALL])
@@ -160,7 +162,7 @@ class NormalEcho(Detector):
         self.claim(cloud.xyz, off, number, part)
         return Regions(number, score, part)
 
-    def told_apart(self, scene: Scene) -> NDArray[np.uint8]:
+    def separate(self, scene: Scene) -> NDArray[np.uint8]:
         """WALL, TREE, NOISE or 0 (N,): what the ground filter of the paper found, else found here."""
         if scene.cloud.part is not None:
             return scene.cloud.part

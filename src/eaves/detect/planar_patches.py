@@ -32,6 +32,8 @@ class PlanarPatches(Detector):
     building's contour encloses belongs to it, courtyards apart: points in there that stand `min_height` above
     the terrain are its roof.
 
+    Formula
+    -------
     A cell is a patch when RMSE(cell) < `max_rmse` and mean(z) - mean(DTM) ≥ `min_height`; it joins a plane
     when more than `join_points` of its points, or `join_share` of them, have |z - plane(x, y)| <
     `max_distance`.

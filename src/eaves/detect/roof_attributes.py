@@ -40,6 +40,8 @@ class RoofAttributes(Detector):
     normal. Groups of roof-like cells too small or too narrow for a building are opened away, and those that
     stay are reconstructed by dilation under the normalised surface.
 
+    Formula
+    -------
     |n| = √{[Δy(z₀₁+z₀₀-z₁₁-z₁₀)]² + [Δx(z₀₁+z₁₁-z₁₀-z₀₀)]² + 4(ΔxΔy)²} (eq. 1) and
     R = ½|z₁₁+z₀₀-z₀₁-z₁₀| (eq. 2); the index i runs along x. On a plane 2ΔxΔy/|n| is the cosine of the slope.
 

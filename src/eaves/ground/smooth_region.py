@@ -34,12 +34,14 @@ class SmoothRegion(GroundMethod):
 
     The mask (N,) of the ground points.
 
-    Every point gets the normal of the plane through its neighbours, from the smallest eigenvector of
-    their covariance [xiao2014, eq. 1]. Walls, whose normals are horizontal, leave first; then trees, where
+    Every point gets the normal of the plane through its neighbours, from the smallest eigenvector of their
+    covariance [xiao2014, eq. 1]. Walls, whose normals are horizontal, are removed first; then trees, where
     many echoes are second or later ones (eq. 2). Normals are computed again on what remains, so that roofs
-    and ground are no longer spoilt by what touches them. Neighbours of like normals form one region, and
-    the region of the largest area is ground. Small regions are noise: outliers and crowns.
+    and ground are no longer spoilt by what touches them. Neighbours of like normals form one region, and the
+    region of the largest area is ground. Small regions are noise: outliers and crowns.
 
+    Formula
+    -------
     ::
 
         C = 1/k Σ (p_i − p̄)(p_i − p̄)ᵀ                    (eq. 1)
@@ -116,9 +118,9 @@ class SmoothRegion(GroundMethod):
         return 60.0
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
-        return self.told_apart(cloud, emit)[0]
+        return self.separate(cloud, emit)[0]
 
-    def told_apart(self, cloud: PointCloud, emit: Emit = ignore) -> tuple[Mask, NDArray[np.uint8] | None]:
+    def separate(self, cloud: PointCloud, emit: Emit = ignore) -> tuple[Mask, NDArray[np.uint8] | None]:
         ground = np.zeros(len(cloud), bool)
         if len(cloud) <= self.neighbours:
             return ground, None
@@ -151,7 +153,7 @@ class SmoothRegion(GroundMethod):
             if len(rest) == 0:
                 return
             tin, nearest = Tin(xyz[ground]), cKDTree(xyz[ground, :2])
-            base = tin.interpolated(xyz[ground, 2], xyz[rest])
+            base = tin.interpolate(xyz[ground, 2], xyz[rest])
             outside = np.flatnonzero(np.isnan(base))
             base[outside] = xyz[ground[nearest.query(xyz[rest[outside], :2])[1]], 2]
             above = xyz[rest, 2] - base

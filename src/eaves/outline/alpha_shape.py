@@ -26,22 +26,26 @@ class AlphaShape(OutlineMethod):
     and are dropped; larger ones are courtyards. The zigzag of single points is taken out by Douglas and
     Peucker's simplification.
 
-    Parameters
-    ----------
-    alpha, min_hole, tolerance : see their declarations.
+    Formula
+    -------
+    ∪ { Delaunay triangles of the points with circumscribed radius ≤ α }
 
-    BlockMetadata
-    -----
-    *Fidelity.* The document [chen_sun_vaihingen] gives alpha = 2.4 m and 50 m², and does not define alpha:
+    Fidelity
+    --------
+    The document [chen_sun_vaihingen] gives alpha = 2.4 m and 50 m², and does not define alpha:
     it is taken as the radius of the largest empty disc. Derived from the spacing it is 4.8 times that, 2.4
     m at the document's 4 points/m². Simplification is ours (the document shows raw contours);
     where a gap in the points would leave more than a twentieth of them outside, alpha is widened by steps of
     1.5, which is ours too. `as_published` leaves both out.
 
-    *Fails where* a notch or a passage is narrower than twice alpha (it is filled), and at edges: the
+    Fails where
+    -----------
+    a notch or a passage is narrower than twice alpha (it is filled), and at edges: the
     outline passes through the outermost points and so lies about half a spacing inside the eaves.
 
-    *Complexity.* O(N log N), the Delaunay triangulation.
+    Complexity
+    ----------
+    O(N log N), the Delaunay triangulation.
 
     References
     ----------
