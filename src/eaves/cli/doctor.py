@@ -31,8 +31,8 @@ def describe_installation() -> Iterator[str]:
     """Lines on what is installed and what it runs on."""
     import pyogrio
     import pyproj
-    from pyproj.datadir import get_user_data_dir  # type: ignore[attr-defined]
     import rasterio
+    from pyproj.datadir import get_user_data_dir  # type: ignore[attr-defined]
 
     yield f"eaves {version('eaves')}, Python {platform.python_version()}, {platform.platform()}"
     yield "libraries: " + ", ".join(f"{name} {version_of(name)}" for name in LIBRARIES)

@@ -26,8 +26,23 @@ def validate(
     raise typer.Exit(INCOMPLETE if findings else COMPLETE)
 
 
+def check(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    quiet: Quiet = False,
+) -> None:
+    """Whether results are whole and unchanged. Exit status 1 when something is not as the run left it."""
+    from eaves.run.manifest import check_folder, read_manifest
+
+    wrong = check_folder(folder)
+    for line in wrong:
+        typer.echo(line)
+    if not quiet and not wrong:
+        typer.echo(f"{folder}: whole, {len(read_manifest(folder)['files'])} files as the run wrote them")
+    raise typer.Exit(INCOMPLETE if wrong else COMPLETE)
+
+
 def evaluate(
-    what: Annotated[str, typer.Argument(help="ground, detection, footprints, planes or models.")],
+    what: Annotated[str, typer.Argument(help="ground, detection, footprints, planes, models or wireframe.")],
     result: Annotated[Path, typer.Argument(help="What is judged: a file that eaves or another wrote.")],
     reference: Annotated[Path, typer.Argument(help="What it is held against.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for JSON, rows and maps.")] = None,

@@ -17,6 +17,7 @@ from .inputs import find_inputs as find_inputs
 from .lod_layers import write_lod_layers as write_lod_layers
 from .mosaic import MosaicWriter as MosaicWriter
 from .obj import write_obj as write_obj
+from .obj_wireframe import write_obj_wireframe as write_obj_wireframe
 from .parquet import write_geoparquet as write_geoparquet
 from .postgis import write_postgis as write_postgis
 from .source import Source as Source

@@ -29,16 +29,26 @@ DECIMALS = 4
 def write_obj(
     path: str | Path, models: Iterable[BuildingModel | Failure], system: CoordinateSystem = LOCAL_METRES
 ) -> int:
-    """Write `path` (`.obj`) and the materials beside it (`.mtl`); return the number of buildings with a mesh.
+    """Write the meshes of buildings (`.obj`) and the materials beside them (`.mtl`).
 
     Parameters
     ----------
-    path
+    path : str or Path
         The file; it appears when it is whole.
-    models
+    models : iterable of BuildingModel or Failure
         Buildings in metres about their footprint's origin, taken one by one.
-    system
+    system : CoordinateSystem
         Coordinate system whose units the coordinates are in.
+
+    Returns
+    -------
+    int
+        The number of buildings with a mesh.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------

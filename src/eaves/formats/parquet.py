@@ -36,13 +36,23 @@ def require_pyarrow() -> None:
 
 
 def write_geoparquet(path: str | Path, rows: Sequence[Row], system: CoordinateSystem = LOCAL_METRES) -> None:
-    """Write one row a feature: its attributes, `geometry` as WKB in the system's units, `bbox` for fast
-    windows. Columns have the types that `write_geopackage` gives them.
+    """Write one row a feature: its attributes, `geometry` (WKB in the system's units) and `bbox`.
+
+    Columns have the types that `write_geopackage` gives them.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file (`.parquet`); it appears when it is whole.
+    rows : sequence of Row
+        Geometry in world metres and attributes of each feature.
+    system : CoordinateSystem
+        Reference system of the file.
 
     Raises
     ------
     InputError
-        When pyarrow is not installed.
+        When pyarrow is not installed, or the folder cannot be written.
 
     Examples
     --------
@@ -80,7 +90,7 @@ def write_geoparquet(path: str | Path, rows: Sequence[Row], system: CoordinateSy
 def geo_metadata(
     shapes: np.ndarray[Any, Any], corners: np.ndarray[Any, Any], system: CoordinateSystem
 ) -> dict[str, Any]:
-    """The `geo` entry of the file's metadata, as the specification wants it."""
+    """The `geo` entry of the file's metadata, after the specification."""
     crs = horizontal_crs(system)
     column: dict[str, Any] = {
         "encoding": "WKB",

@@ -1,4 +1,4 @@
-"""A run's results as notebooks want them: an HTML summary, GeoDataFrames, arrays, meshes."""
+"""A run's results for notebooks: an HTML summary, GeoDataFrames, arrays, meshes."""
 
 from __future__ import annotations
 
@@ -21,16 +21,43 @@ from eaves.report.sample import Sample, classified_files, sample_points
 from eaves.report.surfaces import CityFaces, cut_into_triangles, iter_city_faces
 
 FILE_DIGITS = 4
-"""Decimals (m) that tell a file's corners apart; rounded to them, those of neighbouring faces are one."""
+"""Decimals (m) of a file's corners; rounded to them, those of neighbouring faces are one."""
 
 
 @dataclass(frozen=True)
 class Results(Summary):
-    """What a run found and wrote, with its results as notebooks want them."""
+    """What a run found and wrote, with its results as tables, arrays and meshes for notebooks.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the outputs are.
+    points, found, modelled : int
+        Numbers of points, of buildings, and of buildings with a model.
+    by_lod, failures, fallbacks : dict of str to int
+        Models by level of detail; buildings without a model, and with a coarser one than asked for, by code.
+    seconds : dict of str to float
+        Time (s) of each step, over all processes.
+    elapsed : float
+        Time (s) from start to end.
+    files : tuple of Path
+        The files written.
+    failed : tuple of str
+        Inputs and blocks that could not be used, with the reason.
+    run : dict
+        The content of run.json.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from eaves import Results
+    >>> Results(Path("out"), 1000, 2, 2, {"2.2": 2}, {}, {}, {}, 1.5, ()).found
+    2
+    """
 
     @classmethod
     def of(cls, summary: Summary) -> Self:
-        """The same, with more to ask."""
+        """The same, with the tables, arrays and meshes."""
         return cls(**vars(summary))
 
     def _repr_html_(self) -> str:

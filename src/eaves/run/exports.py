@@ -14,6 +14,7 @@ from eaves.formats import (
     write_glb,
     write_lod_layers,
     write_obj,
+    write_obj_wireframe,
 )
 from eaves.formats.citygml import write_citygml3
 from eaves.formats.geopackage import Row, write_polygons
@@ -33,6 +34,7 @@ ROOF_FILES: dict[str, tuple[Writer, str]] = {
 MODEL_FILES: dict[str, tuple[Writer, str]] = {
     "cityjson": (write_cityjson, "buildings.city.json"),
     "obj": (write_obj, "buildings.obj"),
+    "obj-wireframe": (write_obj_wireframe, "wireframe.obj"),
     "glb": (write_glb, "buildings.glb"),
     "gpkg": (write_lod_layers, "buildings.gpkg"),
     "citygml": (write_citygml, "buildings.gml"),
@@ -82,4 +84,5 @@ def export_models(
         if name in names:
             write(folder / file, models(), system)
             written.append(folder / file / "tileset.json" if name == "3dtiles" else folder / file)
+            written += [folder / "buildings.mtl"] if name == "obj" else []
     return written
