@@ -113,17 +113,50 @@ class Solid:
 
 
 @dataclass(frozen=True, eq=False)
+class Installation:
+    """An object on a roof that the building's solids leave out: a block over its outline in plan."""
+
+    kind: str
+    """`chimney`, `dormer`, `plant` or `lift_housing`, by its size and the roof it stands on."""
+    polygon: Polygon
+    """Its outline, in metres about the footprint's origin."""
+    base: float
+    """Lowest roof under it (m)."""
+    top: float
+    """Height of its top (m)."""
+    height: float
+    """Median height of its points over the roof (m)."""
+    points: int
+    """Points that show it."""
+
+    @property
+    def solid(self) -> Solid:
+        """The block from the lowest roof under the object to its top."""
+        ring = np.asarray(shapely.orient_polygons(self.polygon).exterior.coords)[:-1, :2]
+        count = len(ring)
+        vertices = np.vstack([np.column_stack([ring, np.full(count, z)]) for z in (self.base, self.top)])
+        faces = [Face((tuple(range(count - 1, -1, -1)),), GROUND_SURFACE)]
+        faces.append(Face((tuple(range(count, 2 * count)),), ROOF_SURFACE))
+        for corner in range(count):
+            after = (corner + 1) % count
+            faces.append(Face(((corner, after, count + after, count + corner),), WALL_SURFACE))
+        return Solid(np.round(vertices, 3), tuple(faces))
+
+
+@dataclass(frozen=True, eq=False)
 class BuildingModel:
     """A building at one or more levels of detail.
 
     `solids[lod]` holds the parts of the building at that level: one, or several where one solid would touch
-    itself. `planes` are the roof planes the finest level stands on.
+    itself. `planes` are the roof planes the finest level stands on, `installations` what stands on
+    the roof beside the solids.
     """
 
     footprint: Footprint
     solids: dict[str, tuple[Solid, ...]]
     planes: tuple[RoofPlane, ...] = ()
     attributes: dict[str, Any] = field(default_factory=dict)
+    installations: tuple[Installation, ...] = ()
 
     @property
     def lod(self) -> str:
