@@ -1,4 +1,4 @@
-"""The commands that look at results: validate, evaluate, view, plot."""
+"""The commands that take results further: validate, evaluate, view, plot, load."""
 
 from __future__ import annotations
 
@@ -24,6 +24,21 @@ def validate(
     if not quiet:
         typer.echo(f"{file}: {len(findings)} findings" if findings else f"{file}: valid, no findings")
     raise typer.Exit(INCOMPLETE if findings else COMPLETE)
+
+
+def check(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    quiet: Quiet = False,
+) -> None:
+    """Whether results are whole and unchanged. Exit status 1 when something is not as the run left it."""
+    from eaves.run.manifest import check_folder, read_manifest
+
+    wrong = check_folder(folder)
+    for line in wrong:
+        typer.echo(line)
+    if not quiet and not wrong:
+        typer.echo(f"{folder}: whole, {len(read_manifest(folder)['files'])} files as the run wrote them")
+    raise typer.Exit(INCOMPLETE if wrong else COMPLETE)
 
 
 def evaluate(
@@ -83,3 +98,19 @@ def plot(
     path = plot_run(folder, out, what, reference=reference, building=building, size_cm=size, dpi=dpi)
     if not quiet:
         typer.echo(f"picture: {path}")
+
+
+def load(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    address: Annotated[str, typer.Argument(help="postgresql://user@host:port/database")],
+    schema: Annotated[str, typer.Option(help="Where the tables go.")] = "eaves",
+    replace: Annotated[bool, typer.Option("--replace", help="Make tables anew that are there.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """The results of a run into PostGIS. Tables footprints, roof_planes and surfaces, all or nothing."""
+    from eaves.formats import write_postgis
+
+    start_log(quiet)
+    counts = write_postgis(folder, address, schema, replace)
+    if not quiet:
+        typer.echo(", ".join(f"{schema}.{table}: {count:,} rows" for table, count in counts.items()))

@@ -15,6 +15,7 @@ from eaves.evaluate.report import Evaluation
 from eaves.evaluate.scores import Agreement, ratio
 from eaves.formats import InputError
 from eaves.model import Points
+from eaves.model.checks import check_positive
 
 CORNER_RADIUS = 1.0
 """Corners this near (m) or nearer are the same one."""
@@ -34,7 +35,21 @@ NOTHING = Wireframe(np.zeros((0, 3)), np.zeros((0, 2), np.int64))
 
 @dataclass(frozen=True)
 class WireframeScore:
-    """Corners and edges found; mean distance (m) of the corners that are the same."""
+    """Scores of a wireframe.
+
+    Parameters
+    ----------
+    corners, edges : Agreement
+        By number of corners and of edges.
+    corner_offset_m : float
+        Mean distance (m) of the paired corners; NaN without any.
+
+    Examples
+    --------
+    >>> from eaves.evaluate import Agreement, WireframeScore
+    >>> WireframeScore(Agreement(4, 4, 4, 5), Agreement(4, 4, 4, 6), 0.1).corners.correctness
+    0.8
+    """
 
     corners: Agreement
     edges: Agreement
@@ -44,8 +59,29 @@ class WireframeScore:
 def evaluate_wireframe(
     result: Wireframe, reference: Wireframe, radius: float = CORNER_RADIUS
 ) -> WireframeScore:
-    """Scores of a wireframe: corners are paired one to one by least total distance; an edge is found when
-    both its corners are and the reference joins them.
+    """Scores of a wireframe.
+
+    Corners are paired one to one by least total distance; an edge is found when both its corners are paired
+    and the reference joins them.
+
+    Parameters
+    ----------
+    result, reference : Wireframe
+        Corners (V, 3) in metres of one system, and edges (E, 2) between them.
+    radius : float
+        Largest distance (m, > 0) of a pair of corners.
+
+    Returns
+    -------
+    WireframeScore
+        Agreement of corners and edges, and the mean distance of the pairs.
+
+    Raises
+    ------
+    TypeError
+        When `radius` is no number.
+    ValueError
+        When `radius` is not above 0.
 
     Examples
     --------
@@ -58,9 +94,10 @@ def evaluate_wireframe(
     >>> score.corners.completeness, round(score.corner_offset_m, 2)
     (1.0, 0.17)
     """
+    check_positive(radius, "radius")
     distance = cdist(result.corners, reference.corners)
-    price = np.where(distance <= radius, distance, 1e6)
-    one, two = linear_sum_assignment(price)
+    cost = np.where(distance <= radius, distance, 1e6)
+    one, two = linear_sum_assignment(cost)
     good = distance[one, two] <= radius
     one, two = one[good], two[good]
     partner = np.full(len(result.corners), -1)

@@ -14,7 +14,7 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Values
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.attributes import Surface, describe, surface_heights
-from eaves.reconstruct.toolkit.cell_labels import Prices, label_cells
+from eaves.reconstruct.toolkit.cell_labels import Prices, hold_down, label_cells
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
@@ -48,7 +48,7 @@ class Arrangement(Reconstructor):
     of two planes, the sides of planes that are rectangles, and the footprint itself; lines that nearly
     coincide become one, and each is lengthened to the next, so that it cuts. All is rounded to a 1 mm
     grid by snap rounding, which keeps the plan a plan. A graph cut gives every cell the plane that fits
-    its points, at a price for each metre of border, most where heights jump, and for each plane, and
+    its points, at a cost for each metre of border, most where heights jump, and for each plane, and
     never one that would leave the heights its own points support. Cells with one plane are merged,
     slivers and short edges go, and the plan is raised with vertices that all faces share. The coarser
     levels merge the same cells further: LoD 2.0 labels them at higher prices, 1.3 and 1.2 level them.
@@ -139,7 +139,7 @@ class Arrangement(Reconstructor):
         0.4, "Least height of such an object over the roof.", unit="m", gt=0.0
     )
     level_jump: float = parameter(
-        3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", published=3.0, gt=0.0
+        3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", gt=0.0
     )
     simple_price: float = parameter(
         8.0, "Price of a plane in use at LoD 2.0, in square metres of misfit.", unit="m2", ge=0.0
@@ -148,7 +148,6 @@ class Arrangement(Reconstructor):
         10.0,
         "Area of the smallest roof face at LoD 2.0; at most an eighth of the footprint.",
         unit="m2",
-        published=10.0,
         ge=0.0,
     )
     least_fit: float = parameter(
@@ -182,7 +181,10 @@ class Arrangement(Reconstructor):
         emit("plane of each cell", chosen)
         smallest_face = max(SMALLEST, min(self.smallest, self.smallest_points * spacing**2))
         limits = (smallest_face, max(NARROWEST, self.narrowest * spacing))
-        fine = raise_plan(plan, chosen, coefficients, ground, *limits)
+        known = (roof, labels, coefficients, spacing, ground, prices)
+        fine = raise_plan(
+            plan, chosen, coefficients, ground, *limits, lambda tidied, kept: hold_down(tidied, kept, *known)
+        )
         solids = coarse_solids(plan, roof, ground, self.level_jump, limits)
         errors = {lod: errors_of(surface_heights(parts, roof[:, :2]), roof) for lod, parts in solids.items()}
         if planes and plan.count > 1:

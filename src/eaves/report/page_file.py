@@ -29,7 +29,7 @@ from eaves.report.contents import Contents, local_rings, read_contents
 from eaves.report.sample import PointSample
 from eaves.report.surfaces import CityFace, cut_into_triangles, edges_of, in_pieces
 
-SCRIPTS = ("arrays", "camera", "draw", "pace", "pick", "colours", "table", "charts", "main", "listen")
+SCRIPTS = ("arrays", "camera", "draw", "pace", "pick", "colours", "table", "charts", "main", "events")
 COLUMNS = {
     "id": "id",
     "lod": "LoD",
@@ -113,7 +113,7 @@ def iter_data(contents: Contents) -> Iterator[str]:
 
 def as_json(value: Any) -> str:
     """JSON that no browser takes for the end of the script."""
-    return json.dumps(value, separators=(",", ":")).replace("</", "<\\/")
+    return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def say_shown(contents: Contents) -> str:
@@ -217,7 +217,7 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
 
 def millimetres(xyz: Points) -> NDArray[np.int32]:
     """Coordinates as whole millimetres."""
-    whole = xyz * MILLIMETRES
+    whole = np.clip(xyz * MILLIMETRES, -UNKNOWN_HEIGHT, UNKNOWN_HEIGHT)
     return np.asarray(np.rint(whole, out=whole), np.int32)
 
 

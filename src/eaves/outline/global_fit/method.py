@@ -39,16 +39,18 @@ CORNER_REACH = 4.0
 
 
 class GlobalFit(OutlineMethod):
-    """The outline a draughtsman would draw through the points.
+    """The closed polyline of least cost through the boundary of the points.
 
     The alpha shape with a small disc gives the boundary points in order. Of all closed polylines along them
     the cheapest is taken: half the squared distance of every point to its edge, in units of its scatter,
-    plus a price per edge; the first pass lets every edge run freely, the second offers the directions that
-    several edges of the first agree on at a lower price, so that right angles and parallels appear where
+    plus a cost per edge; the first pass lets every edge run freely, the second offers the directions that
+    several edges of the first agree on at a lower cost, so that right angles and parallels appear where
     the points support them and nowhere else. Edges with a common direction are then fitted together;
     corners are intersections; edges and jogs below `detail` go. At last every edge moves to the place where
     the points behind it end, which corrects the half spacing that points stay inside.
 
+    Formula
+    -------
     The cost of a polyline with K edges, F of them free, along M boundary points is
 
         Σ_points d² / 2σ² + price · log M · K + angle_price · F,    σ² = (scatter · spacing)² + blur²
@@ -57,9 +59,9 @@ class GlobalFit(OutlineMethod):
     k-th point after it, for k = 1 with gaps g between the points' depths Σ g² / 2 Σ g: 1/density for random
     points, half the distance of scan lines that run along the edge.
 
-    BlockMetadata
-    -----
-    *Fidelity.* The polyline is the optimal polygonal approximation of [perez_vidal1994] with a price per
+    Fidelity
+    --------
+    The polyline is the optimal polygonal approximation of [perez_vidal1994] with a cost per
     edge in place of a number of edges; that a shared direction costs less follows the description length of
     [jung2017]; the mean distance ahead is the forward recurrence time of [cox1962]. The combination is
     ours.
@@ -73,10 +75,14 @@ class GlobalFit(OutlineMethod):
     width of a strip they would fill at the roof's density. Where the scan says nothing of returns, or a
     pulse has one only, it is 0, and edges lie outside by up to half the lit disc.
 
-    *Fails where* a jog or passage is narrower than twice the spacing; where trees touch the roof and were
+    Fails where
+    -----------
+    a jog or passage is narrower than twice the spacing; where trees touch the roof and were
     not taken out before (a bulge); on curves, which become polygons with a scatter's sagitta.
 
-    *Complexity.* O(N log N) for the triangulation; O(M²) at worst for a ring of M points, less where edges
+    Complexity
+    ----------
+    O(N log N) for the triangulation; O(M²) at worst for a ring of M points, less where edges
     are short, because a stretch that costs more than the best known is not made longer.
 
     References

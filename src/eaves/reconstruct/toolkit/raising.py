@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,14 +48,18 @@ def raise_plan(
     ground: float,
     smallest: float,
     narrowest: float,
+    held_down: Callable[[Coverage, Integers], Integers] | None = None,
 ) -> Raised:
     """The solids over a plan whose cells carry `labels` (C,) of `planes` (P, 3), or why there are none.
 
-    Faces smaller (m²) or narrower (m) than the limits go to their neighbours.
+    Faces smaller (m²) or narrower (m) than the limits go to their neighbours. `held_down` gives cells that
+    rise too high by that another label.
     """
     defect = ""
     for firmness in FIRMNESS:
         tidied, kept = tidy(plan, labels, smallest, firmness * narrowest, firmness * SHORTEST_EDGE)
+        if held_down is not None:
+            tidied, kept = tidied.merged(held_down(tidied, kept))
         solids = extrude(tidied, planes[kept], ground)
         if solids is None:
             defect = "the plan touches itself"
