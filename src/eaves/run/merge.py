@@ -15,7 +15,9 @@ from eaves.formats.geopackage import Row, plain_value, write_geopackage
 from eaves.formats.vrt import write_vrt
 from eaves.model import Block, Bounds, CoordinateSystem
 from eaves.raster.surfaces import CELL
+from eaves.run.manifest import add_to_manifest
 from eaves.run.rasters import write_mask
+from eaves.run.rows import BuildingRow
 from eaves.run.workers import Workers
 
 
@@ -26,6 +28,8 @@ class TileRows:
 
     places: Sequence[Path]
     layer: str
+    more: Sequence[Row] = ()
+    """Rows that belong to no tile."""
 
     def __iter__(self) -> Iterator[Row]:
         import pyogrio.raw
@@ -45,12 +49,38 @@ class TileRows:
                 if "number" in row:
                     row["number"] = number
                 yield Row(shape, {**row, "tile": place.name})
+        for one in self.more:
+            number += 1
+            yield Row(one.geometry, {**one.attributes, "number": number})
 
 
-def merge_footprints(path: Path, places: Sequence[Path], system: CoordinateSystem) -> None:
-    """Write the footprints and roof planes of all tiles into one GeoPackage, piece by piece."""
+def merge_footprints(
+    path: Path, places: Sequence[Path], system: CoordinateSystem, lost: Sequence[BuildingRow] = ()
+) -> None:
+    """Write the footprints and roof planes of all tiles into one GeoPackage, piece by piece, and behind them
+    what no tile holds."""
+    unit = system.horizontal_unit_m
+    more = [
+        Row(
+            None if row.polygon.is_empty else shapely.transform(row.polygon, lambda xy: xy / unit),
+            row.numbered(0, None),
+        )
+        for row in lost
+    ]
     as_it_is = replace(system, horizontal_unit_m=1.0, vertical_unit_m=1.0)  # the tiles' files are converted
-    write_geopackage(path, TileRows(places, "footprints"), TileRows(places, "roof_planes"), as_it_is)
+    footprints, roof_planes = TileRows(places, "footprints", more), TileRows(places, "roof_planes")
+    write_geopackage(path, footprints, roof_planes, as_it_is, review_of_tiles(places))
+
+
+def review_of_tiles(places: Sequence[Path]) -> list[Row]:
+    """The rows of all tiles' layers `review`, ranked anew."""
+    import pyogrio
+
+    there = [place for place in places if "review" in pyogrio.list_layers(place / "footprints.gpkg")[:, 0]]
+    rows = sorted(
+        TileRows(there, "review"), key=lambda row: (-row.attributes["badness"], row.attributes["id"])
+    )
+    return [Row(row.geometry, {**row.attributes, "rank": rank}) for rank, row in enumerate(rows, 1)]
 
 
 def merge_masks(footprints: Path, places: Sequence[Path], system: CoordinateSystem, workers: Workers) -> None:
@@ -84,7 +114,8 @@ def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem) -> 
         for column in range(whole.column, last.column + 1)
         for row in range(whole.row, last.row + 1)
     ]
-    write_mask(system, blocks, list(np.asarray(shapes, object)), bounds, place / "mask.tif")
+    written = write_mask(system, blocks, list(np.asarray(shapes, object)), bounds, place / "mask.tif")
+    add_to_manifest(place, written)
 
 
 PIECE = 240.0

@@ -73,6 +73,8 @@ class Region:
         self.peak = peak_memory_mb()
         self.wrong_boxes: dict[int, Bounds] = {}
         self.blocks: Sequence[Block] = ()
+        self.points = run.index.points
+        """Of the inputs, without those that could not be read."""
         self.store = Store(
             work_folder,
             has_returns=run.index.has_field("return_number"),
@@ -86,6 +88,9 @@ class Region:
             self.store.discard()
             self.store.prepare()
             self.store.keep_plan(self.run.plan)
+        else:
+            self.store.prepare()
+            self.store.drop_damaged()
 
     def partition(self) -> None:
         """Bring all points that are not yet there to their blocks."""
@@ -104,6 +109,7 @@ class Region:
         if workers.alone or len(todo) == 1:
             work, workers = partial(work, progress=read_more), Workers()
         unread: dict[int, str] = {}
+        records = {name: mark[0] for name, mark in before.items()}
         changed = False
         for outcome in workers.run(work, todo):
             part: FileSlice = todo[outcome.index]
@@ -112,6 +118,7 @@ class Region:
                 unread[part.number] = self.failed.pop()
                 continue
             done = outcome.answer
+            records[part.name] = done.records
             changed |= before.get(part.name) != (done.records, done.unread)
             if done.unread is not None and part.number not in unread:
                 log.error("%s", done.unread)
@@ -120,6 +127,9 @@ class Region:
                 self.wrong_boxes[part.number] = self.wrong_boxes.get(part.number, done.box).union(done.box)
             if workers is self.workers:
                 read_more(done.records)
+        for number in unread:
+            mine = [part.name for part in parts if part.number == number]
+            self.points -= self.run.index.count(number) - sum(records.get(name, 0) for name in mine)
         if changed:  # what was computed of fewer points no longer holds
             for kind in ("floors", "squares", "blocks", "buildings"):
                 self.store.forget(kind)
@@ -139,6 +149,20 @@ class Region:
                 len(isolated),
             )
         return [block for block in blocks if block not in isolated]
+
+    def check_points(self) -> None:
+        """Refuse a run of the whole inputs that leaves no point."""
+        window = self.run.window
+        if (
+            self.run.index.points
+            and not self.store.blocks(self.run.side)
+            and window.bounds is None
+            and window.clip is None
+        ):
+            self.refuse(
+                f"{self.run.index.path(0)}: none of {self.run.index.points:,} points can be used, all are "
+                "withheld or without coordinates; export the points again"
+            )
 
     def check_rasters(self, blocks: Sequence[Block]) -> None:
         """Refuse the run when its rasters would be too large."""
@@ -175,11 +199,7 @@ class Region:
                 raise TooNarrowError
             todo = sorted((beyond & there) - tried)
         if self.run.given is not None:
-            plans = assign_footprints(self.run.given, blocks) if blocks else []
-            left_out = len(self.run.given) - sum(len(plan.buildings) for plan in plans)
-            if left_out and core.loaded is None:  # of a tile's some are its neighbours'
-                log.warning("%d footprints lie far from all points, left out", left_out)
-            return plans
+            return assign_footprints(self.run.given, blocks, self.run.side, self.run.lost)
         return with_addresses(join_regions(self.seams(sorted(tried))), self.run.addresses)
 
     def seams(self, blocks: Sequence[Block]) -> list[Seam]:
@@ -278,8 +298,7 @@ def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: 
     buildings = [building for building in gathered if not isinstance(building, Failure)]
     clock = Clock()
     footprints = draw_all(buildings, recipe)
-    if plan.addresses:
-        buildings, footprints = split_buildings(buildings, footprints, plan.addresses)
+    buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
     clock.lap("outline")
     for building, footprint in zip(buildings, footprints, strict=True):
         try:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Sequence
 
 import numpy as np
 
-from eaves.formats.atomic import atomic
 from eaves.ground import GroundMethod
 from eaves.ground.toolkit.floor import Floor
-from eaves.ground.toolkit.wide_objects import WideObjects
+from eaves.ground.toolkit.wide_objects import Patch, WideObjects
 from eaves.model import Block, Bounds
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
+from eaves.model.doubt import Doubt
+from eaves.run.part_file import load_value, save_value
 from eaves.run.store import Store
 
 SQUARE = 480.0
 """Side of a square (m), a whole multiple of all cells. What is found in it, with `GroundMethod.wide_buffer`
 around it in view, is the same whatever the blocks, tiles and files are."""
+TYPES = {cls.__name__: cls for cls in (Floor, Patch, Doubt)}
+"""The classes of the parts kept here."""
 
 
 def squares_of(bounds: Sequence[Bounds]) -> list[Block]:
@@ -45,8 +47,7 @@ def keep_floor(block: Block, store: Store) -> None:
         records = records[~np.isin(records["classification"], NOISE_CLASSES)]
     floor = Floor.empty(block.bounds)
     floor.add(records["xyz"], 1.0, [round(value / GRID_STEP) for value in block.origin])
-    with atomic(store.path("floors", block)) as temporary, temporary.open("wb") as file:
-        pickle.dump(floor, file, protocol=5)
+    save_value(store.path("floors", block), floor)
 
 
 def keep_square(square: Block, store: Store, side: float, ground: GroundMethod) -> None:
@@ -58,12 +59,10 @@ def keep_square(square: Block, store: Store, side: float, ground: GroundMethod) 
         for row in range(first.row, last.row + 1):
             path = store.path("floors", Block(column, row, side))
             if path.exists():
-                with path.open("rb") as file:
-                    floor.merge(pickle.load(file))
+                floor.merge(load_value(path, TYPES))
     patch = ground.find_wide_objects(floor)
     patches = () if patch is None else (patch.cropped(square.bounds),)
-    with atomic(store.path("squares", square)) as temporary, temporary.open("wb") as file:
-        pickle.dump(patches, file, protocol=5)
+    save_value(store.path("squares", square), patches)
 
 
 def load_wide(store: Store, bounds: Bounds) -> WideObjects:
@@ -72,6 +71,5 @@ def load_wide(store: Store, bounds: Bounds) -> WideObjects:
     for square in squares_of([bounds]):
         path = store.path("squares", square)
         if path.exists():
-            with path.open("rb") as file:
-                patches += pickle.load(file)
+            patches += load_value(path, TYPES)
     return WideObjects(tuple(patches))

@@ -21,7 +21,7 @@ from eaves.ground.toolkit.plateaus import (
 )
 from eaves.model import Bounds, Grid, Mask, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
-from eaves.model.results import Doubt
+from eaves.model.doubt import Doubt
 from eaves.raster.interpolate import interpolate_cells
 from eaves.raster.nearest import ADJOINING, near_cells
 
@@ -191,6 +191,8 @@ def find_doubts(floor: Floor, surfaces: Surfaces, verdict: Verdict, rules: Rules
             Doubt(
                 x=float((floor.west + columns[middle] + 0.5) * floor.cell),
                 y=float((floor.north - rows[middle] + 0.5) * floor.cell),
+                area_m2=float(surfaces.area[k]),
+                stage="ground",
                 reason=f"left in the terrain: a surface of {surfaces.area[k]:.0f} m² that steps down on "
                 f"{100 * share[k]:.0f} % of its known rim" + (", cut by the rim of the data" if cut else ""),
             )
