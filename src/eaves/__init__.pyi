@@ -56,6 +56,9 @@ from .roof.region_growing import RegionGrowing as RegionGrowing
 from .roof.tin_faces import TinFaces as TinFaces
 from .run.recipe import Recipe as Recipe
 from .run.recipe import make_recipe as make_recipe
+from .units import UnitMethod as UnitMethod
+from .units import divide_block as divide_block
+from .units.row_walls import RowWalls as RowWalls
 from .validate import validate_file as validate_file
 from .validate import validate_model as validate_model
 
