@@ -32,7 +32,7 @@ STAGES = ("ground", "detect", "outline", "roof", "reconstruct")
 
 
 def make_real_scenery(source: Source, place: Path) -> Scenery:
-    """A real scene with the source's own ground, and its largest building with everything before its model."""
+    """A real scene with the source's own ground, and its largest building before its model."""
     methods: dict[str, Any] = {stage: make_method(stage, source.methods.get(stage)) for stage in STAGES}
     cloud = read(place).with_(classification=None).in_canonical_order()
     middle = np.median(cloud.xyz[:, :2], axis=0)

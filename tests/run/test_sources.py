@@ -20,6 +20,9 @@ def test_a_source_names_its_methods_and_its_paper(name: str) -> None:
     assert recipe.lod == source.lod
     for stage in DEFAULTS:
         method = getattr(recipe, stage)
+        if method is None:  # beyond what the source delivers
+            assert stage not in source.methods
+            continue
         assert method.name == source.methods.get(stage, DEFAULTS[stage])
     assert f"{{{source.paper}," in BIBLIOGRAPHY
     assert method_class("detect", source.methods["detect"]).paper == source.paper
