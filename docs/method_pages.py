@@ -18,9 +18,15 @@ STAGES = {
     "ground": "Ground",
     "detect": "Detection",
     "outline": "Outlines",
+    "units": "Units",
     "roof": "Roof planes",
     "reconstruct": "Reconstruction",
 }
+
+
+def option_of(stage: str) -> str:
+    """The option of `eaves build` that names a stage's method."""
+    return "--units" if stage == "units" else f"--{stage}-method"
 
 
 def method_page(stage: str, name: str, docs: Path) -> str:
@@ -28,7 +34,7 @@ def method_page(stage: str, name: str, docs: Path) -> str:
     cls = method_class(stage, name)
     lines = [f"# {stage}/{name}", "", f"*{sentence(cls.idea)}*"]
     lines += ["", f"`{cls.__module__}.{cls.__name__}`" + (", the default" if DEFAULTS[stage] == name else "")]
-    lines += ["", f"```\neaves build tile.laz -o out --{stage}-method {name}\n```"]
+    lines += ["", f"```\neaves build tile.laz -o out {option_of(stage)} {name}\n```"]
     sections = split_sections(inspect.getdoc(cls) or "")
     for title, text in sections:
         if title in ("Parameters", "References"):
@@ -69,11 +75,16 @@ def parameter_table(cls: type[Method]) -> str:
         )
         unit = None if extra.get("unit") == "1" else extra.get("unit")
         default = "derived" if field.default is None else str(field.default)
-        cells = [f"`{name}`", default, extra.get("published"), unit, limits, extra.get("symbol")]
+        cells = [f"`{name}`", default, printed_number(extra), unit, limits, extra.get("symbol")]
         cells.append(sentence(field.description or ""))
         shown = ["" if cell is None else str(cell).replace("|", "\\|") for cell in cells]
         rows.append("| " + " | ".join(shown) + " |")
     return "\n".join(rows)
+
+
+def printed_number(extra: dict[str, Any]) -> str | None:
+    """The published number and the place in the paper; None where the paper prints none."""
+    return None if extra.get("published") is None else f"{extra['published']} ({extra['printed_in']})"
 
 
 def sentence(text: str) -> str:

@@ -28,13 +28,14 @@ from eaves.run.manifest import end_manifest
 from eaves.run.outputs import write_outputs
 from eaves.run.recipe import Recipe
 from eaves.run.region import Core, Region, import_methods, warn_of_wrong_boxes
-from eaves.run.run import Progress, Run, RunOptions, no_progress, open_run
+from eaves.run.run import Progress, Run, RunOptions, list_options, no_progress, open_run
 from eaves.run.tiles import build_tiles
 from eaves.run.workers import Workers
 
 log = logging.getLogger("eaves")
 
 
+@list_options
 def build(
     inputs: str | Path | Sequence[str | Path],
     out: str | Path,
@@ -61,7 +62,7 @@ def build(
     report
         Writes one more file from the results; not in a run by tiles, which is more than a page holds.
     options
-        See `eaves.run.run.RunOptions`.
+        The keywords of `eaves.build`.
 
     Raises
     ------

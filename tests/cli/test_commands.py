@@ -21,6 +21,7 @@ from eaves.cli import app as cli
 OUTPUTS = {
     "footprints.gpkg",
     "buildings.city.jsonl",
+    "buildings.qgz",
     "mask.tif",
     "mask.tfw",
     "dtm.tif",
@@ -84,7 +85,7 @@ def test_the_written_models_are_valid(built: Path) -> None:
     assert done.returncode == 0, done.stdout
 
 
-def test_help_answers_at_once() -> None:
+def test_help_is_quick() -> None:
     best = min(timed_help() for _ in range(3))
     assert best < 1.0, f"{best:.2f} s"  # 0.5 s is the target on a quiet machine; tests share theirs
 
@@ -247,7 +248,7 @@ def test_models_are_judged_over_given_footprints_at_a_given_level(built: Path, n
     assert done.returncode == 2 and "lod is for models only" in one_line(done)
 
 
-def test_an_interrupt_that_a_library_swallows_is_still_an_interrupt(
+def test_an_interrupt_that_a_library_catches_is_still_an_interrupt(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def swallow(**_: object) -> int:

@@ -42,7 +42,7 @@ def test_shapes_without_area_are_left_out_with_a_reason() -> None:
     assert [failure.reason.split("'")[1] for failure in failures] == list("abcde")
 
 
-def test_clipping_marks_what_is_cut_and_says_what_is_outside() -> None:
+def test_clipping_marks_what_is_cut_and_reports_what_is_outside() -> None:
     given = repair_footprints([box(1, 1, 5, 5), box(8, 1, 14, 5), box(30, 1, 34, 5)], ["in", "cut", "out"])
     inside, cut, out = clip_footprints(given, Bounds(0, 0, 10, 10))
     assert inside is given[0]

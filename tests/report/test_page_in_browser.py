@@ -144,7 +144,7 @@ requestAnimationFrame(step);
 """
 
 
-def test_it_says_what_it_leaves_out_while_it_moves__and_draws_all_at_rest(
+def test_it_shows_what_it_leaves_out_while_it_moves__and_draws_all_at_rest(
     browser: Browser, nine_run: Summary
 ) -> None:
     browser.open(nine_run.folder / "report.html", "on=points-building,points-ground")

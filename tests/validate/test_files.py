@@ -74,7 +74,7 @@ def test_a_part_is_named_as_overlapping_in_its_building() -> None:
     assert finding.building == "building" and "part 0" in finding.detail and "part 1" in finding.detail
 
 
-def test_the_place_of_a_hole_is_told_in_the_coordinates_of_the_file() -> None:
+def test_the_place_of_a_hole_is_reported_in_the_coordinates_of_the_file() -> None:
     (finding,) = validate_file(FILES / "302_shell_not_closed_invalid.city.json")
     assert "(85000.000, 447000.000, 0.000)" in finding.detail
 

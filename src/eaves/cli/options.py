@@ -22,8 +22,8 @@ CrsForce = Annotated[bool, typer.Option("--crs-force", help="Believe --crs, what
 Salvage = Annotated[bool, typer.Option("--salvage", help="Of files that are cut off, use what is whole.")]
 BoundsText = Annotated[str | None, typer.Option("--bounds", help="west,south,east,north in the CRS's unit.")]
 Clip = Annotated[Path | None, typer.Option(help="Polygons; points outside are not used.")]
-UseClasses = Annotated[bool, typer.Option("--use-classes", help="Believe the file's classes.")]
-Jobs = Annotated[int, typer.Option(help="Processes; 0 means one a core.", min=0)]
+UseClasses = Annotated[bool, typer.Option("--use-classes", help="Use the file's classes.")]
+Jobs = Annotated[int, typer.Option(help="Processes; 0: one a core, one for small data.", min=0)]
 Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]
 Memory = Annotated[
     str | None, typer.Option(help="Bound of the processes' memory together: 4G, 1500M.", metavar="SIZE")
@@ -51,9 +51,18 @@ PartyWalls = Annotated[
 ]
 BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).")]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
+Units = Annotated[
+    str | None, typer.Option(help="How blocks are divided into houses: a method's name, or off.")
+]
 MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]
 Formats = Annotated[
-    str, typer.Option(help="More formats, comma-separated: obj,glb,3dtiles,cityjson,geojson,fgb,parquet.")
+    str,
+    typer.Option(
+        help="More formats, by commas: gpkg,citygml,citygml3,cityjson,obj,glb,3dtiles,geojson,fgb,parquet."
+    ),
+]
+SourceName = Annotated[
+    str | None, typer.Option(help="A published system, whole; see `eaves methods --sources`.")
 ]
 Lod = Annotated[str, typer.Option(help="Finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2.")]
 

@@ -19,7 +19,7 @@ COMPLETE, INCOMPLETE, MISUSE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 """Exit statuses; the last two are the shell's for Ctrl-C and for `kill`."""
 WHERE_TO_OPEN = {
     "in a browser": "report.html",
-    "in QGIS": "footprints.gpkg",
+    "in QGIS": "buildings.qgz",
     "in Blender": "buildings.glb",
     "in Cesium": "tileset.json",
 }
@@ -69,11 +69,11 @@ def report_aborts() -> None:
 
 
 def report_error(error: Exception) -> int:
-    """Print in one line what went wrong; the exit status. What nobody foresaw is raised again."""
+    """Print in one line what went wrong; the exit status. Unforeseen errors are raised again."""
     from eaves.formats.disk import DiskFullError
 
     status, line = MISUSE, " ".join(str(error).split())
-    # a wrong word on the command line; typer brings its own click, so its classes have no fixed name
+    # a wrong option; typer contains its own click, so its classes have no fixed name
     format_message = getattr(error, "format_message", None)
     if isinstance(error, MemoryError):
         from eaves.run.memory import REMEDY
@@ -133,28 +133,34 @@ def run_build(
     words: RunWords,
     names: dict[str, str | None],
     *,
-    lod: str,
+    lod: str | None,
+    source: str | None = None,
     ground_only: bool = False,
     **options: Any,
 ) -> Summary:
     """Build with progress on screen; the methods of the command line go before the configuration file's."""
-    import os
     from dataclasses import replace
 
     from eaves.pipeline import build as build_files
     from eaves.report.build import build as build_with_report
     from eaves.run.recipe import make_recipe
+    from eaves.run.workers import import_pyogrio_alone
 
+    import_pyogrio_alone()
     settings = read_config(words.config)
     named = {stage: {"method": name} for stage, name in names.items() if name}
     recipe = make_recipe(
         {stage: settings.get(stage, {}) | named.get(stage, {}) for stage in {*settings, *named}},
+        source=source,
         published=words.as_published,
         use_classes=words.use_classes,
         lod=lod,
     )
     start_log(words.quiet, words.verbose)
-    with progress_display(words.quiet) as progress:
+    compiling = not compiled_pieces()
+    if compiling and not words.quiet:
+        typer.echo("compiling for this machine, only now: a minute or two before points are read", err=True)
+    with progress_display(words.quiet, compiling) as progress:
         return (build_files if options.get("outputs") else build_with_report)(
             inputs,
             out,
@@ -166,12 +172,22 @@ def run_build(
             bounds=parse_bounds(words.bounds),
             clip=words.clip,
             block=words.block,
-            jobs=words.jobs or os.cpu_count() or 1,
+            jobs=words.jobs,
             scheduler=words.scheduler,
             memory=words.memory,
             resume=words.resume,
             **options,
         )
+
+
+def compiled_pieces() -> int:
+    """How many pieces of compiled code numba keeps for us: none before the first run."""
+    import os
+
+    import eaves
+
+    place = os.environ.get("NUMBA_CACHE_DIR") or Path(eaves.__file__).parent
+    return sum(1 for _ in Path(place).rglob("*.nbc"))
 
 
 def finish(summary: Summary, quiet: bool, strict: bool = False) -> None:
@@ -204,14 +220,24 @@ def start_log(quiet: bool, verbose: bool = False) -> None:
     logger.setLevel(level)
 
 
-def progress_display(quiet: bool) -> Any:
+def progress_display(quiet: bool, compiling: bool = False) -> Any:
     """A context manager whose value takes progress: bars on a terminal, plain lines in a log, nothing if
     quiet."""
     from eaves.cli.progress import bars, lines, nothing
 
     if quiet:
         return nothing()
-    return bars() if sys.stderr.isatty() else lines()
+    return bars(compiling) if sys.stderr.isatty() else lines(compiling)
+
+
+def describe_sources() -> Iterator[str]:
+    """Lines on every published system: what it delivers, its paper, and the command that runs it."""
+    from eaves.run.sources import SOURCES
+
+    for source in SOURCES.values():
+        yield f"{source.name}: {source.delivers} [{source.paper}]"
+        yield "  " + ", ".join(f"{stage} {name}" for stage, name in source.methods.items())
+        yield f"  eaves build INPUT -o OUT --source {source.name} [--as-published]"
 
 
 def describe_methods(stage: str | None) -> Iterator[str]:
@@ -231,5 +257,5 @@ def describe_methods(stage: str | None) -> Iterator[str]:
                 unit = "" if extra.get("unit") in (None, "1") else f" {extra['unit']}"
                 default = "derived" if field.default is None else f"{field.default}{unit}"
                 printed = extra.get("published")
-                published = "" if printed is None else f"; published {printed}{unit}"
+                published = "" if printed is None else f"; published {printed}{unit} ({extra['printed_in']})"
                 yield f"      {key} = {default}{published}: {field.description}"

@@ -1,4 +1,4 @@
-"""Known party walls: the addresses that a detected block is divided into, and its points with it."""
+"""Detected blocks divided: into the addresses between known party walls, or the units their points show."""
 
 from __future__ import annotations
 
@@ -14,28 +14,40 @@ from shapely import GEOSException, Polygon
 from eaves.footprints.party_walls import split_block
 from eaves.model import Failure, Footprint
 from eaves.model.results import BuildingPoints
+from eaves.units import UnitMethod, divide_block
 
 log = logging.getLogger("eaves")
 Drawn = list[Footprint | Failure]
 
 
 def split_buildings(
-    buildings: Sequence[BuildingPoints], footprints: Drawn, addresses: Sequence[Footprint]
+    buildings: Sequence[BuildingPoints],
+    footprints: Drawn,
+    addresses: Sequence[Footprint],
+    units: UnitMethod | None = None,
 ) -> tuple[list[BuildingPoints], Drawn]:
-    """Buildings and footprints with every block that known party walls divide split into its addresses.
+    """Buildings and footprints with every detected block divided into its addresses, else into its units.
 
     The part with the inner point of an address carries its id; all parts carry its attributes, and what no
-    address covers is a building of its own. The points of the block go to the part they lie in or next to.
+    address covers is a building of its own. A block that no address lies in is divided along the party walls
+    that `units` finds in its points. The points of the block go to the part they lie in or next to.
     """
     number = max((building.number for building in buildings), default=0)
     pieces: list[BuildingPoints] = []
     outlines: Drawn = []
     for building, footprint in zip(buildings, footprints, strict=True):
-        parts = [] if isinstance(footprint, Failure) else parts_of(building, footprint, addresses)
+        parts: list[Footprint] = []
+        certainty: Sequence[float | None] = ()
+        if not isinstance(footprint, Failure) and building.given is None:
+            parts = parts_of(building, footprint, addresses)
+            certainty = [None] * len(parts)
+            if not parts and units is not None:
+                parts, certainty = units_of(building, footprint, units)
         if not parts:
             pieces.append(building)
             outlines.append(footprint)
             continue
+        assert isinstance(footprint, Footprint)
         owner = nearest_part(building, [part.polygon for part in parts])
         for k, part in enumerate(parts):
             mine = owner == k
@@ -47,12 +59,32 @@ def split_buildings(
                     xyz=building.xyz[mine],
                     point_id=building.point_id[mine],
                     part=building.part[mine],
+                    not_last=None if building.not_last is None else building.not_last[mine],
                     number=building.number if k == 0 else number,
+                    block=footprint,
+                    wall_certainty=certainty[k],
                 )
             )
             reason = "no point of the block lies in this address"
             outlines.append(part if mine.any() else Failure("no_points", reason, "tiling", part))
     return pieces, outlines
+
+
+def units_of(
+    building: BuildingPoints, footprint: Footprint, method: UnitMethod
+) -> tuple[list[Footprint], Sequence[float | None]]:
+    """The units the points of a block show, and how sure their walls are; none where it stays whole."""
+    points = building.roof_points
+    height = points[:, 2] - building.terrain.at(points)
+    try:
+        division = divide_block(points, height, footprint.polygon, building.spacing, method)
+    except GEOSException as error:
+        log.warning("a block could not be divided into units and stays one building: %s", error)
+        return [], ()
+    if len(division.parts) < 2:
+        return [], ()
+    parts = [Footprint(part, origin=footprint.origin, score=building.score) for part in division.parts]
+    return parts, division.certainty
 
 
 def parts_of(
@@ -75,5 +107,18 @@ def parts_of(
 
 def nearest_part(building: BuildingPoints, parts: Sequence[Polygon]) -> NDArray[np.int64]:
     """The number (N,) of the part that each point lies in, or nearest to."""
-    away = [shapely.distance(part, shapely.points(building.xyz[:, :2])) for part in parts]
-    return np.asarray(np.argmin(np.stack(away), axis=0))
+    xy = building.xyz[:, :2]
+    owner = np.full(len(xy), -1)
+    for number, part in enumerate(parts):
+        west, south, east, north = part.bounds
+        near = (
+            (owner < 0) & (xy[:, 0] >= west) & (xy[:, 0] <= east) & (xy[:, 1] >= south) & (xy[:, 1] <= north)
+        )
+        some = np.flatnonzero(near)
+        shapely.prepare(part)
+        owner[some[shapely.contains_xy(part, xy[some])]] = number
+    left = np.flatnonzero(owner < 0)
+    places = shapely.points(xy[left])
+    away = [shapely.distance(part, places) for part in parts]
+    owner[left] = np.argmin(np.stack(away), axis=0)
+    return owner

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from eaves.geometry.pieces import borders_of, joined_pieces
 from eaves.geometry.polygons import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Footprint
@@ -72,35 +72,6 @@ def wide_parts(area: BaseGeometry) -> list[Polygon]:
     return polygon_parts(shapely.intersection(opened, area, grid_size=COORDINATE_STEP))
 
 
-def joined_pieces(pieces: Sequence[Polygon], owner: list[int], count: int) -> list[Polygon | None]:
-    """One polygon for each of `count` owners; what does not hang together with it goes to its neighbours."""
-    loose = [
-        number
-        for one in range(count)
-        for number in loose_pieces(pieces, [k for k, mine in enumerate(owner) if mine == one])
-    ]
-    for number in loose:
-        border = borders_of(number, pieces, owner, count)
-        border[owner[number]] = 0.0
-        if border.max(initial=0.0) > 0.0:
-            owner[number] = int(np.argmax(border))
-    answers: list[Polygon | None] = []
-    for one in range(count):
-        mine = [piece for piece, number in zip(pieces, owner, strict=True) if number == one]
-        parts = polygon_parts(shapely.union_all(mine, grid_size=COORDINATE_STEP)) if mine else []
-        answers.append(max(parts, key=lambda part: part.area) if parts else None)
-    return answers
-
-
-def loose_pieces(pieces: Sequence[Polygon], mine: Sequence[int]) -> list[int]:
-    """Which of the pieces numbered `mine` are not in the largest part of their union."""
-    parts = polygon_parts(shapely.union_all([pieces[k] for k in mine], grid_size=COORDINATE_STEP))
-    if len(parts) < 2:
-        return []
-    largest = max(parts, key=lambda part: part.area)
-    return [k for k in mine if not largest.covers(pieces[k].representative_point())]
-
-
 def carried_on_walls(polygons: Sequence[Polygon]) -> list[LineString]:
     """The common borders of the polygons, each straight run carried on past both ends."""
     walls = []
@@ -134,14 +105,3 @@ def owners_of(pieces: Sequence[Polygon], polygons: Sequence[Polygon]) -> list[in
                 owner[number] = int(np.argmax(border))
                 changed = True
     return owner
-
-
-def borders_of(
-    number: int, pieces: Sequence[Polygon], owner: Sequence[int], count: int
-) -> NDArray[np.float64]:
-    """Length (count,) of the border that a piece shares with the pieces of each owner (m)."""
-    border = np.zeros(count)
-    for k, (piece, one) in enumerate(zip(pieces, owner, strict=True)):
-        if one >= 0 and k != number and piece.intersects(pieces[number]):
-            border[one] += piece.intersection(pieces[number]).length
-    return border

@@ -50,7 +50,7 @@ def iter_records(
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
     """Positions (N,) and point records (N, record length) as bytes, decompressed, about `size` at a time.
 
-    `part` (k, n) asks for the k-th of n runs of records; a COPC file comes node by node in either case.
+    `part` (k, n) selects the k-th of n runs of records; a COPC file is read node by node in either case.
     """
     if not header.count:
         return

@@ -1,4 +1,4 @@
-"""What the header of a LAS, LAZ or COPC file says, believed only as far as the file's size allows."""
+"""The header of a LAS, LAZ or COPC file, checked against the size of the file."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class LasHeader:
 
     @property
     def projection(self) -> tuple[tuple[str, int, bytes], ...]:
-        """The records that tell the coordinate system."""
+        """The records of the coordinate system."""
         return tuple(record for record in self.records if record[0] == "LASF_Projection")
 
     @property
@@ -105,12 +105,12 @@ class LasHeader:
         )
 
     def crs(self) -> tuple[pyproj.CRS | None, float | None]:
-        """The coordinate system and the vertical unit (m), None where the file does not tell.
+        """The coordinate system and the vertical unit (m), None where the file has none.
 
         Raises
         ------
         InputError
-            When it tells one that cannot be understood.
+            When it has one that cannot be parsed.
         """
         wkt = self.record("LASF_Projection", WKT_RECORD)
         text = (wkt or b"").rstrip(b"\0 ").decode("utf-8", "replace")
@@ -166,7 +166,7 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int, salvage: bool) ->
     if header_size < HEADER_LENGTHS[minor] or header_size > data_offset:
         raise refuse(f"states a header of {header_size} bytes before points at byte {data_offset}")
     if data_offset > size:
-        raise refuse(f"promises points from byte {data_offset} but has {size} bytes", COPY_AGAIN)
+        raise refuse(f"states points from byte {data_offset} and has {size} bytes", COPY_AGAIN)
     if point_format not in RECORD_LENGTHS:
         raise refuse(f"has point format {point_format}, known are 0 to 10")
     if record_length < RECORD_LENGTHS[point_format]:
@@ -233,7 +233,7 @@ def _check_points(header: LasHeader, refuse: object) -> None:
             held = space // header.record_length
             raise InputError.about(
                 path,
-                f"is cut off: the header promises {header.count} points, the file holds {held}",
+                f"is cut off: the header states {header.count} points, the file holds {held}",
                 COPY_AGAIN,
             )
         return
@@ -241,7 +241,7 @@ def _check_points(header: LasHeader, refuse: object) -> None:
     if header.count > BOMB_POINTS and header.count > BOMB_POINTS_PER_BYTE * space:
         raise InputError.about(
             path,
-            f"promises {header.count} points in {space} bytes, which no survey compresses to",
+            f"states {header.count} points in {space} bytes, which no survey compresses to",
             WRITE_AGAIN,
         )
 

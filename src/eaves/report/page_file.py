@@ -29,7 +29,7 @@ from eaves.report.contents import Contents, local_rings, read_contents
 from eaves.report.sample import PointSample
 from eaves.report.surfaces import CityFace, cut_into_triangles, edges_of, in_pieces
 
-SCRIPTS = ("arrays", "camera", "draw", "pace", "pick", "colours", "table", "charts", "main", "listen")
+SCRIPTS = ("arrays", "camera", "draw", "pace", "pick", "colours", "table", "charts", "main", "events")
 COLUMNS = {
     "id": "id",
     "lod": "LoD",

@@ -40,7 +40,7 @@ def open_report(
 
 
 def describe_run(folder: Path) -> str:
-    """The summary of a run from its run.json, as the run itself said it."""
+    """The summary of a run from its run.json, as the run reported it."""
     from eaves.model.summary import Summary
 
     path = folder / "run.json"

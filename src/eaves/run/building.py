@@ -30,7 +30,9 @@ def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list
     boundaries: dict[int, Boundary] = {}
     for number, building in enumerate(buildings):
         if building.given is None:
-            boundary = trace_outline(building.roof_points, building.spacing, recipe.outline)
+            boundary = trace_outline(
+                building.roof_points, building.spacing, recipe.outline, not_last=building.roof_not_last
+            )
             if isinstance(boundary, Failure):
                 drawn[number] = boundary
             else:
@@ -57,7 +59,8 @@ def building_pass(building: BuildingPoints, footprint: Footprint | Failure, reci
         )
     footprint = name_footprint(footprint, building)
     if recipe.lod == "0":
-        return BuildingResult(BuildingModel(footprint, {}), building.point_id, plane, clock.laps)
+        model = BuildingModel(footprint, {}, attributes=unit_attributes(footprint, building))
+        return BuildingResult(model, building.point_id, plane, clock.laps)
 
     rng = np.random.default_rng(
         [building.owner_block.column & 0xFFFFFFFF, building.owner_block.row & 0xFFFFFFFF, building.number]
@@ -81,8 +84,15 @@ def building_pass(building: BuildingPoints, footprint: Footprint | Failure, reci
     if isinstance(answer, Failure):
         answer = Failure(answer.code, answer.reason, answer.stage, footprint)
     else:
-        answer = answer.with_(attributes={**answer.attributes, "h_ground": terrain})
+        facts = {"h_ground": terrain, **unit_attributes(footprint, building)}
+        answer = answer.with_(attributes={**answer.attributes, **facts})
     return BuildingResult(answer, building.point_id, plane, clock.laps)
+
+
+def unit_attributes(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
+    """The block that the building is a unit of, itself where it is whole, and how sure its walls are."""
+    block = footprint if building.block is None else name_footprint(building.block, building)
+    return {"block_id": block.id, "wall_certainty": building.wall_certainty}
 
 
 def hull_of(points: Points, spacing: float) -> Footprint:

@@ -58,7 +58,7 @@ class Gatherer:
         """The building's points about the corner of its owner block, with the terrain around them."""
         if plan.failure is not None:
             return plan.failure
-        xyz, point_id, part, score, spacing = [], [], [], 0.0, 1.0
+        xyz, point_id, part, not_last, score, spacing = [], [], [], [], 0.0, 1.0
         for block, label in plan.regions:
             result = self.candidates(block)
             if result is None:
@@ -74,6 +74,7 @@ class Gatherer:
             xyz.append(result.xyz[chosen] + shift)
             point_id.append(result.point_id[chosen])
             part.append(result.part[chosen])
+            not_last.append(result.not_last[chosen])
         if not sum(map(len, xyz)):
             return Failure("no_points", "no point above the ground lies in it", "tiling", plan.given)
         points = snap(np.concatenate(xyz))
@@ -90,6 +91,7 @@ class Gatherer:
             score=score,
             number=plan.number,
             given=plan.given,
+            not_last=np.concatenate(not_last),
         )
 
     def snapped(self, plan: OwnedBuildings) -> OwnedBuildings:

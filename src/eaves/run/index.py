@@ -188,7 +188,7 @@ def index_inputs(
         entries[number] = source.count, box, bits, np.frombuffer(mark, np.uint8), len(names)
         if source.measured:
             kept[number] = source
-            if source.lies:
+            if source.has_wrong_bbox:
                 wrong_boxes.append(path)
         if source.system not in systems:
             systems[source.system] = Path(path)

@@ -68,7 +68,19 @@ def merge_footprints(
         for row in lost
     ]
     as_it_is = replace(system, horizontal_unit_m=1.0, vertical_unit_m=1.0)  # the tiles' files are converted
-    write_geopackage(path, TileRows(places, "footprints", more), TileRows(places, "roof_planes"), as_it_is)
+    footprints, roof_planes = TileRows(places, "footprints", more), TileRows(places, "roof_planes")
+    write_geopackage(path, footprints, roof_planes, as_it_is, review_of_tiles(places))
+
+
+def review_of_tiles(places: Sequence[Path]) -> list[Row]:
+    """The rows of all tiles' layers `review`, ranked anew."""
+    import pyogrio
+
+    there = [place for place in places if "review" in pyogrio.list_layers(place / "footprints.gpkg")[:, 0]]
+    rows = sorted(
+        TileRows(there, "review"), key=lambda row: (-row.attributes["badness"], row.attributes["id"])
+    )
+    return [Row(row.geometry, {**row.attributes, "rank": rank}) for rank, row in enumerate(rows, 1)]
 
 
 def merge_masks(footprints: Path, places: Sequence[Path], system: CoordinateSystem, workers: Workers) -> None:

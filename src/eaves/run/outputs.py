@@ -15,7 +15,8 @@ from pathlib import Path
 from eaves.formats import write_cityjson_seq
 from eaves.formats.atomic import atomic
 from eaves.formats.geopackage import Row, write_geopackage
-from eaves.model import Block, Bounds, BuildingModel, Failure
+from eaves.formats.qgis.project import write_project
+from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.block_file import BlockMetadata
 from eaves.run.classified_points import PointSink, write_points
@@ -25,6 +26,7 @@ from eaves.run.manifest import begin_manifest, note_files
 from eaves.run.neighbours import party_walls
 from eaves.run.rasters import extent_of, write_mask, write_surfaces
 from eaves.run.region import Region
+from eaves.run.review import review_rows
 from eaves.run.rows import PARTY_WALLS
 from eaves.run.run import EVERYTHING, Run
 from eaves.run.store import Store
@@ -84,8 +86,9 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
     folder, system = run.folder, store.system
     if step == "footprints":
         files, rows = [folder / "footprints.gpkg"], BuildingRows(store, owners, results.shared)
-        write_geopackage(files[0], rows, BuildingRows(store, owners, faces=True), system)
-        return files + export_footprints(folder, rows, system, run.formats), None
+        roofs, review = BuildingRows(store, owners, faces=True), review_rows(store.building_rows(owners))
+        write_geopackage(files[0], rows, roofs, system, review)
+        return files + export_footprints(folder, rows, roofs, system, run.formats), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]
         write_cityjson_seq(files[0], results.answers(), system)
@@ -135,12 +138,20 @@ def write_outputs(
             progress("write", len(written), len(steps))
 
     files = [path for step in steps for path in written[step]]
+    if "footprints" in steps:
+        files.append(write_map(run.folder, files, store.system))
     clear_leftovers(files)
     summary = summarise(region, metadata, owners, files)
     if run.classified is None:
         write_run(summary)
         summary = replace(summary, files=(*summary.files, run.folder / "run.json"))
     return summary
+
+
+def write_map(folder: Path, files: Sequence[Path], system: CoordinateSystem) -> Path:
+    """Write the QGIS project that shows footprints.gpkg over the terrain among `files`; its path."""
+    write_project(folder / "buildings.qgz", folder / "footprints.gpkg", files, system)
+    return folder / "buildings.qgz"
 
 
 def note(run: Run, files: Sequence[Path]) -> None:

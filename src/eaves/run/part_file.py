@@ -45,6 +45,20 @@ def open_part(path: Path) -> Any:
     return np.load(path, allow_pickle=False)
 
 
+def save_value(path: Path, value: Any) -> None:
+    """Write one value, whole or not at all; see `encode`."""
+    arrays: list[NDArray[Any]] = []
+    text = encode(value, arrays)
+    save_part(path, {"value": text} | {f"array-{k}": array for k, array in enumerate(arrays)})
+
+
+def load_value(path: Path, types: Mapping[str, type[Any]] = TYPES) -> Any:
+    """The value that `save_value` wrote."""
+    with open_part(path) as file:
+        arrays = [file[f"array-{k}"] for k in range(len(file.files) - 1)]
+        return decode(file["value"], arrays, types)
+
+
 def is_sound(path: Path) -> bool:
     """Whether a part is whole and every array has its checksum."""
     try:

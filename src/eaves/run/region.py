@@ -36,6 +36,7 @@ from eaves.run.partition import FileSlice, earlier, file_slices, partition_slice
 from eaves.run.recipe import Recipe
 from eaves.run.run import Progress, Run
 from eaves.run.store import Store
+from eaves.run.wide import keep_floor, keep_square, load_wide, squares_of
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
 
 log = logging.getLogger("eaves")
@@ -73,6 +74,7 @@ class Region:
         self.wrong_boxes: dict[int, Bounds] = {}
         self.points = run.index.points
         """Of the inputs, without those that could not be read."""
+        self.blocks: Sequence[Block] = ()
         self.store = Store(
             work_folder,
             has_returns=run.index.has_field("return_number"),
@@ -129,8 +131,8 @@ class Region:
             mine = [part.name for part in parts if part.number == number]
             self.points -= self.run.index.count(number) - sum(records.get(name, 0) for name in mine)
         if changed:  # what was computed of fewer points no longer holds
-            self.store.forget("blocks")
-            self.store.forget("buildings")
+            for kind in ("floors", "squares", "blocks", "buildings"):
+                self.store.forget(kind)
         if unread and len(unread) == len(self.run.index):
             self.refuse(next(iter(unread.values())))
         self.failed += unread.values()
@@ -181,6 +183,7 @@ class Region:
 
     def join(self, blocks: Sequence[Block], core: Core) -> list[OwnedBuildings]:
         """Compute the blocks of the core, and others as its buildings go on into them; the buildings."""
+        self.blocks = blocks
         there, tried = set(blocks), set[Block]()
         todo = [block for block in blocks if core.holds(block)]
         while todo:
@@ -213,11 +216,28 @@ class Region:
         left = [block for block in blocks if not self.store.has("blocks", block)]
         if left:  # what was joined without them no longer holds
             self.store.forget("buildings")
+        self.find_wide(left)
         left = self.workers.heaviest_first(left, self.store.count_points)
         work = partial(compute_block, store=self.store, recipe=self.run.recipe)
         for done, outcome in enumerate(self.workers.run(work, left), 1):
             self.note(outcome, f"block {left[outcome.index].name}")
             self.progress("blocks", done, len(left))
+
+    def find_wide(self, blocks: Sequence[Block]) -> None:
+        """What stands over the terrain of some blocks, in squares that have not been looked at."""
+        recipe, store, side = self.run.recipe, self.store, self.run.side
+        if not recipe.sees_wide:
+            return
+        squares = squares_of([block.bounds.buffered(recipe.buffer) for block in blocks])
+        squares = [square for square in squares if not store.has("squares", square)]
+        seen = [square.bounds.buffered(recipe.ground.wide_buffer) for square in squares]
+        near = [block for block in self.blocks if any(map(block.bounds.intersects, seen))]
+        floors = [block for block in near if not store.has("floors", block)]
+        for outcome in self.workers.run(partial(keep_floor, store=store), floors):
+            self.note(outcome, f"floor of block {floors[outcome.index].name}")
+        work = partial(keep_square, store=store, side=side, ground=recipe.ground)
+        for outcome in self.workers.run(work, squares):
+            self.note(outcome, f"square {squares[outcome.index].name}")
 
     def model(self, plans: Sequence[OwnedBuildings]) -> None:
         """The building pass for those owner blocks that have not been computed."""
@@ -264,7 +284,8 @@ def import_methods(recipe: Recipe) -> None:
 
 def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
     """The block pass for one block, kept in the store."""
-    store.save_block(block_pass(store.load_cloud(block, recipe.buffer), block, recipe))
+    wide = load_wide(store, block.bounds.buffered(recipe.buffer)) if recipe.sees_wide else None
+    store.save_block(block_pass(store.load_cloud(block, recipe.buffer), block, recipe, wide))
 
 
 def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: bool = False) -> None:
@@ -277,8 +298,7 @@ def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: 
     buildings = [building for building in gathered if not isinstance(building, Failure)]
     clock = Clock()
     footprints = draw_all(buildings, recipe)
-    if plan.addresses:
-        buildings, footprints = split_buildings(buildings, footprints, plan.addresses)
+    buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
     clock.lap("outline")
     for building, footprint in zip(buildings, footprints, strict=True):
         try:

@@ -14,6 +14,7 @@ from eaves.geometry.rings import area_vector
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Failure, Footprint, Points
 from eaves.model.building import ROOF_SURFACE
+from eaves.run.trust import judge
 
 PARTY_WALLS = "party_wall_area_m2"
 
@@ -80,6 +81,7 @@ def building_row(answer: BuildingModel | Failure) -> dict[str, Any]:
     row |= {key: value for key, value in answer.attributes.items() if not isinstance(value, list | dict)}
     row["failure_code"] = row.pop("fallback_code", None)
     row["failure_reason"] = row.pop("fallback_reason", None)
+    row["trust"], _, row["review_reason"] = judge(row)
     return row
 
 
@@ -108,8 +110,18 @@ def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
                     "points": record.get("points"),
                     "share_no_data": None if share is None else round(share, 3),
                     "no_data": record.get("no_data"),
+                    "h_low": rounded(record.get("h_low")),
+                    "h_high": rounded(record.get("h_high")),
+                    "h_ground": rounded(answer.attributes.get("h_ground")),
+                    **{key: rounded(record.get(key)) for key in ("inlier_share", "density", "coverage")},
+                    "weak": record.get("weak"),
                 },
             )
+
+
+def rounded(value: float | None) -> float | None:
+    """To three places."""
+    return None if value is None else round(float(value), 3)
 
 
 def rmse_of(model: BuildingModel, plane: int | None) -> float | None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import logging
 import math
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from glob import escape
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 from eaves.footprints.read import area_of, in_metres, read_area, read_footprints
 from eaves.formats import InputError
@@ -19,6 +21,7 @@ from eaves.formats.crs_check import vertical_datum
 from eaves.formats.inputs import list_inputs
 from eaves.methods import MethodChoice
 from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
+from eaves.model.checks import check_positive
 from eaves.run.collisions import refuse_collisions
 from eaves.run.exports import check_formats
 from eaves.run.index import Index, index_inputs
@@ -31,8 +34,13 @@ log = logging.getLogger("eaves")
 
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified")
 """The outputs there are; see `eaves.run.outputs`."""
+BOUNDS_LENGTH = 4
+"""West, south, east, north."""
 TILES_ABOVE = 2_000_000_000
 """More points than this are computed by tiles: their temporary files would take 46 GB and more."""
+
+PROCESSES_ABOVE = 1_000_000
+"""Fewer points are computed in less time than processes take to start: two to three seconds each."""
 
 Progress = Callable[[str, int, int], None]
 """Called with the step, how much of it is done, and how much there is."""
@@ -48,13 +56,16 @@ class RunOptions(TypedDict, total=False):
     ground: MethodChoice
     detect: MethodChoice
     outline: MethodChoice
+    units: MethodChoice
     roof: MethodChoice
     reconstruct: MethodChoice
+    source: str | None
+    """One of the published systems, whole (`eaves.run.sources`)."""
     use_classes: bool
     """Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise."""
     as_published: bool
-    lod: str
-    """The finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2."""
+    lod: str | None
+    """The finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2; by default what the source delivers, or 2.2."""
     crs: str | None
     crs_force: bool
     """Take `crs` for the system even where a file says another one, or its numbers do not fit it."""
@@ -76,7 +87,7 @@ class RunOptions(TypedDict, total=False):
     block: float
     """Side of a block (m)."""
     jobs: int
-    """Processes."""
+    """Processes; 0 is one a core where there are more than `PROCESSES_ABOVE` points, and else one."""
     scheduler: str | None
     """Address of a Dask scheduler."""
     memory: str | None
@@ -87,6 +98,47 @@ class RunOptions(TypedDict, total=False):
     """Compute and write by tiles, each on its own, also where there are few points (`eaves.run.tiles`)."""
     classified: Path | None
     """Where the classified points of the one input go, without extra dimensions and without a run.json."""
+
+
+DEFAULT_OPTIONS: RunOptions = {
+    "use_classes": False,
+    "as_published": False,
+    "crs_force": False,
+    "salvage": False,
+    "snap_footprints": False,
+    "formats": (),
+    "outputs": EVERYTHING,
+    "block": 240.0,
+    "jobs": 1,
+    "resume": False,
+    "per_tile": False,
+}
+"""What an option is when it is not given; None for those not named here."""
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def list_options(function: Callable[P, T]) -> Callable[P, T]:
+    """The function itself, with the keywords of `RunOptions` in the signature that `help` shows."""
+    own = [
+        one
+        for one in inspect.signature(function).parameters.values()
+        if one.kind is not inspect.Parameter.VAR_KEYWORD
+    ]
+    keywords = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=DEFAULT_OPTIONS.get(name),
+            annotation=kind.__forward_arg__,
+        )
+        for name, kind in RunOptions.__annotations__.items()
+    ]
+    returned = inspect.signature(function).return_annotation
+    signature = inspect.Signature([*own, *keywords], return_annotation=returned)
+    function.__signature__ = signature  # type: ignore[attr-defined]
+    return function
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +193,7 @@ def open_run(
     progress: Progress = no_progress,
     **options: Unpack[RunOptions],
 ) -> Run:
-    """The run that is asked for: every word checked, headers read, footprints read, the folder made.
+    """The run that is asked for: every option checked, headers read, footprints read, the folder made.
 
     Parameters
     ----------
@@ -154,7 +206,7 @@ def open_run(
     progress
         Called while headers are read.
     options
-        See `RunOptions`.
+        The keywords of `RunOptions`, documented at `eaves.build`.
 
     Raises
     ------
@@ -168,14 +220,17 @@ def open_run(
     if unknown:
         known = ", ".join(RunOptions.__annotations__)
         raise TypeError(f"unknown option '{min(unknown)}' of a run; choose among: {known}")
+    options = {**DEFAULT_OPTIONS, **options}
     if recipe is None:
         recipe = make_recipe(
             {stage: options.get(stage) for stage in METHOD_OPTIONS},  # type: ignore[misc]
-            published=options.get("as_published", False),
-            use_classes=options.get("use_classes", False),
-            lod=options.get("lod", "2.2"),
+            source=options.get("source"),
+            published=options["as_published"],
+            use_classes=options["use_classes"],
+            lod=options.get("lod"),
         )
     memory = parse_memory(options.get("memory"))
+    check_options(options)
     check_numbers(options)
     formats = tuple(options.get("formats") or ())
     check_formats(formats)
@@ -216,25 +271,36 @@ def open_run(
         index=index,
         window=window,
         plan=describe(index, recipe, options),
-        side=options.get("block", 240.0),
+        side=options["block"],
         given=None if footprints is None else known_polygons,
         lost=() if footprints is None else tuple(lost),
-        snap_footprints=options.get("snap_footprints", False),
+        snap_footprints=options["snap_footprints"],
         addresses=() if party_walls is None else known_polygons,
         formats=formats,
         outputs=tuple(options.get("outputs") or EVERYTHING),
         classified=classified,
-        jobs=options.get("jobs", 1),
+        jobs=options["jobs"] or (os.cpu_count() or 1 if index.points > PROCESSES_ABOVE else 1),
         scheduler=options.get("scheduler"),
         memory=memory,
-        resume=options.get("resume", False),
-        by_tiles=classified is None and (options.get("per_tile", False) or index.points > TILES_ABOVE),
+        resume=options["resume"],
+        by_tiles=classified is None and (options["per_tile"] or index.points > TILES_ABOVE),
         failed=tuple(failed),
         started=started,
     )
 
 
-METHOD_OPTIONS = ("ground", "detect", "outline", "roof", "reconstruct")
+def check_options(options: RunOptions) -> None:
+    """Raise TypeError or ValueError when a number among the options cannot be used."""
+    check_positive(options["block"], "block")
+    jobs = options["jobs"]
+    if not isinstance(jobs, int) or jobs < 0:
+        raise ValueError(f"jobs must be a whole number, not {jobs!r}; 0 chooses for you")
+    bounds = options.get("bounds")
+    if not (bounds is None or isinstance(bounds, Bounds) or len(bounds) == BOUNDS_LENGTH):
+        raise ValueError(f"bounds must be west, south, east, north, not {bounds!r}; give four numbers")
+
+
+METHOD_OPTIONS = ("ground", "detect", "outline", "units", "roof", "reconstruct")
 
 
 def as_bounds(bounds: Bounds | Sequence[float] | None) -> Bounds | None:
@@ -311,13 +377,14 @@ def describe(index: Index, recipe: Recipe, options: RunOptions) -> dict[str, Any
         "methods": methods,
         "use_classes": recipe.use_classes,
         "lod": recipe.lod,
-        "block": options.get("block", 240.0),
+        "block": options["block"],
         "buffer": recipe.buffer,
+        "wide_buffer": recipe.ground.wide_buffer if recipe.sees_wide else 0.0,
         "bounds": None if bounds is None else list(vars(bounds).values()),
         "clip": hash_of(options.get("clip")),
         "footprints": hash_of(options.get("footprints")),
         "id_field": options.get("id_field"),
-        "snap_footprints": options.get("snap_footprints", False),
+        "snap_footprints": options["snap_footprints"],
         "party_walls": hash_of(options.get("party_walls")),
     }
 

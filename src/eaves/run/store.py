@@ -40,7 +40,8 @@ RECORD = np.dtype(
 @dataclass(frozen=True)
 class Store:
     """A folder with `points/` (a folder a block, a file in it a part of an input), `parts/` (a file for every
-    part of an input that is in place), `blocks/`, `buildings/` (a file a block each), and `plan.json`."""
+    part of an input that is in place), `floors/`, `blocks/`, `buildings/` (a file a block each), `squares/`
+    (a file a square), and `plan.json`."""
 
     folder: Path
     has_returns: bool = True
@@ -49,7 +50,7 @@ class Store:
 
     def prepare(self) -> None:
         """Make the folders."""
-        for name in ("points", "parts", "blocks", "buildings"):
+        for name in ("points", "parts", "floors", "squares", "blocks", "buildings"):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
 
     def discard(self) -> None:
@@ -119,7 +120,7 @@ class Store:
         )
 
     def path(self, kind: str, block: Block) -> Path:
-        """The file of a block's result: `kind` is `blocks` or `buildings`."""
+        """The file of a block's result: `kind` is `floors`, `squares`, `blocks` or `buildings`."""
         return self.folder / kind / f"{block.name}.npz"
 
     def has(self, kind: str, block: Block) -> bool:
@@ -143,8 +144,8 @@ class Store:
     def save_buildings(self, owner: Block, results: Sequence[BuildingResult]) -> None:
         """Keep the buildings owned by one block."""
         sections = {
-            "rows": [vars(BuildingRow.of(result.answer, result.seconds)) for result in results],
-            "answers": [result.answer for result in results],
+            "rows": [vars(BuildingRow.of(result.outcome, result.seconds)) for result in results],
+            "answers": [result.outcome for result in results],
         }
         packed = {}
         for name, values in sections.items():
@@ -184,7 +185,7 @@ class Store:
     def drop_damaged(self) -> None:
         """Remove the parts that are not as they were written, with a warning for each: they are computed
         again."""
-        for kind in ("blocks", "buildings"):
+        for kind in ("floors", "squares", "blocks", "buildings"):
             for path in sorted((self.folder / kind).glob("*.npz")):
                 if not is_sound(path):
                     log.warning("%s: the part is damaged; it is computed again", path)

@@ -25,11 +25,12 @@ from eaves.run.index import Index
 from eaves.run.join import assign_footprints
 from eaves.run.manifest import MANIFEST, begin_manifest, check_folder, end_manifest
 from eaves.run.merge import merge_footprints, merge_masks, merge_rasters
-from eaves.run.outputs import write_run
+from eaves.run.outputs import write_map, write_run
 from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.region import Core, Region, TooNarrowError, warn_of_wrong_boxes
 from eaves.run.rows import BuildingRow
 from eaves.run.run import Progress, Run, no_progress
+from eaves.run.wide import seen_from
 from eaves.run.workers import Workers, peak_memory_mb
 
 log = logging.getLogger("eaves")
@@ -135,7 +136,7 @@ class TileTasks(Sequence[TileTask]):
     def _make(self, tile: Tile, ring: int = 1) -> TileTask:
         """A tile's part of the run: the inputs whose box comes near enough, the footprints likewise."""
         loaded = loaded_with(tile, ring, self.run.recipe.buffer)
-        numbers = np.flatnonzero(self.run.index.meeting(loaded.buffered(BOX_TOLERANCE)))
+        numbers = np.flatnonzero(self.run.index.meeting(seen_with(loaded, self.run).buffered(BOX_TOLERANCE)))
         index = self.run.index.subset(numbers)
         mine = replace(
             self.run,
@@ -168,6 +169,11 @@ def loaded_with(tile: Tile, ring: int, reach: float) -> Bounds:
     return tile.bounds.buffered(ring * tile.block + reach)
 
 
+def seen_with(loaded: Bounds, run: Run) -> Bounds:
+    """World metres of the points that are read for it: what is wide is looked for farther away."""
+    return seen_from(loaded, run.recipe.ground) if run.recipe.sees_wide else loaded
+
+
 def compute_tile(task: TileTask, folder: Path, build_region: BuildRegion) -> TileDone:
     """One tile with its files in its folder; an earlier run's where it matches."""
     place = folder / TILES_FOLDER / task.tile.name
@@ -182,7 +188,8 @@ def compute_tile(task: TileTask, folder: Path, build_region: BuildRegion) -> Til
     ring = task.ring
     while True:
         loaded = loaded_with(task.tile, ring, task.run.recipe.buffer)
-        window = Window(within(loaded, task.run.window.bounds), task.run.window.clip)
+        seen = seen_with(loaded, task.run)
+        window = Window(within(seen, task.run.window.bounds), task.run.window.clip)
         mine = replace(task.run, folder=place, window=window)
         region = Region(mine, place / ".eaves-work", Workers(), no_progress)
         try:
@@ -267,6 +274,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
         merge_masks(files[0], places, run.index.system, workers)
         progress("merge", 2, 3)
         files += merge_rasters(folder, places)
+    files.append(write_map(folder, files, run.index.system))
     progress("merge", 3, 3)
     runs = [done[tile].run for tile in sorted(done)]
     reasons = [*run.failed, *failed.values(), *(reason for one in runs for reason in one["incomplete"])]
@@ -300,7 +308,7 @@ def rows_of_no_tile(run: Run, tiles: set[Tile]) -> list[BuildingRow]:
 
 def differs(tile: Tile, run: Run, old: Index, new: Index) -> bool:
     """Whether a tile meets other inputs when boxes are corrected."""
-    loaded = loaded_with(tile, 1, run.recipe.buffer).buffered(BOX_TOLERANCE)
+    loaded = seen_with(loaded_with(tile, 1, run.recipe.buffer), run).buffered(BOX_TOLERANCE)
     return bool((new.meeting(loaded) & ~old.meeting(loaded)).any())
 
 

@@ -257,9 +257,24 @@ def begin_worker(memory: int | None = None) -> None:
         threading.Thread(target=end_after, args=(parent.sentinel,), daemon=True).start()
     warnings.simplefilter("ignore")  # remarks of libraries, which nobody could read among other processes'
     limit_memory(memory)
+    import_pyogrio_alone()
 
 
 def end_after(sentinel: int) -> None:
     """Wait for another process to end, and end this one."""
     wait_for_end([sentinel])
     os._exit(1)
+
+
+def import_pyogrio_alone() -> None:
+    """Import pyogrio without the data frames it would offer: pandas and geopandas cost most of a second.
+
+    For processes of our own only: a caller's process may want pyogrio's data frames later.
+    """
+    hidden = [name for name in ("pandas", "geopandas", "pyarrow") if name not in sys.modules]
+    sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]
+    try:
+        import pyogrio.raw  # noqa: F401
+    finally:
+        for name in hidden:
+            del sys.modules[name]

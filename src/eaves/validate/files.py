@@ -39,7 +39,7 @@ class Grid:
     step: float = FINEST_STEP
 
     def places(self, written: Any) -> Integers:
-        """Written vertices as (V, 3) whole numbers of steps; ValueError says what is wrong with them."""
+        """Written vertices as (V, 3) whole numbers of steps; ValueError states what is wrong with them."""
         try:
             given = np.asarray(written)
             if given.size and given.dtype.kind not in "iuf" and any(type(x) is not int for x in given.flat):
@@ -62,14 +62,25 @@ class Grid:
 def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> list[Finding]:
     """All findings of a CityJSON or CityJSONSeq file, in the order of its buildings; none means valid.
 
-    Checked are the coordinates as written (whole numbers and transform). Of CityJSONSeq some features are in
+    The coordinates are checked as written (whole numbers and transform). Of CityJSONSeq some features are in
     memory at a time.
+
+    Parameters
+    ----------
+    path : str or Path
+        `.city.json` or `.city.jsonl`.
+    tolerances : Tolerances or None
+        Limits for snapping, planarity and normals; None takes val3dity's defaults.
+
+    Returns
+    -------
+    list of Finding
+        Defects by val3dity's code numbers; a file that is no CityJSON gives finding 901 or 904.
 
     Raises
     ------
     InputError
-        When there is no such file, or it may not be read. What is in it is never an error: a file that is no
-        CityJSON gives finding 901 or 904.
+        When there is no such file, or it cannot be read.
 
     Examples
     --------

@@ -13,6 +13,8 @@ from eaves.geometry.roof_fit import collect_faces, fit_roof
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Mask, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
+from eaves.reconstruct.toolkit.face_quality import grade_faces, supported_share
+from eaves.reconstruct.toolkit.roof_figures import roof_figures
 
 EMPTY_CELL = 1.0
 """Side of the cells (m) in which the share of roof without points is counted."""
@@ -20,17 +22,11 @@ EMPTY_CELL = 1.0
 MOST_UNKNOWN = 0.5
 """A roof face with a larger share of cells without points is not measured but filled in."""
 
+OWN_SURFACE = 1.0
+"""Points further (m) from the roof hang over it or lie under it: they say nothing of its heights."""
+
 TRIMMED_SHARE = 0.95
 """Share of the best-fitting points the trimmed RMSE is computed from."""
-
-MAIN_FACE_SHARE = 0.1
-"""Roof faces under this share of the roof's plan do not decide its type."""
-
-LEVEL_SLOPE_DEG = 6.0
-"""Main faces flatter than this make a flat roof: drainage falls reach 5 degrees."""
-
-OPPOSITE_DEG = 20.0
-"""Azimuths this near to opposite (degrees) face each other across a ridge."""
 
 Surface = tuple[Values, Values, NDArray[np.int64]]
 """Height of a model over places (N,), cosine of its slope there, number of the roof face."""
@@ -97,18 +93,17 @@ def describe(
         record["rmse_m"] = float(np.sqrt(np.mean(mine**2))) if len(mine) else None
     centres, empty = empty_cells(points, model)
     mark_unknown(roof_faces, surface_heights(solids, centres)[2], empty)
+    grade_faces(roof_faces, error, number)
+    own = roof[np.abs(error) <= OWN_SURFACE]
     area = float(model.footprint.polygon.area)
     squared = np.sort(error**2)
     kept = squared[: max(1, int(TRIMMED_SHARE * len(squared)))]
-    low, middle, high = np.percentile(roof[:, 2], [50.0, 70.0, 100.0])
+    low, middle = np.percentile((own if len(own) else roof)[:, 2], [50.0, 70.0])
     return {
-        "roof_type": roof_type(roof_faces),
+        **roof_figures(roof_faces, ground),
         "h_ground": ground,
-        "h_eaves": min((face["h_low"] for face in roof_faces), default=None),
-        "h_ridge": max((face["h_high"] for face in roof_faces), default=None),
         "h_50p": float(low),
         "h_70p": float(middle),
-        "h_max": float(high),
         "volume_m3": float(sum(measure_volume(solid) for solid in solids)),
         "wall_area_m2": wall_area,
         "roof_area_m2": float(sum(face["area_m2"] for face in roof_faces)),
@@ -119,6 +114,7 @@ def describe(
         "points": len(points),
         "density": len(points) / area if area > 0.0 else 0.0,
         "share_no_data": float(empty.mean()) if len(empty) else float(len(points) == 0),
+        "supported_share": supported_share(roof_faces),
         "roof_faces": roof_faces,
     }
 
@@ -170,24 +166,3 @@ def mark_unknown(roof_faces: list[dict[str, Any]], face: NDArray[np.int64], empt
         share = float(mine.mean()) if len(mine) else float(record["points"] == 0)
         record["share_no_data"] = share
         record["no_data"] = share > MOST_UNKNOWN
-
-
-def roof_type(faces: list[dict[str, Any]]) -> str:
-    """flat, shed, gable, hip, pyramid or complex, from the faces that cover at least a tenth of the plan."""
-    whole = sum(face["projected_m2"] for face in faces)
-    main = [face for face in faces if face["projected_m2"] >= MAIN_FACE_SHARE * whole]
-    sloped = [face for face in main if face["slope_deg"] >= LEVEL_SLOPE_DEG]
-    if not sloped:
-        return "flat"
-    if len(sloped) < len(main):
-        return "complex"
-    azimuths = np.sort([face["azimuth_deg"] for face in sloped])
-    if len(sloped) == 1:
-        return "shed"
-    if len(sloped) == 2 and abs(azimuths[1] - azimuths[0] - 180.0) <= OPPOSITE_DEG:
-        return "gable"
-    quarter = np.diff(np.append(azimuths, azimuths[0] + 360.0))
-    if len(sloped) == 4 and np.all(np.abs(quarter - 90.0) <= OPPOSITE_DEG):
-        areas = sorted(face["projected_m2"] for face in sloped)
-        return "pyramid" if areas[0] > 0.7 * areas[-1] else "hip"
-    return "complex"

@@ -17,6 +17,9 @@ from eaves.reconstruct.toolkit.percentiles import group_percentiles
 RUNAWAY = 1e3
 """Cost (m²) of a metre beyond the heights a plane's points support: more than any misfit."""
 
+RISE = 0.25
+"""A roof may rise over the highest of its points by this much (m): the ridge between two points."""
+
 UNKNOWN_PRICE = 0.3
 """Cost (m²) of a square metre under the level that stands for no plane at all."""
 LEAST_SHARE = 0.3
@@ -104,6 +107,7 @@ def cell_costs(
     margin = prices.overshoot + prices.reach_beyond * np.hypot(planes[:, 0], planes[:, 1])
     floor = np.where(np.isnan(low), -np.inf, low) - margin
     ceiling = np.where(np.isnan(high), np.inf, high) + margin
+    ceiling = np.minimum(ceiling, highest_allowed(roof, planes, spacing))
     data: NDArray[np.float64] = cell_costs_kernel(
         roof[point[order]],
         np.searchsorted(cell[order], np.arange(coverage.count + 1)),
@@ -120,6 +124,40 @@ def cell_costs(
     )
     data[:, -1] += UNKNOWN_PRICE * coverage.area + 1e-6
     return np.asarray(np.minimum(data, LARGEST))
+
+
+def hold_down(
+    coverage: Coverage,
+    chosen: Integers,
+    roof: Points,
+    labels: Labels,
+    planes: NDArray[np.float64],
+    spacing: float,
+    ground: float,
+    prices: Prices,
+) -> Integers:
+    """The plane (C,) of every cell, `chosen` but for those that rise above what `highest_allowed` allows;
+    they get the plane of least cost. Arguments as for `label_cells`.
+    """
+    halves = np.flatnonzero(coverage.cell >= 0)
+    cell, corner = coverage.cell[halves], coverage.nodes[coverage.start[halves]]
+    a, b, c = planes[chosen[cell]].T
+    limit = highest_allowed(roof, planes, spacing)
+    over = np.unique(cell[corner[:, 0] * a + corner[:, 1] * b + c > limit[chosen[cell]]])
+    if len(over) == 0:
+        return chosen
+    answer = chosen.copy()
+    answer[over] = cell_costs(coverage, roof, labels, planes, spacing, ground, prices)[over].argmin(axis=1)
+    return answer
+
+
+def highest_allowed(roof: Points, planes: NDArray[np.float64], spacing: float) -> Values:
+    """The height (P,; m) no plane may rise above: a little over the highest of all roof points (N, 3).
+
+    Where the slope is steep and points are sparse a ridge rises so far between two points.
+    """
+    rise = 0.25 * spacing * np.hypot(planes[:, 0], planes[:, 1])
+    return np.asarray(roof[:, 2].max() + np.maximum(rise, RISE))
 
 
 @njit(cache=True)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model import Labels, Points, Solid, Values
-from eaves.reconstruct.toolkit.cell_labels import Prices, label_cells
+from eaves.reconstruct.toolkit.cell_labels import Prices, hold_down, label_cells
 from eaves.reconstruct.toolkit.coverage import Coverage, Integers
 from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF, PRISM_PERCENTILE
 from eaves.reconstruct.toolkit.percentiles import group_percentiles
@@ -102,4 +102,8 @@ def simple_solids(
     chosen = label_cells(plan, roof, labels, planes, spacing, ground, prices)
     simple, kept = plan.merged(chosen)
     smallest = min(limits[0], SIMPLE_SHARE * float(plan.area.sum()))
-    return without_numbers(raise_plan(simple, kept, planes, ground, smallest, limits[1]).solids)
+    known = (roof, labels, planes, spacing, ground, prices)
+    raised = raise_plan(
+        simple, kept, planes, ground, smallest, limits[1], lambda plan, kept: hold_down(plan, kept, *known)
+    )
+    return without_numbers(raised.solids)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from eaves.reconstruct.toolkit.simplification import (
     merge_short_edges,
 )
 from eaves.reconstruct.toolkit.soundness import find_defect
+from eaves.reconstruct.toolkit.welding import weld_necks
 
 FIRMNESS = (1.0, 2.5, 6.0)
 """Multiples of the shortest edge and the narrowest face, tried in turn until the solids are sound."""
@@ -46,14 +48,18 @@ def raise_plan(
     ground: float,
     smallest: float,
     narrowest: float,
+    held_down: Callable[[Coverage, Integers], Integers] | None = None,
 ) -> Raised:
     """The solids over a plan whose cells carry `labels` (C,) of `planes` (P, 3), or why there are none.
 
-    Faces smaller (m²) or narrower (m) than the limits go to their neighbours.
+    Faces smaller (m²) or narrower (m) than the limits go to their neighbours. `held_down` gives cells that
+    rise too high by that another label.
     """
     defect = ""
     for firmness in FIRMNESS:
         tidied, kept = tidy(plan, labels, smallest, firmness * narrowest, firmness * SHORTEST_EDGE)
+        if held_down is not None:
+            tidied, kept = tidied.merged(held_down(tidied, kept))
         solids = extrude(tidied, planes[kept], ground)
         if solids is None:
             defect = "the plan touches itself"
@@ -67,7 +73,7 @@ def raise_plan(
 def tidy(
     plan: Coverage, labels: Integers, smallest: float, narrowest: float, shortest: float
 ) -> tuple[Coverage, Integers]:
-    """The plan without slivers, short edges and needless nodes, and the label (C,) of each of its cells."""
+    """The plan without slivers, short edges, needless nodes and necks, and the label (C,) of each cell."""
     plan, labels = absorb_slivers(plan, labels, smallest, narrowest)
     plan, labels = drop_straight_nodes(plan, labels)
     plan, labels = merge_short_edges(plan, labels, shortest)
@@ -75,7 +81,8 @@ def tidy(
     plan, labels = absorb_slivers(plan, labels, smallest, narrowest)
     plan, labels = drop_straight_nodes(plan, labels)
     straight = drop_straight_nodes(plan, labels, JOG)
-    return straight if is_sound(straight[0]) else (plan, labels)
+    plan, labels = straight if is_sound(straight[0]) else (plan, labels)
+    return weld_necks(plan, labels)
 
 
 def number_faces(solids: list[Solid], labels: Integers) -> Raised:

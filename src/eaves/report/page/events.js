@@ -62,7 +62,7 @@ function listenToControls(viewer) {
     let number = all.findIndex(row => row.id === wanted);
     if (number < 0 && wanted) number = all.findIndex(row => String(row.id).includes(wanted));
     if (number >= 0) viewer.choose(number);
-    else if (wanted) byId('said').textContent = `no building here has an id with ${wanted} in it`;
+    else if (wanted) byId('status').textContent = `no building here has an id with ${wanted} in it`;
   });
   byId('theme').addEventListener('click', () => {
     const root = document.documentElement, dark = getComputedStyle(root).colorScheme === 'dark' || (getComputedStyle(root).colorScheme !== 'light' && matchMedia('(prefers-color-scheme: dark)').matches);
@@ -71,15 +71,15 @@ function listenToControls(viewer) {
   });
 }
 
-// What the address says behind '#': id=…&view=above&theme=dark&lod=1.2&points=distance&models=fit&off=ground,walls
+// The settings of the address behind '#': id=…&view=above&theme=dark&lod=1.2&points=distance&models=fit&off=ground,walls
 function obeyAddress(viewer) {
-  const told = new URLSearchParams(location.hash.slice(1));
-  if (told.has('theme')) document.documentElement.dataset.theme = told.get('theme');
-  for (const [name, control] of [['lod', 'lod'], ['points', 'point-colour'], ['models', 'model-colour'], ['size', 'size']]) if (told.has(name)) byId(control).value = told.get(name);
-  for (const [name, on] of [['on', true], ['off', false]]) for (const box of (told.get(name) || '').split(',')) if (byId(box)) byId(box).checked = on;
+  const given = new URLSearchParams(location.hash.slice(1));
+  if (given.has('theme')) document.documentElement.dataset.theme = given.get('theme');
+  for (const [name, control] of [['lod', 'lod'], ['points', 'point-colour'], ['models', 'model-colour'], ['size', 'size']]) if (given.has(name)) byId(control).value = given.get(name);
+  for (const [name, on] of [['on', true], ['off', false]]) for (const box of (given.get(name) || '').split(',')) if (byId(box)) byId(box).checked = on;
   viewer.refresh();
-  if (told.has('id')) viewer.choose(viewer.all.findIndex(row => row.id === told.get('id')));
-  for (const view of (told.get('view') || '').split(',')) if (view) viewer.view(view);
+  if (given.has('id')) viewer.choose(viewer.all.findIndex(row => row.id === given.get('id')));
+  for (const view of (given.get('view') || '').split(',')) if (view) viewer.view(view);
 }
 
 async function start() {

@@ -1,0 +1,147 @@
+"""What the roof faces say of a building: type, eaves, ridge, direction, slope, orientation, storeys."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+MAIN_SHARE = 0.9
+"""The largest faces that cover so much of the plan are the main ones: dormers and chimneys decide nothing."""
+
+LEVEL_SLOPE_DEG = 6.0
+"""Faces flatter than this are flat: drainage falls reach 5 degrees."""
+
+ANNEX_SHARE = 0.6
+"""Main faces that end below this share of the ridge's height are an annex's and have eaves of their own."""
+
+DECIDING_SHARE = 0.75
+"""A roof is flat, or pitched, when this share of its main plan is."""
+
+LEAST_SIDE = 0.06
+"""A direction with a smaller share of the pitched plan is no side of the roof."""
+
+OPPOSITE_DEG = 20.0
+"""Azimuths this near are one side of a roof; this near to opposite they face each other across a ridge."""
+
+PYRAMID_LIKENESS = 0.7
+"""The smallest side of a pyramid has at least this share of the largest's plan."""
+
+STOREY_M = 2.9
+"""Height of a storey with its floor, from floor to floor (m), as dwellings in Europe have it."""
+
+CODES = {"flat": "1000", "shed": "1010", "gable": "1030", "hip": "1040", "pyramid": "1070", "complex": "1130"}
+"""The roof types in the code list of CityGML's `roofType` (SIG3D)."""
+
+QUARTERS = ("n", "e", "s", "w")
+"""The quarters of the compass that roof faces look to."""
+
+Record = dict[str, Any]
+
+
+def roof_figures(faces: list[Record], ground: float) -> Record:
+    """Attributes from the records of the roof faces; `ground` (m) is the base of the building.
+
+    Heights are those of the roof's own surface; the eaves are the lowest, the ridge the highest edge of the
+    main faces, annexes left out. Storeys are counted from the ground to the eaves.
+    """
+    if not faces:
+        return {"roof_type": "flat", "h_eaves": None, "h_ridge": None, "h_max": None}
+    main = main_faces(faces)
+    kind = roof_type(faces)
+    ridge, top = max(face["h_high"] for face in main), max(face["h_high"] for face in faces)
+    high = [face for face in main if face["h_high"] - ground > ANNEX_SHARE * (ridge - ground)]
+    eaves = min(face["h_low"] for face in high or main)
+    plan = sum(face["projected_m2"] for face in faces)
+    pitched = [face for face in main if face["slope_deg"] >= LEVEL_SLOPE_DEG]
+    level = sum(face["projected_m2"] for face in faces if face["slope_deg"] < LEVEL_SLOPE_DEG)
+    answer: Record = {
+        "roof_type": kind,
+        "roofType": CODES[kind],
+        "roof_share_flat": round(level / plan, 3) if plan > 0.0 else None,
+        "roof_share_pitched": round(1.0 - level / plan, 3) if plan > 0.0 else None,
+        "h_eaves": eaves,
+        "h_ridge": ridge,
+        "h_max": top,
+        "measuredHeight": top - ground,
+        "ridge_direction_deg": ridge_direction(pitched),
+        "roof_slope_deg": mean_slope(pitched),
+        "storeysAboveGround": max(1, round((eaves - ground) / STOREY_M)),
+        "storeys_source": f"eaves over ground by {STOREY_M} m",
+    }
+    areas = dict.fromkeys(("flat", *QUARTERS), 0.0)
+    for face in faces:
+        side = "flat" if face["slope_deg"] < LEVEL_SLOPE_DEG else quarter_of(face["azimuth_deg"])
+        areas[side] += face["area_m2"]
+    return answer | {f"roof_area_{side}_m2": area for side, area in areas.items()}
+
+
+def main_faces(faces: list[Record]) -> list[Record]:
+    """The largest faces in plan that together cover `MAIN_SHARE` of it."""
+    order = sorted(faces, key=lambda face: -face["projected_m2"])
+    plan = np.cumsum([face["projected_m2"] for face in order])
+    return order[: int(np.searchsorted(plan, MAIN_SHARE * plan[-1])) + 1]
+
+
+def roof_type(faces: list[Record]) -> str:
+    """flat, shed, gable, hip, pyramid or complex, judged over the whole plan of the main faces."""
+    main = main_faces(faces)
+    plan = sum(face["projected_m2"] for face in main)
+    pitched = [face for face in main if face["slope_deg"] >= LEVEL_SLOPE_DEG]
+    share = sum(face["projected_m2"] for face in pitched) / plan if plan > 0.0 else 0.0
+    if share <= 1.0 - DECIDING_SHARE:
+        return "flat"
+    if share < DECIDING_SHARE:
+        return "complex"
+    sides = sides_of(pitched)
+    azimuths = np.sort(np.array([azimuth for azimuth, _ in sides]))
+    if len(sides) == 1:
+        return "shed"
+    if len(sides) == 2 and abs(azimuths[1] - azimuths[0] - 180.0) <= OPPOSITE_DEG:
+        return "gable"
+    quarter = np.diff(np.append(azimuths, azimuths[0] + 360.0))
+    if len(sides) == 4 and np.all(np.abs(quarter - 90.0) <= OPPOSITE_DEG):
+        areas = sorted(area for _, area in sides)
+        return "pyramid" if areas[0] > PYRAMID_LIKENESS * areas[-1] else "hip"
+    return "complex"
+
+
+def sides_of(pitched: list[Record]) -> list[tuple[float, float]]:
+    """Azimuth (degrees) and plan (m²) of the sides of a roof: faces that look the same way are one."""
+    left = sorted(pitched, key=lambda face: -face["projected_m2"])
+    whole = sum(face["projected_m2"] for face in left)
+    sides = []
+    while left:
+        azimuth = left[0]["azimuth_deg"]
+        apart = [abs((face["azimuth_deg"] - azimuth + 180.0) % 360.0 - 180.0) for face in left]
+        mine = [face for face, away in zip(left, apart, strict=True) if away <= OPPOSITE_DEG]
+        left = [face for face, away in zip(left, apart, strict=True) if away > OPPOSITE_DEG]
+        area = sum(face["projected_m2"] for face in mine)
+        if area >= LEAST_SIDE * whole:
+            sides.append((float(azimuth), float(area)))
+    return sides
+
+
+def ridge_direction(pitched: list[Record]) -> float | None:
+    """Direction of the ridges, 0 to 180 degrees clockwise from grid north: upright on the falls, whose
+    doubled angles are averaged by plan; None for a flat roof.
+    """
+    if not pitched:
+        return None
+    doubled = 2.0 * np.radians([face["azimuth_deg"] for face in pitched])
+    weight = np.array([face["projected_m2"] for face in pitched])
+    mean = 0.5 * np.arctan2((weight * np.sin(doubled)).sum(), (weight * np.cos(doubled)).sum())
+    return round(float((np.degrees(mean) + 90.0) % 180.0), 1)
+
+
+def mean_slope(pitched: list[Record]) -> float | None:
+    """Mean slope (degrees) of the pitched faces, by plan; None for a flat roof."""
+    if not pitched:
+        return None
+    weight = [face["projected_m2"] for face in pitched]
+    return round(float(np.average([face["slope_deg"] for face in pitched], weights=weight)), 1)
+
+
+def quarter_of(azimuth: float) -> str:
+    """The quarter of the compass an azimuth (degrees) lies in: north is 315 to 45."""
+    return QUARTERS[int(((azimuth + 45.0) % 360.0) // 90.0)]

@@ -1,0 +1,152 @@
+"""A block's outline divided along found walls, without gap or overlap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import LineString, Polygon
+
+from eaves.geometry.pieces import borders_of, joined_pieces
+from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.outline.toolkit.shared_edges import welded
+from eaves.units.row_walls.rows import CELL_M, Plan, Row
+
+EVERY = 2
+"""Every other cell of a line votes for the unit a piece belongs to."""
+
+FARTHEST_M = 15.0
+"""A wall is carried on through annexes and gardens' sheds by at most this much (m)."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowUnits:
+    """A row, its inner walls (W,) as steps along it, and how sure each is (W,)."""
+
+    row: Row
+    walls: NDArray[np.int64]
+    certainty: NDArray[np.float64]
+
+    @property
+    def bounds(self) -> NDArray[np.int64]:
+        """The steps at which units begin and end (W + 2,)."""
+        return np.concatenate([[0], self.walls, [len(self.row.first)]])
+
+
+def label_cells(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], first: int) -> int:
+    """Writes the number of its unit, from `first` on, into each cell of `label` that a row claims; how many
+    units there are.
+    """
+    number = first
+    for units in rows:
+        row = units.row
+        s, t = row.grid()
+        mine = (t >= row.first) & (t < row.last)
+        step = np.broadcast_to(np.arange(len(row.first)), s.shape)[mine]
+        unit = np.searchsorted(units.walls, step, side="right")
+        cells = plan.cells(row.place(s[mine], t[mine]))
+        label[cells] = number + unit
+        number += len(units.walls) + 1
+    return number - first
+
+
+def carried_on(
+    plan: Plan, label: NDArray[np.int32], start: NDArray[np.float64], way: NDArray[np.float64]
+) -> float:
+    """How far (m) a wall that ends at `start` goes on along `way` before it meets another unit."""
+    away = np.arange(2.0 * CELL_M, FARTHEST_M, CELL_M)
+    met = label[plan.cells(start + away[:, None] * way)] > 0
+    return float(away[np.argmax(met)]) if met.any() else FARTHEST_M
+
+
+def wall_lines(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits]) -> list[LineString]:
+    """The lines that divide the block: the inner walls, carried on, and the borders of each row's ground."""
+    lines = []
+    for units in rows:
+        row = units.row
+        steps = len(row.first)
+        for wall in units.walls.tolist():
+            near = min(row.first[wall - 1], row.first[wall])
+            far = max(row.last[wall - 1], row.last[wall])
+            ends = row.place(np.array([wall, wall]) * CELL_M, np.array([near, far]))
+            ends[0] -= carried_on(plan, label, ends[0], -row.across) * row.across
+            ends[1] += carried_on(plan, label, ends[1], row.across) * row.across
+            lines.append(LineString(ends))
+        corners = row.strip(0.0, steps * CELL_M)
+        lines.append(LineString(corners.exterior.coords))
+    return lines
+
+
+def divide_outline(
+    outline: Polygon, plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits]
+) -> tuple[list[Polygon], list[float]]:
+    """The parts of an outline, one for each unit that `label` (H, W) has cells of; they fill it."""
+    cuts = [outline.boundary, *wall_lines(plan, label, rows)]
+    pieces = [
+        piece
+        for piece in shapely.get_parts(
+            shapely.polygonize([shapely.union_all(cuts, grid_size=COORDINATE_STEP)])
+        )
+        if outline.covers(piece.representative_point())
+    ]
+    count = int(label.max(initial=0))
+    owner = owners_by_cells(pieces, plan, label, count)
+    found = joined_pieces(pieces, owner, count)
+    sure = certainty_of_units(label, rows, plan, count)
+    parts = [part for part in found if part is not None]
+    kept = [sure[k] for k, part in enumerate(found) if part is not None]
+    whole = []
+    for part in welded(parts):
+        plain = shapely.remove_repeated_points(part, 3.0 * COORDINATE_STEP)
+        whole.append(shapely.orient_polygons(plain if plain.is_valid else part))
+    return whole, kept
+
+
+def certainty_of_units(
+    label: NDArray[np.int32], rows: Sequence[RowUnits], plan: Plan, count: int
+) -> list[float]:
+    """Of each unit the certainty of the least sure inner wall on it, 1 where there is none."""
+    sure = [1.0] * count
+    for units in rows:
+        row = units.row
+        for wall, chance in zip(units.walls.tolist(), units.certainty.tolist(), strict=True):
+            for step in (wall - 2, wall + 1):
+                step = min(max(step, 0), len(row.first) - 1)
+                middle = 0.5 * (row.first[step] + row.last[step])
+                place = row.place(np.array([(step + 0.5) * CELL_M]), np.array([middle]))
+                unit = int(label[plan.cells(place)][0])
+                if unit > 0:
+                    sure[unit - 1] = min(sure[unit - 1], chance)
+    return sure
+
+
+def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int32], count: int) -> list[int]:
+    """The unit (from 0) that has most cells in each piece; a piece without goes to the neighbour
+    it shares the longest border with.
+    """
+    some = label[::EVERY, ::EVERY]
+    row, column = np.nonzero(some > 0)
+    numbers = some[row, column] - 1
+    row, column = EVERY * row, EVERY * column
+    x = plan.west + (column + 0.5) * CELL_M
+    y = plan.south + (row + 0.5) * CELL_M
+    tree = shapely.STRtree(shapely.points(x, y))
+    owner = [-1] * len(pieces)
+    piece, cell = tree.query(pieces, predicate="contains")
+    for k in range(len(pieces)):
+        votes = np.bincount(numbers[cell[piece == k]], minlength=count)
+        area = (EVERY * CELL_M) ** 2 * votes.max(initial=0)
+        if area > max(0.25 * pieces[k].area, 0.5):
+            owner[k] = int(np.argmax(votes))
+    changed = True
+    while changed:
+        changed = False
+        for k in np.flatnonzero(np.array(owner) < 0).tolist():
+            border = borders_of(k, pieces, owner, count)
+            if border.max(initial=0.0) > 0.0:
+                owner[k] = int(np.argmax(border))
+                changed = True
+    return owner

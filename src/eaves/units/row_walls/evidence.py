@@ -1,0 +1,264 @@
+"""What the points on both sides of a line across a row say of a party wall along it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from eaves.model import Mask, Points
+from eaves.units.row_walls.rows import CELL_M, Row
+
+DEPTH_STEP_M = 1.0
+"""Points are compared across a wall at each metre of its length."""
+
+WINDOW_M = 2.0
+"""Width of the ground on either side that is compared: half of a narrow house."""
+
+STRIP_M = 0.5
+"""What stands over the roof within this distance of the wall stands on it."""
+
+FEWEST = 3
+"""Fewer points on one side of a metre say nothing of it."""
+
+WIDE = 3
+"""Steps left out beside a wall where the points next to it lie on no plane: gutters, shadows."""
+
+CROSSING_M = 0.6
+"""Planes that cross this near (m) to a place meet there in a fold and make no step."""
+
+LEAST_SPREAD = 0.015
+"""Points whose variance along a direction (m²) is less show no slope along it."""
+
+SIGNS = (
+    "step",
+    "stepped share",
+    "valley",
+    "ridge",
+    "parapet",
+    "chimney",
+    "depth change",
+    "one-sided share",
+    "change of slope",
+    "rough share",
+    "longest step",
+    "step to an edge",
+)
+COLUMNS = 12
+"""The columns of `wall_signs`."""
+
+
+def wall_signs(row: Row, points: Points, noise: float) -> NDArray[np.float64]:
+    """The signs (S + 1, 12) of a wall at each step along the row, from its roof points (N, 3)."""
+    s, t = row.coordinates(points[:, :2])
+    step = np.floor(s / CELL_M).astype(np.int64)
+    inside = (step >= 0) & (step < len(row.first))
+    inside[inside] &= (t[inside] >= row.first[step[inside]]) & (t[inside] < row.last[step[inside]])
+    used = row.last > row.first
+    low = float(row.first[used].min())
+    depths = int((row.last.max() - low) / DEPTH_STEP_M) + 1
+    line = ((t[inside] - low) / DEPTH_STEP_M).astype(np.int64)
+    middle = t[inside] - low - (line + 0.5) * DEPTH_STEP_M
+    moments = moments_kernel(s[inside], middle, points[inside, 2], line, step[inside], depths, len(row.first))
+    ground = (low + (np.arange(depths)[:, None] + 0.5) * DEPTH_STEP_M >= row.first) & (
+        low + (np.arange(depths)[:, None] + 0.5) * DEPTH_STEP_M < row.last
+    )
+    window, strip = round(WINDOW_M / CELL_M), round(STRIP_M / CELL_M)
+    return np.asarray(signs_kernel(moments, ground, row.first, row.last, window, strip, CELL_M, noise))
+
+
+WEIGHTS = {
+    "one": -4.27,
+    "share": 8.11,
+    "step": 1.75,
+    "root": -4.51,
+    "valley": -10.3,
+    "ridge": -9.91,
+    "parapet": 1.53,
+    "depth": 0.45,
+    "lone": -2.29,
+    "rough": -1.8,
+    "rough share": -1.23,
+    "longest": -0.29,
+    "edge": 0.56,
+    "full valley": 11.14,
+}
+"""Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.units learn`."""
+
+
+def wall_odds(signs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Log-odds (S + 1,) of a party wall from its signs (S + 1, 12), by logistic regression."""
+    return np.asarray(traits_of(signs) @ np.array(list(WEIGHTS.values())))
+
+
+def traits_of(signs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The columns (S + 1, K) that `WEIGHTS` weigh."""
+    step, share, valley, ridge, parapet, _, depth, lone, _, rough, longest, edge = signs.T
+    return np.column_stack(
+        [
+            np.ones(len(signs)),
+            share,
+            step,
+            np.sqrt(step),
+            np.minimum(valley, 0.6),
+            np.minimum(ridge, 0.6),
+            np.minimum(parapet, 0.3),
+            np.minimum(depth, 1.5),
+            np.minimum(lone, 0.3),
+            rough,
+            rough * share,
+            longest / 10.0,
+            edge / 10.0,
+            np.clip((valley - 0.25) / 0.5, 0.0, 1.0),
+        ]
+    )
+
+
+@njit(cache=True)
+def moments_kernel(
+    s: NDArray[np.float64],
+    t: NDArray[np.float64],
+    z: NDArray[np.float64],
+    line: NDArray[np.int64],
+    step: NDArray[np.int64],
+    depths: int,
+    steps: int,
+) -> NDArray[np.float64]:
+    """Running sums (D, S + 1, 10) of 1, s, t, s², s t, t², z, s z, t z, z² along each of D lines of S steps.
+
+    t counts from the middle of the line.
+    """
+    sums = np.zeros((depths, steps + 1, 10))
+    for k in range(len(s)):
+        own = sums[line[k], step[k] + 1]
+        own[0] += 1.0
+        own[1] += s[k]
+        own[2] += t[k]
+        own[3] += s[k] * s[k]
+        own[4] += s[k] * t[k]
+        own[5] += t[k] * t[k]
+        own[6] += z[k]
+        own[7] += s[k] * z[k]
+        own[8] += t[k] * z[k]
+        own[9] += z[k] * z[k]
+    for i in range(depths):
+        for j in range(steps):
+            for m in range(10):
+                sums[i, j + 1, m] += sums[i, j, m]
+    return sums
+
+
+@njit(cache=True)
+def side_kernel(
+    sums: NDArray[np.float64], at: int, way: int, room: int, place: float, noise: float
+) -> tuple[bool, float, float, float]:
+    """Whether the points beside step `at` of a line (`sums` (S + 1, 10)), on the side `way`, lie on a plane;
+    how many they are, the height of that plane at `place` in the middle of the line, its slope along the row.
+
+    The widest of three windows in which they do is taken, at most `room` steps wide.
+    """
+    n = 0.0
+    for share in (4, 2, 1):
+        width = room * share // 4
+        low, high = (at - width, at) if way < 0 else (at, at + width)
+        low, high = max(low, 0), min(high, len(sums) - 1)
+        if low >= high:
+            return False, 0.0, 0.0, 0.0
+        q = sums[high] - sums[low]
+        n = q[0]
+        if n < FEWEST:
+            return False, n, 0.0, 0.0
+        s, t, z = q[1] / n, q[2] / n, q[6] / n
+        ss, st, tt = q[3] / n - s * s, q[4] / n - s * t, q[5] / n - t * t
+        sz, tz, zz = q[7] / n - s * z, q[8] / n - t * z, q[9] / n - z * z
+        whole = ss * tt - st * st
+        slope, rise = 0.0, 0.0
+        if n > FEWEST and ss > LEAST_SPREAD and tt > LEAST_SPREAD and whole > 0.1 * ss * tt:
+            slope = (sz * tt - tz * st) / whole
+            rise = (tz * ss - sz * st) / whole
+        elif tt > LEAST_SPREAD:
+            rise = tz / tt
+        left = zz - slope * sz - rise * tz
+        if left < noise * noise:
+            return True, n, z + slope * (place - s) - rise * t, slope
+    return False, n, 0.0, 0.0
+
+
+@njit(cache=True)
+def signs_kernel(
+    sums: NDArray[np.float64],
+    ground: Mask,
+    first: NDArray[np.float64],
+    last: NDArray[np.float64],
+    window: int,
+    strip: int,
+    cell: float,
+    noise: float,
+) -> NDArray[np.float64]:
+    """The signs at each of S + 1 steps; see `wall_signs`."""
+    depths, steps = ground.shape
+    signs = np.zeros((steps + 1, COLUMNS))
+    straight = 2.0 * noise + 0.03
+    for j in range(1, steps):
+        place = j * cell
+        both, lone, rough = 0, 0, 0
+        run, longest, lead, seen = 0, 0, 0, 0
+        for i in range(depths):
+            left, right = ground[i, j - 1], ground[i, j]
+            if left != right:
+                lone += 1
+            if not (left and right):
+                continue
+            good, n, before, rise = side_kernel(sums[i], j - 1, -1, window, place, straight)
+            fine, m, after, fall = side_kernel(sums[i], j + 1, 1, window, place, straight)
+            if not good:
+                good, n, before, rise = side_kernel(sums[i], j - WIDE, -1, window, place, straight)
+            if not fine:
+                fine, m, after, fall = side_kernel(sums[i], j + WIDE, 1, window, place, straight)
+            if n < FEWEST or m < FEWEST:
+                continue
+            if not (good and fine):
+                rough += 1
+                continue
+            both += 1
+            seen += 1
+            jump = abs(after - before)
+            if jump < CROSSING_M * abs(fall - rise):
+                jump = 0.0
+            doubt = 3.0 * noise * np.sqrt(4.0 / n + 4.0 / m)
+            run = run + 1 if jump > max(doubt, 0.08) else 0
+            longest = max(longest, run)
+            if run == seen:
+                lead = run
+            if jump > max(doubt, 0.08):
+                signs[j, 0] += min(jump, 1.0)
+                signs[j, 1] += 1.0
+            fold = min(max(fall - rise, -1.5), 1.5)
+            if jump < 0.5:
+                if fold > 0.0:
+                    signs[j, 2] += fold
+                else:
+                    signs[j, 3] -= fold
+            signs[j, 8] += min(abs(fall - rise), 1.0)
+            good, n, before, _ = side_kernel(sums[i], j - strip, -1, window, place, straight)
+            fine, m, after, _ = side_kernel(sums[i], j + strip, 1, window, place, straight)
+            half = strip // 2
+            if good and fine and j >= strip and j + strip <= steps:
+                k = sums[i, j + half, 0] - sums[i, j - half, 0]
+                if k >= 1:
+                    top = (sums[i, j + half, 6] - sums[i, j - half, 6]) / k
+                    over = top - max(before, after)
+                    if over > max(0.15, 3.0 * noise):
+                        signs[j, 4] += 1.0
+                    if over > 0.4:
+                        signs[j, 5] += 1.0
+        if both:
+            for c in (0, 1, 2, 3, 4, 8):
+                signs[j, c] /= both
+            signs[j, 5] = min(signs[j, 5], 2.0)
+        signs[j, 7] = lone / max(both + rough + lone, 1)
+        signs[j, 6] = min(abs(first[j] - first[j - 1]), 2.0) + min(abs(last[j] - last[j - 1]), 2.0)
+        signs[j, 10] = min(longest * DEPTH_STEP_M, 10.0)
+        signs[j, 11] = min(max(lead, run) * DEPTH_STEP_M, 10.0)
+        signs[j, 9] = rough / max(both + rough, 1)
+    return signs

@@ -1,0 +1,111 @@
+"""Units of two rows that meet where no wall shows are one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.model import Points
+from eaves.units.row_walls.division import RowUnits
+from eaves.units.row_walls.evidence import wall_odds, wall_signs
+from eaves.units.row_walls.rows import CELL_M, Plan, Row
+
+SMALLEST_M2 = 25.0
+"""A smaller unit is part of the one it shares its longest border with."""
+
+BESIDE_M = 3.0
+"""Points this near to a border are compared across it."""
+
+SHORTEST_BORDER_M = 2.0
+"""Units that share less (m) do not stand wall to wall."""
+
+
+def merged_units(
+    plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], points: Points, least_odds: float
+) -> tuple[NDArray[np.int32], list[RowUnits]]:
+    """The labels with the units of later rows given to those of earlier ones where no wall is seen between
+    them, numbered without gaps.
+    """
+    count = int(label.max(initial=0))
+    owner = np.repeat(np.arange(len(rows)), [len(row.walls) + 1 for row in rows])
+    target = np.arange(count + 1)
+    area = np.bincount(label.ravel(), minlength=count + 1) * CELL_M**2
+    borders = borders_between(label)
+    alone = np.repeat([len(row.walls) == 0 for row in rows], [len(row.walls) + 1 for row in rows])
+    for unit in range(count, 0, -1):
+        near = [
+            (len(places), other, places)
+            for (a, b), places in borders.items()
+            for one, other in ((a, b), (b, a))
+            if one == unit
+        ]
+        if not near:
+            continue
+        if area[unit] < SMALLEST_M2:
+            other = max(near, key=lambda item: (item[0], -item[1]))[1]
+            if head_of(target, other) != unit:
+                target[unit] = other
+            continue
+        before = [item for item in near if owner[item[1] - 1] < owner[unit - 1]]
+        for length, other, places in sorted(before, key=lambda item: (-item[0], item[1])):
+            if length * CELL_M < SHORTEST_BORDER_M:
+                break
+            if target[unit] != unit and not (alone[unit - 1] and alone[other - 1]):
+                continue
+            if border_odds(plan, places, points) < least_odds:
+                one, two = sorted((head_of(target, unit), head_of(target, other)))
+                target[two] = one
+    target = np.array([head_of(target, unit) for unit in range(count + 1)])
+    names, number = np.unique(target[label], return_inverse=True)
+    number = number.reshape(label.shape)
+    if names[0] != 0:
+        number = number + 1
+    return number.astype(np.int32), list(rows)
+
+
+def head_of(target: NDArray[np.int64], unit: int) -> int:
+    """The unit that a unit was given to in the end."""
+    while target[unit] != unit:
+        unit = int(target[unit])
+    return unit
+
+
+def borders_between(label: NDArray[np.int32]) -> dict[tuple[int, int], NDArray[np.float64]]:
+    """The places (M, 2; row, column) between cells of two units, by their numbers, the smaller first."""
+    pairs, places = [], []
+    for axis in (0, 1):
+        one = label[:-1] if axis == 0 else label[:, :-1]
+        other = label[1:] if axis == 0 else label[:, 1:]
+        row, column = np.nonzero((one != other) & (one > 0) & (other > 0))
+        pairs.append(np.sort(np.column_stack([one[row, column], other[row, column]]), axis=1))
+        places.append(np.column_stack([row + (axis == 0) * 0.5, column + (axis == 1) * 0.5]))
+    both, where = np.vstack(pairs), np.vstack(places)
+    if len(both) == 0:
+        return {}
+    names, number = np.unique(both, axis=0, return_inverse=True)
+    order = np.argsort(number.ravel(), kind="stable")
+    cuts = np.searchsorted(number.ravel()[order], np.arange(1, len(names)))
+    return {
+        (int(a), int(b)): where[mine]
+        for (a, b), mine in zip(names.tolist(), np.split(order, cuts), strict=True)
+    }
+
+
+def border_odds(plan: Plan, places: NDArray[np.float64], points: Points) -> float:
+    """Log-odds of a wall along the border through places (M, 2; row, column)."""
+    xy = np.column_stack(
+        [plan.west + (places[:, 1] + 0.5) * CELL_M, plan.south + (places[:, 0] + 0.5) * CELL_M]
+    )
+    centre = xy.mean(axis=0)
+    _, _, axes = np.linalg.svd(xy - centre, full_matrices=False)
+    across = axes[0] * (1.0 if axes[0][int(np.argmax(np.abs(axes[0])))] > 0 else -1.0)
+    along = np.array([across[1], -across[0]])
+    t = (xy - centre) @ across
+    steps = int(2 * BESIDE_M / CELL_M)
+    row = Row(
+        centre - BESIDE_M * along, along, across, np.full(steps, t.min()), np.full(steps, t.max() + CELL_M)
+    )
+    odds = wall_odds(wall_signs(row, points, 0.03))
+    return float(odds[steps // 2 - 2 : steps // 2 + 3].max())

@@ -1,0 +1,256 @@
+"""Rows of a block: along which fronts houses can stand side by side, and which ground each front has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from eaves.model import Mask, Points
+
+CELL_M = 0.25
+"""Side of a cell (m) of the plan on which rows claim their ground; the finest that a wall's place needs."""
+
+JOG_M = 1.5
+"""A front may step back and forth by this much (m) and is one front: bays, porches, unequal overhangs."""
+
+SHORTEST_FRONT_M = 5.0
+"""Two houses do not stand side by side on a shorter front (m)."""
+
+MOST_DEEPER = 1.5
+"""Where ground is deeper than this many times the row's median depth, another row stands behind."""
+
+MOST_TURN_DEG = 5.0
+"""Jogs turn a front away from the edges it consists of by up to this angle."""
+
+SHALLOWEST_M = 4.0
+"""No house is shallower (m)."""
+
+LEAST_FREE = 0.5
+"""Share of its ground that a front must find unclaimed to make a row."""
+
+
+MOST_LEAN_DEG, LEAST_LEAN_DEG = 40.0, 2.0
+"""Party walls stand upright on the front, or lean from it by up to this angle."""
+
+UPRIGHT_TRUST = 1.3
+"""Upright walls are believed unless others explain this many times as much."""
+
+COHERENT_M = 0.5
+"""Changes of height over a metre count up to this (m) when the direction of walls is sought."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Cells of a block's main volume: `main` (H, W), `west` and `south` (m) the corner of cell (0, 0)."""
+
+    main: Mask
+    height: NDArray[np.float64]
+    """Mean height (m) of the points in each cell (H, W), NaN where there is none."""
+    west: float
+    south: float
+    volumes: tuple[Polygon, ...]
+
+    @classmethod
+    def of(cls, outline: Polygon, volumes: Sequence[Polygon], points: Points) -> Plan:
+        """The cells over an outline, with the heights of points (N, 3)."""
+        west, south, east, north = outline.bounds
+        west, south = west - 2.0, south - 2.0
+        columns, rows = int((east - west + 2.0) / CELL_M) + 1, int((north - south + 2.0) / CELL_M) + 1
+        x = west + (np.arange(columns) + 0.5) * CELL_M
+        y = south + (np.arange(rows) + 0.5) * CELL_M
+        places = [part.ravel() for part in np.meshgrid(x, y)]
+        main = np.zeros(rows * columns, bool)
+        for volume in volumes:
+            shapely.prepare(volume)
+            main |= shapely.contains_xy(volume, *places)
+        column = np.clip(((points[:, 0] - west) / CELL_M).astype(np.int64), 0, columns - 1)
+        row = np.clip(((points[:, 1] - south) / CELL_M).astype(np.int64), 0, rows - 1)
+        cell = row * columns + column
+        count = np.bincount(cell, minlength=rows * columns)
+        total = np.bincount(cell, points[:, 2], rows * columns)
+        with np.errstate(invalid="ignore"):
+            height = (total / count).reshape(rows, columns)
+        return cls(main.reshape(rows, columns), height, west, south, tuple(volumes))
+
+    def cells(self, xy: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Row and column of the cells that places (..., 2) lie in, held inside the plan's empty rim."""
+        column = ((xy[..., 0] - self.west) / CELL_M).astype(np.int64)
+        row = ((xy[..., 1] - self.south) / CELL_M).astype(np.int64)
+        return np.clip(row, 0, self.main.shape[0] - 1), np.clip(column, 0, self.main.shape[1] - 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """Ground behind a front: a place is `origin` + s · `along` + t · `across`, both unit vectors.
+
+    `first` and `last` (S,) bound t (m) over each step of s; where they are equal the row has no ground.
+    """
+
+    origin: NDArray[np.float64]
+    along: NDArray[np.float64]
+    across: NDArray[np.float64]
+    first: NDArray[np.float64]
+    last: NDArray[np.float64]
+
+    @property
+    def length(self) -> float:
+        """Of the front (m)."""
+        return len(self.first) * CELL_M
+
+    def grid(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Row coordinates s, t (T, S) of a grid of cells over the row."""
+        s = (np.arange(len(self.first)) + 0.5) * CELL_M
+        used = self.last > self.first
+        return np.meshgrid(s, np.arange(self.first[used].min(), self.last.max(), CELL_M) + 0.5 * CELL_M)
+
+    def ground(self) -> NDArray[np.float64]:
+        """The middles (M, 2) of the row's cells."""
+        s, t = self.grid()
+        mine = (t >= self.first) & (t < self.last)
+        return self.place(s[mine], t[mine])
+
+    def place(self, s: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Places (..., 2) of row coordinates."""
+        return np.asarray(self.origin + s[..., None] * self.along + t[..., None] * self.across)
+
+    def coordinates(self, xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Row coordinates s, t (N,) of places (N, 2)."""
+        turn = np.linalg.inv(np.column_stack([self.along, self.across]))
+        s, t = (xy - self.origin) @ turn.T[:, 0], (xy - self.origin) @ turn.T[:, 1]
+        return s, t
+
+    def strip(self, start: float, end: float) -> Polygon:
+        """The parallelogram of the row's ground between two places on its front (m)."""
+        first = round(start / CELL_M)
+        mine = slice(first, max(round(end / CELL_M), first + 1))
+        near, far = float(self.first[mine].min()), float(self.last[mine].max())
+        corners = self.place(np.array([start, end, end, start]), np.array([near, near, far, far]))
+        return shapely.orient_polygons(Polygon(corners))
+
+
+def fronts_of(outline: Polygon) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Start and end (2,) of the straight fronts of an outline, the interior on their left."""
+    fronts = []
+    for number, ring in enumerate((outline.exterior, *outline.interiors)):
+        plain = shapely.orient_polygons(shapely.simplify(Polygon(ring), JOG_M)).exterior
+        xy = np.asarray(plain.coords)[:, :2]
+        if number > 0:
+            xy = xy[::-1]
+        fronts += list(pairwise(xy))
+    return [front for front in fronts if np.hypot(*(front[1] - front[0])) >= SHORTEST_FRONT_M]
+
+
+def straightened(along: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The direction of the outline's own edges that is nearest to a front's, which jogs have turned."""
+    if len(directions) == 0:
+        return along
+    turned = directions * np.sign(directions @ along + 1e-12)[:, None]
+    nearest = turned[int(np.argmax(turned @ along))]
+    return nearest if nearest @ along > np.cos(np.radians(MOST_TURN_DEG)) else along
+
+
+def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[float, float, float]:
+    """The key that sorts fronts, longest first, then by place."""
+    start, end = front
+    return -round(float(np.hypot(*(end - start))), 3), float(start[0]), float(start[1])
+
+
+def rows_of(plan: Plan, directions: NDArray[np.float64], deepest: float) -> Iterator[Row]:
+    """The rows of a block's main volume, longest front first; what one claims no other has.
+
+    `directions` (K, 2) are unit vectors along which walls may run, where they do not stand upright.
+    `deepest` (m) bounds the depth of a row.
+    """
+    free = plan.main.copy()
+    fronts = [front for volume in plan.volumes for front in fronts_of(volume)]
+    for start, end in sorted(fronts, key=by_length):
+        length = float(np.hypot(*(end - start)))
+        along = straightened((end - start) / length, directions)
+        upright = np.array([-along[1], along[0]])
+        best: tuple[float, Row] | None = None
+        for across in [upright, *leaning(directions, upright)]:
+            row = ground_behind(plan, free, start, along, across, length, deepest)
+            if row is not None:
+                coherent = coherence(plan, row) * (UPRIGHT_TRUST if across is upright else 1.0)
+                if best is None or coherent > best[0]:
+                    best = coherent, row
+        if best is not None:
+            free[plan.cells(best[1].ground())] = False
+            yield best[1]
+
+
+def leaning(directions: NDArray[np.float64], upright: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """The directions (K, 2) that stand within `MOST_LEAN_DEG` of upright, pointing the same way."""
+    turned = directions * np.sign(directions @ upright)[:, None]
+    cosine = turned @ upright
+    near = (cosine > np.cos(np.radians(MOST_LEAN_DEG))) & (cosine < np.cos(np.radians(LEAST_LEAN_DEG)))
+    return list(turned[near])
+
+
+def coherence(plan: Plan, row: Row) -> float:
+    """How much heights change along the row in the same way at all depths (m²): walls that run along
+    `row.across` make it large.
+    """
+    s, t = row.grid()
+    height = plan.height[plan.cells(row.place(s, t))]
+    height[(t < row.first) | (t >= row.last)] = np.nan
+    change = np.clip(height[:, 4:] - height[:, :-4], -COHERENT_M, COHERENT_M)
+    known = np.isfinite(change)
+    count = known.sum(axis=0)
+    mean = np.where(known, change, 0.0).sum(axis=0) / np.maximum(count, 1)
+    return float((mean**2)[count > 4].sum() / max(int((count > 4).sum()), 1))
+
+
+def ground_behind(
+    plan: Plan,
+    free: Mask,
+    start: NDArray[np.float64],
+    along: NDArray[np.float64],
+    across: NDArray[np.float64],
+    length: float,
+    deepest: float,
+) -> Row | None:
+    """The ground behind a front, None where others have claimed it."""
+    steps = int(length / CELL_M)
+    s = (np.arange(steps) + 0.5) * CELL_M
+    t = np.arange(-JOG_M - 0.5, deepest, CELL_M)
+    place = start + s[:, None, None] * along + t[None, :, None] * across
+    cells = plan.cells(place)
+    main, mine = plan.main[cells], free[cells]
+    begin = np.argmax(main, axis=1)
+    there = main[np.arange(steps), begin] & (t[begin] < JOG_M + 0.5)
+    after = main & (np.arange(len(t)) >= begin[:, None])
+    end = np.argmin(after | (np.arange(len(t)) < begin[:, None]), axis=1)
+    end = np.where((after | (np.arange(len(t)) < begin[:, None])).all(axis=1), len(t), end)
+    if not there.any():
+        return None
+    depth = np.where(there, end - begin, 0)
+    usual = float(np.median(depth[there]))
+    deep = there & (depth > MOST_DEEPER * usual)
+    end = np.where(deep, begin + int(usual), end)
+    run = (np.arange(len(t)) >= begin[:, None]) & (np.arange(len(t)) < end[:, None]) & there[:, None]
+    share = float((run & mine).sum()) / max(int(run.sum()), 1)
+    if share < LEAST_FREE:
+        return None
+    # the row ends where others' ground begins
+    taken = run & ~mine
+    there &= ~(taken.sum(axis=1) > 0.5 * np.maximum(run.sum(axis=1), 1))
+    first_taken = np.where(taken.any(axis=1), np.argmax(taken, axis=1), len(t))
+    begin = np.where(first_taken <= begin, begin + taken.sum(axis=1), begin)
+    end = np.where(first_taken > begin, np.minimum(end, first_taken), end)
+    there &= end > begin
+    if there.sum() * CELL_M < SHORTEST_FRONT_M:
+        return None
+    if np.median((end - begin)[there]) * CELL_M < SHALLOWEST_M:
+        return None
+    begin, end = np.where(there, begin, 0), np.where(there, end, 0)
+    inside = np.flatnonzero(there)
+    keep = slice(inside[0], inside[-1] + 1)
+    first, last = t[0] + begin * CELL_M, t[0] + end * CELL_M
+    return Row(start + inside[0] * CELL_M * along, along, across, first[keep], last[keep])

@@ -1,0 +1,84 @@
+"""The units stage: contract of a method that divides a block, and the verb."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from shapely import Polygon
+
+from eaves.methods import Emit, Method, MethodChoice, ignore, resolve_method
+from eaves.model import Points, Values
+from eaves.model.cloud import canonical_order
+
+
+@dataclass(frozen=True, eq=False)
+class Division:
+    """A block's outline in units: `parts` fill it; `certainty` (one for each) is the probability of the least
+    sure wall between a part and its neighbours, 1 where it has none.
+    """
+
+    parts: tuple[Polygon, ...]
+    certainty: tuple[float, ...]
+
+
+class UnitMethod(Method):
+    """Divides the outline of one detected block into the buildings that stand in it wall to wall.
+
+    `divide` sees the block's roof points (N, 3), their heights over the terrain (N,) and the outline, all in
+    the same local metres.
+    """
+
+    stage: ClassVar[str] = "units"
+
+    def divide(
+        self, points: Points, height: Values, outline: Polygon, spacing: float, emit: Emit = ignore
+    ) -> Division:
+        """The division; see the class."""
+        raise NotImplementedError
+
+
+def divide_block(
+    points: Points, height: Values, outline: Polygon, spacing: float, method: MethodChoice = None
+) -> Division:
+    """The units of a detected block.
+
+    Parameters
+    ----------
+    points
+        The block's roof points (N, 3), in any order.
+    height
+        Their heights over the terrain (N,; m), NaN where it is not known.
+    outline
+        The block, in the same local metres.
+    spacing
+        Mean distance of neighbouring points in plan (m).
+    method
+        A method of the stage, its name, or a table of its parameters.
+
+    Returns
+    -------
+    Division
+        Parts that fill the outline; the outline alone where nothing divides it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from shapely import box
+    >>> from eaves.units import divide_block
+    >>> x, y = np.meshgrid(np.arange(0.1, 18, 0.3), np.arange(0.1, 9, 0.3))
+    >>> z = np.where(x < 6, 7.0, np.where(x < 12, 8.0, 7.4))
+    >>> points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+    >>> len(divide_block(points, points[:, 2], box(0, 0, 18, 9), 0.3).parts)
+    3
+    """
+    divider = resolve_method("units", method)
+    assert isinstance(divider, UnitMethod)
+    good = np.flatnonzero(np.isfinite(points).all(axis=1))
+    good = good[canonical_order(points[good])]
+    points, height = points[good], height[good]
+    known = np.isfinite(height)
+    if not known.any():
+        return Division((outline,), (1.0,))
+    return divider.divide(points, np.where(known, height, np.nanmedian(height)), outline, spacing)

@@ -1,0 +1,101 @@
+"""What roofs of known shape say of themselves, and which faces their points do not support."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eaves import reconstruct_building, segment_roof
+from eaves.model import BuildingModel, Footprint
+from eaves.reconstruct.toolkit.face_quality import grade_faces, supported_share
+from eaves.reconstruct.toolkit.roof_figures import ridge_direction, roof_figures, roof_type
+from eaves.run.trust import judge
+from eaves.simulate import nine_roofs_on_a_slope
+
+
+def face(plan: float, slope: float, azimuth: float | None, low: float = 5.0, high: float = 8.0) -> dict:
+    area = plan / np.cos(np.radians(slope))
+    return {
+        "projected_m2": plan,
+        "area_m2": float(area),
+        "slope_deg": slope,
+        "azimuth_deg": azimuth,
+        "h_low": low,
+        "h_high": high,
+    }
+
+
+@pytest.mark.parametrize(
+    ("faces", "kind"),
+    [
+        ([face(100, 1, None)], "flat"),
+        ([face(60, 12, 90.0)], "shed"),
+        ([face(50, 40, 10.0), face(50, 40, 190.0)], "gable"),
+        ([face(4, 40, 10.0 + k % 2 * 180) for k in range(30)], "gable"),
+        ([face(30, 30, k * 90.0) for k in range(4)], "pyramid"),
+        ([face(40, 30, 0.0), face(15, 30, 90.0), face(40, 30, 180.0), face(15, 30, 270.0)], "hip"),
+        ([face(50, 1, None), face(25, 30, 0.0), face(25, 30, 180.0)], "complex"),
+    ],
+)
+def test_the_type_is_judged_over_the_whole_plan(faces: list[dict], kind: str) -> None:
+    assert roof_type(faces) == kind
+
+
+def test_many_small_steep_faces_are_not_a_flat_roof() -> None:
+    figures = roof_figures([face(4, 45, 10.0 + k % 2 * 180) for k in range(50)], 0.0)
+    assert figures["roof_type"] == "gable" and figures["roof_share_pitched"] == 1.0
+
+
+def test_figures_of_a_gable_beside_a_low_annex() -> None:
+    faces = [face(50, 45, 0.0, 6.0, 11.0), face(50, 45, 180.0, 6.0, 11.0), face(14, 0, None, 3.0, 3.0)]
+    figures = roof_figures(faces, 0.0)
+    assert figures["h_eaves"] == 6.0 and figures["h_ridge"] == 11.0 and figures["measuredHeight"] == 11.0
+    assert figures["storeysAboveGround"] == 2 and figures["roofType"] == "1030"
+    assert figures["ridge_direction_deg"] == 90.0 and figures["roof_slope_deg"] == 45.0
+    assert figures["roof_area_n_m2"] == pytest.approx(50 * np.sqrt(2))
+    assert figures["roof_area_flat_m2"] == 14.0
+
+
+def test_the_ridge_direction_does_not_depend_on_which_side_is_named_first() -> None:
+    assert ridge_direction([face(50, 45, 350.0), face(50, 45, 170.0)]) == 80.0
+
+
+def test_a_crown_above_does_not_raise_the_roof() -> None:
+    truth = nine_roofs_on_a_slope(density=10.0)
+    building = truth.buildings[0]
+    points = truth.cloud.xyz[truth.building == 1]
+    crown = points[:40] + [0.0, 0.0, 9.0]
+    both = np.vstack([points, crown])
+    answer = reconstruct_building(both, Footprint(building.footprint), segment_roof(both, 0.3), building.base)
+    assert isinstance(answer, BuildingModel)
+    top = max(float(f.height_at(np.asarray(f.polygon.exterior.coords)).max()) for f in building.faces)
+    assert answer.attributes["h_max"] == pytest.approx(top, abs=0.1)
+    assert answer.attributes["h_ridge"] == pytest.approx(top, abs=0.1)
+
+
+def test_a_face_far_from_its_points_is_named_weak() -> None:
+    good = {**face(20, 1, None), "points": 50, "rmse_m": 0.03, "share_no_data": 0.0, "no_data": False}
+    bad = {**good, "rmse_m": 4.4}
+    error = np.concatenate([np.full(50, 0.03), np.full(50, 4.4)])
+    records = [good, bad]
+    grade_faces(records, error, np.repeat([0, 1], 50))
+    assert records[0]["weak"] is None and records[0]["inlier_share"] == 1.0
+    assert "RMSE 4.40 m" in records[1]["weak"] and records[1]["coverage"] == 1.0
+    assert supported_share(records) == 0.5
+    assert judge({"lod": "2.2", "score": 1.0, "supported_share": 0.5})[0] == "low"
+
+
+def test_no_roof_rises_over_the_highest_of_its_points_across_gaps() -> None:
+    truth = nine_roofs_on_a_slope(density=10.0)
+    rng = np.random.default_rng(5)
+    for number, building in enumerate(truth.buildings, 1):
+        points = truth.cloud.xyz[truth.building == number]
+        for _ in range(6):
+            centre = points[rng.integers(len(points)), :2]
+            away = np.hypot(*(points[:, :2] - centre).T)
+            points = points[away > rng.uniform(0.5, 2.5)] if (away > 2.5).sum() > 100 else points
+        planes = segment_roof(points, 0.35)
+        answer = reconstruct_building(points, Footprint(building.footprint), planes, building.base)
+        assert isinstance(answer, BuildingModel), building.kind
+        highest = max(solid.vertices[:, 2].max() for solid in answer.solids[answer.lod])
+        assert highest <= points[:, 2].max() + 0.3, building.kind

@@ -1,0 +1,89 @@
+"""Rows of which every wall is known: found where it shows, not where it does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from numpy.typing import NDArray
+from shapely import box
+
+from eaves.units import divide_block
+
+HOUSE, DEPTH, SLOPE = 6.0, 9.0, 0.8
+
+
+def scanned_row(
+    steps: list[float], density: float = 10.0, noise: float = 0.03, chimneys: bool = False, seed: int = 1
+) -> NDArray[np.float64]:
+    """Points (N, 3) on gables side by side along x, lifted by `steps`; chimneys stand on walls if asked."""
+    rng = np.random.default_rng(seed)
+    count = round(len(steps) * HOUSE * DEPTH * density)
+    x, y = rng.uniform(0, len(steps) * HOUSE, count), rng.uniform(0, DEPTH, count)
+    z = 6.0 + np.array(steps)[(x // HOUSE).astype(int)] + SLOPE * np.minimum(y, DEPTH - y)
+    if chimneys:
+        wall = np.abs(x - np.round(x / HOUSE) * HOUSE) < 0.4
+        z[wall] += 0.5
+    return np.column_stack([x, y, z + rng.normal(0, noise, count)])
+
+
+def walls_of(parts: tuple[shapely.Polygon, ...]) -> list[float]:
+    """The x of the inner walls of parts that stand side by side."""
+    return sorted(part.bounds[0] for part in parts)[1:]
+
+
+def test_a_row_is_divided_at_steps_of_thirty_centimetres() -> None:
+    points = scanned_row([0.0, 0.3, 0.0, 0.3, 0.6])
+    outline = box(0, 0, 5 * HOUSE, DEPTH)
+    division = divide_block(points, points[:, 2], outline, 0.3)
+    assert len(division.parts) == 5
+    assert np.allclose(walls_of(division.parts), HOUSE * np.arange(1, 5), atol=0.4)
+    assert min(division.certainty) > 0.5
+
+
+def test_the_parts_fill_the_block_and_share_their_walls() -> None:
+    points = scanned_row([0.0, 0.5, -0.5, 0.4])
+    outline = box(0, 0, 4 * HOUSE, DEPTH)
+    parts = divide_block(points, points[:, 2], outline, 0.3).parts
+    assert shapely.union_all(parts).symmetric_difference(outline).area < 1e-6
+    assert sum(part.area for part in parts) == pytest.approx(outline.area, abs=1e-6)
+    assert all(part.is_valid for part in parts)
+
+
+def test_a_row_without_any_sign_stays_whole() -> None:
+    points = scanned_row([0.0] * 5)
+    assert len(divide_block(points, points[:, 2], box(0, 0, 5 * HOUSE, DEPTH), 0.3).parts) == 1
+
+
+def test_parapets_on_the_walls_divide_a_row_of_one_height() -> None:
+    points = scanned_row([0.0] * 4, chimneys=True)
+    parts = divide_block(points, points[:, 2], box(0, 0, 4 * HOUSE, DEPTH), 0.3).parts
+    assert len(parts) == 4
+
+
+def test_a_large_hall_of_one_gable_stays_whole() -> None:
+    rng = np.random.default_rng(2)
+    x, y = rng.uniform(0, 60, 15000), rng.uniform(0, 25, 15000)
+    points = np.column_stack([x, y, 8.0 + 0.15 * np.minimum(y, 25 - y) + rng.normal(0, 0.03, 15000)])
+    assert len(divide_block(points, points[:, 2], box(0, 0, 60, 25), 0.3).parts) == 1
+
+
+def test_an_annex_belongs_to_the_house_it_stands_behind() -> None:
+    points = scanned_row([0.0, 1.0])
+    rng = np.random.default_rng(3)
+    annex = np.column_stack([rng.uniform(7, 11, 120), rng.uniform(DEPTH, DEPTH + 3, 120), np.full(120, 3.0)])
+    both = np.vstack([points, annex])
+    outline = shapely.union_all([box(0, 0, 2 * HOUSE, DEPTH), box(7, DEPTH, 11, DEPTH + 3)])
+    parts = divide_block(both, both[:, 2], outline, 0.3).parts
+    assert len(parts) == 2
+    right = max(parts, key=lambda part: part.bounds[2])
+    assert right.contains(shapely.Point(9, DEPTH + 2))
+
+
+def test_the_division_does_not_depend_on_the_order_of_points() -> None:
+    points = scanned_row([0.0, 0.4, 0.0])
+    outline = box(0, 0, 3 * HOUSE, DEPTH)
+    turned = points[np.random.default_rng(4).permutation(len(points))]
+    one, other = (divide_block(some, some[:, 2], outline, 0.3) for some in (points, turned))
+    assert [part.wkb for part in one.parts] == [part.wkb for part in other.parts]
+    assert one.certainty == other.certainty
