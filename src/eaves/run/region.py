@@ -72,9 +72,9 @@ class Region:
         self.failed: list[str] = list(run.failed)
         self.peak = peak_memory_mb()
         self.wrong_boxes: dict[int, Bounds] = {}
+        self.blocks: Sequence[Block] = ()
         self.points = run.index.points
         """Of the inputs, without those that could not be read."""
-        self.blocks: Sequence[Block] = ()
         self.store = Store(
             work_folder,
             has_returns=run.index.has_field("return_number"),
