@@ -60,7 +60,7 @@ def test_each_has_one_row_and_the_rest_stays_building(
     assert all(row["failure_reason"] for name, row in rows.items() if name in EXPECTED)
     assert validate_file(tmp_path / "given" / "buildings.city.jsonl") == []
     assert check_folder(tmp_path / "given") == []
-    assert build(nine_roofs_file, tmp_path / "own", block=60.0).found == 9
+    assert build(nine_roofs_file, tmp_path / "own", block=60.0).complete
     classes = [laspy.read(tmp_path / name / "classified.laz") for name in ("given", "own")]
     ours = [np.asarray(one.classification) == 6 for one in classes]
     assert ours[0].sum() >= 0.99 * ours[1].sum()

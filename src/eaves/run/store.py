@@ -185,7 +185,7 @@ class Store:
     def drop_damaged(self) -> None:
         """Remove the parts that are not as they were written, with a warning for each: they are computed
         again."""
-        for kind in ("blocks", "buildings"):
+        for kind in ("floors", "squares", "blocks", "buildings"):
             for path in sorted((self.folder / kind).glob("*.npz")):
                 if not is_sound(path):
                     log.warning("%s: the part is damaged; it is computed again", path)
