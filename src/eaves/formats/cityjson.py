@@ -274,6 +274,18 @@ def _city_objects(result: Result, vertices: _Vertices, name: str) -> dict[str, J
                     {"type": "BuildingPart", "parents": [identifier], "geometry": []},
                 )
                 part["geometry"].append(geometry)
+    if isinstance(result, BuildingModel):
+        for number, one in enumerate(result.installations, 1):
+            shape = BuildingModel(footprint, {})
+            about = {"function": one.kind, "height_m": round(one.height, 2), "points": one.points}
+            parts[f"{identifier}-i{number}"] = {
+                "type": "BuildingInstallation",
+                "parents": [identifier],
+                "attributes": clean(about | {"area_m2": round(one.polygon.area, 2)}),
+                "geometry": [
+                    _solid(one.solid, max(solids, default="2.2"), shape, footprint.origin, vertices)
+                ],
+            }
     building: Json = {"type": "Building", "attributes": clean(attributes)}
     building |= {"children": list(parts)} if parts else {}
     return {identifier: building | {"geometry": geometries}} | parts

@@ -85,16 +85,22 @@ def write_obj_wireframe(
 
     Parameters
     ----------
-    path
+    path : str or Path
         The file; it appears when it is whole.
-    models
+    models : iterable of BuildingModel or Failure
         Buildings in metres about their footprint's origin, taken one by one.
-    system
+    system : CoordinateSystem
         Coordinate system whose units the coordinates are in.
 
     Returns
     -------
-    The number of buildings written; one without a model is a comment with its reason.
+    int
+        The number of buildings written; one without a model is a comment with its reason.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------

@@ -195,6 +195,52 @@ class Solid:
 
 
 @dataclass(frozen=True, eq=False)
+class Installation:
+    """An object on a roof that the building's solids leave out: a block over its outline in plan.
+
+    Parameters
+    ----------
+    kind : str
+        `chimney`, `dormer`, `plant` or `lift_housing`, by its size and the roof it stands on.
+    polygon : Polygon
+        Its outline, in metres about the footprint's origin.
+    base, top : float
+        Lowest roof under it, height of its top (m).
+    height : float
+        Median height of its points over the roof (m).
+    points : int
+        Points that show it.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from eaves.model import Installation
+    >>> len(Installation("chimney", shapely.box(0, 0, 1, 1), 8.0, 9.5, 1.2, 20).solid.faces)
+    6
+    """
+
+    kind: str
+    polygon: Polygon
+    base: float
+    top: float
+    height: float
+    points: int
+
+    @property
+    def solid(self) -> Solid:
+        """The block from the lowest roof under the object to its top."""
+        ring = np.asarray(shapely.orient_polygons(self.polygon).exterior.coords)[:-1, :2]
+        count = len(ring)
+        vertices = np.vstack([np.column_stack([ring, np.full(count, z)]) for z in (self.base, self.top)])
+        faces = [Face((tuple(range(count - 1, -1, -1)),), GROUND_SURFACE)]
+        faces.append(Face((tuple(range(count, 2 * count)),), ROOF_SURFACE))
+        for corner in range(count):
+            after = (corner + 1) % count
+            faces.append(Face(((corner, after, count + after, count + corner),), WALL_SURFACE))
+        return Solid(np.round(vertices, 3), tuple(faces))
+
+
+@dataclass(frozen=True, eq=False)
 class BuildingModel:
     """A building at one or more levels of detail.
 
@@ -208,6 +254,8 @@ class BuildingModel:
         The roof planes of the finest level.
     attributes : dict
         Heights, areas, volume, method and what else describes the building.
+    installations : tuple of Installation
+        What stands on the roof and is too small for the solids.
 
     Examples
     --------
@@ -220,6 +268,7 @@ class BuildingModel:
     solids: dict[str, tuple[Solid, ...]]
     planes: tuple[RoofPlane, ...] = ()
     attributes: dict[str, Any] = field(default_factory=dict)
+    installations: tuple[Installation, ...] = ()
 
     @property
     def lod(self) -> str:

@@ -26,6 +26,7 @@ from eaves.reconstruct.toolkit.levels import coarse_solids, simple_solids
 from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 from eaves.reconstruct.toolkit.raising import raise_plan, without_numbers
+from eaves.reconstruct.toolkit.superstructures import find_superstructures
 
 NARROWEST = 0.1
 """Roof faces narrower than this (m) are slivers at any density."""
@@ -131,6 +132,12 @@ class Arrangement(Reconstructor):
         0.5, "Area of the smallest roof face where points are not dense.", unit="m2", ge=0.0
     )
     smallest_points: float = parameter(4.0, "Points on the smallest roof face where they are dense.", ge=0.0)
+    superstructure_points: int = parameter(
+        8, "Points that show an object on the roof which the solids leave out.", ge=4
+    )
+    superstructure_height: float = parameter(
+        0.4, "Least height of such an object over the roof.", unit="m", gt=0.0
+    )
     level_jump: float = parameter(
         3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", gt=0.0
     )
@@ -211,6 +218,17 @@ class Arrangement(Reconstructor):
         facts = describe(model, points[inside], roof, ground, surface)
         if "2.2" in solids:
             facts["surfaces"] = facts["roof_faces"]
+            objects = find_superstructures(
+                solids["2.2"],
+                roof,
+                surface,
+                footprint.polygon,
+                spacing,
+                self.superstructure_points,
+                self.superstructure_height,
+            )
+            facts["installation_count"] = len(objects)
+            model = model.with_(installations=objects)
         return model.with_(attributes={**facts, **fallback})
 
     def cut(
