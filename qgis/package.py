@@ -114,6 +114,8 @@ def field_of(option: inspect.Parameter, command: str) -> dict[str, Any]:
     if name.endswith("method"):
         stage = command if name == "method" else name.removesuffix("_method")
         choices, default = list(REGISTRY[stage]), DEFAULTS[stage]
+    elif name == "units":
+        choices, default = [*REGISTRY[name], "off"], DEFAULTS[name]
     if choices:
         kind = "choice"
     elif bool in types:

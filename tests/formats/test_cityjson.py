@@ -135,7 +135,7 @@ def test_the_reference_system_is_named_only_with_a_code(tmp_path: Path, name: st
     def metadata(system: CoordinateSystem) -> dict[str, Any]:
         WRITERS[name](tmp_path / name, [house("a")], system)
         found: dict[str, Any] = documents(tmp_path / name)[0].get("metadata", {})
-        return found
+        return {key: value for key, value in found.items() if key != "geographicalExtent"}
 
     assert metadata(LOCAL_METRES) == {}
     base = "https://www.opengis.net/def/crs/EPSG/0/"

@@ -38,7 +38,7 @@ def test_the_known_formats_are_read(suffix: str, tmp_path: Path) -> None:
         )
     else:
         write_polygons(path, [Row(SQUARE, {"id": "x"})], PLANE)
-    assert read_polygons(path, id_field="id")[1] == ["x"]
+    assert read_polygons(path, id_field="id", target=PLANE)[1] == ["x"]
 
 
 @pytest.mark.parametrize("name", ["a.vrt", "a.gpkg", "a.geojson", "a.shp"])
@@ -73,7 +73,7 @@ def test_links_in_a_geojson_are_not_followed(square: Path) -> None:
     told = json.loads(path.read_text())
     told["links"] = [{"rel": "next", "href": str(square)}, {"rel": "next", "href": "http://127.0.0.1:1/"}]
     path.write_text(json.dumps(told))
-    assert read_polygons(path, id_field="id")[1] == ["own"]
+    assert read_polygons(path, id_field="id", target=PLANE)[1] == ["own"]
 
 
 def test_a_database_with_tables_that_read_other_files_is_refused(square: Path) -> None:

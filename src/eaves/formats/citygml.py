@@ -3,7 +3,7 @@
 CityGML counts levels by whole numbers: LoD 0 is the footprint, LoD 1 the finest of 1.3 and 1.2, LoD 2 that of
 2.2 and 2.0. A level of several solids becomes parts, as in CityJSON. The faces of LoD 2 stand once, as
 RoofSurface, WallSurface and GroundSurface; the solid refers to them. Attributes are generic ones, those that
-the standard knows (`measuredHeight`) its own.
+the standard knows (`roofType`, `measuredHeight`, `storeysAboveGround`) its own.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from eaves.model.coordinates import LOCAL_METRES
 
 DECIMALS = 4
 """Of a coordinate: a tenth of a millimetre, or of a thousandth of a foot."""
+STANDARD = ("roofType", "measuredHeight", "storeysAboveGround")
+"""Attributes of the standard's own."""
 LEVELS = {"1": ("1.3", "1.2"), "2": ("2.2", "2.0")}
 """CityGML's level → ours, the finest first."""
 
@@ -212,8 +214,11 @@ class _Building:
         self.file.write(f"<gml:name>{escape(self.footprint.id)}</gml:name>\n" if self.footprint.id else "")
         self.file.writelines(self._generic())
         height = self._height()
-        if self.version is CITYGML_2 and height is not None:
-            self.file.write(f'<bldg:measuredHeight uom="m">{height:.3f}</bldg:measuredHeight>\n')
+        if self.version is CITYGML_2:
+            self.file.write(self._known("roofType"))
+            if height is not None:
+                self.file.write(f'<bldg:measuredHeight uom="m">{height:.3f}</bldg:measuredHeight>\n')
+            self.file.write(self._known("storeysAboveGround"))
         self._geometry(whole, base, height)
         for number in range(max((len(parts) for parts in several.values()), default=0)):
             name = f"{self.identifier}-{number + 1}"
@@ -224,14 +229,19 @@ class _Building:
         self.file.write("</bldg:Building></core:cityObjectMember>\n")
 
     def _height(self) -> float | None:
-        """From the ground to the ridge (m)."""
-        known = self.attributes.get("h_ridge"), self.attributes.get("h_ground")
-        return None if None in known else float(known[0]) - float(known[1])
+        """From the ground to the top (m)."""
+        known = self.attributes.get("measuredHeight")
+        return None if known is None else float(known)
+
+    def _known(self, name: str) -> str:
+        """An attribute that the standard knows by this name."""
+        value = self.attributes.get(name)
+        return "" if value is None else f"<bldg:{name}>{escape(str(value))}</bldg:{name}>\n"
 
     def _generic(self) -> Iterator[str]:
         """The attributes, as the version has generic ones."""
         for name, value in self.attributes.items():
-            if value is None or isinstance(value, list | dict):
+            if value is None or name in STANDARD or isinstance(value, list | dict):
                 continue
             kind = "string"
             if isinstance(value, float):
@@ -278,6 +288,8 @@ class _Building:
                 "<con:lowReference>lowestGroundPoint</con:lowReference><con:status>measured</con:status>"
                 f'<con:value uom="m">{height:.3f}</con:value></con:Height></con:height>\n'
             )
+        if base is not None:
+            self.file.write(self._known("roofType") + self._known("storeysAboveGround"))
 
     def _closed(self, shell: str) -> str:
         """A solid of surface members: GML 3.1 wraps them as a composite surface, GML 3.2 as a shell."""

@@ -43,6 +43,7 @@ ROOF_TYPES = {
     "flat": "#c2bdb3", "shed": "#d3c96b", "gable": "#e2743e", "hip": "#b5577a", "pyramid": "#7b5aa0",
     "complex": "#5271a8",
 }  # fmt: skip
+TRUST = {"high": "#5b8c85", "medium": "#f2c14e", "low": "#c8102e"}
 RMSE_CLASSES = (
     (0.0, 0.05, "#2c7bb6"), (0.05, 0.1, "#abd9e9"), (0.1, 0.2, "#ffffbf"), (0.2, 0.5, "#fdae61"),
     (0.5, 1000.0, "#d7191c"),
@@ -92,6 +93,10 @@ def footprint_styles(system: CoordinateSystem, columns: frozenset[str]) -> list[
             (symbols.categorised("coalesce(\"lod\", 'none')", levels),),
         )
     ]
+    if "trust" in columns:
+        kinds = [(kind, kind, symbols.fill(colour)) for kind, colour in TRUST.items()]
+        made = symbols.categorised('"trust"', kinds)
+        found.append(Style("Trust", "what to review first: red, then yellow", (made,)))
     if "h_70p" in columns:
         found.append(Style("Oblique", "buildings raised by their height", (oblique(system),)))
     if "roof_type" in columns:
