@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all bench lint wheels-check docs clean
+.PHONY: demo test test-all bench lint wheels-check docs qgis-plugin site package clean
 
 $(BIN)/eaves: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -24,14 +24,25 @@ bench: $(BIN)/eaves
 	$(BIN)/python -m benchmarks
 
 lint: $(BIN)/eaves
-	$(BIN)/ruff check src tests benchmarks
-	$(BIN)/ruff format --check src tests benchmarks
+	$(BIN)/ruff check src tests benchmarks qgis
+	$(BIN)/ruff format --check src tests benchmarks qgis
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
 docs: $(BIN)/eaves
 	$(BIN)/python -m docs.pictures
 	$(BIN)/python -m docs.build
+
+site: $(BIN)/eaves
+	$(BIN)/pip install --quiet .[site]
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+package: $(BIN)/eaves
+	$(BIN)/pip install --quiet build hatchling
+	$(BIN)/python -m build --no-isolation
+
+qgis-plugin: $(BIN)/eaves
+	$(BIN)/python -m qgis.package dist
 
 wheels-check: $(BIN)/eaves
 	$(BIN)/python benchmarks/wheels_check.py

@@ -10,10 +10,11 @@ from typing import Any
 from docs.method_pages import linked, split_sections
 
 SECTIONS = {
-    "Verbs": "eaves",
-    "Nouns": "eaves.model",
+    "Functions and methods": "eaves",
+    "Data types": "eaves.model",
     "Reading and writing": "eaves.formats",
-    "Judging": "eaves.evaluate",
+    "Validating": "eaves.validate",
+    "Evaluating": "eaves.evaluate",
     "Simulating": "eaves.simulate",
 }
 """Title → module; its public names are what `__all__` lists."""
@@ -59,11 +60,11 @@ def signature(thing: Any) -> str:
 
 def split(arguments: str) -> str:
     """Arguments one a line; commas inside brackets stay."""
-    depth, answer = 0, ""
+    depth, result = 0, ""
     for character in arguments:
         depth += (character in "([{") - (character in ")]}")
-        answer += ",\n    " if character == "," and depth == 0 else character
-    return re.sub(r"\n {5,}", "\n    ", answer)
+        result += ",\n    " if character == "," and depth == 0 else character
+    return re.sub(r"\n {5,}", "\n    ", result)
 
 
 def listed(text: str, title: str) -> str:

@@ -1,4 +1,4 @@
-"""Writes the generated pages: `make docs`, or `python -m docs.build`; `--check` says what is out of date.
+"""Writes the generated pages: `make docs`, or `python -m docs.build`; `--check` lists what is out of date.
 
 docs/reference/ is made from the registry, the docstrings and references.bib, docs/comparison.md from the
 tables in benchmarks/results, the list of galleries in docs/README.md from docs/gallery. All else under docs/
@@ -29,7 +29,7 @@ def reference_pages() -> dict[Path, str]:
 
 
 def outdated() -> list[Path]:
-    """Pages that differ from what the code says, and pages of methods that are gone."""
+    """Pages that differ from the code, and pages of methods that are gone."""
     pages = reference_pages()
     wrong = [path for path, text in pages.items() if read(DOCS / path) != text]
     there = {path.relative_to(DOCS) for path in (DOCS / "reference").rglob("*.md")}

@@ -75,11 +75,16 @@ def parameter_table(cls: type[Method]) -> str:
         )
         unit = None if extra.get("unit") == "1" else extra.get("unit")
         default = "derived" if field.default is None else str(field.default)
-        cells = [f"`{name}`", default, extra.get("published"), unit, limits, extra.get("symbol")]
+        cells = [f"`{name}`", default, printed_number(extra), unit, limits, extra.get("symbol")]
         cells.append(sentence(field.description or ""))
         shown = ["" if cell is None else str(cell).replace("|", "\\|") for cell in cells]
         rows.append("| " + " | ".join(shown) + " |")
     return "\n".join(rows)
+
+
+def printed_number(extra: dict[str, Any]) -> str | None:
+    """The published number and the place in the paper; None where the paper prints none."""
+    return None if extra.get("published") is None else f"{extra['published']} ({extra['printed_in']})"
 
 
 def sentence(text: str) -> str:

@@ -110,7 +110,7 @@ def test_a_broken_building_keeps_the_others(
     assert summary.failures == {"internal_error": 1}
 
 
-def test_the_python_verbs_make_the_same_flow(nine_roofs: ExactScene) -> None:
+def test_the_stage_functions_make_the_same_flow(nine_roofs: ExactScene) -> None:
     classified = eaves.classify_ground(nine_roofs.cloud)
     scene = eaves.make_scene(classified, classified.bounds.buffered(5.0))
     regions = eaves.detect_buildings(scene)

@@ -19,10 +19,11 @@ from eaves.formats import read
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import classify_ground
 from eaves.methods import make_method
-from eaves.model import Bounds, Failure, Footprint, PointCloud, Points
+from eaves.model import Bounds, Failure, Footprint, Mask, PointCloud, Points
 from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.surfaces import make_scene
+from eaves.run.block import not_last
 from eaves.simulate import scan_town, simulate_town
 
 SEEDS = (3, 11, 12)
@@ -33,19 +34,27 @@ MAP_OFF_M = (0.8, -0.6)
 """How far the map is moved before it is snapped back."""
 
 
-def detected_groups(cloud: PointCloud) -> tuple[list[Points], float]:
-    """The roof points of every building our default detector finds, and the spacing (m)."""
+def detected_groups(cloud: PointCloud) -> tuple[list[Points], float, list[Mask]]:
+    """The roof points of every building our default detector finds, the spacing (m), and which of the points
+    came back once more from below.
+    """
     scene = make_scene(classify_ground(cloud), Bounds.of(cloud.xyz).buffered(3.0))
     regions = detect_buildings(scene)
     roof = np.ones(len(cloud), np.bool_) if regions.part is None else regions.part != WALL
     count = int(regions.label.max(initial=0))
-    groups = [cloud.xyz[(regions.label == number) & roof] for number in range(1, count + 1)]
-    return groups, scene.spacing
+    members = [np.flatnonzero((regions.label == number) & roof) for number in range(1, count + 1)]
+    divided = not_last(cloud)
+    return [cloud.xyz[mine] for mine in members], scene.spacing, [divided[mine] for mine in members]
 
 
-def drawn_together(groups: Sequence[Points], spacing: float, method: OutlineMethod) -> list[Polygon]:
+def drawn_together(
+    groups: Sequence[Points], spacing: float, method: OutlineMethod, divided: Sequence[Mask] | None = None
+) -> list[Polygon]:
     """The footprints of all groups, neighbours regularised together as in a run."""
-    boundaries = [trace_outline(group, spacing, method) for group in groups]
+    boundaries = [
+        trace_outline(group, spacing, method, not_last=None if divided is None else divided[number])
+        for number, group in enumerate(groups)
+    ]
     good = [boundary for boundary in boundaries if not isinstance(boundary, Failure)]
     return [one.polygon for one in regularise_outlines(good, method) if isinstance(one, Footprint)]
 
@@ -88,18 +97,21 @@ def detected_rows(density: float, goals: Sequence[object], methods: Sequence[str
         method = make_method("outline", name)
         assert isinstance(method, OutlineMethod)
         table = np.concatenate(
-            [detected_figures(drawn_together(*groups, method), blocks) for groups, blocks in towns]
+            [
+                detected_figures(drawn_together(groups, spacing, method, divided), blocks)
+                for (groups, spacing, divided), blocks in towns
+            ]
         )
         for row, figure in zip(rows, (*np.nanmedian(table, axis=0), (table[:, 0] > 0.9).mean()), strict=True):
             row[name] = round(float(figure), 3)
     return rows
 
 
-def delft_detected(folder: Path) -> tuple[list[Points], float, np.ndarray]:
-    """What our detector finds in Delft, and where its local coordinates count from (2,)."""
+def delft_detected(folder: Path) -> tuple[list[Points], float, np.ndarray, list[Mask]]:
+    """What our detector finds in Delft, where its local coordinates count from (2,), and `not_last`."""
     cloud = read(folder / "delft/ahn3.laz")
-    groups, spacing = detected_groups(cloud)
-    return groups, spacing, np.array(cloud.origin)
+    groups, spacing, divided = detected_groups(cloud)
+    return groups, spacing, np.array(cloud.origin), divided
 
 
 def snap_rows(folder: Path) -> list[dict[str, object]]:

@@ -83,8 +83,8 @@ def known_town(seed: int, method: OutlineMethod) -> Iterator[Case]:
 def detected_town(seed: int, method: OutlineMethod) -> Iterator[Case]:
     """A town of which only the points are given: each block with the outline that covers it best."""
     scene = scan_town(simulate_town(0.04, seed=seed), DENSITY, seed=seed)
-    groups, spacing = detected_groups(scene.cloud)
-    found = drawn_together(groups, spacing, method)
+    groups, spacing, divided = detected_groups(scene.cloud)
+    found = drawn_together(groups, spacing, method, divided)
     united = shapely.union_all([one.footprint.buffer(0.01) for one in scene.buildings]).buffer(-0.01)
     inside = Bounds.of(scene.cloud.xyz).buffered(-2.0)
     frame = shapely.box(inside.west, inside.south, inside.east, inside.north)
@@ -111,7 +111,7 @@ def blocks_of(
 
 def delft_blocks(data: Path, method: OutlineMethod) -> Iterator[Case]:
     """The blocks of Delft's map that no edge of the tile cuts, drawn from what our detector finds."""
-    groups, spacing, corner = delft_detected(data)
+    groups, spacing, corner, divided = delft_detected(data)
     cloud = laspy.read(data / "delft/ahn3.laz")
     xyz = np.asarray(cloud.xyz) - np.append(corner, 0.0)
     shapes = shapely.from_wkb(pyogrio.raw.read(data / "delft/footprints.gpkg")[2])
@@ -120,7 +120,7 @@ def delft_blocks(data: Path, method: OutlineMethod) -> Iterator[Case]:
     blocks = united.buffer(0.05, join_style="mitre").buffer(-0.05, join_style="mitre")
     bounds = Bounds.of(xyz).buffered(-1.0)
     frame = shapely.box(bounds.west, bounds.south, bounds.east, bounds.north)
-    outlines = shapely.union_all(drawn_together(groups, spacing, method))
+    outlines = shapely.union_all(drawn_together(groups, spacing, method, divided))
     for number, block in enumerate(shapely.get_parts(blocks)):
         if block.area < LEAST_M2 or not frame.covers(block):
             continue

@@ -43,6 +43,7 @@ from .raster.surfaces import make_scene as make_scene
 from .reconstruct import Reconstructor as Reconstructor
 from .reconstruct import reconstruct_building as reconstruct_building
 from .reconstruct.arrangement import Arrangement as Arrangement
+from .reconstruct.maas_vosselman import MaasVosselman as MaasVosselman
 from .reconstruct.moments import Moments as Moments
 from .reconstruct.plane_intersection import PlaneIntersection as PlaneIntersection
 from .reconstruct.prism import Prism as Prism

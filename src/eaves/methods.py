@@ -1,8 +1,8 @@
 """Methods as values, and the registry that names them.
 
 A method is a frozen pydantic model: its parameters are its fields, each declared once by `parameter(...)`
-with default, sentence, unit, range and the paper's symbol. Names pick methods only at the border (command
-line, configuration file); in Python one writes `classify_ground(cloud, AdaptiveTin(seed_cell=80))`.
+with default, sentence, unit, range and the paper's symbol. In Python one writes
+`classify_ground(cloud, AdaptiveTin(seed_cell=80))`; names and tables of parameters stand for methods too.
 """
 
 from __future__ import annotations
@@ -13,14 +13,27 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 Emit = Callable[[str, Any], None]
 """Receives every named intermediate of a method: `emit("seed points", xyz)`."""
 
 
 def ignore(name: str, value: Any) -> None:
-    """The `Emit` that keeps nothing."""
+    """Discard a named intermediate: the `Emit` that keeps nothing.
+
+    Parameters
+    ----------
+    name : str
+        Name of the intermediate.
+    value : object
+        Its value.
+
+    Examples
+    --------
+    >>> from eaves.methods import ignore
+    >>> ignore("seed points", [])
+    """
 
 
 def parameter(
@@ -30,21 +43,72 @@ def parameter(
     unit: str = "1",
     symbol: str | None = None,
     published: Any = None,
+    printed_in: str | None = None,
     **limits: float,
 ) -> Any:
     """Declare a method's parameter once.
 
-    `default=None` means: derived from the measured spacing and noise, by the rule the sentence states.
-    `published` is the number the paper prints, used by `Method.as_published()`. `limits` are pydantic's
-    `ge, gt, le, lt`.
+    Parameters
+    ----------
+    default : object
+        The default; None means: derived from the measured spacing and noise, by the rule the sentence states.
+    sentence : str
+        What the parameter means.
+    unit : str
+        Its unit; `1` for shares and counts.
+    symbol : str or None
+        The paper's symbol.
+    published : object
+        The number that the paper prints, used by `Method.as_published()`; what it does not print keeps the
+        default.
+    printed_in : str or None
+        The place in the paper where it is printed, or the step of ours that it switches off.
+    **limits : float
+        The range: pydantic's `ge`, `gt`, `le`, `lt`.
+
+    Returns
+    -------
+    pydantic.fields.FieldInfo
+        The declaration; as the value of an annotated class attribute it makes a field.
+
+    Raises
+    ------
+    TypeError
+        When a limit is none of pydantic's.
+    ValueError
+        When only one of `published` and `printed_in` is given.
+
+    Examples
+    --------
+    >>> from eaves.methods import Method, parameter
+    >>> class Example(Method):
+    ...     cell: float = parameter(0.5, "side of a cell", unit="m", gt=0)
+    >>> Example().cell
+    0.5
     """
-    extra = {"unit": unit, "symbol": symbol, "published": published}
+    if (published is None) != (printed_in is None):
+        raise ValueError(f"parameter '{sentence}': `published` and `printed_in` go together")
+    extra = {"unit": unit, "symbol": symbol, "published": published, "printed_in": printed_in}
     declared: dict[str, Any] = {"description": sentence, "json_schema_extra": extra, **limits}
     return Field(default, **declared)
 
 
 class Method(BaseModel):
-    """A published method with its parameters: frozen, comparable, picklable, printable."""
+    """A published method with its parameters: frozen, comparable, picklable, printable.
+
+    The parameters are the fields of the class, each declared by `parameter(...)`.
+
+    Raises
+    ------
+    ValueError
+        When a parameter does not exist, or its value is out of range.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> eaves.AdaptiveTin(angle=10.0).angle
+    10.0
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -55,9 +119,28 @@ class Method(BaseModel):
     paper: ClassVar[str]
     """Key in references.bib."""
 
+    def __init__(self, **parameters: Any) -> None:
+        try:
+            super().__init__(**parameters)
+        except ValidationError as error:
+            raise ValueError(self._refusal(error)) from None
+
+    @classmethod
+    def _refusal(cls, error: ValidationError) -> str:
+        """One sentence for the first parameter that is refused."""
+        first = error.errors(include_url=False)[0]
+        parameter = ".".join(map(str, first["loc"]))
+        method = f"{cls.stage} method '{cls.name}'"
+        if first["type"] == "extra_forbidden":
+            known = ", ".join(cls.model_fields) or "none"
+            return f"unknown parameter '{parameter}' of {method}; it has: {known}"
+        rule = first["msg"][:1].lower() + first["msg"][1:]
+        remedy = f"see `eaves methods {cls.stage}`"
+        return f"parameter '{parameter}' of {method}: {rule}, not {first['input']!r}; {remedy}"
+
     @property
     def buffer(self) -> float:
-        """How far away (m) a point can be and still change the answer here."""
+        """Distance (m) within which other points can change the result at a point."""
         return 0.0
 
     @classmethod
@@ -111,6 +194,7 @@ REGISTRY: dict[str, dict[str, str]] = {
     "reconstruct": {
         "prism": "eaves.reconstruct.prism:Prism",
         "moments": "eaves.reconstruct.moments:Moments",
+        "maas_vosselman": "eaves.reconstruct.maas_vosselman:MaasVosselman",
         "plane_intersection": "eaves.reconstruct.plane_intersection:PlaneIntersection",
         "arrangement": "eaves.reconstruct.arrangement:Arrangement",
     },
@@ -119,7 +203,31 @@ REGISTRY: dict[str, dict[str, str]] = {
 
 
 def method_class(stage: str, name: str) -> type[Method]:
-    """The class registered under a name; ValueError lists the names there are."""
+    """The class registered under a name.
+
+    Parameters
+    ----------
+    stage : str
+        `ground`, `detect`, `outline`, `roof` or `reconstruct`.
+    name : str
+        A name in `REGISTRY[stage]`.
+
+    Returns
+    -------
+    type of Method
+        The class.
+
+    Raises
+    ------
+    ValueError
+        When there is no such stage or name; the message lists those that exist.
+
+    Examples
+    --------
+    >>> from eaves.methods import method_class
+    >>> method_class("ground", "adaptive_tin").__name__
+    'AdaptiveTin'
+    """
     try:
         module, attribute = REGISTRY[stage][name].split(":")
     except KeyError:
@@ -132,14 +240,36 @@ def method_class(stage: str, name: str) -> type[Method]:
 def make_method(
     stage: str, name: str | None = None, parameters: dict[str, Any] | None = None, published: bool = False
 ) -> Method:
-    """The method of a stage by name (None: the default), with parameters; ValueError names the bad one."""
+    """The method of a stage by name, with parameters.
+
+    Parameters
+    ----------
+    stage : str
+        `ground`, `detect`, `outline`, `roof` or `reconstruct`.
+    name : str or None
+        A name in `REGISTRY[stage]`; None is the stage's default.
+    parameters : dict or None
+        Values by parameter name; the others keep their defaults.
+    published : bool
+        Start from the numbers that the paper prints.
+
+    Returns
+    -------
+    Method
+        The method.
+
+    Raises
+    ------
+    ValueError
+        When there is no such stage, name or parameter, or a value is out of range.
+
+    Examples
+    --------
+    >>> from eaves.methods import make_method
+    >>> make_method("detect", "consensus", {"min_height": 2.0}).min_height
+    2.0
+    """
     cls = method_class(stage, name or DEFAULTS[stage])
-    unknown = set(parameters or {}) - set(cls.model_fields)
-    if unknown:
-        raise ValueError(
-            f"unknown parameter '{min(unknown)}' of {stage} method '{cls.name}'; "
-            f"it has: {', '.join(cls.model_fields) or 'none'}"
-        )
     base = cls.as_published().model_dump() if published else {}
     return cls(**{**base, **(parameters or {})})
 
@@ -149,7 +279,21 @@ MethodChoice = Method | str | Mapping[str, Any] | None
 
 
 def resolve_method(stage: str, choice: MethodChoice, published: bool = False) -> Method:
-    """The method that is meant.
+    """The method that a choice stands for.
+
+    Parameters
+    ----------
+    stage : str
+        `ground`, `detect`, `outline`, `roof` or `reconstruct`.
+    choice : Method, str, mapping or None
+        A method, its name, its parameters (with its name under `method`), or None for the stage's default.
+    published : bool
+        Methods given by name take the numbers that their papers print.
+
+    Returns
+    -------
+    Method
+        The method.
 
     Raises
     ------
@@ -157,6 +301,12 @@ def resolve_method(stage: str, choice: MethodChoice, published: bool = False) ->
         When the choice is of another type, or a method of another stage.
     ValueError
         When no method or parameter has that name, or a value is out of range.
+
+    Examples
+    --------
+    >>> from eaves.methods import resolve_method
+    >>> resolve_method("roof", {"method": "tin_faces"}).name
+    'tin_faces'
     """
     if isinstance(choice, Method):
         if choice.stage != stage:
@@ -176,7 +326,32 @@ def resolve_method(stage: str, choice: MethodChoice, published: bool = False) ->
 
 
 def emitter(debug: str | Path | Emit | None) -> Emit:
-    """The `Emit` for a verb's `debug=` argument: a callback, a folder to save arrays in, or None."""
+    """The `Emit` for the `debug` argument of a stage function.
+
+    Parameters
+    ----------
+    debug : str, Path, callable or None
+        A folder to save arrays in (made when missing), a callback `(name, value)`, or None to keep nothing.
+
+    Returns
+    -------
+    callable
+        Called with the name and the value of every intermediate.
+
+    Raises
+    ------
+    OSError
+        When the folder cannot be made.
+
+    Examples
+    --------
+    >>> from eaves.methods import emitter
+    >>> emit = emitter("steps")
+    >>> emit("seed points", [[0.0, 0.0, 1.0]])
+    >>> from pathlib import Path
+    >>> [path.name for path in Path("steps").iterdir()]
+    ['seed_points.npy']
+    """
     if debug is None:
         return ignore
     if callable(debug):

@@ -14,7 +14,8 @@ both call the stages (`ground`, `detect`, `outline`, `units`, `roof`, `reconstru
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Unpack
@@ -22,22 +23,26 @@ from typing import Unpack
 from eaves.formats.disk import report_full_disk
 from eaves.model.summary import Summary
 from eaves.run.classified_points import PointSink
+from eaves.run.lock import lock_folder
+from eaves.run.manifest import end_manifest
 from eaves.run.outputs import write_outputs
 from eaves.run.recipe import Recipe
 from eaves.run.region import Core, Region, import_methods, warn_of_wrong_boxes
-from eaves.run.run import Progress, Run, RunOptions, no_progress, open_run
+from eaves.run.run import Progress, Run, RunOptions, list_options, no_progress, open_run
 from eaves.run.tiles import build_tiles
 from eaves.run.workers import Workers
 
 log = logging.getLogger("eaves")
 
 
+@list_options
 def build(
     inputs: str | Path | Sequence[str | Path],
     out: str | Path,
     recipe: Recipe | None = None,
     progress: Progress = no_progress,
     sink: PointSink | None = None,
+    report: Callable[[Summary], Path] | None = None,
     **options: Unpack[RunOptions],
 ) -> Summary:
     """Footprints, models, rasters and classified points of all inputs, written to the folder `out`.
@@ -54,29 +59,40 @@ def build(
         Called with the step, how much of it is done, and how much there is.
     sink
         Receives the classified points as they are written; not in a run by tiles.
+    report
+        Writes one more file from the results; not in a run by tiles, which is more than a page holds.
     options
-        See `eaves.run.run.RunOptions`.
+        The keywords of `eaves.build`.
 
     Raises
     ------
     InputError
-        When an input cannot be used; nothing is written then.
+        When an input cannot be used, or another run holds the folder; nothing is written then.
     DiskFullError
         When the disk is full; what is done stays for a run with `resume`.
     """
     run = open_run(inputs, out, recipe, progress, **options)
-    with report_full_disk(run.folder), Workers(run.jobs, run.scheduler) as workers:
+    with (
+        lock_folder(run.folder, run.lock),
+        report_full_disk(run.folder),
+        Workers(run.jobs, run.scheduler, run.memory) as workers,
+    ):
         if run.by_tiles:
-            return build_tiles(run, workers, progress, build_region)
-        return build_whole(run, workers, progress, sink)
+            summary = build_tiles(run, workers, progress, build_region)
+        else:
+            summary = build_whole(run, workers, progress, sink)
+            if report is not None:
+                summary = replace(summary, files=(*summary.files, report(summary)))
+        if run.classified is None:
+            end_manifest(run.folder, summary.files, summary.about, summary.complete)
+        return summary
 
 
 def build_whole(run: Run, workers: Workers, progress: Progress, sink: PointSink | None) -> Summary:
     """The whole run as one region."""
-    if run.index.spans_blocks(run.side, run.window.bounds):
+    if run.memory is not None or run.index.spans_blocks(run.side, run.window.bounds):
         workers.start(partial(import_methods, run.recipe))
-    name = ".eaves-work" if run.classified is None else f".eaves-work-{run.classified.stem}"
-    region = Region(run, run.folder / name, workers, progress)
+    region = Region(run, run.work_folder, workers, progress)
     summary = build_region(region, Core(holds=lambda block: True), sink)
     warn_of_wrong_boxes(run.index, region.wrong_boxes)
     return summary
@@ -93,6 +109,8 @@ def build_region(region: Region, core: Core, sink: PointSink | None = None) -> S
     region.open_store()
     region.partition()
     blocks = region.used_blocks()
+    if core.loaded is None:
+        region.check_points()
     region.check_rasters(blocks)
     if not any(map(core.holds, blocks)):
         log.warning("no points left to use: see the bounds, the clip area and the files")

@@ -21,6 +21,7 @@ from eaves.cli import app as cli
 OUTPUTS = {
     "footprints.gpkg",
     "buildings.city.jsonl",
+    "buildings.qgz",
     "mask.tif",
     "mask.tfw",
     "dtm.tif",
@@ -28,6 +29,7 @@ OUTPUTS = {
     "classified.laz",
     "report.html",
     "run.json",
+    "manifest.json",
 }
 
 
@@ -83,7 +85,7 @@ def test_the_written_models_are_valid(built: Path) -> None:
     assert done.returncode == 0, done.stdout
 
 
-def test_help_answers_at_once() -> None:
+def test_help_is_quick() -> None:
     best = min(timed_help() for _ in range(3))
     assert best < 1.0, f"{best:.2f} s"  # 0.5 s is the target on a quiet machine; tests share theirs
 
@@ -124,6 +126,11 @@ def test_a_bad_file_gets_one_line_and_status_2(tmp_path: Path, name: str, conten
         ["build", "FILE", "-o", "OUT", "--detect-method", "magic"],
         ["build", "FILE", "-o", "OUT", "--config", "no-such.toml"],
         ["build", "FILE", "-o", "OUT", "--bounds", "1,2,3"],
+        ["build", "FILE", "-o", "OUT", "--bounds", "nan,0,1,1"],
+        ["build", "FILE", "-o", "OUT", "--bounds", "0,0,inf,1"],
+        ["build", "FILE", "-o", "OUT", "--block", "inf"],
+        ["build", "FILE", "-o", "OUT", "--block", "nan"],
+        ["build", "FILE", "-o", "OUT", "--memory", "1M"],
         ["build", "FILE", "-o", "OUT", "--crs", "EPSG:4326"],
         ["build", "FILE", "-o", "OUT", "--crs", "EPSG:999999"],
         ["build", "FILE", "-o", "OUT", "--lod", "9"],
@@ -158,7 +165,6 @@ def test_an_unknown_parameter_is_named(nine_roofs_file: Path, tmp_path: Path) ->
     ("name", "xyz"),
     [
         ("one point", np.array([[85000.0, 447000.0, 1.0]])),
-        ("all zero", np.zeros((50, 3))),
         ("flat ground", np.random.default_rng(0).random((4000, 3)) * [40, 40, 0.02] + [85000, 447000, 1]),
     ],
 )
@@ -171,6 +177,13 @@ def test_points_without_buildings_give_valid_empty_outputs(
     assert {path.name for path in (tmp_path / "out").iterdir()} == OUTPUTS
     assert json.loads((tmp_path / "out" / "run.json").read_text())["found"] == 0
     assert eaves("validate", tmp_path / "out" / "buildings.city.jsonl").returncode == 0
+
+
+def test_points_that_none_can_use_are_refused(tmp_path: Path) -> None:
+    write_laz(tmp_path / "points.laz", np.zeros((50, 3)))
+    done = eaves("build", tmp_path / "points.laz", "-o", tmp_path / "out", "--jobs", "1")
+    assert done.returncode == 2
+    assert "none of 50 points can be used" in one_line(done)
 
 
 def test_ground_writes_one_file(nine_roofs_file: Path, tmp_path: Path) -> None:
@@ -194,7 +207,15 @@ def test_a_corrupt_file_among_good_ones_leaves_the_rest(nine_roofs_file: Path, t
     done = eaves("build", tiles, "-o", tmp_path / "out", "--jobs", "1")
     assert done.returncode == 1
     assert "incomplete" in done.stderr and "cut.laz" in done.stderr
-    assert json.loads((tmp_path / "out" / "run.json").read_text())["found"] == 9
+    run = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert run["found"] == 9
+    assert run["points"] < 1.99 * eaves_points(nine_roofs_file)  # what was not read is not counted
+
+
+def eaves_points(path: Path) -> int:
+    from eaves.formats import open_source
+
+    return open_source(path).count
 
 
 def test_a_second_run_gives_the_same_bytes(built: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
@@ -227,7 +248,7 @@ def test_models_are_judged_over_given_footprints_at_a_given_level(built: Path, n
     assert done.returncode == 2 and "lod is for models only" in one_line(done)
 
 
-def test_an_interrupt_that_a_library_swallows_is_still_an_interrupt(
+def test_an_interrupt_that_a_library_catches_is_still_an_interrupt(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def swallow(**_: object) -> int:
@@ -242,6 +263,34 @@ def test_an_interrupt_that_a_library_swallows_is_still_an_interrupt(
         cli.main()
     assert end.value.code == 130
     assert capsys.readouterr().err.startswith("interrupted:")
+
+
+def test_kill_ends_a_run_as_ctrl_c_does(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli, "app", lambda **_: signal.raise_signal(signal.SIGTERM))
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 143
+    assert capsys.readouterr().err.startswith("terminated:")
+
+
+def test_a_file_that_ends_too_early_is_no_interrupt(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import typer
+
+    def ends(**_: object) -> int:
+        try:
+            raise EOFError("No data left in file")
+        except EOFError as error:
+            raise typer.Abort from error
+
+    monkeypatch.setattr(cli, "app", ends)
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 1
+    assert "No data left in file" in capsys.readouterr().err
 
 
 def test_memory_that_runs_out_is_one_line(

@@ -18,7 +18,7 @@ from eaves.methods import REGISTRY, make_method, method_class
 from eaves.model import Block, BuildingModel, Failure, Footprint, PointCloud
 from eaves.model.cloud import GROUND
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
-from eaves.raster.surfaces import make_scene
+from eaves.raster import surfaces
 from eaves.reconstruct import Reconstructor, reconstruct_building
 from eaves.roof import RoofMethod, segment_roof
 from eaves.simulate.roofs import ExactScene, nine_roofs_on_a_slope
@@ -85,7 +85,7 @@ def test_a_method_is_a_value(stage: str, name: str) -> None:
 
 
 @pytest.mark.parametrize(("stage", "name"), EVERY)
-def test_every_parameter_says_what_it_is(stage: str, name: str) -> None:
+def test_every_parameter_has_a_sentence_a_unit_and_a_range(stage: str, name: str) -> None:
     for key, field in method_class(stage, name).model_fields.items():
         extra = field.json_schema_extra
         assert field.description, key
@@ -210,7 +210,7 @@ FEW: dict[str, NDArray[np.float64]] = {
 
 @pytest.mark.parametrize("few", FEW)
 @pytest.mark.parametrize(("stage", "name"), EVERY)
-def test_hard_points_give_an_answer_or_a_failure(stage: str, name: str, few: str) -> None:
+def test_hard_points_give_a_result_or_a_failure(stage: str, name: str, few: str) -> None:
     points, method = FEW[few], make_method(stage, name)
     if isinstance(method, GroundMethod):
         assert len(classify_ground(PointCloud(points), method).ground) == len(points)
@@ -233,7 +233,7 @@ def test_hard_points_give_an_answer_or_a_failure(stage: str, name: str, few: str
 
 def scene_of(classified: PointCloud) -> Any:
     """A scene over the block that holds the points."""
-    return make_scene(classified, Block(0, 0).bounds)
+    return surfaces.scene_of(classified, Block(0, 0).bounds)
 
 
 def outline_of(points: NDArray[np.float64], method: OutlineMethod) -> Any:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from eaves.model import Bounds, PointCloud, Scene
 from eaves.model.cloud import GROUND, UNCLASSIFIED
-from eaves.raster.surfaces import make_scene
+from eaves.raster.surfaces import scene_of
 
 Part = tuple[NDArray[np.float64], int, NDArray[np.uint8], NDArray[np.uint8]]
 """Points (M, 3), the object they are of, return number and number of returns (M,)."""
@@ -89,7 +89,7 @@ class MadeScene:
             classification=np.where(what == 0, GROUND, UNCLASSIFIED).astype(np.uint8),
         )
         order = cloud.canonical_order()
-        return make_scene(cloud.take(order), Bounds(0.0, 0.0, self.size, self.size)), what[order]
+        return scene_of(cloud.take(order), Bounds(0.0, 0.0, self.size, self.size)), what[order]
 
 
 def two_houses_and_a_tree(density: float = 8.0, seed: int = 1) -> MadeScene:

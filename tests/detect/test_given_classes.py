@@ -67,7 +67,7 @@ def test_points_of_several_building_classes_are_one_building() -> None:
     assert (found.label[what > 0] == 1).all()
 
 
-def test_other_classes_are_believed_when_named() -> None:
+def test_other_classes_are_used_when_named() -> None:
     scene, what = classified(two_boxes(2.0), {1: BUILDING, 2: BRIDGE})
     assert detect_buildings(scene, GivenClasses()).count == 1
     found = detect_buildings(scene, GivenClasses(classes=(BRIDGE,)))

@@ -48,7 +48,7 @@ def test_coplanar_patches_merge_to_one_and_a_step_stays_apart() -> None:
     assert root.tolist() == [0, 0, 0, 0, 4, 4, 4, 4]
 
 
-def test_the_answer_does_not_depend_on_the_order_of_points() -> None:
+def test_the_result_does_not_depend_on_the_order_of_points() -> None:
     scene, _ = two_houses_and_a_tree().scene()
     straight = detect_buildings(scene, PlanarPatches())
     mixed = np.random.default_rng(0).permutation(len(scene.cloud))

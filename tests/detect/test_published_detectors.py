@@ -9,10 +9,11 @@ from eaves.detect import Detector, detect_buildings
 from eaves.detect.consensus import Consensus
 from eaves.detect.contours import Contours, quadratic_gradient, sobel_height
 from eaves.detect.height_texture import HeightTexture, local_texture
-from eaves.detect.normal_echo import NormalEcho, find_neighbours
+from eaves.detect.normal_echo import NormalEcho
 from eaves.detect.planar_patches import PlanarPatches
 from eaves.detect.roof_attributes import RoofAttributes, micro_normals, roughness
-from eaves.detect.toolkit.surface_grid import grow_back, nearest_surface, opened_by_area
+from eaves.detect.toolkit.surface_grid import grow_back, nearest_surface, opened_by_area, share_around
+from eaves.geometry.planes import local_planes
 from eaves.model.scene import TREE, WALL
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
 
@@ -97,6 +98,17 @@ def test_growth_stops_at_steps_and_at_the_rim() -> None:
     assert grow_back(core, allowed, surface, 1.0, 1).sum() == 5
 
 
+def test_shares_around_are_counted_among_the_cells_that_matter() -> None:
+    among = np.zeros((9, 9), bool)
+    among[:, 2:] = True
+    mask = np.zeros((9, 9), bool)
+    mask[:, :4] = True
+    share = share_around(mask, among, 3)
+    assert share[4, 0] == 0.0
+    assert share[4, 2] == 1.0
+    assert share[4, 3] == pytest.approx(2 / 3)
+
+
 def test_opening_by_area_keeps_the_large() -> None:
     mask = np.zeros((6, 6), bool)
     mask[0, :2], mask[3:5, 3:5] = True, True
@@ -113,15 +125,24 @@ def test_the_nearest_surface_keeps_the_jump() -> None:
     assert ((np.abs(heights) < 0.2) | (np.abs(heights - 9.0) < 0.2)).all()
 
 
-def test_normals_and_curvature_are_those_of_a_plane_and_of_a_ball() -> None:
+def test_normals_are_those_of_a_plane_and_a_ball_is_curved() -> None:
     rng = np.random.default_rng(3)
     flat = np.c_[rng.uniform(0, 10, (800, 2)), np.zeros(800)]
     flat[:, 2] = 0.5 * flat[:, 0]
-    near = find_neighbours(flat, 16)
-    assert np.allclose(near.upright(flat), 1 / np.sqrt(1.25), atol=1e-3)
-    assert near.curvature(flat).max() < 1e-3
-    ball = rng.normal(0, 1, (800, 3))
-    assert np.median(find_neighbours(ball, 16).curvature(ball)) > 0.08
+    near = local_planes(flat, 16, 16)
+    assert np.allclose(near.normals[:, 2], 1 / np.sqrt(1.25), atol=1e-3)
+    assert near.curvature.max() < 1e-3
+    assert np.median(local_planes(rng.normal(0, 1, (800, 3)), 16, 16).curvature) > 0.08
+
+
+def test_curvature_is_equation_3_on_a_cloud_of_known_eigenvalues() -> None:
+    """λ₀/(λ₀+λ₁+λ₂) of eigenvalues 0.04, 1 and 4: 0.0079; the same of their roots would be 0.063."""
+    deviation = np.array([0.2, 1.0, 2.0])
+    corners = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]), -1).reshape(-1, 3) * deviation
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    near = local_planes(corners @ turn.T, 8, 8)
+    assert np.allclose(near.eigenvalues, deviation**2)
+    assert np.allclose(near.curvature, 0.04 / 5.04)
 
 
 def test_walls_and_trees_are_kept_as_parts() -> None:

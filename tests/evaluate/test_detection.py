@@ -155,7 +155,7 @@ def test_every_object_has_a_row() -> None:
 
 
 @pytest.mark.parametrize("which", ["nothing found", "nothing there", "neither"])
-def test_empty_images_give_an_answer(which: str) -> None:
+def test_empty_images_give_a_score(which: str) -> None:
     empty = scene()
     result = scene(ONE) if which == "nothing there" else empty
     reference = scene(ONE) if which == "nothing found" else empty

@@ -94,7 +94,9 @@ def test_footprints_and_their_rows_are_written(tmp_path: Path) -> None:
     reference = polygons(tmp_path / "reference.gpkg", HOUSE, SHED)
     result = polygons(tmp_path / "result.geojson", SHED)
     evaluation = evaluate_files("footprints", result, reference, tmp_path / "report")
-    assert evaluation.figures["pairs"] == 1 and evaluation.figures["mean IoU of pairs"] == pytest.approx(1)
+    assert evaluation.figures["pairs"] == 1 and evaluation.figures["mean IoU of pairs"] == pytest.approx(
+        1, abs=1e-3
+    )
     names = pyogrio.raw.read(tmp_path / "report" / "footprints.gpkg", columns=["reference", "result"])[3]
     assert names[0].tolist() == ["house 0", "house 1"] and names[1].tolist() == [None, "house 0"]
 

@@ -71,7 +71,7 @@ def test_polis_of_a_square_in_a_square() -> None:
 
 
 @pytest.mark.parametrize(("result", "reference"), [([], [HOUSE]), ([HOUSE], []), ([], [])])
-def test_nothing_gives_an_answer(result: list[Polygon], reference: list[Polygon]) -> None:
+def test_nothing_gives_a_score(result: list[Polygon], reference: list[Polygon]) -> None:
     score = evaluate_footprints(result, reference)
     assert score.pairs == 0 and math.isnan(score.mean_iou)
 

@@ -100,7 +100,7 @@ def test_the_highest_of_several_faces_counts() -> None:
     assert evaluate_models([double], points_on(PAIR[0]), {"a": PLACES["a"]}).rmse_mean_m < 1e-9
 
 
-def test_nothing_gives_an_answer() -> None:
+def test_nothing_gives_a_score() -> None:
     score = evaluate_models([], np.zeros((0, 3)), {})
     assert score.buildings == 0 and np.isnan(score.missed) and score.lods == {}
 

@@ -78,6 +78,6 @@ def test_points_are_scored_by_their_share_of_the_area() -> None:
     assert [row.covered for row in score.rows] == pytest.approx([1, 1, 1, 1])
 
 
-def test_no_planes_give_an_answer() -> None:
+def test_no_planes_give_a_score() -> None:
     empty = np.zeros((4, 4), np.int64)
     assert evaluate_planes(empty, empty, AREA).relations["1:1"] == 0

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eaves.evaluate import evaluate_wireframe
+from eaves.evaluate import evaluate_files, evaluate_wireframe
 from eaves.evaluate.wireframes import Wireframe, read_wireframe
-from eaves.formats import InputError
+from eaves.formats import InputError, write_obj_wireframe
+from eaves.simulate import nine_roofs_on_a_slope
 
 SQUARE = np.array([[0, 0, 5], [10, 0, 5], [10, 10, 5], [0, 10, 5]], float)
 EDGES = np.array([[0, 1], [1, 2], [2, 3], [0, 3], [0, 2]])
@@ -58,3 +59,35 @@ def test_a_bad_file_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r"bad\.obj"):
         read_wireframe(path)
+
+
+def test_folders_are_compared_roof_by_roof__a_missing_one_counts(tmp_path: Path) -> None:
+    truth = nine_roofs_on_a_slope(density=4.0)
+    mine, true = tmp_path / "mine", tmp_path / "true"
+    mine.mkdir(), true.mkdir()
+    for building in truth.buildings:
+        write_obj_wireframe(true / f"{building.kind}.obj", [building.model(truth.cloud.origin)])
+    for path in list(true.iterdir())[:-1]:
+        (mine / path.name).write_bytes(path.read_bytes())
+    evaluation = evaluate_files("wireframe", mine, true)
+    assert evaluation.figures["roofs"] == 9
+    assert evaluation.figures["corners, precision"] == 1
+    assert 0.7 < float(evaluation.figures["corners, recall"]) < 1
+    assert evaluation.figures["mean offset of corners (m)"] == 0
+    assert sum(row["edges, recall"] == 1 for row in evaluation.rows) == 8
+
+
+def test_written_wireframe_is_the_roof_in_world_coordinates(tmp_path: Path) -> None:
+    truth = nine_roofs_on_a_slope(density=4.0)
+    shed = next(building for building in truth.buildings if building.kind == "shed")
+    write_obj_wireframe(tmp_path / "shed.obj", [shed.model(truth.cloud.origin)])
+    frame = read_wireframe(tmp_path / "shed.obj")
+    world = np.asarray(shed.footprint.exterior.coords)[:-1] + truth.cloud.origin
+    assert len(frame.corners) == len(frame.edges) == 4
+    assert np.allclose(np.sort(frame.corners[:, :2], axis=0), np.sort(world, axis=0), atol=1e-3)
+
+
+def test_a_mesh_and_a_folder_are_told_apart(tmp_path: Path) -> None:
+    (tmp_path / "roofs").mkdir()
+    with pytest.raises(InputError, match="holds no wireframe"):
+        evaluate_files("wireframe", tmp_path, tmp_path / "roofs")

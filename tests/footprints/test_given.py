@@ -25,7 +25,7 @@ def test_a_multipolygon_becomes_parts_with_ids_of_their_own_and_attributes_stay(
     shape = MultiPolygon([box(0, 0, 2, 2), box(5, 0, 9, 4)])
     found = repair_footprints([shape, box(20, 0, 24, 4)], ["7", "7"], [{"use": "shop"}, {}])
     assert [footprint.id for footprint in found] == ["7", "7-2", "7-3"]
-    assert found[0].polygon.area == 16.0 and found[1].attributes == {"use": "shop"}
+    assert found[0].polygon.area == 16.0 and found[1].attributes == {"use": "shop", "given_part": 2}
 
 
 def test_shapes_without_area_are_left_out_with_a_reason() -> None:
@@ -42,7 +42,7 @@ def test_shapes_without_area_are_left_out_with_a_reason() -> None:
     assert [failure.reason.split("'")[1] for failure in failures] == list("abcde")
 
 
-def test_clipping_marks_what_is_cut_and_says_what_is_outside() -> None:
+def test_clipping_marks_what_is_cut_and_reports_what_is_outside() -> None:
     given = repair_footprints([box(1, 1, 5, 5), box(8, 1, 14, 5), box(30, 1, 34, 5)], ["in", "cut", "out"])
     inside, cut, out = clip_footprints(given, Bounds(0, 0, 10, 10))
     assert inside is given[0]

@@ -92,7 +92,7 @@ def test_a_file_cut_anywhere_is_refused(tmp_path: Path, files: dict[str, bytes],
     ],
 )
 @pytest.mark.usefixtures("bounded")
-def test_a_header_that_lies_is_refused(
+def test_a_wrong_header_is_refused(
     tmp_path: Path,
     files: dict[str, bytes],
     kind: str,
@@ -107,7 +107,7 @@ def test_a_header_that_lies_is_refused(
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.usefixtures("bounded")
-def test_a_point_count_that_lies_is_refused(tmp_path: Path, files: dict[str, bytes], kind: str) -> None:
+def test_a_wrong_point_count_is_refused(tmp_path: Path, files: dict[str, bytes], kind: str) -> None:
     form, place = ("<I", 107) if kind == "las" else ("<Q", 247)
     largest = 2**32 - 1 if kind == "las" else 2**64 - 1
     for value in (COUNT + 10_000, 10**9, largest):
@@ -115,7 +115,7 @@ def test_a_point_count_that_lies_is_refused(tmp_path: Path, files: dict[str, byt
 
 
 @pytest.mark.usefixtures("bounded")
-def test_a_record_length_that_lies_is_refused(tmp_path: Path, files: dict[str, bytes]) -> None:
+def test_a_wrong_record_length_is_refused(tmp_path: Path, files: dict[str, bytes]) -> None:
     for kind in KINDS:
         data = files[kind]
         first = struct.unpack_from("<H", data, 94)[0]
@@ -126,7 +126,7 @@ def test_a_record_length_that_lies_is_refused(tmp_path: Path, files: dict[str, b
 
 
 @pytest.mark.usefixtures("bounded")
-def test_a_bounding_box_that_lies_is_measured(tmp_path: Path, files: dict[str, bytes]) -> None:
+def test_a_wrong_bounding_box_is_measured(tmp_path: Path, files: dict[str, bytes]) -> None:
     whole = tmp_path / "whole.las"
     whole.write_bytes(files["las"])
     for place in range(179, 227, 8):

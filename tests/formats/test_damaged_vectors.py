@@ -106,11 +106,11 @@ def test_mutated_files_are_read_or_refused_in_one_line(name: str, tmp_path: Path
     ("change", "says"),
     [
         (lambda solid: solid["boundaries"][0][0][0].__setitem__(0, 99), "points outside"),
-        (lambda solid: solid["boundaries"][0][0][0].__setitem__(0, 1e999), "not built as CityJSON"),
-        (lambda solid: solid["boundaries"][0][0][0].__setitem__(0, 1.5), "not built as CityJSON"),
+        (lambda solid: solid["boundaries"][0][0][0].__setitem__(0, 1e999), "does not follow the CityJSON"),
+        (lambda solid: solid["boundaries"][0][0][0].__setitem__(0, 1.5), "does not follow the CityJSON"),
         (lambda solid: solid["semantics"]["values"][0].__setitem__(0, -1), "semantics -1 of 3"),
         (lambda solid: solid.pop("boundaries"), "lacks 'boundaries'"),
-        (lambda solid: solid.__setitem__("boundaries", 7), "not built as CityJSON"),
+        (lambda solid: solid.__setitem__("boundaries", 7), "does not follow the CityJSON"),
     ],
 )
 def test_geometry_that_points_nowhere_is_refused_in_our_words(

@@ -72,7 +72,7 @@ def test_three_columns_have_no_label_and_six_have_a_colour(tmp_path: Path) -> No
         assert source.fields == () and next(iter_chunks(source)).classification is None
 
 
-def test_points_without_coordinates_are_left_out_and_told(
+def test_points_without_coordinates_are_left_out_and_reported(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = saved(tmp_path / "holes.txt", "1 2 3\nnan nan nan\n0 0 0\n4 5 6\n7 8 nan\n10 20 30\n")

@@ -35,7 +35,7 @@ def test_pairs_are_those_of_shapely__many_points_on_borders(seed: int) -> None:
     assert np.all(np.diff(point) >= 0)
 
 
-def test_a_point_beside_a_long_edge_is_told_from_one_on_it__by_the_last_bit() -> None:
+def test_a_point_beside_a_long_edge_differs_from_one_on_it__by_the_last_bit() -> None:
     triangle = np.array([shapely.Polygon([(0.0, 0.0), (3.0, 3.0), (0.0, 3.0)])], object)
     points = np.array([[0.1, 0.1], [np.nextafter(0.1, 1.0), 0.1], [np.nextafter(0.1, 0.0), 0.1]])
     point, _ = points_in_polygons(points, *edges_of(triangle), 1)
@@ -44,7 +44,7 @@ def test_a_point_beside_a_long_edge_is_told_from_one_on_it__by_the_last_bit() ->
     assert [is_inside(x, y, start, end) for x, y in points] == [True, False, True]
 
 
-def test_no_points_and_no_polygons_have_an_answer() -> None:
+def test_no_points_and_no_polygons_have_a_result() -> None:
     none = np.zeros((0, 2))
     square = np.array([shapely.box(0, 0, 1, 1)], object)
     assert len(points_in_polygons(none, *edges_of(square), 1)[0]) == 0

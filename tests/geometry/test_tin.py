@@ -49,8 +49,8 @@ def test_heights_of_a_plane_are_exact_inside_and_missing_outside() -> None:
     z = 2.0 * xy[:, 0] - xy[:, 1]
     at = rng.uniform(1, 9, (200, 2))
     tin = Tin(xy)
-    assert np.allclose(tin.interpolated(z, at), 2.0 * at[:, 0] - at[:, 1])
-    assert np.isnan(tin.interpolated(z, np.array([[-5.0, 3.0], [30.0, 30.0]]))).all()
+    assert np.allclose(tin.interpolate(z, at), 2.0 * at[:, 0] - at[:, 1])
+    assert np.isnan(tin.interpolate(z, np.array([[-5.0, 3.0], [30.0, 30.0]]))).all()
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_heights_of_a_plane_are_exact_inside_and_missing_outside() -> None:
 def test_points_on_one_line_have_no_triangles(xy: np.ndarray) -> None:
     tin = Tin(xy)
     assert len(tin.triangles) == 0
-    assert np.isnan(tin.interpolated(np.zeros(len(xy)), np.ones((2, 2)))).all()
+    assert np.isnan(tin.interpolate(np.zeros(len(xy)), np.ones((2, 2)))).all()
 
 
 def test_a_line_becomes_a_triangle_when_a_point_off_it_comes() -> None:

@@ -72,7 +72,7 @@ def test_low_outliers_do_not_draw_the_ground_down() -> None:
     assert evaluate_ground(ground[kept], truth[kept]).total_error < 0.02
 
 
-def test_the_answer_is_the_same_in_any_order_and_far_away() -> None:
+def test_the_result_is_the_same_in_any_order_and_far_away() -> None:
     cloud, _ = scene(3.0, 0.1)
     ground = classify_ground(cloud).ground
     order = np.random.default_rng(5).permutation(len(cloud))
@@ -83,13 +83,14 @@ def test_the_answer_is_the_same_in_any_order_and_far_away() -> None:
 
 def test_seed_cells_are_axelssons_start() -> None:
     cloud, truth = scene(4.0)
-    score = evaluate_ground(classify_ground(cloud, AdaptiveTin.as_published()).ground, truth)
+    plain = AdaptiveTin(seed_cell=40.0, distance_share=10.0, distance_most=1.4, angle=14.0, rounds=1000)
+    score = evaluate_ground(classify_ground(cloud, plain).ground, truth)
     assert score.total_error < 0.05
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 50])
 @pytest.mark.parametrize("kind", ["same", "line", "flat"])
-def test_few_and_degenerate_points_have_an_answer(count: int, kind: str) -> None:
+def test_few_and_degenerate_points_have_a_result(count: int, kind: str) -> None:
     line = np.arange(count, dtype=float)
     xyz = {
         "same": np.ones((count, 3)),

@@ -55,7 +55,7 @@ def test_the_papers_one_region_is_kept_when_level_is_zero() -> None:
 
 @pytest.mark.parametrize("method", [SmoothRegion(), ContourGround()])
 @pytest.mark.parametrize("count", [0, 1, 2, 30])
-def test_few_and_degenerate_points_have_an_answer(method: GroundMethod, count: int) -> None:
+def test_few_and_degenerate_points_have_a_result(method: GroundMethod, count: int) -> None:
     line = np.arange(count, dtype=float)
     for xyz in (np.ones((count, 3)), np.c_[line, line, np.zeros(count)]):
         assert classify_ground(PointCloud(xyz), method).ground.shape == (count,)

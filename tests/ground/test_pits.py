@@ -13,7 +13,7 @@ def strays_of(z: Values, objects: Mask) -> Mask:
     return find_strays(raster, np.zeros(z.shape, np.float32), objects, np.ones(z.shape, bool))
 
 
-def test_point_low_on_a_wall_is_a_stray() -> None:
+def test_point_low_on_a_wall_is_a_pit() -> None:
     z, objects = np.zeros((9, 9)), np.zeros((9, 9), bool)
     z[:, 5:], objects[:, 5:] = 8.0, True
     z[4, 4] = 1.5
@@ -26,7 +26,7 @@ def test_step_of_the_terrain_without_an_object_over_it_stays() -> None:
     assert not strays_of(z, np.zeros((9, 9), bool)).any()
 
 
-def test_single_hole_is_a_stray_and_a_ditch_is_not() -> None:
+def test_single_hole_is_a_pit_and_a_ditch_is_not() -> None:
     z = np.zeros((12, 12))
     z[3, 3] = -1.6
     z[:, 9] = -1.6

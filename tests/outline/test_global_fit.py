@@ -98,3 +98,19 @@ def test_moved_points_give_the_moved_outline() -> None:
     here = outlined(points, 6.0)
     there = outlined(points + np.array([480.0, -240.0, 0.0]), 6.0)
     assert here.equals_exact(affinity.translate(there, -480.0, 240.0), 0.0015)
+
+
+@pytest.mark.parametrize("beam", [0.0, 0.1, 0.2])
+def test_edge_stands_amid_divided_pulses__whatever_the_beam(beam: float) -> None:
+    rng = np.random.default_rng(3)
+    truth = shapely.box(0.0, 0.0, 14.0, 9.0)
+    xy = rng.uniform([-1, -1], [15, 10], (2600, 2))
+    depth = shapely.distance(truth.exterior, shapely.points(xy))
+    depth = np.where(shapely.contains_xy(truth, xy[:, 0], xy[:, 1]), depth, -depth)
+    seen = depth > -beam
+    points = np.column_stack([xy, np.full(len(xy), 6.0)])[seen]
+    boundary = trace_outline(points, 0.3, GlobalFit(), not_last=(np.abs(depth) < beam)[seen])
+    assert isinstance(boundary, Boundary)
+    footprint = regularise_outlines([boundary], GlobalFit())[0]
+    assert isinstance(footprint, Footprint)
+    assert abs(footprint.polygon.area - truth.area) / truth.length < 0.04

@@ -34,7 +34,7 @@ def hard_points(kind: str, rng: np.random.Generator) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("name", sorted(REGISTRY["outline"]))
 @pytest.mark.parametrize("kind", ["uniform", "rounded", "thin", "clusters", "ring", "outliers"])
-def test_answer_is_a_valid_polygon_or_a_reason(name: str, kind: str) -> None:
+def test_result_is_a_valid_polygon_or_a_failure(name: str, kind: str) -> None:
     method = make_method("outline", name)
     assert isinstance(method, OutlineMethod)
     rng = np.random.default_rng(7)

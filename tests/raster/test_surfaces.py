@@ -10,7 +10,7 @@ from eaves.ground.toolkit.morphology import opened
 from eaves.model import Bounds, PointCloud, Raster
 from eaves.raster.grid import heights_of, highest_points, lowest_points, mean_heights, whole_cells
 from eaves.raster.interpolate import fill_linear, fill_nearest
-from eaves.raster.surfaces import find_gaps, make_dsm, make_dtm
+from eaves.raster.surfaces import make_dsm, make_dtm, terrain_of
 
 SQUARE = Bounds(0.0, 0.0, 20.0, 20.0)
 
@@ -42,19 +42,9 @@ def test_dtm_never_leaves_the_heights_of_its_points() -> None:
     assert dtm.values.max() <= xyz[:, 2].max() + 1e-5
 
 
-def test_gaps_are_marked_where_no_ground_was_seen() -> None:
-    xyz = plane_points(np.random.default_rng(3), 8000)
-    hole = (np.abs(xyz[:, :2] - 10.0) < 4.0).all(axis=1)
-    cloud = ground_cloud(xyz[~hole])
-    gaps = find_gaps(cloud, make_dtm(cloud, SQUARE), 2.0)
-    assert gaps[20, 20]
-    assert not gaps[2, 2]
-    assert 12.0 < gaps.sum() * 0.25 < 20.0  # the hole of 8 m, less 2 m on every side
-
-
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_few_ground_points_give_a_level_or_empty_terrain(count: int) -> None:
-    dtm = make_dtm(ground_cloud(np.full((count, 3), 5.0)), SQUARE)
+    dtm = terrain_of(ground_cloud(np.full((count, 3), 5.0)), SQUARE)
     assert np.isnan(dtm.values).all() if count == 0 else (dtm.values == 5.0).all()
 
 

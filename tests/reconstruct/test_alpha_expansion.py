@@ -61,7 +61,7 @@ def test_an_expansion_is_the_best_there_is(seed: int, jumps: bool) -> None:
 
 @pytest.mark.parametrize("jumps", [False, True])
 @pytest.mark.parametrize("seed", range(20))
-def test_no_expansion_lowers_the_energy_of_the_answer(seed: int, jumps: bool) -> None:
+def test_no_expansion_lowers_the_energy_of_the_result(seed: int, jumps: bool) -> None:
     costs = some_costs(seed, 12, 4, jumps=jumps, prices=0.2)
     asked = Jumps(costs.places, costs.planes, costs.least, costs.full) if jumps else None
     answer = label_nodes(costs.data, costs.edges, costs.border, costs.price, asked)
@@ -77,7 +77,7 @@ def test_a_label_that_costs_more_than_it_saves_is_given_up() -> None:
     assert label_nodes(cost, edges, border, np.array([0.0, 1.0])).tolist() == [0, 0, 0]
 
 
-def test_no_nodes_and_no_edges_have_an_answer() -> None:
+def test_no_nodes_and_no_edges_have_a_result() -> None:
     none = np.zeros((0, 2), np.int64)
     assert len(label_nodes(np.zeros((0, 2)), none, np.zeros(0), np.zeros(2))) == 0
     assert label_nodes(np.array([[1.0, 0.0]]), none, np.zeros(0), np.zeros(2)).tolist() == [1]

@@ -92,7 +92,7 @@ def test_no_plane_runs_away_over_empty_ground() -> None:
     assert model.attributes["share_no_data"] > 0.5
 
 
-def test_the_answer_does_not_depend_on_a_second_look() -> None:
+def test_the_result_does_not_depend_on_a_second_run() -> None:
     points = scan(lambda x, y: 7.0 - 0.5 * abs(y - 4.0))
     rows = [(0.0, 0.5, 5.0), (0.0, -0.5, 9.0)]
     first, second = model_of(points, rows), model_of(points, rows)
@@ -103,7 +103,7 @@ def test_the_answer_does_not_depend_on_a_second_look() -> None:
         )
 
 
-def test_without_planes_the_building_is_a_block_and_says_so() -> None:
+def test_without_planes_the_building_is_a_block_with_the_reason() -> None:
     points = scan(lambda x, y: np.full_like(x, 5.0))
     answer = reconstruct_building(points, Footprint(BOX), [], 0.0, Arrangement())
     assert isinstance(answer, BuildingModel)
@@ -118,7 +118,7 @@ def test_too_few_points_are_a_failure(count: int) -> None:
     assert isinstance(answer, Failure) and answer.code == "too_few_points"
 
 
-def test_points_on_a_line_give_an_answer() -> None:
+def test_points_on_a_line_give_a_result() -> None:
     points = np.column_stack([np.linspace(0.1, 11.9, 50), np.full(50, 4.0), np.full(50, 5.0)])
     planes = [
         RoofPlane((0.0, 0.0, 5.0), np.arange(25), 0.0),

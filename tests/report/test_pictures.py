@@ -35,7 +35,7 @@ def test_a_result_agrees_with_itself(nine_run: Summary, tmp_path: Path) -> None:
     )
 
 
-def test_wrong_wishes_are_told_apart(nine_run: Summary, tmp_path: Path) -> None:
+def test_wrong_options_raise_different_errors(nine_run: Summary, tmp_path: Path) -> None:
     for wish, told in (
         ({"what": "map"}, "is no picture"),
         ({"what": "errors"}, "--reference"),

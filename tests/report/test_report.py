@@ -59,7 +59,7 @@ def test_roof_points_lie_on_the_models(nine_run: Summary) -> None:
     assert np.median(np.abs(known)) < 0.05
 
 
-def test_more_points_than_wanted_are_thinned_and_the_page_says_so(nine_run: Summary) -> None:
+def test_more_points_than_wanted_are_thinned_and_the_page_states_it(nine_run: Summary) -> None:
     contents = read_contents(nine_run.folder, points=2000, buildings=3)
     assert len(contents.points) < 6000, "points of neighbours come on top"
     assert len(contents.rows) == 3
@@ -73,7 +73,7 @@ def test_more_points_than_wanted_are_thinned_and_the_page_says_so(nine_run: Summ
     assert np.array_equal(contents.points.xyz, again.points.xyz)
 
 
-def test_the_points_heard_while_they_are_written_are_those_read_afterwards(
+def test_the_points_received_while_writing_are_those_read_afterwards(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for limit, jobs in ((2000, 2), (10_000_000, 1)):

@@ -91,11 +91,11 @@ def test_it_finds_what_region_growing_finds_and_more() -> None:
         np.repeat(np.eye(3), 4, axis=0),
     ],
 )
-def test_degenerate_points_give_an_answer(points: np.ndarray) -> None:
+def test_degenerate_points_give_a_result(points: np.ndarray) -> None:
     assert len(segment_roof(points, 0.5, GlobalRefinement())) <= 1
 
 
-def test_far_away_it_answers_the_same() -> None:
+def test_far_away_the_result_is_the_same() -> None:
     points, _ = dormered_gable(500, 0.03)
     points = np.round(points * 1e4) / 1e4
     here = segment_roof(points, 0.44)

@@ -32,5 +32,5 @@ def test_hip_has_four_faces(density: int, noise: float) -> None:
     "points",
     [np.zeros((0, 3)), np.zeros((20, 3)), np.arange(60.0).reshape(20, 3), np.eye(3), np.full((5, 3), np.nan)],
 )
-def test_degenerate_points_give_an_answer(points: np.ndarray) -> None:
+def test_degenerate_points_give_a_result(points: np.ndarray) -> None:
     assert len(segment_roof(points, 0.5, TinFaces())) <= 1

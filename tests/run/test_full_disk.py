@@ -89,7 +89,7 @@ def count_blocks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of files")
-def test_the_command_line_says_it_in_one_line_and_leaves_with_1(
+def test_the_command_line_reports_it_in_one_line_and_exits_with_1(
     nine_roofs_file: Path, tmp_path: Path
 ) -> None:
     """A limit on the size of a file is a full disk to the one who writes."""

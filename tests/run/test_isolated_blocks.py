@@ -30,12 +30,12 @@ def filled(folder: Path, counts: dict[tuple[int, int], int], wide: float = 50.0)
     return store, store.blocks(SIDE)
 
 
-def test_a_lone_point_is_a_stray_and_a_sliver_of_a_survey_is_not(tmp_path: Path) -> None:
+def test_a_lone_point_is_isolated_and_a_sliver_of_a_survey_is_not(tmp_path: Path) -> None:
     store, blocks = filled(tmp_path, {(0, 0): 2000, (1, 1): 1, (3, 3): 1, (90, 90): 9})
     assert find_isolated_blocks(store, blocks) == {Block(3, 3, SIDE): 1, Block(90, 90, SIDE): 9}
 
 
-def test_few_points_are_strays_only_where_they_are_sparse(tmp_path: Path) -> None:
+def test_few_points_are_isolated_only_where_they_are_sparse(tmp_path: Path) -> None:
     store, blocks = filled(tmp_path / "dense", {(0, 0): 60}, wide=5.0)
     assert not find_isolated_blocks(store, blocks)
     strewn = {(column, row): 2 for column in range(9) for row in range(9)}

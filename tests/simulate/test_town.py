@@ -105,7 +105,7 @@ def test_no_more_buildings_than_asked_for() -> None:
     assert len(simulate_town(0.04, buildings=5, seed=1).buildings) == 5
 
 
-def test_too_many_buildings_are_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_too_many_buildings_give_a_warning(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING, logger="eaves"):
         simulate_town(0.01, buildings=500, seed=1)
     assert "of 500 buildings fit" in caplog.text

@@ -65,6 +65,6 @@ def test_a_model_without_a_roof_misses_every_point() -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_few_points_give_an_answer(count: int) -> None:
+def test_few_points_give_a_fit_or_none(count: int) -> None:
     fit = fit_to_points(SHED, roof_points()[:count])
     assert (fit is None) == (count == 0)

@@ -1,51 +1,96 @@
-"""The command line. Imports are late: `eaves --help` must answer at once."""
+"""The command line. Imports are late: `eaves --help` must be quick."""
 
 from __future__ import annotations
 
+import signal
 import sys
 from typing import Annotated
 
 import typer
 
-from eaves.cli.compute import build, detect, ground, reconstruct
-from eaves.cli.results import evaluate, plot, validate, view
-from eaves.cli.runs import COMPLETE, INTERRUPTED, count_interrupts, describe_methods, report_error
+from eaves.cli.compute import build, detect, ground, reconstruct, sweep
+from eaves.cli.results import check, evaluate, load, plot, validate, view
+from eaves.cli.runs import (
+    COMPLETE,
+    INTERRUPTED,
+    TERMINATED,
+    count_interrupts,
+    describe_methods,
+    describe_sources,
+    report_aborts,
+    report_error,
+)
 from eaves.cli.scenes import demo, simulate
 
 app = typer.Typer(
     name="eaves",
     help="From raw airborne LiDAR to building footprints and valid 3D buildings.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
 
 
-def methods(stage: Annotated[str | None, typer.Argument(help="One stage only.")] = None) -> None:
+def show_version(wanted: bool) -> None:
+    """Print the version and leave."""
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"eaves {version('eaves')}")
+        raise typer.Exit(COMPLETE)
+
+
+@app.callback()
+def first(
+    wanted: Annotated[
+        bool, typer.Option("--version", callback=show_version, is_eager=True, help="Say the version.")
+    ] = False,
+) -> None:
+    """From raw airborne LiDAR to building footprints and valid 3D buildings."""
+
+
+def doctor(
+    test: Annotated[bool, typer.Option(help="Build a small scene of known houses, too.")] = True,
+) -> None:
+    """Whether the installation is sound: versions, drivers, grids, cores, caches, a self-test."""
+    from eaves.cli.doctor import run_doctor
+
+    raise typer.Exit(run_doctor(test))
+
+
+def methods(
+    stage: Annotated[str | None, typer.Argument(help="One stage only.")] = None,
+    sources: Annotated[bool, typer.Option("--sources", help="The published systems instead.")] = False,
+) -> None:
     """Every method: name, idea, paper, parameters."""
-    for line in describe_methods(stage):
+    for line in describe_sources() if sources else describe_methods(stage):
         typer.echo(line)
 
 
-for command in (build, ground, detect, reconstruct, validate, evaluate, simulate, view, plot, methods, demo):
+for command in (
+    *(build, ground, detect, reconstruct, sweep, check, validate, evaluate, simulate, view, plot),
+    *(load, methods, doctor, demo),
+):
     app.command()(command)
 
 
 def main() -> None:
     """Entry point: a caller's mistake is one line and status 2, never a traceback."""
+    report_aborts()
     with count_interrupts() as interrupts:
         try:
             status = app(standalone_mode=False) or COMPLETE
         except SystemExit as end:  # how typer passes Ctrl-C on
             status = end.code
-        except (KeyboardInterrupt, typer.Abort):
-            status = INTERRUPTED
+        except (KeyboardInterrupt, typer.Abort) as end:  # typer takes a file's end for Ctrl-C, too
+            cause = end.__cause__
+            status = report_error(cause) if isinstance(cause, EOFError) else INTERRUPTED
         except Exception as error:
             status = INTERRUPTED if interrupts else report_error(error)
     if status == INTERRUPTED or (interrupts and status != COMPLETE):
-        typer.echo("interrupted: nothing is half-written; run again with --resume to go on", err=True)
-        status = INTERRUPTED
+        status = TERMINATED if interrupts[:1] == [signal.SIGTERM] else INTERRUPTED
+        word = "terminated" if status == TERMINATED else "interrupted"
+        typer.echo(f"{word}: nothing is half-written; run again with --resume to go on", err=True)
     sys.exit(status)
 
 

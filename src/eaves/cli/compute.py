@@ -1,4 +1,4 @@
-"""The commands that compute: build, and its presets ground, detect and reconstruct."""
+"""The commands that compute: build, its presets ground, detect and reconstruct, and sweeps of them."""
 
 from __future__ import annotations
 
@@ -12,18 +12,21 @@ from eaves.cli.options import (
     Formats,
     IdField,
     Inputs,
+    Jobs,
     Lod,
     MethodName,
     Out,
     PartyWalls,
     PerTile,
+    Quiet,
     RunWords,
     Snap,
+    SourceName,
     Strict,
     Units,
     with_run_words,
 )
-from eaves.cli.runs import finish, run_build
+from eaves.cli.runs import finish, run_build, start_log
 
 
 @with_run_words
@@ -35,7 +38,11 @@ def build(
     id_field: IdField = None,
     snap_footprints: Snap = False,
     party_walls: PartyWalls = None,
-    lod: Lod = "2.2",
+    lod: Annotated[
+        str | None,
+        typer.Option(help="Finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2, or what the source delivers."),
+    ] = None,
+    source: SourceName = None,
     ground_method: MethodName = None,
     detect_method: MethodName = None,
     outline_method: MethodName = None,
@@ -55,6 +62,7 @@ def build(
         words,
         names,
         lod=lod,
+        source=source,
         footprints=footprints,
         id_field=id_field,
         snap_footprints=snap_footprints,
@@ -122,3 +130,39 @@ def reconstruct(
         snap_footprints=snap_footprints,
     )
     finish(summary, words.quiet, strict)
+
+
+def sweep(
+    inputs: Inputs,
+    parameter: Annotated[str, typer.Option(help="STAGE.PARAMETER: detect.max_rmse.")],
+    values: Annotated[str, typer.Option(help="0.05,0.1,0.2 or, evenly spread, FIRST:LAST:COUNT.")],
+    reference: Annotated[Path, typer.Option(help="A classified cloud, polygons or models: see evaluate.")],
+    out: Out,
+    method: Annotated[
+        str | None, typer.Option(help="Method of the stage, or the source's, or the default.")
+    ] = None,
+    source: SourceName = None,
+    footprints: Footprints = None,
+    jobs: Jobs = 0,
+    quiet: Quiet = False,
+) -> None:
+    """One parameter over a range of values, against a reference. Table and plot."""
+    import os
+
+    from eaves.report.sweep import parse_values
+    from eaves.report.sweep import sweep as run_sweep
+
+    start_log(quiet)
+    rows = run_sweep(
+        list(inputs),
+        out,
+        parameter,
+        parse_values(values),
+        reference,
+        method=method,
+        source=source,
+        options={"footprints": footprints, "jobs": jobs or os.cpu_count() or 1},
+    )
+    if not quiet:
+        typer.echo((out / "sweep.md").read_text(encoding="utf-8").rstrip())
+        typer.echo(f"{len(rows)} runs: {out / 'sweep.csv'}, {out / 'sweep.png'}")

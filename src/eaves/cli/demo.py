@@ -49,7 +49,7 @@ def run_demo(folder: Path, progress: Progress) -> int:
     typer.echo("\naccuracy against the exact truth (all figures: " + str(folder / "evaluation") + ")")
     logger = logging.getLogger("eaves")
     level = logger.level
-    logger.setLevel(logging.ERROR)  # that the town lies nowhere on Earth has been said
+    logger.setLevel(logging.ERROR)  # the town has no place on Earth, as intended
     results = {
         "ground": (out / "classified.laz", files["points"]),
         "detection": (out / "footprints.gpkg", files["vectors"]),

@@ -18,11 +18,16 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write.")]
 Crs = Annotated[
     str | None, typer.Option(help="EPSG code, compound code (28992+5709), or a WKT or PROJJSON file.")
 ]
+CrsForce = Annotated[bool, typer.Option("--crs-force", help="Believe --crs, whatever files and numbers say.")]
+Salvage = Annotated[bool, typer.Option("--salvage", help="Of files that are cut off, use what is whole.")]
 BoundsText = Annotated[str | None, typer.Option("--bounds", help="west,south,east,north in the CRS's unit.")]
 Clip = Annotated[Path | None, typer.Option(help="Polygons; points outside are not used.")]
-UseClasses = Annotated[bool, typer.Option("--use-classes", help="Believe the file's classes.")]
-Jobs = Annotated[int, typer.Option(help="Processes; 0 means one a core.", min=0)]
+UseClasses = Annotated[bool, typer.Option("--use-classes", help="Use the file's classes.")]
+Jobs = Annotated[int, typer.Option(help="Processes; 0: one a core, one for small data.", min=0)]
 Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]
+Memory = Annotated[
+    str | None, typer.Option(help="Bound of the processes' memory together: 4G, 1500M.", metavar="SIZE")
+]
 Resume = Annotated[bool, typer.Option("--resume", help="Keep parts that are done and match.")]
 PerTile = Annotated[
     bool, typer.Option("--per-tile", help="Compute and write tile by tile, as for over 2 billion points.")
@@ -33,7 +38,10 @@ Published = Annotated[
 Config = Annotated[Path | None, typer.Option(help="TOML with a table per stage: method and parameters.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also what happens inside.")]
-Footprints = Annotated[Path | None, typer.Option(help="Footprints to use instead of our own.")]
+Footprints = Annotated[
+    Path | None,
+    typer.Option(help="Footprints to use: shapefile, GeoPackage, GeoJSON, FlatGeobuf."),
+]
 IdField = Annotated[str | None, typer.Option(help="Field of the footprints that holds their id.")]
 Snap = Annotated[
     bool, typer.Option("--snap-footprints", help="Move given footprints to the eaves in the points.")
@@ -41,14 +49,20 @@ Snap = Annotated[
 PartyWalls = Annotated[
     Path | None, typer.Option(help="Polygons of addresses that detected blocks are split into.")
 ]
-BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).", min=6)]
+BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).")]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
 Units = Annotated[
     str | None, typer.Option(help="How blocks are divided into houses: a method's name, or off.")
 ]
 MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]
 Formats = Annotated[
-    str, typer.Option(help="More formats, comma-separated: obj,glb,3dtiles,cityjson,geojson,fgb,parquet.")
+    str,
+    typer.Option(
+        help="More formats, by commas: gpkg,citygml,citygml3,cityjson,obj,glb,3dtiles,geojson,fgb,parquet."
+    ),
+]
+SourceName = Annotated[
+    str | None, typer.Option(help="A published system, whole; see `eaves methods --sources`.")
 ]
 Lod = Annotated[str, typer.Option(help="Finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2.")]
 
@@ -58,6 +72,8 @@ class RunWords:
     """The options of every command that computes."""
 
     crs: Crs = None
+    crs_force: CrsForce = False
+    salvage: Salvage = False
     bounds: BoundsText = None
     clip: Clip = None
     use_classes: UseClasses = False
@@ -65,6 +81,7 @@ class RunWords:
     block: BlockSide = 240.0
     jobs: Jobs = 0
     scheduler: Scheduler = None
+    memory: Memory = None
     resume: Resume = False
     config: Config = None
     quiet: Quiet = False

@@ -11,13 +11,20 @@ Show = Callable[[str, int, int], None]
 SECONDS_BETWEEN_LINES = 10.0
 SHARES = {"read": 0.08, "blocks": 0.45, "buildings": 0.4, "write": 0.07}
 """Usual share of each stage in the time of a run; a run by tiles has one stage that is nearly all of it."""
+LEAST_SHARE_COMPILING = 0.9
+"""A first run compiles in its early steps, so only its end can be foreseen."""
+UNITS = {"read": " points", "buildings": " blocks", "write": " kinds of file"}
+LEAST_SHARE, LEAST_S = 0.1, 3.0
+"""Before so much of a run, or so many seconds, the time that is left is guesswork: loading and reading, which
+cost the same whatever comes, have been most of it."""
 TILE_SHARES = {"tiles": 0.97, "merge": 0.03}
 
 
 class Remaining:
     """How long a whole run will still take, from the shares of its stages and the time it took so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, compiling: bool = False) -> None:
+        self._least = LEAST_SHARE_COMPILING if compiling else LEAST_SHARE
         self._started = time.monotonic()
         self._done: dict[str, float] = {}
 
@@ -29,7 +36,7 @@ class Remaining:
         self._done[stage] = done / total if total else 1.0
         share = sum(part * self._done.get(name, 0.0) for name, part in shares.items())
         passed = time.monotonic() - self._started
-        return passed * (1.0 - share) / share if share > 0.02 and passed > 1.0 else None
+        return passed * (1.0 - share) / share if share > self._least and passed > LEAST_S else None
 
 
 def in_words(seconds: float | None) -> str:
@@ -49,9 +56,9 @@ def nothing() -> Iterator[Show]:
 
 
 @contextmanager
-def lines() -> Iterator[Show]:
+def lines(compiling: bool = False) -> Iterator[Show]:
     """A plain line to standard error at the end of each stage, and every ten seconds between."""
-    last, remaining = time.monotonic(), Remaining()
+    last, remaining = time.monotonic(), Remaining(compiling)
 
     def show(stage: str, done: int, total: int) -> None:
         nonlocal last
@@ -59,14 +66,15 @@ def lines() -> Iterator[Show]:
         if done >= total or now - last > SECONDS_BETWEEN_LINES:
             last = now
             left = in_words(remaining.after(stage, done, total))
-            sys.stderr.write(f"{stage}: {done:,} of {total:,}{left}\n")
+            unit = UNITS.get(stage, "")
+            sys.stderr.write(f"{stage}: {done:,} of {total:,}{unit}{left}\n")
             sys.stderr.flush()
 
     yield show
 
 
 @contextmanager
-def bars() -> Iterator[Show]:
+def bars(compiling: bool = False) -> Iterator[Show]:
     """A bar a stage, drawn by rich on standard error."""
     from rich.console import Console
     from rich.progress import (
@@ -83,7 +91,7 @@ def bars() -> Iterator[Show]:
         MofNCompleteColumn(),
         TextColumn("{task.fields[left]}"),
     )
-    remaining = Remaining()
+    remaining = Remaining(compiling)
     with Progress(*columns, console=Console(stderr=True)) as display:
         tasks: dict[str, TaskID] = {}
 

@@ -1,4 +1,4 @@
-"""The commands that look at results: validate, evaluate, view, plot."""
+"""The commands that take results further: validate, evaluate, view, plot, load."""
 
 from __future__ import annotations
 
@@ -20,14 +20,35 @@ def validate(
 
     findings = validate_file(file)
     for finding in findings:
-        typer.echo(f"{finding.code} {finding.name}: {finding.building} {finding.where}: {finding.detail}")
+        told = f"{finding.code} {finding.name}: {finding.building} {finding.where}: {finding.detail}"
+        typer.echo(printable(told))
     if not quiet:
         typer.echo(f"{file}: {len(findings)} findings" if findings else f"{file}: valid, no findings")
     raise typer.Exit(INCOMPLETE if findings else COMPLETE)
 
 
+def check(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    quiet: Quiet = False,
+) -> None:
+    """Whether results are whole and unchanged. Exit status 1 when something is not as the run left it."""
+    from eaves.run.manifest import check_folder, read_manifest
+
+    wrong = check_folder(folder)
+    for line in wrong:
+        typer.echo(line)
+    if not quiet and not wrong:
+        typer.echo(f"{folder}: whole, {len(read_manifest(folder)['files'])} files as the run wrote them")
+    raise typer.Exit(INCOMPLETE if wrong else COMPLETE)
+
+
+def printable(text: str) -> str:
+    """Text with all that could begin a line, move a terminal or not be written as an escape."""
+    return "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text)
+
+
 def evaluate(
-    what: Annotated[str, typer.Argument(help="ground, detection, footprints, planes or models.")],
+    what: Annotated[str, typer.Argument(help="ground, detection, footprints, planes, models or wireframe.")],
     result: Annotated[Path, typer.Argument(help="What is judged: a file that eaves or another wrote.")],
     reference: Annotated[Path, typer.Argument(help="What it is held against.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for JSON, rows and maps.")] = None,
@@ -83,3 +104,19 @@ def plot(
     path = plot_run(folder, out, what, reference=reference, building=building, size_cm=size, dpi=dpi)
     if not quiet:
         typer.echo(f"picture: {path}")
+
+
+def load(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    address: Annotated[str, typer.Argument(help="postgresql://user@host:port/database")],
+    schema: Annotated[str, typer.Option(help="Where the tables go.")] = "eaves",
+    replace: Annotated[bool, typer.Option("--replace", help="Make tables anew that are there.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """The results of a run into PostGIS. Tables footprints, roof_planes and surfaces, all or nothing."""
+    from eaves.formats import write_postgis
+
+    start_log(quiet)
+    counts = write_postgis(folder, address, schema, replace)
+    if not quiet:
+        typer.echo(", ".join(f"{schema}.{table}: {count:,} rows" for table, count in counts.items()))

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from eaves.cli.options import RunWords
     from eaves.model.summary import Summary
 
-COMPLETE, INCOMPLETE, MISUSE, INTERRUPTED = 0, 1, 2, 130
-"""Exit statuses; 130 is the shell's for Ctrl-C."""
+COMPLETE, INCOMPLETE, MISUSE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+"""Exit statuses; the last two are the shell's for Ctrl-C and for `kill`."""
 WHERE_TO_OPEN = {
     "in a browser": "report.html",
-    "in QGIS": "footprints.gpkg",
+    "in QGIS": "buildings.qgz",
     "in Blender": "buildings.glb",
     "in Cesium": "tileset.json",
 }
@@ -28,29 +28,59 @@ WHERE_TO_OPEN = {
 
 @contextmanager
 def count_interrupts() -> Iterator[list[int]]:
-    """A list that grows with every Ctrl-C: libraries turn the exception into errors of their own."""
+    """A list that grows with every Ctrl-C and every `kill`, by the signal's number: libraries turn the
+    exception into errors of their own."""
     interrupts: list[int] = []
 
     def interrupt(number: int, frame: object) -> None:
         interrupts.append(number)
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGINT, interrupt)
+    watched = [signal.SIGINT, signal.SIGTERM]
+    before = [signal.signal(number, interrupt) for number in watched]
     try:
         yield interrupts
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in zip(watched, before, strict=True):
+            signal.signal(number, handler)
+
+
+ABORTED = (
+    b"error: a library gave up, most often because memory ran out; nothing is half-written: use --memory or "
+    b"fewer --jobs, and run again with --resume\n"
+)
+_kept: list[object] = []
+"""What the C library calls must not be collected."""
+
+
+def report_aborts() -> None:
+    """Make one line and status 1 of an abort within a compiled library, where there is such a thing."""
+    if sys.platform == "win32":
+        return
+    import ctypes
+    import os
+
+    def end(number: int) -> None:
+        os.write(2, ABORTED)
+        os._exit(INCOMPLETE)
+
+    _kept[:] = [ctypes.CFUNCTYPE(None, ctypes.c_int)(end)]
+    ctypes.CDLL(None).signal(int(signal.SIGABRT), _kept[0])
 
 
 def report_error(error: Exception) -> int:
-    """Print in one line what went wrong; the exit status. What nobody foresaw is raised again."""
+    """Print in one line what went wrong; the exit status. Unforeseen errors are raised again."""
     from eaves.formats.disk import DiskFullError
 
     status, line = MISUSE, " ".join(str(error).split())
-    # a wrong word on the command line; typer brings its own click, so its classes have no fixed name
+    # a wrong option; typer contains its own click, so its classes have no fixed name
     format_message = getattr(error, "format_message", None)
     if isinstance(error, MemoryError):
-        status, line = INCOMPLETE, f"memory ran out ({line}); use fewer --jobs, or --bounds for a part"
+        from eaves.run.memory import REMEDY
+
+        status, line = INCOMPLETE, f"memory ran out ({line}); {REMEDY}"
+    elif isinstance(error, EOFError):
+        status, line = INCOMPLETE, f"a file ended too early ({line}); run again without --resume"
     elif isinstance(error, ValueError | OSError):
         if "--verbose" in sys.argv or "-v" in sys.argv:
             raise error
@@ -94,8 +124,6 @@ def parse_bounds(text: str | None) -> tuple[float, float, float, float] | None:
         west, south, east, north = (float(part) for part in text.split(","))
     except ValueError:
         raise ValueError(f"--bounds {text}: not four numbers; write west,south,east,north") from None
-    if west >= east or south >= north:
-        raise ValueError(f"--bounds {text}: west must be below east, south below north")
     return west, south, east, north
 
 
@@ -105,42 +133,61 @@ def run_build(
     words: RunWords,
     names: dict[str, str | None],
     *,
-    lod: str,
+    lod: str | None,
+    source: str | None = None,
     ground_only: bool = False,
     **options: Any,
 ) -> Summary:
     """Build with progress on screen; the methods of the command line go before the configuration file's."""
-    import os
     from dataclasses import replace
 
     from eaves.pipeline import build as build_files
     from eaves.report.build import build as build_with_report
     from eaves.run.recipe import make_recipe
+    from eaves.run.workers import import_pyogrio_alone
 
+    import_pyogrio_alone()
     settings = read_config(words.config)
     named = {stage: {"method": name} for stage, name in names.items() if name}
     recipe = make_recipe(
         {stage: settings.get(stage, {}) | named.get(stage, {}) for stage in {*settings, *named}},
+        source=source,
         published=words.as_published,
         use_classes=words.use_classes,
         lod=lod,
     )
     start_log(words.quiet, words.verbose)
-    with progress_display(words.quiet) as progress:
+    compiling = not compiled_pieces()
+    if compiling and not words.quiet:
+        typer.echo("compiling for this machine, only now: a minute or two before points are read", err=True)
+    with progress_display(words.quiet, compiling) as progress:
         return (build_files if options.get("outputs") else build_with_report)(
             inputs,
             out,
             replace(recipe, detect=None) if ground_only else recipe,
             progress,
             crs=words.crs,
+            crs_force=words.crs_force,
+            salvage=words.salvage,
             bounds=parse_bounds(words.bounds),
             clip=words.clip,
             block=words.block,
-            jobs=words.jobs or os.cpu_count() or 1,
+            jobs=words.jobs,
             scheduler=words.scheduler,
+            memory=words.memory,
             resume=words.resume,
             **options,
         )
+
+
+def compiled_pieces() -> int:
+    """How many pieces of compiled code numba keeps for us: none before the first run."""
+    import os
+
+    import eaves
+
+    place = os.environ.get("NUMBA_CACHE_DIR") or Path(eaves.__file__).parent
+    return sum(1 for _ in Path(place).rglob("*.nbc"))
 
 
 def finish(summary: Summary, quiet: bool, strict: bool = False) -> None:
@@ -160,23 +207,37 @@ def finish(summary: Summary, quiet: bool, strict: bool = False) -> None:
 def start_log(quiet: bool, verbose: bool = False) -> None:
     """Warnings (and more, if wanted) go to standard error, a line each."""
     import logging
+    import warnings
 
     level = logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
     logger = logging.getLogger("eaves")
     logger.handlers[:] = [handler]
+    if not verbose:  # what other libraries remark is theirs; what matters of it is said in our words
+        warnings.simplefilter("ignore")
+        logging.getLogger().handlers[:] = logging.getLogger().handlers or [logging.NullHandler()]
     logger.setLevel(level)
 
 
-def progress_display(quiet: bool) -> Any:
+def progress_display(quiet: bool, compiling: bool = False) -> Any:
     """A context manager whose value takes progress: bars on a terminal, plain lines in a log, nothing if
     quiet."""
     from eaves.cli.progress import bars, lines, nothing
 
     if quiet:
         return nothing()
-    return bars() if sys.stderr.isatty() else lines()
+    return bars(compiling) if sys.stderr.isatty() else lines(compiling)
+
+
+def describe_sources() -> Iterator[str]:
+    """Lines on every published system: what it delivers, its paper, and the command that runs it."""
+    from eaves.run.sources import SOURCES
+
+    for source in SOURCES.values():
+        yield f"{source.name}: {source.delivers} [{source.paper}]"
+        yield "  " + ", ".join(f"{stage} {name}" for stage, name in source.methods.items())
+        yield f"  eaves build INPUT -o OUT --source {source.name} [--as-published]"
 
 
 def describe_methods(stage: str | None) -> Iterator[str]:
@@ -196,5 +257,5 @@ def describe_methods(stage: str | None) -> Iterator[str]:
                 unit = "" if extra.get("unit") in (None, "1") else f" {extra['unit']}"
                 default = "derived" if field.default is None else f"{field.default}{unit}"
                 printed = extra.get("published")
-                published = "" if printed is None else f"; published {printed}{unit}"
+                published = "" if printed is None else f"; published {printed}{unit} ({extra['printed_in']})"
                 yield f"      {key} = {default}{published}: {field.description}"

@@ -12,13 +12,13 @@ from eaves.simulate.streets import TownStyle
 from eaves.simulate.terrain import TerrainKind
 
 CHOICES = {"pattern": get_args(Pattern), "terrain": get_args(TerrainKind), "style": get_args(TownStyle)}
-"""What may be said, by option."""
+"""The values of each option."""
 
 
 def run_simulation(
     out: Path, town: Mapping[str, Any], scan: Mapping[str, Any], seed: int = 0, crs: str | None = None
 ) -> str:
-    """Write a town and its scan to the folder `out`; one line that says what is there.
+    """Write a town and its scan to the folder `out`; one line with its contents.
 
     `town` holds the arguments of `simulate_town`, and `model`: a CityJSON file to scan instead, or None.
     `scan` holds those of `scan_town`; the pattern `scan` is another word for `lines`.
@@ -36,7 +36,7 @@ def run_simulation(
     scene = scan_town(drawn, **scan, seed=seed)
     if crs is not None and model is None:
         scene = scene.placed(crs)
-    told = {**town, **scan, "seed": seed, "model": None if model is None else model.name}
-    told["noise_m"] = told.pop("noise")
-    files = write_simulation(scene, out, told)
+    settings = {**town, **scan, "seed": seed, "model": None if model is None else model.name}
+    settings["noise_m"] = settings.pop("noise")
+    files = write_simulation(scene, out, settings)
     return f"{len(scene.cloud):,} points, {len(scene.buildings)} buildings; {files['points']}"

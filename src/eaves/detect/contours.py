@@ -14,36 +14,45 @@ from eaves.detect.toolkit.surface_grid import (
     SurfaceGrid,
     connected,
     grow_back,
+    height_error,
     nearest_surface,
     no_regions,
     opened_by_area,
     regions_of_cells,
+    share_around,
     share_in,
+    surface_noise,
 )
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Mask, Regions, Scene, Values
+
+BEND_OF_ERROR = 5.0
+"""The quadratic gradient of independent heights, in their errors: √(6 + 6 + 1/2) = 3.5, and half as much."""
 
 
 class Contours(Detector):
     """Building labels by Fc-S: the second half, from the normalised surface to buildings.
 
     The surface is interpolated by nearest neighbour, which keeps the jump at walls, and the terrain found
-    from contours (`ground.Contours`) is taken off. Low objects go by height; groups with little edge
+    from contours (`ground.Contours`) is taken off. Low objects go by height; parts with little edge
     information (Sobel) go, because a building has strong edges. The quadratic gradient, small on roofs level
     or oblique and large on crowns, deletes cells first, which shrinks large vegetation and parts it from
-    buildings; only then the size threshold removes what is left of it. The cores grow back, step by step, to
+    buildings; only then the size threshold removes what is left of it. The cores grow back, cell by cell, to
     the whole building.
 
+    Formula
+    -------
     Quadratic gradient of a cell: Δ²·√(z_xx² + 2 z_xy² + z_yy²), the second differences of the surface (m).
 
     Fidelity
     --------
-    The document prints no number and gives its steps in words only; every threshold here is
-    ours. Steps 4 to 6 follow its order: edges before vegetation, quadratic gradient before size. "Less edge
-    information" is read as: less than `min_edge` of the group's rim has a Sobel height difference over
-    `edge_height`. The "iteration" of step 6 is read as growth from the cores into cells of like height, at
-    most `regrow` far. Steps 1 to 3 make the ground. The largest quadratic gradient follows the spacing: on a
-    roof of 45° the nearest point lies half a spacing off and so as much too high or too low.
+    The document prints no number and gives its steps in words only; every threshold here is ours. Steps 4 to
+    6 follow its order: edges before vegetation, quadratic gradient before size. Sobel height differences over
+    `edge_height` part the high cells; "less edge information" is read as: less than `min_edge` of the rim of
+    such a part lies on edges. The "iteration" of step 6 is read as growth from the cores, cell by cell until
+    nothing grows, over cells around which at least `min_share` is smooth: a roof of dormers is, a crown is
+    not; and then `regrow` over the rim. As much as a ridge or valley of 45° bends is smooth; where cells hold
+    few points, their heights on such a roof are known to side / (points + 1) only.
 
     Fails where
     -----------
@@ -69,16 +78,28 @@ class Contours(Detector):
     )
     min_height: float = parameter(2.0, "Lower objects (cars) are removed.", unit="m", ge=0.0)
     edge_height: float = parameter(1.5, "A Sobel height difference this large is an edge.", unit="m", gt=0.0)
-    min_edge: float = parameter(0.5, "Share of a group's rim that must be edge.", ge=0.0, le=1.0)
+    min_edge: float = parameter(
+        0.7, "Share of the rim of what lies between edges that must be edge.", ge=0.0, le=1.0
+    )
     max_bend: float | None = parameter(
         None,
-        "Cells with a larger quadratic gradient are deleted; default: 3 spacings, at least 0.5.",
+        "Cells with a larger quadratic gradient are deleted; default: one cell, as a fold of 45° bends, 5 "
+        "times the error of a height, or 3 times the ground's own.",
         unit="m",
         gt=0.0,
     )
     min_area: float = parameter(10.0, "Smaller groups of smooth cells are vegetation.", unit="m²", ge=0.0)
-    max_step: float = parameter(1.0, "Largest step in height while growing back.", unit="m", gt=0.0)
-    regrow: float = parameter(2.0, "How far cores grow back.", unit="m", ge=0.0)
+    window: float = parameter(
+        3.5, "Side of the window in which smooth cells are counted while growing.", unit="m", gt=0.0
+    )
+    min_share: float = parameter(
+        0.2, "Cores grow over cells around which this share is smooth.", ge=0.0, le=1.0
+    )
+    storey: float = parameter(
+        3.0, "Largest step in height between the parts of a building.", unit="m", gt=0.0
+    )
+    max_step: float = parameter(1.0, "Largest step in height at the rim.", unit="m", gt=0.0)
+    regrow: float = parameter(1.0, "How far the rim grows.", unit="m", ge=0.0)
 
     @property
     def buffer(self) -> float:
@@ -94,27 +115,40 @@ class Contours(Detector):
         emit("edged groups", edged)
         bend = quadratic_gradient(grid.surface)
         emit("quadratic gradient", bend)
-        smooth = edged & (bend <= (self.max_bend or max(0.5, 3.0 * scene.spacing)))
+        smooth = edged & (bend <= (self.max_bend or self.derived_bend(scene, grid, bend)))
         emit("smooth cells", smooth)
         core = opened_by_area(
             ndimage.binary_opening(smooth, np.ones((2, 2), bool)), self.min_area / grid.side**2
         )
         emit("cores", core)
-        whole = grow_back(core, edged, grid.surface, self.max_step, round(self.regrow / grid.side))
+        mixed = edged & (share_around(smooth, edged, round(self.window / grid.side)) >= self.min_share)
+        grown = grow_back(core, mixed, grid.surface, self.storey, int((self.buffer - 10.0) / grid.side))
+        emit("iteration", grown)
+        whole = grow_back(grown, edged, grid.surface, self.max_step, round(self.regrow / grid.side))
         label, count = connected(whole)
         emit("buildings", label)
         return regions_of_cells(scene, grid, label, share_in(label, count, smooth), self.min_height)
 
+    def derived_bend(self, scene: Scene, grid: SurfaceGrid, bend: Values) -> float:
+        """The largest quadratic gradient (m) of a roof; see the parameter."""
+        known = BEND_OF_ERROR * height_error(grid, scene.spacing)
+        return max(grid.side, known, 3.0 * surface_noise(bend, grid, 0.3))
+
     def keep_edged(self, grid: SurfaceGrid, high: Mask) -> Mask:
-        """The groups of high cells (H, W) whose rims are edges: step 4."""
-        label, count = connected(high)
-        rim = high & ~ndimage.binary_erosion(high, EIGHT)
-        edge = rim & (sobel_height(grid.surface) >= self.edge_height)
+        """The high cells (H, W) between edges that edges surround, and those edges: step 4.
+
+        Edges inside a group part a roof from the crown beside it, and either from a hillside.
+        """
+        edge = sobel_height(grid.surface) >= self.edge_height
+        between = high & ~edge
+        label, count = connected(between)
+        rim = between & ~ndimage.binary_erosion(between, EIGHT)
         size = np.bincount(label[rim], minlength=count + 1)
-        hits = np.bincount(label[edge], minlength=count + 1)
+        hits = np.bincount(label[rim & ndimage.binary_dilation(edge, EIGHT)], minlength=count + 1)
         keep = hits >= self.min_edge * size
         keep[0] = False
-        return np.asarray(keep[label], np.bool_)
+        kept = keep[label]
+        return np.asarray(kept | (high & edge & ndimage.binary_dilation(kept, EIGHT)), np.bool_)
 
 
 def filled(surface: Values) -> Values:

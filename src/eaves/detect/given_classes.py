@@ -15,17 +15,30 @@ from eaves.model.scene import ROOF
 
 
 class GivenClasses(Detector):
-    """Regions of the points that the file itself calls building.
+    """Regions of the points that the file has as buildings.
 
     Points of the building classes are put in cells about as wide as the spacing allows; cells that touch,
-    also by a corner, are one building. Nothing is judged: what the vendor called building is building.
+    also by a corner, are one building. The classes are used as they are.
+
+    Formula
+    -------
+    label = 8-connected component of the cells that hold a point of `classes`
 
     Fidelity
-        No paper: this is what `--use-classes` means.
+    --------
+    No paper: this is the meaning of `--use-classes`; the class numbers are those of [las14].
+
     Fails where
-        the vendor's classes are wrong; buildings less than a cell apart become one.
+    -----------
+    The vendor's classes are wrong. Buildings less than a cell apart become one.
+
     Complexity
-        One pass over the points of the class, one labelling of the grid.
+    ----------
+    One pass over the points of the class, one labelling of the grid.
+
+    References
+    ----------
+    [las14].
     """
 
     name: ClassVar[str] = "given_classes"

@@ -14,13 +14,19 @@ from eaves.detect.toolkit.surface_grid import (
     SurfaceGrid,
     connected,
     grow_back,
+    height_error,
     nearest_surface,
     no_regions,
     opened_by_area,
     regions_of_cells,
+    share_around,
+    surface_noise,
 )
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Regions, Scene, Values
+
+TEXTURE_OF_ERROR = 1.4
+"""The texture of independent heights, in their errors: √(6/9) = 0.8, and three quarters more."""
 
 
 class HeightTexture(Detector):
@@ -30,17 +36,20 @@ class HeightTexture(Detector):
     their plane: little on roofs, much on crowns. High cells of little texture are opened by the narrowest
     building width, and the connected components that stay are held against a least size. The histogram of the
     heights of all raw points in a component must have few low ones: a roof hides the ground, a crown does
-    not. The components grow back over their rims, and all raw points in them are the answer. First returns
-    alone are enough.
+    not. The components grow back over cells around which some are smooth and over their rims; all raw points
+    in them are the answer. First returns alone are enough.
 
+    Formula
+    -------
     Texture: standard deviation of the nine heights of a three by three window about their plane.
 
     Fidelity
     --------
     The article leaves segmentation open (GIS data or the laser data itself); texture,
     opening, components, size and histogram are those of Maas's companion paper on invariant moments (1999),
-    which prints no thresholds. The grid is our choice. The least texture follows the spacing, because the
-    height of a cell on a slope is known to about half a spacing only. A ground plan may be given to the later
+    which prints no thresholds. The grid is our choice. The texture of a roof is that of its tiles and
+    gutters, or of the scan, which the ground shows; where cells hold fewer than two points, the height of a
+    cell on a slope is known to about half a spacing only. A ground plan may be given to the later
     stages; it is not used here.
 
     Fails where
@@ -66,15 +75,28 @@ class HeightTexture(Detector):
     )
     min_height: float = parameter(2.0, "Least height of a roof over the terrain.", unit="m", ge=0.0)
     max_texture: float | None = parameter(
-        None, "Cells of more texture are no roof; default: 0.8 spacings, at least 0.2.", unit="m", gt=0.0
+        None,
+        "Cells of more texture are no roof; default: 1.4 times the error of a height on a roof of 45°, or 3 "
+        "times the ground's own.",
+        unit="m",
+        gt=0.0,
     )
     min_width: float = parameter(1.5, "Narrowest building; the side of the opening.", unit="m", gt=0.0)
-    min_area: float = parameter(6.0, "Smaller components are no buildings.", unit="m²", ge=0.0)
+    min_area: float = parameter(10.0, "Smaller components are no buildings.", unit="m²", ge=0.0)
     max_low: float = parameter(
         0.2, "Components with a larger share of low points are vegetation.", ge=0.0, le=1.0
     )
-    max_step: float = parameter(1.0, "Largest step in height while growing back.", unit="m", gt=0.0)
-    regrow: float = parameter(1.5, "How far components grow back.", unit="m", ge=0.0)
+    window: float = parameter(
+        3.5, "Side of the window in which smooth cells are counted while growing.", unit="m", gt=0.0
+    )
+    min_share: float = parameter(
+        0.2, "Components grow over cells around which this share is smooth.", ge=0.0, le=1.0
+    )
+    storey: float = parameter(
+        3.0, "Largest step in height between the parts of a building.", unit="m", gt=0.0
+    )
+    max_step: float = parameter(1.0, "Largest step in height at the rim.", unit="m", gt=0.0)
+    regrow: float = parameter(1.0, "How far the rim grows.", unit="m", ge=0.0)
 
     @property
     def buffer(self) -> float:
@@ -87,7 +109,7 @@ class HeightTexture(Detector):
         high = grid.high(self.min_height)
         texture = local_texture(grid.surface)
         emit("texture", texture)
-        smooth = high & (texture <= (self.max_texture or max(0.2, 0.8 * scene.spacing)))
+        smooth = high & (texture <= (self.max_texture or self.derived_texture(scene, grid, texture)))
         emit("smooth high cells", smooth)
         side = max(1, round(self.min_width / grid.side))
         opened = ndimage.binary_opening(smooth, np.ones((side, side), bool))
@@ -97,10 +119,17 @@ class HeightTexture(Detector):
         low = self.low_share(scene, grid, found, count)
         core = np.r_[False, low <= self.max_low][found]
         emit("components", core)
-        whole = grow_back(core, high, grid.surface, self.max_step, round(self.regrow / grid.side))
+        mixed = high & (share_around(smooth, high, round(self.window / grid.side)) >= self.min_share)
+        grown = grow_back(core, mixed, grid.surface, self.storey, int((self.buffer - 10.0) / grid.side))
+        whole = grow_back(grown, high, grid.surface, self.max_step, round(self.regrow / grid.side))
         label, count = connected(whole)
         score = 1.0 - self.low_share(scene, grid, label, count)
         return regions_of_cells(scene, grid, label, score, self.min_height)
+
+    def derived_texture(self, scene: Scene, grid: SurfaceGrid, texture: Values) -> float:
+        """The largest texture (m) of a roof; see the parameter."""
+        known = TEXTURE_OF_ERROR * height_error(grid, scene.spacing)
+        return max(known, 3.0 * surface_noise(texture, grid, 0.3))
 
     def low_share(self, scene: Scene, grid: SurfaceGrid, label: Labels, count: int) -> Values:
         """Share of each component's raw points (count,) in the low bins of its height histogram."""

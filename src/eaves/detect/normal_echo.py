@@ -2,49 +2,59 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import pgeof
+import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from eaves.detect.stage import Detector, covered_area
+from eaves.geometry.planes import local_planes
+from eaves.geometry.smooth_surfaces import (
+    NEIGHBOURS,
+    NOISE_AREA_M2,
+    SMOOTH_ANGLE_DEG,
+    TREE_SHARE,
+    WALL_ANGLE_DEG,
+    euclidean_components,
+    find_walls_and_trees,
+    grow_regions,
+    region_areas,
+)
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Points, Regions, Scene, Values
 from eaves.model.scene import NOISE, ROOF, TREE, WALL
-
-NEIGHBOURS_IN_PLANE = 3
-"""Fewer points than this and itself have no normal."""
 
 
 class NormalEcho(Detector):
     """Building labels: what is left after walls, trees and ground, in components that are large and flat.
 
     Walls leave first, by normals at right angles to the vertical; then trees, by the share of later returns
-    around each point. Normals and curvature are computed again on what remains, free of both. The rest, off
-    the ground, is joined to Euclidean connected components; area, the ratio of width to height and mean
-    density remove trees, and the share of points of high curvature decides. Walls and trees are kept as parts
-    of the answer.
+    around each point; then, with the ground, the small smooth regions, which are birds and crowns. The ground
+    filter of the same paper finds all three on its way and hands them on. Normals and curvature are computed
+    again on what remains. The rest, off the ground, is joined to Euclidean connected components; area, the
+    ratio of width to height and mean density remove trees, and the share of points of high curvature decides.
+    Walls and trees are kept as parts of the answer.
 
+    Formula
+    -------
     C = 1/k Σ(pᵢ-p̄)(pᵢ-p̄)ᵀ (eq. 1); f_mr = Σ(return number > 1)/Σ points (eq. 2);
     σ = λ₀/(λ₀+λ₁+λ₂) (eq. 3).
 
     Fidelity
     --------
-    The order of steps, equations 1 to 3 and the four tests of a component are the paper's,
-    as is its ground filter (`ground.SmoothRegion`), which runs before and not between. None of its thresholds
-    is printed, nor is k: all are ours. k follows the density, so that the noise of a range stays small
-    against the neighbourhood. Walls get the label of the roof they stand under, within `wall_distance` in
-    plan.
+    The order of steps, equations 1 to 3 and the tests of a component are the paper's, as is its ground filter
+    (`ground.SmoothRegion`). None of its thresholds is printed, nor is k: all are ours. k follows the density,
+    so that the noise of a range stays small against the neighbourhood. Added: a least width; and walls, small
+    regions and echoes at most `wall_distance` from a roof in plan go back to it where they lie on it (ridges,
+    chimneys, rims), which the paper leaves out. The test of mean density removes next to nothing: where
+    echoes and small regions have left, what is left of a crown is as dense as a roof (docs/sources).
 
     Fails where
     -----------
-    No returns: trees then leave by curvature alone. Roofs of many small faces are as curved as trees; trees
-    over roofs take the echoes of the roof's edge with them; buildings that touch a hedge become one with it.
+    No returns: trees then leave by small regions and curvature alone. Clipped hedges over two metres wide;
+    roofs of many small faces; where other ground is used, walls and trees are found here, at the same cost.
 
     Complexity
     ----------
@@ -67,12 +77,30 @@ class NormalEcho(Detector):
         symbol="k",
         ge=4,
     )
-    min_height: float = parameter(1.0, "Lower points are left out before all steps.", unit="m", ge=0.0)
+    min_height: float = parameter(2.0, "Lower points are left out before all steps.", unit="m", ge=0.0)
     wall_angle: float = parameter(
-        75.0, "Normals that far from the vertical are walls.", unit="degree", gt=0.0, le=90.0
+        WALL_ANGLE_DEG,
+        "Normals that far from the vertical are walls; only where the ground filter told none apart.",
+        unit="degree",
+        gt=0.0,
+        le=90.0,
     )
     max_later: float = parameter(
-        0.25, "Points with more later returns around them are trees.", symbol="f_mr", ge=0.0, le=1.0
+        TREE_SHARE,
+        "Points with more later returns around them are trees; as before.",
+        symbol="f_mr",
+        ge=0.0,
+        le=1.0,
+    )
+    smooth_angle: float = parameter(
+        SMOOTH_ANGLE_DEG,
+        "Largest angle between neighbours on one surface; as before.",
+        unit="degree",
+        gt=0.0,
+        le=90.0,
+    )
+    noise_area: float = parameter(
+        NOISE_AREA_M2, "Smaller smooth regions are noise; as before.", unit="m²", ge=0.0
     )
     join: float | None = parameter(
         None,
@@ -80,16 +108,32 @@ class NormalEcho(Detector):
         unit="m",
         gt=0.0,
     )
-    min_area: float = parameter(6.0, "Smaller components are no buildings.", unit="m²", ge=0.0)
-    min_width_to_height: float = parameter(0.4, "Narrower components are trees or poles.", ge=0.0)
+    min_area: float = parameter(10.0, "Smaller components are no buildings.", unit="m²", ge=0.0)
+    min_width: float = parameter(
+        2.5, "Components with a narrower side are hedges and walls.", unit="m", ge=0.0
+    )
+    min_width_to_height: float = parameter(
+        0.3, "Components narrower than this share of their height are trees or poles.", ge=0.0
+    )
     min_density: float = parameter(
         0.3, "Least density, as a share of the scene's: echoes leave trees sparse.", ge=0.0, le=1.0
     )
-    curved: float = parameter(0.08, "A larger curvature is high.", symbol="σ", gt=0.0, lt=1.0)
-    max_curved: float = parameter(
-        0.7, "Components with a larger share of curved points are trees.", ge=0.0, le=1.0
+    curved: float = parameter(
+        0.03,
+        "A larger curvature is high: that of a ridge of two faces of 25°, seen from the ridge.",
+        symbol="σ",
+        gt=0.0,
+        lt=1.0,
     )
-    wall_distance: float = parameter(1.0, "Walls this near to a roof in plan are its.", unit="m", ge=0.0)
+    max_curved: float = parameter(
+        0.5, "Components with a larger share of curved points are trees.", ge=0.0, le=1.0
+    )
+    wall_distance: float = parameter(
+        1.0, "Walls and small regions this near to a roof in plan are its.", unit="m", ge=0.0
+    )
+    on_roof: float = parameter(
+        1.0, "Small regions this near to the roof's height are on it.", unit="m", ge=0.0
+    )
 
     @property
     def buffer(self) -> float:
@@ -98,36 +142,43 @@ class NormalEcho(Detector):
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
         cloud = scene.cloud
         number = np.zeros(len(cloud), np.int32)
-        part = np.where(cloud.noise, NOISE, 0).astype(np.uint8)
-        off = np.flatnonzero(~cloud.ground & ~cloud.noise & (scene.height >= self.min_height))
-        k = self.neighbours or int(np.clip(round(np.pi * (0.75 / scene.spacing) ** 2), 12, 40))
-        if len(off) <= k:
-            return Regions(number, np.zeros(0), part)
-        xyz = cloud.xyz[off] - [0.0, 0.0, np.floor(cloud.xyz[off, 2].min())]
-
-        near = find_neighbours(xyz, k)
-        wall = near.upright(xyz) < np.cos(np.radians(self.wall_angle))
-        tree = ~wall & (self.later_returns(scene, off, near) > self.max_later)
-        part[off[wall]], part[off[tree]] = WALL, TREE
-        emit("walls", cloud.xyz[off[wall]])
-        emit("trees", cloud.xyz[off[tree]])
-        rest = np.flatnonzero(~wall & ~tree)
+        part = np.where(cloud.noise, NOISE, self.separate(scene)).astype(np.uint8)
+        off = np.flatnonzero(~cloud.ground & (scene.height >= self.min_height))
+        part[cloud.ground | ((scene.height < self.min_height) & (part != WALL))] = 0
+        emit("walls", cloud.xyz[part == WALL])
+        emit("trees", cloud.xyz[part == TREE])
+        rest = off[part[off] == 0]
+        k = self.neighbours or neighbours_of_disc(scene.spacing)
         if len(rest) <= k:
             return Regions(number, np.zeros(0), part)
-        again = find_neighbours(xyz[rest], k)
-        component = again.components(self.join or max(0.8, 3.0 * scene.spacing))
-        emit("components", numbers_of_all(component, off[rest], len(cloud)))
-        label, score = self.judge(scene, off[rest], component, again.curvature(xyz[rest]))
-        number[off[rest]] = label
-        part[off[rest[label > 0]]] = ROOF
-        self.claim_walls(cloud.xyz, off[wall], number)
+        xyz = cloud.xyz[rest] - [0.0, 0.0, np.floor(cloud.xyz[rest, 2].min())]
+        again = local_planes(xyz, k, k)  # free of walls and trees
+        component = euclidean_components(xyz, again, self.join or max(0.8, 3.0 * scene.spacing))
+        emit("components", numbers_of_all(component, rest, len(cloud)))
+        emit("curvature", again.curvature)
+        label, score = self.judge(scene, rest, component, again.curvature)
+        number[rest] = label
+        part[rest[label > 0]] = ROOF
+        self.claim(cloud.xyz, off, number, part)
         return Regions(number, score, part)
 
-    def later_returns(self, scene: Scene, off: NDArray[np.int64], near: Neighbourhoods) -> Values:
-        """f_mr (M,), eq. 2; zero where the cloud does not tell returns apart."""
-        if not scene.cloud.has_returns or scene.cloud.return_number is None:
-            return np.zeros(len(off))
-        return np.asarray((scene.cloud.return_number[off] > 1)[near.index].mean(axis=1), np.float64)
+    def separate(self, scene: Scene) -> NDArray[np.uint8]:
+        """WALL, TREE, NOISE or 0 (N,): what the ground filter of the paper found, else found here."""
+        if scene.cloud.part is not None:
+            return scene.cloud.part
+        part = np.zeros(len(scene.cloud), np.uint8)
+        some = np.flatnonzero(~scene.cloud.noise)
+        cloud = scene.cloud.take(some)
+        part[some] = find_walls_and_trees(cloud, NEIGHBOURS, self.wall_angle, self.max_later)
+        left = np.flatnonzero(~scene.cloud.noise & (part == 0))
+        if len(left) <= NEIGHBOURS:
+            return part
+        xyz = scene.cloud.xyz[left]
+        planes = local_planes(xyz, NEIGHBOURS, NEIGHBOURS)
+        region = grow_regions(xyz, planes, self.smooth_angle)
+        area = region_areas(xyz, region, 2.0 * planes.spacing)
+        part[left[(area < self.noise_area)[region]]] = NOISE
+        return part
 
     def judge(
         self, scene: Scene, index: NDArray[np.int64], component: Labels, curvature: Values
@@ -141,9 +192,10 @@ class NormalEcho(Detector):
         np.maximum.at(top, component, height)
         density = size * scene.spacing**2 / np.maximum(area, 1e-9)
         curved = np.bincount(component, weights=curvature > self.curved, minlength=count) / size
+        narrow = narrow_sides(xyz, component, count)
         building = (
             (area >= self.min_area)
-            & (np.sqrt(area) >= self.min_width_to_height * top)
+            & (narrow >= np.maximum(self.min_width, self.min_width_to_height * top))
             & (density >= self.min_density)
             & (curved <= self.max_curved)
         )
@@ -151,18 +203,41 @@ class NormalEcho(Detector):
         new[building] = np.arange(1, int(building.sum()) + 1)
         return new[component], 1.0 - curved[building]
 
-    def claim_walls(self, xyz: Points, wall: NDArray[np.int64], number: Labels) -> None:
-        """Give wall points (indices) the label of the nearest roof point, if near in plan and not lower."""
+    def claim(self, xyz: Points, off: NDArray[np.int64], number: Labels, part: NDArray[np.uint8]) -> None:
+        """Give walls under a roof, and small regions and echoes on it, its label where it is near in plan."""
         roof = np.flatnonzero(number > 0)
-        if not len(roof) or not len(wall):
+        other = off[number[off] == 0]
+        other = other[part[other] != 0]
+        if not len(roof) or not len(other):
             return
-        tree = cKDTree(xyz[roof, :2])
-        answer = tree.query(xyz[wall, :2], distance_upper_bound=self.wall_distance)
+        answer = cKDTree(xyz[roof, :2]).query(xyz[other, :2], distance_upper_bound=self.wall_distance)
         distance, nearest = np.asarray(answer[0]), np.asarray(answer[1])
         found = np.flatnonzero(np.isfinite(distance))
-        owner = roof[nearest[found]]
-        under = xyz[wall[found], 2] <= xyz[owner, 2] + 0.2
-        number[wall[found[under]]] = number[owner[under]]
+        owner, other = roof[nearest[found]], other[found]
+        above = xyz[other, 2] - xyz[owner, 2]
+        wall = (part[other] == WALL) & (above <= self.on_roof)
+        on = np.isin(part[other], (NOISE, TREE)) & (np.abs(above) <= self.on_roof)
+        number[other[wall | on]] = number[owner[wall | on]]
+        part[other[on]] = ROOF
+
+
+def narrow_sides(xyz: Points, component: Labels, count: int) -> Values:
+    """Narrow side (m, (count,)) of the smallest rectangle around each component of points (N, 3)."""
+    order = np.argsort(component, kind="stable")
+    rings = shapely.minimum_rotated_rectangle(
+        shapely.multipoints(shapely.points(xyz[order, :2]), indices=component[order])
+    )
+    sides = np.zeros(count)
+    flat = np.flatnonzero(shapely.get_type_id(rings) == shapely.GeometryType.POLYGON)
+    corners = shapely.get_coordinates(rings[flat]).reshape(-1, 5, 2)
+    length = np.hypot(*np.moveaxis(np.diff(corners[:, :3], axis=1), -1, 0))
+    sides[flat] = length.min(axis=1)
+    return sides
+
+
+def neighbours_of_disc(spacing: float) -> int:
+    """What a disc of 0.75 m holds, 12 to 40."""
+    return int(np.clip(round(np.pi * (0.75 / spacing) ** 2), 12, 40))
 
 
 def numbers_of_all(number: Labels, index: NDArray[np.int64], count: int) -> Labels:
@@ -170,45 +245,3 @@ def numbers_of_all(number: Labels, index: NDArray[np.int64], count: int) -> Labe
     every = np.zeros(count, np.int32)
     every[index] = number + 1
     return every
-
-
-@dataclass(frozen=True, eq=False)
-class Neighbourhoods:
-    """The k nearest of each of M points: `index` (M, k), itself first, and squared distances (M, k)."""
-
-    index: NDArray[np.int64]
-    squared: NDArray[np.float32]
-
-    def _features(self, xyz: Points) -> NDArray[np.float32]:
-        count, k = self.index.shape
-        start = np.arange(count + 1, dtype=np.uint32) * np.uint32(k)
-        flat = self.index.astype(np.uint32).ravel()
-        return np.asarray(
-            pgeof.compute_features(
-                xyz.astype(np.float32), flat, start, k_min=NEIGHBOURS_IN_PLANE, verbose=False
-            ),
-            np.float32,
-        )
-
-    def upright(self, xyz: Points) -> Values:
-        """The vertical component of the normal (M,): 1 on flat roofs, 0 on walls; eq. 1."""
-        return np.abs(self._features(xyz)[:, 6]).astype(np.float64)
-
-    def curvature(self, xyz: Points) -> Values:
-        """σ (M,), eq. 3."""
-        return self._features(xyz)[:, 10].astype(np.float64)
-
-    def components(self, join: float) -> Labels:
-        """Numbers (M,) of the Euclidean connected components: neighbours nearer than `join` (m) are one."""
-        count, k = self.index.shape
-        close = self.squared <= join * join
-        one = np.repeat(np.arange(count), k)[close.ravel()]
-        graph = coo_array((np.ones(len(one), np.int8), (one, self.index[close])), (count, count))
-        return np.asarray(connected_components(graph, directed=False)[1], np.int32)
-
-
-def find_neighbours(xyz: Points, count: int) -> Neighbourhoods:
-    """The `count` nearest points of each point (M, 3), M > `count`."""
-    local = np.ascontiguousarray(xyz, np.float32)
-    index, squared = pgeof.knn_search(local, local, count)
-    return Neighbourhoods(index.astype(np.int64), squared)

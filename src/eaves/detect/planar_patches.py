@@ -18,6 +18,8 @@ from eaves.model.scene import ROOF
 
 PUBLISHED_SPACING = 0.5
 """Spacing (m) of the paper's data: Vaihingen, 4 points/m²."""
+ALPHA_IN_SPACINGS = 2.4 / PUBLISHED_SPACING
+"""The printed radius of a contour's disc, in spacings of the paper's data."""
 
 
 class PlanarPatches(Detector):
@@ -26,23 +28,26 @@ class PlanarPatches(Detector):
     Points are gridded; a plane is fitted to the points of each cell. A cell with a small residual well above
     the terrain is a patch of a roof or a facade, and facades go by their normal. Patches are merged with
     their neighbours while one plane fits both; each plane then grows into the cells around it that hold
-    enough of its points. Neighbouring planes form a building; small planes are tree crowns. Points of a
-    building's cells that stand `min_height` above the terrain are its roof.
+    enough of its points. Neighbouring planes form a building; small planes are tree crowns. All that a
+    building's contour encloses belongs to it, courtyards apart: points in there that stand `min_height` above
+    the terrain are its roof.
 
+    Formula
+    -------
     A cell is a patch when RMSE(cell) < `max_rmse` and mean(z) - mean(DTM) ≥ `min_height`; it joins a plane
     when more than `join_points` of its points, or `join_share` of them, have |z - plane(x, y)| <
     `max_distance`.
 
     Fidelity
     --------
-    Steps 1 to 5 are the document's; step 6, the outline, is `outline.AlphaShape`. The
-    document names adaptive TIN and cites a slope filter; the ground here is Axelsson's adaptive TIN. Its
-    numbers were set for 4 points/m², where a cell of 1.5 m is three spacings wide and holds nine points: by
-    default the cell is three spacings wide, but not under 1 m (a crown is as smooth as a roof over half a
-    metre), and the counts of points grow with what a cell holds. Not printed, and closed here: the slope that
-    makes a facade; the fewest points of a fit; the order of merging (the pair that likes each other best
-    merges first, so the answer does not depend on the scan); the cell two planes want (the one with more
-    points gets it).
+    Steps 1 to 6 are the document's; the contour itself, as a polygon, is `outline.AlphaShape`, and here its
+    area is taken on the cells, by closing with the same disc. The document names adaptive TIN and cites a
+    slope filter; the ground here is Axelsson's adaptive TIN. Its numbers were set for 4 points/m², where a
+    cell of 1.5 m is three spacings wide and holds nine points: by default the cell is three spacings wide,
+    but not under 1 m (a crown is as smooth as a roof over half a metre), and the counts of points grow with
+    what a cell holds. Not printed, and closed here: the slope that makes a facade; the fewest points of a
+    fit; the order of merging (the pair that likes each other best merges first, so the answer does not depend
+    on the scan); the cell two planes want (the one with more points gets it).
 
     Fails where
     -----------
@@ -64,35 +69,76 @@ class PlanarPatches(Detector):
     paper: ClassVar[str] = "chen_sun_vaihingen"
 
     cell: float | None = parameter(
-        None, "Side of a cell; default: three spacings, at least 1.", unit="m", published=1.5, gt=0.0
+        None,
+        "Side of a cell; default: three spacings, at least 1.",
+        unit="m",
+        published=1.5,
+        printed_in="step 2",
+        gt=0.0,
     )
     max_rmse: float = parameter(
-        0.1, "Largest residual (RMSE) of a patch and of merged patches.", unit="m", published=0.1, gt=0.0
+        0.1,
+        "Largest residual (RMSE) of a patch and of merged patches.",
+        unit="m",
+        published=0.1,
+        printed_in="steps 2 and 3",
+        gt=0.0,
     )
     min_height: float = parameter(
-        2.0, "Least height of a patch over the terrain.", unit="m", published=2.0, ge=0.0
+        2.0, "Least height of a patch over the terrain.", unit="m", published=2.0, printed_in="step 2", ge=0.0
     )
     max_slope: float = parameter(75.0, "Steeper planes are facades.", unit="degree", gt=0.0, lt=90.0)
     max_distance: float = parameter(
-        0.1, "Largest vertical distance of a point to its plane.", unit="m", published=0.1, gt=0.0
+        0.1,
+        "Largest vertical distance of a point to its plane.",
+        unit="m",
+        published=0.1,
+        printed_in="step 4",
+        gt=0.0,
     )
     join_points: float | None = parameter(
         None,
         "A cell with more points of a plane than this joins it; default: 10 for 9 points a cell.",
         unit="point",
         published=10.0,
+        printed_in="step 4",
         gt=0.0,
     )
     join_share: float = parameter(
-        0.4, "A cell with this share of its points in a plane joins it.", published=0.4, gt=0.0, le=1.0
+        0.4,
+        "A cell with this share of its points in a plane joins it.",
+        published=0.4,
+        printed_in="step 4",
+        gt=0.0,
+        le=1.0,
     )
-    min_cells: int = parameter(3, "Planes of fewer cells are crowns.", unit="cell", published=3, ge=1)
+    min_cells: int = parameter(
+        3, "Planes of fewer cells are crowns.", unit="cell", published=3, printed_in="step 5", ge=1
+    )
     min_points: float | None = parameter(
         None,
         "Planes of fewer points are crowns; default: 10 for 9 points a cell.",
         unit="point",
         published=10.0,
+        printed_in="step 5",
         gt=0.0,
+    )
+    alpha: float | None = parameter(
+        None,
+        "Radius of the largest empty disc inside a building; default: 4.8 spacings.",
+        unit="m",
+        symbol="α",
+        published=2.4,
+        printed_in="step 6",
+        gt=0.0,
+    )
+    min_hole: float = parameter(
+        50.0,
+        "Inner boundaries smaller than this are dropped.",
+        unit="m²",
+        published=50.0,
+        printed_in="step 6",
+        ge=0.0,
     )
     fit_points: int = parameter(5, "Fewest points of a cell that a plane is fitted to.", unit="point", ge=4)
 
@@ -119,6 +165,9 @@ class PlanarPatches(Detector):
         emit("grown planes", planes.plane.reshape(cells.shape))
         building = self.cluster_planes(planes, cells, self.min_points or 10.0 * expected)
         emit("clusters", building.reshape(cells.shape))
+
+        building = self.close_contours(building.reshape(cells.shape), side, scene.spacing).ravel()
+        emit("contours", building.reshape(cells.shape))
 
         inside = building[cells.cell]
         roof = (inside > 0) & (height >= self.min_height)
@@ -191,6 +240,28 @@ class PlanarPatches(Detector):
             planes.sums += sums_of(xyz[fresh], plane[cells.cell[fresh]] - 1, len(planes.sums))
             changed[wanting[won] - 1] = True
         return belongs
+
+    def close_contours(self, building: NDArray[np.int32], side: float, spacing: float) -> NDArray[np.int32]:
+        """Buildings (H, W) with all that their contour encloses: step 6, on the cells.
+
+        An alpha shape is what no empty disc of the radius can enter: the closing by that disc. Inner
+        boundaries that stay open are filled when they are smaller than a courtyard.
+        """
+        radius = (self.alpha or ALPHA_IN_SPACINGS * spacing) / side
+        margin = int(np.ceil(radius)) + 1
+        whole = building.copy()
+        for number, window in enumerate(ndimage.find_objects(building), 1):
+            part = np.pad(building[window] == number, margin)
+            reached = ndimage.distance_transform_edt(~part) <= radius
+            closed = part | (ndimage.distance_transform_edt(np.pad(reached, 1))[1:-1, 1:-1] > radius)
+            hole, count = ndimage.label(~closed)
+            size = np.bincount(hole.ravel(), minlength=count + 1)
+            small = size < self.min_hole / side**2
+            small[[0, hole[0, 0]]] = False
+            closed = (closed | small[hole])[margin:-margin, margin:-margin]
+            free = closed & (whole[window] == 0)
+            whole[window][free] = number
+        return whole
 
     def cluster_planes(self, planes: Planes, cells: Cells, few: float) -> NDArray[np.int32]:
         """Building number (cells,), 0 for none, of neighbouring planes that are large enough: step 5."""

@@ -11,39 +11,50 @@ from eaves.detect.contours import filled
 from eaves.detect.stage import Detector
 from eaves.detect.toolkit.cells import side_near
 from eaves.detect.toolkit.surface_grid import (
-    EIGHT,
     SurfaceGrid,
     connected,
     grow_back,
+    height_error,
     nearest_surface,
     no_regions,
     opened_by_area,
     regions_of_cells,
-    share_in,
+    share_around,
+    surface_noise,
 )
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Mask, Regions, Scene, Values
+from eaves.model import Labels, Mask, Regions, Scene, Values
+
+ROUGHNESS_OF_ERROR = 1.4
+"""Half a twist of four independent heights has their error; five of six have less than this many."""
+ANGLE_OF_ERROR = 1.65
+"""Two slopes of independent errors differ by less than this many of one in three of four cases."""
 
 
 class RoofAttributes(Detector):
     """Building labels from what the surface of roofs is like, cell by cell and segment by segment.
 
-    Cells off the ground are described by the micro surface normal and the roughness of the four heights
-    around each corner. A cell is roof-like when it is smooth and at least three of its neighbours have a like
-    normal. Groups of roof-like cells too small for a building are opened away by area, and those that stay
-    are reconstructed by dilation under the normalised surface. A segment in which steep gradients are dense
-    is vegetation, the others are buildings.
+    High cells are described by the micro surface normal and the roughness of the four heights around each
+    corner. First the gradient density: high cells around which steep gradients are dense are vegetation.
+    Of what is left a cell is roof-like when it is smooth and at least three of its neighbours have a like
+    normal. Groups of roof-like cells too small or too narrow for a building are opened away, and those that
+    stay are reconstructed by dilation under the normalised surface.
 
+    Formula
+    -------
     |n| = √{[Δy(z₀₁+z₀₀-z₁₁-z₁₀)]² + [Δx(z₀₁+z₁₁-z₁₀-z₀₀)]² + 4(ΔxΔy)²} (eq. 1) and
     R = ½|z₁₁+z₀₀-z₀₁-z₁₀| (eq. 2); the index i runs along x. On a plane 2ΔxΔy/|n| is the cosine of the slope.
 
     Fidelity
     --------
-    Equations, ground filter and the rule of gradient density are the document's. Its flow
-    chart and the figure of the three operators are not in the text; they are taken as (1) opening by area,
-    (2) reconstruction by dilation under the normalised surface, (3) removal of cells with fewer than three
-    neighbours of like normal. No threshold is printed; ours follow the spacing, because the height of a cell
-    on a slope is known to about half a spacing only.
+    Equations, ground filter and the rule of gradient density are the document's. The density is counted on
+    the raw high cells, before anything is smoothed away, within a window: a segment of nearby cells. Its flow
+    chart and the figure of the three operators are not in the text; they are taken as (1) removal of cells
+    with fewer than three neighbours of like normal, (2) opening, by area and by the narrowest building,
+    (3) reconstruction by dilation under the normalised surface, cell by cell over cells of low gradient
+    density around which some are roof-like, and over the rim. No threshold is printed. The roughness of a
+    roof is that of its tiles and gutters, or of the scan, which the ground shows; where cells hold fewer than
+    two points the height of a cell on a slope is known to about half a spacing only.
 
     Fails where
     -----------
@@ -66,24 +77,37 @@ class RoofAttributes(Detector):
         None, "Side of a cell; default: 1.5 spacings, at least 0.5.", unit="m", symbol="Δ", gt=0.0
     )
     min_height: float = parameter(2.0, "Least height of a roof over the terrain.", unit="m", ge=0.0)
+    steep: float = parameter(60.0, "Slope of a gradient that counts.", unit="degree", gt=0.0, lt=90.0)
+    max_density: float = parameter(
+        0.45, "Cells around which more of the high cells are steep are vegetation.", ge=0.0, le=1.0
+    )
+    window: float = parameter(3.5, "Side of the window of a density.", unit="m", gt=0.0)
     max_roughness: float | None = parameter(
         None,
-        "Rougher cells are no roof; default: half a spacing, at least 0.15.",
+        "Rougher cells are no roof; default: 1.4 times the error of a height on a roof of 45°, or 3 "
+        "times the ground's own.",
         unit="m",
         symbol="R",
         gt=0.0,
     )
-    like_normal: float = parameter(
-        20.0, "Normals closer than this are alike.", unit="degree", gt=0.0, le=90.0
+    like_normal: float | None = parameter(
+        None,
+        "Normals closer than this are alike; default: 1.65 times the error of a slope, 10 to 45.",
+        unit="degree",
+        gt=0.0,
+        le=90.0,
     )
     like_neighbours: int = parameter(3, "Neighbours of like normal that a roof cell has.", unit="cell", ge=0)
-    min_area: float = parameter(6.0, "Smaller groups of roof-like cells are opened away.", unit="m²", ge=0.0)
-    steep: float = parameter(60.0, "Slope of a gradient that counts.", unit="degree", gt=0.0, lt=90.0)
-    max_density: float = parameter(
-        0.35, "Segments with a larger share of such gradients are vegetation.", ge=0.0, le=1.0
+    min_area: float = parameter(10.0, "Smaller groups of roof-like cells are opened away.", unit="m²", ge=0.0)
+    min_width: float = parameter(2.0, "Narrowest building; the side of the opening.", unit="m", gt=0.0)
+    min_share: float = parameter(
+        0.1, "The reconstruction runs over cells around which this share is roof-like.", ge=0.0, le=1.0
     )
-    max_step: float = parameter(1.0, "Largest step in height of the reconstruction.", unit="m", gt=0.0)
-    regrow: float = parameter(2.0, "How far the reconstruction reaches.", unit="m", ge=0.0)
+    storey: float = parameter(
+        3.0, "Largest step in height between the parts of a building.", unit="m", gt=0.0
+    )
+    max_step: float = parameter(1.0, "Largest step in height at the rim.", unit="m", gt=0.0)
+    regrow: float = parameter(1.0, "How far the rim grows.", unit="m", ge=0.0)
 
     @property
     def buffer(self) -> float:
@@ -98,24 +122,42 @@ class RoofAttributes(Detector):
         rough = roughness(grid.surface)
         emit("cosine of slope", normal[..., 2])
         emit("roughness", rough)
-        smooth = high & (rough <= (self.max_roughness or max(0.15, 0.5 * scene.spacing)))
-        roof = smooth & (count_like(normal, smooth, self.like_normal) >= self.like_neighbours)
+        wide, least = round(self.window / grid.side), self.min_area / grid.side**2
+        density = share_around(normal[..., 2] < np.cos(np.radians(self.steep)), high, wide)
+        emit("gradient density", np.where(high, density, np.nan))
+        calm = high & (density <= self.max_density)
+        emit("calm cells", calm)
+        smooth = calm & (rough <= (self.max_roughness or self.derived_roughness(scene, grid, rough)))
+        like = self.like_normal or self.derived_angle(scene, grid)
+        roof = smooth & (count_like(normal, smooth, like) >= self.like_neighbours)
         emit("roof-like cells", roof)
-        core = opened_by_area(roof, self.min_area / grid.side**2)
+        core = opened_by_area(roof, least)
         emit("large groups", core)
-        whole = grow_back(core, high, grid.surface, self.max_step, round(self.regrow / grid.side))
+        mixed = calm & (share_around(roof, high, wide) >= self.min_share)
+        grown = grow_back(core, mixed, grid.surface, self.storey, int((self.buffer - 10.0) / grid.side))
+        square = np.ones((max(1, round(self.min_width / grid.side)),) * 2, bool)
+        grown = opened_by_area(ndimage.binary_opening(grown, square), least)
+        whole = grow_back(grown, high, grid.surface, self.max_step, round(self.regrow / grid.side))
         emit("segments", whole)
-        return self.judge(scene, grid, whole, normal)
-
-    def judge(self, scene: Scene, grid: SurfaceGrid, whole: Mask, normal: Values) -> Regions:
-        """The segments (H, W) whose gradients are not dense."""
         label, count = connected(whole)
-        inner = ndimage.binary_erosion(whole, EIGHT)
-        steep = inner & (normal[..., 2] < np.cos(np.radians(self.steep)))
-        inside = np.where(inner, label, 0)
-        density = share_in(inside, count, steep)
-        keep = np.r_[False, density <= self.max_density]
-        return regions_of_cells(scene, grid, np.where(keep[label], label, 0), 1.0 - density, self.min_height)
+        return regions_of_cells(scene, grid, label, 1.0 - share_of(label, count, density), self.min_height)
+
+    def derived_angle(self, scene: Scene, grid: SurfaceGrid) -> float:
+        """The largest angle (degrees) between like normals; see the parameter."""
+        error = height_error(grid, scene.spacing) / grid.side
+        return float(np.clip(np.degrees(ANGLE_OF_ERROR * error), 10.0, 45.0))
+
+    def derived_roughness(self, scene: Scene, grid: SurfaceGrid, rough: Values) -> float:
+        """The largest roughness (m) of a roof; see the parameter."""
+        known = ROUGHNESS_OF_ERROR * height_error(grid, scene.spacing)
+        return max(known, 3.0 * surface_noise(rough, grid, 0.3))
+
+
+def share_of(label: Labels, count: int, values: Values) -> Values:
+    """Mean of values (H, W) in each segment 1…`count` of labels (H, W)."""
+    size = np.bincount(label.ravel(), minlength=count + 1)[1:]
+    total = np.bincount(label.ravel(), weights=values.ravel(), minlength=count + 1)[1:]
+    return np.asarray(total / np.maximum(size, 1), np.float64)
 
 
 def corner_heights(surface: Values) -> tuple[Values, Values, Values, Values]:

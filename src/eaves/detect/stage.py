@@ -1,4 +1,4 @@
-"""The detection stage: contract of a detector, and the verb that finds buildings with one."""
+"""The detection stage: contract of a detector, and the function that finds buildings."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
 from eaves.model import Labels, Points, Regions, Scene
+from eaves.model.checks import check_type
 
 MIN_AREA_M2 = 6.0
 MIN_HEIGHT_M = 2.0
@@ -23,11 +24,17 @@ TALL_SHARE = 0.1
 
 
 class Detector(Method):
-    """Tells which points belong to which building.
+    """What a building detector must do.
 
-    `label` sees a scene whose cloud is in canonical order, about the origin of its block; noise points
-    are still in it (class 7, 18) and must get label 0. Labels need not be consecutive; points of trees
-    and ground get 0.
+    `label` gets a scene whose cloud is in canonical order, about the origin of its block. Noise points (class
+    7, 18) are still in it and must get label 0, as must ground and vegetation. Labels need not be
+    consecutive.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> isinstance(eaves.Consensus(), eaves.Detector)
+    True
     """
 
     stage: ClassVar[str] = "detect"
@@ -47,7 +54,32 @@ def detect_buildings(
     min_height: float = MIN_HEIGHT_M,
     debug: str | Path | Emit | None = None,
 ) -> Regions:
-    """Regions numbered 1…K from west to east, each at least `min_area` (m²) large, `min_height` (m) high.
+    """Regions numbered 1…K from west to east, without the small and the low.
+
+    Parameters
+    ----------
+    scene : Scene
+        A classified cloud of N points with its terrain and surface (`make_scene`).
+    method : Detector, str, mapping or None
+        The detector, its name, or its parameters; None is `Consensus()`.
+    min_area : float
+        Smallest area (m², ≥ 0) of a region in plan.
+    min_height : float
+        Height above the terrain (m, ≥ 0) that a tenth of a region's points must reach.
+    debug : str, Path, callable or None
+        A folder or a callback `(name, value)` that receives every named intermediate.
+
+    Returns
+    -------
+    Regions
+        `label` (N,) int32 in the order of the scene's points, 0 for no building.
+
+    Raises
+    ------
+    TypeError
+        When `scene` is no Scene, or `method` no detector.
+    ValueError
+        When no method or parameter has that name, or a value is out of range.
 
     Examples
     --------
@@ -60,6 +92,7 @@ def detect_buildings(
     >>> int(regions.label.max()), len(regions.label) == len(cloud)
     (9, True)
     """
+    check_type(scene, Scene, "scene", "use eaves.make_scene(cloud, cloud.bounds)")
     detector = resolve_method("detect", method)
     assert isinstance(detector, Detector)
     order = scene.cloud.canonical_order()
@@ -73,7 +106,7 @@ def detect_buildings(
     if found.part is not None:
         gone = (found.label > 0) & (label == 0)
         part = np.where(gone, 0, found.part).astype(np.uint8)[back]
-    return Regions(label[back], score, part)
+    return Regions(label[back], score, part, found.doubts)
 
 
 def keep_regions(

@@ -1,4 +1,4 @@
-"""Buildings of a CityJSON file as the evaluation sees them: roofs, all faces, footprint, volume, heights."""
+"""Buildings of a CityJSON file as the evaluation uses them: roofs, all faces, footprint, volume, heights."""
 
 from __future__ import annotations
 

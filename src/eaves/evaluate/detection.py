@@ -16,6 +16,7 @@ from eaves.evaluate.boundaries import rim_distances, rim_of
 from eaves.evaluate.matching import SMALLEST, Matching, Numbers, match_objects, relation_of
 from eaves.evaluate.scores import Agreement, root_mean_square
 from eaves.model import Mask
+from eaves.model.checks import check_positive, check_same_shape
 
 LARGE_AREAS = (10.0, 50.0)
 """Objects over these areas (m²) are counted apart."""
@@ -38,7 +39,32 @@ class ObjectRow:
 
 @dataclass(frozen=True, eq=False)
 class DetectionScore:
-    """Agreement by area, objects, objects over 10 and 50 m²; relations; RMS of the rims (m); map and rows."""
+    """Scores of a label image of buildings.
+
+    Parameters
+    ----------
+    area, objects : Agreement
+        By area (m²) and by number of objects.
+    objects_over : dict of float to Agreement
+        Smallest area (10, 50 m²) → agreement of the objects from that size on.
+    relations : dict of str to int
+        Relation (`1:1`, `1:M`, `N:1`, `N:M`, `1:0`, `0:1`) → number of groups.
+    rms_m : float
+        Root mean square distance (m) of the outlines of correct objects from the reference outlines; NaN
+        without any.
+    map : ndarray (H, W) of uint8
+        1 found, 2 missed, 3 false, 255 unknown, 0 no building.
+    rows : tuple of ObjectRow
+        One an object, those of the reference first.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.evaluate import evaluate_detection
+    >>> label = np.kron([[1, 0], [0, 2]], np.ones((6, 6), int))
+    >>> evaluate_detection(label, label, cell=0.5).relations["1:1"]
+    2
+    """
 
     area: Agreement
     objects: Agreement
@@ -50,7 +76,22 @@ class DetectionScore:
 
 
 def label_objects(mask: Mask) -> Numbers:
-    """Labels (H, W) of the pieces of a mask: cells that share a side belong together.
+    """Labels of the pieces of a mask: cells that share a side belong together.
+
+    Parameters
+    ----------
+    mask : ndarray (H, W) of bool
+        Where buildings are.
+
+    Returns
+    -------
+    ndarray (H, W) of int64
+        1…K by piece, 0 outside.
+
+    Raises
+    ------
+    ValueError
+        When the mask has not two dimensions.
 
     Examples
     --------
@@ -59,6 +100,8 @@ def label_objects(mask: Mask) -> Numbers:
     >>> label_objects(np.array([[1, 1, 0, 1]], bool)).tolist()
     [[1, 1, 0, 2]]
     """
+    if np.ndim(mask) != 2:
+        raise ValueError(f"mask must have the shape (H, W), not {np.shape(mask)}; give one raster of cells")
     labels, _ = ndimage.label(mask)
     return np.asarray(labels, np.int64)
 
@@ -70,14 +113,30 @@ def evaluate_detection(
     known: Mask | None = None,
     smallest: float = SMALLEST,
 ) -> DetectionScore:
-    """Scores of a label image (H, W) against a reference one with cells of `cell` metres; 0 is no building.
+    """Scores of a label image against a reference one.
 
     Parameters
     ----------
-    known
-        Where the truth is known (H, W): cells with points. By default everywhere.
-    smallest
-        Objects under this area (m²) are left out.
+    result, reference : ndarray (H, W) of int
+        Labels, 0 for no building; both of the same cells.
+    cell : float
+        Side of a cell (m, > 0).
+    known : ndarray (H, W) of bool or None
+        Where the truth is known: cells with points. By default everywhere.
+    smallest : float
+        Objects under this area (m², ≥ 0) are left out.
+
+    Returns
+    -------
+    DetectionScore
+        Agreement by area and by object, relations, outline distances, the map and the rows.
+
+    Raises
+    ------
+    TypeError
+        When `cell` is no number.
+    ValueError
+        When the images differ in shape, or `cell` is not above 0.
 
     Examples
     --------
@@ -89,6 +148,10 @@ def evaluate_detection(
     >>> score.area.completeness, score.area.correctness, score.objects.completeness
     (0.9, 0.9, 1.0)
     """
+    check_same_shape(result, reference, ("result", "reference"))
+    if known is not None:
+        check_same_shape(known, reference, ("known", "reference"))
+    check_positive(cell, "cell")
     certain = np.ones(result.shape, bool) if known is None else known
     matching, result, reference = match_objects(
         np.where(certain, result, 0), np.where(certain, reference, 0), cell**2, smallest

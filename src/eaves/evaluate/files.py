@@ -28,8 +28,9 @@ from eaves.evaluate.models import evaluate_models, lay_points
 from eaves.evaluate.report import Evaluation, rows_of, write_report
 from eaves.evaluate.roof_planes import evaluate_planes
 from eaves.evaluate.scores import Agreement
-from eaves.evaluate.wireframes import evaluate_wireframe, read_wireframe
+from eaves.evaluate.wireframes import compare_wireframes
 from eaves.formats import InputError, read, read_polygons
+from eaves.formats.vector_files import checked_vector
 from eaves.model import Mask, PointCloud, Raster, Values
 from eaves.model.cloud import BUILDING, GROUND
 from eaves.model.coordinates import LOCAL_METRES
@@ -49,17 +50,22 @@ def evaluate_files(
 
     Parameters
     ----------
-    what
-        `ground`, `detection`, `footprints`, `planes` or `models`.
-    result, reference
-        Clouds (LAS, LAZ, text with labels), label rasters, polygons, CityJSON, OBJ wireframes, as `what`
-        allows.
-    report
+    what : str
+        `ground`, `detection`, `footprints`, `planes`, `models` or `wireframe`.
+    result, reference : Path
+        Clouds (LAS, LAZ, text with labels), label rasters, polygons, CityJSON, OBJ wireframes or folders
+        of them, as `what` allows.
+    report : Path or None
         Folder to write the figures, rows and maps to.
-    lod
+    lod : str or None
         For models: the level of detail; by default the finest of each building.
-    footprints
+    footprints : Path or None
         For models against a cloud: the polygons whose roof points count; by default the models' own.
+
+    Returns
+    -------
+    Evaluation
+        The figures, rows and map.
 
     Raises
     ------
@@ -200,7 +206,7 @@ def compare_planes(result: Path, reference: Path) -> Evaluation:
 def compare_models(result: Path, reference: Path, lod: str | None, footprints: Path | None) -> Evaluation:
     """Models against a classified cloud, reference models, or a wireframe against a wireframe."""
     if kind_of(result) == "wireframe":
-        return _compare_wireframes(result, reference)
+        return compare_wireframes(result, reference)
     models = read_buildings(result, lod)
     findings = validate_file(result)
     truth = read_buildings(reference) if kind_of(reference) == "city" else []
@@ -245,19 +251,8 @@ COMPARISONS: dict[str, Callable[[Path, Path], Evaluation]] = {
     "detection": compare_detection,
     "footprints": compare_footprints,
     "planes": compare_planes,
+    "wireframe": compare_wireframes,
 }
-
-
-def _compare_wireframes(result: Path, reference: Path) -> Evaluation:
-    if kind_of(reference) != "wireframe":
-        raise InputError.about(reference, "is no wireframe", "compare OBJ with OBJ")
-    score = evaluate_wireframe(read_wireframe(result), read_wireframe(reference))
-    figures = {
-        **_figures("corners", score.corners),
-        **_figures("edges", score.edges),
-        "mean offset of corners (m)": score.corner_offset_m,
-    }
-    return Evaluation("models", str(result), str(reference), figures)
 
 
 def _figures(name: str, agreement: Agreement) -> dict[str, float | int | str]:
@@ -285,7 +280,7 @@ def _building_points(cloud: PointCloud, path: Path) -> Values:
 
 
 def _planes(path: Path, grid: Raster) -> tuple[Numbers, Values | None]:
-    """Plane labels (H, W) of a file, and their heights where it tells them."""
+    """Plane labels (H, W) of a file, and their heights where it has them."""
     if kind_of(path) == "city":
         origin = (grid.west, grid.north)
         return plane_image(roofs_of(read_buildings(path), origin), grid.with_(west=0.0, north=0.0))
@@ -295,6 +290,7 @@ def _planes(path: Path, grid: Raster) -> tuple[Numbers, Values | None]:
     if kind_of(path) == "cloud":
         remedy = "compare two clouds with plane_id, or CityJSON or polygons"
         raise InputError.about(path, "is a cloud and the other file is none", remedy)
-    layers = [str(name) for name, _ in pyogrio.list_layers(path)]
+    with checked_vector(path) as (safe, _):
+        layers = [str(name) for name, _ in pyogrio.list_layers(safe)]
     polygons: Shapes = read_polygons(path, "roof_planes" if "roof_planes" in layers else None)[0]
     return burn_labels(polygons, grid), None

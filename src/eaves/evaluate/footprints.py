@@ -45,8 +45,35 @@ class FootprintRow:
 
 @dataclass(frozen=True, eq=False)
 class FootprintScore:
-    """Agreement of the areas; of the pairs: mean IoU, RMS, Hausdorff, PoLiS (m), and vertices to one of the
-    reference.
+    """Scores of footprints: of all areas, of pairs, and of groups of footprints united.
+
+    Parameters
+    ----------
+    area : Agreement
+        By area (m²).
+    pairs, references, results : int
+        Numbers of pairs and of polygons on both sides.
+    mean_iou : float
+        Mean intersection over union of the pairs, 0 to 1.
+    rms_m : float
+        Root mean square distance (m) of the outlines of the pairs.
+    median_hausdorff_m, mean_polis_m : float
+        Median Hausdorff and mean PoLiS [avbelj2015] distance (m) of the pairs.
+    vertex_ratio : float
+        Corners for each corner of the reference.
+    rows : tuple of FootprintRow
+        One a reference building.
+    relations : dict of str to int
+        Relation (`1:1`, `1:M`, …) → number of groups.
+    mean_iou_united, rms_united_m : float
+        As above, of groups of polygons united on both sides.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from eaves.evaluate import evaluate_footprints
+    >>> evaluate_footprints([shapely.box(0, 0, 4, 4)], [shapely.box(0, 0, 4, 4)]).vertex_ratio
+    1.0
     """
 
     area: Agreement
@@ -73,7 +100,24 @@ def evaluate_footprints(
     result_ids: Sequence[str] | None = None,
     reference_ids: Sequence[str] | None = None,
 ) -> FootprintScore:
-    """Scores of footprints against reference polygons, in metres of one system.
+    """Scores of footprints against reference polygons.
+
+    Parameters
+    ----------
+    result, reference : sequence of Polygon or MultiPolygon
+        The polygons, in metres of one system; either may be empty.
+    result_ids, reference_ids : sequence of str or None
+        One id a polygon; by default they are numbered from 1.
+
+    Returns
+    -------
+    FootprintScore
+        Measures that need a pair are NaN where there is none.
+
+    Raises
+    ------
+    ValueError
+        When there is not one id for each polygon.
 
     Examples
     --------
@@ -88,6 +132,11 @@ def evaluate_footprints(
     wanted_names = (
         list(reference_ids) if reference_ids is not None else [str(k + 1) for k in range(len(wanted))]
     )
+    for side, shapes, ids in (("result", found, names), ("reference", wanted, wanted_names)):
+        if len(ids) != len(shapes):
+            raise ValueError(
+                f"{side}_ids must be one id for each of {len(shapes)} polygons, not {len(ids)} ids"
+            )
     pairs = pair_by_overlap(found, wanted)
     rows, offsets = [], []
     for number, shape in enumerate(wanted):

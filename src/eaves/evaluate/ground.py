@@ -12,7 +12,21 @@ from eaves.model import Mask
 
 @dataclass(frozen=True)
 class GroundScore:
-    """Counts of points, and the errors of Sithole and Vosselman 2004, section 4.2, as shares of one."""
+    """Counts of points, and the errors of Sithole and Vosselman 2004, section 4.2, as shares of one.
+
+    Parameters
+    ----------
+    ground_kept, ground_rejected : int
+        Ground points of the reference that the result has as ground, and as objects.
+    object_accepted, object_rejected : int
+        Object points of the reference that the result has as ground, and as objects.
+
+    Examples
+    --------
+    >>> from eaves.evaluate import GroundScore
+    >>> GroundScore(90, 10, 5, 95).type_1
+    0.1
+    """
 
     ground_kept: int
     ground_rejected: int
@@ -54,7 +68,22 @@ class GroundScore:
 
 
 def evaluate_ground(result: Mask, reference: Mask) -> GroundScore:
-    """Scores of two ground masks (N,) of the same points.
+    """Scores of two ground masks of the same points.
+
+    Parameters
+    ----------
+    result, reference : ndarray (N,) of bool
+        Which points are ground.
+
+    Returns
+    -------
+    GroundScore
+        A share with nothing to divide by is NaN.
+
+    Raises
+    ------
+    ValueError
+        When the masks differ in shape.
 
     Examples
     --------

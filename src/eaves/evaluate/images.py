@@ -24,7 +24,7 @@ from eaves.model.coordinates import LOCAL_METRES
 from eaves.raster.grid import cell_centres, highest_points, whole_cells
 
 CELL = 0.5
-"""Side (m) of the cells, unless a raster brings its own."""
+"""Side (m) of the cells, unless a raster has its own."""
 
 RASTERS = (".tif", ".tiff", ".vrt", ".img")
 CLOUDS = (".las", ".laz", ".xyz", ".txt", ".asc", ".csv")
@@ -48,7 +48,7 @@ def kind_of(path: Path) -> str:
 
 @dataclass(frozen=True, eq=False)
 class BuildingSource:
-    """What a file tells of buildings: one of a raster, a cloud or polygons, in world metres."""
+    """The buildings of a file: one of a raster, a cloud or polygons, in world metres."""
 
     system: CoordinateSystem
     raster: Raster | None = None

@@ -2,7 +2,7 @@
 
 Objects are the labels of two arrays of one shape: cells of label images, or points. An object is found when
 at least half of it is covered by objects of the other set; covered by how many does not matter, so that
-splitting and merging are no errors of detection but are told as relations 1:M, N:1 and N:M, as after the
+splitting and merging are no errors of detection but are reported as relations 1:M, N:1 and N:M, as after the
 topological clarification of [rutzinger2009], section 2.3.
 """
 

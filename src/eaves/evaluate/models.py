@@ -20,9 +20,10 @@ from eaves.evaluate.footprints import pair_by_overlap
 from eaves.evaluate.scores import ratio, root_mean_square
 from eaves.geometry.roof_fit import collect_faces, fit_roof, roof_point_mask
 from eaves.model import Finding, Points, Values
+from eaves.model.checks import check_points
 
 WITHIN = (0.1, 0.2, 0.5)
-"""Distances (m) whose share of roof points is told."""
+"""Distances (m) within which the share of roof points is reported."""
 
 MISSED_RMSE = 1.0
 """What a building without any face under its points counts as in the mean of the RMSE (m)."""
@@ -54,7 +55,48 @@ class ModelRow:
 
 @dataclass(frozen=True, eq=False)
 class ModelScore:
-    """Fit of all roof points and by building; faces per model; models by LoD; findings by code."""
+    """Scores of models: distances (m) of roof points to their faces, sizes, levels and validity.
+
+    Parameters
+    ----------
+    buildings, roof_points : int
+        Numbers of footprints with points, and of roof points.
+    missed : float
+        Share of the roof points (0 to 1) with no face under or over them.
+    median_m, median_vertical_m : float
+        Median distance (m) along the normal, and vertically.
+    rmse_mean_m, rmse_median_m : float
+        Mean and median (m) of the buildings' RMSE.
+    rmse95_mean_m, rmse95_median_m : float
+        The same over the nearest 95 % of each building's points.
+    within : dict of float to float
+        Distance (m) → share of the roof points within it.
+    models : int
+        Models with a face.
+    faces_per_building : float
+        Mean number of faces of a model.
+    roof_faces, without_model : int
+        Number of roof faces, and of buildings without any face.
+    lods : dict of str to int
+        Level of detail → models.
+    findings : dict of int to int
+        Code → findings of `validate_file`.
+    invalid : int
+        Buildings with a finding.
+    volume_error : float
+        Mean of |volume − reference| / reference over buildings that have both.
+    height_error_m : float
+        Mean of |height − reference| (m) over buildings that have both.
+    rows : tuple of ModelRow
+        One a footprint.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.evaluate import evaluate_models
+    >>> evaluate_models([], np.zeros((0, 3)), {}).models
+    0
+    """
 
     buildings: int
     roof_points: int
@@ -74,7 +116,6 @@ class ModelScore:
     findings: dict[int, int] = field(default_factory=dict)
     invalid: int = 0
     volume_error: float = float("nan")
-    """Mean of |volume − reference| / reference over buildings that have both."""
     height_error_m: float = float("nan")
     rows: tuple[ModelRow, ...] = ()
 
@@ -87,16 +128,34 @@ def evaluate_models(
     reference: Sequence[CityBuilding] = (),
     masked: bool = True,
 ) -> ModelScore:
-    """Scores of models against building points (N, 3), by footprint; all in world metres.
+    """Scores of models against building points, by footprint; all in world metres.
 
     Parameters
     ----------
-    findings
-        What `validate_file` found in the models' file.
-    reference
-        Reference models, for the errors of volume and height; their footprints tell which belongs to which.
-    masked
+    models : sequence of CityBuilding
+        The models (`eaves.evaluate.city.read_buildings`).
+    points : ndarray (N, 3) of float64
+        Building points.
+    footprints : mapping of str to Polygon or MultiPolygon
+        Id → outline; points outside all of them do not count.
+    findings : sequence of Finding
+        The findings of `validate_file` on the models' file.
+    reference : sequence of CityBuilding
+        Reference models, for the errors of volume and height; they are matched by footprint.
+    masked : bool
         Whether hidden points are left out first; not when the points were laid on reference roofs.
+
+    Returns
+    -------
+    ModelScore
+        Measures with nothing to divide by are NaN.
+
+    Raises
+    ------
+    TypeError
+        When `points` is no float64 array.
+    ValueError
+        When `points` has another shape.
 
     Examples
     --------
@@ -114,6 +173,7 @@ def evaluate_models(
     >>> bool(score.median_m < 0.03)
     True
     """
+    check_points(points)
     origin = _origin(points, models)
     local = points - [*origin, 0.0]
     building = _footprint_of(local, footprints, origin)

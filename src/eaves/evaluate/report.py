@@ -24,7 +24,33 @@ COLOURS = {1: (60, 160, 60, 255), 2: (60, 90, 200, 255), 3: (210, 60, 50, 255), 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What an evaluation found: `figures` (measure → value) to print, `rows` by object, perhaps a map."""
+    """The figures of an evaluation, with a row an object and perhaps a map.
+
+    Parameters
+    ----------
+    what : str
+        `ground`, `detection`, `footprints`, `planes` or `models`.
+    result, reference : str
+        Names of the files compared.
+    figures : dict of str to float, int or str
+        Measure → value; NaN where there is nothing to divide by.
+    rows : tuple of dict
+        One an object.
+    shapes : tuple of Polygon or MultiPolygon
+        The polygon of each row, where rows are places.
+    map : ndarray (H, W) of uint8 or None
+        Where result and reference agree.
+    grid : Raster or None
+        Place of the map.
+    system : CoordinateSystem
+        Reference system of shapes and map.
+
+    Examples
+    --------
+    >>> from eaves.evaluate import Evaluation
+    >>> Evaluation("ground", "mine.laz", "true.laz", {"total error": 0.02}).figures["total error"]
+    0.02
+    """
 
     what: str
     result: str
@@ -32,14 +58,12 @@ class Evaluation:
     figures: dict[str, float | int | str]
     rows: tuple[dict[str, Any], ...] = ()
     shapes: tuple[Polygon | MultiPolygon, ...] = ()
-    """The polygon of each row, where rows are places."""
     map: NDArray[np.uint8] | None = field(default=None, repr=False)
     grid: Raster | None = field(default=None, repr=False)
-    """Where the map lies."""
     system: CoordinateSystem = LOCAL_METRES
 
     def table(self) -> list[tuple[str, str]]:
-        """Rows of (measure, value as text); what cannot be told is a dash."""
+        """Rows of (measure, value as text); what has nothing to divide by is a dash."""
         return [(name, _text(value)) for name, value in self.figures.items()]
 
     def as_text(self) -> str:
@@ -52,6 +76,23 @@ class Evaluation:
 
 def write_report(evaluation: Evaluation, folder: str | Path) -> list[Path]:
     """Write `<what>.json`, `<what>.csv` with the rows, `.gpkg` and `.tif` if there are places and a map.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        The figures, rows and map.
+    folder : str or Path
+        Made when missing.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------

@@ -18,6 +18,7 @@ from eaves.evaluate.detection import ObjectRow, object_rows
 from eaves.evaluate.matching import Matching, Numbers, match_objects
 from eaves.evaluate.scores import Agreement, root_mean_square
 from eaves.model import Values
+from eaves.model.checks import check_positive, check_same_shape
 
 SMALLEST_PLANE = 0.0
 """The benchmark counts roof planes of any size."""
@@ -28,9 +29,27 @@ LARGE_PLANE = 10.0
 
 @dataclass(frozen=True, eq=False)
 class PlaneScore:
-    """Agreement by planes and by planes over 10 m², relations, and the RMS (m) in plan and in height.
+    """Scores of roof planes.
 
-    The RMS are NaN where rims or heights are not given.
+    Parameters
+    ----------
+    planes, planes_over_10 : Agreement
+        By number of planes, and of planes over 10 m².
+    relations : dict of str to int
+        Relation (`1:1`, `1:M`, …) → number of groups.
+    rms_xy_m, rms_z_m : float
+        Root mean square distance (m) of the outlines in plan, and of the heights; NaN where they are not
+        given.
+    rows : tuple of ObjectRow
+        One a plane, those of the reference first.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.evaluate import evaluate_planes
+    >>> label = np.kron([[1, 2]], np.ones((6, 6), int))
+    >>> evaluate_planes(label, label, area=1.0).planes.completeness
+    1.0
     """
 
     planes: Agreement
@@ -48,14 +67,28 @@ def evaluate_planes(
     result_height: Values | None = None,
     reference_height: Values | None = None,
 ) -> PlaneScore:
-    """Scores of plane labels of cells (H, W) or points (N,), 0 for none, against reference labels.
+    """Scores of plane labels against reference labels.
 
     Parameters
     ----------
-    area
-        What one element stands for (m²): the area of a cell, or one over the density of points.
-    result_height, reference_height
+    result, reference : ndarray (H, W) or (N,) of int
+        Labels of cells or points, 0 for none; both of the same elements.
+    area : float
+        Area of one element (m², > 0): that of a cell, or one over the density of points.
+    result_height, reference_height : ndarray or None
         Heights (m) of the two sets of planes at the elements, same shapes; NaN where there is none.
+
+    Returns
+    -------
+    PlaneScore
+        Agreement, relations and distances.
+
+    Raises
+    ------
+    TypeError
+        When `area` is no number.
+    ValueError
+        When the arrays differ in shape, or `area` is not above 0.
 
     Examples
     --------
@@ -65,6 +98,8 @@ def evaluate_planes(
     >>> evaluate_planes(np.ones_like(true), true, area=1.0).planes.correctness
     1.0
     """
+    check_same_shape(result, reference, ("result", "reference"))
+    check_positive(area, "area", "m²")
     matching, result, reference = match_objects(result, reference, area, SMALLEST_PLANE)
     rms_xy = _rms_in_plan(matching, result, reference, float(np.sqrt(area))) if result.ndim == 2 else np.nan
     rms_z = np.nan

@@ -23,8 +23,22 @@ def root_mean_square(values: Values) -> float:
 class Agreement:
     """How much of a reference was found and how much of a result is right [heipke1997].
 
-    `found` of `reference` and `correct` of `result` are areas (m²) or numbers of objects. By area found and
-    correct are equal; by objects they need not be, for one object may stand for several.
+    By area `found` and `correct` are equal; by objects they need not be, for one object may stand for
+    several. A measure with nothing to divide by is NaN.
+
+    Parameters
+    ----------
+    found, reference : float
+        Area (m²) or number of objects of the reference that was found, and all of it.
+    correct, result : float
+        Area (m²) or number of objects of the result that is right, and all of it.
+
+    Examples
+    --------
+    >>> from eaves.evaluate import Agreement
+    >>> score = Agreement(found=8, reference=10, correct=8, result=8)
+    >>> score.completeness, score.correctness, score.quality
+    (0.8, 1.0, 0.8)
     """
 
     found: float
@@ -41,6 +55,11 @@ class Agreement:
     def correctness(self) -> float:
         """TP / (TP + FP)."""
         return ratio(self.correct, self.result)
+
+    @property
+    def f1(self) -> float:
+        """The harmonic mean of completeness and correctness."""
+        return ratio(2.0 * self.completeness * self.correctness, self.completeness + self.correctness)
 
     @property
     def quality(self) -> float:

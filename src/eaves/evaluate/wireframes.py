@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,11 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from eaves.evaluate.report import Evaluation
 from eaves.evaluate.scores import Agreement, ratio
 from eaves.formats import InputError
 from eaves.model import Points
+from eaves.model.checks import check_positive
 
 CORNER_RADIUS = 1.0
 """Corners this near (m) or nearer are the same one."""
@@ -26,9 +29,27 @@ class Wireframe:
     edges: NDArray[np.int64]
 
 
+NOTHING = Wireframe(np.zeros((0, 3)), np.zeros((0, 2), np.int64))
+"""The wireframe of a roof that was not found."""
+
+
 @dataclass(frozen=True)
 class WireframeScore:
-    """Corners and edges found; mean distance (m) of the corners that are the same."""
+    """Scores of a wireframe.
+
+    Parameters
+    ----------
+    corners, edges : Agreement
+        By number of corners and of edges.
+    corner_offset_m : float
+        Mean distance (m) of the paired corners; NaN without any.
+
+    Examples
+    --------
+    >>> from eaves.evaluate import Agreement, WireframeScore
+    >>> WireframeScore(Agreement(4, 4, 4, 5), Agreement(4, 4, 4, 6), 0.1).corners.correctness
+    0.8
+    """
 
     corners: Agreement
     edges: Agreement
@@ -38,8 +59,29 @@ class WireframeScore:
 def evaluate_wireframe(
     result: Wireframe, reference: Wireframe, radius: float = CORNER_RADIUS
 ) -> WireframeScore:
-    """Scores of a wireframe: corners are paired one to one by least total distance; an edge is found when
-    both its corners are and the reference joins them.
+    """Scores of a wireframe.
+
+    Corners are paired one to one by least total distance; an edge is found when both its corners are paired
+    and the reference joins them.
+
+    Parameters
+    ----------
+    result, reference : Wireframe
+        Corners (V, 3) in metres of one system, and edges (E, 2) between them.
+    radius : float
+        Largest distance (m, > 0) of a pair of corners.
+
+    Returns
+    -------
+    WireframeScore
+        Agreement of corners and edges, and the mean distance of the pairs.
+
+    Raises
+    ------
+    TypeError
+        When `radius` is no number.
+    ValueError
+        When `radius` is not above 0.
 
     Examples
     --------
@@ -52,15 +94,17 @@ def evaluate_wireframe(
     >>> score.corners.completeness, round(score.corner_offset_m, 2)
     (1.0, 0.17)
     """
+    check_positive(radius, "radius")
     distance = cdist(result.corners, reference.corners)
-    price = np.where(distance <= radius, distance, 1e6)
-    one, two = linear_sum_assignment(price)
+    cost = np.where(distance <= radius, distance, 1e6)
+    one, two = linear_sum_assignment(cost)
     good = distance[one, two] <= radius
     one, two = one[good], two[good]
     partner = np.full(len(result.corners), -1)
     partner[one] = two
     known = {frozenset(edge) for edge in reference.edges.tolist()}
-    mine = {frozenset(edge) for edge in partner[result.edges].tolist() if min(edge) >= 0}
+    joined = partner[result.edges.reshape(-1, 2)]
+    mine = {frozenset(edge) for edge in joined.tolist() if min(edge) >= 0}
     shared = len(known & mine)
     offsets = distance[one, two]
     return WireframeScore(
@@ -68,6 +112,96 @@ def evaluate_wireframe(
         Agreement(shared, len(reference.edges), shared, len(result.edges)),
         ratio(float(offsets.sum()), len(offsets)),
     )
+
+
+def sum_scores(scores: Sequence[WireframeScore]) -> WireframeScore:
+    """The score of many roofs together, every corner and edge counted alike.
+
+    Parameters
+    ----------
+    scores
+        One of each roof.
+
+    Returns
+    -------
+    The counts added, and the mean offset of all corners that are the same.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.evaluate.wireframes import Wireframe, evaluate_wireframe, sum_scores
+    >>> roof = Wireframe(np.array([[0.0, 0, 5], [10, 0, 5]]), np.array([[0, 1]]))
+    >>> sum_scores([evaluate_wireframe(roof, roof)] * 3).corners.f1
+    1.0
+    """
+
+    def added(agreements: Sequence[Agreement]) -> Agreement:
+        return Agreement(*(sum(counts) for counts in zip(*map(astuple, agreements), strict=True)))
+
+    offsets = [score.corner_offset_m * score.corners.found for score in scores if score.corners.found]
+    corners = added([score.corners for score in scores])
+    return WireframeScore(
+        corners, added([score.edges for score in scores]), ratio(float(sum(offsets)), corners.found)
+    )
+
+
+def compare_wireframes(result: Path, reference: Path) -> Evaluation:
+    """Roof wireframes against others by Building3D's measures: one OBJ file against one, or the files of a
+    folder against those of the same name in another.
+
+    Parameters
+    ----------
+    result, reference
+        OBJ files or folders of them. A file of the reference without one in the result is a roof with nothing
+        found.
+
+    Returns
+    -------
+    The measures over all corners and edges, and a row for each file.
+
+    Raises
+    ------
+    InputError
+        For a file that is no wireframe, and a folder without any.
+
+    Examples
+    --------
+    >>> from eaves.evaluate.wireframes import compare_wireframes
+    >>> from pathlib import Path
+    >>> _ = Path("roof.obj").write_text("v 0 0 5\\nv 9 0 5\\nl 1 2\\n")
+    >>> compare_wireframes(Path("roof.obj"), Path("roof.obj")).figures["corners, F1"]
+    1.0
+    """
+    pairs = [(result, reference)]
+    if reference.is_dir():
+        if not result.is_dir():
+            raise InputError.about(result, "is no folder", "give a folder of wireframes, as the reference is")
+        pairs = [(result / path.name, path) for path in sorted(reference.glob("*.obj"))]
+        if not pairs:
+            raise InputError.about(reference, "holds no wireframe", "give a folder of .obj files")
+    for path in (path for pair in pairs for path in pair):
+        if path.suffix.lower() != ".obj":
+            raise InputError.about(path, "is no wireframe", "compare OBJ with OBJ")
+    scores, rows = [], []
+    for mine, true in pairs:
+        found = read_wireframe(mine) if mine.exists() or len(pairs) == 1 else NOTHING
+        score = evaluate_wireframe(found, read_wireframe(true))
+        scores.append(score)
+        rows.append({"roof": true.stem, **figures_of(score)})
+    figures: dict[str, float | int | str] = {"roofs": len(pairs), **figures_of(sum_scores(scores))}
+    return Evaluation("wireframe", str(result), str(reference), figures, tuple(rows))
+
+
+def figures_of(score: WireframeScore) -> dict[str, float]:
+    """Building3D's measures, by name."""
+    figures = {"mean offset of corners (m)": score.corner_offset_m}
+    for name, agreement in (("corners", score.corners), ("edges", score.edges)):
+        figures |= {
+            f"{name}, precision": agreement.correctness,
+            f"{name}, recall": agreement.completeness,
+            f"{name}, F1": agreement.f1,
+        }
+    return figures
 
 
 def read_wireframe(path: str | Path) -> Wireframe:

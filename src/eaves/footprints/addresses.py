@@ -59,6 +59,7 @@ def split_buildings(
                     xyz=building.xyz[mine],
                     point_id=building.point_id[mine],
                     part=building.part[mine],
+                    not_last=None if building.not_last is None else building.not_last[mine],
                     number=building.number if k == 0 else number,
                     block=footprint,
                     wall_certainty=certainty[k],

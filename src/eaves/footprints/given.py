@@ -18,6 +18,8 @@ MOST_CORNERS = 3000
 """No building has more; lines and checks of all corners with all others would take hours of a million."""
 COARSEST = 1.0
 """No corner is moved so far (m) to have fewer: what has more even so has as many courtyards."""
+PART = "given_part"
+"""Attribute of what a footprint of several parts becomes: 1 for the largest, which keeps the id."""
 MIN_AREA_M2 = 1.0
 """A given footprint, or a part of one, that is smaller is a slip of the pen."""
 
@@ -35,27 +37,40 @@ def repair_footprints(
     """
     found: list[Footprint] = []
     used: set[str] = set()
+    taken = set() if ids is None else set(map(str, ids))
     for number, shape in enumerate(shapes):
         given = "" if ids is None else str(ids[number])
         kept = {} if attributes is None else dict(attributes[number])
-        for part in repaired_parts(shape):
-            found.append(Footprint(part, id=unused_id(given, used), attributes=kept))
+        parts = repaired_parts(shape)
+        for place, part in enumerate(parts, 1):
+            name = unused_id(given, used | taken if place > 1 else used)
+            used.add(name)
+            several = {PART: place} if len(parts) > 1 else {}
+            found.append(Footprint(part, id=name, attributes=kept | several))
     return found
 
 
 def unusable_footprints(
-    shapes: Iterable[BaseGeometry | None], ids: Sequence[str] | None = None
+    shapes: Iterable[BaseGeometry | None],
+    ids: Sequence[str] | None = None,
+    attributes: Sequence[Mapping[str, Any]] | None = None,
 ) -> list[Failure]:
-    """A Failure for each of the `shapes` that has no area to build on."""
+    """A Failure, with a footprint that has id and attributes but no area, for each of the `shapes` that has
+    none to build on."""
     failures = []
     for number, shape in enumerate(shapes):
         if repaired_parts(shape):
             continue
         name = str(number) if ids is None else str(ids[number])
-        what = (
-            "has no geometry" if shape is None or shape.is_empty else f"is a {shape.geom_type} without area"
-        )
-        failures.append(Failure("no_area", f"given footprint '{name}' {what}", "outline"))
+        if shape is None or shape.is_empty:
+            what = "has no geometry"
+        elif not np.isfinite(shapely.get_coordinates(shape)).all():
+            what = "has coordinates that are no numbers"
+        else:
+            what = f"is a {shape.geom_type} without area"
+        kept = {} if attributes is None else dict(attributes[number])
+        place = Footprint(Polygon(), id=name, attributes=kept)
+        failures.append(Failure("no_area", f"given footprint '{name}' {what}", "outline", place))
     return failures
 
 
@@ -83,12 +98,11 @@ def lightened(part: Polygon) -> Polygon:
 
 
 def unused_id(given: str, used: set[str]) -> str:
-    """The id, or the first of id-2, id-3, … not in `used`, where it is added; an empty one stays empty."""
+    """The id, or the first of id-2, id-3, … not in `used`; an empty one stays empty."""
     name, number = given, 1
     while name and name in used:
         number += 1
         name = f"{given}-{number}"
-    used.add(name)
     return name
 
 

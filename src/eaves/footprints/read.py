@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +12,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from eaves.footprints.given import clip_footprints, repair_footprints, unusable_footprints
-from eaves.formats import read_polygons
+from eaves.footprints.given import PART, clip_footprints, repair_footprints, unusable_footprints
+from eaves.formats import InputError, read_polygons
 from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
 
 log = logging.getLogger("eaves")
@@ -55,14 +57,49 @@ def as_box(bounds: Bounds) -> shapely.Polygon:
 
 def read_footprints(
     path: Path, id_field: str | None, system: CoordinateSystem, area: BaseGeometry
-) -> list[Footprint]:
-    """The footprints of a file, repaired and clipped to `area`; what is left out is counted in a warning."""
-    polygons, ids, attributes, _ = read_polygons(path, id_field=id_field, target=system)
-    unusable = unusable_footprints(polygons, ids)
-    if unusable:
-        log.warning("%s: %d footprints left out, the first: %s", path, len(unusable), unusable[0].reason)
-    clipped = clip_footprints(repair_footprints(polygons, ids, attributes), area)
-    inside = [footprint for footprint in clipped if not isinstance(footprint, Failure)]
-    if len(inside) < len(clipped):
-        log.warning("%s: %d footprints lie outside the points, left out", path, len(clipped) - len(inside))
-    return inside
+) -> tuple[list[Footprint], list[Failure]]:
+    """The footprints of a file, repaired and clipped to `area`, and a failure, with what is known of the
+    footprint, for each that cannot be used: none is lost.
+
+    Raises
+    ------
+    InputError
+        When `id_field` leaves a footprint without an id, or gives two the same.
+    """
+    shapes, ids, attributes, _ = read_polygons(path, id_field=id_field, target=system, keep_all=True)
+    if id_field is not None:
+        refuse_ids(path, id_field, [row[id_field] for row in attributes])
+    unusable = unusable_footprints(shapes, ids, attributes)
+    whole = repair_footprints(shapes, ids, attributes)
+    parts = [footprint for footprint in whole if footprint.attributes.get(PART, 1) > 1]
+    if parts:
+        log.warning(
+            "%s: footprints of several parts give a row for each part, the first: '%s'", path, parts[0].id
+        )
+    clipped = clip_footprints(whole, area)
+    inside = [footprint for footprint in clipped if isinstance(footprint, Footprint)]
+    outside = [failure for failure in clipped if isinstance(failure, Failure)]
+    for failures in (unusable, outside):
+        if failures:
+            log.warning(
+                "%s: %d footprints cannot be modelled, the first: %s", path, len(failures), failures[0].reason
+            )
+    return inside, [*unusable, *outside]
+
+
+def refuse_ids(path: Path, id_field: str, ids: Sequence[object]) -> None:
+    """Nothing, when every footprint has an id of its own.
+
+    Raises
+    ------
+    InputError
+        With how many have none, or which one occurs more than once.
+    """
+    remedy = f"mend the field, name another one, or leave --id-field {id_field} out: then they are numbered"
+    empty = sum(one is None or str(one).strip() == "" for one in ids)
+    if empty:
+        raise InputError.about(path, f"{empty} of {len(ids)} footprints have no '{id_field}'", remedy)
+    often = [name for name, count in Counter(map(str, ids)).items() if count > 1]
+    if often:
+        rule = f"{len(often)} values of '{id_field}' occur more than once (the first: '{often[0]}')"
+        raise InputError.about(path, rule, remedy)

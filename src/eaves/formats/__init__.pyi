@@ -1,4 +1,5 @@
 from .chunk import Chunk as Chunk
+from .citygml import write_citygml as write_citygml
 from .cityjson import write_cityjson as write_cityjson
 from .cityjson import write_cityjson_seq as write_cityjson_seq
 from .cityjson_read import CityObject as CityObject
@@ -13,9 +14,12 @@ from .geotiff import write_mask as write_mask
 from .geotiff import write_raster as write_raster
 from .glb import write_glb as write_glb
 from .inputs import find_inputs as find_inputs
+from .lod_layers import write_lod_layers as write_lod_layers
 from .mosaic import MosaicWriter as MosaicWriter
 from .obj import write_obj as write_obj
+from .obj_wireframe import write_obj_wireframe as write_obj_wireframe
 from .parquet import write_geoparquet as write_geoparquet
+from .postgis import write_postgis as write_postgis
 from .source import Source as Source
 from .source import common_system as common_system
 from .source import iter_chunks as iter_chunks

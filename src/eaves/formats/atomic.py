@@ -1,11 +1,11 @@
-"""Files appear whole or not at all: written beside, then renamed."""
+"""Files appear whole or not at all: written beside, brought to the disk, then renamed."""
 
 from __future__ import annotations
 
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from eaves.formats.errors import InputError
@@ -14,7 +14,7 @@ from eaves.formats.errors import InputError
 @contextmanager
 def atomic(path: str | Path) -> Iterator[Path]:
     """A temporary path in the same folder, with the same suffixes; renamed to `path` on leaving, removed
-    on error.
+    on error. What bears the name is on the disk: a computer that loses its power leaves no file half-filled.
 
     Raises
     ------
@@ -25,7 +25,7 @@ def atomic(path: str | Path) -> Iterator[Path]:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         # A folder of its own: drivers put side files (journals, .aux) beside the file they write.
-        workplace = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+        workplace = Path(tempfile.mkdtemp(prefix=f".{target.name}."[:SHORT], dir=target.parent))
     except OSError as error:
         raise InputError.about(
             target, f"the folder cannot be written ({error.strerror})", "choose another output folder"
@@ -33,8 +33,25 @@ def atomic(path: str | Path) -> Iterator[Path]:
     temporary = workplace / target.name
     try:
         yield temporary
-        os.replace(temporary, target)
+        show_file(temporary, target)
     finally:
         for leftover in workplace.iterdir():
             leftover.unlink(missing_ok=True)
         workplace.rmdir()
+
+
+SHORT = 200
+"""A name may have 255 bytes; that of the folder beside a file has eight more."""
+
+
+def show_file(hidden: Path, target: Path) -> None:
+    """Bring a whole file to the disk and give it its name."""
+    with hidden.open("rb+") as file:
+        os.fsync(file.fileno())
+    os.replace(hidden, target)
+    with suppress(OSError):  # Windows opens no folders; there the name is kept with the file
+        folder = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)

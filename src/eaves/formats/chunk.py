@@ -15,10 +15,25 @@ FARTHEST = (2e8, 2e8, 1e5)
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """N points of one file, in the file's order; every array is (N,) but `xyz` (N, 3).
+    """N points of one file, in the file's order.
 
-    `xyz` is in world metres once `source.iter_chunks` hands it out. `position` counts every record of the
-    file, also those left out (withheld points, points without coordinates).
+    Parameters
+    ----------
+    xyz : ndarray (N, 3) of float64
+        World metres once `iter_chunks` returns it.
+    position : ndarray (N,) of int64
+        Number of each record in the file, records that are left out counted too.
+    return_number, number_of_returns, classification : ndarray (N,) of uint8 or None
+        The dimensions of these names, where the file has them.
+    withheld : ndarray (N,) of bool or None
+        Points that the file flags as withheld.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.formats import Chunk
+    >>> len(Chunk(np.zeros((3, 3)), np.arange(3)))
+    3
     """
 
     xyz: Points

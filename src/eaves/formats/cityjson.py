@@ -34,7 +34,7 @@ STEP_M = 0.001
 """Largest step of written coordinates (m): the transform's scale is the power of ten at or under it."""
 CRS_URL = "https://www.opengis.net/def/crs/EPSG/0/"
 WKT_MEMBER = "coordinateSystemWkt"
-"""Member of the metadata with the system's WKT, where the URL does not tell all (no code, heights apart)."""
+"""Member of the metadata with the WKT of a system that no URL identifies (no code, separate heights)."""
 SURFACES = "surfaces"
 """The entry of `BuildingModel.attributes` that holds the attributes of the roof planes."""
 
@@ -48,21 +48,31 @@ def write_cityjson_seq(
     system: CoordinateSystem = LOCAL_METRES,
     title: str = "",
 ) -> int:
-    """Write one line of metadata and one line a building; return the number of buildings.
+    """Write one line of metadata and one line a building.
 
-    Models are taken one by one, so any number of them can stream through. A Failure that knows its
-    footprint is written too, with LoD 0 and the attributes `failure_code` and `failure_reason`.
+    Models are taken one by one, so any number of them can stream through. A Failure that has its footprint is
+    written too, with LoD 0 and the attributes `failure_code` and `failure_reason`.
 
     Parameters
     ----------
-    path
+    path : str or Path
         The file (`.city.jsonl`); it appears when it is whole.
-    models
+    models : iterable of BuildingModel or Failure
         Buildings in metres about their footprint's origin.
-    system
+    system : CoordinateSystem
         Coordinate system the coordinates are written in.
-    title
+    title : str
         Title in the metadata, if any.
+
+    Returns
+    -------
+    int
+        The number of buildings.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------
@@ -98,9 +108,29 @@ def write_cityjson(
     system: CoordinateSystem = LOCAL_METRES,
     title: str = "",
 ) -> int:
-    """Write all buildings as one CityJSON object (`.city.json`); return their number.
+    """Write all buildings as one CityJSON object.
 
-    See `write_cityjson_seq`.
+    Parameters
+    ----------
+    path : str or Path
+        The file (`.city.json`); it appears when it is whole.
+    models : iterable of BuildingModel or Failure
+        Buildings in metres about their footprint's origin; a Failure that has its footprint is written with
+        LoD 0.
+    system : CoordinateSystem
+        Coordinate system the coordinates are written in.
+    title : str
+        Title in the metadata, if any.
+
+    Returns
+    -------
+    int
+        The number of buildings.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------
@@ -119,7 +149,12 @@ def write_cityjson(
             writer = _Vertices(system, footprint_of(model))
         count += 1
         objects.update(_city_objects(model, writer, f"building-{count}"))
-    city = _frame(writer, system, title) | {"CityObjects": objects, "vertices": writer.integers}
+    frame = _frame(writer, system, title)
+    if writer.integers:
+        corners = np.array(writer.integers) * writer.scale + writer.translate
+        extent = {"geographicalExtent": [*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()]}
+        frame["metadata"] = extent | frame.get("metadata", {})
+    city = frame | {"CityObjects": objects, "vertices": writer.integers}
     with atomic(path) as temporary:
         temporary.write_text(_line(city), encoding="utf-8", newline="\n")
     return count
@@ -222,7 +257,8 @@ def _city_objects(result: Result, vertices: _Vertices, name: str) -> dict[str, J
     attributes = attributes_of(result)
     bottoms = [solid.vertices[:, 2].min() for parts in solids.values() for solid in parts]
     base = min(bottoms) if bottoms else float(attributes.get("h_ground") or 0.0)
-    geometries = [_footprint_surface(footprint, base, vertices)]
+    empty = footprint.polygon.is_empty
+    geometries = [] if empty else [_footprint_surface(footprint, base, vertices)]
     parts: dict[str, Json] = {}
     for lod in sorted(solids):
         written = [
@@ -238,6 +274,18 @@ def _city_objects(result: Result, vertices: _Vertices, name: str) -> dict[str, J
                     {"type": "BuildingPart", "parents": [identifier], "geometry": []},
                 )
                 part["geometry"].append(geometry)
+    if isinstance(result, BuildingModel):
+        for number, one in enumerate(result.installations, 1):
+            shape = BuildingModel(footprint, {})
+            about = {"function": one.kind, "height_m": round(one.height, 2), "points": one.points}
+            parts[f"{identifier}-i{number}"] = {
+                "type": "BuildingInstallation",
+                "parents": [identifier],
+                "attributes": clean(about | {"area_m2": round(one.polygon.area, 2)}),
+                "geometry": [
+                    _solid(one.solid, max(solids, default="2.2"), shape, footprint.origin, vertices)
+                ],
+            }
     building: Json = {"type": "Building", "attributes": clean(attributes)}
     building |= {"children": list(parts)} if parts else {}
     return {identifier: building | {"geometry": geometries}} | parts

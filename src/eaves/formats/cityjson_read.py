@@ -48,14 +48,36 @@ class CityGeometry:
 
 @dataclass(frozen=True, eq=False)
 class CityObject:
-    """A Building, BuildingPart or other object of the file."""
+    """A Building, BuildingPart or other object of a CityJSON file.
+
+    Parameters
+    ----------
+    id, type : str
+        Its id and CityJSON type.
+    attributes : mapping
+        Its attributes.
+    geometries : tuple of CityGeometry
+        Its geometries, one a level of detail.
+    vertices : ndarray (V, 3)
+        World metres, of the feature (CityJSONSeq) or file; the geometries' numbers point into it.
+    parents, children : tuple of str
+        Ids of the objects above and below it.
+    system : CoordinateSystem
+        Reference system of the file.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.formats import CityObject
+    >>> CityObject("a", "Building", {}, (), np.zeros((0, 3))).type
+    'Building'
+    """
 
     id: str
     type: str
     attributes: Mapping[str, Any]
     geometries: tuple[CityGeometry, ...]
     vertices: NDArray[np.float64]
-    """(V, 3) world metres, of the feature (CityJSONSeq) or file; the geometries' numbers point into it."""
     parents: tuple[str, ...] = ()
     children: tuple[str, ...] = ()
     system: CoordinateSystem = field(default=LOCAL_METRES)
@@ -81,7 +103,24 @@ class CityObject:
 
 
 def read_cityjson(path: str | Path, crs: str | None = None) -> dict[str, CityObject]:
-    """All city objects of a CityJSON or CityJSONSeq file by id, in the file's order. See `iter_cityjson`.
+    """All city objects of a CityJSON or CityJSONSeq file by id, in the file's order.
+
+    Parameters
+    ----------
+    path : str or Path
+        `.city.json` or `.city.jsonl`.
+    crs : str or None
+        The system of the coordinates, when the file names none and it is not in metres.
+
+    Returns
+    -------
+    dict of str to CityObject
+        Buildings, their parts and other objects.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, no CityJSON 1.1 or 2.0, or its geometry points nowhere.
 
     Examples
     --------
@@ -102,10 +141,15 @@ def iter_cityjson(path: str | Path, crs: str | None = None) -> Iterator[CityObje
 
     Parameters
     ----------
-    path
+    path : str or Path
         `.city.json` or `.city.jsonl`.
-    crs
-        The system the coordinates are in, when the file names none and it is not in metres.
+    crs : str or None
+        The system of the coordinates, when the file names none and it is not in metres.
+
+    Returns
+    -------
+    iterator of CityObject
+        Buildings, their parts and other objects, in the file's order.
 
     Raises
     ------
@@ -219,13 +263,13 @@ class _Frame:
             raise InputError.about(self.path, f"object '{name}' {error}", REPAIR) from None
         except (TypeError, AttributeError, IndexError, RecursionError):
             raise InputError.about(
-                self.path, f"object '{name}' is not built as CityJSON asks", REPAIR
+                self.path, f"object '{name}' does not follow the CityJSON specification", REPAIR
             ) from None
 
     def _system_of(self, head: dict[str, Any], crs: str | None) -> CoordinateSystem:
         metadata = head.get("metadata")
-        told = metadata if isinstance(metadata, dict) else {}
-        url, wkt = told.get("referenceSystem"), told.get(WKT_MEMBER)
+        given = metadata if isinstance(metadata, dict) else {}
+        url, wkt = given.get("referenceSystem"), given.get(WKT_MEMBER)
         if crs is None and not isinstance(url, str) and not isinstance(wkt, str):
             return LOCAL_METRES
         code = str(url).rstrip("/").replace("::", ":").replace("/", ":").split(":")[-1]

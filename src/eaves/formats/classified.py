@@ -28,7 +28,7 @@ UNDATED = date(1, 1, 1)
 TEXT_SCALE = 0.001
 """Step (m) of coordinates that came as text."""
 UNCHANGED = 255
-"""In place of a class: the point was not used, keep what the file says of it."""
+"""In place of a class: the point was not used, keep the values of the file."""
 
 
 class Values(Protocol):
@@ -52,24 +52,22 @@ def write_classified(
 ) -> None:
     """Write the points of a file as LAZ: same records in the same order, classes replaced, dimensions added.
 
-    Withheld points keep all they had, their class included. Text becomes LAS 1.4, point format 6.
+    Withheld points keep all their values, their class included. Text becomes LAS 1.4, point format 6.
 
     Parameters
     ----------
-    source
+    source : Source
         The input file.
-    path
+    path : str or Path
         The LAZ file to write; it appears when it is whole.
-    classification
-        LAS class of every record of the file, (count,) uint8, or `UNCHANGED`; a memory-mapped array is read
-        piece by piece.
-    extra
-        Dimension name → values (count,): `building_id`, `plane_id`, `part`. One that the input has is
-        replaced.
-    chunk_points
-        How many points are in memory at a time.
-    sink
-        Hears the place of the first of some records, and the records as they are written.
+    classification : ndarray (count,) of uint8
+        LAS class of every record of the file, or `UNCHANGED`; a memory-mapped array is read piece by piece.
+    extra : mapping of str to ndarray (count,), or None
+        Dimension name → values: `building_id`, `plane_id`, `part`. One that the input has is replaced.
+    chunk_points : int
+        How many points are in memory at a time (> 0).
+    sink : callable or None
+        Called with the position of the first of some records, and the records, as they are written.
 
     Raises
     ------
@@ -157,7 +155,7 @@ def _copied_header(layout: LasHeader) -> laspy.LasHeader:
 
 
 def _new_header(layout: LasHeader) -> laspy.LasHeader:
-    """A header that says of the input's points what reading them needs, and their coordinate system."""
+    """A header with the description of the input's points and their coordinate system."""
     version = "1.4" if layout.point_format >= FIRST_LAYERED_FORMAT else "1.2"
     header = laspy.LasHeader(version=version, point_format=layout.point_format)
     header.scales, header.offsets = np.array(layout.scales), np.array(layout.offsets)

@@ -1,4 +1,4 @@
-"""Which coordinate system, which units: from what a file or a user says to `CoordinateSystem`."""
+"""The coordinate system and its units, from a file's records or a user's text."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def parse_crs(text: str, path: str | Path = "--crs") -> pyproj.CRS:
     InputError
         When it names none; `path` is what the message blames.
     """
-    said = text.strip()
+    code = text.strip()
     try:
-        if not set(said) & set("[{") and Path(said).is_file():
-            said = Path(said).read_text(encoding="utf-8").strip()
-        if said.replace("+", "").isdigit():
-            said = f"EPSG:{said}"
-        return pyproj.CRS.from_user_input(said)
+        if not set(code) & set("[{") and Path(code).is_file():
+            code = Path(code).read_text(encoding="utf-8").strip()
+        if code.replace("+", "").isdigit():
+            code = f"EPSG:{code}"
+        return pyproj.CRS.from_user_input(code)
     except (CRSError, OSError, UnicodeDecodeError):
         shown = text if len(text) < 60 else text[:57] + "..."
         raise InputError.about(
@@ -125,11 +125,13 @@ def agree(systems: Iterable[tuple[Path, CoordinateSystem]]) -> CoordinateSystem:
     Raises
     ------
     InputError
-        When units or projections differ, or only some files say what they are in.
+        When units or projections differ, or only some files have a system.
     """
     pairs = list(systems)
     chosen_path, chosen = max(pairs, key=lambda pair: (pair[1].wkt is not None, len(pair[1].wkt or "")))
-    remedy = "reproject them to one system, run them apart, or say with crs= or --crs what all of them are in"
+    remedy = (
+        "reproject them to one system, run them apart, or pass the system of all of them as crs= or --crs"
+    )
     for path, system in pairs:
         for mine, others in zip(system.unit_m, chosen.unit_m, strict=True):
             if abs(mine - others) > SAME_UNIT * others:

@@ -1,4 +1,4 @@
-"""A full disk, told from other errors: it ends a run that can be resumed, and is nobody's mistake."""
+"""A full disk, distinguished from other errors: it ends a run that can be resumed."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ PHRASES = (
     *("no space left", "disk is full", "disk full", "write error", "writeerror", "disk quota exceeded"),
     "failed to call write",
 )
-"""How GDAL, SQLite and lazrs say it, which hand on no number."""
+"""Messages of GDAL, SQLite and lazrs, which give no error number."""
 
 
 class DiskFullError(OSError):
-    """The disk is full. Its text is one line that says where, and what to do."""
+    """The disk is full. Its text is one line with the place and the remedy."""
 
 
 def is_full(error: BaseException | None) -> bool:
-    """Whether an error, or the one that caused it, says that the disk is full."""
+    """Whether an error, or the one that caused it, means that the disk is full."""
     while error is not None:
         if isinstance(error, DiskFullError) or getattr(error, "errno", None) in NUMBERS:
             return True

@@ -6,7 +6,17 @@ from pathlib import Path
 
 
 class InputError(ValueError):
-    """A file cannot be used as it is. Its text is one line: file, broken rule with the value, remedy."""
+    """A file cannot be used as it is. Its text is one line: file, broken rule with the value, remedy.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> try:
+    ...     eaves.read("missing.laz")
+    ... except eaves.InputError as error:
+    ...     print("missing.laz" in str(error))
+    True
+    """
 
     @classmethod
     def about(cls, path: str | Path, rule: str, remedy: str) -> InputError:

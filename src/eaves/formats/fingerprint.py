@@ -1,4 +1,4 @@
-"""Whether a file is still the one it was, told without reading all of it."""
+"""Whether a file is unchanged, without reading all of it."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ whose compressed sizes change with any point. Hashing a country whole would read
 def fingerprint(file: BinaryIO) -> bytes:
     """16 bytes that change with an open file's size, time of change, beginning or end."""
     state = os.fstat(file.fileno())
-    told = hashlib.sha256(f"{state.st_size} {state.st_mtime_ns}".encode())
+    digest = hashlib.sha256(f"{state.st_size} {state.st_mtime_ns}".encode())
     file.seek(0)
-    told.update(file.read(SAMPLED_BYTES))
+    digest.update(file.read(SAMPLED_BYTES))
     if state.st_size > 2 * SAMPLED_BYTES:
         file.seek(-SAMPLED_BYTES, 2)
-    told.update(file.read(SAMPLED_BYTES))
-    return told.digest()[:16]
+    digest.update(file.read(SAMPLED_BYTES))
+    return digest.digest()[:16]

@@ -1,4 +1,4 @@
-"""The coordinate system told by GeoTIFF keys, as LAS 1.0 to 1.3 files carry them."""
+"""The coordinate system of GeoTIFF keys, as in LAS 1.0 to 1.3 files."""
 
 from __future__ import annotations
 

@@ -18,8 +18,10 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.formats.atomic import atomic
 from eaves.formats.chunk import FARTHEST
-from eaves.formats.crs import describe, parse_crs, pyproj_crs, system_of
+from eaves.formats.crs import describe, horizontal_crs, parse_crs, pyproj_crs, system_of
 from eaves.formats.errors import InputError
+from eaves.formats.qgis.tables import describe_layers
+from eaves.formats.vector_files import OFFLINE, REMEDY, checked_vector
 from eaves.model import CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
 
@@ -31,6 +33,8 @@ DRIVERS = {
     ".geojson": "GeoJSON",
     ".json": "GeoJSON",
 }
+GEOJSON_OPTIONS = {"RFC7946": "YES", "COORDINATE_PRECISION": "8"}
+"""Eight decimals of a degree are a millimetre."""
 PIECE_ROWS = 20_000
 """Rows of a GeoPackage in memory at a time; the other formats cannot be added to and take all at once."""
 
@@ -54,8 +58,25 @@ def write_geopackage(
     in the system's units.
 
     A column's type is that of its values: whole numbers, numbers, truth, text; what is missing or NaN is
-    null. The columns stand in the order in which the rows bring them up. Rows are gone through twice, and
+    null. The columns have the order in which the rows name them first. Styles for QGIS and the columns'
+    titles and units are in the file (`eaves.formats.qgis`). Rows are gone through twice, and
     written piece by piece: an iterable that makes them anew each time needs the memory of one piece.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file (`.gpkg`); it appears when it is whole.
+    footprints, roof_planes : iterable of Row
+        Geometry in world metres and attributes of each feature; a layer without rows is left out.
+    system : CoordinateSystem
+        Reference system of the layers.
+    review : iterable of Row
+        What to look at first; a layer of its own where it has rows.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------
@@ -72,12 +93,16 @@ def write_geopackage(
             _write_layer(temporary, rows, system, "GPKG", layer)
         for _ in islice(review, 1):
             _write_layer(temporary, review, system, "GPKG", "review")
+        describe_layers(temporary, system)
 
 
 def write_polygons(
     path: str | Path, rows: Iterable[Row], system: CoordinateSystem = LOCAL_METRES, layer: str = "footprints"
 ) -> None:
     """Write one layer in the format of the file's extension: .gpkg, .fgb, .geojson.
+
+    GeoJSON is in longitude and latitude (WGS 84) as RFC 7946 has it; a local system has none, and stays as
+    it is, with a warning.
 
     Raises
     ------
@@ -87,6 +112,8 @@ def write_polygons(
     suffix = Path(path).suffix.lower()
     if suffix not in DRIVERS:
         raise InputError.about(path, f"'{suffix}' is no known vector format", f"use {', '.join(DRIVERS)}")
+    if DRIVERS[suffix] == "GeoJSON" and system.wkt is None:
+        log.warning("%s: the data have no reference system, so they are not in WGS 84; use --crs", path)
     with atomic(path) as temporary:
         _write_layer(temporary, rows, system, DRIVERS[suffix], layer)
 
@@ -96,28 +123,34 @@ def read_polygons(
     layer: str | None = None,
     id_field: str | None = None,
     target: CoordinateSystem | None = None,
+    keep_all: bool = False,
 ) -> tuple[list[Polygon | MultiPolygon], list[str], list[dict[str, Any]], CoordinateSystem]:
-    """The polygons of a vector file in world metres, their ids, their attributes, and the system they are in.
+    """The polygons of a vector file in world metres, their ids, their attributes, and their reference system.
 
     Parameters
     ----------
-    path
-        Shapefile, GeoPackage, GeoJSON, FlatGeobuf, or what else GDAL reads.
-    layer
+    path : str or Path
+        Shapefile, GeoPackage, GeoJSON or FlatGeobuf; no other driver is used, no address reached.
+    layer : str or None
         The layer of a file of several; by default its first layer of polygons.
-    id_field
+    id_field : str or None
         The field that names the features; by default they are numbered from 1.
-    target
-        The system wanted: polygons in another one are reprojected. One of the two without a place on Earth is
-        taken to be in the other.
+    target : CoordinateSystem or None
+        The system wanted: polygons in another one are reprojected. When one of the two has no place on Earth,
+        both are taken to be the same.
+    keep_all : bool
+        Keep features without coordinates, too, as empty polygons.
 
     Returns
     -------
-    polygons
-        Polygon or MultiPolygon as they are, invalid ones too; features without coordinates are left
-        out, with a warning.
-    ids, attributes, system
-        One id and one mapping a polygon; `target` when given, else the file's own system.
+    polygons : list of Polygon or MultiPolygon
+        As they are, invalid ones too; features without coordinates are left out, with a warning.
+    ids : list of str
+        One a polygon.
+    attributes : list of dict
+        One a polygon.
+    system : CoordinateSystem
+        `target` when given, else the file's own.
 
     Raises
     ------
@@ -154,6 +187,9 @@ def read_polygons(
         )
     kinds_of = dict(zip(names, meta["dtypes"], strict=True))
     kept = [n for n, shape in enumerate(shapes) if _has_coordinates(shape)]
+    if keep_all:
+        shapes[[n for n in range(len(shapes)) if n not in set(kept)]] = Polygon()
+        kept = list(range(len(shapes)))
     if len(kept) < len(shapes):
         log.warning("%s: %d features without coordinates are left out", path, len(shapes) - len(kept))
     polygons, system = _in_metres(path, shapes[kept], meta["crs"], target)
@@ -165,8 +201,8 @@ def read_polygons(
 
 
 def _read_layer(path: Path, layer: str | None) -> tuple[dict[str, Any], NDArray[np.object_], list[Any]]:
-    """What pyogrio tells of a layer, its geometries as WKB and its columns."""
-    # where it is used: it brings geopandas, pandas and pyarrow along, 0.4 s and 130 MB no block needs
+    """What pyogrio reads of a layer: its description, its geometries as WKB and its columns."""
+    # imported late: it imports geopandas, pandas and pyarrow, 0.4 s and 130 MB that no block needs
     import pyogrio.raw
     from pyogrio import errors
 
@@ -177,16 +213,19 @@ def _read_layer(path: Path, layer: str | None) -> tuple[dict[str, Any], NDArray[
         errors.FieldError,
         errors.GeometryError,
     )
-    refusal = InputError.about(
-        path,
-        "is not a vector file that can be read",
-        "give a shapefile, GeoPackage, GeoJSON or FlatGeobuf",
-    )
+    refusal = InputError.about(path, "is not a vector file that can be read", REMEDY)
     with warnings.catch_warnings():  # GDAL's remarks on single features: those lost are counted later
         warnings.simplefilter("ignore", RuntimeWarning)
         try:
-            layer = _chosen_layer(path, layer)
-            meta, _, wkb, columns = pyogrio.raw.read(path, layer=layer)
+            with checked_vector(path) as (safe, driver):
+                pyogrio.set_gdal_config_options(OFFLINE)
+                layer = _chosen_layer(path, safe, layer)
+                if pyogrio.read_info(safe, layer=layer, force_feature_count=False)["driver"] not in (
+                    driver,
+                    f"{driver}Seq",
+                ):
+                    raise refusal
+                meta, _, wkb, columns = pyogrio.raw.read(safe, layer=layer)
         except InputError:
             raise
         except (*ogr_errors, ValueError, IndexError, OverflowError, MemoryError, OSError):
@@ -198,11 +237,11 @@ def _read_layer(path: Path, layer: str | None) -> tuple[dict[str, Any], NDArray[
     return meta, wkb, columns
 
 
-def _chosen_layer(path: Path, layer: str | None) -> str | None:
+def _chosen_layer(path: Path, safe: Path, layer: str | None) -> str | None:
     """The layer asked for, which must be there; else the first of polygons, else the first."""
     import pyogrio
 
-    layers = pyogrio.list_layers(path)
+    layers = pyogrio.list_layers(safe)
     names = [str(name) for name, _ in layers]
     if layer is not None and layer not in names:
         raise InputError.about(
@@ -273,6 +312,15 @@ class _Schema:
         return schema
 
 
+def append_rows(
+    path: Path, rows: Sequence[Row], system: CoordinateSystem, layer: str, kinds: Mapping[str, type]
+) -> None:
+    """Add rows of upright polygons to a layer of a GeoPackage, both made where missing; `kinds` are the types
+    of the columns."""
+    schema = _Schema({name: {kind} for name, kind in kinds.items()}, several=True, count=len(rows))
+    _write_rows(path, rows, schema, system, "GPKG", layer, append=path.exists())
+
+
 def _write_layer(path: Path, rows: Iterable[Row], system: CoordinateSystem, driver: str, layer: str) -> None:
     schema = _Schema.of(rows)
     waiting = iter(rows)
@@ -300,8 +348,12 @@ def _write_rows(
     columns = [
         _column([row.attributes.get(name) for row in rows], kinds) for name, kinds in schema.kinds.items()
     ]
-    with warnings.catch_warnings():  # a local system has no projection to tell, and the reader has said so
+    with warnings.catch_warnings():  # a local system has no projection; the reader has warned
         warnings.filterwarnings("ignore", message="'crs' was not provided")
+        wkt, options = system.wkt, {}
+        if driver == "GeoJSON" and wkt is not None:
+            plane = horizontal_crs(system)
+            wkt, options = plane.to_wkt() if plane else wkt, GEOJSON_OPTIONS
         pyogrio.raw.write(
             path,
             geometry=shapely.to_wkb(shapes) if len(shapes) else shapes,
@@ -313,8 +365,9 @@ def _write_rows(
             geometry_type=("MultiPolygon" if schema.several else "Polygon")
             + (" Z" if schema.upright else ""),
             promote_to_multi=schema.several,
-            crs=system.wkt,
+            crs=wkt,
             append=append,
+            layer_options=options,
         )
 
 

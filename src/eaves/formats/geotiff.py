@@ -43,7 +43,7 @@ def transform_of(west: float, north: float, cell: float, system: CoordinateSyste
 
 
 def profile_of(raster_shape: tuple[int, int], transform: Affine, system: CoordinateSystem) -> dict[str, Any]:
-    """What rasterio needs to know of a raster of one band."""
+    """The profile of a raster of one band for rasterio."""
     rows, columns = raster_shape
     return {
         "height": rows,
@@ -64,14 +64,19 @@ def write_raster(
 
     Parameters
     ----------
-    path
+    path : str or Path
         The file; it appears when it is whole.
-    raster
+    raster : Raster
         Heights (H, W) in metres, placed in metres about `origin`.
-    system
+    system : CoordinateSystem
         The coordinate system; position, cell and heights are converted to its units.
-    origin
+    origin : (float, float)
         World metres of the raster's local (0, 0).
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------
@@ -98,10 +103,25 @@ def write_mask(
     cell: float,
     system: CoordinateSystem = LOCAL_METRES,
 ) -> None:
-    """Write a building mask (H, W), row 0 north, as uint8 GeoTIFF of 0 and 1, with its world file beside
-    (`.tfw`).
+    """Write a building mask as uint8 GeoTIFF of 0 and 1, with its world file (`.tfw`) beside it.
 
-    `west`, `north` (the outer corner) and `cell` are world metres.
+    Parameters
+    ----------
+    path : str or Path
+        The file; it appears when it is whole.
+    mask : ndarray (H, W) of bool
+        Row 0 north.
+    west, north : float
+        The outer corner (world m).
+    cell : float
+        Side of a cell (m, > 0).
+    system : CoordinateSystem
+        The coordinate system; position and cell are converted to its units.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------
@@ -134,8 +154,21 @@ def write_world_file(path: Path, transform: Affine) -> None:
 def read_raster(
     path: str | Path, origin: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[Raster, CoordinateSystem]:
-    """The first band of a raster file in metres about `origin`, and its coordinate system; NaN where no
-    data is.
+    """The first band of a raster file in metres about `origin`, and its coordinate system.
+
+    Parameters
+    ----------
+    path : str or Path
+        A GeoTIFF, or another raster format that GDAL reads.
+    origin : (float, float)
+        World metres that become local (0, 0).
+
+    Returns
+    -------
+    raster : Raster
+        Heights (H, W) float32 in metres; NaN where the file has no data.
+    system : CoordinateSystem
+        The file's reference system.
 
     Raises
     ------

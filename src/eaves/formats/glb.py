@@ -42,22 +42,27 @@ Json = dict[str, Any]
 def write_glb(
     path: str | Path, models: Iterable[BuildingModel | Failure], system: CoordinateSystem = LOCAL_METRES
 ) -> int:
-    """Write one node a building; return the number of buildings with a mesh.
+    """Write one node a building.
 
     Parameters
     ----------
-    path
+    path : str or Path
         The file (`.glb`); it appears when it is whole.
-    models
+    models : iterable of BuildingModel or Failure
         Buildings in metres about their footprint's origin, taken one by one; only their attributes and the
         sizes of their meshes stay in memory.
-    system
+    system : CoordinateSystem
         Coordinate system that `asset.extras` states the origin in.
+
+    Returns
+    -------
+    int
+        The number of buildings with a mesh.
 
     Raises
     ------
     InputError
-        When the buildings need more than the 4 GB of a GLB file.
+        When the buildings need more than the 4 GB of a GLB file, or the folder cannot be written.
 
     Examples
     --------

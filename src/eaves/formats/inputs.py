@@ -20,6 +20,16 @@ def find_inputs(paths: str | Path | Sequence[str | Path]) -> list[Path]:
 
     A folder gives its LAS, LAZ and COPC files, or its text files when it has none of them.
 
+    Parameters
+    ----------
+    paths : str, Path or sequence of them
+        Files, folders or globs.
+
+    Returns
+    -------
+    list of Path
+        At least one file.
+
     Raises
     ------
     InputError

@@ -14,6 +14,7 @@ from eaves.formats.copc import chunks_within
 from eaves.formats.errors import InputError
 from eaves.formats.las_header import COPY_AGAIN, LasHeader
 from eaves.formats.laz import decompress, read_chunk_table
+from eaves.formats.recovery import whole_chunks
 
 NEEDED = (
     lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL
@@ -49,7 +50,7 @@ def iter_records(
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
     """Positions (N,) and point records (N, record length) as bytes, decompressed, about `size` at a time.
 
-    `part` (k, n) asks for the k-th of n runs of records; a COPC file comes node by node in either case.
+    `part` (k, n) selects the k-th of n runs of records; a COPC file is read node by node in either case.
     """
     if not header.count:
         return
@@ -65,13 +66,29 @@ def iter_records(
                 records = np.frombuffer(data, np.uint8).reshape(number, header.record_length)
                 yield np.arange(first, first + number), records
             return
-        table = read_chunk_table(file, header)
+        if header.salvaged and header.chunks is None:
+            if part[0] == 0:
+                yield from numbered(whole_chunks(header, file), header.count)
+            return
+        table = header.chunks if header.salvaged else read_chunk_table(file, header)
         which = np.arange(len(table.points))
-        if rectangle is not None and header.copc is not None:
+        if rectangle is not None and header.copc is not None and not header.salvaged:
             which = chunks_within(file, header, table, rectangle)
         start, end = (len(which) * (part[0] + step) // part[1] for step in (0, 1))
         if start < end:
             yield from decompress(file, header, table, which[start:end], selection, size)
+
+
+def numbered(
+    pieces: Iterator[NDArray[np.uint8]], count: int
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
+    """The first `count` records, piece by piece, with their positions."""
+    first = 0
+    for records in pieces:
+        if first == count:
+            return
+        yield np.arange(first, first + len(records)), records
+        first += len(records)
 
 
 def _decode(header: LasHeader, position: NDArray[np.int64], records: NDArray[np.uint8]) -> Chunk:

@@ -1,4 +1,4 @@
-"""What the header of a LAS, LAZ or COPC file says, believed only as far as the file's size allows."""
+"""The header of a LAS, LAZ or COPC file, checked against the size of the file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import pyproj
 from pyproj.exceptions import CRSError
@@ -54,6 +54,14 @@ class LasHeader:
     """Owner, id and data of the projection, laszip and COPC records."""
     first: tuple[float, ...] = ()
     """The first point, which compression leaves as it is; empty where there is none."""
+    room: int = 0
+    """Bytes between the first point and what follows the points."""
+    stated: int | None = None
+    """The count of a header that is wrong; `count` is right."""
+    salvaged: bool = False
+    """Whether only the whole chunks of a file without a table of them are read."""
+    chunks: Any = None
+    """Where those chunks are (`laz.ChunkTable`), if the file tells."""
 
     def record(self, owner: str, number: int) -> bytes | None:
         """The data of one record, None when there is none."""
@@ -71,7 +79,7 @@ class LasHeader:
 
     @property
     def projection(self) -> tuple[tuple[str, int, bytes], ...]:
-        """The records that tell the coordinate system."""
+        """The records of the coordinate system."""
         return tuple(record for record in self.records if record[0] == "LASF_Projection")
 
     @property
@@ -97,12 +105,12 @@ class LasHeader:
         )
 
     def crs(self) -> tuple[pyproj.CRS | None, float | None]:
-        """The coordinate system and the vertical unit (m), None where the file does not tell.
+        """The coordinate system and the vertical unit (m), None where the file has none.
 
         Raises
         ------
         InputError
-            When it tells one that cannot be understood.
+            When it has one that cannot be parsed.
         """
         wkt = self.record("LASF_Projection", WKT_RECORD)
         text = (wkt or b"").rstrip(b"\0 ").decode("utf-8", "replace")
@@ -119,9 +127,10 @@ class LasHeader:
         return crs_of_geokeys(keys)
 
 
-def read_las_header(path: Path, file: BinaryIO) -> LasHeader | None:
+def read_las_header(path: Path, file: BinaryIO, salvage: bool = False) -> LasHeader | None:
     """The checked header of an open file; only the header and the records that matter are read. None when
-    the file neither begins as LAS, LAZ and COPC do nor is named so.
+    the file neither begins as LAS, LAZ and COPC do nor is named so. With `salvage` a file that is cut off
+    passes with the points it still has.
 
     Raises
     ------
@@ -139,10 +148,10 @@ def read_las_header(path: Path, file: BinaryIO) -> LasHeader | None:
         )
     if len(head) < 227:
         raise InputError.about(path, f"is cut off after {size} bytes, within its header", COPY_AGAIN)
-    return _parse(path, file, head, size)
+    return _parse(path, file, head, size, salvage)
 
 
-def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:
+def _parse(path: Path, file: BinaryIO, head: bytes, size: int, salvage: bool) -> LasHeader:
     def refuse(rule: str, remedy: str = WRITE_AGAIN) -> InputError:
         return InputError.about(path, rule, remedy)
 
@@ -157,7 +166,7 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:
     if header_size < HEADER_LENGTHS[minor] or header_size > data_offset:
         raise refuse(f"states a header of {header_size} bytes before points at byte {data_offset}")
     if data_offset > size:
-        raise refuse(f"promises points from byte {data_offset} but has {size} bytes", COPY_AGAIN)
+        raise refuse(f"states points from byte {data_offset} and has {size} bytes", COPY_AGAIN)
     if point_format not in RECORD_LENGTHS:
         raise refuse(f"has point format {point_format}, known are 0 to 10")
     if record_length < RECORD_LENGTHS[point_format]:
@@ -174,7 +183,16 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:
         first_evlr, evlr_count, long_count = struct.unpack_from("<QIQ", head, 235)
         count = long_count or count
     records = _read_records(file, path, header_size, record_count, data_offset, VLR_HEADER)
-    records += _read_records(file, path, first_evlr, evlr_count, size, EVLR_HEADER)
+    try:
+        records += _read_records(file, path, first_evlr, evlr_count, size, EVLR_HEADER)
+    except InputError:
+        if not salvage:
+            raise
+    behind = struct.unpack_from("<Q", head, 227)[0] if minor >= 3 and len(head) >= 235 else 0
+    ends = [place for place in (behind, first_evlr if evlr_count else 0) if data_offset < place < size]
+    room = min([size, *ends]) - data_offset
+    if salvage and not compressed:
+        count = min(count, room // record_length)
     header = LasHeader(
         path=path,
         size=size,
@@ -189,6 +207,7 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int) -> LasHeader:
         highest=(east, north, top),
         compressed=compressed,
         records=records,
+        room=room,
         first=_first_point(file, data_offset + (8 if compressed else 0), scales, offsets) if count else (),
     )
     _check_points(header, refuse)
@@ -214,7 +233,7 @@ def _check_points(header: LasHeader, refuse: object) -> None:
             held = space // header.record_length
             raise InputError.about(
                 path,
-                f"is cut off: the header promises {header.count} points, the file holds {held}",
+                f"is cut off: the header states {header.count} points, the file holds {held}",
                 COPY_AGAIN,
             )
         return
@@ -222,7 +241,7 @@ def _check_points(header: LasHeader, refuse: object) -> None:
     if header.count > BOMB_POINTS and header.count > BOMB_POINTS_PER_BYTE * space:
         raise InputError.about(
             path,
-            f"promises {header.count} points in {space} bytes, which no survey compresses to",
+            f"states {header.count} points in {space} bytes, which no survey compresses to",
             WRITE_AGAIN,
         )
 

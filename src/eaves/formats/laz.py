@@ -42,7 +42,7 @@ def read_chunk_table(file: BinaryIO, header: LasHeader) -> ChunkTable:
     Raises
     ------
     InputError
-        When the table is missing or promises what the file cannot hold.
+        When the table is missing or states more than the file can hold.
     """
     start = header.data_offset + 8
     file.seek(header.data_offset)
@@ -128,7 +128,7 @@ def guard(header: LasHeader, call: Callable[[], Any]) -> Any:
 
 
 def _check_layers(header: LasHeader, piece: bytes, number: int) -> None:
-    """A chunk of layers says the size of each: together they must fit, or memory is asked for that never
+    """A chunk of layers holds the size of each: together they must fit, or memory is requested that never
     fills."""
     if header.point_format < 6:
         return

@@ -55,11 +55,11 @@ class Mesh:
         return self.vertices[pairs[:, 1]], self.normal[pairs[:, 0]], numbers.reshape(-1, 3)
 
 
-def mesh_of(answer: BuildingModel | Failure) -> Mesh | None:
+def mesh_of(result: BuildingModel | Failure) -> Mesh | None:
     """The mesh of the finest level of a building; None for a failure and for a model without solids."""
-    if not isinstance(answer, BuildingModel) or not answer.solids:
+    if not isinstance(result, BuildingModel) or not result.solids:
         return None
-    return mesh_of_solids(answer.solids[answer.lod])
+    return mesh_of_solids(result.solids[result.lod])
 
 
 def mesh_of_solids(solids: Iterable[Solid]) -> Mesh:
@@ -97,19 +97,19 @@ def unit_normal(ring: Points) -> Points:
 
 def triangulate_faces(solid: Solid) -> list[list[tuple[int, int, int]]]:
     """The triangles of every face, by the solid's own vertices only: a closed solid gives a closed mesh."""
-    answer: list[list[tuple[int, int, int]]] = []
+    result: list[list[tuple[int, int, int]]] = []
     polygons, numbers, vertex_at = [], [], []
     for number, face in enumerate(solid.faces):
         outer = face.rings[0]
-        answer.append([])
+        result.append([])
         if len(face.rings) == 1 and len(outer) == 3:
-            answer[-1].append((outer[0], outer[1], outer[2]))
+            result[-1].append((outer[0], outer[1], outer[2]))
             continue
         plane = plane_axes(unit_normal(solid.vertices[list(outer)]))
         flat = [(solid.vertices[list(ring)] - solid.vertices[outer[0]]) @ plane.T for ring in face.rings]
         if len(face.rings) == 1 and len(outer) == 4 and is_convex(flat[0]):
             a, b, c, d = outer
-            answer[-1] += [(a, b, c), (a, c, d)]
+            result[-1] += [(a, b, c), (a, c, d)]
             continue
         polygons.append(shapely.Polygon(flat[0], flat[1:]))
         numbers.append(number)
@@ -118,12 +118,12 @@ def triangulate_faces(solid: Solid) -> list[list[tuple[int, int, int]]]:
     for number, names, cover in zip(numbers, vertex_at, triangulate(polygons), strict=True):
         if cover is None:
             outer = solid.faces[number].rings[0]
-            answer[number] = [(outer[0], outer[k], outer[k + 1]) for k in range(1, len(outer) - 1)]
+            result[number] = [(outer[0], outer[k], outer[k + 1]) for k in range(1, len(outer) - 1)]
             continue
         for ring in shapely.get_coordinates(orient(cover)).reshape(-1, 4, 2)[:, :3].tolist():
             a, b, c = (names[tuple(xy)] for xy in ring)
-            answer[number].append((a, b, c))
-    return answer
+            result[number].append((a, b, c))
+    return result
 
 
 def triangulate(polygons: Sequence[shapely.Polygon]) -> list[NDArray[np.object_] | None]:

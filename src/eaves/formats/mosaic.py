@@ -28,21 +28,37 @@ CACHE_BYTES = 64 << 20
 class MosaicWriter:
     """Collects pieces of one raster and writes it: dtm.tif, dsm.tif (float32 heights) or mask.tif (uint8).
 
-    Every piece carries more than its own cells; `write` keeps those whose centre lies within the bounds
-    given, so pieces computed with overlap leave no seam. Cells no piece covers are NaN (0 in a mask).
+    Every piece has more than its own cells; `write` keeps those whose centre lies within the bounds given, so
+    pieces computed with overlap leave no seam. Cells that no piece covers are NaN (0 in a mask).
 
     Parameters
     ----------
-    path
+    path : str or Path
         The file; it appears when `finish` has run (leaving the `with` block without an error does).
-    bounds
+    bounds : Bounds
         World metres of the whole, widened to whole multiples of `cell`.
-    cell
-        Cell side, metres.
-    system
+    cell : float
+        Side of a cell (m, > 0).
+    system : CoordinateSystem
         The coordinate system; position, cell and heights are converted to its units.
-    mask
+    mask : bool
         Whether values are 0 and 1 (uint8, with a world file) and not heights.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves import Bounds, Raster
+    >>> from eaves.formats import MosaicWriter, read_raster
+    >>> piece = Raster(np.ones((4, 4), np.float32), west=0.0, north=4.0, cell=1.0)
+    >>> with MosaicWriter("dtm.tif", Bounds(0.0, 0.0, 4.0, 4.0), 1.0) as writer:
+    ...     writer.write(piece, Bounds(0.0, 0.0, 4.0, 4.0))
+    >>> read_raster("dtm.tif")[0].shape
+    (4, 4)
     """
 
     def __init__(

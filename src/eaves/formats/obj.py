@@ -1,7 +1,9 @@
 """Building models as Wavefront OBJ with a material library.
 
-Coordinates are in the coordinate system's units, z up, less an offset of whole units that a line near the
-top states (`# offset x y z`): programs that read OBJ keep seven digits, and world coordinates need ten.
+Coordinates are in the coordinate system's units, less an offset of whole units that a line near the top
+states (`# offset x y z`, east, north, up): programs that read OBJ keep seven digits, and world coordinates
+need ten. As Blender and most programs expect of the format, the second axis points up: a corner is written
+as east, up, south.
 Every building is an object and a group named by its id, at its finest level of detail; every kind of surface
 has its material. A building without a model is a comment with its reason.
 """
@@ -27,16 +29,26 @@ DECIMALS = 4
 def write_obj(
     path: str | Path, models: Iterable[BuildingModel | Failure], system: CoordinateSystem = LOCAL_METRES
 ) -> int:
-    """Write `path` (`.obj`) and the materials beside it (`.mtl`); return the number of buildings with a mesh.
+    """Write the meshes of buildings (`.obj`) and the materials beside them (`.mtl`).
 
     Parameters
     ----------
-    path
+    path : str or Path
         The file; it appears when it is whole.
-    models
+    models : iterable of BuildingModel or Failure
         Buildings in metres about their footprint's origin, taken one by one.
-    system
+    system : CoordinateSystem
         Coordinate system whose units the coordinates are in.
+
+    Returns
+    -------
+    int
+        The number of buildings with a mesh.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------
@@ -52,7 +64,9 @@ def write_obj(
     offset: np.ndarray | None = None
     count, start = 0, 1
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(f"# eaves: buildings, z up; coordinates plus offset are in {describe(system)}\n")
+        file.write(
+            f"# eaves: buildings as east, up, south from an offset (east, north, up) in {describe(system)}\n"
+        )
         for number, model in enumerate(models, 1):
             footprint = footprint_of(model)
             name = "_".join((footprint.id if footprint else "").split()) or f"building-{number}"
@@ -67,7 +81,7 @@ def write_obj(
                 file.write("# offset {:.0f} {:.0f} {:.0f}\n".format(*offset))
                 file.write(f"mtllib {path.with_suffix('.mtl').name}\n")
             file.write(f"o {name}\ng {name}\n")
-            for row in world - offset:
+            for row in (world - offset)[:, [0, 2, 1]] * [1.0, 1.0, -1.0]:
                 file.write("v " + " ".join(f"{value:.{DECIMALS}f}" for value in row) + "\n")
             for kind, surface in enumerate(SURFACES):
                 triangles = mesh.triangles_of(kind) + start

@@ -36,13 +36,23 @@ def require_pyarrow() -> None:
 
 
 def write_geoparquet(path: str | Path, rows: Sequence[Row], system: CoordinateSystem = LOCAL_METRES) -> None:
-    """Write one row a feature: its attributes, `geometry` as WKB in the system's units, `bbox` for fast
-    windows. Columns have the types that `write_geopackage` gives them.
+    """Write one row a feature: its attributes, `geometry` (WKB in the system's units) and `bbox`.
+
+    Columns have the types that `write_geopackage` gives them.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file (`.parquet`); it appears when it is whole.
+    rows : sequence of Row
+        Geometry in world metres and attributes of each feature.
+    system : CoordinateSystem
+        Reference system of the file.
 
     Raises
     ------
     InputError
-        When pyarrow is not installed.
+        When pyarrow is not installed, or the folder cannot be written.
 
     Examples
     --------
@@ -57,8 +67,10 @@ def write_geoparquet(path: str | Path, rows: Sequence[Row], system: CoordinateSy
     import pyarrow.parquet
 
     shapes = np.array([row.geometry for row in rows] or [], dtype=object)
-    if system.horizontal_unit_m != 1.0 and len(shapes):
-        shapes = shapely.transform(shapes, lambda xy: xy / system.horizontal_unit_m)
+    upright = bool(len(shapes)) and bool(shapely.has_z(shapes).all())
+    if system.unit_m != (1.0, 1.0, 1.0) and len(shapes):
+        unit = np.array(system.unit_m if upright else system.unit_m[:2])
+        shapes = shapely.transform(shapes, lambda xyz: xyz / unit, include_z=upright)
     columns: dict[str, Any] = {}
     for name in dict.fromkeys(name for row in rows for name in row.attributes):
         values, missing = column_of([row.attributes.get(name) for row in rows])
@@ -78,11 +90,13 @@ def write_geoparquet(path: str | Path, rows: Sequence[Row], system: CoordinateSy
 def geo_metadata(
     shapes: np.ndarray[Any, Any], corners: np.ndarray[Any, Any], system: CoordinateSystem
 ) -> dict[str, Any]:
-    """The `geo` entry of the file's metadata, as the specification wants it."""
+    """The `geo` entry of the file's metadata, after the specification."""
     crs = horizontal_crs(system)
     column: dict[str, Any] = {
         "encoding": "WKB",
-        "geometry_types": sorted({shape.geom_type for shape in shapes if shape is not None}),
+        "geometry_types": sorted(
+            {shape.geom_type + " Z" * shape.has_z for shape in shapes if shape is not None}
+        ),
         "crs": None if crs is None else crs.to_json_dict(),
         "covering": {"bbox": {name: ["bbox", name] for name in ("xmin", "ymin", "xmax", "ymax")}},
     }

@@ -20,6 +20,7 @@ from eaves.formats.fingerprint import fingerprint
 from eaves.formats.inputs import find_inputs
 from eaves.formats.las import WHOLE, iter_las
 from eaves.formats.las_header import LasHeader, read_las_header
+from eaves.formats.recovery import corrected
 from eaves.formats.text import TextLayout, iter_text, read_text_layout
 from eaves.model import Block, Bounds, CoordinateSystem, Mask, PointCloud, Points
 from eaves.model.cloud import snap
@@ -40,48 +41,79 @@ higher than wide (a tile of 0.01° has metres of relief) or stored in steps unde
 
 @dataclass(frozen=True)
 class Source:
-    """One input file: what its header says. Picklable, so that workers can open it again."""
+    """One input file, as its header describes it. Picklable, so that workers can open it again.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kind : str
+        `las`, `laz`, `copc` or `text`.
+    count : int
+        Records in the file, withheld ones included.
+    bounds : Bounds
+        World metres, closed on all sides.
+    heights : (float, float)
+        Lowest and highest point (m).
+    system : CoordinateSystem
+        Its reference system.
+    fields : tuple of str
+        Which of `return_number`, `number_of_returns`, `classification` the points have.
+    layout : LasHeader or TextLayout
+        Where the records are in the file.
+
+    Examples
+    --------
+    >>> from eaves.formats import open_source
+    >>> from eaves.simulate import nine_roofs_on_a_slope, write_simulation
+    >>> source = open_source(write_simulation(nine_roofs_on_a_slope(density=1.0), "nine")["points"])
+    >>> source.kind, source.count
+    ('laz', 10404)
+    """
 
     path: Path
     kind: str
-    """`las`, `laz`, `copc` or `text`."""
     count: int
-    """Records in the file, withheld ones included."""
     bounds: Bounds
-    """World metres, closed on all sides."""
     heights: tuple[float, float]
-    """Lowest and highest point, metres."""
     system: CoordinateSystem
     fields: tuple[str, ...]
-    """Which of `return_number`, `number_of_returns`, `classification` the points carry."""
     layout: LasHeader | TextLayout = field(repr=False, compare=False)
 
     @property
     def measured(self) -> bool:
         """Whether the points had to be read to know this."""
-        return not (isinstance(self.layout, LasHeader) and _box_is_believed(self.layout))
+        layout = self.layout
+        return not (isinstance(layout, LasHeader) and _box_is_likely(layout) and not layout.salvaged)
 
     @property
-    def lies(self) -> bool:
+    def has_wrong_bbox(self) -> bool:
         """Whether its header states a bounding box that cannot be that of its points."""
         layout = self.layout
-        return isinstance(layout, LasHeader) and layout.extent_is_known and not _box_is_believed(layout)
+        return isinstance(layout, LasHeader) and layout.extent_is_known and not _box_is_likely(layout)
 
 
-def open_source(path: str | Path, crs: str | None = None) -> Source:
-    """What a file holds, from its header alone (a text file has none: its points are read once).
+def open_source(path: str | Path, crs: str | None = None, salvage: bool = False) -> Source:
+    """The description of a file, from its header alone (a text file has none: its points are read once).
 
     Parameters
     ----------
-    path
+    path : str or Path
         LAS, LAZ, COPC or text `x y z [label]`.
-    crs
+    crs : str or None
         EPSG code, compound code (`28992+5709`), or a file with WKT or PROJJSON; it overrides the file's own.
+    salvage : bool
+        Of a file that is cut off, open what is whole.
+
+    Returns
+    -------
+    Source
+        What the header states, in metres.
 
     Raises
     ------
     InputError
-        When the file is missing, empty, cut off, damaged, in degrees, or its header lies.
+        When the file is missing, empty, cut off, damaged, in degrees, or its header contradicts its points.
 
     Examples
     --------
@@ -90,21 +122,24 @@ def open_source(path: str | Path, crs: str | None = None) -> Source:
     >>> open_source(write_simulation(nine_roofs_on_a_slope(density=1.0), "nine")["points"]).count
     10404
     """
-    return _opened(path, crs, lambda file: b"")[0]
+    return _opened(path, crs, lambda file: b"", salvage)[0]
 
 
-def open_marked(path: str | Path, crs: str | None = None) -> tuple[Source, bytes]:
+def open_marked(path: str | Path, crs: str | None = None, salvage: bool = False) -> tuple[Source, bytes]:
     """What `open_source` gives, and the file's fingerprint, for one opening."""
-    return _opened(path, crs, fingerprint)
+    return _opened(path, crs, fingerprint, salvage)
 
 
-def _opened(path: str | Path, crs: str | None, look: Callable[[BinaryIO], bytes]) -> tuple[Source, bytes]:
+def _opened(
+    path: str | Path, crs: str | None, look: Callable[[BinaryIO], bytes], salvage: bool
+) -> tuple[Source, bytes]:
     path = Path(path)
     try:
         with path.open("rb") as file:
             if os.fstat(file.fileno()).st_size == 0:
                 raise InputError.about(path, "is empty (0 bytes)", "copy or download it again")
-            header, seen = read_las_header(path, file), look(file)
+            header, seen = read_las_header(path, file, salvage), look(file)
+            header = header and corrected(header, file, salvage)
         return _open_text(path, crs) if header is None else _open_las(header, crs), seen
     except OSError as error:
         raise InputError.about(
@@ -114,6 +149,16 @@ def _opened(path: str | Path, crs: str | None, look: Callable[[BinaryIO], bytes]
 
 def common_system(sources: Sequence[Source]) -> CoordinateSystem:
     """The coordinate system all files share; warns once when there is none.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+        At least one file.
+
+    Returns
+    -------
+    CoordinateSystem
+        The system of all of them.
 
     Raises
     ------
@@ -133,9 +178,19 @@ def common_system(sources: Sequence[Source]) -> CoordinateSystem:
     return system
 
 
+def is_simulated(path: Path) -> bool:
+    """Whether a LAS file says that `eaves simulate` made it."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(90)
+    except OSError:
+        return False
+    return head[:4] == b"LASF" and head[58:90].rstrip(b"\0") == b"eaves simulate"
+
+
 def warn_without_system(system: CoordinateSystem, first: Path, count: int) -> None:
-    """Say so, once for `count` files, when they have no coordinate system."""
-    if system.wkt is None:
+    """Say so, once for `count` files, when they have no coordinate system; simulated scenes need none."""
+    if system.wkt is None and not is_simulated(first):
         log.warning(
             "%s has no coordinate system: a local plane in metres is assumed; if it is in feet, or has a "
             "place on Earth, pass crs= or --crs",
@@ -151,10 +206,29 @@ def iter_chunks(
 ) -> Iterator[Chunk]:
     """The points of a file in world metres, in its order, about `chunk_points` at a time.
 
-    `part` (k, n) gives the k-th of n runs of the file's records, so that several processes share a file; of a
-    text file the first run is the whole. Withheld points and points without coordinates (NaN, or
-    x = y = z = 0) are left out; positions count them. With `bounds` (world metres, half-open) only the points
-    inside come; of COPC only the nodes needed are read.
+    Withheld points and points without coordinates (NaN, or x = y = z = 0) are left out; positions count them.
+
+    Parameters
+    ----------
+    source : Source
+        The file (`open_source`).
+    bounds : Bounds or None
+        World metres, half-open: only the points inside are returned; of COPC only the nodes needed are read.
+    chunk_points : int
+        About how many points a chunk holds (> 0).
+    part : (int, int)
+        The k-th of n runs of the file's records, so that several processes share a file; of a text file the
+        first run is the whole.
+
+    Returns
+    -------
+    iterator of Chunk
+        The points; no chunk is empty of arrays that the file has.
+
+    Raises
+    ------
+    InputError
+        When the file is cut off or damaged.
 
     Examples
     --------
@@ -197,12 +271,12 @@ def read(
 
     Parameters
     ----------
-    paths
+    paths : str, Path or sequence of them
         Files, folders or globs; they are read in the order of `find_inputs`.
-    bounds
+    bounds : Bounds or None
         World metres; only the points inside are read.
-    crs
-        Overrides what the files say (see `open_source`).
+    crs : str or None
+        Overrides the system that the files name (see `open_source`).
 
     Returns
     -------
@@ -259,7 +333,7 @@ def read(
 
 
 def has_coordinates(xyz: Points) -> Mask:
-    """Which points (N, 3) have coordinates: not NaN, not all zero, which is how writers say 'none', and not
+    """Which points (N, 3) have coordinates: not NaN, not all zero, which writers use for 'none', and not
     beyond `FARTHEST`, which is how damage looks.
     """
     near: Mask = np.abs(xyz[:, 2]) <= FARTHEST[2]  # false for NaN, too
@@ -282,7 +356,7 @@ def _native_chunks(
 
 def _open_las(header: LasHeader, crs: str | None) -> Source:
     count, low, high = header.count, header.lowest, header.highest
-    if not _box_is_believed(header):
+    if not _box_is_likely(header):
         try:
             count, low, high = _measured(header)
         except InputError:  # of a damaged file the points before the damage are used, wherever they are
@@ -295,24 +369,24 @@ def _open_las(header: LasHeader, crs: str | None) -> Source:
     return _source(kind, count, low, high, system, FIELDS, header)
 
 
-def _box_is_believed(header: LasHeader) -> bool:
+def _box_is_likely(header: LasHeader) -> bool:
     """Whether the points need not be read to know where they are."""
     return not header.count or (header.extent_is_known and header.extent_is_likely)
 
 
 @dataclass(frozen=True)
 class _Projection:
-    """What decides a file's system: its projection records, or what the caller says instead."""
+    """What decides a file's system: its projection records, or what the caller gives instead."""
 
     records: tuple[tuple[str, int, bytes], ...]
     crs: str | None
     header: LasHeader = field(compare=False)
 
 
-@lru_cache(maxsize=64)  # the tiles of a country say the same thing a million times
-def _declared(said: _Projection) -> CoordinateSystem | None:
-    header = said.header
-    crs, vertical_unit = (parse_crs(said.crs), None) if said.crs else header.crs()
+@lru_cache(maxsize=64)  # a million tiles of a country have the same records
+def _declared(given: _Projection) -> CoordinateSystem | None:
+    header = given.header
+    crs, vertical_unit = (parse_crs(given.crs), None) if given.crs else header.crs()
     centre = (header.lowest[0] + header.highest[0]) / 2, (header.lowest[1] + header.highest[1]) / 2
     return None if crs is None else system_of(crs, header.path, centre, vertical_unit)
 
@@ -325,8 +399,7 @@ def _open_text(path: Path, crs: str | None) -> Source:
 
 
 def _measured(layout: LasHeader | TextLayout) -> tuple[int, Corner, Corner]:
-    """Count and corners of the points themselves, for files that do not tell or lie; zeros when there are
-    none."""
+    """Count and corners of the points themselves, for files whose header is wrong; zeros without points."""
     count, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
     for chunk in _native_chunks(layout, None, CHUNK_POINTS):
         count = int(chunk.position[-1]) + 1

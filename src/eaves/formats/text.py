@@ -33,7 +33,7 @@ class TextLayout:
 
 
 def read_text_layout(path: Path) -> TextLayout:
-    """The layout, told by the first line of numbers and the line of names before it.
+    """The layout, from the first line of numbers and the line of names before it.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def read_text_layout(path: Path) -> TextLayout:
 
 
 def iter_text(layout: TextLayout, size: int) -> Iterator[Chunk]:
-    """Chunks of `size` points in the file's order; NaN where a line says so.
+    """Chunks of `size` points in the file's order; NaN where a line has it.
 
     Raises
     ------

@@ -1,10 +1,10 @@
 """Building models as 3D Tiles 1.1: `tileset.json` and one GLB a block.
 
-A tile holds the buildings whose coordinates share an origin (those at home in one block), at their finest
+A tile holds the buildings whose coordinates share an origin (those of one owner block), at their finest
 level of detail, in one mesh about that origin; every building is a feature with its attributes. The tile's
 transform takes it to Earth-centred coordinates: its axes are the images of 100 m east, north and up in the
 coordinate system at the tile's middle, so grid convergence and scale are in it, and a block of 240 m leaves
-the curve of the Earth by 2 mm. Heights above a geoid need its grid, which PROJ may not have; a warning says
+the curve of the Earth by 2 mm. Heights above a geoid need its grid, which PROJ may not have; a warning states
 so, and `asset.extras` what was added. Data with no place on Earth make a tileset in local metres. Tiles are
 leaves of a quadtree.
 """
@@ -12,7 +12,6 @@ leaves of a quadtree.
 from __future__ import annotations
 
 import json
-import logging
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -28,13 +27,13 @@ from pyproj.transformer import TransformerGroup
 from eaves.formats.atomic import atomic
 from eaves.formats.cityjson import attributes_of, clean
 from eaves.formats.crs import horizontal_crs, pyproj_crs
+from eaves.formats.crs_check import vertical_datum
 from eaves.formats.features import EXTENSIONS, add_feature_numbers, add_property_table
 from eaves.formats.glb import GlbParts, Json, scene_extras, y_up
 from eaves.formats.meshes import SURFACES, Mesh, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.coordinates import LOCAL_METRES
 
-log = logging.getLogger("eaves")
 ARM = 100.0
 """Length (m) over which the directions of the axes are measured."""
 CHILDREN = 8
@@ -59,17 +58,27 @@ class Leaf:
 def write_3dtiles(
     folder: str | Path, models: Iterable[BuildingModel | Failure], system: CoordinateSystem = LOCAL_METRES
 ) -> int:
-    """Write `tileset.json` and `content/*.glb` into a folder; return the number of buildings with a mesh.
+    """Write `tileset.json` and `content/*.glb` into a folder.
 
     Parameters
     ----------
-    folder
-        Made when missing. An older tileset in it goes first; the new `tileset.json` is written last.
-    models
+    folder : str or Path
+        Made when missing. An older tileset in it is removed first; the new `tileset.json` is written last.
+    models : iterable of BuildingModel or Failure
         Buildings in metres about their footprint's origin, those of one origin next to each other; one
         origin's buildings are in memory at a time.
-    system
+    system : CoordinateSystem
         Coordinate system of the buildings.
+
+    Returns
+    -------
+    int
+        The number of buildings with a mesh.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written, or the system has no place on Earth.
 
     Examples
     --------
@@ -98,7 +107,8 @@ def write_3dtiles(
             stale.unlink()
     nothing: Json = {"boundingVolume": {"sphere": [0, 0, 0, 1]}, "geometricError": 0}
     root = node_of(leaves) if leaves else nothing
-    extras = {"crs": system.code, "geoid_height_added_m": earth.lifts()}
+    extras: Json = {"crs": system.code, "vertical_datum": vertical_datum(system)}
+    extras["geoid_height_added_m"] = earth.lifts()
     asset = {"version": "1.1", "generator": f"eaves {version('eaves')}", "extras": extras}
     tileset: Json = {"asset": asset, "geometricError": 2 * root["geometricError"]}
     tileset["root"] = {"refine": "ADD", **root}
@@ -218,16 +228,10 @@ class Earth:
         whole = pyproj_crs(system)
         self._upright = None
         if whole is not None and whole.is_compound:
-            with warnings.catch_warnings():  # said below in our own words
+            with warnings.catch_warnings():  # warned of below, with the remedy
                 warnings.filterwarnings("ignore", message="Best transformation is not available")
                 group = TransformerGroup(whole, GEODETIC, always_xy=True)
             self._upright = group.transformers[0] if group.transformers else None
-            if not group.best_available:
-                log.warning(
-                    "3dtiles: PROJ lacks the geoid grid of %s, so heights are taken as above the ellipsoid; "
-                    "install the grid (pyproj sync) or raise the tileset in the viewer",
-                    whole.name,
-                )
 
     def frame(self, start: NDArray[np.float64], middle: NDArray[np.float64]) -> Matrix:
         """The matrix (4, 4) from metres east, north and up of `start` (3,) to the tileset's coordinates,
@@ -251,8 +255,8 @@ class Earth:
     def _geoid_height(self, x: float, y: float, z: float) -> float:
         lifted = z * self.unit[2]
         if self._upright is not None:
-            answer = float(self._upright.transform(x, y, z)[2])
-            lifted = answer if np.isfinite(answer) else lifted
+            height = float(self._upright.transform(x, y, z)[2])
+            lifted = height if np.isfinite(height) else lifted
         self._added.append(lifted - z * self.unit[2])
         return self._added[-1]
 

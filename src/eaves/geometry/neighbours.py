@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from eaves.model import Bounds, Mask, Points, Values
 
 POINTS_PER_CELL = 8
-"""A cell this full tells occupied from empty ground: of mean 8, one Poisson cell in 3,000 is empty."""
+"""Mean number of points in a cell that is occupied: of mean 8, one Poisson cell in 3,000 is empty."""
 FINEST_M = 0.5
 """Side of the first cells that are tried; a power of two, so that counting is exact at every width."""
 TABLE_CELLS = 64
@@ -20,7 +20,7 @@ def measure_spacing(xyz: Points) -> float:
     """Mean spacing (m) of points (N, 2 or 3) in plan: 1 / √density over the area where there are points.
 
     The area is counted in cells widened until the occupied ones hold `POINTS_PER_CELL` on average, so
-    that gaps (water, the outside of an oblique scene) do not thin the answer.
+    that gaps (water, the outside of an oblique scene) do not lower the density.
     """
     if len(xyz) < 2:
         return 1.0

@@ -29,7 +29,7 @@ class Tin:
 
     Coordinates are taken as whole multiples of `GRID_STEP`, so every decision is exact and the result does
     not depend on rounding. Insertion follows a Hilbert curve and costs about half a microsecond a point.
-    With no three points off one line there are no triangles: `located` then answers -1 everywhere.
+    With no three points off one line there are no triangles: `locate` then returns -1 everywhere.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Tin:
             self.whole, numbers, self._vertices, self._neighbours, self._count, self._start
         )
 
-    def located(self, xy: Points, hint: Ids | None = None) -> Ids:
+    def locate(self, xy: Points, hint: Ids | None = None) -> Ids:
         """The triangle (N,) that holds each point; a hull triangle for points outside, -1 without triangles.
 
         `hint` (N,) is written to and read from: the triangle where the search for a point begins.
@@ -104,9 +104,9 @@ class Tin:
         start = np.full(len(xy), -1, np.int32) if hint is None else hint
         return np.asarray(locate_kernel(self.whole, whole, self.vertices, self.neighbours, start))
 
-    def interpolated(self, heights: Values, xy: Points) -> Values:
+    def interpolate(self, heights: Values, xy: Points) -> Values:
         """Linear heights (N,) at points (N, 2 or 3), from `heights` of all points; NaN outside the hull."""
-        triangle = self.located(xy)
+        triangle = self.locate(xy)
         if self._count == 0:
             return np.full(len(xy), np.nan)
         return np.asarray(
@@ -383,7 +383,7 @@ def linear_kernel(xy: Points, heights: Values, vertices: Ids, triangle: Ids, tar
         vx, vy = xy[c, 0] - xy[a, 0], xy[c, 1] - xy[a, 1]
         wx, wy = targets[i, 0] - xy[a, 0], targets[i, 1] - xy[a, 1]
         area = ux * vy - uy * vx
-        if area == 0.0:  # three points whose turn is less than a double can tell
+        if area == 0.0:  # three points whose turn is below the precision of a double
             found[i] = heights[a]
             continue
         s, t = (wx * vy - wy * vx) / area, (ux * wy - uy * wx) / area

@@ -1,4 +1,4 @@
-"""The ground stage: contract of a filter, and the verb that classifies a cloud with one."""
+"""The ground stage: contract of a ground filter, and the function that classifies a cloud."""
 
 from __future__ import annotations
 
@@ -7,18 +7,28 @@ from typing import ClassVar
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.outliers import find_outliers
+from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, WideObjects
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
 from eaves.model import Mask, PointCloud, Points
+from eaves.model.checks import check_type
 from eaves.model.cloud import GROUND, HIGH_NOISE, LOW_NOISE, NOISE_CLASSES, UNCLASSIFIED
 
 
 class GroundMethod(Method):
-    """Tells ground from everything else.
+    """What a ground filter must do.
 
-    `ground_mask` sees a cloud without noise, in canonical order, about the origin of its block, with or
-    without returns, and answers a mask (N,). It may be given 0, 1, 2, collinear or duplicate points.
+    `ground_mask` gets a cloud without noise, in canonical order, about the origin of its block, with or
+    without returns, and returns a mask (N,). It must accept 0, 1, 2, collinear and duplicate points.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> isinstance(eaves.AdaptiveTin(), eaves.GroundMethod)
+    True
     """
 
     stage: ClassVar[str] = "ground"
@@ -27,27 +37,72 @@ class GroundMethod(Method):
         """Whether each point is ground; see the class."""
         raise NotImplementedError
 
+    def separate(self, cloud: PointCloud, emit: Emit = ignore) -> tuple[Mask, NDArray[np.uint8] | None]:
+        """The mask (N,), and the walls, trees and small regions (N,) found on the way, by a filter that does.
+
+        What is found once is handed on with the cloud (`PointCloud.part`), so that the detector of the same
+        paper need not find it again.
+        """
+        return self.ground_mask(cloud, emit), None
+
+    @property
+    def wide_buffer(self) -> float:
+        """How far away (m) a point can be and still change what `find_wide_objects` finds here; 0 where it
+        finds nothing. A tiler adds the side of its squares.
+        """
+        return 0.0
+
+    def ground_mask_among(self, cloud: PointCloud, standing: Standing, emit: Emit = ignore) -> Mask:
+        """As `ground_mask`, where it is known of some points (N,) where they stand."""
+        mask = np.zeros(len(cloud), bool)
+        below = np.flatnonzero(standing != OVER)
+        mask[below] = self.ground_mask(cloud.take(below), emit)
+        return mask
+
+    def find_wide_objects(self, floor: Floor) -> Patch | None:
+        """What the method takes away before its filter sees a point, whatever its width; None for nothing.
+
+        `floor` may be that of a far wider surrounding than `reach`.
+        """
+        return None
+
 
 def classify_ground(
     cloud: PointCloud,
     method: MethodChoice = None,
     *,
     use_classes: bool = False,
+    wide: WideObjects | None = None,
     debug: str | Path | Emit | None = None,
 ) -> PointCloud:
     """The cloud with classes 2 (ground), 7 and 18 (low and high noise) and 1 (the rest).
 
     Parameters
     ----------
-    cloud
-        N points in any order; those with NaN coordinates become class 7.
-    method
-        The filter; the default is `AdaptiveTin()`.
-    use_classes
-        Believe the file's classes 2, 7 and 18 instead of filtering, and keep its other classes; without
-        any class 2 the method runs all the same.
-    debug
-        A folder or a callback that receives every named intermediate.
+    cloud : PointCloud
+        N ≥ 0 points in any order, in local metres; those with NaN coordinates become class 7.
+    method : GroundMethod, str, mapping or None
+        The filter, its name, or its parameters; None is `AdaptiveTin()`.
+    use_classes : bool
+        Use the file's classes 2, 7 and 18 instead of filtering, and keep its other classes; without any class
+        2 the method runs all the same. Noise classes of the file are kept in any case.
+    wide : WideObjects or None
+        What stands over the terrain, where more than the cloud was seen to find it; by default it is looked
+        for in the cloud.
+    debug : str, Path, callable or None
+        A folder or a callback `(name, value)` that receives every named intermediate.
+
+    Returns
+    -------
+    PointCloud
+        The same N points in the same order; `classification` (N,) uint8 is replaced.
+
+    Raises
+    ------
+    TypeError
+        When `cloud` is no PointCloud, or `method` no ground method.
+    ValueError
+        When no method or parameter has that name, or a value is out of range.
 
     Examples
     --------
@@ -59,31 +114,43 @@ def classify_ground(
     >>> bool(wrong.mean() < 0.05)
     True
     """
+    check_type(cloud, PointCloud, "cloud", "use eaves.read(path) or PointCloud.from_world(xyz)")
+    filter_ = resolve_method("ground", method)
+    assert isinstance(filter_, GroundMethod)
     given = cloud.classification
     finite = finite_kernel(cloud.xyz)
     classes = np.full(len(cloud), UNCLASSIFIED, np.uint8)
     classes[~finite] = LOW_NOISE
-    believed = use_classes and given is not None and bool((given == GROUND).any())
-    if believed and given is not None:
+    if use_classes and given is not None and bool((given == GROUND).any()):
         classes[finite] = given[finite]
         return cloud.with_(classification=classes)
 
     left = np.flatnonzero(finite)
-    if given is not None:  # noise is noise whoever says so
-        said = np.isin(given[left], NOISE_CLASSES)
-        classes[left[said]] = given[left[said]]
-        left = left[~said]
+    if given is not None:  # noise classes of the file are always kept
+        noise = np.isin(given[left], NOISE_CLASSES)
+        classes[left[noise]] = given[left[noise]]
+        left = left[~noise]
     taken = cloud.take(left)
     low, high = find_outliers(taken)
     classes[left[low]], classes[left[high]] = LOW_NOISE, HIGH_NOISE
     good = np.flatnonzero(~(low | high))
     taken, good = taken.take(good), left[good]
+    if wide is None and len(taken):
+        patch = filter_.find_wide_objects(Floor.of(taken))
+        wide = None if patch is None else WideObjects((patch,))
     order = taken.canonical_order()
-    filter_ = resolve_method("ground", method)
-    assert isinstance(filter_, GroundMethod)
-    mask = filter_.ground_mask(taken.take(order), emitter(debug))
+    taken = taken.take(order)
+    found = None
+    if wide is None:
+        mask, found = filter_.separate(taken, emitter(debug))
+    else:
+        mask = filter_.ground_mask_among(taken, wide.place(taken), emitter(debug))
     classes[good[order[mask]]] = GROUND
-    return cloud.with_(classification=classes)
+    part = None
+    if found is not None:
+        part = np.zeros(len(cloud), np.uint8)
+        part[good[order]] = found
+    return cloud.with_(classification=classes, part=part)
 
 
 @njit(cache=True)

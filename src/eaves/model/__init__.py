@@ -9,6 +9,7 @@ from eaves.model.building import (
     Failure,
     Finding,
     Footprint,
+    Installation,
     RoofPlane,
     Solid,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "Finding",
     "Footprint",
     "Grid",
+    "Installation",
     "Labels",
     "Mask",
     "PointCloud",

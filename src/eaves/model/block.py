@@ -17,7 +17,19 @@ ABREAST = 128
 
 @dataclass(frozen=True)
 class Bounds:
-    """An axis-parallel rectangle in metres: west, south, east, north; half-open towards east and north."""
+    """An axis-parallel rectangle in metres, half-open towards east and north.
+
+    Parameters
+    ----------
+    west, south, east, north : float
+        Its sides (m), in the world or about a local origin; west ≤ east and south ≤ north.
+
+    Examples
+    --------
+    >>> from eaves import Bounds
+    >>> Bounds(0.0, 0.0, 10.0, 5.0).buffered(1.0)
+    Bounds(west=-1.0, south=-1.0, east=11.0, north=6.0)
+    """
 
     west: float
     south: float
@@ -88,7 +100,21 @@ def extremes(xyz: Points) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 @dataclass(frozen=True, order=True)
 class Block:
-    """Square number (`column`, `row`) of the world grid with the given side (m)."""
+    """A square of the world grid.
+
+    Parameters
+    ----------
+    column, row : int
+        Its number, counted eastwards and northwards from world (0, 0).
+    side : float
+        Its side (m, > 0).
+
+    Examples
+    --------
+    >>> from eaves import Block
+    >>> Block.at(500.0, 100.0).origin
+    (480.0, 0.0)
+    """
 
     column: int
     row: int
@@ -111,7 +137,7 @@ class Block:
         return f"{self.column}_{self.row}"
 
     def rng(self) -> np.random.Generator:
-        """The block's own random numbers: the same in every run, whoever computes the block."""
+        """The block's own random numbers: the same in every run and every process."""
         return np.random.default_rng([self.column & 0xFFFFFFFF, self.row & 0xFFFFFFFF])
 
     @classmethod

@@ -22,21 +22,59 @@ GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE = "GroundSurface", "WallSurface", "Ro
 
 @dataclass(frozen=True, eq=False)
 class Boundary:
-    """The raw outline of a set of points: rings of points in order, as a tracer found them.
+    """The raw outline of a set of points, before it is regularised.
 
-    `rings` holds closed rings (M, 2) without repeated last point: the outer one counter-clockwise, then
-    the holes clockwise. `points` (N, 3) are all points of the region, `spacing` their mean distance in
-    plan (m).
+    Parameters
+    ----------
+    rings : tuple of ndarray (M, 2)
+        Closed rings (local m) without repeated last point: the outer one counter-clockwise, then holes
+        clockwise.
+    points : ndarray (N, 3)
+        All points of the region (local m).
+    spacing : float
+        Mean distance (m) of the points in plan.
+    not_last : ndarray (K, 3) or None
+        Those of the points whose pulses have a later return; None where the scan does not say.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves import Boundary
+    >>> square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
+    >>> Boundary((square,), np.column_stack([square, np.full(4, 3.0)]), spacing=4.0).spacing
+    4.0
     """
 
     rings: tuple[NDArray[np.float64], ...]
     points: Points
     spacing: float
+    not_last: Points | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """The outline of one building: a valid polygon, counter-clockwise, in local metres about `origin`."""
+    """The outline of one building.
+
+    Parameters
+    ----------
+    polygon : shapely.Polygon
+        A valid polygon, counter-clockwise, holes allowed, in local metres about `origin`.
+    origin : (float, float)
+        World metres of local (0, 0).
+    id : str
+        Identifier; empty until the building has one.
+    score : float
+        Confidence of the detector, 0 to 1.
+    attributes : dict
+        Further columns of the footprint.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from eaves import Footprint
+    >>> Footprint(shapely.box(0, 0, 10, 8), id="shed").polygon.area
+    80.0
+    """
 
     polygon: Polygon
     origin: tuple[float, float] = (0.0, 0.0)
@@ -45,8 +83,8 @@ class Footprint:
     attributes: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # A grid on which later overlays would round gets lost on the way to another process; the answer must
-        # not depend on that.
+        # A precision grid is lost when a polygon is sent to another process, and overlays round to it: the
+        # result must not depend on that.
         if shapely.get_precision(self.polygon):
             free = shapely.set_precision(self.polygon, 0.0, mode="pointwise")
             object.__setattr__(self, "polygon", free)
@@ -60,8 +98,24 @@ class Footprint:
 class RoofPlane:
     """A plane z = a·x + b·y + c in local metres, and the points it was fitted to.
 
-    `members` (K,) are indices into the building's points. `polygon` is the plane's extent in plan where
-    known.
+    Parameters
+    ----------
+    coefficients : (float, float, float)
+        a, b and c (m).
+    members : ndarray (K,) of int64
+        Indices into the building's points.
+    rmse : float
+        Root mean square distance (m) of the members.
+    polygon : shapely.Polygon or None
+        Extent of the plane in plan, where known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves import RoofPlane
+    >>> plane = RoofPlane((1.0, 0.0, 5.0), np.arange(3), rmse=0.02)
+    >>> round(float(np.degrees(plane.slope)), 6)
+    45.0
     """
 
     coefficients: tuple[float, float, float]
@@ -94,34 +148,127 @@ class RoofPlane:
 
 @dataclass(frozen=True)
 class Face:
-    """One planar face of a solid: rings of vertex numbers, counter-clockwise from outside, then holes."""
+    """One planar face of a solid.
+
+    Parameters
+    ----------
+    rings : tuple of tuple of int
+        Vertex numbers of the outer ring, counter-clockwise seen from outside, then of the holes.
+    surface : str
+        `GroundSurface`, `WallSurface` or `RoofSurface`.
+    plane : int or None
+        For roof faces: index of the roof plane.
+
+    Examples
+    --------
+    >>> from eaves import Face
+    >>> Face(((0, 1, 2, 3),), "RoofSurface", plane=0).surface
+    'RoofSurface'
+    """
 
     rings: tuple[tuple[int, ...], ...]
     surface: str
     plane: int | None = None
-    """Index of the roof plane it lies on, for roof faces."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A closed, outward-oriented shell: `vertices` (V, 3) in local metres, shared by the faces."""
+    """A closed, outward-oriented shell.
+
+    Parameters
+    ----------
+    vertices : ndarray (V, 3)
+        Coordinates in local metres, shared by the faces.
+    faces : tuple of Face
+        Its faces; their rings index `vertices`.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> solid = nine_roofs_on_a_slope(density=1.0).buildings[0].model().solids["2.2"][0]
+    >>> solid.vertices.shape, len(solid.faces)
+    ((8, 3), 6)
+    """
 
     vertices: Points
     faces: tuple[Face, ...]
 
 
 @dataclass(frozen=True, eq=False)
+class Installation:
+    """An object on a roof that the building's solids leave out: a block over its outline in plan.
+
+    Parameters
+    ----------
+    kind : str
+        `chimney`, `dormer`, `plant` or `lift_housing`, by its size and the roof it stands on.
+    polygon : Polygon
+        Its outline, in metres about the footprint's origin.
+    base, top : float
+        Lowest roof under it, height of its top (m).
+    height : float
+        Median height of its points over the roof (m).
+    points : int
+        Points that show it.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from eaves.model import Installation
+    >>> len(Installation("chimney", shapely.box(0, 0, 1, 1), 8.0, 9.5, 1.2, 20).solid.faces)
+    6
+    """
+
+    kind: str
+    polygon: Polygon
+    base: float
+    top: float
+    height: float
+    points: int
+
+    @property
+    def solid(self) -> Solid:
+        """The block from the lowest roof under the object to its top."""
+        ring = np.asarray(shapely.orient_polygons(self.polygon).exterior.coords)[:-1, :2]
+        count = len(ring)
+        vertices = np.vstack([np.column_stack([ring, np.full(count, z)]) for z in (self.base, self.top)])
+        faces = [Face((tuple(range(count - 1, -1, -1)),), GROUND_SURFACE)]
+        faces.append(Face((tuple(range(count, 2 * count)),), ROOF_SURFACE))
+        for corner in range(count):
+            after = (corner + 1) % count
+            faces.append(Face(((corner, after, count + after, count + corner),), WALL_SURFACE))
+        return Solid(np.round(vertices, 3), tuple(faces))
+
+
+@dataclass(frozen=True, eq=False)
 class BuildingModel:
     """A building at one or more levels of detail.
 
-    `solids[lod]` holds the parts of the building at that level: one, or several where one solid would touch
-    itself. `planes` are the roof planes the finest level stands on.
+    Parameters
+    ----------
+    footprint : Footprint
+        Its outline; all coordinates count from `footprint.origin`.
+    solids : dict of str to tuple of Solid
+        Level of detail → parts: one, or several where one solid would touch itself.
+    planes : tuple of RoofPlane
+        The roof planes of the finest level.
+    attributes : dict
+        Heights, areas, volume, method and what else describes the building.
+    installations : tuple of Installation
+        What stands on the roof and is too small for the solids.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> nine_roofs_on_a_slope(density=1.0).buildings[0].model().lod
+    '2.2'
     """
 
     footprint: Footprint
     solids: dict[str, tuple[Solid, ...]]
     planes: tuple[RoofPlane, ...] = ()
     attributes: dict[str, Any] = field(default_factory=dict)
+    installations: tuple[Installation, ...] = ()
 
     @property
     def lod(self) -> str:
@@ -135,12 +282,30 @@ class BuildingModel:
 
 @dataclass(frozen=True)
 class Failure:
-    """Why hard data gave no answer. It is false, so `if not result:` reads well."""
+    """Why hard data gave no result. It is false, so `if not result:` reads well.
+
+    Parameters
+    ----------
+    code : str
+        Short and stable, listed in docs/errors.md: `too_few_points`, `no_plane`, `not_a_house`, …
+    reason : str
+        One sentence with the values that made it fail.
+    stage : str
+        The stage that failed: `outline`, `reconstruct`, …
+    footprint : Footprint or None
+        The outline of the building, where known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import eaves
+    >>> result = eaves.trace_outline(np.zeros((3, 3)), spacing=0.5)
+    >>> bool(result), result.code
+    (False, 'too_few_points')
+    """
 
     code: str
-    """Short and stable, listed in docs/errors.md: `too_few_points`, `no_plane`, `not_a_house`, …"""
     reason: str
-    """One sentence with the values that made it fail."""
     stage: str = ""
     footprint: Footprint | None = field(default=None, compare=False, repr=False)
 
@@ -150,7 +315,27 @@ class Failure:
 
 @dataclass(frozen=True)
 class Finding:
-    """One defect found by `validate`: val3dity's code number, where, and what."""
+    """One defect found by `validate_model` or `validate_file`.
+
+    Parameters
+    ----------
+    code : int
+        val3dity's code number.
+    name : str
+        val3dity's name of the code.
+    building : str
+        Id of the building, with the number of the part where there are several.
+    where : str
+        Level of detail, shell and face.
+    detail : str
+        One sentence with the values.
+
+    Examples
+    --------
+    >>> from eaves import Finding
+    >>> Finding(203, "NON_PLANAR_POLYGON_DISTANCE_PLANE", "a", "lod 2.2", "0.05 m from the plane").code
+    203
+    """
 
     code: int
     name: str

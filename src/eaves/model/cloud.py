@@ -1,4 +1,4 @@
-"""The point cloud: coordinates in metres about a local origin, and what the scanner told of each point."""
+"""The point cloud: coordinates in metres about a local origin, and the scanner's data on each point."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from eaves.model.arrays import Mask, Points, Values
 from eaves.model.block import Block, Bounds
+from eaves.model.checks import check_lengths, check_points
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -25,9 +26,41 @@ GRID_STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class PointCloud:
-    """N points. Every array is (N,) and in the same order; none is ever written to.
+    """N points. Every array has N rows in the same order; none is ever written to.
 
-    `origin` is the world position (m) of local (0, 0); heights keep their world value.
+    Parameters
+    ----------
+    xyz : ndarray (N, 3) of float64
+        x, y, z in metres: x and y about `origin`, z as in the world. Use `from_world` for world coordinates.
+    origin : (float, float)
+        World position (m) of local (0, 0).
+    return_number, number_of_returns : ndarray (N,) of uint8 or None
+        Number of each return in its pulse, from 1, and how many the pulse has.
+    classification : ndarray (N,) of uint8 or None
+        LAS classes: the file's until `classify_ground`, ours (1, 2, 6, 7, 18) after it.
+    part : ndarray (N,) of uint8 or None
+        Walls, trees and small regions (codes of `model.scene`) that a ground filter found.
+    point_id : ndarray (N,) of int64 or None
+        Position of each point in the input, counted through all files in order.
+    system : CoordinateSystem
+        Reference system of the world coordinates.
+    ordered : bool
+        Whether the points are known to be in canonical order.
+
+    Raises
+    ------
+    TypeError
+        When an array is none, or `xyz` is not float64.
+    ValueError
+        When `xyz` is not (N, 3), or another array has not one value a point.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves import PointCloud
+    >>> cloud = PointCloud.from_world(np.array([[85000.0, 447000.0, 1.5], [85001.0, 447002.0, 1.7]]))
+    >>> len(cloud), cloud.origin
+    (2, (84960.0, 446880.0))
     """
 
     xyz: Points
@@ -35,19 +68,25 @@ class PointCloud:
     return_number: NDArray[np.uint8] | None = None
     number_of_returns: NDArray[np.uint8] | None = None
     classification: NDArray[np.uint8] | None = None
-    """LAS classes: the file's until `classify_ground`, ours (1, 2, 6, 7, 18) after it."""
+    part: NDArray[np.uint8] | None = None
     point_id: NDArray[np.int64] | None = None
-    """Position of each point in the input, counted through all files in order."""
     system: CoordinateSystem = field(default=LOCAL_METRES)
     ordered: bool = False
-    """Whether the points are known to be in canonical order."""
+
+    def __post_init__(self) -> None:
+        check_points(self.xyz, "xyz")
+        arrays = (self.return_number, self.number_of_returns, self.classification, self.part, self.point_id)
+        names = ("return_number", "number_of_returns", "classification", "part", "point_id")
+        check_lengths(len(self.xyz), dict(zip(names, arrays, strict=True)))
 
     def __len__(self) -> int:
         return len(self.xyz)
 
     @property
     def bounds(self) -> Bounds:
-        """Local metres; N > 0."""
+        """Local metres; ValueError when no point has coordinates."""
+        if not len(self):
+            raise ValueError("the cloud has no points and so no bounds; check the area that was read")
         return Bounds.of(self.xyz)
 
     @property
@@ -67,7 +106,7 @@ class PointCloud:
 
     @property
     def has_returns(self) -> bool:
-        """Whether the scanner told several returns of a pulse apart."""
+        """Whether the scanner recorded several returns of a pulse."""
         return self.number_of_returns is not None and bool(np.any(self.number_of_returns > 1))
 
     def with_(self, **changes: object) -> PointCloud:
@@ -92,6 +131,7 @@ class PointCloud:
             return_number=pick(self.return_number),
             number_of_returns=pick(self.number_of_returns),
             classification=pick(self.classification),
+            part=pick(self.part),
             point_id=pick(self.point_id),
             ordered=self.ordered and bool((index[1:] > index[:-1]).all()),
         )
@@ -107,8 +147,8 @@ class PointCloud:
         """Indices that put the points in the one order every method sees: by 1 m cell, row by row, then
         y, x, z.
 
-        The order depends on the points alone, so no answer depends on the order of the file; neighbours
-        in the order are neighbours in the plane, which is what insertion into a TIN and caches want.
+        The order depends on the points alone, so no result depends on the order of the file. Neighbours
+        in the order are neighbours in the plane, which makes insertion into a TIN and cache use fast.
         """
         return np.arange(len(self)) if self.ordered else canonical_order(self.xyz, self.return_number)
 
@@ -122,7 +162,9 @@ class PointCloud:
     ) -> PointCloud:
         """A cloud from world coordinates in metres (N, 3); the origin defaults to the first point's block
         corner."""
-        xyz = np.asarray(xyz, np.float64).reshape(-1, 3)
+        xyz = np.asarray(xyz, np.float64)
+        xyz = xyz if xyz.size else xyz.reshape(0, 3)
+        check_points(xyz, "xyz")
         if origin is None:
             finite = xyz[np.isfinite(xyz).all(axis=1)]
             origin = Block.at(finite[:, 0].min(), finite[:, 1].min()).origin if len(finite) else (0.0, 0.0)
@@ -131,7 +173,7 @@ class PointCloud:
 
 
 def snap(xyz: Points) -> Points:
-    """Coordinates rounded to the quantum, (N, 3)."""
+    """Coordinates rounded to `GRID_STEP`, (N, 3)."""
     return np.round(xyz / GRID_STEP) * GRID_STEP
 
 
@@ -153,7 +195,7 @@ def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> 
 
     key, fits, rising = keys_kernel(xyz)
     if fits:
-        # the verbs find most clouds in order; an unstable sort is faster, and ties are settled below
+        # most clouds are in order already; an unstable sort is faster, and ties are settled below
         order = np.arange(len(key)) if rising else np.argsort(key)
         ordered = key if rising else key.take(order)
         tied = np.flatnonzero(ordered[1:] == ordered[:-1])

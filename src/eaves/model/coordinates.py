@@ -7,13 +7,28 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class CoordinateSystem:
-    """A projected system: its WKT and code where known, and the length of its units in metres."""
+    """A projected reference system: its WKT and code where known, and the length of its units.
+
+    Parameters
+    ----------
+    wkt : str or None
+        Well-known text; None for a plane system without a place on Earth.
+    horizontal_unit_m, vertical_unit_m : float
+        Metres in one unit along x and y, and along z (> 0).
+    code : str or None
+        `EPSG:28992` or `EPSG:28992+5709`; None when the system has no registered code.
+
+    Examples
+    --------
+    >>> from eaves import CoordinateSystem
+    >>> CoordinateSystem(horizontal_unit_m=0.3048).unit_m
+    (0.3048, 0.3048, 1.0)
+    """
 
     wkt: str | None = None
     horizontal_unit_m: float = 1.0
     vertical_unit_m: float = 1.0
     code: str | None = None
-    """`EPSG:28992` or `EPSG:28992+5709`; None when the system has no registered code."""
 
     @property
     def unit_m(self) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""What the passes hand on: the findings of a block, the points of a building, the building's answer."""
+"""What the passes return: the result of a block, the points of a building, the result of a building."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from eaves.model.arrays import Labels, Points
 from eaves.model.block import Block, Bounds
 from eaves.model.building import BuildingModel, Failure, Footprint
+from eaves.model.doubt import Doubt
 from eaves.model.scene import WALL, Raster
 
 
 @dataclass(frozen=True, eq=False)
 class BlockResult:
-    """What the block pass found out about the points in one block; arrays are (N,) and in canonical order."""
+    """The result of the block pass for the points in one block; arrays are (N,) and in canonical order."""
 
     block: Block
     xyz: Points
@@ -23,6 +24,8 @@ class BlockResult:
     classification: NDArray[np.uint8]
     label: Labels
     part: NDArray[np.uint8]
+    not_last: NDArray[np.bool_]
+    """Whether the pulse came back once more from below."""
     height: NDArray[np.float32]
     score: NDArray[np.float64]
     """Of each label, (K,)."""
@@ -32,6 +35,8 @@ class BlockResult:
     seam_id: NDArray[np.int64]
     seam_label: Labels
     """Labelled points within `SEAM` of the border, on both sides of it."""
+    doubts: tuple[Doubt, ...] = ()
+    """Places in the block, world metres, that the scan does not decide."""
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -58,6 +63,13 @@ class BuildingPoints:
     """The detected block that the building is a unit of; None for one that is a block of its own."""
     wall_certainty: float | None = None
     """Probability of the least sure party wall that was found on it, None where none was."""
+    not_last: NDArray[np.bool_] | None = None
+    """Points whose pulses came back once more from below."""
+
+    @property
+    def roof_not_last(self) -> NDArray[np.bool_] | None:
+        """Which of `roof_points` (M,) came back once more from below; None where it is not known."""
+        return None if self.not_last is None else np.asarray(self.not_last[self.part != WALL])
 
     @property
     def roof_points(self) -> Points:
@@ -69,7 +81,7 @@ class BuildingPoints:
 class BuildingResult:
     """A model, or the Failure (with its footprint), and the roof plane of every point (N,), 0 for none."""
 
-    answer: BuildingModel | Failure
+    outcome: BuildingModel | Failure
     point_id: NDArray[np.int64]
     plane: Labels
     seconds: dict[str, float] = field(default_factory=dict)

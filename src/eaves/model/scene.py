@@ -1,7 +1,8 @@
-"""What the detectors look at: a classified cloud with its rasters, and what they answer."""
+"""What detectors get, a classified cloud with its rasters, and what they return."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from eaves.model.arrays import Grid, Labels, Mask, Points, Values
 from eaves.model.block import Bounds
 from eaves.model.cloud import PointCloud
+from eaves.model.doubt import Doubt
 
 ROOF, WALL, TREE, NOISE = 1, 2, 3, 4
 """Codes of `Regions.part` and of the extra dimension `part` of classified.laz; 0 is none of them."""
@@ -17,7 +19,24 @@ ROOF, WALL, TREE, NOISE = 1, 2, 3, 4
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """Values (H, W), float32, row 0 north; `west` and `north` are the outer corner in local metres."""
+    """Values of square cells, row 0 north.
+
+    Parameters
+    ----------
+    values : ndarray (H, W) of float32
+        One value a cell; NaN where there is none.
+    west, north : float
+        The outer corner (local m).
+    cell : float
+        Side of a cell (m, > 0).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves import Raster
+    >>> Raster(np.zeros((2, 3), np.float32), west=10.0, north=20.0, cell=0.5).bounds
+    Bounds(west=10.0, south=19.0, east=11.5, north=20.0)
+    """
 
     values: Grid
     west: float
@@ -55,29 +74,68 @@ class Raster:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A cloud with classes 2, 7, 18 set, its terrain and its surface; all about the same origin."""
+    """What detectors get: a classified cloud with its rasters, all about the same origin.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        N points with classes 2, 7 and 18 set.
+    dtm, dsm : Raster
+        Terrain and surface (m).
+    spacing : float
+        Mean spacing (m) of the points in plan: 1 / √density, over the area where there are points.
+    height : ndarray (N,)
+        Height (m) of every point above the terrain.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> cloud = nine_roofs_on_a_slope(density=1.0).classified()
+    >>> eaves.make_scene(cloud, cloud.bounds).dtm.shape
+    (204, 204)
+    """
 
     cloud: PointCloud
     dtm: Raster
     dsm: Raster
     spacing: float
-    """Mean spacing of the points in plan (m): 1 / √density, counted where points are."""
 
     height: Values = field(default_factory=lambda: np.zeros(0))
-    """Height of every point above the terrain (N,), m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Regions:
     """Which building each point belongs to.
 
-    `label` (N,) is 0 for no building, else 1…K. `score` (K,) says how sure the detector is, 0 to 1.
-    `part` (N,) tells roof, wall, tree and noise apart where the method does (codes above).
+    Parameters
+    ----------
+    label : ndarray (N,) of int32
+        0 for no building, else 1…K.
+    score : ndarray (K,)
+        Confidence of the detector in each region, 0 to 1.
+    part : ndarray (N,) of uint8 or None
+        1 roof, 2 wall, 3 tree, 4 noise, 0 none of them, where the method distinguishes them.
+    doubts : tuple of Doubt
+        Places, in local metres, where the evidence contradicts itself or is missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves import Regions
+    >>> regions = Regions(np.array([0, 1, 1, 2], np.int32))
+    >>> regions.count, regions.mask_of(1).tolist()
+    (2, [False, True, True, False])
     """
 
     label: Labels
     score: Values = field(default_factory=lambda: np.zeros(0))
     part: NDArray[np.uint8] | None = None
+    doubts: tuple[Doubt, ...] = ()
+
+    def with_doubts(self, doubts: Iterable[Doubt]) -> Regions:
+        """The same regions with these doubts."""
+        return replace(self, doubts=tuple(doubts))
 
     @property
     def count(self) -> int:

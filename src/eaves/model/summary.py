@@ -9,7 +9,34 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run found and wrote. `found` is always `modelled` + `failures`."""
+    """What a run found and wrote. `found` is always `modelled` plus the failures.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the outputs are.
+    points, found, modelled : int
+        Numbers of points, of buildings, and of buildings with a model.
+    by_lod, failures, fallbacks : dict of str to int
+        Models by level of detail; buildings without a model, and with a coarser one than asked for, by code.
+    seconds : dict of str to float
+        Time (s) of each step, over all processes.
+    elapsed : float
+        Time (s) from start to end.
+    files : tuple of Path
+        The files written.
+    failed : tuple of str
+        Inputs and blocks that could not be used, with the reason.
+    run : dict
+        The content of run.json.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from eaves import Summary
+    >>> Summary(Path("out"), 1000, 2, 2, {"2.2": 2}, {}, {}, {}, 1.5, ()).complete
+    True
+    """
 
     folder: Path
     points: int
@@ -17,15 +44,17 @@ class Summary:
     modelled: int
     by_lod: dict[str, int]
     failures: dict[str, int]
-    """Buildings without a model, by code."""
     fallbacks: dict[str, int]
-    """Buildings with a coarser model than asked for, by code."""
     seconds: dict[str, float]
     elapsed: float
     files: tuple[Path, ...]
     failed: tuple[str, ...] = ()
-    """Blocks that could not be computed, with the reason."""
     run: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """What the manifest says of the run."""
+        return {name: self.run.get(name) for name in ("crs", "vertical_datum", "files", "inputs_sha256")}
 
     @property
     def complete(self) -> bool:
@@ -39,15 +68,19 @@ class Summary:
             for lod, count in self.by_lod.items()
         )
         files = self.run.get("files", 1)
+        inputs = f"{files:,} file{'s' * (files != 1)}, {self.points:,} points"
+        methods = self.run.get("methods")
+        if methods is not None and methods.get("detect") is None:  # of buildings nothing was asked
+            return f"{inputs}, ground and noise classified\n{self._ending()}"
         lines = [
-            f"{files:,} file{'s' * (files != 1)}, {self.points:,} points, "
+            f"{inputs}, "
             f"{self.found:,} buildings found = {self.modelled:,} modelled "
             f"+ {self.found - self.modelled:,} failed; {levels or 'no models'}"
         ]
         for title, counts in (("failed", self.failures), ("coarser than asked for", self.fallbacks)):
             if counts:
                 lines.append(f"{title}: " + ", ".join(f"{code} {n}" for code, n in sorted(counts.items())))
-        lines.append(
-            f"{self.elapsed:.1f} s, peak {self.run.get('peak_memory_mb', 0)} MB; results in {self.folder}"
-        )
-        return "\n".join(lines)
+        return "\n".join([*lines, self._ending()])
+
+    def _ending(self) -> str:
+        return f"{self.elapsed:.1f} s, peak {self.run.get('peak_memory_mb', 0)} MB; results in {self.folder}"

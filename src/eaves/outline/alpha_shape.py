@@ -26,22 +26,26 @@ class AlphaShape(OutlineMethod):
     and are dropped; larger ones are courtyards. The zigzag of single points is taken out by Douglas and
     Peucker's simplification.
 
-    Parameters
-    ----------
-    alpha, min_hole, tolerance : see their declarations.
+    Formula
+    -------
+    ∪ { Delaunay triangles of the points with circumscribed radius ≤ α }
 
-    BlockMetadata
-    -----
-    *Fidelity.* The document [chen_sun_vaihingen] gives alpha = 2.4 m and 50 m², and does not define alpha:
+    Fidelity
+    --------
+    The document [chen_sun_vaihingen] gives alpha = 2.4 m and 50 m², and does not define alpha:
     it is taken as the radius of the largest empty disc. Derived from the spacing it is 4.8 times that, 2.4
     m at the document's 4 points/m². Simplification is ours (the document shows raw contours);
-    `as_published` leaves it out. Where a gap in the points would leave more than a twentieth of them
-    outside, alpha is widened by steps of 1.5.
+    where a gap in the points would leave more than a twentieth of them outside, alpha is widened by steps of
+    1.5, which is ours too. `as_published` leaves both out.
 
-    *Fails where* a notch or a passage is narrower than twice alpha (it is filled), and at edges: the
+    Fails where
+    -----------
+    a notch or a passage is narrower than twice alpha (it is filled), and at edges: the
     outline passes through the outermost points and so lies about half a spacing inside the eaves.
 
-    *Complexity.* O(N log N), the Delaunay triangulation.
+    Complexity
+    ----------
+    O(N log N), the Delaunay triangulation.
 
     References
     ----------
@@ -53,20 +57,36 @@ class AlphaShape(OutlineMethod):
     paper: ClassVar[str] = "chen_sun_vaihingen"
 
     alpha: float | None = parameter(
-        None, "radius of the largest empty disc; from the data 4.8 spacings", unit="m", published=2.4, gt=0
+        None,
+        "radius of the largest empty disc; from the data 4.8 spacings",
+        unit="m",
+        published=2.4,
+        printed_in="step 6",
+        gt=0,
     )
     min_hole: float = parameter(
-        50.0, "inner boundaries smaller than this are dropped", unit="m²", published=50.0, ge=0
+        50.0,
+        "inner boundaries smaller than this are dropped",
+        unit="m²",
+        published=50.0,
+        printed_in="step 6",
+        ge=0,
     )
     tolerance: float | None = parameter(
         None,
         "a vertex nearer to the simplified line is left out; from the data 1 spacing",
         unit="m",
         published=0.0,
+        printed_in="step 6, which has none",
         ge=0,
     )
     share: float = parameter(
-        0.95, "least share of the points inside; alpha is widened until it holds", ge=0, le=1
+        0.95,
+        "least share of the points inside; alpha is widened until it holds",
+        published=0.0,
+        printed_in="step 6, which has none",
+        ge=0,
+        le=1,
     )
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:

@@ -33,17 +33,25 @@ class RansacLines(OutlineMethod):
     perpendicular, are turned into it about their middle; the others stay as they are. Corners are the
     intersections of consecutive segments.
 
-    BlockMetadata
-    -----
-    *Fidelity.* The steps are those of [xiao2014], section 4, the adjustment that of [zhang2006]; no number is
+    Formula
+    -------
+    segment of a line (n, c): consecutive boundary points with |n·p − c| ≤ `near` · spacing
+
+    Fidelity
+    --------
+    The steps are those of [xiao2014], section 4, the adjustment that of [zhang2006]; no number is
     printed in the former. Random sampling is replaced by all pairs of boundary points that are 1, 2, 4, 8, …
     points apart: the same lines are found, and found again in the next run. A stretch between two segments
     that is itself longer than `shortest` becomes a segment through its points; what is shorter is a corner.
 
-    *Fails where* the building is round, or its walls shorter than `shortest`; and at edges: the outline
+    Fails where
+    -----------
+    the building is round, or its walls shorter than `shortest`; and at edges: the outline
     lies about half a spacing inside the eaves, as in the source.
 
-    *Complexity.* O(N log N) for the triangulation, O(S M log M L) for S segments of L of the M boundary
+    Complexity
+    ----------
+    O(N log N) for the triangulation, O(S M log M L) for S segments of L of the M boundary
     points.
 
     References

@@ -1,7 +1,8 @@
-"""The outline stage: contract of an outliner, and the verbs that trace and regularise footprints."""
+"""The outline stage: contract of an outline method, and the functions that trace and regularise outlines."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -11,19 +12,26 @@ from shapely import Polygon
 
 from eaves.geometry.polygons import as_polygon
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
-from eaves.model import Boundary, Failure, Footprint, Points
+from eaves.model import Boundary, Failure, Footprint, Mask, Points
+from eaves.model.checks import check_points, check_positive, check_type
 from eaves.model.cloud import canonical_order
 
 MIN_POINTS = 4
-"""Fewer points have no outline worth the name."""
+"""Fewer distinct points have no outline."""
 
 
 class OutlineMethod(Method):
-    """Draws the outline of a region's points.
+    """What an outline method must do.
 
-    `trace` sees the points (N, 3) of one region in canonical order and their spacing; it answers a Boundary
-    with at least one ring, or a Failure. `regularise` sees the boundaries of neighbours together and
-    answers one polygon each (holes allowed), or a Failure in its place.
+    `trace` gets the points (N, 3) of one region in canonical order and their spacing (m); it returns a
+    Boundary with at least one ring, or a Failure. `regularise` gets the boundaries of neighbours together and
+    returns for each one polygon (holes allowed), or a Failure in its place.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> isinstance(eaves.GlobalFit(), eaves.OutlineMethod)
+    True
     """
 
     stage: ClassVar[str] = "outline"
@@ -42,9 +50,37 @@ def trace_outline(
     spacing: float,
     method: MethodChoice = None,
     *,
+    not_last: Mask | None = None,
     debug: str | Path | Emit | None = None,
 ) -> Boundary | Failure:
-    """The boundary of points (N, 3) in local metres; `spacing` is their mean distance in plan (m).
+    """The boundary of the points of one region.
+
+    Parameters
+    ----------
+    points : ndarray (N, 3) of float64
+        x, y, z in local metres, in any order; points with NaN coordinates are left out.
+    spacing : float
+        Mean distance (m, > 0) of the points in plan.
+    method : OutlineMethod, str, mapping or None
+        The method, its name, or its parameters; None is `GlobalFit()`.
+    not_last : ndarray (N,) of bool or None
+        The points whose pulses have a later return, where the scan says so: they show the width of the beam,
+        which places points beyond an edge.
+    debug : str, Path, callable or None
+        A folder or a callback `(name, value)` that receives every named intermediate.
+
+    Returns
+    -------
+    Boundary or Failure
+        A Failure `too_few_points` for points at fewer than four places, another code where the method finds
+        no outline.
+
+    Raises
+    ------
+    TypeError
+        When `points` is no float64 array, `spacing` no number, or `method` no outline method.
+    ValueError
+        When `points` has another shape, `spacing` is not above 0, or no method or parameter has that name.
 
     Examples
     --------
@@ -56,13 +92,20 @@ def trace_outline(
     >>> len(boundary.rings), boundary.rings[0].shape[1]
     (1, 2)
     """
+    check_points(points)
+    check_positive(spacing, "spacing")
     outliner = resolve_method("outline", method)
     assert isinstance(outliner, OutlineMethod)
-    good = points[np.isfinite(points).all(axis=1)]
+    finite = np.isfinite(points).all(axis=1)
+    good = points[finite]
     good = good[canonical_order(good)]
-    if len(np.unique(good[:, :2], axis=0)) < MIN_POINTS:
-        return Failure("too_few_points", f"{len(good)} points have no outline", "outline")
-    return outliner.trace(good, spacing, emitter(debug))
+    if (places := len(np.unique(good[:, :2], axis=0))) < MIN_POINTS:
+        reason = f"{len(good)} points at {places} places have no outline; {MIN_POINTS} places are needed"
+        return Failure("too_few_points", reason, "outline")
+    boundary = outliner.trace(good, spacing, emitter(debug))
+    if isinstance(boundary, Failure) or not_last is None:
+        return boundary
+    return replace(boundary, not_last=points[finite & not_last])
 
 
 def regularise_outlines(
@@ -71,7 +114,29 @@ def regularise_outlines(
     *,
     debug: str | Path | Emit | None = None,
 ) -> list[Footprint | Failure]:
-    """One valid footprint, or a Failure, for each boundary; give neighbours that touch together.
+    """A valid footprint, or a Failure, for each boundary.
+
+    Parameters
+    ----------
+    boundaries : list of Boundary
+        Results of `trace_outline` in one system of local metres, without failures; buildings that touch
+        belong in one list.
+    method : OutlineMethod, str, mapping or None
+        The method, its name, or its parameters; None is `GlobalFit()`.
+    debug : str, Path, callable or None
+        A folder or a callback `(name, value)` that receives every named intermediate.
+
+    Returns
+    -------
+    list of Footprint or Failure
+        One for each boundary, in their order.
+
+    Raises
+    ------
+    TypeError
+        When an element is no Boundary, or `method` no outline method.
+    ValueError
+        When no method or parameter has that name, or a value is out of range.
 
     Examples
     --------
@@ -84,16 +149,19 @@ def regularise_outlines(
     >>> bool(footprint.polygon.symmetric_difference(true).area < 0.1 * true.area)
     True
     """
+    for number, boundary in enumerate(boundaries):
+        remedy = "leave the failures of trace_outline out"
+        check_type(boundary, Boundary, f"boundaries[{number}]", remedy)
     outliner = resolve_method("outline", method)
     assert isinstance(outliner, OutlineMethod)
-    answers: list[Footprint | Failure] = []
+    results: list[Footprint | Failure] = []
     for polygon in outliner.regularise(boundaries, emitter(debug)):
         if isinstance(polygon, Failure):
-            answers.append(polygon)
+            results.append(polygon)
             continue
         whole = as_polygon(polygon)
         if whole is None:
-            answers.append(Failure("no_area", "the outline encloses no area", "outline"))
+            results.append(Failure("no_area", "the outline encloses no area", "outline"))
         else:
-            answers.append(Footprint(shapely.orient_polygons(whole)))
-    return answers
+            results.append(Footprint(shapely.orient_polygons(whole)))
+    return results

@@ -15,9 +15,12 @@ def fill_nearest(raster: Raster, within: float = np.inf) -> Raster:
     known = np.isfinite(raster.values)
     if known.all() or not known.any():
         return raster
-    distance, source = ndimage.distance_transform_edt(~known, sampling=raster.cell, return_indices=True)
-    values = raster.values[source[0], source[1]]
-    return raster.with_(values=np.where(distance <= within, values, np.nan).astype(np.float32))
+    rows, columns = np.nonzero(~known)
+    row, column = nearest_cells(known, rows, columns)
+    near = np.hypot(row - rows, column - columns) * raster.cell <= within
+    values = raster.values.copy()
+    values[rows[near], columns[near]] = raster.values[row[near], column[near]]
+    return raster.with_(values=values)
 
 
 def fill_linear(raster: Raster) -> Raster:
@@ -39,11 +42,11 @@ def interpolate_cells(values: Grid, known: Mask, wanted: Mask) -> Grid:
     rows, columns = np.nonzero(wanted)
     heights = values[known_rows, known_columns].astype(np.float64)
     tin = Tin(places(known_rows, known_columns))
-    answer = tin.interpolated(heights, places(rows, columns)).astype(np.float32)
-    outside = np.flatnonzero(~np.isfinite(answer))
+    result = tin.interpolate(heights, places(rows, columns)).astype(np.float32)
+    outside = np.flatnonzero(~np.isfinite(result))
     if len(outside):
-        answer[outside] = values[nearest_cells(known, rows[outside], columns[outside])]
-    return answer
+        result[outside] = values[nearest_cells(known, rows[outside], columns[outside])]
+    return result
 
 
 def fill_smooth(values: Grid) -> Grid:

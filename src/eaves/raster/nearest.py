@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from eaves.model import Mask, Points
 
@@ -19,16 +18,11 @@ ADJOINING = 2
 
 def nearest_cells(known: Mask, rows: Index, columns: Index) -> tuple[Index, Index]:
     """Row and column (K,) of the cell of `known` (H, W) nearest to each of the cells (K,) given by row and
-    column; at least one is known.
+    column, whose rows do not fall; at least one is known.
 
-    Of cells equally near it is the one that a k-d tree of the known cells, row by row, comes to first.
+    Of cells equally near it is the one in the westernmost column, of two in a column the northern one.
     """
-    away = away_kernel(known)
-    row, column, tied = nearest_kernel(known, away, rows, columns)
-    if tied.any():
-        known_rows, known_columns = np.nonzero(known)
-        which = cKDTree(places(known_rows, known_columns)).query(places(rows[tied], columns[tied]))[1]
-        row[tied], column[tied] = known_rows[which], known_columns[which]
+    row, column = nearest_kernel(known, away_kernel(known), rows, columns)
     return row, column
 
 
@@ -61,34 +55,49 @@ def away_kernel(known: Mask) -> NDArray[np.int32]:
 
 
 @njit(cache=True)
-def nearest_kernel(
-    known: Mask, away: NDArray[np.int32], rows: Index, columns: Index
-) -> tuple[Index, Index, Mask]:
-    """Row and column (K,) of a known cell nearest to each of some cells (K,), and whether others are as near.
+def nearest_kernel(known: Mask, away: NDArray[np.int32], rows: Index, columns: Index) -> tuple[Index, Index]:
+    """Row and column (K,) of the known cell nearest to each of some cells (K,), whose rows do not fall.
 
-    `away` is that of `away_kernel`. Columns are looked at from the middle out, till they are too far.
+    `away` is that of `away_kernel`. The squares of the distances to the nearest known cell of each column are
+    parabolas along a row; `envelope` holds those of their lower envelope, from west to east, and `first` the
+    column from which each is the least (Felzenszwalb and Huttenlocher 2012).
     """
+    width = known.shape[1]
     nearest_row, nearest_column = np.empty(len(rows), np.int64), np.empty(len(rows), np.int64)
-    tied = np.zeros(len(rows), np.bool_)
+    envelope, first, last_row, count = np.empty(width, np.int64), np.empty(width, np.int64), -1, 0
     for i in range(len(rows)):
-        row, middle = rows[i], columns[i]
-        best, where, several, step = np.int64(away[row, middle]) ** 2, middle, False, 1
-        while step * step <= best and (step <= middle or middle + step < known.shape[1]):
-            for column in (middle - step, middle + step):
-                if column < 0 or column >= known.shape[1]:
+        row = rows[i]
+        if row != last_row:
+            last_row, count = row, 0
+            for column in range(width):
+                if away[row, column] >= FARTHEST_CELLS:
                     continue
-                square = step * step + np.int64(away[row, column]) ** 2
-                if square < best:
-                    best, where, several = square, column, False
-                elif square == best:
-                    several = True
-            step += 1
-        up, below = row - away[row, where], row + away[row, where]
-        above = up >= 0 and known[up, where]
-        under = below != up and below < known.shape[0] and known[below, where]
-        nearest_row[i], nearest_column[i] = up if above else below, where
-        tied[i] = several or (above and under)
-    return nearest_row, nearest_column, tied
+                height = np.int64(away[row, column]) ** 2 + column * column
+                start = np.int64(0)
+                while count > 0:
+                    before = envelope[count - 1]
+                    rise = height - (np.int64(away[row, before]) ** 2 + before * before)
+                    start = rise // (2 * (column - before)) + 1
+                    if start > first[count - 1]:
+                        break
+                    count -= 1
+                if count == 0:
+                    start = np.int64(0)
+                if start < width:
+                    envelope[count], first[count] = column, start
+                    count += 1
+        low, high = 0, count - 1
+        while low < high:
+            middle = (low + high + 1) // 2
+            if first[middle] <= columns[i]:
+                low = middle
+            else:
+                high = middle - 1
+        column = envelope[low]
+        above = row - away[row, column]
+        nearest_row[i] = above if above >= 0 and known[above, column] else row + away[row, column]
+        nearest_column[i] = column
+    return nearest_row, nearest_column
 
 
 @njit(cache=True)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
 from eaves.geometry.neighbours import measure_spacing
-from eaves.model import Bounds, Mask, PointCloud, Raster, Scene
+from eaves.model import Bounds, PointCloud, Points, Raster, Scene
+from eaves.model.checks import check_positive, check_type
 from eaves.raster.grid import empty_raster, heights_of, highest_points, mean_heights
 from eaves.raster.interpolate import fill_linear, fill_nearest
 
@@ -15,11 +15,31 @@ CELL = 0.5
 
 
 def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
-    """The terrain over `bounds` (local m), linear between ground points; NaN only when there is no ground
-    at all.
+    """The terrain over `bounds`, linear between ground points.
 
     A cell with ground points holds their mean height; the others are linear in the triangles of the cells
     around the gap, and beyond the outermost ground points take the nearest height.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        N points with classes; class 2 is the ground, and there must be at least one such point.
+    bounds : Bounds
+        West, south, east, north of the raster (local m).
+    cell : float
+        Side of a cell (m, > 0).
+
+    Returns
+    -------
+    Raster
+        Heights (H, W) float32 in metres, row 0 north; no cell is NaN.
+
+    Raises
+    ------
+    TypeError
+        When an argument has another type.
+    ValueError
+        When the cloud has no classes or no ground point, the bounds are not finite, or `cell` is not above 0.
 
     Examples
     --------
@@ -31,31 +51,58 @@ def make_dtm(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Raster:
     >>> bool(dtm.values.max() < cloud.xyz[:, 2].max())
     True
     """
+    check_request(cloud, bounds, cell)
+    check_ground(cloud)
+    return terrain_of(cloud, bounds, cell)
+
+
+def terrain_of(
+    cloud: PointCloud, bounds: Bounds, cell: float = CELL, beneath: Points | None = None
+) -> Raster:
+    """The terrain of `make_dtm`; NaN everywhere when the cloud has no ground point.
+
+    `beneath` (K, 3) are points of terrain that was not seen, which count as ground.
+    """
     ground = cloud.xyz.take(np.flatnonzero(cloud.ground), axis=0)
+    if beneath is not None and len(beneath):
+        ground = np.concatenate([ground, beneath])
     mean, _ = mean_heights(ground, bounds, cell)
     raster = Raster(mean, bounds.west, bounds.north, cell)
-    if (
-        len(ground) and not np.isfinite(mean).any()
-    ):  # all of it lies outside: the nearest is all there is to say
+    if len(ground) and not np.isfinite(mean).any():  # all ground points are outside the bounds
         centre = np.array([(bounds.west + bounds.east) / 2, (bounds.south + bounds.north) / 2])
         nearest = np.argmin(((ground[:, :2] - centre) ** 2).sum(axis=1))
         return empty_raster(bounds, cell, float(ground[nearest, 2]))
     return fill_linear(raster)
 
 
-def find_gaps(cloud: PointCloud, dtm: Raster, width: float) -> Mask:
-    """The cells (H, W) of a DTM that are over `width` (m) from any ground point: closed, not measured."""
-    _, count = mean_heights(cloud.xyz[cloud.ground], dtm.bounds, dtm.cell)
-    if not (count > 0).any():
-        return np.ones(dtm.shape, bool)
-    return np.asarray(ndimage.distance_transform_edt(count == 0, sampling=dtm.cell) > width)
-
-
 def make_dsm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, close: float = 1.0) -> Raster:
     """The height of the highest point of each cell, noise left out.
 
-    Empty cells take the nearest value up to `close` (m) away, which keeps the jump at walls; larger gaps
-    stay NaN.
+    Empty cells take the nearest value up to `close` (m) away, which keeps the step at walls; larger gaps stay
+    NaN.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        N points; those of classes 7 and 18 are left out.
+    bounds : Bounds
+        West, south, east, north of the raster (local m).
+    cell : float
+        Side of a cell (m, > 0).
+    close : float
+        Distance (m, ≥ 0) over which empty cells are filled.
+
+    Returns
+    -------
+    Raster
+        Heights (H, W) float32 in metres, row 0 north; NaN where no point is near.
+
+    Raises
+    ------
+    TypeError
+        When an argument has another type.
+    ValueError
+        When the bounds are not finite, or `cell` is not above 0.
 
     Examples
     --------
@@ -66,6 +113,7 @@ def make_dsm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, close: float
     >>> dsm.values.shape, dsm.cell
     ((102, 102), 1.0)
     """
+    check_request(cloud, bounds, cell)
     noise = cloud.noise
     xyz = cloud.xyz.take(np.flatnonzero(~noise), axis=0) if noise.any() else cloud.xyz
     top = heights_of(highest_points(xyz, bounds, cell), xyz[:, 2])
@@ -73,7 +121,28 @@ def make_dsm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, close: float
 
 
 def make_scene(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Scene:
-    """A classified cloud with its terrain, its surface and every point's height; `bounds` in local metres.
+    """A classified cloud with its terrain, its surface and every point's height above the terrain.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        N points with classes, at least one of them ground (class 2).
+    bounds : Bounds
+        West, south, east, north of the rasters (local m).
+    cell : float
+        Side of a cell (m, > 0).
+
+    Returns
+    -------
+    Scene
+        The cloud, `dtm` and `dsm` (H, W), `spacing` (m) and `height` (N,) in metres.
+
+    Raises
+    ------
+    TypeError
+        When an argument has another type.
+    ValueError
+        When the cloud has no classes or no ground point, the bounds are not finite, or `cell` is not above 0.
 
     Examples
     --------
@@ -85,5 +154,36 @@ def make_scene(cloud: PointCloud, bounds: Bounds, cell: float = CELL) -> Scene:
     >>> bool(abs(scene.height[cloud.classification == 2]).max() < 0.5)
     True
     """
-    dtm, dsm = make_dtm(cloud, bounds, cell), make_dsm(cloud, bounds, cell)
+    check_request(cloud, bounds, cell)
+    check_ground(cloud)
+    return scene_of(cloud, bounds, cell)
+
+
+def scene_of(cloud: PointCloud, bounds: Bounds, cell: float = CELL, beneath: Points | None = None) -> Scene:
+    """The scene of `make_scene`; terrain and heights are NaN when the cloud has no ground point.
+
+    `beneath` (K, 3) are points of the terrain under what is wide.
+    """
+    dtm, dsm = terrain_of(cloud, bounds, cell, beneath), make_dsm(cloud, bounds, cell)
     return Scene(cloud, dtm, dsm, measure_spacing(cloud.xyz), cloud.xyz[:, 2] - dtm.at(cloud.xyz))
+
+
+def check_request(cloud: PointCloud, bounds: Bounds, cell: float) -> None:
+    """Raise TypeError or ValueError when a raster cannot be made of these arguments."""
+    check_type(cloud, PointCloud, "cloud", "use eaves.read(path) or PointCloud.from_world(xyz)")
+    check_type(bounds, Bounds, "bounds", "use cloud.bounds or Bounds(west, south, east, north)")
+    check_positive(cell, "cell")
+    if not (bounds.width >= 0 and bounds.height >= 0 and np.isfinite([bounds.width, bounds.height]).all()):
+        raise ValueError(
+            f"bounds must run from west to east and from south to north in finite metres, not {bounds}; "
+            "leave points without coordinates out"
+        )
+
+
+def check_ground(cloud: PointCloud) -> None:
+    """Raise ValueError when no point of a cloud is ground."""
+    if not cloud.ground.any():
+        raise ValueError(
+            f"cloud must have ground points (class 2), and none of its {len(cloud)} points is; "
+            "call classify_ground(cloud) first"
+        )

@@ -26,9 +26,13 @@ from eaves.reconstruct.toolkit.levels import coarse_solids, simple_solids
 from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 from eaves.reconstruct.toolkit.raising import raise_plan, without_numbers
+from eaves.reconstruct.toolkit.superstructures import find_superstructures
 
 NARROWEST = 0.1
 """Roof faces narrower than this (m) are slivers at any density."""
+
+SMALLEST = 0.1
+"""Roof faces smaller than this (m²) are not built, however many points they hold."""
 
 LARGEST_ERROR = 2.0
 """Distances above this (m) count as this when levels are compared: what they measure is no roof."""
@@ -44,7 +48,7 @@ class Arrangement(Reconstructor):
     of two planes, the sides of planes that are rectangles, and the footprint itself; lines that nearly
     coincide become one, and each is lengthened to the next, so that it cuts. All is rounded to a 1 mm
     grid by snap rounding, which keeps the plan a plan. A graph cut gives every cell the plane that fits
-    its points, at a price for each metre of border, most where heights jump, and for each plane, and
+    its points, at a cost for each metre of border, most where heights jump, and for each plane, and
     never one that would leave the heights its own points support. Cells with one plane are merged,
     slivers and short edges go, and the plan is raised with vertices that all faces share. The coarser
     levels merge the same cells further: LoD 2.0 labels them at higher prices, 1.3 and 1.2 level them.
@@ -55,8 +59,9 @@ class Arrangement(Reconstructor):
 
     d the distance of a roof point from the cell's plane, less 3 cm of noise, a the spacing, τ, g the
     limits, β, γ the prices; s grows with the height of the jump from 0.3 where the planes meet to 1 where
-    they are half a metre apart. Solved by expansion moves [boykov2001], and planes that cost more than
-    they save are given up.
+    they are half a metre apart. β and γ count in points where these are dense: what a part must show to be
+    worth its description is a number of points, not an area. Solved by expansion moves [boykov2001], and
+    planes that cost more than they save are given up.
 
     Fidelity
     --------
@@ -94,13 +99,24 @@ class Arrangement(Reconstructor):
     )
     border_price: float = parameter(
         0.3,
-        "Price of a metre of border with a jump, as square metres of misfit.",
+        "Highest price of a metre of border with a jump, as square metres of misfit.",
         unit="m",
         symbol="β",
         ge=0.0,
     )
+    border_points: float = parameter(
+        0.85,
+        "The same as points in each spacing along the border, which is less where points are dense.",
+        ge=0.0,
+    )
     plane_price: float = parameter(
-        0.8, "Price of a plane in use, in square metres of misfit.", unit="m2", symbol="γ", ge=0.0
+        0.8, "Highest price of a plane in use, in square metres of misfit.", unit="m2", symbol="γ", ge=0.0
+    )
+    plane_points: float = parameter(
+        6.5,
+        "The same as points: a plane, three numbers and the corners around it, is worth stating when it "
+        "explains so many.",
+        ge=0.0,
     )
     extension: float = parameter(
         1.0, "How far a line reaches beyond its evidence before it ends on the next one.", unit="m", ge=0.0
@@ -112,9 +128,18 @@ class Arrangement(Reconstructor):
         1.0, "How far in plan a sloped plane may run beyond its own points.", unit="m", ge=0.0
     )
     narrowest: float = parameter(0.5, "Width of the narrowest roof face, in spacings.", ge=0.0)
-    smallest: float = parameter(0.5, "Area of the smallest roof face.", unit="m2", ge=0.0)
+    smallest: float = parameter(
+        0.5, "Area of the smallest roof face where points are not dense.", unit="m2", ge=0.0
+    )
+    smallest_points: float = parameter(4.0, "Points on the smallest roof face where they are dense.", ge=0.0)
+    superstructure_points: int = parameter(
+        8, "Points that show an object on the roof which the solids leave out.", ge=4
+    )
+    superstructure_height: float = parameter(
+        0.4, "Least height of such an object over the roof.", unit="m", gt=0.0
+    )
     level_jump: float = parameter(
-        3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", published=3.0, gt=0.0
+        3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", gt=0.0
     )
     simple_price: float = parameter(
         8.0, "Price of a plane in use at LoD 2.0, in square metres of misfit.", unit="m2", ge=0.0
@@ -123,7 +148,6 @@ class Arrangement(Reconstructor):
         10.0,
         "Area of the smallest roof face at LoD 2.0; at most an eighth of the footprint.",
         unit="m2",
-        published=10.0,
         ge=0.0,
     )
     least_fit: float = parameter(
@@ -150,19 +174,13 @@ class Arrangement(Reconstructor):
         plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
         if plan is None:
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
-        prices = Prices(
-            self.misfit_limit,
-            self.gross_limit,
-            self.border_price,
-            self.plane_price,
-            self.overshoot,
-            self.reach_beyond,
-        )
+        prices = self.prices(spacing)
         chosen = label_cells(plan, roof, labels, coefficients, spacing, ground, prices)
         plan, chosen = plan.merged(chosen)
         emit("plan", plan.polygons())
         emit("plane of each cell", chosen)
-        limits = (self.smallest, max(NARROWEST, self.narrowest * spacing))
+        smallest_face = max(SMALLEST, min(self.smallest, self.smallest_points * spacing**2))
+        limits = (smallest_face, max(NARROWEST, self.narrowest * spacing))
         known = (roof, labels, coefficients, spacing, ground, prices)
         fine = raise_plan(
             plan, chosen, coefficients, ground, *limits, lambda tidied, kept: hold_down(tidied, kept, *known)
@@ -200,6 +218,17 @@ class Arrangement(Reconstructor):
         facts = describe(model, points[inside], roof, ground, surface)
         if "2.2" in solids:
             facts["surfaces"] = facts["roof_faces"]
+            objects = find_superstructures(
+                solids["2.2"],
+                roof,
+                surface,
+                footprint.polygon,
+                spacing,
+                self.superstructure_points,
+                self.superstructure_height,
+            )
+            facts["installation_count"] = len(objects)
+            model = model.with_(installations=objects)
         return model.with_(attributes={**facts, **fallback})
 
     def cut(
@@ -220,12 +249,23 @@ class Arrangement(Reconstructor):
         plan = arrange(footprint.polygon, segments)
         return plan if plan is not None else arrange(footprint.polygon, np.zeros((0, 4)))
 
+    def prices(self, spacing: float) -> Prices:
+        """The prices at LoD 2.2: points where they are dense, so that smaller parts are seen."""
+        return Prices(
+            self.misfit_limit,
+            self.gross_limit,
+            min(self.border_price, self.border_points * spacing),
+            min(self.plane_price, self.plane_points * spacing**2),
+            self.overshoot,
+            self.reach_beyond,
+        )
+
     def simple_prices(self, prices: Prices) -> Prices:
         """The prices at LoD 2.0; that of a border grows as lengths do with areas."""
         if self.plane_price <= 0.0:
             return replace(prices, plane=self.simple_price)
         dearer = float(np.sqrt(self.simple_price / self.plane_price))
-        return replace(prices, plane=self.simple_price, border=dearer * prices.border)
+        return replace(prices, plane=self.simple_price, border=dearer * self.border_price)
 
     def compare(self, lod: str, error: Values, coarser: dict[str, Values]) -> dict[str, Any]:
         """Why a level with errors (N,; m) is given up for one of those `coarser`, as attributes; empty if

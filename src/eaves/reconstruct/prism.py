@@ -26,7 +26,7 @@ class Prism(Reconstructor):
     """The footprint raised to one height: LoD 1.2.
 
     The height is a percentile of the roof points inside the footprint, the highest ones around
-    their place, so that walls and what lies under eaves say nothing.
+    their place, so that walls and what lies under eaves do not count.
 
     Formula
     -------
@@ -58,7 +58,6 @@ class Prism(Reconstructor):
         "Percentile of the roof points' heights the roof is put at.",
         unit="percent",
         symbol="p",
-        published=70.0,
         ge=0.0,
         le=100.0,
     )

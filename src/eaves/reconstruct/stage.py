@@ -1,4 +1,4 @@
-"""The reconstruction stage: contract of a reconstructor, and the verb that models one building."""
+"""The reconstruction stage: contract of a reconstructor, and the function that models one building."""
 
 from __future__ import annotations
 
@@ -7,21 +7,31 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, make_method, resolve_method
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
+from eaves.model.checks import check_points, check_type
 from eaves.model.cloud import canonical_order
 
 FALLBACK = "prism"
 """The method that models what the chosen one cannot."""
+ABSENT = -1
+"""The place of a point without coordinates."""
 
 
 class Reconstructor(Method):
-    """Makes the solids of one building.
+    """What a reconstruction method must do.
 
-    `model` sees the building's points (N, 3) in canonical order, its footprint and roof planes, all in
-    the same local metres, and the height of the solid's base (m). It answers a BuildingModel whose
-    `solids` are closed, or a Failure.
+    `model` gets the building's points (N, 3) in canonical order, its footprint and roof planes, all in the
+    same local metres, and the height of the solid's base (m). It returns a BuildingModel whose `solids` are
+    closed, or a Failure.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> isinstance(eaves.Arrangement(), eaves.Reconstructor)
+    True
     """
 
     stage: ClassVar[str] = "reconstruct"
@@ -47,10 +57,37 @@ def reconstruct_building(
     *,
     debug: str | Path | Emit | None = None,
 ) -> BuildingModel | Failure:
-    """The model of one building, or the Failure that says why there is none.
+    """The model of one building, or the Failure with the reason.
 
-    When the method fails, the building falls back to a prism (LoD 1.2), and says so in its attributes
-    `fallback_code` and `fallback_reason`; only when that fails too is the answer a Failure.
+    When the method fails, the building falls back to a prism (LoD 1.2), and its attributes `fallback_code`
+    and `fallback_reason` state why; only when that fails too is the result a Failure.
+
+    Parameters
+    ----------
+    points : ndarray (N, 3) of float64
+        x, y, z of the building in local metres; points with NaN coordinates are left out.
+    footprint : Footprint
+        The outline, in the same local metres.
+    planes : list of RoofPlane
+        The planes of `segment_roof`; their `members` index `points`.
+    ground : float
+        Height (m) of the base of the solids.
+    method : Reconstructor, str, mapping or None
+        The method, its name, or its parameters; None is `Arrangement()`.
+    debug : str, Path, callable or None
+        A folder or a callback `(name, value)` that receives every named intermediate.
+
+    Returns
+    -------
+    BuildingModel or Failure
+        The model with the attributes `method` and `lod`.
+
+    Raises
+    ------
+    TypeError
+        When `points` is no float64 array, `footprint` no Footprint, or `method` no reconstruction method.
+    ValueError
+        When `points` has another shape, `ground` is not finite, or no method or parameter has that name.
 
     Examples
     --------
@@ -65,21 +102,34 @@ def reconstruct_building(
     >>> model.lod
     '2.2'
     """
+    check_points(points)
+    check_type(footprint, Footprint, "footprint", "use Footprint(polygon) or regularise_outlines")
+    if not np.isfinite(ground):
+        raise ValueError(
+            f"ground must be a finite height in metres, not {ground}; give the base of the building"
+        )
     modeller = resolve_method("reconstruct", method)
     assert isinstance(modeller, Reconstructor)
     emit = emitter(debug)
-    order = canonical_order(points)
-    place = np.empty(len(points), np.int64)
-    place[order] = np.arange(len(points))
-    ordered = [replace(plane, members=np.sort(place[plane.members])) for plane in planes]
-    answer = modeller.model(points[order], footprint, ordered, ground, emit)
+    finite = np.flatnonzero(np.isfinite(points).all(axis=1))
+    order = finite[canonical_order(points[finite])]
+    place = np.full(len(points), ABSENT, np.int64)
+    place[order] = np.arange(len(order))
+    ordered = [replace(plane, members=known_places(place, plane.members)) for plane in planes]
+    result = modeller.model(points[order], footprint, ordered, ground, emit)
     facts: dict[str, object] = {"method": modeller.name}
-    if isinstance(answer, Failure):
-        facts = {"method": FALLBACK, "fallback_code": answer.code, "fallback_reason": answer.reason}
+    if isinstance(result, Failure):
+        facts = {"method": FALLBACK, "fallback_code": result.code, "fallback_reason": result.reason}
         fallback = make_method("reconstruct", FALLBACK)
         assert isinstance(fallback, Reconstructor)
-        answer = fallback.model(points[order], footprint, ordered, ground, emit)
-    if isinstance(answer, Failure):
-        return answer
-    back = tuple(replace(plane, members=np.sort(order[plane.members])) for plane in answer.planes)
-    return answer.with_(planes=back, attributes={**facts, "lod": answer.lod, **answer.attributes})
+        result = fallback.model(points[order], footprint, ordered, ground, emit)
+    if isinstance(result, Failure):
+        return result
+    back = tuple(replace(plane, members=np.sort(order[plane.members])) for plane in result.planes)
+    return result.with_(planes=back, attributes={**facts, "lod": result.lod, **result.attributes})
+
+
+def known_places(place: NDArray[np.int64], members: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The places (K,) of a plane's points in canonical order, ascending, without those that are left out."""
+    found = np.sort(place[members])
+    return found[np.searchsorted(found, 0) :]

@@ -1,1 +1,1 @@
-"""What people see: progress, pictures, the report."""
+"""The report: the page, pictures, the notebook."""

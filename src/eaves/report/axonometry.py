@@ -21,7 +21,7 @@ SLABS = 60
 """Surfaces and points are drawn in so many layers by depth, the farthest first."""
 POINTS_DRAWN = 120_000
 PIECE = 5.0
-"""Faces and edges are cut to pieces of this size (m): the depth of a piece tells what it covers."""
+"""Faces and edges are cut to pieces of this size (m): pieces are drawn by depth."""
 SUNKEN = 0.3
 """Pieces whose middle lies so much (m) under the terrain are left out."""
 IN_FRONT = 1.0

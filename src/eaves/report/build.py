@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
@@ -13,9 +13,10 @@ from eaves.report.notebook import Results
 from eaves.report.page_file import write_report
 from eaves.report.sample import PointSample
 from eaves.run.recipe import Recipe
-from eaves.run.run import Progress, RunOptions, no_progress
+from eaves.run.run import Progress, RunOptions, list_options, no_progress
 
 
+@list_options
 def build(
     inputs: str | Path | Sequence[str | Path],
     out: str | Path,
@@ -27,26 +28,66 @@ def build(
 
     Parameters
     ----------
-    inputs
+    inputs : str, Path or sequence of them
         LAS, LAZ, COPC or text files, folders or globs.
-    out
+    out : str or Path
         Folder; made when missing.
-    recipe
+    recipe : Recipe or None
         The methods, instead of the options that name them.
-    progress
+    progress : callable
         Called with the step, how much of it is done, and how much there is.
-    options
-        The keywords of `eaves.run.run.RunOptions`: `ground`, `detect`, `outline`, `roof`, `reconstruct` (a
-        method, its name, or a table of its parameters), `use_classes`, `as_published`, `lod`, `crs`,
-        `bounds`, `clip`, `footprints`, `id_field`, `snap_footprints`, `party_walls`, `formats`, `outputs`,
-        `block` (m),
-        `jobs`, `scheduler`, `resume`, `per_tile`, `classified`.
+    ground, detect, outline, units, roof, reconstruct : Method, str, mapping or None
+        The method of the stage, its name, or a table of its parameters; None is the default.
+    source : str or None
+        One of the published systems, whole: chen_sun, xiao2014, ren_fcs, roof_attributes or maas_vosselman.
+    use_classes : bool
+        Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise.
+    as_published : bool
+        Methods given by name take the numbers that their papers print.
+    lod : str or None
+        The finest level of detail: `0`, `1.2`, `1.3`, `2.0` or `2.2`; None is what the source
+        delivers, or 2.2.
+    crs : str or None
+        EPSG code, compound code, or a file with WKT or PROJJSON; it overrides the files' own.
+    crs_force : bool
+        Use `crs` even where a file states another system, or its numbers do not fit it.
+    salvage : bool
+        Of files that are cut off, use what is whole.
+    bounds : Bounds, four numbers or None
+        West, south, east, north in the unit of the files' reference system; points outside are not used.
+    clip : str, Path or None
+        File of polygons; points outside are not used.
+    footprints : str, Path or None
+        File of polygons to use as footprints instead of detected ones.
+    id_field : str or None
+        Field of the footprints that holds their id.
+    snap_footprints : bool
+        Move given footprints to the eaves in the points.
+    party_walls : str, Path or None
+        File of polygons of addresses; detected blocks are split along their borders.
+    formats : sequence of str
+        Further formats: `obj`, `glb`, `3dtiles`, `cityjson`, `geojson`, `fgb`, `parquet`.
+    outputs : sequence of str
+        Outputs to write, of `footprints`, `models`, `mask`, `rasters`, `classified`.
+    block : float
+        Side of a block (m, ≥ 6).
+    jobs : int
+        Processes (≥ 1).
+    scheduler : str or None
+        Address of a Dask scheduler: `tcp://host:port`.
+    memory : str or None
+        Bound of the processes' memory together: `4G`, `1500M`.
+    resume : bool
+        Keep the parts of an earlier run that are done and match.
+    per_tile : bool
+        Compute and write by tiles, each on its own, also where there are few points.
+    classified : Path or None
+        File for the classified points of the one input, instead of those in `out`.
 
     Returns
     -------
     Results
-        What was found and written; in a notebook it shows itself. A run by tiles has no report: it is more
-        than a page holds.
+        What was found and written; a notebook shows it as HTML. A run by tiles has no report.
 
     Raises
     ------
@@ -71,14 +112,12 @@ def build(
     True
     """
     sample = PointSample(POINTS_SHOWN, BUILDINGS_SHOWN)
-    several = options.get("jobs", 1) > 1 or options.get("scheduler") is not None
+    several = options.get("jobs", 1) != 1 or options.get("scheduler") is not None
 
     def show(step: str, done: int, total: int) -> None:
         progress(step, done, total)
         if several and step == "buildings" and done == 1:  # the others compute meanwhile
             import_libraries()
 
-    results = Results.of(build_files(inputs, out, recipe, show, sample, **options))
-    if "tiles" in results.run:
-        return results
-    return replace(results, files=(*results.files, write_report(results, sample)))
+    report = partial(write_report, received=sample)
+    return Results.of(build_files(inputs, out, recipe, show, sample, report, **options))

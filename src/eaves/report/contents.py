@@ -30,9 +30,9 @@ from eaves.report.surfaces import SURFACES, CityFaces, in_pieces, iter_city_face
 
 POINTS_SHOWN = 300_000
 BUILDINGS_SHOWN = 4_000
-"""More than these are thinned, and the page says so: what an office computer turns smoothly."""
+"""More are thinned, and the page states it: what an office computer turns smoothly."""
 FARTHEST = 2_000_000.0
-"""Points farther (m) from the scene are strays; what whole millimetres in four bytes can hold."""
+"""Points farther (m) from the scene are left out: what whole millimetres in four bytes can hold."""
 TERRAIN_CELLS = 250
 """The terrain is drawn with at most this many cells a side."""
 ROOFS_AT_ONCE = 400
@@ -143,7 +143,7 @@ def points_of(rows: list[dict[str, Any]]) -> int:
 
 
 def system_of_folder(folder: Path) -> CoordinateSystem | None:
-    """The reference system of a run, with its vertical unit, as its terrain says; None without one."""
+    """The reference system of a run, with its vertical unit, as its terrain has it; None without one."""
     path = folder / "dtm.tif"
     if not path.exists():
         return None

@@ -22,7 +22,7 @@ KINDS = {
     FALSE_POSITIVE: ("false", "#d0302f"),
     UNKNOWN: ("unknown", "#c8c8c8"),
 }
-"""Name and colour (told apart by the colour-blind too) of each value of the map of agreement."""
+"""Name and colour (distinct for the colour-blind too) of each value of the map of agreement."""
 
 
 def agreement(folder: Path, reference: Path) -> Raster:
@@ -31,9 +31,9 @@ def agreement(folder: Path, reference: Path) -> Raster:
     Cells hold 0 or one of `KINDS`; polygons are compared with the run's mask.tif.
     """
     if reference.suffix.lower() in (".tif", ".tiff"):
-        told, system = read_raster(reference)
-        codes = np.round(told.values / np.float32(system.vertical_unit_m))  # codes are no heights
-        return Raster(codes, told.west, told.north, told.cell)
+        labels, system = read_raster(reference)
+        codes = np.round(labels.values / np.float32(system.vertical_unit_m))  # codes are no heights
+        return Raster(codes, labels.west, labels.north, labels.cell)
     mask, system = read_raster(folder / "mask.tif")
     true = rasterize(read_polygons(reference, target=system)[0], mask.bounds, mask.cell).values > 0
     mine = mask.values > 0

@@ -1,4 +1,4 @@
-"""A run's results as notebooks want them: an HTML summary, GeoDataFrames, arrays, meshes."""
+"""A run's results for notebooks: an HTML summary, GeoDataFrames, arrays, meshes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import html
 import io
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Self
 
@@ -16,21 +17,47 @@ from eaves.formats import iter_cityjson, read_polygons
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
-from eaves.report.plan import plan_figure
 from eaves.report.sample import Sample, classified_files, sample_points
 from eaves.report.surfaces import CityFaces, cut_into_triangles, iter_city_faces
 
 FILE_DIGITS = 4
-"""Decimals (m) that tell a file's corners apart; rounded to them, those of neighbouring faces are one."""
+"""Decimals (m) of a file's corners; rounded to them, those of neighbouring faces are one."""
 
 
 @dataclass(frozen=True)
 class Results(Summary):
-    """What a run found and wrote, with its results as notebooks want them."""
+    """What a run found and wrote, with its results as tables, arrays and meshes for notebooks.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the outputs are.
+    points, found, modelled : int
+        Numbers of points, of buildings, and of buildings with a model.
+    by_lod, failures, fallbacks : dict of str to int
+        Models by level of detail; buildings without a model, and with a coarser one than asked for, by code.
+    seconds : dict of str to float
+        Time (s) of each step, over all processes.
+    elapsed : float
+        Time (s) from start to end.
+    files : tuple of Path
+        The files written.
+    failed : tuple of str
+        Inputs and blocks that could not be used, with the reason.
+    run : dict
+        The content of run.json.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from eaves import Results
+    >>> Results(Path("out"), 1000, 2, 2, {"2.2": 2}, {}, {}, {}, 1.5, ()).found
+    2
+    """
 
     @classmethod
     def of(cls, summary: Summary) -> Self:
-        """The same, with more to ask."""
+        """The same, with the tables, arrays and meshes."""
         return cls(**vars(summary))
 
     def _repr_html_(self) -> str:
@@ -57,7 +84,10 @@ def summary_html(summary: Summary) -> str:
     """The summary as HTML: its lines, a small plan where there are rasters, and the files."""
     lines = html.escape(summary.as_text()).replace("\n", "<br>")
     picture = ""
-    if (summary.folder / "dsm.tif").exists() and (summary.folder / "footprints.gpkg").exists():
+    files = [summary.folder / name for name in ("dsm.tif", "footprints.gpkg")]
+    if find_spec("matplotlib") is not None and all(path.exists() for path in files):
+        from eaves.report.plan import plan_figure
+
         buffer = io.BytesIO()
         plan_figure(summary.folder, 5.0).savefig(buffer, format="png", dpi=100)
         encoded = base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -24,12 +24,13 @@ from numpy.typing import NDArray
 from eaves.formats.atomic import atomic
 from eaves.model import Points, Raster
 from eaves.model.building import LODS
+from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.summary import Summary
 from eaves.report.contents import Contents, local_rings, read_contents
 from eaves.report.sample import PointSample
 from eaves.report.surfaces import CityFace, cut_into_triangles, edges_of, in_pieces
 
-SCRIPTS = ("arrays", "camera", "draw", "pace", "pick", "colours", "table", "charts", "main", "listen")
+SCRIPTS = ("arrays", "camera", "draw", "pace", "pick", "colours", "table", "charts", "main", "events")
 COLUMNS = {
     "id": "id",
     "lod": "LoD",
@@ -113,7 +114,7 @@ def iter_data(contents: Contents) -> Iterator[str]:
 
 def as_json(value: Any) -> str:
     """JSON that no browser takes for the end of the script."""
-    return json.dumps(value, separators=(",", ":")).replace("</", "<\\/")
+    return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def say_shown(contents: Contents) -> str:
@@ -149,6 +150,7 @@ def page_data(contents: Contents) -> dict[str, Any]:
         "rows": contents.rows,
         "others": pack_rows(contents.others, [*there, *CHARTED]),
         "columns": [{"name": name, "title": COLUMNS[name], "number": name in numbers} for name in there],
+        "meanings": {name: [about.label, about.meaning] for name, about in MEANINGS.items()},
         "lods": LODS,
         "base": contents.base,
         "modelled": len(contents.faces) > 0,
@@ -217,7 +219,7 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
 
 def millimetres(xyz: Points) -> NDArray[np.int32]:
     """Coordinates as whole millimetres."""
-    whole = xyz * MILLIMETRES
+    whole = np.clip(xyz * MILLIMETRES, -UNKNOWN_HEIGHT, UNKNOWN_HEIGHT)
     return np.asarray(np.rint(whole, out=whole), np.int32)
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
+from eaves.formats import InputError
 
-from eaves.report.axonometry import models_figure
-from eaves.report.errors import errors_figure
-from eaves.report.plan import plan_figure
-from eaves.report.section import section_figure
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PICTURES = ("plan", "errors", "section", "models")
 SUFFIXES = (".png", ".svg", ".pdf")
@@ -50,7 +50,11 @@ def plot_run(
     ------
     ValueError
         For another picture, another extension, or what it needs and has not.
+    InputError
+        When matplotlib is not installed.
     """
+    if find_spec("matplotlib") is None:
+        raise InputError("pictures need matplotlib, which is missing; run: pip install 'eaves[plots]'")
     if what not in PICTURES:
         raise ValueError(f"'{what}' is no picture; choose one of: {', '.join(PICTURES)}")
     target = Path(path) if path else Path(folder) / f"{what}.png"
@@ -64,6 +68,11 @@ def figure_of(
     folder: Path, what: str, reference: str | Path | None, building: str | None, size_inches: float
 ) -> Figure:
     """The picture as a matplotlib figure."""
+    from eaves.report.axonometry import models_figure
+    from eaves.report.errors import errors_figure
+    from eaves.report.plan import plan_figure
+    from eaves.report.section import section_figure
+
     if what == "errors":
         if reference is None:
             raise ValueError(

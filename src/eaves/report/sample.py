@@ -72,7 +72,7 @@ class Thinning:
 
     @classmethod
     def of(cls, candidates: int, limit: int | None, expected: int) -> Thinning:
-        """What brings so many points, of which buildings are expected to have some, down to about `limit`."""
+        """The thinning that leaves about `limit` of so many points, those on buildings expected."""
         if limit is None:
             return cls(1, 1.0, 1.0)
         every = max(1, -(-candidates // POINTS_READ))
@@ -128,8 +128,8 @@ class PointSample:
 
     def pieces(self, layouts: Sequence[LasHeader], thinning: Thinning) -> list[list[NDArray[np.void]]] | None:
         """The records taken of each file; None when these are other files, or not thinned so."""
-        told = {layout.path: layout.count for layout in layouts if layout.count}
-        if self._thinning != thinning or self._counts != told:
+        counts = {layout.path: layout.count for layout in layouts if layout.count}
+        if self._thinning != thinning or self._counts != counts:
             return None
         return [self._kept.get(layout.path, []) for layout in layouts]
 
@@ -156,7 +156,7 @@ def sample_points(
     files
         Classified LAZ files of one run.
     system
-        The run's, whose units the files are in; a file without a system of its own does not say so.
+        The run's, whose units the files are in; a file without a system of its own does not name it.
     bounds
         World metres; only points inside are taken.
     building

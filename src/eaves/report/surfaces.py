@@ -39,7 +39,7 @@ class CityFace:
 class CityFaces(Sequence[CityFace]):
     """Many faces in a few arrays, a tenth of what they take as objects.
 
-    `corners` (V, 3) are those of all rings, one behind the other; `ring_start` (R + 1,) says where in them
+    `corners` (V, 3) are those of all rings, one behind the other; `ring_start` (R + 1,) is where in them
     each ring starts, `face_start` (F + 1,) where in the rings each face does; `building`, `lod` and `kind`
     (F,) are as in `CityFace`.
     """

@@ -10,6 +10,7 @@ from pathlib import Path
 from eaves.formats import InputError
 from eaves.report.contents import read_contents
 from eaves.report.page_file import write_page
+from eaves.run.manifest import add_to_manifest
 
 log = logging.getLogger("eaves")
 
@@ -31,14 +32,15 @@ def open_report(
         raise InputError.about(folder, "holds no footprints.gpkg", "give the folder of a run of eaves build")
     newest = record if record.exists() else folder / "footprints.gpkg"
     if again or around is not None or not path.exists() or path.stat().st_mtime < newest.stat().st_mtime:
-        write_page(read_contents(folder, around=around), describe_run(folder))
+        written = write_page(read_contents(folder, around=around), describe_run(folder))
+        add_to_manifest(folder, [written])
     if show and not webbrowser.open(path.resolve().as_uri()):
         log.warning("no browser could be started; open %s", path)
     return path
 
 
 def describe_run(folder: Path) -> str:
-    """The summary of a run from its run.json, as the run itself said it."""
+    """The summary of a run from its run.json, as the run reported it."""
     from eaves.model.summary import Summary
 
     path = folder / "run.json"

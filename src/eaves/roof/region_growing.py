@@ -65,7 +65,7 @@ class RegionGrowing(RoofMethod):
     --------
     The paper prints no number. Here all follow the noise s (a low quantile of √(λ₀ k / (k − 3)) over
     the building) and the spacing a. k makes the error of a normal, 2 s √π / (a k), two degrees, within
-    10 and 40. Curved is λ₀ > 2.5 s², told by eq. 3 for a round neighbourhood. The normal threshold is
+    10 and 40. Curved is λ₀ > 2.5 s², by eq. 3 for a round neighbourhood. The normal threshold is
     four errors of a normal. Left open by the paper and added: the distance to the plane is tested while
     growing, which stops a plane from bending; a neighbourhood that is a line (scan lines) takes more
     points; touching regions that one plane explains are joined; walls, by their normals, and very small

@@ -1,4 +1,4 @@
-"""The roof stage: contract of a segmenter, and the verb that finds roof planes with one."""
+"""The roof stage: contract of a roof method, and the function that finds roof planes."""
 
 from __future__ import annotations
 
@@ -9,14 +9,22 @@ import numpy as np
 
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
 from eaves.model import Points, RoofPlane
+from eaves.model.checks import check_points, check_positive
 from eaves.model.cloud import canonical_order
 
 
 class RoofMethod(Method):
-    """Finds the planes of one roof.
+    """What a roof segmentation method must do.
 
-    `planes` sees the building's points (N, 3) in canonical order, in local metres near the origin, and random
-    numbers of the building's own; it answers planes with member indices into these points, largest first.
+    `planes` gets the building's points (N, 3) in canonical order, in local metres near the origin, and a
+    random generator seeded by the building; it returns planes with member indices into these points, largest
+    first.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> isinstance(eaves.GlobalRefinement(), eaves.RoofMethod)
+    True
     """
 
     stage: ClassVar[str] = "roof"
@@ -36,9 +44,36 @@ def segment_roof(
     rng: np.random.Generator | None = None,
     debug: str | Path | Emit | None = None,
 ) -> list[RoofPlane]:
-    """The roof planes of one building, largest first; `members` index the given points (N, 3), in any order.
+    """The roof planes of one building, largest first.
 
-    The method works about the building's own centre (whole metres): no precision is lost far from the origin.
+    The method computes about the building's own centre (whole metres), so that no precision is lost far from
+    the origin.
+
+    Parameters
+    ----------
+    points : ndarray (N, 3) of float64
+        x, y, z in local metres, in any order; points with NaN coordinates are left out.
+    spacing : float
+        Mean distance (m, > 0) of the points in plan.
+    method : RoofMethod, str, mapping or None
+        The method, its name, or its parameters; None is `GlobalRefinement()`.
+    rng : numpy.random.Generator or None
+        Random numbers for methods that draw samples; None is a generator with seed 0.
+    debug : str, Path, callable or None
+        A folder or a callback `(name, value)` that receives every named intermediate.
+
+    Returns
+    -------
+    list of RoofPlane
+        `members` index the given points; the list is empty for fewer than three points, and where no plane
+        is.
+
+    Raises
+    ------
+    TypeError
+        When `points` is no float64 array, `spacing` no number, or `method` no roof method.
+    ValueError
+        When `points` has another shape, `spacing` is not above 0, or no method or parameter has that name.
 
     Examples
     --------
@@ -50,6 +85,8 @@ def segment_roof(
     >>> len(planes) == len(truth.buildings[0].faces)
     True
     """
+    check_points(points)
+    check_positive(spacing, "spacing")
     segmenter = resolve_method("roof", method)
     assert isinstance(segmenter, RoofMethod)
     good = np.flatnonzero(np.isfinite(points).all(axis=1))
@@ -58,9 +95,9 @@ def segment_roof(
     good = good[canonical_order(points[good])]
     centre = np.floor(points[good].mean(axis=0))
     found = segmenter.planes(points[good] - centre, spacing, rng or np.random.default_rng(0), emitter(debug))
-    answers = []
+    results = []
     for plane in found:
         a, b, c = plane.coefficients
         moved = (a, b, float(c + centre[2] - a * centre[0] - b * centre[1]))
-        answers.append(RoofPlane(moved, np.sort(good[plane.members]), plane.rmse))
-    return answers
+        results.append(RoofPlane(moved, np.sort(good[plane.members]), plane.rmse))
+    return results

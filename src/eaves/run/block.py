@@ -6,27 +6,33 @@ import numpy as np
 
 from eaves.detect import detect_buildings
 from eaves.ground import classify_ground
-from eaves.model import Block, Bounds, PointCloud, Raster, Regions
+from eaves.ground.toolkit.wide_objects import WideObjects
+from eaves.model import Block, Bounds, Mask, PointCloud, Raster, Regions
+from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
-from eaves.raster.surfaces import make_scene
+from eaves.raster.surfaces import scene_of
 from eaves.run.clock import Clock
 from eaves.run.recipe import SEAM, Recipe
 
 
-def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
+def block_pass(
+    cloud: PointCloud, block: Block, recipe: Recipe, wide: WideObjects | None = None
+) -> BlockResult:
     """Ground, rasters and regions of one block.
 
     `cloud` must hold the points of the block and of its surroundings up to `recipe.buffer`, and no others:
-    then the answer is the same whichever files or tiles they came from.
+    then the result does not depend on the files or tiles they came from. `wide` is what a look at more than
+    them has found; by default it is looked for in the cloud.
     """
     clock = Clock()
     cloud = cloud.about(block.origin).in_canonical_order()
-    cloud = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes)
+    cloud = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide)
     clock.lap("ground")
     core = Bounds(0.0, 0.0, block.side, block.side)
     seen = core.buffered(recipe.scene_buffer)
     cloud = cloud.take(seen.contains(cloud.xyz))
-    scene = make_scene(cloud, seen)
+    beneath = None if wide is None else wide.terrain_beneath(seen, block.origin)
+    scene = scene_of(cloud, seen, beneath=beneath)
     clock.lap("rasters")
     nothing = Regions(np.zeros(len(cloud), np.int32))
     regions = detect_buildings(scene, recipe.detect) if recipe.detect else nothing
@@ -45,6 +51,7 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
         classification=cloud.classification[inside],
         label=regions.label[inside],
         part=part[inside],
+        not_last=not_last(cloud)[inside],
         height=scene.height[inside].astype(np.float32),
         score=regions.score,
         dtm=crop(scene.dtm, core),
@@ -52,8 +59,24 @@ def block_pass(cloud: PointCloud, block: Block, recipe: Recipe) -> BlockResult:
         spacing=scene.spacing,
         seam_id=cloud.point_id[seam],
         seam_label=regions.label[seam],
+        doubts=(
+            *(doubt.translated(*block.origin) for doubt in regions.doubts if holds(core, doubt)),
+            *(() if wide is None else wide.doubts_in(block.bounds)),
+        ),
         seconds=clock.laps,
     )
+
+
+def holds(bounds: Bounds, doubt: Doubt) -> bool:
+    """Whether a doubt lies within bounds: of neighbouring blocks only one has it."""
+    return bool(bounds.contains(np.array([[doubt.x, doubt.y]]))[0])
+
+
+def not_last(cloud: PointCloud) -> Mask:
+    """The points (N,) whose pulses came back once more from below; none where the scan does not say."""
+    if cloud.return_number is None or cloud.number_of_returns is None:
+        return np.zeros(len(cloud), bool)
+    return np.asarray(cloud.return_number < cloud.number_of_returns)
 
 
 def crop(raster: Raster, bounds: Bounds) -> Raster:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.formats.atomic import atomic
 from eaves.model import Block, Bounds, Labels, Points, Raster
 from eaves.model.cloud import GRID_STEP, GROUND, NOISE_CLASSES
+from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
+from eaves.run.part_file import open_part, save_part
 
 CANDIDATE_HEIGHT = 1.0
 """Points lower than this (m) over the terrain belong to no roof."""
@@ -36,6 +37,8 @@ class Candidates:
     score: NDArray[np.float64]
     """Of each label, (K,)."""
     spacing: float
+    not_last: NDArray[np.bool_]
+    """Whether the pulse came back once more from below."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +49,7 @@ class BlockMetadata:
     extent: Bounds
     """World metres of the points in the block."""
     seconds: dict[str, float]
+    doubts: tuple[Doubt, ...] = ()
 
 
 def save_block(path: Path, result: BlockResult) -> None:
@@ -58,9 +62,10 @@ def save_block(path: Path, result: BlockResult) -> None:
         "seconds": result.seconds,
         "spacing": result.spacing,
         "extent": [extent.west, extent.south, extent.east, extent.north],
+        "doubts": [asdict(doubt) for doubt in result.doubts],
         "corner": [result.dtm.west, result.dtm.north, result.dtm.cell],
     }
-    arrays = {
+    arrays: dict[str, NDArray[Any]] = {
         "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
         "point_id": result.point_id,
         "classification": result.classification,
@@ -69,6 +74,7 @@ def save_block(path: Path, result: BlockResult) -> None:
         "quanta": np.round(result.xyz[some] / GRID_STEP).astype(np.int32),
         "label": result.label[some],
         "high": high[some],
+        "not_last": result.not_last[some],
         "score": result.score,
         "dtm": result.dtm.values,
         "dsm": result.dsm.values,
@@ -76,9 +82,7 @@ def save_block(path: Path, result: BlockResult) -> None:
         "seam_label": result.seam_label,
         "sides": sides_of(result, count),
     }
-    with atomic(path) as temporary:
-        # numpy's stub takes any of the names for its own option allow_pickle
-        np.savez(temporary, **arrays)  # type: ignore[arg-type]
+    save_part(path, arrays)
 
 
 def sides_of(result: BlockResult, count: int) -> NDArray[np.uint8]:
@@ -101,7 +105,7 @@ class BlockFile:
 
     def __init__(self, path: Path, block: Block) -> None:
         self.block = block
-        self._file: Any = np.load(path)
+        self._file: Any = open_part(path)
         self.about: dict[str, Any] = json.loads(self._file["about"].tobytes())
 
     def __enter__(self) -> BlockFile:
@@ -115,8 +119,9 @@ class BlockFile:
         return np.asarray(self._file[name])
 
     def metadata(self) -> BlockMetadata:
-        """Extent and seconds."""
-        return BlockMetadata(self.block, Bounds(*self.about["extent"]), self.about["seconds"])
+        """Extent, seconds and doubts."""
+        doubts = tuple(Doubt(**doubt) for doubt in self.about["doubts"])
+        return BlockMetadata(self.block, Bounds(*self.about["extent"]), self.about["seconds"], doubts)
 
     def raster(self, name: str) -> Raster:
         """`dtm` or `dsm` in metres about the block's corner."""
@@ -134,4 +139,5 @@ class BlockFile:
             self["high"],
             self["score"],
             self.about["spacing"],
+            self["not_last"],
         )

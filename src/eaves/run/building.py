@@ -30,7 +30,9 @@ def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list
     boundaries: dict[int, Boundary] = {}
     for number, building in enumerate(buildings):
         if building.given is None:
-            boundary = trace_outline(building.roof_points, building.spacing, recipe.outline)
+            boundary = trace_outline(
+                building.roof_points, building.spacing, recipe.outline, not_last=building.roof_not_last
+            )
             if isinstance(boundary, Failure):
                 drawn[number] = boundary
             else:

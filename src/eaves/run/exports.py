@@ -3,22 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
-from eaves.formats import write_3dtiles, write_cityjson, write_geoparquet, write_glb, write_obj
+from eaves.formats import (
+    write_3dtiles,
+    write_citygml,
+    write_cityjson,
+    write_geoparquet,
+    write_glb,
+    write_lod_layers,
+    write_obj,
+    write_obj_wireframe,
+)
+from eaves.formats.citygml import write_citygml3
 from eaves.formats.geopackage import Row, write_polygons
 from eaves.formats.parquet import require_pyarrow
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 
-FOOTPRINT_FILES = {
+Writer = Callable[..., object]
+FOOTPRINT_FILES: dict[str, tuple[Writer, str]] = {
     "geojson": (write_polygons, "footprints.geojson"),
     "fgb": (write_polygons, "footprints.fgb"),
     "parquet": (write_geoparquet, "footprints.parquet"),
 }
-MODEL_FILES = {
+ROOF_FILES: dict[str, tuple[Writer, str]] = {
+    "fgb": (partial(write_polygons, layer="roof_planes"), "roof_planes.fgb"),
+    "parquet": (write_geoparquet, "roof_planes.parquet"),
+}
+MODEL_FILES: dict[str, tuple[Writer, str]] = {
     "cityjson": (write_cityjson, "buildings.city.json"),
     "obj": (write_obj, "buildings.obj"),
+    "obj-wireframe": (write_obj_wireframe, "wireframe.obj"),
     "glb": (write_glb, "buildings.glb"),
+    "gpkg": (write_lod_layers, "buildings.gpkg"),
+    "citygml": (write_citygml, "buildings.gml"),
+    "citygml3": (write_citygml3, "buildings3.gml"),
     "3dtiles": (write_3dtiles, "3dtiles"),
 }
 
@@ -40,14 +60,15 @@ def check_formats(names: Sequence[str]) -> None:
 
 
 def export_footprints(
-    folder: Path, rows: Iterable[Row], system: CoordinateSystem, names: Sequence[str]
+    folder: Path, rows: Iterable[Row], roofs: Iterable[Row], system: CoordinateSystem, names: Sequence[str]
 ) -> list[Path]:
-    """Write the footprints in the formats named; the files written."""
+    """Write the footprints, and the roof planes, in the formats named; the files written."""
     written = []
-    for name, (write, file) in FOOTPRINT_FILES.items():
-        if name in names:
-            write(folder / file, list(rows), system)
-            written.append(folder / file)
+    for files, which in ((FOOTPRINT_FILES, rows), (ROOF_FILES, roofs)):
+        for name, (write, file) in files.items():
+            if name in names:
+                write(folder / file, list(which), system)
+                written.append(folder / file)
     return written
 
 
@@ -63,4 +84,5 @@ def export_models(
         if name in names:
             write(folder / file, models(), system)
             written.append(folder / file / "tileset.json" if name == "3dtiles" else folder / file)
+            written += [folder / "buildings.mtl"] if name == "obj" else []
     return written

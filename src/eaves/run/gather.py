@@ -56,7 +56,9 @@ class Gatherer:
 
     def gather(self, owner: Block, plan: BuildingPlan) -> BuildingPoints | Failure:
         """The building's points about the corner of its owner block, with the terrain around them."""
-        xyz, point_id, part, score, spacing = [], [], [], 0.0, 1.0
+        if plan.failure is not None:
+            return plan.failure
+        xyz, point_id, part, not_last, score, spacing = [], [], [], [], 0.0, 1.0
         for block, label in plan.regions:
             result = self.candidates(block)
             if result is None:
@@ -72,6 +74,7 @@ class Gatherer:
             xyz.append(result.xyz[chosen] + shift)
             point_id.append(result.point_id[chosen])
             part.append(result.part[chosen])
+            not_last.append(result.not_last[chosen])
         if not sum(map(len, xyz)):
             return Failure("no_points", "no point above the ground lies in it", "tiling", plan.given)
         points = snap(np.concatenate(xyz))
@@ -88,11 +91,13 @@ class Gatherer:
             score=score,
             number=plan.number,
             given=plan.given,
+            not_last=np.concatenate(not_last),
         )
 
     def snapped(self, plan: OwnedBuildings) -> OwnedBuildings:
         """The plan with its given footprints moved to the eaves in the points, neighbours together."""
-        buildings = [building for building in plan.buildings if building.given is not None]
+        buildings = [building for building in plan.buildings if building.failure is None]
+        others = tuple(building for building in plan.buildings if building.failure is not None)
         footprints = [building.given for building in buildings if building.given is not None]
         blocks = sorted({block for building in buildings for block, _ in building.regions})
         points, spacing = [], 1.0
@@ -113,7 +118,8 @@ class Gatherer:
             return plan
         moved = snap_footprints(footprints, np.concatenate(points), spacing)
         pairs = zip(buildings, moved, strict=True)
-        return replace(plan, buildings=tuple(replace(building, given=given) for building, given in pairs))
+        snapped = tuple(replace(building, given=given) for building, given in pairs)
+        return replace(plan, buildings=snapped + others)
 
     def terrain(self, owner: Block, bounds: Bounds) -> Raster:
         """The terrain inside `bounds` (about the owner block's corner), NaN where no block knows it."""

@@ -11,10 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyproj
 from numpy.typing import NDArray
 
 from eaves.formats import InputError, Source, open_source
 from eaves.formats.crs import agree
+from eaves.formats.crs_check import refuse_conflict, refuse_numbers
+from eaves.formats.las_header import LasHeader
+from eaves.formats.recovery import check_chunks
 from eaves.formats.source import FIELDS, open_marked, warn_without_system
 from eaves.model import Bounds, CoordinateSystem, Mask
 
@@ -152,26 +156,31 @@ def index_inputs(
     crs: str | None,
     failed: list[str],
     tell: Callable[[int, int], None] = lambda done, total: None,
+    crs_force: bool = False,
+    salvage: bool = False,
 ) -> Index:
     """The index of all files that can be opened; why others cannot is noted in `failed`.
 
     Raises
     ------
     InputError
-        When none can be opened, or units or systems differ.
+        When none can be opened, or units or systems differ, or `crs` is not what a file says or its numbers
+        cannot be what its system says and there is no `crs_force`.
     """
     entries, names, kept = np.zeros(len(paths), ENTRY), bytearray(), {}
     systems: dict[CoordinateSystem, Path] = {}
     number, wrong_boxes = 0, []
     for path in paths:
         try:
-            source, mark = open_marked(path, crs)
+            source, mark = open_or_salvage(path, crs, salvage)
         except InputError as error:
             if len(paths) == 1:
                 raise
             failed.append(str(error))
             log.error("%s", error)
             continue
+        if not crs_force:
+            refuse_system(source, crs)
         names += str(path).encode("utf-8", "surrogateescape")
         bits = sum(1 << bit for bit, name in enumerate(FIELDS) if name in source.fields)
         bounds = source.bounds
@@ -179,7 +188,7 @@ def index_inputs(
         entries[number] = source.count, box, bits, np.frombuffer(mark, np.uint8), len(names)
         if source.measured:
             kept[number] = source
-            if source.lies:
+            if source.has_wrong_bbox:
                 wrong_boxes.append(path)
         if source.system not in systems:
             systems[source.system] = Path(path)
@@ -199,3 +208,51 @@ def index_inputs(
             wrong_boxes[0],
         )
     return index
+
+
+def open_or_salvage(path: str | Path, crs: str | None, salvage: bool) -> tuple[Source, bytes]:
+    """A file with its fingerprint; where it is cut off and `salvage` asks for it, what is whole of it.
+
+    Points that its header does not count are used, with a warning.
+    """
+    try:
+        source, mark = open_marked(path, crs)
+        if salvage and isinstance(source.layout, LasHeader):
+            check_chunks(source.layout)
+    except InputError as error:
+        if not salvage:
+            raise
+        source, mark = open_marked(path, crs, salvage=True)
+        log.warning("%s; recovered are %d points", error, source.count)
+        return source, mark
+    stated = source.layout.stated if isinstance(source.layout, LasHeader) else None
+    if stated is not None:
+        log.warning("%s: the header counts %d points, %d are there and used", path, stated, source.count)
+    return source, mark
+
+
+def refuse_system(source: Source, crs: str | None) -> None:
+    """Nothing, when a file's system, what the caller says of it and its numbers agree.
+
+    Raises
+    ------
+    InputError
+        When they do not.
+    """
+    if source.count == 0:
+        return
+    unit, bounds = source.system.horizontal_unit_m, source.bounds
+    box = Bounds(bounds.west / unit, bounds.south / unit, bounds.east / unit, bounds.north / unit)
+    if crs is not None:
+        refuse_conflict(source.path, crs, own_system(source), box)
+    refuse_numbers(source.path, source.system, box)
+
+
+def own_system(source: Source) -> pyproj.CRS | None:
+    """What a file itself says of its system; None when nothing that can be read."""
+    if not isinstance(source.layout, LasHeader):
+        return None
+    try:
+        return source.layout.crs()[0]
+    except InputError:
+        return None

@@ -9,10 +9,11 @@ import numpy as np
 import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from shapely import Polygon
 
 from eaves.footprints.read import as_box
 from eaves.geometry.polygons import as_polygon
-from eaves.model import Block, Footprint
+from eaves.model import Block, Failure, Footprint
 from eaves.run.block_file import BORDER, BlockFile
 
 
@@ -44,6 +45,8 @@ class BuildingPlan:
     number: int
     regions: tuple[tuple[Block, int], ...]
     given: Footprint | None = None
+    failure: Failure | None = None
+    """Why nothing can be computed for a given footprint, about the owner block's corner."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,15 +151,17 @@ def join_regions(seams: Sequence[Seam]) -> list[OwnedBuildings]:
     ]
 
 
-def assign_footprints(footprints: Sequence[Footprint], blocks: Sequence[Block]) -> list[OwnedBuildings]:
+def assign_footprints(
+    footprints: Sequence[Footprint], blocks: Sequence[Block], side: float, lost: Sequence[Failure] = ()
+) -> list[OwnedBuildings]:
     """Buildings from given footprints (polygons, world metres), owned by the block of their representative
-    point.
+    point; a footprint without a place belongs to the first block.
 
-    Footprints that meet no block with points are left out; the caller counts them.
+    Those that meet no block with points, and the `lost` ones, follow as failures: each footprint has a row.
     """
-    side = blocks[0].side
     known = set(blocks)
     owners: dict[Block, list[tuple[tuple[Block, ...], Footprint]]] = {}
+    failures = list(lost)
     for footprint in footprints:
         west, south, east, north = footprint.polygon.bounds
         first, last = Block.at(west, south, side), Block.at(east, north, side)
@@ -166,28 +171,37 @@ def assign_footprints(footprints: Sequence[Footprint], blocks: Sequence[Block]) 
             for row in range(first.row, last.row + 1)
             if Block(column, row, side) in known
         )
-        if not under:
+        owner = block_of(footprint, side)
+        moved = about(footprint, owner.origin)
+        if under and moved is not None:
+            owners.setdefault(owner, []).append((under, moved))
             continue
-        point = footprint.polygon.representative_point()
-        owner = Block.at(point.x, point.y, side)
-        moved = as_polygon(
-            shapely.transform(footprint.polygon, lambda xy, origin=owner.origin: xy - np.array(origin))
-        )
-        if moved is None:
-            continue
-        owners.setdefault(owner, []).append(
-            (under, footprint.with_(polygon=shapely.orient_polygons(moved), origin=owner.origin))
-        )
-    return [
-        OwnedBuildings(
-            owner,
-            tuple(
-                BuildingPlan(i, tuple((block, 0) for block in under), footprint)
-                for i, (under, footprint) in enumerate(owners[owner], 1)
-            ),
-        )
-        for owner in sorted(owners)
-    ]
+        code, what = ("outside", "lies far from all points") if moved else ("no_area", "has no area")
+        reason = f"given footprint '{footprint.id}' {what}"
+        failures.append(Failure(code, reason, "outline", footprint))
+    plans: dict[Block, list[BuildingPlan]] = {
+        owner: [
+            BuildingPlan(i, tuple((block, 0) for block in under), footprint)
+            for i, (under, footprint) in enumerate(owners[owner], 1)
+        ]
+        for owner in owners
+    }
+    for failure in failures:
+        owner = block_of(failure.footprint, side, min(blocks, default=Block(0, 0, side)))
+        mine = plans.setdefault(owner, [])
+        place = failure.footprint or Footprint(Polygon())
+        local = shapely.transform(place.polygon, lambda xy, origin=owner.origin: xy - np.array(origin))
+        place = place.with_(polygon=local, origin=owner.origin)
+        mine.append(BuildingPlan(len(mine) + 1, (), place, replace(failure, footprint=place)))
+    return [OwnedBuildings(owner, tuple(plans[owner])) for owner in sorted(plans)]
+
+
+def block_of(footprint: Footprint | None, side: float, otherwise: Block | None = None) -> Block:
+    """The block of a footprint's representative point (world metres), `otherwise` for one without area."""
+    if footprint is None or footprint.polygon.is_empty:
+        return otherwise or Block(0, 0, side)
+    point = footprint.polygon.representative_point()
+    return Block.at(point.x, point.y, side)
 
 
 def with_addresses(plans: Sequence[OwnedBuildings], addresses: Sequence[Footprint]) -> list[OwnedBuildings]:

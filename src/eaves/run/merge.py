@@ -15,7 +15,9 @@ from eaves.formats.geopackage import Row, plain_value, write_geopackage
 from eaves.formats.vrt import write_vrt
 from eaves.model import Block, Bounds, CoordinateSystem
 from eaves.raster.surfaces import CELL
+from eaves.run.manifest import add_to_manifest
 from eaves.run.rasters import write_mask
+from eaves.run.rows import BuildingRow
 from eaves.run.workers import Workers
 
 
@@ -26,6 +28,8 @@ class TileRows:
 
     places: Sequence[Path]
     layer: str
+    more: Sequence[Row] = ()
+    """Rows that belong to no tile."""
 
     def __iter__(self) -> Iterator[Row]:
         import pyogrio.raw
@@ -45,12 +49,26 @@ class TileRows:
                 if "number" in row:
                     row["number"] = number
                 yield Row(shape, {**row, "tile": place.name})
+        for one in self.more:
+            number += 1
+            yield Row(one.geometry, {**one.attributes, "number": number})
 
 
-def merge_footprints(path: Path, places: Sequence[Path], system: CoordinateSystem) -> None:
-    """Write the footprints and roof planes of all tiles into one GeoPackage, piece by piece."""
+def merge_footprints(
+    path: Path, places: Sequence[Path], system: CoordinateSystem, lost: Sequence[BuildingRow] = ()
+) -> None:
+    """Write the footprints and roof planes of all tiles into one GeoPackage, piece by piece, and behind them
+    what no tile holds."""
+    unit = system.horizontal_unit_m
+    more = [
+        Row(
+            None if row.polygon.is_empty else shapely.transform(row.polygon, lambda xy: xy / unit),
+            row.numbered(0, None),
+        )
+        for row in lost
+    ]
     as_it_is = replace(system, horizontal_unit_m=1.0, vertical_unit_m=1.0)  # the tiles' files are converted
-    footprints, roof_planes = (TileRows(places, layer) for layer in ("footprints", "roof_planes"))
+    footprints, roof_planes = TileRows(places, "footprints", more), TileRows(places, "roof_planes")
     write_geopackage(path, footprints, roof_planes, as_it_is, review_of_tiles(places))
 
 
@@ -96,7 +114,8 @@ def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem) -> 
         for column in range(whole.column, last.column + 1)
         for row in range(whole.row, last.row + 1)
     ]
-    write_mask(system, blocks, list(np.asarray(shapes, object)), bounds, place / "mask.tif")
+    written = write_mask(system, blocks, list(np.asarray(shapes, object)), bounds, place / "mask.tif")
+    add_to_manifest(place, written)
 
 
 PIECE = 240.0

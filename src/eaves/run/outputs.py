@@ -7,7 +7,7 @@ import shutil
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from glob import escape
 from pathlib import Path
@@ -15,12 +15,14 @@ from pathlib import Path
 from eaves.formats import write_cityjson_seq
 from eaves.formats.atomic import atomic
 from eaves.formats.geopackage import Row, write_geopackage
-from eaves.model import Block, Bounds, BuildingModel, Failure
+from eaves.formats.qgis.project import write_project
+from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.block_file import BlockMetadata
 from eaves.run.classified_points import PointSink, write_points
 from eaves.run.exports import export_footprints, export_models
 from eaves.run.join import OwnedBuildings
+from eaves.run.manifest import begin_manifest, note_files
 from eaves.run.neighbours import party_walls
 from eaves.run.rasters import extent_of, write_mask, write_surfaces
 from eaves.run.region import Region
@@ -49,7 +51,8 @@ class BuildingRows:
             if self.faces:
                 yield from (Row(*face) for face in row.faces)
             else:
-                yield Row(row.polygon, row.numbered(number, next(areas, None)))
+                polygon = None if row.polygon.is_empty else row.polygon
+                yield Row(polygon, row.numbered(number, next(areas, None)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +86,9 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
     folder, system = run.folder, store.system
     if step == "footprints":
         files, rows = [folder / "footprints.gpkg"], BuildingRows(store, owners, results.shared)
-        review = review_rows(store.building_rows(owners))
-        write_geopackage(files[0], rows, BuildingRows(store, owners, faces=True), system, review)
-        return files + export_footprints(folder, rows, system, run.formats), None
+        roofs, review = BuildingRows(store, owners, faces=True), review_rows(store.building_rows(owners))
+        write_geopackage(files[0], rows, roofs, system, review)
+        return files + export_footprints(folder, rows, roofs, system, run.formats), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]
         write_cityjson_seq(files[0], results.answers(), system)
@@ -114,6 +117,8 @@ def write_outputs(
     if sink is not None:
         sizes = [int(row.values.get("points") or 0) for row in store.building_rows(owners)]
         sink.start(run.index.points, len(sizes), sum(sizes))
+    if run.classified is None:
+        begin_manifest(run.folder)
     written: dict[str, list[Path]] = {}
     progress("write", 0, len(steps))
     order = sorted(steps, key=LONGEST_FIRST.index)
@@ -124,18 +129,35 @@ def write_outputs(
             written[order[outcome.index]], filled = outcome.answer
             if sink is not None and filled is not None:
                 sink.take_from(filled)
+            note(run, written[order[outcome.index]])
             progress("write", len(written), len(steps))
     for step in steps:
         if step not in written:  # what failed in another process is tried here, where its error can be raised
             written[step] = write_output(step, results, sink)[0]
+            note(run, written[step])
             progress("write", len(written), len(steps))
 
     files = [path for step in steps for path in written[step]]
+    if "footprints" in steps:
+        files.append(write_map(run.folder, files, store.system))
     clear_leftovers(files)
     summary = summarise(region, metadata, owners, files)
     if run.classified is None:
         write_run(summary)
+        summary = replace(summary, files=(*summary.files, run.folder / "run.json"))
     return summary
+
+
+def write_map(folder: Path, files: Sequence[Path], system: CoordinateSystem) -> Path:
+    """Write the QGIS project that shows footprints.gpkg over the terrain among `files`; its path."""
+    write_project(folder / "buildings.qgz", folder / "footprints.gpkg", files, system)
+    return folder / "buildings.qgz"
+
+
+def note(run: Run, files: Sequence[Path]) -> None:
+    """Note files of the run in its folder's manifest."""
+    if run.classified is None:
+        note_files(run.folder, files)
 
 
 def clear_leftovers(files: Sequence[Path]) -> None:
@@ -194,7 +216,7 @@ def summarise(
         seconds.update(one.seconds)
     return Summary(
         folder=run.folder,
-        points=run.index.points,
+        points=region.points,
         found=found,
         modelled=sum(by_lod.values()),
         by_lod=dict(sorted(by_lod.items(), reverse=True)),

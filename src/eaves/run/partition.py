@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
+import logging
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import shapely
@@ -16,11 +17,13 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from eaves.formats import Chunk, InputError, Source, iter_chunks, open_source
-from eaves.formats.atomic import atomic
+from eaves.formats.atomic import atomic, show_file
 from eaves.model import Block, Bounds, Points
 from eaves.model.cloud import GRID_STEP
 from eaves.run.index import Index
 from eaves.run.store import RECORD, Store
+
+log = logging.getLogger("eaves")
 
 PART_POINTS = 4_000_000
 """A longer file is read in parts of about so many records, which several processes share."""
@@ -102,12 +105,23 @@ def mark_of(part: FileSlice, store: Store) -> Path:
 
 
 def earlier(part: FileSlice, store: Store) -> tuple[int, str | None] | None:
-    """Records read of a part, and why not all, when an earlier run did it; None when none did."""
+    """Records read of a part, and why not all, when an earlier run did it and its points are as it left
+    them; None when none did."""
+    path = mark_of(part, store)
     try:
-        mark = json.loads(mark_of(part, store).read_text(encoding="utf-8"))
+        mark = json.loads(path.read_text(encoding="utf-8"))
+        told, files = (int(mark["records"]), mark["unread"]), dict(mark["blocks"])
     except FileNotFoundError:
         return None
-    return int(mark["records"]), mark["unread"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        log.warning("%s: the part is damaged; its points are read again", path)
+        return None
+    for block, (size, checksum) in files.items():
+        place = store.folder / "points" / block / f"{part.name}.bin"
+        if not place.exists() or place.stat().st_size != size or crc32(place.read_bytes()) != checksum:
+            log.warning("%s: the part is damaged; its points are read again", place)
+            return None
+    return told
 
 
 def partition_slice(
@@ -142,7 +156,8 @@ def partition_slice(
     inside = part.box.buffered(BOX_TOLERANCE)
     lies = seen is not None and inside.union(seen) != inside
     with atomic(mark_of(part, store)) as temporary:
-        temporary.write_text(json.dumps({"records": read, "unread": unread}), encoding="utf-8")
+        mark = {"records": read, "unread": unread, "blocks": writer.written}
+        temporary.write_text(json.dumps(mark), encoding="utf-8")
     return SliceResult(part.number, read, unread, seen if lies else None)
 
 
@@ -177,24 +192,27 @@ class SliceWriter:
     def __init__(self, store: Store, name: str) -> None:
         self._store, self._name = store, name
         self._hidden = f".{name}-{uuid.uuid4().hex}"
-        self._blocks: set[Block] = set()
+        self.written: dict[str, tuple[int, int]] = {}
+        """Bytes and checksum of each block's file."""
 
     def append(self, block: Block, records: NDArray[Any]) -> None:
         """Add records to a block's points."""
         folder = self._store.points_path(block)
-        if block not in self._blocks:
+        if block.name not in self.written:
             folder.mkdir(exist_ok=True)
-            self._blocks.add(block)
+        size, checksum = self.written.get(block.name, (0, 0))
+        data = records.tobytes()
         with (folder / self._hidden).open("ab") as file:
-            file.write(records.tobytes())
+            file.write(data)
+        self.written[block.name] = size + len(data), crc32(data, checksum)
 
     def finish(self) -> None:
         """Show the files."""
-        for block in self._blocks:
-            folder = self._store.points_path(block)
-            os.replace(folder / self._hidden, folder / f"{self._name}.bin")
+        for block in self.written:
+            folder = self._store.folder / "points" / block
+            show_file(folder / self._hidden, folder / f"{self._name}.bin")
 
     def discard(self) -> None:
         """Remove the files."""
-        for block in self._blocks:
-            (self._store.points_path(block) / self._hidden).unlink(missing_ok=True)
+        for block in self.written:
+            (self._store.folder / "points" / block / self._hidden).unlink(missing_ok=True)

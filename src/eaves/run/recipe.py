@@ -14,6 +14,7 @@ from eaves.model.building import LODS
 from eaves.outline import OutlineMethod
 from eaves.reconstruct import Reconstructor
 from eaves.roof import RoofMethod
+from eaves.run.sources import find_source, with_source
 from eaves.units import UnitMethod
 
 SEAM = 1.5
@@ -22,24 +23,52 @@ SEAM = 1.5
 
 @dataclass(frozen=True)
 class Recipe:
-    """Which methods to use, with their parameters, and what to believe of the input."""
+    """The methods of a run, with their parameters, and how the file's classes are used.
+
+    Parameters
+    ----------
+    ground : GroundMethod
+        The ground filter.
+    detect : Detector or None
+        The detector; None stops after the ground.
+    outline : OutlineMethod
+        The outline method.
+    roof : RoofMethod
+        The roof segmentation method.
+    reconstruct : Reconstructor
+        The reconstruction method.
+    units : UnitMethod or None
+        The method that divides blocks into buildings; None leaves detected blocks whole.
+    use_classes : bool
+        Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise.
+    lod : str
+        The finest level of detail to keep: `0` (footprints alone), `1.2`, `1.3`, `2.0` or `2.2`.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> eaves.make_recipe().reconstruct.name
+    'arrangement'
+    """
 
     ground: GroundMethod
     detect: Detector | None
-    """None stops after the ground."""
     outline: OutlineMethod
     roof: RoofMethod
     reconstruct: Reconstructor
     units: UnitMethod | None = None
-    """None leaves detected blocks whole."""
     use_classes: bool = False
     lod: str = "2.2"
-    """The finest level of detail to keep; `0` stops at footprints."""
 
     @property
     def buffer(self) -> float:
         """Width (m) of the surroundings a block is computed with: the largest of the methods'."""
         return max(self.ground.buffer, self.scene_buffer)
+
+    @property
+    def sees_wide(self) -> bool:
+        """Whether more than a block's buffer is looked at to find what is wider."""
+        return self.ground.wide_buffer > 0.0 and not self.use_classes
 
     @property
     def scene_buffer(self) -> float:
@@ -51,35 +80,40 @@ class Recipe:
 def make_recipe(
     methods: Mapping[str, MethodChoice] | None = None,
     *,
+    source: str | None = None,
     published: bool = False,
     use_classes: bool = False,
-    lod: str = "2.2",
+    lod: str | None = None,
 ) -> Recipe:
     """The recipe for the methods given by stage; a stage not named uses its default.
 
-    A detector brings the ground filter of its own paper unless one is given. With `use_classes` buildings
+    A detector comes with the ground filter of its own paper unless one is given. With `use_classes` buildings
     are the points of class 6 unless a detector is given.
 
     Parameters
     ----------
-    methods
+    methods : mapping or None
         By stage (`ground`, `detect`, `outline`, `units`, `roof`, `reconstruct`): a method, its name, or a
         table of its parameters with its name under `method`. The name `off` leaves blocks whole (`units`).
-    published
+    source : str or None
+        One of the published systems (`eaves.run.sources`): its chain is used where no method is given.
+    published : bool
         Methods given by name take the numbers that their papers print.
-    use_classes
+    use_classes : bool
         Use the classes of the files.
-    lod
-        The finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2.
+    lod : str or None
+        The finest level of detail: `0`, `1.2`, `1.3`, `2.0` or `2.2`; by default what the source delivers, or
+        2.2.
 
     Returns
     -------
     Recipe
+        One method for each stage.
 
     Raises
     ------
     ValueError, TypeError
-        When a stage, a method, a parameter or a level does not exist.
+        When a source, a stage, a method, a parameter or a level does not exist.
 
     Examples
     --------
@@ -88,6 +122,10 @@ def make_recipe(
     >>> recipe.ground.name, recipe.detect.name, recipe.roof.name
     ('smooth_region', 'normal_echo', 'global_refinement')
     """
+    if source is not None:
+        methods = {"units": "off", **with_source(source, methods)}  # no source divides blocks
+        lod = lod or find_source(source).lod
+    lod = lod or "2.2"
     chosen = {stage: choice for stage, choice in (methods or {}).items() if choice is not None}
     unknown = chosen.keys() - DEFAULTS.keys()
     if unknown:
@@ -99,7 +137,7 @@ def make_recipe(
     made: dict[str, Method | None] = {}
     for stage in ("detect", *(stage for stage in DEFAULTS if stage != "detect")):
         choice = chosen.get(stage)
-        if stage == "units" and name_of(choice) == "off":
+        if stage == "units" and _name_of(choice) == "off":
             made[stage] = None
             continue
         if stage == "ground" and not is_named(choice):
@@ -109,11 +147,28 @@ def make_recipe(
     return Recipe(**made, use_classes=use_classes, lod=lod)  # type: ignore[arg-type]
 
 
-def name_of(choice: MethodChoice) -> object:
+def _name_of(choice: MethodChoice) -> object:
     """The name by which a choice is given, if by one."""
     return choice.get("method") if isinstance(choice, Mapping) else choice
 
 
 def is_named(choice: MethodChoice) -> bool:
-    """Whether a choice says which method it is."""
+    """Whether a choice names its method.
+
+    Parameters
+    ----------
+    choice : Method, str, mapping or None
+        A method, its name, or a table of its parameters.
+
+    Returns
+    -------
+    bool
+        False for None and for a table without the key `method`.
+
+    Examples
+    --------
+    >>> from eaves.run.recipe import is_named
+    >>> is_named("prism"), is_named({"cell": 0.5})
+    (True, False)
+    """
     return "method" in choice if isinstance(choice, Mapping) else choice is not None

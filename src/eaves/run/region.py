@@ -36,6 +36,7 @@ from eaves.run.partition import FileSlice, earlier, file_slices, partition_slice
 from eaves.run.recipe import Recipe
 from eaves.run.run import Progress, Run
 from eaves.run.store import Store
+from eaves.run.wide import keep_floor, keep_square, load_wide, squares_of
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
 
 log = logging.getLogger("eaves")
@@ -71,6 +72,9 @@ class Region:
         self.failed: list[str] = list(run.failed)
         self.peak = peak_memory_mb()
         self.wrong_boxes: dict[int, Bounds] = {}
+        self.blocks: Sequence[Block] = ()
+        self.points = run.index.points
+        """Of the inputs, without those that could not be read."""
         self.store = Store(
             work_folder,
             has_returns=run.index.has_field("return_number"),
@@ -84,6 +88,9 @@ class Region:
             self.store.discard()
             self.store.prepare()
             self.store.keep_plan(self.run.plan)
+        else:
+            self.store.prepare()
+            self.store.drop_damaged()
 
     def partition(self) -> None:
         """Bring all points that are not yet there to their blocks."""
@@ -102,6 +109,7 @@ class Region:
         if workers.alone or len(todo) == 1:
             work, workers = partial(work, progress=read_more), Workers()
         unread: dict[int, str] = {}
+        records = {name: mark[0] for name, mark in before.items()}
         changed = False
         for outcome in workers.run(work, todo):
             part: FileSlice = todo[outcome.index]
@@ -110,6 +118,7 @@ class Region:
                 unread[part.number] = self.failed.pop()
                 continue
             done = outcome.answer
+            records[part.name] = done.records
             changed |= before.get(part.name) != (done.records, done.unread)
             if done.unread is not None and part.number not in unread:
                 log.error("%s", done.unread)
@@ -118,9 +127,12 @@ class Region:
                 self.wrong_boxes[part.number] = self.wrong_boxes.get(part.number, done.box).union(done.box)
             if workers is self.workers:
                 read_more(done.records)
+        for number in unread:
+            mine = [part.name for part in parts if part.number == number]
+            self.points -= self.run.index.count(number) - sum(records.get(name, 0) for name in mine)
         if changed:  # what was computed of fewer points no longer holds
-            self.store.forget("blocks")
-            self.store.forget("buildings")
+            for kind in ("floors", "squares", "blocks", "buildings"):
+                self.store.forget(kind)
         if unread and len(unread) == len(self.run.index):
             self.refuse(next(iter(unread.values())))
         self.failed += unread.values()
@@ -137,6 +149,20 @@ class Region:
                 len(isolated),
             )
         return [block for block in blocks if block not in isolated]
+
+    def check_points(self) -> None:
+        """Refuse a run of the whole inputs that leaves no point."""
+        window = self.run.window
+        if (
+            self.run.index.points
+            and not self.store.blocks(self.run.side)
+            and window.bounds is None
+            and window.clip is None
+        ):
+            self.refuse(
+                f"{self.run.index.path(0)}: none of {self.run.index.points:,} points can be used, all are "
+                "withheld or without coordinates; export the points again"
+            )
 
     def check_rasters(self, blocks: Sequence[Block]) -> None:
         """Refuse the run when its rasters would be too large."""
@@ -157,6 +183,7 @@ class Region:
 
     def join(self, blocks: Sequence[Block], core: Core) -> list[OwnedBuildings]:
         """Compute the blocks of the core, and others as its buildings go on into them; the buildings."""
+        self.blocks = blocks
         there, tried = set(blocks), set[Block]()
         todo = [block for block in blocks if core.holds(block)]
         while todo:
@@ -172,11 +199,7 @@ class Region:
                 raise TooNarrowError
             todo = sorted((beyond & there) - tried)
         if self.run.given is not None:
-            plans = assign_footprints(self.run.given, blocks) if blocks else []
-            left_out = len(self.run.given) - sum(len(plan.buildings) for plan in plans)
-            if left_out and core.loaded is None:  # of a tile's some are its neighbours'
-                log.warning("%d footprints lie far from all points, left out", left_out)
-            return plans
+            return assign_footprints(self.run.given, blocks, self.run.side, self.run.lost)
         return with_addresses(join_regions(self.seams(sorted(tried))), self.run.addresses)
 
     def seams(self, blocks: Sequence[Block]) -> list[Seam]:
@@ -193,11 +216,28 @@ class Region:
         left = [block for block in blocks if not self.store.has("blocks", block)]
         if left:  # what was joined without them no longer holds
             self.store.forget("buildings")
+        self.find_wide(left)
         left = self.workers.heaviest_first(left, self.store.count_points)
         work = partial(compute_block, store=self.store, recipe=self.run.recipe)
         for done, outcome in enumerate(self.workers.run(work, left), 1):
             self.note(outcome, f"block {left[outcome.index].name}")
             self.progress("blocks", done, len(left))
+
+    def find_wide(self, blocks: Sequence[Block]) -> None:
+        """What stands over the terrain of some blocks, in squares that have not been looked at."""
+        recipe, store, side = self.run.recipe, self.store, self.run.side
+        if not recipe.sees_wide:
+            return
+        squares = squares_of([block.bounds.buffered(recipe.buffer) for block in blocks])
+        squares = [square for square in squares if not store.has("squares", square)]
+        seen = [square.bounds.buffered(recipe.ground.wide_buffer) for square in squares]
+        near = [block for block in self.blocks if any(map(block.bounds.intersects, seen))]
+        floors = [block for block in near if not store.has("floors", block)]
+        for outcome in self.workers.run(partial(keep_floor, store=store), floors):
+            self.note(outcome, f"floor of block {floors[outcome.index].name}")
+        work = partial(keep_square, store=store, side=side, ground=recipe.ground)
+        for outcome in self.workers.run(work, squares):
+            self.note(outcome, f"square {squares[outcome.index].name}")
 
     def model(self, plans: Sequence[OwnedBuildings]) -> None:
         """The building pass for those owner blocks that have not been computed."""
@@ -244,7 +284,8 @@ def import_methods(recipe: Recipe) -> None:
 
 def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
     """The block pass for one block, kept in the store."""
-    store.save_block(block_pass(store.load_cloud(block, recipe.buffer), block, recipe))
+    wide = load_wide(store, block.bounds.buffered(recipe.buffer)) if recipe.sees_wide else None
+    store.save_block(block_pass(store.load_cloud(block, recipe.buffer), block, recipe, wide))
 
 
 def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: bool = False) -> None:

@@ -110,6 +110,9 @@ def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
                     "points": record.get("points"),
                     "share_no_data": None if share is None else round(share, 3),
                     "no_data": record.get("no_data"),
+                    "h_low": rounded(record.get("h_low")),
+                    "h_high": rounded(record.get("h_high")),
+                    "h_ground": rounded(answer.attributes.get("h_ground")),
                     **{key: rounded(record.get(key)) for key in ("inlier_share", "density", "coverage")},
                     "weak": record.get("weak"),
                 },
@@ -118,7 +121,7 @@ def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
 
 def rounded(value: float | None) -> float | None:
     """To three places."""
-    return None if value is None else round(value, 3)
+    return None if value is None else round(float(value), 3)
 
 
 def rmse_of(model: BuildingModel, plane: int | None) -> float | None:

@@ -3,27 +3,44 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
+import logging
+import math
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from glob import escape
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 from eaves.footprints.read import area_of, in_metres, read_area, read_footprints
 from eaves.formats import InputError
+from eaves.formats.crs_check import vertical_datum
 from eaves.formats.inputs import list_inputs
 from eaves.methods import MethodChoice
-from eaves.model import Bounds, Footprint
+from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
+from eaves.model.checks import check_positive
+from eaves.run.collisions import refuse_collisions
 from eaves.run.exports import check_formats
 from eaves.run.index import Index, index_inputs
+from eaves.run.lock import LOCK
+from eaves.run.memory import parse_memory
 from eaves.run.partition import Window
 from eaves.run.recipe import Recipe, make_recipe
 
+log = logging.getLogger("eaves")
+
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified")
 """The outputs there are; see `eaves.run.outputs`."""
+BOUNDS_LENGTH = 4
+"""West, south, east, north."""
 TILES_ABOVE = 2_000_000_000
 """More points than this are computed by tiles: their temporary files would take 46 GB and more."""
+
+PROCESSES_ABOVE = 1_000_000
+"""Fewer points are computed in less time than processes take to start: two to three seconds each."""
 
 Progress = Callable[[str, int, int], None]
 """Called with the step, how much of it is done, and how much there is."""
@@ -42,12 +59,18 @@ class RunOptions(TypedDict, total=False):
     units: MethodChoice
     roof: MethodChoice
     reconstruct: MethodChoice
+    source: str | None
+    """One of the published systems, whole (`eaves.run.sources`)."""
     use_classes: bool
     """Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise."""
     as_published: bool
-    lod: str
-    """The finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2."""
+    lod: str | None
+    """The finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2; by default what the source delivers, or 2.2."""
     crs: str | None
+    crs_force: bool
+    """Take `crs` for the system even where a file says another one, or its numbers do not fit it."""
+    salvage: bool
+    """Of files that are cut off, use what is whole."""
     bounds: Bounds | Sequence[float] | None
     """West, south, east, north in the unit of the files' reference system."""
     clip: str | Path | None
@@ -64,15 +87,58 @@ class RunOptions(TypedDict, total=False):
     block: float
     """Side of a block (m)."""
     jobs: int
-    """Processes."""
+    """Processes; 0 is one a core where there are more than `PROCESSES_ABOVE` points, and else one."""
     scheduler: str | None
     """Address of a Dask scheduler."""
+    memory: str | None
+    """Bound of the processes' memory together: `4G`, `1500M`."""
     resume: bool
     """Keep the parts of an earlier run that are done and match."""
     per_tile: bool
     """Compute and write by tiles, each on its own, also where there are few points (`eaves.run.tiles`)."""
     classified: Path | None
     """Where the classified points of the one input go, without extra dimensions and without a run.json."""
+
+
+DEFAULT_OPTIONS: RunOptions = {
+    "use_classes": False,
+    "as_published": False,
+    "crs_force": False,
+    "salvage": False,
+    "snap_footprints": False,
+    "formats": (),
+    "outputs": EVERYTHING,
+    "block": 240.0,
+    "jobs": 1,
+    "resume": False,
+    "per_tile": False,
+}
+"""What an option is when it is not given; None for those not named here."""
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def list_options(function: Callable[P, T]) -> Callable[P, T]:
+    """The function itself, with the keywords of `RunOptions` in the signature that `help` shows."""
+    own = [
+        one
+        for one in inspect.signature(function).parameters.values()
+        if one.kind is not inspect.Parameter.VAR_KEYWORD
+    ]
+    keywords = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=DEFAULT_OPTIONS.get(name),
+            annotation=kind.__forward_arg__,
+        )
+        for name, kind in RunOptions.__annotations__.items()
+    ]
+    returned = inspect.signature(function).return_annotation
+    signature = inspect.Signature([*own, *keywords], return_annotation=returned)
+    function.__signature__ = signature  # type: ignore[attr-defined]
+    return function
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +154,8 @@ class Run:
     side: float = 240.0
     """Side of a block (m)."""
     given: Sequence[Footprint] | None = None
+    lost: tuple[Failure, ...] = ()
+    """Given polygons that cannot be modelled, with the reason: each has its row all the same."""
     snap_footprints: bool = False
     addresses: Sequence[Footprint] = ()
     """What lies between known party walls; detected blocks are split into them."""
@@ -96,11 +164,26 @@ class Run:
     classified: Path | None = None
     jobs: int = 1
     scheduler: str | None = None
+    memory: int | None = None
+    """Bytes, for all processes together."""
     resume: bool = False
     by_tiles: bool = False
     failed: tuple[str, ...] = ()
     """Inputs that could not be opened, with the reason."""
     started: float = 0.0
+
+    @property
+    def lock(self) -> str:
+        """Name of the file that holds the folder for this run; several may each write one file into it."""
+        return LOCK if self.classified is None else f"{LOCK}-{self.classified.stem}"
+
+    @property
+    def work_folder(self) -> Path:
+        """Where the parts of the run are kept until it is complete."""
+        return self.folder / (WORK if self.classified is None else f"{WORK}-{self.classified.stem}")
+
+
+WORK = ".eaves-work"
 
 
 def open_run(
@@ -110,7 +193,7 @@ def open_run(
     progress: Progress = no_progress,
     **options: Unpack[RunOptions],
 ) -> Run:
-    """The run that is asked for: every word checked, headers read, footprints read, the folder made.
+    """The run that is asked for: every option checked, headers read, footprints read, the folder made.
 
     Parameters
     ----------
@@ -123,7 +206,7 @@ def open_run(
     progress
         Called while headers are read.
     options
-        See `RunOptions`.
+        The keywords of `RunOptions`, documented at `eaves.build`.
 
     Raises
     ------
@@ -137,13 +220,18 @@ def open_run(
     if unknown:
         known = ", ".join(RunOptions.__annotations__)
         raise TypeError(f"unknown option '{min(unknown)}' of a run; choose among: {known}")
+    options = {**DEFAULT_OPTIONS, **options}
     if recipe is None:
         recipe = make_recipe(
             {stage: options.get(stage) for stage in METHOD_OPTIONS},  # type: ignore[misc]
-            published=options.get("as_published", False),
-            use_classes=options.get("use_classes", False),
-            lod=options.get("lod", "2.2"),
+            source=options.get("source"),
+            published=options["as_published"],
+            use_classes=options["use_classes"],
+            lod=options.get("lod"),
         )
+    memory = parse_memory(options.get("memory"))
+    check_options(options)
+    check_numbers(options)
     formats = tuple(options.get("formats") or ())
     check_formats(formats)
     footprints, party_walls = options.get("footprints"), options.get("party_walls")
@@ -153,20 +241,29 @@ def open_run(
             "leave one of --footprints and --party-walls out"
         )
     folder, paths = Path(out), list_inputs(inputs)
+    polygons = [Path(one) for one in (footprints, party_walls, options.get("clip")) if one is not None]
+    refuse_collisions(folder, options.get("classified"), paths, polygons)
     failed: list[str] = []
     index = index_inputs(
-        paths, options.get("crs"), failed, lambda done, total: progress("index", done, total)
+        paths,
+        options.get("crs"),
+        failed,
+        lambda done, total: progress("index", done, total),
+        options.get("crs_force", False),
+        options.get("salvage", False),
     )
     bounds = in_metres(as_bounds(options.get("bounds")), index.system)
     clip = options.get("clip")
     window = Window(bounds, None if clip is None else read_area(Path(clip), index.system))
     known_polygons: list[Footprint] = []
+    lost: list[Failure] = []
     if (path := footprints or party_walls) is not None:
         area = area_of(index.entries["box"][index.entries["count"] > 0], window.bounds, window.clip)
-        known_polygons = read_footprints(Path(path), options.get("id_field"), index.system, area)
+        known_polygons, lost = read_footprints(Path(path), options.get("id_field"), index.system, area)
     classified = options.get("classified")
     if classified is not None and len(index) > 1:
         raise InputError(f"{classified}: one file cannot hold {len(index)} inputs; give a folder with -o")
+    warn_of_heights(index.system, formats)
     claim(folder)
     return Run(
         folder=folder,
@@ -174,20 +271,33 @@ def open_run(
         index=index,
         window=window,
         plan=describe(index, recipe, options),
-        side=options.get("block", 240.0),
+        side=options["block"],
         given=None if footprints is None else known_polygons,
-        snap_footprints=options.get("snap_footprints", False),
+        lost=() if footprints is None else tuple(lost),
+        snap_footprints=options["snap_footprints"],
         addresses=() if party_walls is None else known_polygons,
         formats=formats,
         outputs=tuple(options.get("outputs") or EVERYTHING),
         classified=classified,
-        jobs=options.get("jobs", 1),
+        jobs=options["jobs"] or (os.cpu_count() or 1 if index.points > PROCESSES_ABOVE else 1),
         scheduler=options.get("scheduler"),
-        resume=options.get("resume", False),
-        by_tiles=classified is None and (options.get("per_tile", False) or index.points > TILES_ABOVE),
+        memory=memory,
+        resume=options["resume"],
+        by_tiles=classified is None and (options["per_tile"] or index.points > TILES_ABOVE),
         failed=tuple(failed),
         started=started,
     )
+
+
+def check_options(options: RunOptions) -> None:
+    """Raise TypeError or ValueError when a number among the options cannot be used."""
+    check_positive(options["block"], "block")
+    jobs = options["jobs"]
+    if not isinstance(jobs, int) or jobs < 0:
+        raise ValueError(f"jobs must be a whole number, not {jobs!r}; 0 chooses for you")
+    bounds = options.get("bounds")
+    if not (bounds is None or isinstance(bounds, Bounds) or len(bounds) == BOUNDS_LENGTH):
+        raise ValueError(f"bounds must be west, south, east, north, not {bounds!r}; give four numbers")
 
 
 METHOD_OPTIONS = ("ground", "detect", "outline", "units", "roof", "reconstruct")
@@ -199,6 +309,44 @@ def as_bounds(bounds: Bounds | Sequence[float] | None) -> Bounds | None:
         return bounds
     west, south, east, north = bounds
     return Bounds(west, south, east, north)
+
+
+def warn_of_heights(system: CoordinateSystem, formats: Sequence[str]) -> None:
+    """Say once when heights above the ellipsoid are wanted and cannot be had."""
+    datum = vertical_datum(system)
+    if "3dtiles" in formats and system.wkt is not None and datum["status"] != "known":
+        log.warning(
+            "3dtiles: the vertical datum of the files is %s, so their heights are taken as above the "
+            "ellipsoid; install PROJ's geoid grid (pyproj sync), pass a compound --crs, or raise the tileset "
+            "in the viewer",
+            datum["status"] if datum["name"] is None else f"{datum['name']}, {datum['status']}",
+        )
+
+
+NARROWEST, WIDEST = 6.0, 100_000.0
+"""Sides of a block (m): the cells of all methods fit into the one, the steps of int32 across the other."""
+
+
+def check_numbers(options: RunOptions) -> None:
+    """Nothing, when bounds and block are numbers that a run can use.
+
+    Raises
+    ------
+    InputError
+        For one that is not.
+    """
+    side = options.get("block", 240.0)
+    if not NARROWEST <= side <= WIDEST:
+        raise InputError(f"--block {side}: the side of a block lies between {NARROWEST:g} and {WIDEST:g} m")
+    bounds = as_bounds(options.get("bounds"))
+    if bounds is None:
+        return
+    west, south, east, north = vars(bounds).values()
+    told = ",".join(f"{side:g}" for side in (west, south, east, north))
+    if not all(map(math.isfinite, (west, south, east, north))):
+        raise InputError(f"--bounds {told}: not four numbers; write west,south,east,north")
+    if west >= east or south >= north:
+        raise InputError(f"--bounds {told}: west must be below east, south below north")
 
 
 def claim(folder: Path) -> None:
@@ -225,22 +373,34 @@ def describe(index: Index, recipe: Recipe, options: RunOptions) -> dict[str, Any
     return {
         "version": version("eaves"),
         **index.describe(),
+        "vertical_datum": vertical_datum(index.system),
         "methods": methods,
         "use_classes": recipe.use_classes,
         "lod": recipe.lod,
-        "block": options.get("block", 240.0),
+        "block": options["block"],
         "buffer": recipe.buffer,
+        "wide_buffer": recipe.ground.wide_buffer if recipe.sees_wide else 0.0,
         "bounds": None if bounds is None else list(vars(bounds).values()),
         "clip": hash_of(options.get("clip")),
         "footprints": hash_of(options.get("footprints")),
-        "snap_footprints": options.get("snap_footprints", False),
+        "id_field": options.get("id_field"),
+        "snap_footprints": options["snap_footprints"],
         "party_walls": hash_of(options.get("party_walls")),
     }
 
 
 def hash_of(path: str | Path | None) -> str | None:
-    """SHA-256 of a file."""
+    """SHA-256 of a file and of those beside it that belong to it: a shapefile is several."""
     if path is None:
         return None
-    with Path(path).open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    whole, path = hashlib.sha256(), Path(path)
+    beside = [one for one in path.parent.glob(f"{escape(path.stem)}.*") if one.suffix.lower() in SIDECARS]
+    beside += path.parent.glob(f"{escape(path.name)}-wal")
+    for one in [path, *sorted(set(beside) - {path})]:
+        with one.open("rb") as file:
+            whole.update(hashlib.file_digest(file, "sha256").digest())
+    return whole.hexdigest()
+
+
+SIDECARS = (".shp", ".shx", ".dbf", ".prj", ".cpg")
+"""Files whose contents are part of a shapefile's."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
-import pickle
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,10 @@ from eaves.model import Block, BuildingModel, CoordinateSystem, Failure, PointCl
 from eaves.model.cloud import GRID_STEP
 from eaves.model.results import BlockResult, BuildingResult
 from eaves.run.block_file import BlockFile, save_block
+from eaves.run.part_file import decode, encode, is_sound, open_part, save_part
 from eaves.run.rows import BuildingRow
+
+log = logging.getLogger("eaves")
 
 RECORD = np.dtype(
     [
@@ -37,7 +40,8 @@ RECORD = np.dtype(
 @dataclass(frozen=True)
 class Store:
     """A folder with `points/` (a folder a block, a file in it a part of an input), `parts/` (a file for every
-    part of an input that is in place), `blocks/`, `buildings/` (a file a block each), and `plan.json`."""
+    part of an input that is in place), `floors/`, `blocks/`, `buildings/` (a file a block each), `squares/`
+    (a file a square), and `plan.json`."""
 
     folder: Path
     has_returns: bool = True
@@ -46,7 +50,7 @@ class Store:
 
     def prepare(self) -> None:
         """Make the folders."""
-        for name in ("points", "parts", "blocks", "buildings"):
+        for name in ("points", "parts", "floors", "squares", "blocks", "buildings"):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
 
     def discard(self) -> None:
@@ -116,8 +120,8 @@ class Store:
         )
 
     def path(self, kind: str, block: Block) -> Path:
-        """The file of a block's result: `kind` is `blocks` or `buildings`."""
-        return self.folder / kind / f"{block.name}.{'npz' if kind == 'blocks' else 'pickle'}"
+        """The file of a block's result: `kind` is `floors`, `squares`, `blocks` or `buildings`."""
+        return self.folder / kind / f"{block.name}.npz"
 
     def has(self, kind: str, block: Block) -> bool:
         """Whether a block's result is there."""
@@ -140,40 +144,63 @@ class Store:
     def save_buildings(self, owner: Block, results: Sequence[BuildingResult]) -> None:
         """Keep the buildings owned by one block."""
         sections = {
-            "digests": [BuildingRow.of(result.answer, result.seconds) for result in results],
-            "planes": [(result.point_id, result.plane) for result in results],
-            "answers": [result.answer for result in results],
+            "rows": [vars(BuildingRow.of(result.outcome, result.seconds)) for result in results],
+            "answers": [result.outcome for result in results],
         }
-        packed = [pickle.dumps(section, protocol=5) for section in sections.values()]
-        ends = np.cumsum([8 * len(packed), *map(len, packed)])
-        with atomic(self.path("buildings", owner)) as temporary, temporary.open("wb") as file:
-            file.write(ends[:-1].astype("<i8").tobytes())  # where each section begins
-            file.writelines(packed)
+        packed = {}
+        for name, values in sections.items():
+            arrays: list[NDArray[Any]] = []
+            packed[name] = encode(values, arrays)
+            packed |= {f"{name}-{k}": array for k, array in enumerate(arrays)}
+        packed["points"] = np.array([len(result.point_id) for result in results], np.int64)
+        packed["point_id"] = np.concatenate([np.zeros(0, np.int64), *(one.point_id for one in results)])
+        packed["plane"] = np.concatenate([np.zeros(0, np.int32), *(one.plane for one in results)])
+        save_part(self.path("buildings", owner), packed)
 
     def building_rows(self, owners: Sequence[Block]) -> Iterator[BuildingRow]:
         """What is told of all buildings, owner block by owner block."""
-        return self._buildings(owners, 0)
+        for values in self._sections(owners, "rows"):
+            yield from (BuildingRow(**value) for value in values)
 
     def planes(self, owner: Block) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int32]]]:
         """Ids and roof planes (0 for none) of the points of each building owned by one block."""
-        return self._buildings([owner], 1)
+        if self.has("buildings", owner):
+            with open_part(self.path("buildings", owner)) as file:
+                ends: NDArray[np.int64] = np.cumsum(file["points"])[:-1]
+                pieces = (np.split(file[name], ends) for name in ("point_id", "plane"))
+                yield from list(zip(*pieces, strict=True))[: len(file["points"])]
 
     def answers(self, owners: Sequence[Block]) -> Iterator[BuildingModel | Failure]:
         """All buildings, owner block by owner block."""
-        return self._buildings(owners, 2)
+        for values in self._sections(owners, "answers"):
+            yield from values
 
-    def _buildings(self, owners: Sequence[Block], section: int) -> Iterator[Any]:
+    def _sections(self, owners: Sequence[Block], name: str) -> Iterator[list[Any]]:
         for owner in owners:
             if self.has("buildings", owner):
-                with self.path("buildings", owner).open("rb") as file:
-                    file.seek(8 * section)
-                    file.seek(int.from_bytes(file.read(8), "little"))
-                    yield from pickle.load(file)
+                with open_part(self.path("buildings", owner)) as file:
+                    count = sum(one.startswith(f"{name}-") for one in file.files)
+                    yield decode(file[name], [file[f"{name}-{k}"] for k in range(count)])
+
+    def drop_damaged(self) -> None:
+        """Remove the parts that are not as they were written, with a warning for each: they are computed
+        again."""
+        for kind in ("blocks", "buildings"):
+            for path in sorted((self.folder / kind).glob("*.npz")):
+                if not is_sound(path):
+                    log.warning("%s: the part is damaged; it is computed again", path)
+                    path.unlink()
 
     def matches(self, plan: dict[str, Any]) -> bool:
         """Whether the folder was made by the same plan (inputs, recipe, version)."""
         path = self.folder / "plan.json"
-        return path.exists() and json.loads(path.read_text(encoding="utf-8")) == plan
+        try:
+            return bool(json.loads(path.read_text(encoding="utf-8")) == plan)
+        except FileNotFoundError:
+            return False
+        except (ValueError, RecursionError):
+            log.warning("%s: the plan of the earlier run is damaged; all is computed anew", path)
+            return False
 
     def keep_plan(self, plan: dict[str, Any]) -> None:
         """Write the plan that everything in the folder belongs to."""

@@ -17,15 +17,20 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.footprints.read import as_box
+from eaves.formats import InputError
 from eaves.formats.disk import DiskFullError
 from eaves.model import Block, Bounds, Footprint
 from eaves.model.summary import Summary
 from eaves.run.index import Index
+from eaves.run.join import assign_footprints
+from eaves.run.manifest import MANIFEST, begin_manifest, check_folder, end_manifest
 from eaves.run.merge import merge_footprints, merge_masks, merge_rasters
-from eaves.run.outputs import write_run
+from eaves.run.outputs import write_map, write_run
 from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.region import Core, Region, TooNarrowError, warn_of_wrong_boxes
+from eaves.run.rows import BuildingRow
 from eaves.run.run import Progress, Run, no_progress
+from eaves.run.wide import seen_from
 from eaves.run.workers import Workers, peak_memory_mb
 
 log = logging.getLogger("eaves")
@@ -131,7 +136,7 @@ class TileTasks(Sequence[TileTask]):
     def _make(self, tile: Tile, ring: int = 1) -> TileTask:
         """A tile's part of the run: the inputs whose box comes near enough, the footprints likewise."""
         loaded = loaded_with(tile, ring, self.run.recipe.buffer)
-        numbers = np.flatnonzero(self.run.index.meeting(loaded.buffered(BOX_TOLERANCE)))
+        numbers = np.flatnonzero(self.run.index.meeting(seen_with(loaded, self.run).buffered(BOX_TOLERANCE)))
         index = self.run.index.subset(numbers)
         mine = replace(
             self.run,
@@ -139,6 +144,7 @@ class TileTasks(Sequence[TileTask]):
             given=None if self._given is None else self._given.near(loaded),
             addresses=self._addresses.near(loaded),
             plan={**self.run.plan, **index.describe(), "tile": tile.name},
+            lost=(),
             failed=(),
             outputs=WANTED,
         )
@@ -163,11 +169,16 @@ def loaded_with(tile: Tile, ring: int, reach: float) -> Bounds:
     return tile.bounds.buffered(ring * tile.block + reach)
 
 
+def seen_with(loaded: Bounds, run: Run) -> Bounds:
+    """World metres of the points that are read for it: what is wide is looked for farther away."""
+    return seen_from(loaded, run.recipe.ground) if run.recipe.sees_wide else loaded
+
+
 def compute_tile(task: TileTask, folder: Path, build_region: BuildRegion) -> TileDone:
     """One tile with its files in its folder; an earlier run's where it matches."""
     place = folder / TILES_FOLDER / task.tile.name
     earlier = place / "run.json"
-    if task.run.resume and earlier.exists():
+    if task.run.resume and is_whole(place):
         run: dict[str, Any] = json.loads(earlier.read_text(encoding="utf-8"))
         told = json.loads(json.dumps(task.run.plan))
         if not run["incomplete"] and all(run.get(key) == value for key, value in told.items()):
@@ -177,7 +188,8 @@ def compute_tile(task: TileTask, folder: Path, build_region: BuildRegion) -> Til
     ring = task.ring
     while True:
         loaded = loaded_with(task.tile, ring, task.run.recipe.buffer)
-        window = Window(within(loaded, task.run.window.bounds), task.run.window.clip)
+        seen = seen_with(loaded, task.run)
+        window = Window(within(seen, task.run.window.bounds), task.run.window.clip)
         mine = replace(task.run, folder=place, window=window)
         region = Region(mine, place / ".eaves-work", Workers(), no_progress)
         try:
@@ -187,9 +199,23 @@ def compute_tile(task: TileTask, folder: Path, build_region: BuildRegion) -> Til
             ring += 1
             region.store.discard()
             log.info("tile %s: a building goes on far beyond it; it is computed again", task.tile.name)
+    end_manifest(place, summary.files, summary.about, summary.complete)
     run = json.loads((place / "run.json").read_text(encoding="utf-8"))
     assert summary.found == run["found"]
     return TileDone(run, {task.numbers[number]: box for number, box in region.wrong_boxes.items()})
+
+
+def is_whole(place: Path) -> bool:
+    """Whether an earlier run wrote a tile and every file is as it was; one that is not is named."""
+    if not (place / MANIFEST).exists():
+        return False
+    try:
+        wrong = check_folder(place)
+    except InputError as error:
+        wrong = [str(error)]
+    for reason in wrong:
+        log.warning("%s; the tile is computed again", reason)
+    return not wrong
 
 
 def within(one: Bounds, other: Bounds | None) -> Bounds:
@@ -215,6 +241,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
     wrong_boxes: dict[int, Bounds] = {}
     work = partial(compute_tile, folder=folder, build_region=build_region)
     peak, index = peak_memory_mb(), run.index
+    begin_manifest(folder)
     todo = plan_tiles(index, run.side, run.window.bounds)
     while todo:
         tasks = TileTasks(replace(run, index=index), todo)
@@ -240,23 +267,48 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
     tiles = [tile for tile in sorted(done) if (folder / TILES_FOLDER / tile.name / "dtm.tif").exists()]
     places = [folder / TILES_FOLDER / tile.name for tile in tiles]
     files = [folder / "footprints.gpkg"]
-    merge_footprints(files[0], places, run.index.system)
+    lost = rows_of_no_tile(run, {*done, *failed})
+    merge_footprints(files[0], places, run.index.system, lost)
     progress("merge", 1, 3)
     if places:
         merge_masks(files[0], places, run.index.system, workers)
         progress("merge", 2, 3)
         files += merge_rasters(folder, places)
+    files.append(write_map(folder, files, run.index.system))
     progress("merge", 3, 3)
     runs = [done[tile].run for tile in sorted(done)]
     reasons = [*run.failed, *failed.values(), *(reason for one in runs for reason in one["incomplete"])]
+    files += [folder / TILES_FOLDER / tile.name / MANIFEST for tile in sorted(done)]
+    files.append(folder / "run.json")
+    missing = Counter(row.code for row in lost)
+    runs.append({"found": len(lost), "failures": missing, **{name: {} for name in COUNTED}})
     summary = total_of(runs, run, folder, files, tuple(dict.fromkeys(reasons)), peak)
     write_run(summary)
     return summary
 
 
+COUNTED = ("by_lod", "fallbacks", "stage_cpu_seconds")
+"""What the sums over all tiles hold, beside the failures."""
+
+
+def rows_of_no_tile(run: Run, tiles: set[Tile]) -> list[BuildingRow]:
+    """The rows of the given footprints that no tile owns: they lie where no input has points."""
+    if run.given is None:
+        return []
+    plans = assign_footprints(run.given, [], run.side, run.lost)
+    unowned = set(run.lost)
+    return [
+        BuildingRow.of(plan.failure, {})
+        for one in plans
+        for plan in one.buildings
+        if plan.failure is not None
+        and (plan.failure in unowned or not any(tile.holds(one.owner_block) for tile in tiles))
+    ]
+
+
 def differs(tile: Tile, run: Run, old: Index, new: Index) -> bool:
     """Whether a tile meets other inputs when boxes are corrected."""
-    loaded = loaded_with(tile, 1, run.recipe.buffer).buffered(BOX_TOLERANCE)
+    loaded = seen_with(loaded_with(tile, 1, run.recipe.buffer), run).buffered(BOX_TOLERANCE)
     return bool((new.meeting(loaded) & ~old.meeting(loaded)).any())
 
 
@@ -269,9 +321,7 @@ def total_of(
     peak: float,
 ) -> Summary:
     """The sums over all tiles."""
-    counts: dict[str, Counter[str]] = {
-        name: Counter() for name in ("by_lod", "failures", "fallbacks", "stage_cpu_seconds")
-    }
+    counts: dict[str, Counter[str]] = {name: Counter() for name in ("failures", *COUNTED)}
     for one in runs:
         for name, counter in counts.items():
             counter.update(one[name])
@@ -280,7 +330,7 @@ def total_of(
         folder=folder,
         points=run.index.points,
         found=found,
-        modelled=sum(one["modelled"] for one in runs),
+        modelled=sum(one.get("modelled", 0) for one in runs),
         by_lod=dict(sorted(counts["by_lod"].items(), reverse=True)),
         failures=dict(sorted(counts["failures"].items())),
         fallbacks=dict(sorted(counts["fallbacks"].items())),
@@ -292,6 +342,6 @@ def total_of(
             **run.plan,
             "crs": run.index.system.code,
             "peak_memory_mb": round(peak),
-            "tiles": len(runs),
+            "tiles": len(runs) - 1,
         },
     )

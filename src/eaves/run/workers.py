@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
 import signal
 import sys
+import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import islice
+from multiprocessing.connection import wait as wait_for_end
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from eaves.formats.disk import is_full
+from eaves.run.memory import REMEDY, limit_memory, share_memory
 
 log = logging.getLogger("eaves")
 Task = TypeVar("Task")
@@ -63,6 +68,8 @@ def attempt(work: Callable[[Task], Any], index: int, task: Task) -> Outcome:
             raise KeyboardInterrupt from None
         log.debug("task %d failed", index, exc_info=True)
         reason = f"{type(error).__name__}: {error}"
+        if isinstance(error, MemoryError):
+            reason = f"memory ran out ({error or 'the system gave no more'}); {REMEDY}"
         return Outcome(index, error=reason, full=is_full(error), peak_mb=peak_memory_mb())
 
 
@@ -83,10 +90,13 @@ class Workers:
     scheduler
         Address of a running Dask scheduler (`tcp://host:port`) whose workers share the file system; it goes
         before `jobs`.
+    memory
+        Bytes for all processes together: each gets its share, and there are fewer of them where a share would
+        be too small. This process then leaves the work to one of them also when `jobs` is 1.
     """
 
-    def __init__(self, jobs: int = 1, scheduler: str | None = None) -> None:
-        self.jobs, self.scheduler = jobs, scheduler
+    def __init__(self, jobs: int = 1, scheduler: str | None = None, memory: int | None = None) -> None:
+        (self.jobs, self._share), self.scheduler = share_memory(memory, jobs), scheduler
         self._pool: ProcessPoolExecutor | None = None
         self._client: Any = None
 
@@ -103,11 +113,11 @@ class Workers:
     @property
     def alone(self) -> bool:
         """Whether this process does all the work."""
-        return self.scheduler is None and self.jobs < 2
+        return self.scheduler is None and self.jobs < 2 and self._share is None
 
     def start(self, work: Callable[[], Any]) -> None:
         """Start the processes, if there are to be some, with work that makes them import what they need."""
-        if self.scheduler is None and self.jobs > 1 and self._pool is None:
+        if self.scheduler is None and not self.alone and self._pool is None:
             pool = self._processes()
             for _ in range(self.jobs):
                 pool.submit(work)
@@ -128,7 +138,7 @@ class Workers:
         """Outcomes of `work(task)` for every task, as they are ready; `work` must write its own part."""
         if self.scheduler is not None and tasks:
             yield from self._run_on_dask(work, tasks)
-        elif self.jobs > 1 and len(tasks) > 1:
+        elif self._share is not None or (self.jobs > 1 and len(tasks) > 1):
             yield from self._run_in_processes(work, tasks)
         else:
             for index, task in enumerate(tasks):
@@ -150,7 +160,8 @@ class Workers:
                     yield outcome
                 if not together and batch[0] in left:
                     left.discard(batch[0])
-                    yield Outcome(batch[0], error="its process was killed, also when tried alone")
+                    reason = f"its process was killed, also when tried alone: memory may be short; {REMEDY}"
+                    yield Outcome(batch[0], error=reason)
             if left:
                 log.warning("a worker process was killed; %d lost tasks are tried again", len(left))
                 together = together and len(left) < before
@@ -222,7 +233,9 @@ class Workers:
     def _processes(self) -> ProcessPoolExecutor:
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self.jobs, mp_context=context, initializer=ignore_interrupt)
+            self._pool = ProcessPoolExecutor(
+                self.jobs, mp_context=context, initializer=begin_worker, initargs=(self._share,)
+            )
         return self._pool
 
     def _stop_processes(self) -> None:
@@ -235,6 +248,33 @@ class Workers:
         self._pool = None
 
 
-def ignore_interrupt() -> None:
-    """Leave Ctrl-C to the process that started this one."""
+def begin_worker(memory: int | None = None) -> None:
+    """Leave Ctrl-C to the process that started this one, end when it does, and keep to `memory`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=end_after, args=(parent.sentinel,), daemon=True).start()
+    warnings.simplefilter("ignore")  # remarks of libraries, which nobody could read among other processes'
+    limit_memory(memory)
+    import_pyogrio_alone()
+
+
+def end_after(sentinel: int) -> None:
+    """Wait for another process to end, and end this one."""
+    wait_for_end([sentinel])
+    os._exit(1)
+
+
+def import_pyogrio_alone() -> None:
+    """Import pyogrio without the data frames it would offer: pandas and geopandas cost most of a second.
+
+    For processes of our own only: a caller's process may want pyogrio's data frames later.
+    """
+    hidden = [name for name in ("pandas", "geopandas", "pyarrow") if name not in sys.modules]
+    sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]
+    try:
+        import pyogrio.raw  # noqa: F401
+    finally:
+        for name in hidden:
+            del sys.modules[name]

@@ -1,4 +1,4 @@
-"""A town made of somebody's CityJSON instead of drawn at random: `eaves simulate --model`."""
+"""A town from a CityJSON file instead of random numbers: `eaves simulate --model`."""
 
 from __future__ import annotations
 
@@ -58,10 +58,24 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
 
     Parameters
     ----------
-    path : `.city.json` or `.city.jsonl`.
-    trees : share of 25 trees per hectare, scattered where no building is; none by default.
-    seed : of the trees.
-    crs : the system of a file that names none.
+    path : str or Path
+        `.city.json` or `.city.jsonl`.
+    trees : float
+        Share of 25 trees per hectare (≥ 0), scattered where no building is; none by default.
+    seed : int
+        Of the trees.
+    crs : str or None
+        The system of a file that names none.
+
+    Returns
+    -------
+    Town
+        The town; `scan_town` makes points of it.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, holds no building with surfaces, or is too large.
 
     Examples
     --------
@@ -127,7 +141,7 @@ def _shells(found: CityObject) -> tuple[Solid, ...]:
 
 
 def _building(name: str, solid: Solid, number: int, first_face: int) -> ExactBuilding | None:
-    """The building of a shell: roof faces numbered, other faces told apart; None when it has no roof."""
+    """The building of a shell: roof faces numbered, other faces classified; None when it has no roof."""
     shell: list[Face] = []
     faces: list[ExactFace] = []
     for face in solid.faces:

@@ -43,7 +43,7 @@ Patch = NDArray[np.float64]
 def install(
     building: ExactBuilding, free: Callable[[NDArray[np.float64]], bool], rng: np.random.Generator
 ) -> Surfaces:
-    """The clutter of one building; `free` tells whether nothing is built at a place (x, y)."""
+    """The clutter of one building; `free` returns whether nothing is built at a place (x, y)."""
     pieces: list[Patch] = []
     for face in building.faces:
         inner = shapely.buffer(face.polygon, -FROM_EDGE, join_style="mitre")

@@ -16,7 +16,25 @@ from eaves.simulate.solids import extrude_partition
 
 @dataclass(frozen=True, eq=False)
 class ExactFace:
-    """A roof face: its extent in plan, its plane z = a·x + b·y + c, its number in the scene."""
+    """A roof face with its true plane.
+
+    Parameters
+    ----------
+    polygon : shapely.Polygon
+        Its extent in plan (local m).
+    coefficients : (float, float, float)
+        Its plane z = a·x + b·y + c.
+    number : int
+        Its number in the scene, from 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import shapely
+    >>> from eaves.simulate import ExactFace
+    >>> ExactFace(shapely.box(0, 0, 4, 4), (0.5, 0.0, 3.0), 1).height_at(np.array([[2.0, 1.0]])).tolist()
+    [4.0]
+    """
 
     polygon: Polygon
     coefficients: Plane
@@ -30,11 +48,35 @@ class ExactFace:
 
 @dataclass(frozen=True, eq=False)
 class ExactBuilding:
-    """A building with its true outline and roof.
+    """A building with its true outline and roof, in local metres about the scene's origin.
 
-    `footprint` is the outline of the eaves, which is what a lidar cloud shows and what every reference model
-    here stands on; `walls` is the outline of the walls, inside it by the overhang. `base` (m) is the lowest
-    terrain on the outline. Coordinates are local metres about the scene's origin.
+    Parameters
+    ----------
+    number : int
+        Its number in the scene, from 1.
+    kind : str
+        `flat`, `gable`, `hip`, …
+    footprint : shapely.Polygon
+        Outline of the eaves, which is what a LiDAR cloud shows and what every reference model here stands on.
+    walls : shapely.Polygon
+        Outline of the walls, inside the footprint by the overhang.
+    faces : tuple of ExactFace
+        Its roof faces.
+    base : float
+        Lowest terrain (m) on the outline.
+    shell : Solid or None
+        For buildings of a city model: the surfaces that are scanned; its roof faces refer to `faces`.
+    closed : Solid or None
+        The closed solid with those roof faces, where there is one.
+    name : str
+        Id in the city model.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> building = nine_roofs_on_a_slope(density=1.0).buildings[0]
+    >>> building.kind, round(building.footprint.area)
+    ('flat', 216)
     """
 
     number: int
@@ -44,12 +86,7 @@ class ExactBuilding:
     faces: tuple[ExactFace, ...]
     base: float
     shell: Solid | None = None
-    """The surfaces as somebody else made them, for buildings of a city model: what is scanned.
-
-    Its roof faces name `faces`.
-    """
     closed: Solid | None = None
-    """The closed solid over those roof faces, where there is one."""
     name: str = ""
 
     @property
@@ -100,9 +137,29 @@ def _moved(plane: Plane, x: float, y: float) -> Plane:
 class ExactScene:
     """A cloud without classes, and the truth of each of its N points.
 
-    `truth_class` holds LAS classes; `building` the number of the building, 0 for none; `plane` the number of
-    the roof face, 0 where a point is not on a roof. `buildings` are in the cloud's local metres. A scan also
-    tells the flight strip of each point (from 1) and the time (s) of its pulse in the strip.
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points.
+    truth_class : ndarray (N,) of uint8
+        LAS classes.
+    building : ndarray (N,) of int32
+        Number of the building, 0 for none.
+    plane : ndarray (N,) of int32
+        Number of the roof face, 0 where a point is not on a roof.
+    buildings : tuple of ExactBuilding
+        The buildings, in the cloud's local metres.
+    strip : ndarray (N,) of uint16 or None
+        Flight strip of each point, from 1.
+    time_s : ndarray (N,) or None
+        Time (s) of each pulse in its strip.
+
+    Examples
+    --------
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> scene = nine_roofs_on_a_slope(density=1.0)
+    >>> len(scene.truth_class) == len(scene.cloud)
+    True
     """
 
     cloud: PointCloud
@@ -119,7 +176,7 @@ class ExactScene:
         return {face.number: face for building in self.buildings for face in building.faces}
 
     def placed(self, crs: str) -> ExactScene:
-        """The scene, said to be in a projected system (EPSG code, or a file with WKT or PROJJSON)."""
+        """The scene, placed in a projected system (EPSG code, or a file with WKT or PROJJSON)."""
         from eaves.formats.crs import parse_crs, system_of
 
         system = system_of(parse_crs(crs), "--crs", self.cloud.origin)

@@ -30,14 +30,33 @@ POINTS, MODELS, VECTORS, SUMMARY = "points.laz", "reference.city.json", "referen
 
 
 def write_simulation(
-    scene: ExactScene, folder: str | Path, told: dict[str, Any] | None = None
+    scene: ExactScene, folder: str | Path, settings: dict[str, Any] | None = None
 ) -> dict[str, Path]:
-    """Write a scene to a folder; answers the files by what they are.
+    """Write a scene to a folder. The same scene gives the same bytes.
 
     points.laz: LAS 1.4, format 6; the class of a point is its true one, and the extra dimensions
-    `building_id` and `plane_id` name its building and roof face (0: none). reference.city.json: the true
-    models at LoD 2.2. reference.gpkg: layers `footprints` and `roof_planes`. simulation.json: what was asked
-    for (`told`), and counts. The same scene gives the same bytes.
+    `building_id` and `plane_id` are the numbers of its building and roof face (0: none). reference.city.json:
+    the true models at LoD 2.2. reference.gpkg: layers `footprints` and `roof_planes`. simulation.json: the
+    settings, and counts.
+
+    Parameters
+    ----------
+    scene : ExactScene
+        The points with their truth.
+    folder : str or Path
+        Made when missing.
+    settings : dict or None
+        The parameters the scene was made with, for simulation.json.
+
+    Returns
+    -------
+    dict of str to Path
+        The files: `points`, `models`, `vectors`, `summary`.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------
@@ -56,14 +75,15 @@ def write_simulation(
     before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": GEOPACKAGE_DATE})
     try:
-        with warnings.catch_warnings():  # a town drawn at random lies nowhere on Earth, and is meant to
+        with warnings.catch_warnings():  # a random town has no place on Earth
             warnings.filterwarnings("ignore", message="'crs' was not provided")
             write_geopackage(paths[VECTORS], *_rows(scene), scene.cloud.system)
     finally:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
     with atomic(paths[SUMMARY]) as temporary:
         temporary.write_text(
-            json.dumps({**(told or {}), **_counts(scene)}, indent=1, sort_keys=True) + "\n", encoding="utf-8"
+            json.dumps({**(settings or {}), **_counts(scene)}, indent=1, sort_keys=True) + "\n",
+            encoding="utf-8",
         )
     return {
         "points": paths[POINTS],

@@ -25,10 +25,29 @@ ABOVE = 30.0
 
 @dataclass(frozen=True)
 class Flight:
-    """One survey: `height` above the town (m), half the opening angle, side overlap of the strips, heading.
+    """One survey flight of parallel strips.
 
-    `jitter` is the standard deviation of a pulse's place on the ground, as a share of the spacing. The axes
-    of the two strips nearest to the middle of the town lie half a strip spacing on either side of it.
+    The axes of the two strips nearest to the middle of the town lie half a strip spacing on either side of
+    it.
+
+    Parameters
+    ----------
+    height : float
+        Height (m, > 0) above the town.
+    half_angle_deg : float
+        Half the opening angle (degrees).
+    overlap : float
+        Side overlap of neighbouring strips, as a share of their width (0 to 1).
+    heading_deg : float
+        Direction of flight (degrees).
+    jitter : float
+        Standard deviation of a pulse's place on the ground, as a share of the spacing.
+
+    Examples
+    --------
+    >>> from eaves.simulate import Flight
+    >>> Flight(height=800.0).half_angle_deg
+    20.0
     """
 
     height: float = 1000.0

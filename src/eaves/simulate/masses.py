@@ -136,10 +136,10 @@ def _planes_over(cells: list[Polygon], masses: tuple[Mass, ...]) -> list[tuple[P
     xy = np.column_stack([shapely.get_x(inside), shapely.get_y(inside)])
     heights = np.stack([mass.height_at(xy) for mass in masses])
     highest = np.argmax(heights, axis=0)
-    answer = []
+    result = []
     for number, cell in enumerate(cells):
         if np.isfinite(heights[highest[number], number]):
             planes = np.array(masses[highest[number]].planes)
             lowest = int(np.argmin(planes[:, :2] @ xy[number] + planes[:, 2]))
-            answer.append((cell, masses[highest[number]].planes[lowest]))
-    return answer
+            result.append((cell, masses[highest[number]].planes[lowest]))
+    return result

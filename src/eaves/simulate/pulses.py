@@ -1,4 +1,4 @@
-"""What comes back of a pulse: the ray tracer, the loss in leaves, the receiver that tells echoes apart."""
+"""The echoes of a pulse: the ray tracer, the loss in leaves, the receiver that separates echoes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ BINS = 8192
 
 @dataclass(frozen=True)
 class Receiver:
-    """How the scanner tells echoes apart.
+    """How the scanner separates echoes.
 
     `dead_zone` is the shortest distance (m, along the beam) between two echoes: what returns within it of an
     echo's first light is part of it. `threshold` is the least share of the pulse's energy that makes an echo.
@@ -289,7 +289,7 @@ def trace_kernel(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def gather_kernel(t, energy, label, base, amount, moment, largest, source):  # type: ignore[no-untyped-def]
-    """Add a reflection to its range bin and answer which that is; a bin remembers its largest source."""
+    """Add a reflection to its range bin and return its number; a bin keeps its largest source."""
     place = min(max(int((t - base) / BIN), 0), BINS - 1)
     amount[place] += energy
     moment[place] += energy * t
@@ -304,7 +304,7 @@ def gather_kernel(t, energy, label, base, amount, moment, largest, source):  # t
 def cut_echoes_kernel(  # type: ignore[no-untyped-def]
     amount, moment, largest, source, first_bin, last_bin, dead_zone, threshold, ranges, labels
 ):  # fmt: skip
-    """Write the echoes of one pulse to `ranges` and `labels`; answers how many there are."""
+    """Write the echoes of one pulse to `ranges` and `labels`; returns how many there are."""
     count, first = 0, first_bin
     while first <= last_bin and count < ranges.shape[0]:
         if amount[first] == 0.0:

@@ -1,7 +1,7 @@
 """Which triangles and bodies of leaves stand over each square of the terrain: where rays are traced.
 
 Airborne pulses are steep: between the highest roof and the ground one crosses some ten squares of a metre.
-So a plain grid in plan, whose squares know the highest thing in them, beats a tree of boxes: a step costs
+So a plain grid in plan, whose squares hold the greatest height in them, beats a tree of boxes: a step costs
 one comparison, a square holds a handful of triangles, and the terrain needs no triangles at all.
 """
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.model import PointCloud
+from eaves.model.checks import check_positive
 from eaves.model.cloud import BUILDING, GROUND, UNCLASSIFIED
 from eaves.simulate.exact import ExactBuilding, ExactFace, ExactScene
 from eaves.simulate.masses import Mass, Plane, roof_partition
@@ -153,11 +154,28 @@ SLOPE: Plane = (0.06, 0.03, 12.0)
 def nine_roofs_on_a_slope(density: float = 10.0, noise: float = 0.02, seed: int = 0) -> ExactScene:
     """Nine buildings on sloping ground, sampled evenly at random from above, with the truth of every point.
 
+    Nothing is hidden, there are no walls, and a pulse has one return.
+
     Parameters
     ----------
-    density : points per square metre; nothing is hidden, there are no walls, one return a pulse.
-    noise : standard deviation of the heights (m).
-    seed : the same seed gives the same points.
+    density : float
+        Points per square metre (> 0).
+    noise : float
+        Standard deviation of the heights (m, ≥ 0).
+    seed : int
+        The same seed gives the same points.
+
+    Returns
+    -------
+    ExactScene
+        The points with their truth.
+
+    Raises
+    ------
+    TypeError
+        When `density` is no number.
+    ValueError
+        When `density` is not above 0.
 
     Examples
     --------
@@ -166,6 +184,7 @@ def nine_roofs_on_a_slope(density: float = 10.0, noise: float = 0.02, seed: int 
     >>> len(truth.buildings), [building.kind for building in truth.buildings][:3]
     (9, ['flat', 'flat with parapet', 'shed'])
     """
+    check_positive(density, "density", "points per m²")
     buildings, face = [], 1
     turns = np.random.default_rng([seed, 1]).uniform(0.0, np.pi, 9)
     for order, (kind, masses) in enumerate(nine_shapes()):

@@ -1,4 +1,4 @@
-"""The scan of a town, as an airborne scanner would bring it home, with the truth of every point."""
+"""The airborne scan of a town, with the truth of every point."""
 
 from __future__ import annotations
 
@@ -18,12 +18,27 @@ from eaves.simulate.town import Town
 
 @dataclass(frozen=True)
 class Scanner:
-    """What the instrument and the survey add to the truth.
+    """The errors and the resolution of the instrument.
 
-    `divergence` is the full 1/e² angle of the beam (radians): 0.4 mrad at 1000 m lights a disc of 0.4 m.
-    `noise` is the standard deviation of a range (m), `strip_offset` that of the height of a whole strip (m),
-    `outliers` the share of points that are gross errors, half of them low (0.5 to 15 m under ground), half
-    high (15 to 80 m above it).
+    Parameters
+    ----------
+    divergence : float
+        Full 1/e² angle of the beam (radians): 0.4 mrad at 1000 m lights a disc of 0.4 m.
+    noise : float
+        Standard deviation (m) of a range.
+    strip_offset : float
+        Standard deviation (m) of the height of a whole strip.
+    outliers : float
+        Share of points that are gross errors, half of them low (0.5 to 15 m under ground), half high (15 to
+        80 m above it).
+    receiver : Receiver
+        How the scanner separates echoes.
+
+    Examples
+    --------
+    >>> from eaves.simulate import Scanner
+    >>> Scanner(noise=0.05).divergence
+    0.0004
     """
 
     divergence: float = 4e-4
@@ -57,12 +72,30 @@ def scan_town(
 
     Parameters
     ----------
-    town : what is scanned.
-    density : pulses per square metre, mean over the town, all strips together.
-    noise : standard deviation of a range (m).
-    pattern : `lines`, `zigzag`, `ellipse`, or `random`: straight down at random places, one return, nothing
-    hidden. seed : the same seed gives the same points.
-    flight, scanner : the survey and the instrument; `noise` replaces the scanner's own.
+    town : Town
+        The town that is scanned.
+    density : float
+        Pulses per square metre (> 0), mean over the town, all strips together.
+    noise : float
+        Standard deviation of a range (m, ≥ 0); it replaces the scanner's own.
+    pattern : str
+        `lines`, `zigzag`, `ellipse`, or `random`: straight down at random places, one return, nothing hidden.
+    seed : int
+        The same seed gives the same points.
+    flight : Flight or None
+        The survey; None is `Flight()`.
+    scanner : Scanner or None
+        The instrument; None is `Scanner()`.
+
+    Returns
+    -------
+    ExactScene
+        The points with their truth.
+
+    Raises
+    ------
+    ValueError
+        When `density` is not above 0, or `noise` is below 0.
 
     Examples
     --------

@@ -17,7 +17,35 @@ from eaves.simulate.town import simulate_town
 
 @dataclass(frozen=True)
 class StandardScene:
-    """Everything a scene is made from; `make` gives the same points every time."""
+    """The parameters of a scene; `make` gives the same points every time.
+
+    Parameters
+    ----------
+    name : str
+        Title in tables.
+    seed : int
+        Of the town and the scan.
+    style, terrain : str
+        As in `simulate_town`.
+    density : float
+        Pulses per square metre (> 0).
+    noise : float
+        Standard deviation of a range (m).
+    leaf_loss : float
+        Loss of a pulse's energy per metre of crown (1/m).
+    half_angle_deg : float
+        Half the opening angle of the scanner (degrees).
+    pattern : str
+        As in `scan_town`.
+    area_km2 : float
+        Area of the town (km²).
+
+    Examples
+    --------
+    >>> from eaves.simulate import DEVELOPMENT_SCENES
+    >>> DEVELOPMENT_SCENES[0].name
+    'suburb, flat, 10/m²'
+    """
 
     name: str
     seed: int
@@ -46,7 +74,7 @@ DEVELOPMENT_SCENES = (
     StandardScene("mixed, terraced, 25/m²", 4, "mixed", "terraced", 25.0),
     StandardScene("suburb, hilly, 1.5/m²", 5, "suburb", "hilly", 1.5, noise=0.05, half_angle_deg=15.0),
 )
-"""Scenes that anybody may look at and tune on."""
+"""Scenes for development and tuning."""
 
 JUDGING_SCENES = (
     StandardScene("judging: centre, hilly, 8/m²", 9001, "centre", "hilly", 8.0, pattern="zigzag"),

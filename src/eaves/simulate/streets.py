@@ -128,8 +128,8 @@ def lay_streets(
     """The plots between the streets of a town: a grid of one direction, its blocks 55 to 95 m long.
 
     Those at the rim stick out of `bounds`; what would stand outside is not built. Two rows of blocks near
-    the middle stand apart by `gap` (m), for a canal or an embankment; the strip between them is the second
-    answer.
+    the middle stand apart by `gap` (m), for a canal or an embankment; the strip between them is returned
+    second.
     """
     angle = rng.uniform(0.0, np.pi)
     town = Plot((bounds.west + bounds.east) / 2, (bounds.south + bounds.north) / 2, float(angle), 0.0, 0.0)

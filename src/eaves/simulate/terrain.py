@@ -26,7 +26,7 @@ LEVEL = 10.0
 class Terrain:
     """Heights on a lattice: `heights[i, j]` is the node at x = west + i·cell, y = south + j·cell.
 
-    A square of four nodes is two triangles that meet on its south-west to north-east diagonal. `water` tells
+    A square of four nodes is two triangles that meet on its south-west to north-east diagonal. `water` marks
     the squares that are water, one fewer than nodes along each side.
     """
 

@@ -50,7 +50,31 @@ TRUNK_CLEARANCE = 0.6
 
 @dataclass(frozen=True, eq=False)
 class Town:
-    """Everything that stands over `bounds` (local metres about `origin`)."""
+    """Everything that stands over `bounds`.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        Local metres about `origin`.
+    terrain : Terrain
+        Heights and classes of the ground.
+    buildings : tuple of ExactBuilding
+        The buildings.
+    furniture : Surfaces
+        Cars, walls, vents and other surfaces that are no building.
+    foliage : Foliage
+        Trees, shrubs and hedges.
+    origin : (float, float)
+        World metres of local (0, 0).
+    system : CoordinateSystem
+        Reference system.
+
+    Examples
+    --------
+    >>> from eaves.simulate import simulate_town
+    >>> simulate_town(0.01, seed=3).bounds.width
+    100.0
+    """
 
     bounds: Bounds
     terrain: Terrain
@@ -66,7 +90,7 @@ class Town:
         return index_town(self.terrain, surfaces, self.foliage)
 
     def ray_grid(self) -> RayGrid:
-        """The town as the ray tracer sees it; made once."""
+        """The grid of the town for the ray tracer; made once."""
         return self._grid
 
     @property
@@ -86,19 +110,37 @@ def simulate_town(
     clutter: bool = True,
     leaf_loss: float = 2.5,
 ) -> Town:
-    """A town on a square of `area_km2`.
+    """A town on a square.
 
     Parameters
     ----------
-    area_km2 : size of the square, at least 0.01 (100 m by 100 m).
-    buildings : at most so many; None builds on every plot. Plots left over are lawns with trees.
-    terrain : `flat` (with a canal and bridges), `slope`, `hilly` or `terraced` (with an embankment).
-    trees : share of the trees, shrubs and hedges of an ordinary town; 0 for none, above 1 for more trees.
-    seed : the same seed gives the same town.
-    style : `suburb` (houses and gardens), `centre` (closed fronts, blocks around courts) or `mixed`.
-    clutter : whether buildings carry vents, skylights, solar panels and balconies, which the reference
-        models leave out.
-    leaf_loss : loss of a pulse's energy per metre of crown (1/m): about 2.5 in leaf, 0.6 out of leaf.
+    area_km2 : float
+        Area of the square (km²), at least 0.01 (100 m by 100 m).
+    buildings : int or None
+        Largest number of buildings; None builds on every plot. Plots left over are lawns with trees.
+    terrain : str
+        `flat` (with a canal and bridges), `slope`, `hilly` or `terraced` (with an embankment).
+    trees : float
+        Share of the trees, shrubs and hedges of an ordinary town (≥ 0): 0 for none, above 1 for more.
+    seed : int
+        The same seed gives the same town.
+    style : str
+        `suburb` (houses and gardens), `centre` (closed fronts, blocks around courts) or `mixed`.
+    clutter : bool
+        Whether buildings have vents, skylights, solar panels and balconies, which the reference models leave
+        out.
+    leaf_loss : float
+        Loss of a pulse's energy per metre of crown (1/m): about 2.5 in leaf, 0.6 out of leaf.
+
+    Returns
+    -------
+    Town
+        The town; `scan_town` makes points of it.
+
+    Raises
+    ------
+    ValueError
+        When the area is under 0.01 km², or `buildings` is below 0.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Exact answers on integer coordinates: sides of a plane, crossings of triangles.
+"""Exact predicates on integer coordinates: sides of a plane, crossings of triangles.
 
 Coordinates are whole numbers below 2^29, so every sign is exact: first in floating point where that is safe,
 else with the minors split in two halves of 30 bits.
@@ -242,7 +242,7 @@ def crossings_kernel(  # type: ignore[no-untyped-def]
     first, second
 ):
     """How two sets of triangles (N, 3, 3) and (M, 3, 3) meet: the sum of the codes above that occur."""
-    answer = 0
+    result = 0
     for n in range(len(first)):
         t = first[n]
         for m in range(len(second)):
@@ -263,12 +263,12 @@ def crossings_kernel(  # type: ignore[no-untyped-def]
                 i, j = plane_axes_kernel(t[0], t[1], t[2])
                 if share_area_kernel(t, u, i, j):
                     alike = turn_kernel(t[0], t[1], t[2], i, j) == turn_kernel(u[0], u[1], u[2], i, j)
-                    answer |= SAME_SIDE if alike else OPPOSITE_SIDE
+                    result |= SAME_SIDE if alike else OPPOSITE_SIDE
                 continue
             for k in range(3):
                 if pierces_kernel(t[k], t[(k + 1) % 3], u) or pierces_kernel(u[k], u[(k + 1) % 3], t):
-                    answer |= CROSS
-    return answer
+                    result |= CROSS
+    return result
 
 
 def enclosed(
@@ -291,7 +291,7 @@ def enclosed(
     )
     angle = 2.0 * np.arctan2(volume, below)
     turns = np.abs(angle.sum(axis=1)) / (4.0 * np.pi)
-    answer = np.where(turns > 0.5, 1, -1)
+    result = np.where(turns > 0.5, 1, -1)
     on_shell = np.ones(angle.shape, bool)
     normal = np.cross(b - a, c - a)
     normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-300)
@@ -300,5 +300,5 @@ def enclosed(
         inwards = np.cross(normal, end - start)
         inwards /= np.maximum(np.linalg.norm(inwards, axis=2, keepdims=True), 1e-300)
         on_shell &= np.einsum("nti,nti->nt", -start, inwards) >= -margin
-    answer[on_shell.any(axis=1)] = 0
-    return answer
+    result[on_shell.any(axis=1)] = 0
+    return result

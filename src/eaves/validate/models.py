@@ -6,6 +6,7 @@ import numpy as np
 
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import BuildingModel, Finding
+from eaves.model.checks import check_type
 from eaves.validate.boundaries import to_grid
 from eaves.validate.primitives import Primitive, Tolerances, check_primitives
 
@@ -16,6 +17,25 @@ def validate_model(model: BuildingModel, tolerances: Tolerances | None = None) -
     Each part of a level of detail is checked as a solid, and the parts of one level against each other. The
     levels appear in `where`, parts by their number in `building`: `id/0`, `id/1`, …
 
+    Parameters
+    ----------
+    model : BuildingModel
+        The building; coordinates in local metres.
+    tolerances : Tolerances or None
+        Limits for snapping, planarity and normals; None takes val3dity's defaults.
+
+    Returns
+    -------
+    list of Finding
+        Defects by val3dity's code numbers.
+
+    Raises
+    ------
+    TypeError
+        When `model` is no BuildingModel.
+    ValueError
+        When a vertex is not finite.
+
     Examples
     --------
     >>> import eaves
@@ -24,6 +44,7 @@ def validate_model(model: BuildingModel, tolerances: Tolerances | None = None) -
     >>> eaves.validate_model(truth.buildings[0].model())
     []
     """
+    check_type(model, BuildingModel, "model", "give the result of reconstruct_building that is no Failure")
     primitives, vertices, count = [], [np.zeros((0, 3), np.int64)], 0
     for lod, parts in sorted(model.solids.items()):
         for number, solid in enumerate(parts):

@@ -19,7 +19,7 @@ REASONS = (
     ("Hole lies outside shell", 206),
     ("Holes are nested", 207),
 )
-"""What GEOS says of a polygon whose rings are simple → code."""
+"""Reason of GEOS for a polygon whose rings are simple → code."""
 
 
 FALL_TOGETHER = 1e-3

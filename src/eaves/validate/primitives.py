@@ -52,7 +52,28 @@ class Primitive:
 
 @dataclass(frozen=True)
 class Tolerances:
-    """val3dity's tolerances: `snap` and `planarity` in metres, `normals` in degrees."""
+    """val3dity's tolerances.
+
+    Parameters
+    ----------
+    snap : float
+        Vertices nearer than this (m, > 0) are one.
+    planarity : float
+        Largest distance (m, > 0) of a vertex from the plane of its face.
+    normals : float
+        Largest angle (degrees, > 0) between the normals of the triangles of a face.
+
+    Raises
+    ------
+    ValueError
+        When a tolerance is not above 0.
+
+    Examples
+    --------
+    >>> from eaves.validate import Tolerances
+    >>> Tolerances(planarity=0.02).planarity
+    0.02
+    """
 
     snap: float = SNAP
     planarity: float = PLANARITY

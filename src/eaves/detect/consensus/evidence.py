@@ -22,6 +22,8 @@ class Evidence:
     """Cells with at least one point that could be a roof."""
     top: Values
     """Height (m above the terrain's local zero) of the highest candidate point; -inf where there is none."""
+    low: Values
+    """Height of the highest other point but noise (terrain, and what is low over it); -inf where none is."""
     residual: Values
     """RMSE (m) across the plane of the best of the windows that hold the cell; inf where none fits."""
     east: Values
@@ -63,6 +65,7 @@ def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float) -> 
             np.bincount(cells.cell[many], minlength=cells.size).reshape(shape).astype(np.float64)
         )
         several = several / np.maximum(around, 1)
+    floor = cells.extreme(np.where(~candidate & ~scene.cloud.noise, xyz[:, 2], -np.inf))
     low = np.flatnonzero(~candidate & ~scene.cloud.noise)
     under = window_sum(np.bincount(cells.cell[low], minlength=cells.size).reshape(shape).astype(np.float64))
     height = np.bincount(cell, weights=scene.height[chosen], minlength=cells.size).reshape(shape)
@@ -70,6 +73,7 @@ def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float) -> 
         cells=cells,
         candidate=count > 0,
         top=top.reshape(shape),
+        low=floor.reshape(shape),
         residual=residual,
         east=slope_east,
         north=slope_north,

@@ -7,8 +7,18 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
+from eaves.detect.consensus.attachment import attached_share
 from eaves.detect.consensus.borders import cut_cells
-from eaves.detect.consensus.classifier import judge_cells, judge_segments, score_regions
+from eaves.detect.consensus.classifier import (
+    FITTED,
+    Weights,
+    judge_cells,
+    judge_segments,
+    measured_terms,
+    read_weights,
+    score_regions,
+)
+from eaves.detect.consensus.doubts import HALF_ATTACHED, region_doubts, void_doubts
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.hidden_roofs import find_hidden_roofs
 from eaves.detect.consensus.members import part_of_points
@@ -23,12 +33,15 @@ from eaves.model import Labels, Mask, Points, Regions, Scene, Values
 from eaves.model.scene import ROOF
 from eaves.raster.nearest import near_cells
 
+CELL_SPACINGS = 1.0
+"""Width of a cell: a window of three by three holds nine points, enough for a plane and its residual."""
 RIM_ODDS = 3.0
 """Log odds of the rim of a roof that swallows the beam."""
 VEHICLE_MOST_M2 = 60.0
 """An articulated lorry, with the cells at its rim, is no larger."""
-SMALL_SEGMENT_M2 = 2.0
-"""Smaller surfaces say no more than their cells do."""
+LEAST_TOLERANCE_M, TOLERANCE = 0.12, 0.11
+"""Noise of old scanners on a plane, and the share of the spacing by which windows that span a ridge miss one
+plane."""
 CORE_SHARE, CORE_SHARE_M = 0.4, 0.18
 """Least share of roof surfaces in a building, and the same times the cells' side (m): windows three cells
 wide fit into less of a face the wider the cells are."""
@@ -37,34 +50,43 @@ wide fit into less of a face the wider the cells are."""
 class Consensus(Detector):
     """Building labels from planes, echoes, penetration, height, size and width together.
 
-    Points well above the terrain are gathered in cells about one spacing wide. Each cell is given the
-    best plane of the windows, three and two cells wide, that hold it, so ridges and eaves are as flat as
-    the faces beside them and crowns never are. Cells of agreeing planes form surfaces, and each surface
-    is judged as a whole: area, width, residual, height, the share of pulses with several echoes, the
-    share of points that reach the ground through it. Cells in no surface (walls, chimneys, machinery,
-    crowns) are judged by their echoes; a hole in the data with a level, raised rim is a roof of glass or
-    water. A graph cut then finds the labelling of least energy, in which neighbours whose surfaces
-    continue each other want the same label and a jump in height lets them part. Connected cells with a
-    core of roof surfaces are buildings; their planes are carried on below crowns; narrow long ones with a
-    level top are vehicles.
+    Points well above the terrain are gathered in cells about one spacing wide. Each cell is given the best
+    plane of the windows, three and two cells wide, that hold it, so ridges and eaves are as flat as the
+    faces beside them and crowns never are. Cells of agreeing planes form surfaces, and each surface is
+    judged as a whole: area, width, residual, height, smooth company, roofs on all sides, the share of
+    pulses with several echoes, the share of points that reach the ground through it. Cells in no surface
+    (walls, chimneys, machinery, crowns) are judged by what applies to them. How much echoes and penetration
+    count is measured in the scan itself, by how far they lie apart on its own roofs and crowns: a scan that
+    does not split pulses is judged by shape, and nothing jumps in between. A hole in the data with a level,
+    raised rim is a roof of glass or water. A graph cut then finds the labelling of least energy, in which
+    neighbours whose surfaces continue each other want the same label and a jump in height lets them part.
+    Connected cells with a core of roof surfaces are buildings, unless most of their rim goes on in the
+    terrain; their planes are carried on below crowns; narrow long ones with a level top are vehicles.
 
+    Formula
+    -------
     Energy: Σ_cells odds(c)·[label(c) is against its odds] + λ Σ_neighbours exp(-(d/s)²)·[labels differ],
-    where d is how far the highest points miss each other's surface.
+    where d is how far the highest points miss each other's surface. Log likelihood ratio of a share v of
+    several returns: trust · (μ_roof - μ_crown) / σ² · (v - (μ_roof + μ_crown) / 2), the means and σ over the
+    cells of the scene, found with the odds by expectation maximisation; likewise penetration.
 
     Fidelity
     --------
     No paper: it takes planarity from [chen_sun_vaihingen], echoes and connected components
     from [xiao2014], the order of splitting vegetation before the size threshold from [ren_fcs], segment
-    statistics from [roof_attributes], and the opening by width from [maas_vosselman1999]. The weights of a
-    surface's odds come from one logistic regression over about 1,900 surfaces of eight simulated towns (1 to
-    25 points/m², with and without returns) and five public scans; they are rounded, and the same for all
-    data.
+    statistics from [roof_attributes], and the opening by width from [maas_vosselman1999]. The weights of the
+    odds come from one logistic regression over surfaces and cells of 24 simulated towns (0.3 to 30 points/m²,
+    all, few or no echoes) and ten public scans with thinned variants; they are rounded, and the same for all
+    data. `benchmarks.accuracy.unseen` shows what they are worth on scans left out of it.
 
     Fails where
     -----------
     Dense clipped hedges over 2 m high and wide; roofs wholly covered by crowns; glass roofs seen through;
     containers and site huts are buildings when wider than a vehicle; sheds narrower than three cells at 1
-    point/m². Without returns crowns that touch a roof at its height may be taken for part of it.
+    point/m². Without returns crowns that touch a roof at its height, or stand in a court, may be taken for
+    part of it. A scene that is all forest has no roofs to compare its crowns with: shape alone judges it. The
+    means are those of a block with its surroundings, so blocks of another size judge borders a little
+    otherwise.
 
     Complexity
     ----------
@@ -82,16 +104,17 @@ class Consensus(Detector):
     paper: ClassVar[str] = "chen_sun_vaihingen"
 
     cell: float | None = parameter(
-        None, "Side of a cell; default: 1.2 spacings, at least 0.5.", unit="m", gt=0.0
+        None, "Side of a cell; default: one spacing, at least 0.5.", unit="m", gt=0.0
     )
     min_height: float = parameter(
         1.5, "Points lower than this over the terrain are no roof.", unit="m", ge=0.0
     )
-    max_residual: float = parameter(
-        0.12, "A window whose plane has a larger RMSE is no surface.", unit="m", gt=0.0
-    )
-    max_gap: float = parameter(
-        0.12, "Planes of neighbouring cells that differ more are two surfaces.", unit="m", gt=0.0
+    max_residual: float | None = parameter(
+        None,
+        "A window whose plane has a larger RMSE is no surface, and planes of neighbouring cells that differ "
+        "more are two; default: 0.11 spacings, at least 0.12.",
+        unit="m",
+        gt=0.0,
     )
     smoothness: float = parameter(
         2.5, "Price (log odds) of two neighbours called differently.", symbol="λ", ge=0.0
@@ -106,6 +129,12 @@ class Consensus(Detector):
         6.0, "Cells farther than this from a roof surface are no building.", unit="m", gt=0.0
     )
     min_core: float = parameter(3.0, "Least area of roof surfaces in a building.", unit="m²", ge=0.0)
+    max_attached: float = parameter(
+        0.5, "A region that goes on in the terrain along a larger share of its rim is rock.", ge=0.0, le=1.0
+    )
+    weights: str | None = parameter(
+        None, "File (JSON) with weights of the evidence; default: those fitted to all labelled surveys."
+    )
     min_width: float = parameter(1.5, "Side of a square that fits into every building.", unit="m", ge=0.0)
 
     @property
@@ -113,53 +142,101 @@ class Consensus(Detector):
         return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
-        candidate = (scene.height >= self.min_height) & ~scene.cloud.ground & ~scene.cloud.noise
+        candidate = self.candidates(scene)
         if int(candidate.sum()) < LEAST_POINTS:
             return Regions(np.zeros(len(scene.cloud), np.int32), np.zeros(0))
-        xyz = scene.cloud.xyz - [0.0, 0.0, np.floor(scene.cloud.xyz[candidate, 2].min())]
-        side = self.cell or side_near(max(0.5, 1.2 * scene.spacing))
-        echoes = scene.cloud.has_returns
-
-        evidence = gather_evidence(scene, xyz, candidate, side)
+        xyz, evidence, segments = self.find_surfaces(scene, candidate)
         emit("residual", evidence.residual)
-        smooth = evidence.candidate & (evidence.residual < self.max_residual)
-        segments = find_segments(evidence, smooth, self.max_gap, MIN_HEIGHT_M)
         emit("segments", segments.label)
-        odds, roof = self.judge(evidence, segments, echoes)
+        building, roof, void, odds = self.settle(
+            evidence, segments, self.tolerance(scene.spacing), self.judged_by, emit
+        )
+        region, attached, rocks = self.keep_buildings(building, roof, evidence)
+        emit("regions", region)
+        surface = roof & (segments.label > 0)
+        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface)
+        emit("hidden", hidden)
+        regions = self.regions_of(scene, xyz, evidence, region, hidden, odds)
+        doubts = [
+            *region_doubts(evidence, region, regions.score, attached),
+            *region_doubts(evidence, rocks, np.zeros(rocks.max(initial=0)), attached),
+            *void_doubts(evidence, void & (region > 0)),
+        ]
+        return regions.with_doubts(doubts)
+
+    def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
+        """Points (N, 3) with heights counted from near them, the evidence of cells, the smooth surfaces."""
+        xyz = scene.cloud.xyz - [0.0, 0.0, np.floor(scene.cloud.xyz[candidate, 2].min())]
+        side = self.cell or side_near(max(0.5, CELL_SPACINGS * scene.spacing))
+        evidence = gather_evidence(scene, xyz, candidate, side)
+        most = self.tolerance(scene.spacing)
+        smooth = evidence.candidate & (evidence.residual < most)
+        return xyz, evidence, find_segments(evidence, smooth, most, MIN_HEIGHT_M)
+
+    def tolerance(self, spacing: float) -> float:
+        """The largest residual (m) of a surface in a scan of that spacing (m)."""
+        return self.max_residual or max(LEAST_TOLERANCE_M, TOLERANCE * spacing)
+
+    def candidates(self, scene: Scene) -> Mask:
+        """The points (N,) that could be roofs."""
+        return (scene.height >= self.min_height) & ~scene.cloud.ground & ~scene.cloud.noise
+
+    def settle(
+        self,
+        evidence: Evidence,
+        segments: Segments,
+        tolerance: float,
+        weights: Weights,
+        emit: Emit = ignore,
+    ) -> tuple[Mask, Mask, Mask, Values]:
+        """The building cells, those of roof surfaces, those of roofs without points, the log odds of every
+        cell; (H, W) each."""
+        terms = measured_terms(evidence, segments, tolerance, weights)
+        emitted = np.r_[0.0, judge_segments(segments, terms.surface, weights)][segments.label]
+        odds = np.where(terms.large, emitted, judge_cells(terms.cell, weights))
         emit("odds", odds)
         void, rims = find_roof_voids(evidence)
-        odds, roof = raise_rims(odds, rims, RIM_ODDS), roof | void
+        odds, roof = raise_rims(odds, rims, RIM_ODDS), (emitted > 0.0) | void
+        side = evidence.cells.side
         odds = np.where(near_cells(roof, int((self.max_rough / side) ** 2 + 1e-9)), odds, -self.sure)
         building = void | cut_cells(evidence, odds, self.sure, self.smoothness, self.max_jump)
         emit("cut", building)
-        region = self.keep_buildings(building, roof, evidence)
-        emit("regions", region)
-        surface = roof & (evidence.residual < self.max_residual)
-        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface)
-        emit("hidden", hidden)
-        return self.regions_of(scene, xyz, evidence, region, hidden, odds)
+        return building, roof, void, odds
 
-    def judge(self, evidence: Evidence, segments: Segments, echoes: bool) -> tuple[Values, Mask]:
-        """Log odds of every cell, and the cells of roof surfaces; (H, W) each."""
-        surface = judge_segments(segments, echoes)
-        emitted = np.r_[0.0, surface][segments.label]
-        large = np.r_[False, segments.area >= SMALL_SEGMENT_M2][segments.label]
-        odds = np.where(large, emitted, judge_cells(evidence, self.max_residual, echoes))
-        return odds, emitted > 0.0
+    @property
+    def judged_by(self) -> Weights:
+        """The weights of the evidence."""
+        return FITTED if self.weights is None else read_weights(self.weights)
 
-    def keep_buildings(self, building: Mask, roof: Mask, evidence: Evidence) -> Labels:
-        """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces."""
+    def keep_buildings(self, building: Mask, roof: Mask, evidence: Evidence) -> tuple[Labels, Values, Labels]:
+        """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces; the
+        share of each group's rim that continues the terrain; the groups (H, W) dropped for that alone, and
+        not without doubt."""
         found, count = ndimage.label(building, np.ones((3, 3)))
         label: Labels = np.asarray(found, np.int32)
+        # at one spacing a third of the cells is empty by chance: they narrow no building
+        empty = (evidence.cells.count == 0).reshape(evidence.shape)
+        closed, closed_count = ndimage.label(
+            building | (ndimage.binary_closing(building, np.ones((3, 3))) & empty), np.ones((3, 3))
+        )
+        wide = np.r_[0.0, square_width(np.asarray(closed, np.int32), closed_count)]
+        width = np.zeros(count + 1)
+        width[label.ravel()] = wide[np.where(building, closed, 0).ravel()]
         side = evidence.cells.side
         area = np.bincount(label.ravel(), minlength=count + 1) * side * side
         core = np.bincount(label.ravel(), weights=roof.ravel(), minlength=count + 1) * side * side
-        width = np.r_[0.0, square_width(label, count) * side]
+        width *= side
         share = min(CORE_SHARE, CORE_SHARE_M / side)
         good = (core >= self.min_core) & (core >= share * area) & (width >= self.min_width)
         good[0] = False
-        kept = np.where(good, np.arange(count + 1), 0).astype(np.int32)
-        return np.asarray(kept[label], np.int32)
+        attached = attached_share(evidence, label, count)
+        loose = attached <= self.max_attached
+        rock = good & ~loose & (attached <= 1.0 - HALF_ATTACHED)
+
+        def chosen(which: Mask) -> Labels:
+            return np.asarray(np.where(which, np.arange(count + 1), 0).astype(np.int32)[label], np.int32)
+
+        return chosen(good & loose), attached, chosen(rock)
 
     def regions_of(
         self, scene: Scene, xyz: Points, evidence: Evidence, region: Labels, hidden: Labels, odds: Values
@@ -167,7 +244,7 @@ class Consensus(Detector):
         """The points of the buildings' cells, without vehicles, their parts, and the buildings' scores."""
         above = ~scene.cloud.ground & ~scene.cloud.noise & (scene.height > 0.5)
         number = np.where(above, region.ravel()[evidence.cells.cell], 0).astype(np.int32)
-        part = part_of_points(xyz, number, evidence, region, self.max_residual)
+        part = part_of_points(xyz, number, evidence, region, self.tolerance(scene.spacing))
         number = np.where(hidden > 0, hidden, number)
         part[hidden > 0] = ROOF
         size = np.bincount(region.ravel()) * evidence.cells.side**2

@@ -94,6 +94,33 @@ def grow_back(core: Mask, allowed: Mask, surface: Values, max_step: float, round
     return grown
 
 
+def share_around(mask: Mask, among: Mask, width: int) -> Values:
+    """Share (H, W) of the cells `among` in a window of `width` cells that are set in a mask (H, W)."""
+    size = 2 * (width // 2) + 1
+    hits = ndimage.uniform_filter((mask & among).astype(np.float64), size, mode="constant")
+    every = ndimage.uniform_filter(among.astype(np.float64), size, mode="constant")
+    # a running sum leaves a rounding error where nothing is; a window holds whole cells
+    return np.asarray(np.round(hits * size**2) / np.maximum(np.round(every * size**2), 1.0), np.float64)
+
+
+def height_error(grid: SurfaceGrid, spacing: float) -> float:
+    """How well (m) the height of a cell is known on a roof of 45°.
+
+    The highest of n points of a cell lies 1/(n + 1) of its side from the upper rim, give or take as much.
+    """
+    return grid.side / ((grid.side / spacing) ** 2 + 1.0)
+
+
+def surface_noise(feature: Values, grid: SurfaceGrid, below: float) -> float:
+    """What a feature (m, (H, W)) of a surface is where nothing is: its lower quartile on level ground.
+
+    Ground under `below` (m) is the one surface of a scan that is as smooth as its ranges are; a quartile
+    leaves kerbs, cars and the rims of everything out.
+    """
+    ground = feature[np.isfinite(grid.height) & (np.abs(np.nan_to_num(grid.height)) < below)]
+    return float(np.quantile(ground, 0.25)) if len(ground) else 0.0
+
+
 def share_in(label: Labels, count: int, mask: Mask) -> Values:
     """Share of the cells of each segment 1…`count` of labels (H, W) that are set in a mask (H, W)."""
     size = np.bincount(label.ravel(), minlength=count + 1)[1:]

@@ -31,10 +31,14 @@ class ContourGround(GroundMethod):
     round, the cells of the surface that lie close to the terrain, or below it, become its new support,
     until nothing changes. Points close to the last terrain are ground.
 
+    Formula
+    -------
+    support of the terrain:  z − terrain ≤ t + `rise` · cell · slope of the terrain,   t = `tolerance`
+
     Fidelity
     --------
     Followed: steps 1 to 3 of the paper, the three properties of a contour, nearest-neighbour gridding. The
-    paper prints no number and does not say how the iteration goes; interval, lengths, and the rule above
+    paper prints no number and does not describe the iteration; interval, lengths, and the rule above
     are ours. Where the contours of walls lie over one another, the lowest holds. A block so flat that no
     contour lies on terrain begins with the lowest point of each cell as wide as the longest outline.
 

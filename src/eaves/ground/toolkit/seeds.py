@@ -13,6 +13,7 @@ from eaves.ground.toolkit.islands import find_islands
 from eaves.ground.toolkit.morphology import opened
 from eaves.ground.toolkit.pits import find_strays
 from eaves.ground.toolkit.terraces import find_terraces
+from eaves.ground.toolkit.wide_objects import OVER, REACHED, Standing
 from eaves.model import Bounds, Grid, Mask, Points, Raster
 from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
 from eaves.raster.interpolate import fill_linear, fill_smooth
@@ -34,6 +35,8 @@ class LowestPoints:
     number: NDArray[np.int64]
     surface: Raster
     slope: Grid
+    standing: Standing
+    """Where the lowest point of each cell (H, W) stands."""
 
 
 def lowest_of_cells(xyz: Points, side: float, bounds: Bounds | None = None) -> NDArray[np.int64]:
@@ -45,9 +48,11 @@ def lowest_of_cells(xyz: Points, side: float, bounds: Bounds | None = None) -> N
     return np.asarray(number[number != EMPTY])
 
 
-def lowest_surface(xyz: Points, bounds: Bounds, cell: float, widest: float) -> LowestPoints:
+def lowest_surface(
+    xyz: Points, bounds: Bounds, cell: float, widest: float, standing: Standing
+) -> LowestPoints:
     """The surface of the lowest points (N, 3) within `bounds`, and the slope of the terrain in it as a first
-    pass finds it.
+    pass finds it; `standing` (N,) tells where points stand.
 
     A lowest point lies anywhere in its cell, which on a slope is a height error of slope × cell. So the
     heights are moved along the slope to the centre of the cell.
@@ -55,11 +60,14 @@ def lowest_surface(xyz: Points, bounds: Bounds, cell: float, widest: float) -> L
     bounds = whole_cells(bounds, cell)
     number = lowest_points(xyz, bounds, cell)
     occupied = number != EMPTY
+    place = np.where(occupied, standing[np.maximum(number, 0)], 0).astype(np.uint8)
     heights = fill_smooth(heights_of(number, xyz[:, 2]))
     raw = Raster(heights, bounds.west, bounds.north, cell)
     level = np.zeros(raw.shape, np.float32)
     objects = stands_out(raw.values, cell, widest, level + np.float32(FIRST_SLOPE), FIRST_HEIGHT_M, level)
-    terrain = fill_smooth(np.where(objects | ~occupied, np.nan, raw.values).astype(np.float32))
+    terrain = fill_smooth(
+        np.where(objects | (place == OVER) | ~occupied, np.nan, raw.values).astype(np.float32)
+    )
     smooth = ndimage.gaussian_filter(terrain, SLOPE_SCALE_M / cell, truncate=2.5)
     south, east = (level, level) if min(raw.shape) < 2 else np.asarray(np.gradient(smooth, cell))
     rows, columns = np.nonzero(occupied)
@@ -70,7 +78,7 @@ def lowest_surface(xyz: Points, bounds: Bounds, cell: float, widest: float) -> L
     centred = np.full(raw.shape, np.nan, np.float32)
     centred[occupied] = moved
     slope = np.hypot(south, east).astype(np.float32)
-    return LowestPoints(number, fill_linear(raw.with_(values=centred)), slope)
+    return LowestPoints(number, fill_linear(raw.with_(values=centred)), slope, place)
 
 
 def seeds_by_opening(
@@ -85,10 +93,12 @@ def seeds_by_opening(
     cell = surface.cell
     rise = (object_slope + slope_share * lowest.slope).astype(np.float32)
     rough = (ROUGH_STEP * cell * lowest.slope).astype(np.float32)
-    objects = stands_out(surface.values, cell, widest, rise, 0.0, rough)
+    over = lowest.standing == OVER
+    objects = stands_out(surface.values, cell, widest, rise, 0.0, rough) | over
     bare = surface.with_(values=np.where(objects | ~occupied, np.nan, surface.values).astype(np.float32))
     objects |= stands_out(fill_linear(bare).values, cell, widest, rise, 0.0, rough)
-    objects &= ~find_terraces(surface, objects, occupied, level_share)
+    reached = lowest.standing == REACHED
+    objects &= ~find_terraces(surface, objects, occupied, reached, level_share) | over
     objects |= find_strays(surface, lowest.slope, objects, occupied)
     objects |= find_islands(surface, lowest.slope, occupied & ~objects, occupied)
     return np.asarray(lowest.number[occupied & ~objects])

@@ -19,18 +19,20 @@ ROOF_M, HIGH_SHARE = 2.0, 0.1
 """No roof is lower than 2 m on nine tenths of its rim ..."""
 LOW_CELLS = 5
 """... and no car, hedge or boat is so wide that a cell of it lies five cells from its rim."""
+REACHED_SHARE = 0.75
+"""A wide piece is terrain when a way leads to so much of it: the coarse cells on its rim say nothing."""
 ROUNDS = 2
 """A terrace may join the ground over another terrace."""
 
 
-def find_terraces(surface: Raster, objects: Mask, occupied: Mask, share: float) -> Mask:
+def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask, share: float) -> Mask:
     """The object cells (H, W) that are terrain.
 
     Object cells that continue each other smoothly make a piece. Its rim is counted where it meets the ground:
     level, or as a step down. A roof meets the ground by steps on nearly all sides, also when it is flush with
     the ground uphill; a spur, a terrace, or a high field at the rim of the data does not. A piece is terrain
     when more than `share` of its counted rim is level. So is a wide one that is lower than any roof: the
-    strip of a terrace that the rim of the data cuts off.
+    strip of a terrace that the rim of the data cuts off; and a wide one whose cells are `reached` by a way.
     """
     z = surface.values.astype(np.float64)
     cell = surface.cell
@@ -47,6 +49,8 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, share: float) 
         terrain = level > np.where(area >= WIDE_M2, 1.0, 2.0) * share * (level + down)
         deep = np.bincount(piece[~near_cells(~left, LOW_CELLS**2 - 1)], minlength=count + 1) > 0
         terrain |= deep & (high <= HIGH_SHARE * (level + down)) & (down > 0)
+        ways, held = (np.bincount(piece[some], minlength=count + 1) for some in (reached, occupied))
+        terrain |= (area >= WIDE_M2) & (ways >= REACHED_SHARE * held)
         terrain &= area >= LEAST_AREA_M2
         terrain[0] = False
         if not terrain.any():

@@ -30,23 +30,27 @@ WALL_BESIDE, LEAST_BESIDE_M = 1.0, 0.5
 """Points of a wall have roof points above them within so many spacings, and at least so many metres."""
 LEAST_POINTS = 4
 """Fewer points in the strip tell nothing."""
-SPOT_M, SPOT_IN_SPACINGS = 0.08, 0.5
-"""A quarter of the disc that a beam of 0.3 mrad lights from 1000 m; points seldom lie closer than discs."""
+WIDEST_STRIP = 1.0
+"""Pulses are divided by an edge within so many metres: the disc of a beam of 0.5 mrad from 2000 m."""
+FEWEST_DIVIDED = 5
+"""Fewer divided pulses at all edges of a building tell nothing of the beam's width."""
 CORNER_REACH = 4.0
 """A corner farther than this from the boundary, in spacings, is cut off; one of 30° still is not."""
 
 
 class GlobalFit(OutlineMethod):
-    """The outline a draughtsman would draw through the points.
+    """The closed polyline of least cost through the boundary of the points.
 
     The alpha shape with a small disc gives the boundary points in order. Of all closed polylines along them
     the cheapest is taken: half the squared distance of every point to its edge, in units of its scatter,
-    plus a price per edge; the first pass lets every edge run freely, the second offers the directions that
-    several edges of the first agree on at a lower price, so that right angles and parallels appear where
+    plus a cost per edge; the first pass lets every edge run freely, the second offers the directions that
+    several edges of the first agree on at a lower cost, so that right angles and parallels appear where
     the points support them and nowhere else. Edges with a common direction are then fitted together;
     corners are intersections; edges and jogs below `detail` go. At last every edge moves to the place where
     the points behind it end, which corrects the half spacing that points stay inside.
 
+    Formula
+    -------
     The cost of a polyline with K edges, F of them free, along M boundary points is
 
         Σ_points d² / 2σ² + price · log M · K + angle_price · F,    σ² = (scatter · spacing)² + blur²
@@ -55,9 +59,9 @@ class GlobalFit(OutlineMethod):
     k-th point after it, for k = 1 with gaps g between the points' depths Σ g² / 2 Σ g: 1/density for random
     points, half the distance of scan lines that run along the edge.
 
-    BlockMetadata
-    -----
-    *Fidelity.* The polyline is the optimal polygonal approximation of [perez_vidal1994] with a price per
+    Fidelity
+    --------
+    The polyline is the optimal polygonal approximation of [perez_vidal1994] with a cost per
     edge in place of a number of edges; that a shared direction costs less follows the description length of
     [jung2017]; the mean distance ahead is the forward recurrence time of [cox1962]. The combination is
     ours.
@@ -66,13 +70,19 @@ class GlobalFit(OutlineMethod):
     beside them (`low_parts`).
 
     The beam of a scanner has a width: a pulse that strikes the edge with a part of its spot is placed
-    outside. The points cannot tell how far; `spot` is a quarter of a spot of 0.3 m, or half the spacing
-    where that is less: dense points come from a low flight. For a beam without width it is 0.
+    outside, and mostly comes back once more from below. Those pulses fall into a strip as far inside the
+    edge as outside it: `spot` is the median depth of their points behind the outermost, but no more than the
+    width of a strip they would fill at the roof's density. Where the scan says nothing of returns, or a
+    pulse has one only, it is 0, and edges lie outside by up to half the lit disc.
 
-    *Fails where* a jog or passage is narrower than twice the spacing; where trees touch the roof and were
+    Fails where
+    -----------
+    a jog or passage is narrower than twice the spacing; where trees touch the roof and were
     not taken out before (a bulge); on curves, which become polygons with a scatter's sagitta.
 
-    *Complexity.* O(N log N) for the triangulation; O(M²) at worst for a ring of M points, less where edges
+    Complexity
+    ----------
+    O(N log N) for the triangulation; O(M²) at worst for a ring of M points, less where edges
     are short, because a stretch that costs more than the best known is not made longer.
 
     References
@@ -95,8 +105,8 @@ class GlobalFit(OutlineMethod):
     )
     spot: float | None = parameter(
         None,
-        "how far the width of the beam lets points reach beyond an edge; from the data half a spacing, "
-        "at most 0.08 m",
+        "how far the width of the beam lets points reach beyond an edge; from the data half the strip in "
+        "which pulses come back twice",
         unit="m",
         ge=0,
     )
@@ -151,21 +161,24 @@ class GlobalFit(OutlineMethod):
 
     def fitted(self, boundary: Boundary) -> Polygon | Failure:
         """One boundary's polygon."""
-        rings = [self.fitted_ring(ring, boundary.points, boundary.spacing) for ring in boundary.rings]
+        rings = [self.fitted_ring(ring, boundary) for ring in boundary.rings]
         holes = [ring for ring in rings[1:] if -signed_area(ring) >= self.min_hole]
         whole = as_polygon(Polygon(rings[0], holes))
         if whole is None:
             return Failure("no_area", f"a ring of {len(rings[0])} points encloses no area", "outline")
         return whole
 
-    def fitted_ring(self, ring: NDArray[np.float64], xyz: Points, spacing: float) -> NDArray[np.float64]:
-        """The corners (C, 2) of one ring (M, 2) of the boundary of the points `xyz` (N, 3).
+    def fitted_ring(self, ring: NDArray[np.float64], boundary: Boundary) -> NDArray[np.float64]:
+        """The corners (C, 2) of one ring (M, 2) of a boundary.
 
         What crosses itself loses the smaller loops; what encloses another area than the boundary is not
         used: then it is the polyline without common directions, and at last the boundary, simplified.
         """
         origin = ring[0].copy()
-        local, points = ring - origin, xyz - np.append(origin, 0.0)
+        spacing = boundary.spacing
+        local, points = ring - origin, boundary.points - np.append(origin, 0.0)
+        divided = None if boundary.not_last is None else boundary.not_last[:, :2] - origin
+        density = len(points) / max(abs(signed_area(boundary.rings[0])), 1e-9)
         sigma = float(np.hypot(self.scatter * spacing, self.blur))
         far = int(np.argmax(((local - local.mean(axis=0)) ** 2).sum(axis=1)))
         local = np.roll(local, -far, axis=0)
@@ -179,26 +192,35 @@ class GlobalFit(OutlineMethod):
         edges = fit_edges(again, starts, axis, axes)
         drawing = Drawing(self.detail * spacing, CORNER_REACH * spacing, sigma, price)
         for candidate in (edges, free):
-            corners = self.drawn(candidate, points, spacing, drawing)
+            corners = self.drawn(candidate, points, divided, density, spacing, drawing)
             corners = None if corners is None else simple_ring(corners)
             if corners is not None and is_like(corners, local, 1.5 * spacing):
                 return np.asarray(corners + origin)
         return np.asarray(Polygon(ring).simplify(spacing).exterior.coords)[:-1]
 
     def drawn(
-        self, edges: Edges, xyz: Points, spacing: float, drawing: Drawing
+        self,
+        edges: Edges,
+        xyz: Points,
+        divided: NDArray[np.float64] | None,
+        density: float,
+        spacing: float,
+        drawing: Drawing,
     ) -> NDArray[np.float64] | None:
-        """The corners (C, 2) of the edges, moved to where the points end; None when under three are left."""
+        """The corners (C, 2) of the edges, moved to where the points `xyz` (N, 3) end; None when under three
+        are left. `divided` (K, 2) are the points of pulses that came back once more, among `density` per m².
+        """
         edges = joined_edges(edges, drawing)
         if len(edges) < 3:
             return None
         start, _ = ends_of_edges(edges, drawing)
+        length = edge_lengths(edges, drawing)
         shift = edge_shift_kernel(
             xyz,
             edges.normal,
             edges.offset,
             start,
-            edge_lengths(edges, drawing),
+            length,
             OUTSIDE * spacing,
             INSIDE * spacing,
             MARGIN * spacing,
@@ -208,10 +230,40 @@ class GlobalFit(OutlineMethod):
         )
         told = np.isfinite(shift)
         shift = np.where(told, np.clip(shift, -OUTSIDE * spacing, OUTSIDE * spacing), -0.5 * spacing)
-        spot = min(SPOT_M, SPOT_IN_SPACINGS * spacing) if self.spot is None else self.spot
+        edges = edges.with_(offset=edges.offset + shift)
+        spot = self.spot
+        if spot is None:
+            spot = 0.0 if divided is None else half_width_of_beam(edges, start, length, divided, density)
         finer = replace(drawing, detail=0.5 * drawing.detail)
-        edges = joined_edges(edges.with_(offset=edges.offset + shift + spot), finer)
+        edges = joined_edges(edges.with_(offset=edges.offset + spot), finer)
         return ring_of_edges(edges, finer) if len(edges) > 2 else None
+
+
+def half_width_of_beam(
+    edges: Edges,
+    start: NDArray[np.float64],
+    length: NDArray[np.float64],
+    divided: NDArray[np.float64],
+    density: float,
+) -> float:
+    """How far (m) points lie beyond their edge, when the edges stand before the outermost points.
+
+    `divided` (K, 2) are the points of the pulses that came back once more from below. The ones an edge
+    divided lie up to half the beam's width on both sides of it, so at half the beam behind the outermost in
+    the median. They can fill no wider a strip than their number gives; what lies deeper was divided by
+    something else, and as many are taken for that beside the edge.
+    """
+    if len(divided) < FEWEST_DIVIDED:
+        return 0.0
+    away = divided @ edges.normal.T - edges.offset
+    along = divided @ edges.direction.T - (start * edges.direction).sum(axis=1)
+    beside = (along > 0.0) & (along < length) & (away > -WIDEST_STRIP)
+    depth = np.where(beside, away, np.inf).min(axis=1)
+    near = depth[depth < WIDEST_STRIP]
+    count = len(near) - int(np.count_nonzero((depth >= WIDEST_STRIP) & (depth < 2.0 * WIDEST_STRIP)))
+    if count < FEWEST_DIVIDED:
+        return 0.0
+    return float(np.clip(np.median(near), 0.0, count / (density * float(length.sum()))))
 
 
 def simple_ring(ring: NDArray[np.float64]) -> NDArray[np.float64] | None:

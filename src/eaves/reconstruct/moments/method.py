@@ -28,7 +28,7 @@ Measured on simulated rectangles of 100 to 2,500 points, random and in scan line
 
 
 class Moments(Reconstructor):
-    """A house with a flat, shed, gable, hip, half-hip or pyramid roof, its parameters, and how sure they are.
+    """A house with a flat, shed, gable, hip, half-hip or pyramid roof, its parameters, and their variances.
 
     The moments of order 0 to 2 of the area under the points, plain and weighted with height, determine a
     house with a simple roof in closed form: its place, orientation, length, width, heights, slope and type.
@@ -91,9 +91,7 @@ class Moments(Reconstructor):
     unexplained_share: float = parameter(
         0.2, "Share of the roof points that neither the roof nor its parts need explain.", ge=0.0, le=1.0
     )
-    min_part_area: float = parameter(
-        2.0, "Area of the smallest dormer or terrace.", unit="m2", published=2.0, ge=0.0
-    )
+    min_part_area: float = parameter(2.0, "Area of the smallest dormer or terrace.", unit="m2", ge=0.0)
 
     def model(
         self,

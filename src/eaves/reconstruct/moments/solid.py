@@ -40,15 +40,8 @@ def solids_of(
     house: House, parts: list[RoofPart], base: float
 ) -> tuple[list[Solid], NDArray[np.float64]] | None:
     """The solids down to `base` (m), and the planes (C, 3) their roof faces number; None when not sound."""
-    main = main_planes(squared_up(house))
-    segments = creases(main, house.edges)
-    for part in parts:
-        segments += creases(part.planes, part.edges) + crossings(main, part.planes, part.edges)
-        west, east, south, north = part.edges
-        sides = [(west, south), (east, south), (east, north), (west, north)]
-        segments += [(*sides[k], *sides[(k + 1) % 4]) for k in range(4)]
     rectangle = rectangle_of(house)
-    lines = reach_out(np.array(segments, float).reshape(-1, 4), house.edges)
+    lines = house_segments(house, parts)
     places = to_world(house, lines.reshape(-1, 2))
     for corner in shapely.get_coordinates(rectangle):
         places[np.hypot(*(places - corner).T) < SHORTEST] = corner
@@ -63,6 +56,18 @@ def solids_of(
     if not solids or any(find_defect(solid) for solid in solids):
         return None
     return solids, world
+
+
+def house_segments(house: House, parts: list[RoofPart]) -> NDArray[np.float64]:
+    """Ridges, hips and borders of parts (S, 4), in the axes of the house, a little past its rectangle."""
+    main = main_planes(squared_up(house))
+    segments = creases(main, house.edges)
+    for part in parts:
+        segments += creases(part.planes, part.edges) + crossings(main, part.planes, part.edges)
+        west, east, south, north = part.edges
+        sides = [(west, south), (east, south), (east, north), (west, north)]
+        segments += [(*sides[k], *sides[(k + 1) % 4]) for k in range(4)]
+    return reach_out(np.array(segments, float).reshape(-1, 4), house.edges)
 
 
 def reach_out(segments: NDArray[np.float64], edges: Edges) -> NDArray[np.float64]:

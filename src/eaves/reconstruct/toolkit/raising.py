@@ -20,6 +20,7 @@ from eaves.reconstruct.toolkit.simplification import (
     merge_short_edges,
 )
 from eaves.reconstruct.toolkit.soundness import find_defect
+from eaves.reconstruct.toolkit.welding import weld_necks
 
 FIRMNESS = (1.0, 2.5, 6.0)
 """Multiples of the shortest edge and the narrowest face, tried in turn until the solids are sound."""
@@ -72,7 +73,7 @@ def raise_plan(
 def tidy(
     plan: Coverage, labels: Integers, smallest: float, narrowest: float, shortest: float
 ) -> tuple[Coverage, Integers]:
-    """The plan without slivers, short edges and needless nodes, and the label (C,) of each of its cells."""
+    """The plan without slivers, short edges, needless nodes and necks, and the label (C,) of each cell."""
     plan, labels = absorb_slivers(plan, labels, smallest, narrowest)
     plan, labels = drop_straight_nodes(plan, labels)
     plan, labels = merge_short_edges(plan, labels, shortest)
@@ -80,7 +81,8 @@ def tidy(
     plan, labels = absorb_slivers(plan, labels, smallest, narrowest)
     plan, labels = drop_straight_nodes(plan, labels)
     straight = drop_straight_nodes(plan, labels, JOG)
-    return straight if is_sound(straight[0]) else (plan, labels)
+    plan, labels = straight if is_sound(straight[0]) else (plan, labels)
+    return weld_necks(plan, labels)
 
 
 def number_faces(solids: list[Solid], labels: Integers) -> Raised:

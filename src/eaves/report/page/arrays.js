@@ -20,7 +20,7 @@ async function unpackAll(packed) {
   return Object.fromEntries(names.map((name, place) => [name, arrays[place]]));
 }
 
-// Rows out of columns: the buildings that are not drawn, with what the table says of them.
+// Rows out of columns: the buildings that are not drawn, with their rows of the table.
 async function unpackRows({ names, data }) {
   const columns = await inflate(data).json();
   return (columns[0] || []).map((_, number) => Object.fromEntries(names.map((name, place) => [name, columns[place][number]])));

@@ -1,4 +1,4 @@
-// What a colour says: for points and models a way from values to colours, with its legend.
+// The meaning of colours: for points and models a way from values to colours, with its legend.
 const CLASSES = {
   1: ['other', '#8d9b6f'], 2: ['ground', '#b59a74'], 3: ['low vegetation', '#a6c36f'], 4: ['medium vegetation', '#6ba14f'],
   5: ['high vegetation', '#3f7f3f'], 6: ['building', '#8e1b2e'], 7: ['low noise', '#e03fd8'], 9: ['water', '#4f8fd0'], 18: ['high noise', '#e03fd8'],

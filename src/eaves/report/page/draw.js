@@ -159,7 +159,7 @@ class Painter {
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
 
-  // Resolves when the graphics side has done all it was told.
+  // Resolves when the graphics side has finished its commands.
   async finished() {
     const gl = this.gl, sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();

@@ -1,4 +1,4 @@
-// Everything together: decode, build the layers, listen.
+// Everything together: decode, build the layers, handle events.
 const byId = name => document.getElementById(name);
 const page = JSON.parse(byId('data').textContent);
 
@@ -215,7 +215,7 @@ class Viewer {
       describe(byId('building'), row, number, this.scene);
       const side = byId('controls'), top = byId('building').offsetTop - side.offsetTop;
       if (top > side.scrollTop + side.clientHeight - 200) side.scrollTop = top - 8;
-      byId('said').textContent = `building ${row.id} chosen${spot ? '' : ', which is not drawn'}`;
+      byId('status').textContent = `building ${row.id} chosen${spot ? '' : ', which is not drawn'}`;
       if (fly && spot && Number.isFinite(spot.low[0])) {
         const { low, high } = spot;
         this.camera.flyTo(low.map((value, axis) => (value + high[axis]) / 2), Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) / 2);

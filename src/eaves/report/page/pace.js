@@ -29,7 +29,7 @@ class Pace {
         answered = this.asked;
         shown = this.quality;
         const first = !this.painted, milliseconds = await this.paint(QUALITIES[shown]);
-        // the first picture also pays for making programs and buffers, so it says nothing of the others
+        // the first picture also pays for making programs and buffers, so it is no measure of the others
         this.adapt(first ? await this.paint(QUALITIES[shown]) : milliseconds);
         this.after(shown);
         if (shown) await this.rest(answered);

@@ -1,0 +1,109 @@
+"""What `eaves doctor` looks at: versions, drivers, grids, cores, caches; and a small scene built."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from eaves.cli.runs import compiled_pieces
+
+LIBRARIES = ("numpy", "scipy", "numba", "laspy", "lazrs", "shapely", "pyproj", "rasterio", "pyogrio", "pgeof")
+EXTRAS = {
+    "plots": "matplotlib",
+    "notebook": "geopandas",
+    "parquet": "pyarrow",
+    "postgis": "psycopg",
+    "cluster": "distributed",
+}
+"""Extra → the library that it brings."""
+DRIVERS = ("GPKG", "FlatGeobuf", "GeoJSON", "ESRI Shapefile")
+TEST_DENSITY = 8.0
+"""Points a square metre of the town that is built."""
+
+
+def describe_installation() -> Iterator[str]:
+    """Lines on what is installed and what it runs on."""
+    import pyogrio
+    import pyproj
+    import rasterio
+    from pyproj.datadir import get_user_data_dir  # type: ignore[attr-defined]
+
+    yield f"eaves {version('eaves')}, Python {platform.python_version()}, {platform.platform()}"
+    yield "libraries: " + ", ".join(f"{name} {version_of(name)}" for name in LIBRARIES)
+    extras = [f"{extra} {'yes' if version_of(library) else 'no'}" for extra, library in EXTRAS.items()]
+    yield "extras: " + ", ".join(extras)
+    known = pyogrio.list_drivers()
+    drivers = [f"{name} {'yes' if 'w' in known.get(name, '') else 'NO'}" for name in DRIVERS]
+    gdal = ".".join(map(str, pyogrio.__gdal_version__))
+    yield f"GDAL {rasterio.__gdal_version__} (rasters), {gdal} (polygons: {', '.join(drivers)})"
+    places = [Path(place) for place in pyproj.datadir.get_data_dir().split(os.pathsep)]
+    places.append(Path(get_user_data_dir()))
+    grids = {file.name for place in places if place.is_dir() for file in place.glob("*.tif")}
+    remedy = "" if grids else "; heights above the ellipsoid need them: pyproj sync"
+    yield f"PROJ {pyproj.proj_version_str}, {len(grids)} grids{remedy}"
+    yield f"{os.cpu_count()} cores, {memory_gb():.1f} GB of memory"
+    yield f"compiled code is kept in {cache_folder()}"
+
+
+def version_of(name: str) -> str:
+    """The version of a library, empty where it is missing."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
+def memory_gb() -> float:
+    """The memory of the machine; NaN where the system does not say."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    except (AttributeError, ValueError, OSError):
+        return float("nan")
+
+
+def cache_folder() -> str:
+    """Where numba keeps what it compiled, with the number of files there."""
+    import eaves
+
+    said = os.environ.get("NUMBA_CACHE_DIR")
+    place = Path(said) if said else Path(eaves.__file__).parent
+    writable = os.access(place, os.W_OK)
+    return f"{place} ({compiled_pieces()} pieces{'' if writable else '; not writable: set NUMBA_CACHE_DIR'})"
+
+
+def check_installation() -> tuple[bool, str]:
+    """Whether nine houses are found and modelled from their simulated points, and a line that says so."""
+    from eaves.pipeline import build
+    from eaves.simulate import nine_roofs_on_a_slope, write_simulation
+    from eaves.validate import validate_file
+
+    started = time.perf_counter()
+    with tempfile.TemporaryDirectory(prefix="eaves-doctor-") as folder:
+        scene = nine_roofs_on_a_slope(density=TEST_DENSITY, noise=0.02, seed=1)
+        files = write_simulation(scene, Path(folder) / "scene")
+        summary = build(files["points"], Path(folder) / "out", jobs=1, outputs=("footprints", "models"))
+        findings = validate_file(Path(folder) / "out" / "buildings.city.jsonl")
+    wanted = len(scene.buildings)
+    good = summary.found == summary.modelled == wanted and not findings
+    return good, (
+        f"self-test: {summary.found} of {wanted} buildings found, {summary.modelled} modelled, "
+        f"{len(findings)} defects, {time.perf_counter() - started:.0f} s: {'good' if good else 'NOT GOOD'}"
+    )
+
+
+def run_doctor(test: bool = True) -> int:
+    """Print all of it; 0 when the self-test is good, else 1."""
+    for line in describe_installation():
+        sys.stdout.write(line + "\n")
+    if not test:
+        return 0
+    sys.stdout.flush()
+    good, line = check_installation()
+    sys.stdout.write(line + "\n")
+    return 0 if good else 1

@@ -1,0 +1,104 @@
+"""Where the evidence contradicts itself or is missing: places for a person to look at."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from eaves.detect.consensus.evidence import Evidence
+from eaves.detect.stage import MIN_AREA_M2
+from eaves.model import Labels, Mask, Values
+from eaves.model.doubt import Doubt
+
+UNSURE = 0.2, 0.8
+"""A region with a score between these is as likely a mistake as not."""
+HALF_ATTACHED = 0.25
+"""Buildings continue the terrain along less of their rim than this, but for single ones in a steep slope."""
+ON_RIM = 0.1
+"""Share of a region's rim that lies on the rim of the data: chance gaps touch less."""
+STAGE = "detect"
+
+
+def region_doubts(evidence: Evidence, region: Labels, score: Values, attached: Values) -> list[Doubt]:
+    """Doubts about regions 1…K of cells (H, W).
+
+    Parameters
+    ----------
+    evidence : of the cells.
+    region : number of each cell's region, 0 for none.
+    score : how sure each region is, (K,).
+    attached : share of the rim that continues the terrain, (K + 1,).
+
+    Returns
+    -------
+    list of Doubt
+        In the order of the regions; a region may give several. Places are local metres.
+    """
+    found: list[Doubt] = []
+    empty = (evidence.cells.count == 0).reshape(evidence.shape)
+    outside = outside_of(empty)
+    area = evidence.cells.side**2
+    for number, window in enumerate(ndimage.find_objects(region), 1):
+        if window is None:
+            continue
+        rows, columns = window
+        around = (
+            slice(max(0, rows.start - 1), rows.stop + 1),
+            slice(max(0, columns.start - 1), columns.stop + 1),
+        )
+        mine = region[around] == number
+        size = float(mine.sum()) * area
+        rim = ndimage.binary_dilation(mine, np.ones((3, 3), bool)) & ~mine
+        open_rim = rim & outside[around]
+
+        def doubt(
+            mask: Mask,
+            reason: str,
+            corner: tuple[int, int] = (around[0].start, around[1].start),
+            size: float = size,
+        ) -> Doubt:
+            return doubt_at(evidence, mask, corner, size, reason)
+
+        if size < MIN_AREA_M2:
+            continue
+        if UNSURE[0] <= score[number - 1] <= UNSURE[1]:
+            found.append(doubt(mine, f"a roof or not: score {score[number - 1]:.2f}"))
+        if attached[number] > HALF_ATTACHED:
+            share = round(100 * attached[number])
+            found.append(doubt(mine, f"a roof or a rock: {share} % of its rim continues the terrain"))
+        if open_rim.sum() > ON_RIM * rim.sum():
+            found.append(doubt(open_rim, "a building on the rim of the data"))
+    return found
+
+
+def void_doubts(evidence: Evidence, void: Mask) -> list[Doubt]:
+    """Doubts about the holes (H, W) that were taken for roofs because their rims are level and raised."""
+    found, _ = ndimage.label(void)
+    doubts = []
+    for number, window in enumerate(ndimage.find_objects(found), 1):
+        mine = found[window] == number
+        corner = (window[0].start, window[1].start)
+        size = float(mine.sum()) * evidence.cells.side**2
+        doubts.append(
+            doubt_at(evidence, mine, corner, size, "a hole in the data, taken for a roof by its rim")
+        )
+    return doubts
+
+
+def doubt_at(evidence: Evidence, mask: Mask, corner: tuple[int, int], area_m2: float, reason: str) -> Doubt:
+    """The doubt in the middle of a mask (h, w) whose first cell is at `corner` (row, column)."""
+    rows, columns = np.nonzero(mask)
+    side = evidence.cells.side
+    x = evidence.cells.west + (corner[1] + float(columns.mean()) + 0.5) * side
+    y = evidence.cells.north - (corner[0] + float(rows.mean()) + 0.5) * side
+    return Doubt(round(x, 2), round(y, 2), round(area_m2, 1), reason, STAGE)
+
+
+def outside_of(empty: Mask) -> Mask:
+    """The empty cells (H, W) that are connected with the border of the grid."""
+    found, count = ndimage.label(empty)
+    border = np.zeros(count + 1, bool)
+    for line in (found[0], found[-1], found[:, 0], found[:, -1]):
+        border[line] = True
+    border[0] = False
+    return np.asarray(border[found], np.bool_)

@@ -1,0 +1,296 @@
+"""A QGIS project beside the files of a run: a map of the roofs over the relief, and a 3D view."""
+
+from __future__ import annotations
+
+import sqlite3
+import zipfile
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+import numpy as np
+from pyproj.enums import WktVersion
+
+from eaves.formats.atomic import atomic
+from eaves.formats.crs import horizontal_crs
+from eaves.formats.qgis import symbols
+from eaves.formats.qgis.styles import VERSION, WALL_COLOUR, Style, styles_of, units_of
+from eaves.model import CoordinateSystem
+
+RELIEF_LIGHT_DEG = (315.0, 45.0)
+"""Azimuth and height of the light on the hillshade: from the north-west, as on printed maps."""
+VIEW_PITCH_DEG = 50.0
+"""The 3D view looks down at this angle from the vertical."""
+WIDEST_VIEW_M = 600.0
+"""The 3D view opens on at most this much of a run."""
+WALL_GAP_M = 0.1
+"""Walls end this far under the roof, or the two would be drawn through each other."""
+IDS = {name: f"eaves_{name}_layer" for name in ("roof_planes", "walls", "footprints", "relief")}
+"""QGIS gives a layer another id when its own has ten characters or fewer."""
+FIXED_DATE = (1980, 1, 1, 0, 0, 0)
+"""Of the file in the archive: the same run gives the same bytes."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Layer:
+    """A layer of the project: where it is read from and how it is drawn."""
+
+    id: str
+    name: str
+    source: str
+    kind: str
+    elements: tuple[Element, ...]
+    styles: Sequence[Style] = ()
+    shown: bool = True
+
+
+def write_project(path: Path, footprints: Path, rasters: Sequence[Path], system: CoordinateSystem) -> None:
+    """Write a project (`.qgz`) that opens what lies beside it, by relative paths.
+
+    Parameters
+    ----------
+    path
+        The file, in the folder of the others.
+    footprints
+        The GeoPackage with the layers `footprints` and `roof_planes`.
+    rasters
+        The terrain, named `dtm.tif` or `dtm.vrt`, and any others; those of other names are left out.
+    system
+        The reference system that all of them are in.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from pathlib import Path
+    >>> from eaves.formats import write_geopackage
+    >>> from eaves.formats.geopackage import Row
+    >>> from eaves.formats.qgis.project import write_project
+    >>> from eaves.model.coordinates import LOCAL_METRES
+    >>> write_geopackage("shed.gpkg", [Row(shapely.box(0, 0, 10, 10), {"id": "shed"})])
+    >>> write_project(Path("shed.qgz"), Path("shed.gpkg"), [], LOCAL_METRES)
+    """
+    extent, columns, ground = _look(footprints)
+    layers = _layers(footprints, rasters, columns, system)
+    root = Element("qgis", projectname="Buildings", version=VERSION)
+    SubElement(root, "title").text = "Buildings"
+    _reference(SubElement(root, "projectCrs"), system)
+    tree = SubElement(root, "layer-tree-group")
+    for layer in layers:
+        SubElement(
+            tree,
+            "layer-tree-layer",
+            id=layer.id,
+            name=layer.name,
+            checked="Qt::Checked" if layer.shown else "Qt::Unchecked",
+            expanded="1" if layer.id == IDS["roof_planes"] else "0",
+            source=layer.source,
+            providerKey=layer.kind,
+        )
+    canvas = SubElement(root, "mapcanvas", name="theMapCanvas", annotationsVisible="1")
+    SubElement(canvas, "units").text = "meters"
+    box = SubElement(canvas, "extent")
+    for name, value in zip(("xmin", "ymin", "xmax", "ymax"), extent, strict=True):
+        SubElement(box, name).text = f"{value:.3f}"
+    _reference(SubElement(canvas, "destinationsrs"), system)
+    listed = SubElement(root, "projectlayers")
+    listed.extend(_as_element(layer, system) for layer in layers)
+    order = SubElement(root, "layerorder")
+    for layer in layers:
+        SubElement(order, "layer", id=layer.id)
+    _themes(root, layers)
+    paths = SubElement(SubElement(root, "properties"), "Paths")
+    SubElement(paths, "Absolute", type="bool").text = "false"
+    _view_in_3d(root, layers, extent, ground, system)
+    text = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n" + tostring(root, "unicode")
+    with atomic(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        entry = zipfile.ZipInfo(path.with_suffix(".qgs").name, FIXED_DATE)
+        archive.writestr(entry, text, zipfile.ZIP_DEFLATED)
+
+
+def _look(footprints: Path) -> tuple[tuple[float, ...], dict[str, list[str]], float]:
+    """West, south, east, north of the footprints, the columns by layer, and the mean ground height (m)."""
+    with closing(sqlite3.connect(footprints)) as database:
+        named = dict(database.execute("SELECT table_name, column_name FROM gpkg_geometry_columns"))
+        columns = {
+            layer: [row[1] for row in database.execute(f'PRAGMA table_info("{layer}")')] for layer in named
+        }
+        found = database.execute(
+            "SELECT min_x, min_y, max_x, max_y FROM gpkg_contents WHERE table_name = 'footprints'"
+        ).fetchone()
+        ground = 0.0
+        if "h_ground" in columns["footprints"]:
+            ground = database.execute("SELECT avg(h_ground) FROM footprints").fetchone()[0] or 0.0
+    extent = (0.0, 0.0, 1.0, 1.0) if found is None or None in found else tuple(map(float, found))
+    fields = {
+        layer: [name for name in names if name not in ("fid", named[layer])]
+        for layer, names in columns.items()
+    }
+    return extent, fields, float(ground)
+
+
+def _layers(
+    footprints: Path, rasters: Sequence[Path], columns: dict[str, list[str]], system: CoordinateSystem
+) -> list[_Layer]:
+    """The layers from the top down."""
+    roofs = styles_of("roof_planes", columns.get("roof_planes", []), system)
+    prints = styles_of("footprints", columns["footprints"], system)
+    source = f"./{footprints.name}|layername="
+    layers = []
+    if roofs:
+        layers.append(
+            _Layer(IDS["roof_planes"], "Roof planes", source + "roof_planes", "ogr", roofs[0].elements, roofs)
+        )
+        if "h_high" in columns["roof_planes"]:
+            walls = (symbols.nothing_flat(), _walls(system))
+            layers.append(_Layer(IDS["walls"], "Walls (3D view)", source + "roof_planes", "ogr", walls))
+    layers.append(
+        _Layer(IDS["footprints"], "Buildings", source + "footprints", "ogr", prints[0].elements, prints)
+    )
+    for terrain in rasters:
+        if terrain.stem == "dtm":
+            layers.append(_Layer(IDS["relief"], "Relief", f"./{terrain.name}", "gdal", (_hillshade(system),)))
+    return layers
+
+
+def _walls(system: CoordinateSystem) -> Element:
+    """Roof planes drawn down to the ground: what shows below the roof are its walls."""
+    unit = units_of(system)[1]
+    drop = f'("h_high" - "h_ground") / {unit:.9g}'
+    return symbols.raised_polygons(
+        WALL_COLOUR, {"height": f"-{drop}", "extrusionHeight": f"{drop} - {WALL_GAP_M / unit:.3g}"}
+    )
+
+
+def _hillshade(system: CoordinateSystem) -> Element:
+    pipe = Element("pipe")
+    azimuth, altitude = RELIEF_LIGHT_DEG
+    across, upright = units_of(system)
+    SubElement(
+        pipe,
+        "rasterrenderer",
+        type="hillshade",
+        band="1",
+        azimuth=f"{azimuth:g}",
+        angle=f"{altitude:g}",
+        zfactor=f"{2 * upright / across:.6g}",
+        multidirection="0",
+        opacity="0.6",
+        alphaBand="-1",
+    )
+    SubElement(pipe, "brightnesscontrast", brightness="30", contrast="-20", gamma="1")
+    return pipe
+
+
+def _reference(parent: Element, system: CoordinateSystem) -> None:
+    """Adds the plane part of the reference system as QGIS writes it."""
+    crs = horizontal_crs(system)
+    if crs is None:
+        return
+    place = SubElement(parent, "spatialrefsys", nativeFormat="Wkt")
+    SubElement(place, "wkt").text = crs.to_wkt(WktVersion.WKT2_2019)
+    code = crs.to_epsg()
+    if code is not None:
+        SubElement(place, "srid").text = str(code)
+        SubElement(place, "authid").text = f"EPSG:{code}"
+    SubElement(place, "description").text = crs.name
+
+
+def _as_element(layer: _Layer, system: CoordinateSystem) -> Element:
+    made = Element("maplayer", type="vector" if layer.kind == "ogr" else "raster")
+    if layer.kind == "ogr":
+        made.set("geometry", "Polygon")
+    SubElement(made, "id").text = layer.id
+    SubElement(made, "datasource").text = layer.source
+    SubElement(made, "layername").text = layer.name
+    _reference(SubElement(made, "srs"), system)
+    SubElement(made, "provider", encoding="UTF-8").text = layer.kind
+    manager = SubElement(made, "map-layer-style-manager", current="default")
+    SubElement(manager, "map-layer-style", name="default")
+    for style in layer.styles[1:]:
+        kept = SubElement(manager, "map-layer-style", name=style.name)
+        kept.extend(_root_of(style))
+    made.extend(layer.elements)
+    return made
+
+
+def _root_of(style: Style) -> list[Element]:
+    root = Element("qgis", version=VERSION, styleCategories="AllStyleCategories")
+    root.extend(style.elements)
+    return [root]
+
+
+def _themes(root: Element, layers: Sequence[_Layer]) -> None:
+    """Two themes: the map, and the oblique one without the roof planes."""
+    presets = SubElement(root, "visibility-presets")
+    names = {style.name for layer in layers for style in layer.styles}
+    themes: list[tuple[str, dict[str, str], tuple[str, ...]]] = [("Map", {}, ())]
+    if "Oblique" in names:
+        themes.append(("Oblique (2.5D)", {IDS["footprints"]: "Oblique"}, (IDS["roof_planes"],)))
+    for title, chosen, hidden in themes:
+        preset = SubElement(presets, "visibility-preset", name=title)
+        preset.set("has-expanded-info", "0")
+        for layer in layers:
+            if layer.id not in hidden:
+                style = chosen.get(layer.id, "default")
+                SubElement(preset, "layer", id=layer.id, visible="1", style=style)
+
+
+def _view_in_3d(
+    root: Element,
+    layers: Sequence[_Layer],
+    extent: Sequence[float],
+    ground: float,
+    system: CoordinateSystem,
+) -> None:
+    """Adds a 3D map over the terrain, looking north at the middle of the run."""
+    across, upright = units_of(system)
+    west, south, east, north = extent
+    x, y = 0.5 * (west + east), 0.5 * (south + north)
+    width = float(np.clip(max(east - west, north - south), 20.0 / across, WIDEST_VIEW_M / across))
+    view = SubElement(SubElement(root, "mapViewDocks3D"), "view", name="Buildings in 3D")
+    for name, number in {"x": 60, "y": 60, "width": 1000, "height": 700, "floating": 1, "area": 2}.items():
+        view.set(name, str(number))
+    view.set("isOpen", "0")
+    scene = SubElement(view, "qgis3d")
+    SubElement(scene, "origin", x=f"{x:.3f}", y=f"{y:.3f}", z="0")
+    camera = SubElement(scene, "camera")
+    camera.set("field-of-view", "45")
+    camera.set("projection-type", "1")
+    SubElement(scene, "color", background="255,255,255,255", selection="255,255,0,255")
+    _reference(SubElement(scene, "crs"), system)
+    terrain = SubElement(scene, "terrain")
+    settings = {
+        "terrain-rendering-enabled": "1", "exaggeration": "1", "texture-size": "1024",
+        "max-terrain-error": "3", "max-ground-error": "1", "shading-enabled": "0", "elevation-offset": "0",
+        "map-theme": "", "show-labels": "0",
+    }  # fmt: skip
+    for name, value in settings.items():
+        terrain.set(name, value)
+    draped = SubElement(terrain, "layers")
+    heights = [layer for layer in layers if layer.kind == "gdal"]
+    for layer in layers:
+        if layer.id in (IDS["footprints"], IDS["relief"]):
+            SubElement(draped, "layer", id=layer.id)
+    if heights:
+        generator = SubElement(terrain, "generator", type="dem", layer=heights[0].id, resolution="64")
+        generator.set("skirt-height", "2")
+    else:
+        SubElement(terrain, "generator", type="flat")
+        terrain.set("elevation-offset", f"{ground / upright:.3f}")
+    SubElement(scene, "point-lights")  # without this element QGIS adds a lamp that bleaches what is near
+    lights = SubElement(scene, "directional-lights")
+    SubElement(
+        lights, "directional-light", x="0.5", y="-0.8", z="-0.4", color="255,255,255,255", intensity="0.9"
+    )
+    SubElement(
+        view,
+        "camera",
+        x="0",
+        y="0",
+        elev=f"{ground / upright:.3f}",
+        dist=f"{1.1 * width:.3f}",
+        pitch=f"{VIEW_PITCH_DEG:g}",
+        yaw="0",
+    )

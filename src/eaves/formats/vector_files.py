@@ -1,0 +1,110 @@
+"""Vector files as GDAL may open them: formats that hold their data themselves, and lead nowhere else.
+
+GDAL chooses among eighty drivers by a file's content. Some follow names of other files, addresses on the
+network or commands in it, so content is looked at first.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import re
+import sqlite3
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from eaves.formats.errors import InputError
+
+KNOWN = {
+    b"\x00\x00\x27\x0a": "ESRI Shapefile",
+    b"fgb\x03": "FlatGeobuf",
+    b"SQLite format 3\0": "GPKG",
+}
+"""Driver by the first bytes; GeoJSON begins with an object."""
+DRIVERS = ("GeoJSON", "GeoJSONSeq", *KNOWN.values())
+REMEDY = "give a shapefile (.shp), GeoPackage, GeoJSON or FlatGeobuf"
+GEOJSON_TYPES = (
+    *("FeatureCollection", "Feature", "Polygon", "MultiPolygon", "GeometryCollection"),
+    *("Point", "MultiPoint", "LineString", "MultiLineString"),
+)
+LEADING = re.compile(
+    rb'"(links|stac_version|stac_extensions|conformsTo|command_line|objectIdFieldName|geometryType|arcs)"'
+    rb"|gdal_streamed_alg|\\u00[2-7]"
+)
+"""Members by which other drivers take a JSON file for theirs, or words in which they could hide."""
+OFFLINE = {
+    "GDAL_HTTP_PROXY": "http://127.0.0.1:9",
+    "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": "{none}",
+}
+"""Settings of GDAL under which no address is reached."""
+
+
+@contextmanager
+def checked_vector(path: Path) -> Iterator[tuple[Path, str]]:
+    """The file to give to GDAL for `path`, and the driver that must open it.
+
+    A GeoJSON file with members that lead elsewhere is copied without them.
+
+    Raises
+    ------
+    InputError
+        When it is none of the known formats, or a database with tables that read other files.
+    """
+    if not path.is_file():
+        raise InputError.about(path, "is not a vector file that can be read", REMEDY)
+    with path.open("rb") as file:
+        head = file.read(512)
+    driver = next((name for mark, name in KNOWN.items() if head.startswith(mark)), None)
+    if driver == "GPKG":
+        refuse_virtual_tables(path)
+    if driver is not None:
+        yield path, driver
+        return
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if not text.startswith((b"{", b"\x1e")):
+        raise InputError.about(path, "is not a vector file that can be read", REMEDY)
+    if not leads_elsewhere(path):
+        yield path, "GeoJSON"
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "copy.geojson"
+        copy.write_text(json.dumps(plain_geojson(path)), encoding="utf-8")
+        yield copy, "GeoJSON"
+
+
+def leads_elsewhere(path: Path) -> bool:
+    """Whether a JSON file has words by which GDAL could take it for more than GeoJSON."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
+        return LEADING.search(text) is not None
+
+
+def plain_geojson(path: Path) -> dict[str, object]:
+    """What is GeoJSON of a JSON file: features, system, name."""
+    try:
+        told = json.loads(path.read_text(encoding="utf-8-sig"))
+    except (ValueError, RecursionError):
+        raise InputError.about(path, "is not a vector file that can be read", REMEDY) from None
+    if not isinstance(told, dict) or told.get("type") not in GEOJSON_TYPES:
+        raise InputError.about(path, "is JSON, but no GeoJSON", REMEDY)
+    kept = ("type", "features", "crs", "name", "geometry", "properties", "coordinates", "geometries", "id")
+    return {key: told[key] for key in kept if key in told}
+
+
+def refuse_virtual_tables(path: Path) -> None:
+    """Nothing, when no table of a database is made by a module that could read other files."""
+    try:
+        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+        try:
+            rows = connection.execute(
+                "SELECT sql FROM sqlite_master WHERE sql LIKE '%virtual%' AND type = 'table'"
+            ).fetchall()
+        finally:
+            connection.close()
+    except sqlite3.DatabaseError:
+        raise InputError.about(path, "is not a vector file that can be read", REMEDY) from None
+    for (text,) in rows:
+        made = re.match(r"\s*CREATE\s+VIRTUAL\s+TABLE\s.*?\sUSING\s+(\w+)", text, re.IGNORECASE | re.DOTALL)
+        if made is not None and not made[1].lower().startswith(("rtree", "fts")):
+            raise InputError.about(path, f"has a table that reads other files ({made[1]})", REMEDY)

@@ -1,0 +1,191 @@
+"""The lowest heights of a survey in cells fixed to the world: what is wide is looked for in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from eaves.model import Bounds, Grid, PointCloud, Points
+from eaves.model.cloud import GRID_STEP
+
+FINEST_M = 1.5
+"""Side of the finest cells: two of them are as wide as a way that a car takes."""
+LEVELS = 3
+"""Cells are doubled up to this many levels: 1.5, 3, 6 m."""
+COARSEST_M = FINEST_M * 2 ** (LEVELS - 1)
+ENOUGH = 2.5
+"""Cells are wide enough when half of those that hold points hold more than this many."""
+STRAY_M, STRAY_POINTS = 1.0, 4
+"""A lowest point this far under the second, in a cell of at least four, is an echo gone astray."""
+
+
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """The lowest and the second lowest height of each cell (H, W), NaN where there is none, and its points.
+
+    `west` is the number of the first column and `north` that of the first row, in cells of `cell` (m) counted
+    east and north from the origin of the world; row 0 is the northernmost.
+    """
+
+    west: int
+    north: int
+    cell: float
+    lowest: Grid
+    second: Grid
+    count: NDArray[np.int32]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.lowest.shape[0], self.lowest.shape[1]
+
+    @property
+    def heights(self) -> Grid:
+        """The height (H, W) of each cell: its lowest, or the second where the lowest is a stray."""
+        with np.errstate(invalid="ignore"):
+            stray = (self.count >= STRAY_POINTS) & (self.second - self.lowest > STRAY_M)
+        return np.where(stray, self.second, self.lowest).astype(np.float32)
+
+    @classmethod
+    def empty(cls, bounds: Bounds) -> Floor:
+        """No points, in the finest cells that hold `bounds` (world metres)."""
+        west, south, east, north = (
+            int(np.floor(round(value / GRID_STEP) / QUANTA))
+            for value in (bounds.west, bounds.south, bounds.east, bounds.north)
+        )
+        shape = north - south + 1, east - west + 1
+        nothing = np.full(shape, np.nan, np.float32)
+        return cls(west, north, FINEST_M, nothing, nothing.copy(), np.zeros(shape, np.int32))
+
+    @classmethod
+    def of(cls, cloud: PointCloud) -> Floor:
+        """The floor of a cloud of at least one point."""
+        floor = cls.empty(cloud.bounds.translated(*cloud.origin))
+        corner = [round(value / GRID_STEP) for value in cloud.origin]
+        floor.add(cloud.xyz, 1.0 / GRID_STEP, corner)
+        return floor
+
+    def add(self, xyz: Points | NDArray[np.int32], scale: float, corner: Sequence[int]) -> None:
+        """Lower the cells to points (N, 3) that are whole quanta about `corner` (quanta) once multiplied by
+        `scale`; those outside are left out. Only for who made the floor.
+        """
+        add_kernel(
+            xyz, scale, corner[0], corner[1], self.west, self.north, self.lowest, self.second, self.count
+        )
+
+    def merge(self, other: Floor) -> None:
+        """Take in what another floor of the same cells knows of the ground they share."""
+        rows, columns = self.shape
+        above, left = self.north - other.north, other.west - self.west
+        r0, r1 = max(0, above), min(rows, above + other.shape[0])
+        c0, c1 = max(0, left), min(columns, left + other.shape[1])
+        if r0 >= r1 or c0 >= c1:
+            return
+        theirs = np.s_[r0 - above : r1 - above, c0 - left : c1 - left]
+        mine = np.s_[r0:r1, c0:c1]
+        merge_kernel(
+            self.lowest[mine],
+            self.second[mine],
+            self.count[mine],
+            other.lowest[theirs],
+            other.second[theirs],
+            other.count[theirs],
+        )
+
+    def doubled(self) -> Floor:
+        """The same in cells twice as wide."""
+        top, left = (self.north + 1) % 2, self.west % 2
+        rows, columns = self.shape
+        bottom, right = (rows + top) % 2, (columns + left) % 2
+        pad = ((top, bottom), (left, right))
+        lowest = np.pad(self.lowest, pad, constant_values=np.nan)
+        second = np.pad(self.second, pad, constant_values=np.nan)
+        count = np.pad(self.count, pad)
+        shape = lowest.shape[0] // 2, lowest.shape[1] // 2
+        wide = Floor(
+            self.west // 2,
+            self.north // 2,
+            2.0 * self.cell,
+            np.full(shape, np.nan, np.float32),
+            np.full(shape, np.nan, np.float32),
+            np.zeros(shape, np.int32),
+        )
+        for row in (0, 1):
+            for column in (0, 1):
+                part = np.s_[row::2, column::2]
+                merge_kernel(wide.lowest, wide.second, wide.count, lowest[part], second[part], count[part])
+        return wide
+
+    def in_wide_cells(self) -> Floor:
+        """The same in cells wide enough for the density of the points."""
+        floor = self
+        for _ in range(LEVELS - 1):
+            held = floor.count[floor.count > 0]
+            if len(held) == 0 or np.median(held) > ENOUGH:
+                break
+            floor = floor.doubled()
+        return floor
+
+    def with_(self, **changes: object) -> Floor:
+        """A copy with some fields replaced."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+
+QUANTA = round(FINEST_M / GRID_STEP)
+"""Quanta a finest cell."""
+
+
+@njit(cache=True)
+def add_kernel(
+    xyz: Points,
+    scale: float,
+    right: int,
+    up: int,
+    west: int,
+    north: int,
+    lowest: Grid,
+    second: Grid,
+    count: NDArray[np.int32],
+) -> None:
+    """Lower the cells (H, W) to the points (N, 3)."""
+    rows, columns = lowest.shape
+    for i in range(len(xyz)):
+        column = (np.int64(np.rint(xyz[i, 0] * scale)) + right) // QUANTA - west
+        row = north - (np.int64(np.rint(xyz[i, 1] * scale)) + up) // QUANTA
+        if row < 0 or column < 0 or row >= rows or column >= columns:
+            continue
+        z = np.float32(np.rint(xyz[i, 2] * scale) * GRID_STEP)
+        count[row, column] += 1
+        if not (lowest[row, column] <= z):
+            second[row, column] = lowest[row, column]
+            lowest[row, column] = z
+        elif not (second[row, column] <= z):
+            second[row, column] = z
+
+
+@njit(cache=True)
+def merge_kernel(
+    lowest: Grid,
+    second: Grid,
+    count: NDArray[np.int32],
+    other_lowest: Grid,
+    other_second: Grid,
+    other_count: NDArray[np.int32],
+) -> None:
+    """Lower the cells (H, W) to those of another floor."""
+    rows, columns = lowest.shape
+    for row in range(rows):
+        for column in range(columns):
+            count[row, column] += other_count[row, column]
+            for z in (other_lowest[row, column], other_second[row, column]):
+                if np.isnan(z):
+                    continue
+                if not (lowest[row, column] <= z):
+                    second[row, column] = lowest[row, column]
+                    lowest[row, column] = z
+                elif not (second[row, column] <= z):
+                    second[row, column] = z

@@ -1,0 +1,271 @@
+"""Surfaces of any width that stand over the terrain: vertical steps all round, and no way up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from eaves.geometry.components import connected_groups_kernel
+from eaves.model import Grid, Labels, Mask, Values
+from eaves.raster.nearest import nearest_cells
+
+Integers = NDArray[np.int64]
+
+STEP_SHARE, STEP_LEAST_M, STEP_MOST_M = 1.0, 1.0, 2.0
+"""Neighbouring cells join up to a rise of their side, a slope that earth and vaults keep; at least 1 m, at
+most 2 m."""
+WALL_SHARE = 0.8
+"""In wide cells a wall is at least 0.8 of their side high: less may be a slope."""
+LOOK_M = 3.0
+"""What is beyond a rim is looked for this far: walls and eaves hide the ground at their foot."""
+SCRAP_CELLS = 8
+"""Smaller surfaces are left out, as are cells that join none."""
+OBJECTIONS = 0.5
+"""Surfaces with less than half of the rim stepping down are terrain before the doubtful ones are judged."""
+LOW_SHARE, LOW_SLOPE = 0.1, 0.15
+"""A surface is a low one when no more of its rim steps down, and it lies no wall higher than the widest
+surface where that is nearest; a slope between them of 0.15 is allowed for."""
+
+UNKNOWN, DOWN, UP, LEVEL, VOID = 0, 1, 2, 3, 4
+"""What is beyond a piece of rim; void, where nothing was measured at all."""
+KINDS = 5
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When a surface stands over the terrain."""
+
+    wall: float
+    """Least height of a wall (m)."""
+    share: float
+    """Of the known rim, to be walls down to the terrain."""
+    known: float
+    """Least share of the rim that must be known."""
+    void: float
+    """Largest share of the rim beyond which nothing was measured, as at the rim of the data."""
+    area: float
+    """Least area of a surface that is judged (m²)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """Surfaces numbered from 1: `label` (H, W) of each cell, 0 for none; `area` (K + 1,), m²; and what lies
+    beyond their rims.
+
+    `contacts` (E, 3) are surface, surface beyond (0: none), kind; `length` (E,) counts sides of cells.
+    """
+
+    cell: float
+    z: Grid
+    label: Labels
+    area: Values
+    contacts: Integers
+    length: Values
+
+    def rims(self, which: Mask) -> Values:
+        """Sides of cells of each surface (K + 1, KINDS) by kind, counting the contacts (E,) picked."""
+        key = self.contacts[which, 0] * KINDS + self.contacts[which, 2]
+        rims = np.bincount(key, self.length[which], KINDS * len(self.area))
+        return np.asarray(rims.reshape(-1, KINDS), np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """Of each surface (K + 1,): whether it is terrain, whether it stands over it; neither is said of scraps.
+
+    `share` is the part of the known rim that steps down to terrain, `known` the part of the rim that is
+    known; of a group of surfaces that touch where they stand together.
+    """
+
+    terrain: Mask
+    raised: Mask
+    share: Values
+    known: Values
+
+
+def find_surfaces(heights: Grid, cell: float, wall: float) -> Surfaces:
+    """The surfaces in lowest heights (H, W), NaN where unknown, of cells of a side (m).
+
+    Squares of two by two cells with no step between them join where they share two cells: a way from one
+    surface to another is at least two cells wide.
+    """
+    step = min(STEP_MOST_M, max(STEP_LEAST_M, STEP_SHARE * cell))
+    known = np.isfinite(heights)
+    z = np.where(known, heights, ndimage.minimum_filter(np.where(known, heights, np.inf), 3))
+    z = np.where(np.isfinite(z), z, np.nan).astype(np.float32)
+    square, count = ndimage.label(squares_kernel(z, np.float32(step)))
+    label = cells_kernel(np.asarray(square, np.int32), count, SCRAP_CELLS)
+    count = int(label.max())
+    area = np.bincount(label.ravel(), minlength=count + 1).astype(np.float64) * cell * cell
+    area[0] = 0.0
+    down = max(wall, WALL_SHARE * cell)
+    sides = rim_kernel(z, known, label, round(max(2.0, LOOK_M / cell)), down, step)
+    key, length = np.unique(sides, return_counts=True)
+    one, rest = np.divmod(key, KINDS * (count + 1))
+    contacts = np.stack([one, rest // KINDS, rest % KINDS], axis=-1)
+    return Surfaces(cell, z, label, np.asarray(area, np.float64), contacts, length.astype(np.float64))
+
+
+def judge_surfaces(surfaces: Surfaces, rules: Rules) -> Verdict:
+    """Which surfaces are terrain, and which stand over it.
+
+    The widest surface is terrain, and so are low ones, such as courtyards. All others are taken
+    for raised, in groups of those that touch, until their rims object: a surface that meets terrain is
+    terrain too unless `share` of what is known steps down to it by a wall; so is one in a group whose outer
+    rim does not. What is low in terrain's company no longer is a wall's foot, so the worst objections come
+    first.
+    """
+    area, contacts = surfaces.area, surfaces.contacts
+    one, other, _ = contacts.T
+    wide = area >= rules.area
+    everything = surfaces.rims(np.ones(len(contacts), bool))
+    rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
+    widest = int(np.argmax(area))
+    terrain = wide & (everything[:, DOWN] <= LOW_SHARE * stepped)
+    terrain[widest] = False
+    terrain &= height_over(surfaces, widest, terrain) < rules.wall
+    terrain[widest] = True
+    terrain[0] = False
+    while True:
+        facing = surfaces.rims(terrain[other] & (other > 0))
+        met = facing[:, DOWN:VOID].sum(axis=1)
+        share = facing[:, DOWN] / np.maximum(met, 1.0)
+        objects = ~terrain & wide & (met >= (1.0 - rules.share) * rim) & (met > 0) & (share < rules.share)
+        if objects.any():
+            terrain |= objects & (share <= max(OBJECTIONS, float(share[objects].min())))
+            continue
+        inner = ~terrain[one] & ~terrain[other] & (other > 0)
+        group = connected_groups_kernel(one[inner], other[inner], len(area))
+        count = int(group.max()) + 1
+        down, together, void, outer = (
+            np.bincount(group, np.where(terrain, 0.0, of), count)
+            for of in (facing[:, DOWN], met, everything[:, VOID], rim)
+        )
+        outer -= np.bincount(group[one[inner]], surfaces.length[inner], count)
+        outer = np.maximum(outer, 1.0)
+        group_share, known = down / np.maximum(together, 1.0), together / outer
+        stands = (group_share >= rules.share) & (known >= rules.known) & (void <= rules.void * outer)
+        objects = ~terrain & wide & ~stands[group]
+        if not objects.any():
+            break
+        first = np.where(met > 0, share, 2.0)
+        terrain |= objects & (first <= max(OBJECTIONS, float(first[objects].min())))
+    has_wide = np.bincount(group, ~terrain & wide, count) > 0
+    raised = ~terrain & (stands & has_wide)[group]
+    # a scrap goes with its group unless it meets the terrain without a wall, or lies low in the group
+    low = np.where(met > 0, share < rules.share, everything[:, DOWN] < OBJECTIONS * stepped)
+    raised &= wide | ~low
+    raised[0] = False
+    return Verdict(terrain, raised, group_share[group], known[group])
+
+
+def height_over(surfaces: Surfaces, base: int, wanted: Mask) -> Values:
+    """How much higher than the surface `base` each wanted surface (K + 1,) lies where it is nearest to
+    it, less what a slope makes; 0 for the others.
+    """
+    over = np.zeros(len(surfaces.area))
+    at = np.flatnonzero(wanted[surfaces.label])
+    if len(at) == 0:
+        return over
+    there = surfaces.label == base
+    rows, columns = np.divmod(at, there.shape[1])
+    near_rows, near_columns = nearest_cells(there, rows, columns)
+    away = np.hypot(near_rows - rows, near_columns - columns)
+    mine = surfaces.label.ravel()[at]
+    order = np.lexsort((at, away, mine))
+    first = order[np.r_[True, np.diff(mine[order]) > 0]]
+    rise = surfaces.z.ravel()[at[first]] - surfaces.z[near_rows[first], near_columns[first]]
+    over[mine[first]] = rise - LOW_SLOPE * surfaces.cell * away[first]
+    return over
+
+
+@njit(cache=True)
+def squares_kernel(z: Grid, step: float) -> Mask:
+    """Which squares (H - 1, W - 1) of two by two cells (H, W) hold no rise over `step` between neighbours."""
+    rows, columns = z.shape
+    even = np.zeros((max(0, rows - 1), max(0, columns - 1)), np.bool_)
+    for row in range(rows - 1):
+        for column in range(columns - 1):
+            a, b = z[row, column], z[row, column + 1]
+            c, d = z[row + 1, column], z[row + 1, column + 1]
+            even[row, column] = (
+                abs(a - b) <= step and abs(c - d) <= step and abs(a - c) <= step and abs(b - d) <= step
+            )
+    return even
+
+
+@njit(cache=True)
+def cells_kernel(square: Labels, count: int, least: int) -> Labels:
+    """Labels (H + 1, W + 1) of the cells of labelled squares (H, W), those of under `least` cells left out.
+
+    A cell that two surfaces share at a corner goes to the one that is numbered higher.
+    """
+    rows, columns = square.shape[0] + 1, square.shape[1] + 1
+    label = np.zeros((rows, columns), np.int32)
+    for row in range(rows - 1):
+        for column in range(columns - 1):
+            mine = square[row, column]
+            if mine == 0:
+                continue
+            for r in (row, row + 1):
+                for c in (column, column + 1):
+                    label[r, c] = max(label[r, c], mine)
+    size = np.zeros(count + 1, np.int64)
+    for row in range(rows):
+        for column in range(columns):
+            size[label[row, column]] += 1
+    number = np.zeros(count + 1, np.int32)
+    kept = 0
+    for k in range(1, count + 1):
+        if size[k] >= least:
+            kept += 1
+            number[k] = kept
+    for row in range(rows):
+        for column in range(columns):
+            label[row, column] = number[label[row, column]]
+    return label
+
+
+@njit(cache=True)
+def rim_kernel(z: Grid, known: Mask, label: Labels, looks: int, down: float, step: float) -> Integers:
+    """For each side of a cell (H, W) on a surface's rim: surface, surface beyond, and kind, as one number.
+
+    The first surface within `looks` cells is what is beyond; one's own means that there is no rim.
+    """
+    rows, columns = z.shape
+    count = np.int64(label.max()) + 1
+    found = np.empty(4 * rows * columns, np.int64)
+    used = 0
+    for row in range(rows):
+        for column in range(columns):
+            mine = label[row, column]
+            if mine == 0:
+                continue
+            for side in range(4):
+                dr = 1 if side == 1 else (-1 if side == 3 else 0)
+                dc = 1 if side == 0 else (-1 if side == 2 else 0)
+                beyond, kind = 0, VOID
+                for k in range(1, looks + 1):
+                    r, c = row + k * dr, column + k * dc
+                    if r < 0 or c < 0 or r >= rows or c >= columns:
+                        break
+                    if label[r, c] == 0:
+                        kind = UNKNOWN if known[r, c] else kind
+                        continue
+                    if label[r, c] == mine:
+                        beyond = mine
+                        break
+                    if not known[r, c]:
+                        continue
+                    beyond = label[r, c]
+                    fall = z[row, column] - z[r, c]
+                    kind = DOWN if fall >= down else (UP if fall <= -step else LEVEL)
+                    break
+                if beyond != mine:
+                    found[used] = (mine * count + beyond) * KINDS + kind
+                    used += 1
+    return found[:used].copy()

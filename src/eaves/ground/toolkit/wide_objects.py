@@ -1,0 +1,228 @@
+"""Halls, factories, stadiums: what stands over the terrain, however wide, and the terrain beneath it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from eaves.ground.toolkit.floor import Floor
+from eaves.ground.toolkit.plateaus import (
+    DOWN,
+    VOID,
+    Rules,
+    Surfaces,
+    Verdict,
+    find_surfaces,
+    judge_surfaces,
+)
+from eaves.model import Bounds, Grid, Mask, PointCloud, Points
+from eaves.model.cloud import GRID_STEP
+from eaves.model.doubt import Doubt
+from eaves.raster.interpolate import interpolate_cells
+from eaves.raster.nearest import ADJOINING, near_cells
+
+CLEAR_M = 1.0
+"""Points this far over the terrain beneath a raised surface belong to it."""
+SUPPORT_CELLS = 2
+"""The terrain beneath is drawn from that within so many cells of the raised surface."""
+FRINGE_CELLS = 4
+"""Cells of no surface so near to a raised one are its parapets, steep flanks and walls."""
+BROAD_CELLS = 5
+"""A surface narrower than this is a way and no terrace: it may be a bridge."""
+DOUBT_M2, DOUBT_MOST_M2, DOUBT_SHARE = 500.0, 250_000.0, 0.6
+"""Word is given of surfaces of 500 m² to 500 by 500 m that were left in the terrain though so much of their
+known rim steps down."""
+
+
+Standing = NDArray[np.uint8]
+"""(N,) `OVER` or `REACHED`; 0 where nothing is said."""
+OVER, REACHED = 1, 2
+"""A point over the terrain beneath a raised surface; one on a surface to which a way leads."""
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Raised surfaces in a rectangle of cells (H, W) of a side `cell` (m), numbered as in `Floor`.
+
+    `ceiling`: the height from which on points are none of the terrain's, NaN where there is nothing raised;
+    `terrain`: the height of the terrain well inside a raised surface, NaN elsewhere; `reached`: the height of
+    broad surfaces to which a way leads over the terrain, NaN elsewhere.
+    """
+
+    west: int
+    north: int
+    cell: float
+    ceiling: Grid
+    terrain: Grid
+    reached: Grid
+    doubts: tuple[Doubt, ...] = ()
+
+    def cropped(self, bounds: Bounds) -> Patch:
+        """The cells within `bounds` (world metres, whole cells)."""
+        first, last = round(bounds.west / self.cell), round(bounds.east / self.cell)
+        bottom, top = round(bounds.south / self.cell), round(bounds.north / self.cell) - 1
+        rows = slice(max(0, self.north - top), max(0, self.north - bottom + 1))
+        columns = slice(max(0, first - self.west), max(0, last - self.west))
+        return Patch(
+            max(self.west, first),
+            min(self.north, top),
+            self.cell,
+            self.ceiling[rows, columns],
+            self.terrain[rows, columns],
+            self.reached[rows, columns],
+            tuple(
+                doubt
+                for doubt in self.doubts
+                if bounds.west <= doubt.x < bounds.east and bounds.south <= doubt.y < bounds.north
+            ),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class WideObjects:
+    """What stands over the terrain in some patches of the world."""
+
+    patches: tuple[Patch, ...] = ()
+
+    def place(self, cloud: PointCloud) -> Standing:
+        """Where the points (N,) of a cloud stand."""
+        standing = np.zeros(len(cloud), np.uint8)
+        for patch in self.patches:
+            right, up = (round(value / GRID_STEP) for value in cloud.origin)
+            side = round(patch.cell / GRID_STEP)
+            about = right, up, side, patch.west, patch.north
+            place_kernel(cloud.xyz, *about, patch.ceiling, patch.reached, np.float32(CLEAR_M), standing)
+        return standing
+
+    def terrain_beneath(self, bounds: Bounds, origin: tuple[float, float]) -> Points:
+        """Points (K, 3) of the terrain beneath, those within `bounds`; local metres about `origin`."""
+        found = [np.zeros((0, 3))]
+        for patch in self.patches:
+            rows, columns = np.nonzero(np.isfinite(patch.terrain))
+            x = (patch.west + columns + 0.5) * patch.cell - origin[0]
+            y = (patch.north - rows + 0.5) * patch.cell - origin[1]
+            points = np.c_[x, y, patch.terrain[rows, columns]]
+            found.append(points[bounds.contains(points)])
+        return np.concatenate(found)
+
+    def doubts_in(self, bounds: Bounds) -> tuple[Doubt, ...]:
+        """The doubts within `bounds`, world metres."""
+        some = [doubt for patch in self.patches for doubt in patch.doubts]
+        return tuple(one for one in some if bounds.contains(np.array([[one.x, one.y]]))[0])
+
+
+def find_wide_objects(floor: Floor, rules: Rules) -> Patch:
+    """What stands over the terrain on a floor."""
+    floor = floor.in_wide_cells()
+    surfaces = find_surfaces(floor.heights, floor.cell, rules.wall)
+    verdict = judge_surfaces(surfaces, rules)
+    terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
+    nothing = np.full(floor.shape, np.nan, np.float32)
+    doubts = find_doubts(floor, surfaces, verdict, rules)
+    widest = surfaces.label == np.argmax(surfaces.area)
+    broad = ndimage.binary_opening(widest, np.ones((BROAD_CELLS, BROAD_CELLS)))
+    reached = np.where(broad, surfaces.z, np.nan).astype(np.float32)
+    if not raised.any():
+        return Patch(floor.west, floor.north, floor.cell, nothing, nothing, reached, doubts)
+    inside = raised | enclosed(raised, terrain)
+    region = near_cells(inside, ADJOINING) | (near_cells(inside, FRINGE_CELLS**2) & ~terrain)
+    support = terrain & near_cells(region, SUPPORT_CELLS**2) & np.isfinite(floor.lowest)
+    beneath = nothing.copy()
+    if support.sum() >= 3:
+        wanted = region & ~terrain
+        beneath[wanted] = interpolate_cells(surfaces.z, support, wanted)
+    known = terrain & np.isfinite(surfaces.z)
+    ground = np.where(known, surfaces.z, beneath)
+    ceiling = np.where(region, ground + CLEAR_M + rise_within(ground, floor.cell), np.nan)
+    core = ~near_cells(~inside, ADJOINING)
+    return Patch(
+        floor.west,
+        floor.north,
+        floor.cell,
+        ceiling.astype(np.float32),
+        np.where(core, ground, np.nan).astype(np.float32),
+        reached,
+        doubts,
+    )
+
+
+def enclosed(raised: Mask, terrain: Mask) -> Mask:
+    """The cells (H, W) in neither that only raised ones enclose: machines, skylights, holes in the data."""
+    group, count = ndimage.label(~raised & ~terrain)
+    touched = np.bincount(group[near_cells(terrain, 1)], minlength=count + 1) > 0
+    around = np.bincount(group[near_cells(raised, 1)], minlength=count + 1) > 0
+    inner = around & ~touched
+    for side in (group[0], group[-1], group[:, 0], group[:, -1]):
+        inner[side] = False
+    inner[0] = False
+    return np.asarray(inner[group])
+
+
+def rise_within(ground: Grid, cell: float) -> Grid:
+    """How much the terrain (H, W) rises within a cell, m; 0 where it is unknown."""
+    if min(ground.shape) < 2:
+        return np.zeros_like(ground)
+    south, east = np.gradient(ground)
+    return np.asarray(np.nan_to_num(np.hypot(south, east)), np.float32)
+
+
+def find_doubts(floor: Floor, surfaces: Surfaces, verdict: Verdict, rules: Rules) -> tuple[Doubt, ...]:
+    """The large surfaces left in the terrain though much of their rim steps down.
+
+    The place of each is that of its cell nearest to its centre.
+    """
+    everything = surfaces.rims(np.ones(len(surfaces.contacts), bool))
+    rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
+    share = everything[:, DOWN] / np.maximum(stepped, 1.0)
+    doubtful = ~verdict.raised & (share >= DOUBT_SHARE)
+    doubtful &= (surfaces.area >= DOUBT_M2) & (surfaces.area <= DOUBT_MOST_M2)
+    doubtful[np.argmax(surfaces.area)] = False
+    doubts = []
+    for k in np.flatnonzero(doubtful):
+        rows, columns = np.nonzero(surfaces.label == k)
+        away = (rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2
+        middle = int(np.argmin(away))
+        cut = everything[k, VOID] > rules.void * rim[k]
+        doubts.append(
+            Doubt(
+                x=float((floor.west + columns[middle] + 0.5) * floor.cell),
+                y=float((floor.north - rows[middle] + 0.5) * floor.cell),
+                area_m2=float(surfaces.area[k]),
+                stage="ground",
+                reason=f"left in the terrain: a surface of {surfaces.area[k]:.0f} m² that steps down on "
+                f"{100 * share[k]:.0f} % of its known rim" + (", cut by the rim of the data" if cut else ""),
+            )
+        )
+    return tuple(doubts)
+
+
+@njit(cache=True)
+def place_kernel(
+    xyz: Points,
+    right: int,
+    up: int,
+    side: int,
+    west: int,
+    north: int,
+    ceiling: Grid,
+    reached: Grid,
+    clear: float,
+    standing: Standing,
+) -> None:
+    """Mark in `standing` (N,) the points over the ceiling (H, W) of their cells, and those on a surface
+    that is reached (H, W).
+    """
+    rows, columns = ceiling.shape
+    for i in range(len(xyz)):
+        column = (np.int64(np.rint(xyz[i, 0] / GRID_STEP)) + right) // side - west
+        row = north - (np.int64(np.rint(xyz[i, 1] / GRID_STEP)) + up) // side
+        if row < 0 or column < 0 or row >= rows or column >= columns:
+            continue
+        if xyz[i, 2] > ceiling[row, column]:
+            standing[i] = OVER
+        elif xyz[i, 2] <= reached[row, column] + clear:
+            standing[i] = REACHED

@@ -1,0 +1,70 @@
+"""Checks of arguments: each raises one sentence with argument, rule, value and remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def check_type(value: Any, kind: type, name: str, remedy: str) -> None:
+    """Raise TypeError when a value is not of a class."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} must be a {kind.__name__}, not {describe(value)}; {remedy}")
+
+
+def check_points(points: Any, name: str = "points") -> None:
+    """Raise TypeError or ValueError when a value is no array (N, 3) of float64."""
+    if not isinstance(points, np.ndarray):
+        raise TypeError(
+            f"{name} must be a numpy array (N, 3) of float64, not {describe(points)}; "
+            f"pass np.asarray({name}, float)"
+        )
+    if points.dtype != np.float64:
+        raise TypeError(
+            f"{name} must be an array of float64, not of {points.dtype}; pass {name}.astype(float)"
+        )
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(
+            f"{name} must have the shape (N, 3), not {points.shape}; give x, y, z in its columns"
+        )
+
+
+def check_lengths(count: int, arrays: dict[str, NDArray[Any] | None]) -> None:
+    """Raise TypeError or ValueError when one of some arrays has not the shape (count,)."""
+    for name, array in arrays.items():
+        if array is None:
+            continue
+        if not isinstance(array, np.ndarray):
+            raise TypeError(f"{name} must be a numpy array ({count},), not {describe(array)}; use np.asarray")
+        if array.shape != (count,):
+            raise ValueError(
+                f"{name} must have the shape ({count},), one value a point, not {array.shape}; "
+                "take the same points of every array"
+            )
+
+
+def check_positive(value: Any, name: str, unit: str = "m") -> None:
+    """Raise TypeError or ValueError when a value is no number above 0."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise TypeError(f"{name} must be a number of {unit}, not {describe(value)}; give a number above 0")
+    if not 0 < value < np.inf:
+        raise ValueError(f"{name} must be above 0 {unit} and finite, not {value}; give a number above 0")
+
+
+def check_same_shape(first: NDArray[Any], second: NDArray[Any], names: Sequence[str]) -> None:
+    """Raise ValueError when two arrays differ in shape."""
+    if np.shape(first) != np.shape(second):
+        raise ValueError(
+            f"{names[0]} and {names[1]} must have the same shape, not {np.shape(first)} and "
+            f"{np.shape(second)}; give both for the same elements"
+        )
+
+
+def describe(value: Any) -> str:
+    """A value's type, and its dtype and shape when it is an array."""
+    if isinstance(value, np.ndarray):
+        return f"an array {value.shape} of {value.dtype}"
+    return "None" if value is None else f"a value of type {type(value).__name__}"

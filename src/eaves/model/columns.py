@@ -1,0 +1,63 @@
+"""What the columns of the tables are: title, unit, meaning. Maps, plug-ins and schemas are made from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table; `unit` is empty for counts, names and shares."""
+
+    title: str
+    unit: str
+    meaning: str
+
+    @property
+    def label(self) -> str:
+        """The title with the unit."""
+        return f"{self.title} ({self.unit})" if self.unit else self.title
+
+
+COLUMNS: dict[str, Column] = {
+    "id": Column("Building", "", "id of the building, the same in every run"),
+    "number": Column("Number", "", "what building_id says in the classified points"),
+    "score": Column("Detection score", "", "how sure the detection is, 0 to 1"),
+    "area_m2": Column("Area", "m²", "of a footprint in plan, of a roof face along its slope"),
+    "lod": Column("Level of detail", "", "the finest level that was reached"),
+    "failure_code": Column("Failure", "", "why there is no model, or a coarser one; see docs/errors.md"),
+    "failure_reason": Column("Reason", "", "the same in a sentence, with its values"),
+    "method": Column("Method", "", "what made the finest level"),
+    "roof_type": Column("Roof type", "", "flat, shed, gable, hip, pyramid or complex"),
+    "h_ground": Column("Ground height", "m", "5th percentile of the terrain on the outline"),
+    "h_eaves": Column("Lowest eaves height", "m", "lowest corner of the roof faces"),
+    "h_ridge": Column("Ridge height", "m", "highest corner of the roof faces"),
+    "h_50p": Column("Median roof height", "m", "of the roof points"),
+    "h_70p": Column("Roof height, 70th percentile", "m", "of the roof points"),
+    "h_max": Column("Highest roof point", "m", "of the roof points"),
+    "volume_m3": Column("Volume", "m³", "of the finest level's solids"),
+    "wall_area_m2": Column("Wall area", "m²", "of all walls of the finest level"),
+    "party_wall_area_m2": Column(
+        "Party wall area", "m²", "the part of the walls that a neighbour stands against"
+    ),
+    "roof_area_m2": Column("Roof area", "m²", "along the slopes"),
+    "roof_projected_m2": Column("Roof area in plan", "m²", "projected to the horizontal"),
+    "roof_face_count": Column("Roof faces", "", "of the finest level"),
+    "rmse_m": Column("RMSE", "m", "root mean square distance of the roof points to the roof"),
+    "rmse95_m": Column("RMSE of the best 95 %", "m", "without the worst twentieth of the points"),
+    "points": Column("Points", "", "number of points"),
+    "density": Column("Density", "points/m²", "points over the area of the footprint"),
+    "share_no_data": Column("Share without data", "", "share of the 1 m cells that hold no point"),
+    "no_data": Column("No data", "", "over half of the face has no points: filled in, not measured"),
+    "building_id": Column("Building", "", "id of the building that the face belongs to"),
+    "slope_deg": Column("Slope", "°", "from the horizontal"),
+    "azimuth_deg": Column(
+        "Azimuth", "°", "clockwise from grid north, the way the face looks; empty where flat"
+    ),
+    "projected_m2": Column("Area in plan", "m²", "projected to the horizontal"),
+    "h_low": Column("Lowest corner", "m", "of the roof face"),
+    "h_high": Column("Highest corner", "m", "of the roof face"),
+    "surface": Column("Surface", "", "RoofSurface, WallSurface or GroundSurface"),
+    "face_count": Column("Faces", "", "of this surface"),
+    "tile": Column("Tile", "", "the tile of the run that holds the building"),
+}

@@ -1,0 +1,214 @@
+"""Both algorithms of one paper on the primitives of a ground plan [maas_vosselman1999]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from eaves.geometry.neighbours import measure_spacing
+from eaves.geometry.roof_fit import roof_point_mask
+from eaves.methods import Emit, ignore, parameter
+from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
+from eaves.reconstruct.maas_vosselman.primitives import cut_plan
+from eaves.reconstruct.moments import Moments
+from eaves.reconstruct.moments.building import House, fit_house
+from eaves.reconstruct.moments.method import measures
+from eaves.reconstruct.moments.parts import RoofPart, find_parts
+from eaves.reconstruct.moments.solid import house_segments, name_cells, to_world, to_world_plane
+from eaves.reconstruct.plane_intersection import PlaneIntersection, vote
+from eaves.reconstruct.stage import Reconstructor
+from eaves.reconstruct.toolkit.attributes import describe
+from eaves.reconstruct.toolkit.coverage import Coverage, Integers
+from eaves.reconstruct.toolkit.evidence import FEWEST_POINTS, faces_as_planes, points_inside, support_of
+from eaves.reconstruct.toolkit.levels import coarse_solids
+from eaves.reconstruct.toolkit.overlay import arrange
+from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
+from eaves.reconstruct.toolkit.raising import raise_plan
+
+PAST = 0.02
+"""How far (m) a crease runs past its primitive, so that rounding leaves no gap."""
+
+
+@dataclass(frozen=True, eq=False)
+class Primitive:
+    """A piece of the ground plan, and its house with dormers where it is a standard one."""
+
+    piece: Polygon
+    house: House | None
+    parts: list[RoofPart]
+
+
+class MaasVosselman(Reconstructor):
+    """A building from its ground plan: standard houses from moments, other roofs from intersected faces.
+
+    The ground plan is cut into primitives that nearly fill their rectangles. The moments of the points over
+    each give a flat, shed, gable, hip, half-hip or pyramid roof in closed form, which one least-squares fit
+    settles; residuals over 2 m² become dormers. Where a primitive is none of these, or its points leave the
+    roof, its planar faces are intersected instead. Creases, dormers, intersections and cuts divide the ground
+    plan together, and walls close one solid.
+
+    Formula
+    -------
+    Of `moments` and `plane_intersection`; a primitive fills area(piece) / area(its least rectangle).
+
+    Fidelity
+    --------
+    [maas_vosselman1999] has both algorithms, for standard gable houses and for polyhedral buildings, says
+    that a ground plan may be given, and takes one building after the other. Cutting the plan, the choice
+    between the two by cover and residuals, and one plan for both are ours. The cover is measured against the
+    area of the plan itself, not of its rectangle. No tolerance is printed.
+
+    Fails where
+    -----------
+    Nothing holds neighbouring primitives to one ridge; a plan off its building shifts every roof on it. Codes
+    are those of `plane_intersection`.
+
+    Complexity
+    ----------
+    Of the two algorithms, and the number of reflex corners of the plan squared.
+
+    References
+    ----------
+    [maas_vosselman1999], sections 3 and 4.
+    """
+
+    name: ClassVar[str] = "maas_vosselman"
+    idea: ClassVar[str] = "The plan cut into rectangles, moments for each, intersected faces where they fail."
+    paper: ClassVar[str] = "maas_vosselman1999"
+
+    least_fill: float = parameter(
+        0.9, "Share of its rectangle that a primitive fills; others are cut further.", gt=0.0, le=1.0
+    )
+    smallest_primitive: float = parameter(6.0, "Area of the smallest primitive.", unit="m2", gt=0.0)
+    houses: Moments = parameter(Moments(), "What models a primitive as a standard house.", unit="method")
+    faces: PlaneIntersection = parameter(
+        PlaneIntersection(), "What models the others, by their planar faces.", unit="method"
+    )
+
+    def model(
+        self,
+        points: Points,
+        footprint: Footprint,
+        planes: list[RoofPlane],
+        ground: float,
+        emit: Emit = ignore,
+    ) -> BuildingModel | Failure:
+        """The building from its points (N, 3), ground plan and roof planes."""
+        inside = points_inside(points, footprint.polygon)
+        top = inside[roof_point_mask(points[inside])]
+        roof = points[top]
+        if len(roof) < FEWEST_POINTS:
+            reason = f"{len(roof)} roof points inside the footprint"
+            return Failure("too_few_points", reason, self.stage, footprint)
+        pieces, cuts = cut_plan(footprint.polygon, self.least_fill, self.smallest_primitive)
+        primitives = [self.shape(piece, roof) for piece in pieces]
+        emit("primitives", pieces)
+        emit("houses", [primitive.house for primitive in primitives])
+        standard = sum(primitive.house is not None for primitive in primitives)
+        facts = {"primitives": len(primitives), "primitives_by_moments": standard}
+        if standard:
+            answer = self.join(primitives, cuts, points, top, footprint, planes, ground, emit)
+            if answer is not None:
+                if len(primitives) == 1 and primitives[0].house is not None:
+                    facts |= measures(primitives[0].house, primitives[0].parts)
+                return answer.with_(attributes={**answer.attributes, **facts})
+        facts["primitives_by_moments"] = 0
+        other = self.faces.model(points, footprint, planes, ground, emit)
+        return other if isinstance(other, Failure) else other.with_(attributes={**other.attributes, **facts})
+
+    def shape(self, piece: Polygon, roof: Points) -> Primitive:
+        """The house over a piece of the plan among all roof points (N, 3), if it is a standard one."""
+        own = roof[points_inside(roof, piece)]
+        house = fit_house(own, piece)
+        if isinstance(house, Failure):
+            return Primitive(piece, None, [])
+        covered = (1.0 - house.empty_share) * house.length * house.width
+        house = replace(house, empty_share=1.0 - covered / piece.area)
+        parts = find_parts(house, own, self.houses.min_part_area)
+        if self.houses.doubt(house, parts, own):
+            return Primitive(piece, None, [])
+        return Primitive(piece, house, parts)
+
+    def join(
+        self,
+        primitives: list[Primitive],
+        cuts: NDArray[np.float64],
+        points: Points,
+        top: NDArray[np.int64],
+        footprint: Footprint,
+        planes: list[RoofPlane],
+        ground: float,
+        emit: Emit,
+    ) -> BuildingModel | None:
+        """One solid over all primitives; None when it is not sound, or faces are wanted and none is there."""
+        roof, spacing = points[top], measure_spacing(points[top])
+        others = [primitive.piece for primitive in primitives if primitive.house is None]
+        if others and not planes:
+            return None
+        labels, faces = np.full(len(roof), -1, np.int32), np.zeros((0, 3))
+        lines = [cuts]
+        if others:
+            labels, faces = support_of(points, top, planes, spacing, ground)
+            found = candidate_lines(roof, labels, faces, footprint.polygon, spacing)
+            lines += [
+                inside(extend(found, footprint.polygon, self.faces.extension), piece) for piece in others
+            ]
+        for primitive in primitives:
+            if primitive.house is not None:
+                segments = house_segments(primitive.house, primitive.parts)
+                world = to_world(primitive.house, segments.reshape(-1, 2)).reshape(-1, 4)
+                lines.append(inside(world, primitive.piece))
+        emit("lines", np.vstack(lines))
+        plan = arrange(footprint.polygon, np.vstack(lines))
+        if plan is None:
+            return None
+        chosen, coefficients = label_cells(plan, primitives, roof, labels, faces)
+        plan, chosen = plan.merged(chosen)
+        limits = (self.faces.smallest, self.faces.narrowest * spacing)
+        fine = raise_plan(plan, chosen, coefficients, ground, *limits)
+        if not fine.solids:
+            return None
+        solids = {**coarse_solids(plan, roof, ground, self.faces.level_jump, limits), "2.2": fine.solids}
+        model = BuildingModel(footprint, solids)
+        model = model.with_(planes=faces_as_planes(model, coefficients[fine.labels], points, top))
+        seen = points[points_inside(points, footprint.polygon)]
+        return model.with_(attributes=describe(model, seen, roof, ground))
+
+
+def inside(segments: NDArray[np.float64], piece: Polygon) -> NDArray[np.float64]:
+    """What of segments (S, 4) lies in a piece or just past its border, (T, 4)."""
+    if len(segments) == 0:
+        return np.zeros((0, 4))
+    clipped = shapely.intersection(
+        shapely.linestrings(segments.reshape(-1, 2, 2)), shapely.buffer(piece, PAST, join_style="mitre")
+    )
+    parts = shapely.get_parts(clipped)
+    parts = parts[shapely.get_type_id(parts) == shapely.GeometryType.LINESTRING]
+    ends = [shapely.get_coordinates(part)[[0, -1]].ravel() for part in parts if not part.is_empty]
+    return np.array(ends, np.float64).reshape(-1, 4)
+
+
+def label_cells(
+    plan: Coverage, primitives: list[Primitive], roof: Points, labels: Labels, faces: NDArray[np.float64]
+) -> tuple[Integers, NDArray[np.float64]]:
+    """The plane of each cell (C,), and all planes (P, 3): those of the faces, then of each house."""
+    place = shapely.point_on_surface(plan.polygons())
+    chosen = vote(plan, roof, labels, len(faces)) if len(faces) else np.zeros(plan.count, np.int64)
+    everywhere = [faces]
+    first = len(faces)
+    distance = np.array([shapely.distance(place, primitive.piece) for primitive in primitives])
+    owner = distance.argmin(axis=0)
+    for number, primitive in enumerate(primitives):
+        if primitive.house is None:
+            continue
+        own = np.flatnonzero(owner == number)
+        label, planes = name_cells(primitive.house, primitive.parts, shapely.get_coordinates(place[own]))
+        chosen[own] = label + first
+        everywhere.append(np.array([to_world_plane(primitive.house, plane) for plane in planes]))
+        first += len(planes)
+    return chosen, np.vstack(everywhere)

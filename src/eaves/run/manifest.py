@@ -1,0 +1,177 @@
+"""Which files a run wrote: by it a rerun removes its own old files only, and anyone can check them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from eaves.formats import InputError
+from eaves.formats.atomic import atomic
+
+log = logging.getLogger("eaves")
+
+MANIFEST = "manifest.json"
+Entry = dict[str, Any]
+"""`size` in bytes and `sha256`; empty for a file of a run that has not ended."""
+
+
+def begin_manifest(folder: Path) -> None:
+    """Say that a run writes here: until it ends, what an earlier one left is no result."""
+    earlier = known_files(folder)
+    write_manifest(folder, {"complete": False, "files": earlier})
+
+
+def note_files(folder: Path, files: Sequence[Path]) -> None:
+    """Note files as they are written, so that a run after this one knows them as ours whatever happens."""
+    entries: dict[str, Entry] = {name: {} for name in names_of(folder, files)}
+    write_manifest(folder, {"complete": False, "files": {**known_files(folder), **entries}})
+
+
+def end_manifest(
+    folder: Path, files: Sequence[Path], about: Mapping[str, Any], complete: bool = True
+) -> None:
+    """Remove what earlier runs wrote and this one did not, and write down every file of this one.
+
+    A file that somebody has changed since is left where it is, with a warning.
+    """
+    names = names_of(folder, files)
+    earlier = known_files(folder)
+    for name in sorted(earlier.keys() - set(names)):
+        remove_own(folder / name, earlier[name])
+    entries = {name: entry_of(folder / name) for name in names}
+    write_manifest(folder, {"complete": complete, **about, "files": entries})
+
+
+def add_to_manifest(folder: Path, files: Sequence[Path]) -> None:
+    """Write down files made after the run, where it has a manifest."""
+    if (folder / MANIFEST).exists():
+        told = read_manifest(folder)
+        told["files"] |= {name: entry_of(folder / name) for name in names_of(folder, files)}
+        write_manifest(folder, told)
+
+
+def names_of(folder: Path, files: Sequence[Path]) -> list[str]:
+    """Files by their path from the folder, with `/`; of a tileset all that lies beside it."""
+    whole: list[Path] = []
+    for path in files:
+        beside = path.parent.rglob("*") if path.name == "tileset.json" else [path]
+        whole += [one for one in beside if one.is_file()]
+    return sorted({path.relative_to(folder).as_posix() for path in whole})
+
+
+def entry_of(path: Path) -> Entry:
+    """Size and checksum of a file."""
+    with path.open("rb") as file:
+        return {"size": path.stat().st_size, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
+
+
+def remove_own(path: Path, entry: Entry) -> None:
+    """Remove a file that a run wrote, if nobody has changed it; its folder, when it is then empty."""
+    if not path.is_file():
+        return
+    if path.name == MANIFEST:  # a tile's
+        for name, own in known_files(path.parent).items():
+            remove_own(path.parent / name, own)
+    elif entry and entry_of(path) != entry:
+        log.warning("%s: an earlier run wrote it and it was changed since; it is left there", path)
+        return
+    path.unlink()
+    folder = path.parent
+    while not (folder / MANIFEST).exists() and not any(folder.iterdir()):
+        folder.rmdir()
+        folder = folder.parent
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """What a folder's manifest says.
+
+    Raises
+    ------
+    InputError
+        When there is none, or it is damaged.
+    """
+    path = folder / MANIFEST
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError.about(folder, f"holds no {MANIFEST}", "give the folder of a run") from None
+    except (ValueError, RecursionError):
+        raise InputError.about(path, "is damaged", "run again") from None
+    files = told.get("files") if isinstance(told, dict) else None
+    if not isinstance(files, dict) or not all(map(is_inside, files)):
+        raise InputError.about(path, "is damaged: it lists no files of this folder", "run again")
+    if not all(isinstance(entry, dict) for entry in files.values()):
+        raise InputError.about(path, "is damaged: its entries say nothing of the files", "run again")
+    return dict(told)
+
+
+def is_inside(name: str) -> bool:
+    """Whether a name cannot lead out of the folder."""
+    parts = PurePosixPath(name).parts
+    return bool(parts) and ".." not in parts and not name.startswith("/") and not set(name) & set("\\:\0")
+
+
+def known_files(folder: Path) -> dict[str, Entry]:
+    """What earlier runs wrote here; nothing, with a warning, when the manifest is damaged."""
+    if not (folder / MANIFEST).exists():
+        return {}
+    try:
+        return dict(read_manifest(folder)["files"])
+    except InputError as error:
+        log.warning("%s; what earlier runs left is not removed", error)
+        return {}
+
+
+def write_manifest(folder: Path, told: Mapping[str, Any]) -> None:
+    """Write the manifest, whole or not at all."""
+    with atomic(folder / MANIFEST) as temporary:
+        text = json.dumps({"eaves": version("eaves"), **told}, indent=1, allow_nan=False)
+        temporary.write_text(text, encoding="utf-8")
+
+
+def check_folder(folder: str | Path) -> list[str]:
+    """What is wrong with the results in a folder, a line each; nothing for a whole run's.
+
+    Checked are that the run ended and left nothing out, and that each file it wrote is there with the size
+    and the checksum it had; of a run by tiles the same of every tile. Files that no run wrote are no matter.
+
+    Raises
+    ------
+    InputError
+        When the folder holds no run's results.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope, write_simulation
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> results = eaves.build(write_simulation(truth, "nine")["points"], "out", jobs=1)
+    >>> from eaves.run.manifest import check_folder
+    >>> check_folder("out")
+    []
+    """
+    folder = Path(folder)
+    told = read_manifest(folder)
+    wrong = []
+    if told.get("complete") is not True:
+        wrong.append(
+            f"{folder / MANIFEST}: the run did not end, or left something out; run again with --resume"
+        )
+    for name, entry in told["files"].items():
+        path = folder / name
+        if not path.is_file():
+            wrong.append(f"{path}: is missing")
+        elif not entry:
+            wrong.append(f"{path}: belongs to a run that did not end")
+        elif path.stat().st_size != entry.get("size"):
+            wrong.append(f"{path}: has {path.stat().st_size} bytes, the run wrote {entry.get('size')}")
+        elif entry_of(path)["sha256"] != entry.get("sha256"):
+            wrong.append(f"{path}: is not what the run wrote")
+        elif path.name == MANIFEST:  # a tile's
+            wrong += check_folder(path.parent)
+    return wrong

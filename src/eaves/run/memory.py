@@ -1,0 +1,59 @@
+"""How much memory a run may take, and how its processes are held to it."""
+
+from __future__ import annotations
+
+import re
+
+from eaves.formats import InputError
+
+SIZES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
+LEAST = 700 * 2**20
+"""What a process needs: libraries and kernels take 350 MB, a block of 240 m at 20 points/m² as much again."""
+REMEDY = "use fewer --jobs, a smaller --block or a larger --memory, and run again with --resume"
+
+
+def parse_memory(text: str | None) -> int | None:
+    """The bytes of `4G`, `500M` or a plain number; None for none.
+
+    Raises
+    ------
+    InputError
+        When it is no size, or one that no process can work with.
+
+    Examples
+    --------
+    >>> from eaves.run.memory import parse_memory
+    >>> parse_memory("2G")
+    2147483648
+    """
+    if not text:
+        return None
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)(?:i?B)?", text.strip(), re.IGNORECASE)
+    if found is None:
+        raise InputError(f"--memory {text}: not a size; write for example 4G or 1500M")
+    size = int(float(found[1]) * SIZES[found[2].upper()])
+    if size < LEAST:
+        raise InputError(f"--memory {text}: a process needs at least {LEAST >> 20}M; give more")
+    return size
+
+
+def share_memory(memory: int | None, jobs: int) -> tuple[int, int | None]:
+    """How many processes may work, of `jobs` wanted, and the bytes for each."""
+    if memory is None:
+        return jobs, None
+    fitting = max(1, min(jobs, memory // LEAST))
+    return fitting, memory // fitting
+
+
+def limit_memory(size: int | None) -> None:
+    """Let this process take no more bytes for its data than `size`, where the system can (not on Windows)."""
+    if size is None:
+        return
+    try:
+        import resource
+    except ImportError:
+        return
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    if hard != resource.RLIM_INFINITY:
+        size = min(size, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (size, hard))

@@ -1,0 +1,137 @@
+"""Parts of a run on disk: arrays and JSON in one npz file. Data only: reading one can run no code.
+
+The zip format keeps a checksum of each array, which reading it verifies.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import fields
+from datetime import date, datetime, time, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from eaves.formats.atomic import atomic
+from eaves.model import BuildingModel, Failure, Footprint, RoofPlane, Solid
+from eaves.model.building import Face
+
+TYPES: dict[str, type[Any]] = {
+    cls.__name__: cls for cls in (BuildingModel, Failure, Footprint, RoofPlane, Solid, Face)
+}
+"""The classes a part may hold, beside JSON's own values, tuples, geometries, arrays, bytes and times."""
+TIMES = {cls.__name__: cls for cls in (datetime, date, time)}
+MARK = "~"
+"""Key of an object that stands for something JSON has no word for; first item of a list for a tuple."""
+
+
+def save_part(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write arrays by name, whole or not at all."""
+    with atomic(path) as temporary:
+        # numpy's stub takes any of the names for its own option allow_pickle
+        np.savez(temporary, **arrays)  # type: ignore[arg-type]
+
+
+def open_part(path: Path) -> Any:
+    """The arrays of a part by name, each read when it is asked for; to be used in a `with` statement."""
+    return np.load(path, allow_pickle=False)
+
+
+def save_value(path: Path, value: Any) -> None:
+    """Write one value, whole or not at all; see `encode`."""
+    arrays: list[NDArray[Any]] = []
+    text = encode(value, arrays)
+    save_part(path, {"value": text} | {f"array-{k}": array for k, array in enumerate(arrays)})
+
+
+def load_value(path: Path, types: Mapping[str, type[Any]] = TYPES) -> Any:
+    """The value that `save_value` wrote."""
+    with open_part(path) as file:
+        arrays = [file[f"array-{k}"] for k in range(len(file.files) - 1)]
+        return decode(file["value"], arrays, types)
+
+
+def is_sound(path: Path) -> bool:
+    """Whether a part is whole and every array has its checksum."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            return bool(file.namelist()) and file.testzip() is None
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError):
+        return False
+
+
+def encode(value: Any, arrays: list[NDArray[Any]]) -> NDArray[np.uint8]:
+    """A value as JSON in bytes; its arrays go to `arrays`, which the JSON counts."""
+    return np.frombuffer(json.dumps(plain(value, arrays), separators=(",", ":")).encode(), np.uint8)
+
+
+def decode(
+    text: NDArray[np.uint8], arrays: list[NDArray[Any]], types: Mapping[str, type[Any]] = TYPES
+) -> Any:
+    """What `encode` was given."""
+    return restored(json.loads(text.tobytes()), arrays, types)
+
+
+def plain(value: Any, arrays: list[NDArray[Any]]) -> Any:
+    """A value in JSON's words."""
+    if value is None or isinstance(value, str | bool | int | float):
+        return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, np.generic):
+        return plain(value.item(), arrays)
+    if isinstance(value, list):
+        items = [plain(item, arrays) for item in value]
+        return [MARK, "list", *items] if items[:1] == [MARK] else items
+    if isinstance(value, tuple):
+        return [MARK, "tuple", *(plain(item, arrays) for item in value)]
+    if isinstance(value, Mapping):
+        if MARK not in value and all(isinstance(key, str) for key in value):
+            return {key: plain(item, arrays) for key, item in value.items()}
+        return {MARK: "dict", "items": [[plain(k, arrays), plain(v, arrays)] for k, v in value.items()]}
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return {MARK: "array", "number": len(arrays) - 1}
+    if isinstance(value, BaseGeometry):
+        return {MARK: "geometry", "wkb": base64.b64encode(shapely.to_wkb(value)).decode("ascii")}
+    if isinstance(value, bytes):
+        return {MARK: "bytes", "base64": base64.b64encode(value).decode("ascii")}
+    name = type(value).__name__
+    if name in TIMES:
+        return {MARK: name, "iso": value.isoformat()}
+    if isinstance(value, timedelta):
+        return {MARK: "timedelta", "parts": [value.days, value.seconds, value.microseconds]}
+    return {MARK: name} | {one.name: plain(getattr(value, one.name), arrays) for one in fields(value)}
+
+
+def restored(value: Any, arrays: list[NDArray[Any]], types: Mapping[str, type[Any]]) -> Any:
+    """What `plain` was given."""
+    if isinstance(value, list):
+        if value[:1] != [MARK]:
+            return [restored(item, arrays, types) for item in value]
+        items = [restored(item, arrays, types) for item in value[2:]]
+        return tuple(items) if value[1] == "tuple" else items
+    if not isinstance(value, dict):
+        return value
+    kind = value.get(MARK)
+    if kind is None:
+        return {key: restored(item, arrays, types) for key, item in value.items()}
+    if kind == "dict":
+        return {restored(k, arrays, types): restored(v, arrays, types) for k, v in value["items"]}
+    if kind == "array":
+        return arrays[value["number"]]
+    if kind == "geometry":
+        return shapely.from_wkb(base64.b64decode(value["wkb"]))
+    if kind == "bytes":
+        return base64.b64decode(value["base64"])
+    if kind in TIMES:
+        return TIMES[kind].fromisoformat(value["iso"])
+    if kind == "timedelta":
+        return timedelta(*value["parts"])
+    return types[kind](**{key: restored(item, arrays, types) for key, item in value.items() if key != MARK})

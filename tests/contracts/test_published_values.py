@@ -1,0 +1,65 @@
+"""Every published value stands in its paper, in the words of the document, or switches off a step of ours."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from eaves.methods import REGISTRY, method_class, parameter
+
+QUOTES: dict[tuple[str, str], str] = {
+    ("planar_patches", "cell"): "the grid size is set to 1.5 m by 1.5 m",
+    ("planar_patches", "max_rmse"): "is less than a threshold of 0.1 m",
+    ("planar_patches", "min_height"): "at least 2 m higher than local average DTM",
+    ("planar_patches", "max_distance"): "to the plane is less than 0.1 m",
+    ("planar_patches", "join_points"): "more than a threshold (10 points or",
+    ("planar_patches", "join_share"): "or 40% of the total in our case",
+    ("planar_patches", "min_cells"): "planes consist of less than 3 grids",
+    ("planar_patches", "min_points"): "or planes with less than 10 points",
+    ("planar_patches", "alpha"): "a large value (in our case 2.4 m)",
+    ("planar_patches", "min_hole"): "Inner boundaries of a building with an area of less than 50 m²",
+    ("alpha_shape", "alpha"): "a large value (in our case 2.4 m)",
+    ("alpha_shape", "min_hole"): "Inner boundaries of a building with an area of less than 50 m²",
+}
+"""The words in which each number is printed: `references.bib` of the method's paper, at `printed_in`."""
+LACKING = {("alpha_shape", "tolerance"), ("alpha_shape", "share"), ("smooth_region", "level")}
+"""Steps of ours that the paper does not have: as published they are switched off."""
+PUBLISHED = [
+    (stage, name, key, field.json_schema_extra)
+    for stage, names in REGISTRY.items()
+    for name in names
+    for key, field in method_class(stage, name).model_fields.items()
+    if isinstance(field.json_schema_extra, dict) and field.json_schema_extra.get("published") is not None
+]
+
+
+def test_no_quote_is_left_over() -> None:
+    assert {(name, key) for _, name, key, _ in PUBLISHED} == set(QUOTES) | LACKING
+
+
+@pytest.mark.parametrize(("stage", "name", "key", "extra"), PUBLISHED)
+def test_a_published_value_is_printed_or_switches_a_step_off(
+    stage: str, name: str, key: str, extra: dict[str, Any]
+) -> None:
+    value = float(extra["published"])
+    assert extra["printed_in"]
+    if (name, key) in LACKING:
+        assert value == 0.0
+        return
+    words = QUOTES[name, key]
+    assert f"{value:g} " in words or f"{value:.0%}" in words
+
+
+@pytest.mark.parametrize("stage", REGISTRY)
+def test_what_is_not_printed_keeps_our_default(stage: str) -> None:
+    for name in REGISTRY[stage]:
+        cls = method_class(stage, name)
+        ours, theirs = cls().model_dump(), cls.as_published().model_dump()
+        changed = {key for key in ours if ours[key] != theirs[key]}
+        assert changed <= {key for _, other, key, _ in PUBLISHED if other == name}
+
+
+def test_a_published_value_without_its_place_is_refused() -> None:
+    with pytest.raises(ValueError, match="go together"):
+        parameter(1.0, "A number.", published=2.0)

@@ -1,0 +1,69 @@
+"""What the caller says of coordinates, what a file says, and what its numbers can be must agree."""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.conftest import write_laz
+
+from eaves.formats import InputError
+from eaves.formats.crs import parse_crs, system_of
+from eaves.formats.crs_check import vertical_datum
+from eaves.pipeline import build
+from eaves.run.index import index_inputs
+from eaves.run.manifest import read_manifest
+
+DELFT = np.array([84900.0, 447500.0, 1.0])
+KENTUCKY = np.array([5_300_000.0, 3_900_000.0, 800.0])
+"""In US survey feet, EPSG:3089."""
+PATCH = np.random.default_rng(0).random((500, 3)) * [40, 40, 3]
+
+
+def index(path: Path, crs: str | None = None, force: bool = False) -> str | None:
+    return index_inputs([path], crs, [], crs_force=force).system.code
+
+
+@pytest.mark.parametrize(
+    ("place", "own", "said", "what"),
+    [
+        (DELFT, 28992, "EPSG:32631", "--crs says"),
+        (DELFT, 7415, "EPSG:28992+5711", "--crs says"),
+        (DELFT, None, "EPSG:32631", None),
+        (DELFT, 28992, "EPSG:28992+5709", None),
+        (DELFT, 28992, "7415", None),
+        (DELFT[[1, 0, 2]], 28992, None, "x and y exchanged"),
+        (DELFT / 0.3048, 28992, None, "feet, not metres"),
+        (KENTUCKY * 0.3048, 3089, None, "metres, not feet"),
+        (KENTUCKY, 3089, None, None),
+        (np.array([4.35, 52.01, 0.0]), None, "EPSG:28992", "are degrees"),
+    ],
+)
+def test_a_conflict_is_refused_unless_forced(
+    place: np.ndarray, own: int | None, said: str | None, what: str | None, tmp_path: Path
+) -> None:
+    xyz = place + PATCH * (1e-5 if place[0] < 10 else 1)
+    write_laz(tmp_path / "a.laz", xyz, own)
+    if what is None:
+        assert index(tmp_path / "a.laz", said)
+    else:
+        with pytest.raises(InputError, match=what):
+            index(tmp_path / "a.laz", said)
+    assert index(tmp_path / "a.laz", said, force=True)
+
+
+def test_a_place_nothing_explains_is_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    write_laz(tmp_path / "a.laz", PATCH + [2_000_000, 2_000_000, 0], 28992)
+    with caplog.at_level(logging.WARNING, "eaves"):
+        index(tmp_path / "a.laz")
+    assert "outside the area EPSG:28992 is made for" in caplog.text
+
+
+def test_the_vertical_datum_is_written(nine_roofs_file: Path, tmp_path: Path) -> None:
+    assert vertical_datum(system_of(parse_crs("EPSG:7415"), "", (85000, 447000)))["name"] == "NAP height"
+    build(nine_roofs_file, tmp_path, lod="0", outputs=("footprints",))
+    for told in (json.loads((tmp_path / "run.json").read_text()), read_manifest(tmp_path)):
+        assert told["vertical_datum"] == {"status": "unknown", "name": None}

@@ -1,0 +1,247 @@
+"""CityGML, layers by level, roof planes, GeoJSON and PostGIS: opened by others, as exact as put in."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from xml.etree import ElementTree
+
+import numpy as np
+import pyogrio
+import pytest
+import shapely
+from shapely import Polygon
+
+from eaves.formats import (
+    InputError,
+    write_citygml,
+    write_cityjson,
+    write_cityjson_seq,
+    write_geopackage,
+    write_geoparquet,
+    write_lod_layers,
+    write_postgis,
+)
+from eaves.formats.citygml import CITYGML_2, CITYGML_3, Version
+from eaves.formats.crs import parse_crs, system_of
+from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.postgis import hidden
+from eaves.model import BuildingModel, Failure, Footprint, Solid
+from eaves.simulate import nine_roofs_on_a_slope
+
+DUTCH = system_of(parse_crs("28992+5709"), "test", (0.0, 0.0))
+FEET = system_of(parse_crs("EPSG:2994"), "test", (0.0, 0.0))
+PLACE = (85000.0, 447000.0)
+ROOF = Polygon([(85000, 447000, 3), (85010, 447000, 3), (85010, 447003, 6), (85000, 447003, 6)])
+POSTGRES = Path("/usr/lib/postgresql/15/bin")
+
+
+@pytest.fixture(scope="module")
+def town() -> list[BuildingModel | Failure]:
+    """Nine houses with exact roofs, the first in two parts at LoD 2.2, and one without a model."""
+    scene = nine_roofs_on_a_slope(density=4.0)
+    models: list[BuildingModel | Failure] = []
+    for building in scene.buildings:
+        model = building.model((0.0, 0.0))
+        models.append(model.with_(footprint=model.footprint.with_(origin=PLACE)))
+    first = models[0]
+    assert isinstance(first, BuildingModel)
+    moved = tuple(Solid(solid.vertices + [30.0, 0, 0], solid.faces) for solid in first.solids[first.lod])
+    models[0] = first.with_(solids={**first.solids, first.lod: first.solids[first.lod] + moved})
+    box = shapely.box(200, 0, 210, 10)
+    print_ = Footprint(box, PLACE, "none & <no>", 0.5, {"floors": 3, "flat": True})
+    return [*models, Failure("no_plane", "no plane", "roof", print_)]
+
+
+@pytest.mark.parametrize("version", [CITYGML_2, CITYGML_3], ids=["2.0", "3.0"])
+def test_citygml_has_every_building_and_refers_to_faces_it_has(
+    tmp_path: Path, town: list[BuildingModel | Failure], version: Version
+) -> None:
+    path = tmp_path / "town.gml"
+    assert write_citygml(path, town, DUTCH, version) == 10
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["town.gml"]
+    root = ElementTree.parse(path).getroot()
+    gml, bldg = (f"{{{version.spaces[name]}}}" for name in ("gml", "bldg"))
+    assert len(root.findall(f".//{bldg}Building")) == 10 and len(root.findall(f".//{bldg}BuildingPart")) == 2
+    names = [element.get(f"{gml}id") for element in root.iter() if element.get(f"{gml}id")]
+    assert len(names) == len(set(names))
+    link = "{http://www.w3.org/1999/xlink}href"
+    references = [element.get(link, "")[1:] for element in root.iter() if element.get(link)]
+    assert references and set(references) <= set(names)
+    surfaces = f"{{{version.spaces[version.surface]}}}RoofSurface"
+    rings = [
+        np.array(list(map(float, (ring.text or "").split()))).reshape(-1, 3)
+        for roof in root.iter(surfaces)
+        for ring in roof.iter(f"{gml}posList")
+    ]
+    model = town[0]
+    assert isinstance(model, BuildingModel)
+    highest = max(solid.vertices[:, 2].max() for m in town[:9] for solid in m.solids[m.lod])  # type: ignore[union-attr]
+    assert max(ring[:, 2].max() for ring in rings) == pytest.approx(highest, abs=1e-3)
+    place = root.find(f".//{gml}Envelope")
+    assert place is not None and place.get("srsName") == "https://www.opengis.net/def/crs/EPSG/0/7415"
+
+
+@pytest.mark.parametrize(("version", "modules"), [
+    (CITYGML_2, {"core": "cityGMLBase", "bldg": "building", "gen": "generics"}),
+    (CITYGML_3, {"core": "core", "bldg": "building", "con": "construction", "gen": "generics"}),
+], ids=["2.0", "3.0"])  # fmt: skip
+def test_citygml_is_valid_by_its_schema(
+    tmp_path: Path, town: list[BuildingModel | Failure], version: Version, modules: dict[str, str]
+) -> None:
+    """EAVES_CITYGML_XSD names a folder with citygml/2.0, citygml/3.0 and the schemas they import."""
+    etree = pytest.importorskip("lxml.etree")
+    folder = os.environ.get("EAVES_CITYGML_XSD")
+    if not folder:
+        pytest.skip("EAVES_CITYGML_XSD names no folder with the schemas")
+    imports = "".join(
+        f'<xs:import namespace="{version.spaces[prefix]}" '
+        f'schemaLocation="{folder}/citygml/{version.name}/{file}.xsd"/>'
+        for prefix, file in modules.items()
+    )
+    text = f'<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema">{imports}</xs:schema>'
+    schema = etree.XMLSchema(etree.fromstring(text))
+    write_citygml(tmp_path / "town.gml", town, DUTCH, version)
+    assert schema.validate(etree.parse(str(tmp_path / "town.gml"))), schema.error_log
+
+
+def test_lod_layers_hold_the_faces_of_their_level(
+    tmp_path: Path, town: list[BuildingModel | Failure]
+) -> None:
+    path = tmp_path / "town.gpkg"
+    assert write_lod_layers(path, iter(town), FEET) == 9
+    layers = {name: kind for name, kind in pyogrio.list_layers(path) if kind}
+    assert layers == {f"lod_{lod}": "MultiPolygon Z" for lod in ("1_2", "1_3", "2_0", "2_2")}
+    meta, _, wkb, columns = pyogrio.raw.read(path, layer="lod_2_2")
+    rows = dict(zip(meta["fields"], columns, strict=True))
+    roof = rows["surface"] == "RoofSurface"
+    heights = shapely.get_coordinates(shapely.from_wkb(wkb[roof]), include_z=True)[:, 2] * 0.3048
+    highest = max(solid.vertices[:, 2].max() for m in town[:9] for solid in m.solids[m.lod])  # type: ignore[union-attr]
+    assert heights.max() == pytest.approx(highest) and set(rows["surface"]) == {
+        "RoofSurface",
+        "WallSurface",
+        "GroundSurface",
+    }
+    ground = rows["surface"] == "GroundSurface"
+    flat = shapely.area(shapely.from_wkb(wkb[ground])) * 0.3048**2
+    assert np.allclose(flat, rows["area_m2"][ground], atol=0.01)
+
+
+def test_geojson_is_in_longitude_and_latitude(tmp_path: Path) -> None:
+    house = shapely.box(85000, 447000, 85010, 447006)
+    write_polygons(tmp_path / "a.geojson", [Row(house, {"id": "a"})], DUTCH)
+    document = json.loads((tmp_path / "a.geojson").read_text())
+    assert "crs" not in document
+    ring = document["features"][0]["geometry"]["coordinates"][0]
+    assert np.allclose(ring[0][:2], [4.37, 52.01], atol=0.02)
+    assert Polygon(ring).exterior.is_ccw
+    from eaves.formats import read_polygons
+
+    (back,), *_ = read_polygons(tmp_path / "a.geojson", target=DUTCH)
+    assert back.symmetric_difference(house).area < 0.05
+
+
+def test_geojson_without_a_place_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    write_polygons(tmp_path / "a.geojson", [Row(shapely.box(0, 0, 1, 1), {"id": "a"})])
+    assert "not in WGS 84" in caplog.text
+
+
+def test_roof_planes_keep_their_heights(tmp_path: Path) -> None:
+    geopandas = pytest.importorskip("geopandas")
+    rows = [Row(ROOF, {"building_id": "a"})]
+    write_geoparquet(tmp_path / "r.parquet", rows, FEET)
+    write_polygons(tmp_path / "r.fgb", rows, FEET, layer="roof_planes")
+    for frame in (geopandas.read_parquet(tmp_path / "r.parquet"), geopandas.read_file(tmp_path / "r.fgb")):
+        found = shapely.get_coordinates(frame.geometry[0], include_z=True) * 0.3048
+        assert np.allclose(found, shapely.get_coordinates(ROOF, include_z=True))
+
+
+def test_cjio_takes_the_file_and_knows_system_and_extent(
+    tmp_path: Path, town: list[BuildingModel | Failure], cjio: ModuleType
+) -> None:
+    write_cityjson(tmp_path / "town.city.json", town, DUTCH, title="a town")
+    write_cityjson_seq(tmp_path / "town.city.jsonl", town, DUTCH)
+    program = Path(sys.executable).with_name("cjio")
+    for words, file in (
+        ([str(tmp_path / "town.city.json")], None),
+        (["stdin"], tmp_path / "town.city.jsonl"),
+    ):
+        with file.open() if file else open(os.devnull) as given:
+            done = subprocess.run(
+                [program, *words, "info"], stdin=given, capture_output=True, text=True, timeout=60
+            )
+        assert done.returncode == 0, done.stderr
+        assert "EPSG = 7415" in done.stdout and "Building (10)" in done.stdout
+    extent = json.loads((tmp_path / "town.city.json").read_text())["metadata"]["geographicalExtent"]
+    assert extent[0] == pytest.approx(PLACE[0], abs=300) and extent[2] < extent[5]
+
+
+@pytest.fixture(scope="module")
+def database(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A PostgreSQL of its own with PostGIS, on a socket in a folder."""
+    pytest.importorskip("psycopg")
+    if not (POSTGRES / "initdb").exists() or not list(
+        Path("/usr/share/postgresql").glob("*/extension/postgis.control")
+    ):
+        pytest.skip("PostgreSQL with PostGIS is not installed")
+    folder = Path("/tmp") / f"eaves-postgres-{os.getpid()}"  # a socket's path has 107 characters at most
+    folder.mkdir()
+    user = ["runuser", "-u", "postgres", "--"] if os.geteuid() == 0 else []
+    if user:
+        shutil.chown(folder, "postgres")
+    start = f"-k {folder} -c listen_addresses= -p 54319 -c fsync=off"
+    subprocess.run([*user, POSTGRES / "initdb", "-D", folder / "data", "-A", "trust", "-U", "postgres"],
+                   check=True, capture_output=True, cwd=folder)  # fmt: skip
+    control = [*user, POSTGRES / "pg_ctl", "-D", folder / "data", "-l", folder / "log", "-w"]
+    subprocess.run([*control, "-o", start, "start"], check=True, capture_output=True, cwd=folder)
+    try:
+        yield f"postgresql:///postgres?host={folder}&port=54319&user=postgres"
+    finally:
+        subprocess.run([*control, "-m", "immediate", "stop"], capture_output=True, cwd=folder)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def test_postgis_answers_with_the_areas_that_were_put_in(
+    tmp_path: Path, town: list[BuildingModel | Failure], database: str
+) -> None:
+    import psycopg
+
+    house = shapely.box(85000, 447000, 85010, 447006)
+    write_geopackage(
+        tmp_path / "footprints.gpkg",
+        [Row(house, {"id": "a", "area_m2": 60.0, "failure_code": None, "points": 12})],
+        [Row(ROOF, {"building_id": "a", "no_data": False})],
+        DUTCH,
+    )
+    write_cityjson_seq(tmp_path / "buildings.city.jsonl", town, DUTCH)
+    counts = write_postgis(tmp_path, database, "town")
+    assert counts["footprints"] == counts["roof_planes"] == 1 and counts["surfaces"] > 27
+    with psycopg.connect(database) as connection:
+        query = "SELECT st_area(geom), area_m2, failure_code, points, st_srid(geom) FROM town.footprints"
+        assert connection.execute(query).fetchone() == (60.0, 60.0, None, 12, 28992)
+        highest = connection.execute("SELECT max(st_zmax(geom)) FROM town.roof_planes").fetchone()
+        assert highest == (6.0,)
+        query = "SELECT count(DISTINCT id) FROM town.surfaces WHERE surface = 'RoofSurface'"
+        assert connection.execute(query).fetchone() == (9,)
+        query = "SELECT col_description('town.footprints'::regclass, 2)"
+        assert connection.execute(query).fetchone() == (
+            "Area: of a footprint in plan, of a roof face along its slope (m²)",
+        )
+    with pytest.raises(InputError, match="--replace"):
+        write_postgis(tmp_path, database, "town")
+    assert write_postgis(tmp_path, database, "town", replace=True) == counts
+
+
+def test_a_database_that_cannot_be_reached_is_one_line_without_the_password(tmp_path: Path) -> None:
+    pytest.importorskip("psycopg")
+    write_geopackage(tmp_path / "footprints.gpkg", [])
+    address = "postgresql://me:secret@localhost:1/none"
+    with pytest.raises(InputError, match="postgresql://me@localhost:1/none") as caught:
+        write_postgis(tmp_path, address)
+    assert "secret" not in str(caught.value) and hidden(address).startswith("postgresql://me@")

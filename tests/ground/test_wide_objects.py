@@ -1,0 +1,138 @@
+"""What stands over the terrain however wide it is, and what does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eaves.ground import classify_ground
+from eaves.ground.adaptive_tin import AdaptiveTin
+from eaves.ground.toolkit.floor import FINEST_M, Floor
+from eaves.ground.toolkit.plateaus import Rules
+from eaves.ground.toolkit.wide_objects import OVER, WideObjects, find_wide_objects
+from eaves.model import Bounds, Mask, PointCloud, Points
+
+RULES = Rules(wall=2.0, share=0.85, known=0.2, void=0.4, area=200.0)
+
+
+def scatter(side: float = 200.0, density: float = 2.0, seed: int = 1) -> Points:
+    """Points (N, 3) of a level square that begins at the origin, at height 0."""
+    rng = np.random.default_rng(seed)
+    count = int(density * side * side)
+    return np.asarray(np.c_[rng.uniform(0.0, side, (count, 2)), rng.normal(0.0, 0.02, count)])
+
+
+def box(points: Points, west: float, south: float, east: float, north: float) -> Mask:
+    return Bounds(west, south, east, north).contains(points)
+
+
+def share_of_ground(points: Points, part: Mask) -> float:
+    """Share of some points that the default calls ground."""
+    return float(classify_ground(PointCloud.from_world(points)).ground[part].mean())
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.1])
+@pytest.mark.parametrize("roof", ["flat", "saw-tooth", "two levels"])
+def test_a_hall_stands_on_the_terrain(slope: float, roof: str) -> None:
+    points = scatter()
+    hall = box(points, 50, 50, 150, 150)
+    points[:, 2] += slope * points[:, 0]
+    over = {"flat": 0.0, "saw-tooth": points[:, 1] % 10.0 / 3.0, "two levels": 4.0 * (points[:, 0] > 90)}
+    points[hall, 2] = 150.0 * slope + 6.0 + np.broadcast_to(over[roof], len(points))[hall]
+    assert share_of_ground(points, hall) == 0.0
+    assert share_of_ground(points, ~hall) > 0.99
+
+
+def test_a_terrace_with_a_ramp_is_terrain() -> None:
+    points = scatter()
+    terrace = box(points, 50, 50, 120, 150)
+    points[terrace, 2] += 5.0
+    ramp = box(points, 120, 96, 165, 104)
+    points[ramp, 2] += 5.0 - (points[ramp, 0] - 120.0) / 9.0
+    assert share_of_ground(points, terrace) > 0.98
+
+
+def test_a_courtyard_stays_terrain() -> None:
+    points = scatter()
+    court = box(points, 85, 85, 115, 115)
+    hall = box(points, 50, 50, 150, 150) & ~court
+    points[hall, 2] += 8.0
+    assert share_of_ground(points, hall) == 0.0
+    assert share_of_ground(points, court) > 0.99
+
+
+def test_a_high_field_that_the_rim_of_the_data_cuts_is_terrain() -> None:
+    points = scatter()
+    high = points[:, 0] > 120.0
+    points[high, 2] += 5.0
+    assert share_of_ground(points, high) > 0.99
+
+
+def test_what_the_rim_of_the_data_cuts_is_a_doubt() -> None:
+    points = scatter()
+    high = box(points, 150, 0, 200, 200)
+    points[high, 2] += 5.0
+    patch = find_wide_objects(Floor.of(PointCloud.from_world(points)), RULES)
+    assert [doubt.reason.endswith("cut by the rim of the data") for doubt in patch.doubts] == [True]
+    assert 150.0 < patch.doubts[0].x < 200.0
+
+
+def test_the_terrain_beneath_goes_on_from_outside() -> None:
+    points = scatter()
+    hall = box(points, 50, 50, 150, 150)
+    points[:, 2] += 0.05 * points[:, 0]
+    points[hall, 2] = 15.0
+    wide = WideObjects((find_wide_objects(Floor.of(PointCloud.from_world(points)), RULES),))
+    beneath = wide.terrain_beneath(Bounds(0.0, 0.0, 200.0, 200.0), (0.0, 0.0))
+    assert len(beneath) > 3500
+    assert np.abs(beneath[:, 2] - 0.05 * beneath[:, 0]).max() < 0.2
+
+
+def test_the_floor_does_not_depend_on_the_origin() -> None:
+    points = scatter(60.0) + [1000.0, 2000.0, 0.0]
+    one = Floor.of(PointCloud.from_world(points, origin=(960.0, 1920.0)))
+    other = Floor.of(PointCloud.from_world(points, origin=(0.0, 0.0)))
+    assert (one.west, one.north) == (other.west, other.north)
+    np.testing.assert_array_equal(one.lowest, other.lowest)
+
+
+def test_floors_merge_to_the_floor_of_all() -> None:
+    points = scatter(60.0)
+    whole = Floor.of(PointCloud.from_world(points))
+    bounds = Bounds(0.0, 0.0, 60.0, 60.0)
+    merged = Floor.empty(bounds)
+    for part in (points[points[:, 0] < 20.25], points[points[:, 0] >= 20.25]):
+        merged.merge(Floor.of(PointCloud.from_world(part, origin=(0.0, 0.0))))
+    rows, columns = whole.shape
+    top, left = merged.north - whole.north, whole.west - merged.west
+    mine = np.s_[top : top + rows, left : left + columns]
+    for name in ("lowest", "second", "count"):
+        np.testing.assert_array_equal(getattr(merged, name)[mine], getattr(whole, name))
+
+
+def test_cells_grow_with_the_spacing() -> None:
+    cells = [
+        Floor.of(PointCloud.from_world(scatter(300.0, density))).in_wide_cells().cell
+        for density in (4.0, 0.6, 0.1)
+    ]
+    assert cells == [FINEST_M, 2 * FINEST_M, 4 * FINEST_M]
+
+
+def test_a_cropped_patch_says_the_same_of_what_it_holds() -> None:
+    points = scatter()
+    points[box(points, 50, 50, 150, 150), 2] += 6.0
+    cloud = PointCloud.from_world(points)
+    patch = find_wide_objects(Floor.of(cloud), RULES)
+    half = patch.cropped(Bounds(0.0, 0.0, 96.0, 240.0))
+    whole, part = (WideObjects((one,)).place(cloud) for one in (patch, half))
+    west = points[:, 0] < 96.0
+    np.testing.assert_array_equal(part[west], whole[west])
+    assert (part[~west] == 0).all()
+    assert (whole == OVER).sum() > 15_000
+
+
+def test_seeds_of_wide_cells_take_nothing_away() -> None:
+    assert AdaptiveTin.as_published().wide_buffer == 0.0
+    assert (
+        AdaptiveTin.as_published().find_wide_objects(Floor.of(PointCloud.from_world(scatter(50.0)))) is None
+    )

@@ -1,0 +1,83 @@
+"""Plans cut into primitives, and buildings of several standard houses with exact truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from shapely import Polygon
+
+from eaves.model import BuildingModel, Footprint, Points
+from eaves.reconstruct import reconstruct_building
+from eaves.reconstruct.maas_vosselman import MaasVosselman
+from eaves.reconstruct.maas_vosselman.primitives import cut_plan, fill_of
+from eaves.reconstruct.toolkit.attributes import surface_heights
+from eaves.roof import segment_roof
+from eaves.roof.tin_faces import TinFaces
+from eaves.validate import validate_model
+
+L_SHAPE = Polygon([(0, 0), (20, 0), (20, 8), (8, 8), (8, 20), (0, 20)])
+T_SHAPE = Polygon([(0, 0), (24, 0), (24, 8), (16, 8), (16, 18), (8, 18), (8, 8), (0, 8)])
+
+
+@pytest.mark.parametrize("angle", [0.0, 27.0])
+@pytest.mark.parametrize(("plan", "count"), [(L_SHAPE, 2), (T_SHAPE, 2)])
+def test_a_plan_is_cut_into_its_rectangles(plan: Polygon, count: int, angle: float) -> None:
+    turned = shapely.affinity.rotate(plan, angle, origin=(0, 0))
+    pieces, cuts = cut_plan(turned, 0.9, 6.0)
+    assert len(pieces) == count and len(cuts) == count - 1
+    assert sum(piece.area for piece in pieces) == pytest.approx(plan.area)
+    assert min(map(fill_of, pieces)) > 0.99
+
+
+def test_the_cut_does_not_depend_on_where_the_ring_starts() -> None:
+    ring = shapely.get_coordinates(L_SHAPE.exterior)[:-1]
+    first = [piece.area for piece in cut_plan(L_SHAPE, 0.9, 6.0)[0]]
+    for turn in range(1, len(ring)):
+        assert [p.area for p in cut_plan(Polygon(np.roll(ring, turn, 0)), 0.9, 6.0)[0]] == pytest.approx(
+            first
+        )
+
+
+def test_a_rectangle_is_one_primitive_and_a_jog_starts_no_cut() -> None:
+    jog = Polygon([(0, 0), (10, 0), (10, 4), (10.2, 4), (10.2, 8), (0, 8)])
+    assert len(cut_plan(jog, 0.9, 6.0)[0]) == 1
+
+
+def two_heights(xy: Points) -> Points:
+    """A gable of 8 m × 20 m along x with its ridge at 9, and a flat wing of 5 m north of it."""
+    gable = 9.0 - 0.7 * np.abs(xy[:, 1] - 4.0)
+    return np.asarray(np.where(xy[:, 1] <= 8.0, gable, 5.0))
+
+
+def test_a_gable_with_a_flat_wing_is_two_houses_in_one_solid() -> None:
+    rng = np.random.default_rng(4)
+    xy = rng.uniform(0, 20, (6000, 2))
+    xy = xy[shapely.contains_xy(L_SHAPE, xy)]
+    points = np.c_[xy, two_heights(xy) + 0.02 * rng.standard_normal(len(xy))]
+    planes = segment_roof(points, 0.25, TinFaces())
+    model = reconstruct_building(points, Footprint(L_SHAPE), planes, 0.0, MaasVosselman())
+    assert isinstance(model, BuildingModel)
+    assert model.attributes["method"] == "maas_vosselman"
+    assert model.attributes["primitives"] == model.attributes["primitives_by_moments"] == 2
+    assert not validate_model(model)
+    inner = xy[(np.abs(xy[:, 1] - 8.0) > 0.3)]
+    height, _, _ = surface_heights(model.solids["2.2"], inner)
+    assert np.median(np.abs(height - two_heights(inner))) < 0.01
+    assert np.quantile(np.abs(height - two_heights(inner)), 0.99) < 0.05
+
+
+def test_a_roof_that_is_no_standard_house_is_made_of_its_faces() -> None:
+    rng = np.random.default_rng(5)
+    xy = rng.uniform([0, 0], [12, 8], (4000, 2))
+    mansard = np.minimum(
+        6.0 + 2.0 * np.minimum(xy[:, 1], 8.0 - xy[:, 1]), 8.0 + 0.3 * (4.0 - np.abs(xy[:, 1] - 4.0))
+    )
+    points = np.c_[xy, mansard + 0.01 * rng.standard_normal(len(xy))]
+    plan = shapely.box(0, 0, 12, 8)
+    planes = segment_roof(points, 0.16, TinFaces())
+    model = reconstruct_building(points, Footprint(plan), planes, 0.0, MaasVosselman())
+    assert isinstance(model, BuildingModel)
+    assert model.attributes["method"] == "maas_vosselman"
+    assert model.attributes["primitives_by_moments"] == 0
+    assert model.lod == "2.2"

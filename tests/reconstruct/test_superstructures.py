@@ -1,0 +1,63 @@
+"""Chimneys too small for a roof face come out as objects; what is part of the roof does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from eaves.evaluate.city import read_buildings
+from eaves.formats import write_cityjson
+from eaves.model import BuildingModel, Footprint
+from eaves.reconstruct import reconstruct_building
+from eaves.roof import segment_roof
+from eaves.simulate.roofs import Masses, chimney, gable, make_building
+from eaves.validate import validate_file
+
+GABLE = gable(14, 9, 0.8)
+
+
+def modelled(masses: Masses, density: float, seed: int = 3) -> BuildingModel:
+    building = make_building(masses, 1, 1, "", -5.0, 0.0)
+    xy = np.random.default_rng(seed).uniform([-7, -4.5], [7, 4.5], (int(126 * density), 2))
+    z = np.zeros(len(xy))
+    for face in building.faces:
+        over = shapely.contains_xy(face.polygon, xy[:, 0], xy[:, 1])
+        z[over] = face.height_at(xy[over])
+    points = np.column_stack([xy, z + np.random.default_rng(1).normal(0.0, 0.02, len(xy))])
+    planes = segment_roof(points, density**-0.5)
+    footprint = Footprint(shapely.orient_polygons(building.footprint), id="house")
+    model = reconstruct_building(points, footprint, planes, -5.0)
+    assert isinstance(model, BuildingModel)
+    return model
+
+
+@pytest.mark.parametrize("density", [30.0, 60.0])
+def test_chimney_of_0_36_m2_is_an_object_in_its_place(density: float) -> None:
+    model = modelled((*GABLE, chimney(3.0, 1.5, 3.6, side=0.6)), density)
+    assert [one.kind for one in model.installations] == ["chimney"]
+    one = model.installations[0]
+    assert one.polygon.centroid.distance(shapely.Point(3.0, 1.5)) < 0.15
+    assert one.polygon.area == pytest.approx(0.36, abs=0.25)
+    assert one.top == pytest.approx(3.6, abs=0.06)
+    assert model.attributes["installation_count"] == 1
+
+
+def test_bare_roof_has_no_object() -> None:
+    assert modelled(GABLE, 30.0).installations == ()
+
+
+def test_large_dormer_is_in_the_solid__not_an_object() -> None:
+    assert modelled((*GABLE, chimney(0.0, 2.2, 3.4, side=2.0)), 30.0).installations == ()
+
+
+def test_objects_are_children_of_their_building_in_cityjson(tmp_path: Path) -> None:
+    model = modelled((*GABLE, chimney(3.0, 1.5, 3.6, side=0.6)), 60.0)
+    path = tmp_path / "one.city.json"
+    write_cityjson(path, [model])
+    text = path.read_text(encoding="utf-8")
+    assert '"type":"BuildingInstallation"' in text and '"function":"chimney"' in text
+    assert validate_file(path) == []
+    assert [building.id for building in read_buildings(path)] == ["house"]

@@ -1,0 +1,67 @@
+"""Ridges that run into each other make one node, however the roof lies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity
+
+from eaves.model import BuildingModel, Footprint, RoofPlane
+from eaves.reconstruct import reconstruct_building
+from eaves.reconstruct.toolkit.coverage import coverage_of
+from eaves.reconstruct.toolkit.simplification import is_sound
+from eaves.reconstruct.toolkit.welding import weld_necks
+from eaves.simulate.roofs import gable, make_building, wing
+from eaves.validate.models import validate_model
+
+
+@pytest.mark.parametrize("turn", [0.0, 11.0, 56.0, 90.0, 146.0])
+@pytest.mark.parametrize("drop", [0.0, 0.001, 0.004, 0.008, 0.015])
+def test_t_gable_keeps_five_faces__planes_meet_up_to_15_mm_apart(turn: float, drop: float) -> None:
+    building = make_building(gable(16, 9, 0.8) + wing(12, 9, 0.8, 0.0, 1.0), 1, 1, "T", -5.0, 0.0)
+    rng = np.random.default_rng(5)
+    xy = rng.uniform([-8, -4.5], [8, 12], (4000, 2))
+    angle = np.radians(turn)
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    points, planes, start = [], [], 0
+    for face in building.faces:
+        own = xy[shapely.contains_xy(face.polygon, xy[:, 0], xy[:, 1])]
+        a, b, c = face.coefficients
+        lower = drop if abs(a) > abs(b) else 0.0
+        points.append(np.column_stack([own @ rotation.T, face.height_at(own) - lower]))
+        gradient = rotation @ np.array([a, b])
+        members = np.arange(start, start + len(own))
+        planes.append(RoofPlane((float(gradient[0]), float(gradient[1]), c - lower), members, 0.0))
+        start += len(own)
+    outline = shapely.set_precision(affinity.rotate(building.footprint, turn, origin=(0, 0)), 0.001)
+    model = reconstruct_building(
+        np.concatenate(points), Footprint(shapely.orient_polygons(outline)), planes, -5.0
+    )
+    assert isinstance(model, BuildingModel)
+    assert model.lod == "2.2"
+    assert model.attributes["roof_face_count"] == len(building.faces) == 5
+    assert not validate_model(model)
+
+
+def test_neck_of_a_cell_is_closed__one_cell_becomes_two() -> None:
+    waist = 0.004
+    hourglass = shapely.Polygon([(0, 0), (6, 0), (3 + waist / 2, 2), (6, 4), (0, 4), (3 - waist / 2, 2)])
+    right = shapely.Polygon([(6, 0), (6, 4), (3 + waist / 2, 2)])
+    left = shapely.Polygon([(0, 0), (3 - waist / 2, 2), (0, 4)])
+    plan = coverage_of(np.array([hourglass, right, left], object), 0.001)
+    assert plan is not None
+    welded, labels = weld_necks(plan, np.array([5, 6, 7]))
+    assert is_sound(welded)
+    assert sorted(labels.tolist()) == [5, 5, 6, 7]
+    assert shapely.minimum_clearance(welded.polygons()).min() > 0.03
+    assert welded.area.sum() == pytest.approx(24.0)
+
+
+def test_neck_wider_than_the_reach_stays() -> None:
+    hourglass = shapely.Polygon([(0, 0), (6, 0), (3.05, 2), (6, 4), (0, 4), (2.95, 2)])
+    plan = coverage_of(np.array([hourglass], object), 0.001)
+    assert plan is not None
+    welded, labels = weld_necks(plan, np.array([5]))
+    assert welded is plan
+    assert labels.tolist() == [5]

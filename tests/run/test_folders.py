@@ -1,0 +1,132 @@
+"""The output folder: one run at a time, never an input, and a manifest of what a run wrote."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from eaves.formats import InputError
+from eaves.pipeline import build
+from eaves.run.lock import LOCK, describe_process, lock_folder
+from eaves.run.manifest import MANIFEST, check_folder, end_manifest, read_manifest
+
+
+def test_a_folder_that_a_run_holds_is_refused__and_freed_by_its_end(tmp_path: Path) -> None:
+    with lock_folder(tmp_path):
+        with pytest.raises(InputError, match=f"process {os.getpid()}"), lock_folder(tmp_path):
+            pass
+        assert (tmp_path / LOCK).exists()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("holder", "stale"),
+    [
+        ({}, False),
+        ({"process": 2**22 + 1}, True),
+        ({"started": "another boot 17"}, True),
+        ({"host": "elsewhere", "process": 1}, False),
+        ({"process": "x"}, True),
+    ],
+)
+def test_a_lock_is_stale_when_its_process_is_gone(
+    tmp_path: Path, holder: dict[str, object], stale: bool
+) -> None:
+    (tmp_path / LOCK).write_text(json.dumps({**describe_process(), **holder}))
+    try:
+        with lock_folder(tmp_path):
+            taken = True
+    except InputError:
+        taken = False
+    assert taken == stale
+
+
+def test_a_lock_cut_by_a_kill_is_stale(tmp_path: Path) -> None:
+    (tmp_path / LOCK).write_text('{"process": 12')
+    with lock_folder(tmp_path):
+        assert json.loads((tmp_path / LOCK).read_text())["host"] == socket.gethostname()
+
+
+def test_of_many_processes_that_find_a_stale_lock_one_takes_it(tmp_path: Path) -> None:
+    (tmp_path / LOCK).write_text(json.dumps({**describe_process(), "process": 2**22 + 1}))
+    take = (
+        "import sys, time; from pathlib import Path; from eaves.run.lock import lock_folder\n"
+        "from eaves.formats import InputError\n"
+        "try:\n    with lock_folder(Path(sys.argv[1])): print('mine', flush=True); time.sleep(2)\n"
+        "except InputError: print('taken')"
+    )
+    words = [sys.executable, "-c", take, str(tmp_path)]
+    started = [subprocess.Popen(words, stdout=subprocess.PIPE, text=True) for _ in range(4)]
+    assert sorted(one.communicate()[0].strip() for one in started) == ["mine", "taken", "taken", "taken"]
+
+
+def test_the_output_folder_is_never_that_of_an_input(nine_roofs_file: Path, tmp_path: Path) -> None:
+    shutil.copy(nine_roofs_file, tmp_path / "x.laz")
+    before = (tmp_path / "x.laz").read_bytes()
+    link = tmp_path.parent / f"{tmp_path.name}-link"
+    link.symlink_to(tmp_path)
+    for out in (tmp_path, link, tmp_path / "." / "..", tmp_path):
+        if out.resolve() != tmp_path.resolve():
+            continue
+        with pytest.raises(InputError, match="output folder"):
+            build(tmp_path, out)
+    with pytest.raises(InputError, match="overwritten"):
+        build(tmp_path / "x.laz", tmp_path, outputs=("classified",), classified=link / "x.laz")
+    assert [path.name for path in tmp_path.iterdir()] == ["x.laz"]
+    assert (tmp_path / "x.laz").read_bytes() == before
+
+
+def test_given_footprints_are_not_overwritten(nine_roofs_file: Path, tmp_path: Path) -> None:
+    build(nine_roofs_file, tmp_path, lod="0")
+    with pytest.raises(InputError, match="would be overwritten"):
+        build(nine_roofs_file, tmp_path, footprints=tmp_path / "footprints.gpkg")
+
+
+def test_a_rerun_removes_its_own_old_files_and_nothing_else(nine_roofs_file: Path, tmp_path: Path) -> None:
+    assert build(nine_roofs_file, tmp_path, lod="1.2", formats=("obj", "3dtiles", "geojson")).complete
+    assert check_folder(tmp_path) == []
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "footprints.geojson").write_text("changed by hand")
+    assert check_folder(tmp_path) == [
+        f"{tmp_path / 'footprints.geojson'}: has 15 bytes, the run wrote "
+        f"{read_manifest(tmp_path)['files']['footprints.geojson']['size']}"
+    ]
+    assert build(nine_roofs_file, tmp_path, lod="0", outputs=("footprints",)).complete
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("footprints.gpkg", "buildings.qgz", "run.json", MANIFEST),
+        *("notes.txt", "footprints.geojson"),
+    }
+    assert check_folder(tmp_path) == []
+
+
+def test_a_run_that_did_not_end_is_no_result(
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from eaves.run import outputs
+
+    assert build(nine_roofs_file, tmp_path, lod="0").complete
+    monkeypatch.setattr(outputs, "write_run", lambda summary: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        build(nine_roofs_file, tmp_path, lod="0", formats=("geojson",))
+    assert any("did not end" in line for line in check_folder(tmp_path))
+    monkeypatch.undo()
+    assert build(nine_roofs_file, tmp_path, lod="0", resume=True).complete
+    assert check_folder(tmp_path) == []
+    assert not (tmp_path / "footprints.geojson").exists()
+
+
+def test_a_manifest_never_leads_out_of_its_folder(tmp_path: Path) -> None:
+    out, other = tmp_path / "out", tmp_path / "other.txt"
+    out.mkdir()
+    other.write_text("keep")
+    for name in ("../other.txt", str(other), "a/../../other.txt"):
+        (out / MANIFEST).write_text(json.dumps({"complete": True, "files": {name: {}}}))
+        end_manifest(out, [], {})
+        assert other.read_text() == "keep"

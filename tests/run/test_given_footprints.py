@@ -1,0 +1,92 @@
+"""Every given footprint has one row, modelled or with its reason; what lies outside them stays a building."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+import pyogrio
+import pytest
+import shapely
+
+from eaves.formats import InputError
+from eaves.formats.geopackage import Row, write_polygons
+from eaves.model import CoordinateSystem
+from eaves.report.build import build
+from eaves.run import tiles
+from eaves.run.manifest import check_folder
+from eaves.simulate.roofs import ExactScene
+from eaves.validate import validate_file
+
+PLACE = np.array([84960.0, 447120.0])
+
+
+def rows_of(folder: Path) -> dict[str, dict[str, Any]]:
+    meta, _, geometry, columns = pyogrio.raw.read(folder / "footprints.gpkg", layer="footprints")
+    names = list(meta["fields"])
+    rows = [dict(zip(names, values, strict=True)) for values in zip(*columns, strict=True)]
+    assert len({row["id"] for row in rows}) == len(rows) == len(geometry)
+    return {row["id"]: row for row in rows}
+
+
+@pytest.fixture(scope="module")
+def given(nine_roofs: ExactScene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five of the nine footprints, and five that cannot be modelled."""
+    path = tmp_path_factory.mktemp("given") / "given.gpkg"
+    polygons = [shapely.transform(one.footprint, lambda xy: xy + PLACE) for one in nine_roofs.buildings]
+    rows = {f"house {k}": polygon for k, polygon in enumerate(polygons[:5])}
+    near = shapely.box(*(PLACE + [1, 1]), *(PLACE + [1.5, 1.2]))
+    rows |= {"sliver": near, "line": shapely.Polygon([PLACE, PLACE + 5, PLACE])}
+    rows |= {"far": shapely.box(0, 0, 9, 9), "other side": shapely.box(3e7, 0, 3e7 + 9, 9)}
+    told = [Row(shape, {"name": name}) for name, shape in rows.items()] + [Row(None, {"name": "nowhere"})]
+    write_polygons(path, told, CoordinateSystem())
+    return path
+
+
+EXPECTED = {"sliver": "no_area", "line": "no_area", "nowhere": "no_area", "far": "outside"}
+EXPECTED |= {"other side": "outside"}
+
+
+def test_each_has_one_row_and_the_rest_stays_building(
+    given: Path, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    summary = build(nine_roofs_file, tmp_path / "given", footprints=given, id_field="name", block=60.0)
+    assert (summary.found, summary.modelled) == (10, 5)
+    rows = rows_of(tmp_path / "given")
+    assert {name: row["failure_code"] for name, row in rows.items() if row["failure_code"]} == EXPECTED
+    assert set(rows) == {f"house {k}" for k in range(5)} | set(EXPECTED)
+    assert all(row["failure_reason"] for name, row in rows.items() if name in EXPECTED)
+    assert validate_file(tmp_path / "given" / "buildings.city.jsonl") == []
+    assert check_folder(tmp_path / "given") == []
+    assert build(nine_roofs_file, tmp_path / "own", block=60.0).found == 9
+    classes = [laspy.read(tmp_path / name / "classified.laz") for name in ("given", "own")]
+    ours = [np.asarray(one.classification) == 6 for one in classes]
+    assert ours[0].sum() >= 0.99 * ours[1].sum()
+    assert (np.asarray(classes[0].building_id)[ours[0]] == 0).any()
+
+
+def test_tile_by_tile_too(
+    given: Path, nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tiles, "TILE_BLOCKS", 1)
+    summary = build(nine_roofs_file, tmp_path, footprints=given, id_field="name", block=60.0, per_tile=True)
+    assert (summary.found, summary.modelled) == (10, 5)
+    assert summary.failures == {"no_area": 3, "outside": 2}
+    rows = rows_of(tmp_path)
+    assert {name: row["failure_code"] for name, row in rows.items() if row["failure_code"]} == EXPECTED
+    assert check_folder(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("ids", "what"), [(["a", "a"], "more than once"), (["a", None], "have no"), (["a", " "], "have no")]
+)
+def test_ids_that_name_no_single_footprint_are_refused(
+    ids: list[str | None], what: str, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    boxes = [shapely.box(*(PLACE + k), *(PLACE + k + 9)) for k in (0, 20)]
+    rows = [Row(shape, {"name": name}) for shape, name in zip(boxes, ids, strict=True)]
+    write_polygons(tmp_path / "given.gpkg", rows, CoordinateSystem())
+    with pytest.raises(InputError, match=what):
+        build(nine_roofs_file, tmp_path / "out", footprints=tmp_path / "given.gpkg", id_field="name")

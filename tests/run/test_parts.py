@@ -1,0 +1,128 @@
+"""Parts of a run: data only, checked, and computed again where they are damaged."""
+
+from __future__ import annotations
+
+import json
+import logging
+import pickle
+from collections.abc import Callable
+from datetime import date, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from eaves import pipeline
+from eaves.model import Failure, Footprint
+from eaves.run.part_file import decode, encode, is_sound, open_part, save_part
+
+Break = Callable[[Path], object]
+
+
+def test_a_value_comes_back_as_it_was() -> None:
+    value: Any = {
+        "plain": [None, True, 1, -2.5e-300, "ä\n", float("inf")],
+        "tuple": ((0, 1), ["~", 2], ["~"], {"~": 3, 4: 5}),
+        "bytes": b"\0\xff",
+        "times": [datetime(2020, 1, 2, 3, 4, 5), date(2020, 1, 2), timedelta(days=1, microseconds=7)],
+        "numpy": np.float32(0.1),
+    }
+    arrays: list[Any] = []
+    back = decode(encode({**value, "array": np.arange(3.0)}, arrays), arrays)
+    assert np.array_equal(back.pop("array"), np.arange(3.0))
+    assert back == value
+    failure = Failure("no_area", "why", "outline", Footprint(shapely.box(0, 0, 1, 2), id="a", score=0.5))
+    again = decode(encode([failure], arrays), arrays)[0]
+    assert again == failure and again.footprint.polygon.equals_exact(failure.footprint.polygon, 0)
+
+
+def test_a_pickle_in_place_of_a_part_is_never_loaded(tmp_path: Path) -> None:
+    class Bomb:
+        def __reduce__(self) -> tuple[Any, ...]:
+            return Path.touch, (tmp_path / "code ran",)
+
+    (tmp_path / "a.npz").write_bytes(pickle.dumps(Bomb()))
+    save_part(tmp_path / "b.npz", {"about": np.array([Bomb()], dtype=object)})
+    for name in ("a.npz", "b.npz"):
+        with pytest.raises(ValueError, match="pickle"), open_part(tmp_path / name) as file:
+            file["about"]
+    assert not (tmp_path / "code ran").exists()
+
+
+def test_any_changed_byte_of_data_makes_a_part_unsound(tmp_path: Path) -> None:
+    path = tmp_path / "part.npz"
+    save_part(path, {"x": np.arange(50.0)})
+    whole = path.read_bytes()
+    assert is_sound(path)
+    for place in range(200, 500, 37):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        assert not is_sound(path), place
+    for length in (0, 1, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        assert not is_sound(path), length
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-23])
+
+
+@pytest.mark.parametrize(
+    ("what", "damage"),
+    [
+        ("points/*/*.bin", cut),
+        ("parts/*.json", cut),
+        ("blocks/*.npz", lambda path: path.write_bytes(b"")),
+        ("buildings/*.npz", cut),
+        ("plan.json", cut),
+    ],
+)
+def test_a_damaged_part_is_named_and_computed_again(
+    what: str,
+    damage: Break,
+    interrupted: tuple[Path, Path, str],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    out, source, expected = interrupted
+    broken = next((out / ".eaves-work").glob(what))
+    damage(broken)
+    with caplog.at_level(logging.WARNING, "eaves"):
+        assert pipeline.build(source, out, resume=True, block=60.0).complete
+    assert any(str(broken) in record.getMessage() for record in caplog.records)
+    assert (out / "buildings.city.jsonl").read_text() == expected
+
+
+@pytest.fixture
+def interrupted(
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> tuple[Path, Path, str]:
+    """A folder with all parts of a run that did not write its outputs, its input, the models of another."""
+    assert pipeline.build(nine_roofs_file, tmp_path / "whole", block=60.0).complete
+    with monkeypatch.context() as change:
+        change.setattr(pipeline, "write_outputs", lambda *args, **kwargs: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            pipeline.build(nine_roofs_file, tmp_path / "out", block=60.0)
+    return tmp_path / "out", nine_roofs_file, (tmp_path / "whole" / "buildings.city.jsonl").read_text()
+
+
+def test_the_field_of_ids_and_the_files_beside_a_shapefile_are_part_of_the_plan(tmp_path: Path) -> None:
+    from eaves.run.run import hash_of
+
+    for suffix in (".shp", ".dbf", ".prj", ".txt"):
+        (tmp_path / f"a{suffix}").write_text("1")
+    before = hash_of(tmp_path / "a.shp")
+    (tmp_path / "a.txt").write_text("2")
+    assert hash_of(tmp_path / "a.shp") == before
+    (tmp_path / "a.dbf").write_text("2")
+    assert hash_of(tmp_path / "a.shp") != before
+    from eaves.run.run import open_run
+    from eaves.simulate import nine_roofs_on_a_slope, write_simulation
+
+    files = write_simulation(nine_roofs_on_a_slope(density=1.0), tmp_path / "nine")
+    plans = [
+        open_run(files["points"], tmp_path / "o", footprints=files["vectors"], id_field=field).plan
+        for field in (None, "id")
+    ]
+    assert plans[0] != plans[1] and json.dumps(plans[0])

@@ -1,0 +1,42 @@
+"""A hall wider than a block stands on the terrain, whatever the blocks are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+import eaves
+
+SIDE, HALL = 420.0, (90.0, 330.0)
+
+
+@pytest.fixture(scope="module")
+def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A hall of 240 by 240 m on a slope; one point a metre."""
+    rng = np.random.default_rng(3)
+    xy = np.stack(np.meshgrid(np.arange(0.5, SIDE), np.arange(0.5, SIDE)), axis=-1).reshape(-1, 2)
+    xy += rng.uniform(-0.3, 0.3, xy.shape)
+    hall = ((xy > HALL[0]) & (xy < HALL[1])).all(axis=1)
+    z = np.where(hall, 30.0, 0.05 * xy[:, 0]) + rng.normal(0.0, 0.02, len(xy))
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    header.scales = [0.001] * 3
+    header.offsets = [600_000.0, 5_000_000.0, 0.0]
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = xy[:, 0] + 600_000.0, xy[:, 1] + 5_000_000.0, z
+    las.user_data = hall.astype(np.uint8)
+    path = tmp_path_factory.mktemp("hall") / "hall.las"
+    las.write(path)
+    return path
+
+
+@pytest.mark.parametrize("block", [60.0, 240.0])
+def test_a_hall_wider_than_a_block_is_one_building(survey: Path, tmp_path: Path, block: float) -> None:
+    summary = eaves.build(survey, tmp_path, eaves.make_recipe(lod="0"), crs="EPSG:32631", block=block)
+    assert summary.found == 1
+    las = laspy.read(tmp_path / "classified.laz")
+    hall, classes = np.asarray(las.user_data) == 1, np.asarray(las.classification)
+    assert (classes[hall] == 6).mean() > 0.97
+    assert (classes[~hall] == 2).mean() > 0.99
