@@ -8,7 +8,7 @@ open_run ─→ partition ─→ blocks ─→ join ─→ buildings ─→ outp
 ```
 
 What a block is computed with is in `run/block.py`, what a building is computed with in `run/building.py`;
-both call the stages (`ground`, `detect`, `outline`, `roof`, `reconstruct`, `validate`).
+both call the stages (`ground`, `detect`, `outline`, `units`, `roof`, `reconstruct`, `validate`).
 """
 
 from __future__ import annotations

@@ -22,10 +22,10 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.formats.atomic import atomic
 from eaves.model import BuildingModel, Failure, Footprint, RoofPlane, Solid
-from eaves.model.building import Face
+from eaves.model.building import Face, Installation
 
 TYPES: dict[str, type[Any]] = {
-    cls.__name__: cls for cls in (BuildingModel, Failure, Footprint, RoofPlane, Solid, Face)
+    cls.__name__: cls for cls in (BuildingModel, Failure, Footprint, RoofPlane, Solid, Face, Installation)
 }
 """The classes a part may hold, beside JSON's own values, tuples, geometries, arrays, bytes and times."""
 TIMES = {cls.__name__: cls for cls in (datetime, date, time)}

@@ -173,16 +173,16 @@ def rows_of(plan: Plan, directions: NDArray[np.float64], deepest: float) -> Iter
         length = float(np.hypot(*(end - start)))
         along = straightened((end - start) / length, directions)
         upright = np.array([-along[1], along[0]])
-        best: tuple[float, Row] | None = None
-        for across in [upright, *leaning(directions, upright)]:
+        best = ground_behind(plan, free, start, along, upright, length, deepest)
+        if best is None:
+            continue
+        most = UPRIGHT_TRUST * coherence(plan, best)
+        for across in leaning(directions, upright):
             row = ground_behind(plan, free, start, along, across, length, deepest)
-            if row is not None:
-                coherent = coherence(plan, row) * (UPRIGHT_TRUST if across is upright else 1.0)
-                if best is None or coherent > best[0]:
-                    best = coherent, row
-        if best is not None:
-            free[plan.cells(best[1].ground())] = False
-            yield best[1]
+            if row is not None and (coherent := coherence(plan, row)) > most:
+                most, best = coherent, row
+        free[plan.cells(best.ground())] = False
+        yield best
 
 
 def leaning(directions: NDArray[np.float64], upright: NDArray[np.float64]) -> list[NDArray[np.float64]]:
