@@ -33,13 +33,14 @@ def roof_wireframe(model: BuildingModel) -> tuple[Points, NDArray[np.int64]]:
 
     Parameters
     ----------
-    model
+    model : BuildingModel
         A building with at least one level that has roof faces.
 
     Returns
     -------
-    Corners, where a ring of a face turns by more than 10°, those nearer than 0.3 m made one; and the pairs of
-    their numbers that a face's ring joins, each once.
+    tuple of arrays
+        Corners, where a ring of a face turns by more than 10°, those nearer than 0.3 m made one; and the pairs
+        of their numbers that a face's ring joins, each once.
 
     Examples
     --------
@@ -85,16 +86,22 @@ def write_obj_wireframe(
 
     Parameters
     ----------
-    path
+    path : str or Path
         The file; it appears when it is whole.
-    models
+    models : iterable of BuildingModel or Failure
         Buildings in metres about their footprint's origin, taken one by one.
-    system
+    system : CoordinateSystem
         Coordinate system whose units the coordinates are in.
 
     Returns
     -------
-    The number of buildings written; one without a model is a comment with its reason.
+    int
+        The number of buildings written; one without a model is a comment with its reason.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be written.
 
     Examples
     --------
