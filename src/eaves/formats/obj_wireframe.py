@@ -39,8 +39,8 @@ def roof_wireframe(model: BuildingModel) -> tuple[Points, NDArray[np.int64]]:
     Returns
     -------
     tuple of arrays
-        Corners, where a ring of a face turns by more than 10°, those nearer than 0.3 m made one; and the pairs
-        of their numbers that a face's ring joins, each once.
+        Corners, where a ring of a face turns by more than 10°, those nearer than 0.3 m made one; and the
+        pairs of their numbers that a face's ring joins, each once.
 
     Examples
     --------
