@@ -32,7 +32,7 @@ MARGIN = 30.0
 """Points farther than this (m) from the cloud are no points, but some other numbers."""
 GOLDEN_SHARE = 0.381966
 INK = "#b03020"
-NOT_DRAWN = {"given_classes"}
+NOT_DRAWN = {"given_classes", "row_walls"}
 """Methods without steps worth a picture."""
 
 

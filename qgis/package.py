@@ -32,6 +32,7 @@ OF_STAGE = {
     "ground": "ground",
     "detect": "detect",
     "outline": "detect",
+    "units": "build",
     "roof": "build",
     "reconstruct": "build",
 }
@@ -75,7 +76,7 @@ def make_forms() -> dict[str, Any]:
                 [*parameters_of(cls), *common],
                 COMMANDS[command][1],
             )
-            flag = "--method" if command == stage else f"--{stage}-method"
+            flag = "--method" if command == stage else "--units" if stage == "units" else f"--{stage}-method"
             made |= {"stage": stage, "method": name, "always": [flag, name], "help": help_of(cls)}
             tools.append(made)
     return {"version": version("eaves"), "tools": tools}

@@ -23,8 +23,8 @@ from eaves.raster.interpolate import fill_nearest
 PAGE = Path(__file__).parents[2] / "docs" / "gallery"
 SURVEYS = {"woodford": ("woodford.laz", None), "autzen": ("autzen_full.laz", "srs.wkt")}
 FOOT_M = 0.3048
-CELL_M = 1.5
-SHADES = 48
+CELL_M = 2.0
+SHADES = 40
 """Colours of a picture: few, so that the pages stay small."""
 TINTS = {"building": ((0.86, 0.16, 0.12), 0.45), "ground": ((0.24, 0.55, 0.86), 0.2)}
 

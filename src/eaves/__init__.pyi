@@ -43,6 +43,7 @@ from .raster.surfaces import make_scene as make_scene
 from .reconstruct import Reconstructor as Reconstructor
 from .reconstruct import reconstruct_building as reconstruct_building
 from .reconstruct.arrangement import Arrangement as Arrangement
+from .reconstruct.maas_vosselman import MaasVosselman as MaasVosselman
 from .reconstruct.moments import Moments as Moments
 from .reconstruct.plane_intersection import PlaneIntersection as PlaneIntersection
 from .reconstruct.prism import Prism as Prism
@@ -55,6 +56,9 @@ from .roof.region_growing import RegionGrowing as RegionGrowing
 from .roof.tin_faces import TinFaces as TinFaces
 from .run.recipe import Recipe as Recipe
 from .run.recipe import make_recipe as make_recipe
+from .units import UnitMethod as UnitMethod
+from .units import divide_block as divide_block
+from .units.row_walls import RowWalls as RowWalls
 from .validate import validate_file as validate_file
 from .validate import validate_model as validate_model
 

@@ -106,8 +106,8 @@ class Method(BaseModel):
     Examples
     --------
     >>> import eaves
-    >>> eaves.AdaptiveTin(widest_object=60.0).widest_object
-    60.0
+    >>> eaves.AdaptiveTin(angle=10.0).angle
+    10.0
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -109,6 +109,8 @@ def build_region(region: Region, core: Core, sink: PointSink | None = None) -> S
     region.open_store()
     region.partition()
     blocks = region.used_blocks()
+    if core.loaded is None:
+        region.check_points()
     region.check_rasters(blocks)
     if not any(map(core.holds, blocks)):
         log.warning("no points left to use: see the bounds, the clip area and the files")

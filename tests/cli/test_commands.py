@@ -165,7 +165,6 @@ def test_an_unknown_parameter_is_named(nine_roofs_file: Path, tmp_path: Path) ->
     ("name", "xyz"),
     [
         ("one point", np.array([[85000.0, 447000.0, 1.0]])),
-        ("all zero", np.zeros((50, 3))),
         ("flat ground", np.random.default_rng(0).random((4000, 3)) * [40, 40, 0.02] + [85000, 447000, 1]),
     ],
 )
@@ -178,6 +177,13 @@ def test_points_without_buildings_give_valid_empty_outputs(
     assert {path.name for path in (tmp_path / "out").iterdir()} == OUTPUTS
     assert json.loads((tmp_path / "out" / "run.json").read_text())["found"] == 0
     assert eaves("validate", tmp_path / "out" / "buildings.city.jsonl").returncode == 0
+
+
+def test_points_that_none_can_use_are_refused(tmp_path: Path) -> None:
+    write_laz(tmp_path / "points.laz", np.zeros((50, 3)))
+    done = eaves("build", tmp_path / "points.laz", "-o", tmp_path / "out", "--jobs", "1")
+    assert done.returncode == 2
+    assert "none of 50 points can be used" in one_line(done)
 
 
 def test_ground_writes_one_file(nine_roofs_file: Path, tmp_path: Path) -> None:
@@ -201,7 +207,15 @@ def test_a_corrupt_file_among_good_ones_leaves_the_rest(nine_roofs_file: Path, t
     done = eaves("build", tiles, "-o", tmp_path / "out", "--jobs", "1")
     assert done.returncode == 1
     assert "incomplete" in done.stderr and "cut.laz" in done.stderr
-    assert json.loads((tmp_path / "out" / "run.json").read_text())["found"] == 9
+    run = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert run["found"] == 9
+    assert run["points"] < 1.99 * eaves_points(nine_roofs_file)  # what was not read is not counted
+
+
+def eaves_points(path: Path) -> int:
+    from eaves.formats import open_source
+
+    return open_source(path).count
 
 
 def test_a_second_run_gives_the_same_bytes(built: Path, nine_roofs_file: Path, tmp_path: Path) -> None:

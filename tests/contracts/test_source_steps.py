@@ -20,7 +20,7 @@ from eaves.run.sources import SOURCES, Step
 
 STEPS = [(source.name, step) for source in SOURCES.values() for step in source.steps]
 NEEDS_DATA = pytest.mark.skipif("EAVES_DATA" not in os.environ, reason="EAVES_DATA names no folder of data")
-SETS = ("misc/delft_small.laz", "ign_urban", "misc/lidR_Topography.laz")
+SETS = ("delft/ahn3.laz", "ign_urban", "misc/lidR_Topography.laz")
 """Houses in rows; houses among vegetation; a wooded hill without any."""
 CANNOT_ACT = {
     ("xiao2014", "mean density"): "where echoes and small regions have left, crowns are as dense as roofs"

@@ -41,9 +41,9 @@ WRONG: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "ground by number": (lambda: eaves.classify_ground(CLOUD, 3), TypeError, "see `eaves methods ground`"),
     "ground by unknown name": (lambda: eaves.classify_ground(CLOUD, "csf"), ValueError, "choose one of"),
     "unknown parameter": (
-        lambda: eaves.classify_ground(CLOUD, {"window": 3}),
+        lambda: eaves.classify_ground(CLOUD, {"windwo": 3}),
         ValueError,
-        "unknown parameter 'window'",
+        "unknown parameter 'windwo'",
     ),
     "misspelt parameter": (lambda: eaves.Consensus(min_hight=2.0), ValueError, "it has: .*min_height"),
     "parameter out of range": (
@@ -112,7 +112,7 @@ WRONG: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ValueError,
         "result_ids must be one id for each of 1 polygons",
     ),
-    "no processes": (lambda: eaves.build("a.laz", "out", jobs=0), ValueError, "jobs must be a whole number"),
+    "no processes": (lambda: eaves.build("a.laz", "out", jobs=-1), ValueError, "jobs must be a whole number"),
     "jobs as text": (lambda: eaves.build("a.laz", "out", jobs="2"), ValueError, "not '2'"),
     "three bounds": (
         lambda: eaves.build("a.laz", "out", bounds=(0.0, 0.0, 1.0)),

@@ -56,11 +56,25 @@ def test_a_count_too_small_loses_no_point_in_silence(
     whole = points_of(path)
     with_count(path, count)
     if (suffix, point_format) == (".laz", 1):  # the last chunk does not tell how many points it has
+        if count == 60_000:
+            count = 40_000  # less than its first chunk alone
+            with_count(path, count)
         with pytest.raises(InputError, match="--salvage"):
             open_source(path)
         assert np.array_equal(points_of(path, salvage=True), whole[:100_000])
     else:
         assert np.array_equal(points_of(path), whole)
+
+
+@pytest.mark.parametrize("count", [0, 1, 700, 20_000])
+def test_within_one_chunk_too(count: int, tmp_path: Path) -> None:
+    cloud(6, 30_000).write(tmp_path / "a.laz")
+    whole = points_of(tmp_path / "a.laz")
+    assert np.array_equal(points_of(with_count(tmp_path / "a.laz", count)), whole)
+    cloud(1, 30_000).write(tmp_path / "b.laz")
+    if count in (0, 1, 700):
+        with pytest.raises(InputError, match="counts"):
+            open_source(with_count(tmp_path / "b.laz", count))
 
 
 def test_what_follows_the_points_is_no_point(tmp_path: Path) -> None:

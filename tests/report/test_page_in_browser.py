@@ -65,8 +65,33 @@ def test_the_page_loads_selects_and_toggles(browser: Browser, nine_run: Summary,
 
     browser.run("document.querySelectorAll('#buildings tbody tr')[2].focus()")
     browser.press("\ue007")
-    assert browser.run(CHOSEN) == ids[2], "enter on a row flies to its building"
+    third = int(browser.run("return document.querySelectorAll('#buildings tbody tr')[2].dataset.row"))
+    assert browser.run(CHOSEN) == ids[third], "enter on a row flies to its building"
+    fits = browser.run("return eaves.table.order.map(number => eaves.all[number].rmse_m)")
+    assert fits == sorted(fits, reverse=True), "the worst building stands first"
     assert browser.errors() == []
+
+
+def test_the_address_shows_the_same_view_again(browser: Browser, nine_run: Summary) -> None:
+    browser.open(nine_run.folder / "report.html")
+    whole = (
+        "const {camera: c, canvas} = eaves, m = c.matrix(c.aspect), {low, high} = c.box; let most = 0;"
+        "for (let k = 0; k < 8; k++) { const p = [0, 1, 2].map(a => (k >> a & 1 ? high : low)[a]);"
+        "const at = r => m[r] * p[0] + m[4 + r] * p[1] + m[8 + r] * p[2] + m[12 + r];"
+        "most = Math.max(most, Math.abs(at(0) / at(3)), Math.abs(at(1) / at(3))); } return most"
+    )
+    assert 0.9 < browser.run(whole) <= 1.0, "it opens filling the canvas, and nothing lies outside"
+    browser.run("document.querySelectorAll('#buildings tbody tr')[0].click()")
+    browser.run("eaves.camera.turn(0.3, 0.1); document.getElementById('walls').click(); eaves.ask()")
+    browser.settle()
+    wait_for(browser, "return location.hash.includes('eye=') && location.hash.includes('off=walls')")
+    state = "return [eaves.camera.azimuth, eaves.camera.distance, ...eaves.camera.target]"
+    address, seen = browser.run("return location.hash"), browser.run(state)
+    chosen = browser.run(CHOSEN)
+    browser.run(f"location.href = location.href.split('#')[0] + {address!r}; location.reload()")
+    wait_for(browser, "return document.documentElement.dataset.ready === 'yes' && !!window.eaves")
+    assert np.allclose(browser.run(state), seen, atol=0.01) and browser.run(CHOSEN) == chosen
+    assert browser.run("return document.getElementById('walls').checked") is False
 
 
 def test_the_table_sorts_up_and_down__numbers_as_numbers(browser: Browser, nine_run: Summary) -> None:
@@ -162,7 +187,9 @@ def test_ten_thousand_rows_scroll_sort_and_are_found(
     browser: Browser, nine_run: Summary, tmp_path: Path
 ) -> None:
     contents = read_contents(nine_run.folder)
-    others = [{**contents.rows[0], "id": f"far-{k}", "area_m2": 500.0 + k} for k in range(10_000)]
+    others = [
+        {**contents.rows[0], "id": f"far-{k}", "area_m2": 500.0 + k, "rmse_m": 0.0} for k in range(10_000)
+    ]
     found = len(contents.rows) + len(others)
     page = tmp_path / "report.html"
     page.write_text(render(replace(contents, others=others, buildings=found), "many"), encoding="utf-8")

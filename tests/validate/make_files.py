@@ -150,6 +150,11 @@ def cavity(reach: int) -> list[Shell]:
     return [box(0, 0, 0, 4000, 4000, 4000), inside_out([[base[::-1]], *tent(base, (2000, 2000, 3000))])]
 
 
+def meaning(count: int) -> dict[str, Any]:
+    """Semantics of a shell for so many faces."""
+    return {"surfaces": [{"type": "WallSurface"}], "values": [[0] * count]}
+
+
 def documents() -> dict[str, dict[str, Any]]:
     """File name without ending → document."""
     west, east = box(0, 0, 0, 1000, 1000, 1000), box(1000, 0, 0, 2000, 1000, 1000)
@@ -299,6 +304,16 @@ def documents() -> dict[str, dict[str, Any]]:
         "901_invalid_input_file_valid": city(solid(CUBE)),
         "902_empty_primitive_invalid": city(solid([])),
         "902_empty_primitive_valid": city(),
+        "911_unknown_type_invalid": city_of({"a": {"type": "House", "geometry": [solid(CUBE)]}}),
+        "911_unknown_type_valid": city_of({"a": {"type": "+House", "geometry": [solid(CUBE)]}}),
+        "912_broken_reference_invalid": city_of({"a": {"type": "Building", "children": ["b"]}}),
+        "912_broken_reference_valid": city_of(
+            {"a": {"type": "Building", "children": ["b"]}, "b": {"type": "BuildingPart", "parents": ["a"]}}
+        ),
+        "913_invalid_semantics_invalid": city({**solid(CUBE), "semantics": meaning(7)}),
+        "913_invalid_semantics_valid": city({**solid(CUBE), "semantics": meaning(len(CUBE))}),
+        "915_invalid_structure_invalid": city_of({"a": {"type": "Building", "attributes": []}}),
+        "915_invalid_structure_valid": city_of({"a": {"type": "Building", "attributes": {}}}),
         "904_format_not_supported_invalid": city(solid(CUBE), version="0.9"),
         "904_format_not_supported_valid": city(solid(CUBE), version="1.0"),
     }

@@ -20,7 +20,8 @@ def validate(
 
     findings = validate_file(file)
     for finding in findings:
-        typer.echo(f"{finding.code} {finding.name}: {finding.building} {finding.where}: {finding.detail}")
+        told = f"{finding.code} {finding.name}: {finding.building} {finding.where}: {finding.detail}"
+        typer.echo(printable(told))
     if not quiet:
         typer.echo(f"{file}: {len(findings)} findings" if findings else f"{file}: valid, no findings")
     raise typer.Exit(INCOMPLETE if findings else COMPLETE)
@@ -39,6 +40,11 @@ def check(
     if not quiet and not wrong:
         typer.echo(f"{folder}: whole, {len(read_manifest(folder)['files'])} files as the run wrote them")
     raise typer.Exit(INCOMPLETE if wrong else COMPLETE)
+
+
+def printable(text: str) -> str:
+    """Text with all that could begin a line, move a terminal or not be written as an escape."""
+    return "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text)
 
 
 def evaluate(

@@ -34,7 +34,7 @@ class Contours(Detector):
     """Building labels by Fc-S: the second half, from the normalised surface to buildings.
 
     The surface is interpolated by nearest neighbour, which keeps the jump at walls, and the terrain found
-    from contours (`ground.Contours`) is taken off. Low objects go by height; groups with little edge
+    from contours (`ground.Contours`) is taken off. Low objects go by height; parts with little edge
     information (Sobel) go, because a building has strong edges. The quadratic gradient, small on roofs level
     or oblique and large on crowns, deletes cells first, which shrinks large vegetation and parts it from
     buildings; only then the size threshold removes what is left of it. The cores grow back, cell by cell, to
@@ -46,13 +46,13 @@ class Contours(Detector):
 
     Fidelity
     --------
-    The document prints no number and gives its steps in words only; every threshold here is
-    ours. Steps 4 to 6 follow its order: edges before vegetation, quadratic gradient before size. "Less edge
-    information" is read as: less than `min_edge` of the group's rim has a Sobel height difference over
-    `edge_height`. The "iteration" of step 6 is read as growth from the cores, cell by cell until nothing
-    grows, over cells around which at least `min_share` is smooth: a roof of dormers is, a crown is not; and
-    then `regrow` over the rim. As much as a ridge or valley of 45° bends is smooth; where cells hold few
-    points, their heights on such a roof are known to side / (points + 1) only.
+    The document prints no number and gives its steps in words only; every threshold here is ours. Steps 4 to
+    6 follow its order: edges before vegetation, quadratic gradient before size. Sobel height differences over
+    `edge_height` part the high cells; "less edge information" is read as: less than `min_edge` of the rim of
+    such a part lies on edges. The "iteration" of step 6 is read as growth from the cores, cell by cell until
+    nothing grows, over cells around which at least `min_share` is smooth: a roof of dormers is, a crown is
+    not; and then `regrow` over the rim. As much as a ridge or valley of 45° bends is smooth; where cells hold
+    few points, their heights on such a roof are known to side / (points + 1) only.
 
     Fails where
     -----------
@@ -78,7 +78,9 @@ class Contours(Detector):
     )
     min_height: float = parameter(2.0, "Lower objects (cars) are removed.", unit="m", ge=0.0)
     edge_height: float = parameter(1.5, "A Sobel height difference this large is an edge.", unit="m", gt=0.0)
-    min_edge: float = parameter(0.5, "Share of a group's rim that must be edge.", ge=0.0, le=1.0)
+    min_edge: float = parameter(
+        0.7, "Share of the rim of what lies between edges that must be edge.", ge=0.0, le=1.0
+    )
     max_bend: float | None = parameter(
         None,
         "Cells with a larger quadratic gradient are deleted; default: one cell, as a fold of 45° bends, 5 "
@@ -133,15 +135,20 @@ class Contours(Detector):
         return max(grid.side, known, 3.0 * surface_noise(bend, grid, 0.3))
 
     def keep_edged(self, grid: SurfaceGrid, high: Mask) -> Mask:
-        """The groups of high cells (H, W) whose rims are edges: step 4."""
-        label, count = connected(high)
-        rim = high & ~ndimage.binary_erosion(high, EIGHT)
-        edge = rim & (sobel_height(grid.surface) >= self.edge_height)
+        """The high cells (H, W) between edges that edges surround, and those edges: step 4.
+
+        Edges inside a group part a roof from the crown beside it, and either from a hillside.
+        """
+        edge = sobel_height(grid.surface) >= self.edge_height
+        between = high & ~edge
+        label, count = connected(between)
+        rim = between & ~ndimage.binary_erosion(between, EIGHT)
         size = np.bincount(label[rim], minlength=count + 1)
-        hits = np.bincount(label[edge], minlength=count + 1)
+        hits = np.bincount(label[rim & ndimage.binary_dilation(edge, EIGHT)], minlength=count + 1)
         keep = hits >= self.min_edge * size
         keep[0] = False
-        return np.asarray(keep[label], np.bool_)
+        kept = keep[label]
+        return np.asarray(kept | (high & edge & ndimage.binary_dilation(kept, EIGHT)), np.bool_)
 
 
 def filled(surface: Values) -> Values:

@@ -91,15 +91,25 @@ def write_citygml(
 
     Parameters
     ----------
-    path
+    path : str or Path
         The file; it appears when it is whole.
-    models
+    models : iterable of BuildingModel or Failure
         Buildings in metres about their footprint's origin, taken one by one. A Failure that knows its
         footprint is written with LoD 0 and the attributes `failure_code` and `failure_reason`.
-    system
+    system : CoordinateSystem
         Coordinate system the coordinates are written in.
-    version
+    version : Version
         `CITYGML_2` or `CITYGML_3`.
+
+    Returns
+    -------
+    int
+        The number of buildings written.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------

@@ -30,12 +30,22 @@ def write_lod_layers(
 
     Parameters
     ----------
-    path
+    path : str or Path
         The file (`.gpkg`); it appears when it is whole.
-    models
+    models : iterable of BuildingModel or Failure
         Buildings in metres about their footprint's origin, taken one by one.
-    system
+    system : CoordinateSystem
         Coordinate system the coordinates are written in.
+
+    Returns
+    -------
+    int
+        The number of buildings written.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------

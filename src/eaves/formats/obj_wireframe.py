@@ -33,14 +33,13 @@ def roof_wireframe(model: BuildingModel) -> tuple[Points, NDArray[np.int64]]:
 
     Parameters
     ----------
-    model : BuildingModel
+    model
         A building with at least one level that has roof faces.
 
     Returns
     -------
-    tuple of arrays
-        Corners, where a ring of a face turns by more than 10°, those nearer than 0.3 m made one; and the
-        pairs of their numbers that a face's ring joins, each once.
+    Corners, where a ring of a face turns by more than 10°, those nearer than 0.3 m made one; and the pairs of
+    their numbers that a face's ring joins, each once.
 
     Examples
     --------
@@ -100,8 +99,8 @@ def write_obj_wireframe(
 
     Raises
     ------
-    OSError
-        When the file cannot be written.
+    InputError
+        When the folder cannot be written.
 
     Examples
     --------

@@ -38,14 +38,19 @@ def write_postgis(
 
     Parameters
     ----------
-    folder
-        What `eaves build` wrote.
-    address
+    folder : str or Path
+        The folder that `eaves build` wrote.
+    address : str
         `postgresql://user@host:port/database`; the extension postgis is made when it is missing.
-    schema
+    schema : str
         Where the tables go; made when missing.
-    replace
+    replace : bool
         Whether tables that are there already are made anew.
+
+    Returns
+    -------
+    dict of str to int
+        The number of rows by table.
 
     Raises
     ------

@@ -94,22 +94,31 @@ def replace_count(header: LasHeader, file: BinaryIO) -> LasHeader:
         return header  # reading its points will say so
     file.seek(place)
     number = struct.unpack("<II", file.read(8))[1]
-    if number <= -(-header.count // size) or number > header.size:
+    if not 0 < number < header.size:
         return header
     # of all chunks but the last the number of points is known
     table = read_chunk_table(file, replace(header, count=number * size))
-    if header.point_format >= FIRST_LAYERED_FORMAT and len(table.offset) and table.length[-1] > 0:
+    before, length = int(table.points[:-1].sum()), int(table.length[-1])
+    if length == 0:  # an empty chunk ends the table of some writers
+        return header
+    if header.point_format >= FIRST_LAYERED_FORMAT:
         file.seek(int(table.offset[-1]) + header.record_length)
         last = struct.unpack("<I", file.read(4).ljust(4, b"\0"))[0]
-        count = int(table.points[:-1].sum()) + last
-        return replace(header, count=count, stated=header.count) if 0 < last <= size else header
-    if len(table.length) and table.length[-1] == 0 and (number - 1) * size == header.count:
-        return header  # an empty chunk ends the table of some writers
+        right = 0 < last <= size and before + last > header.count
+        return replace(header, count=before + last, stated=header.count) if right else header
+    stated = header.count - before
+    if 0 < stated <= size and length <= LARGER * stated * header.record_length + SMALL_CHUNK:
+        return header
     raise InputError.about(
         header.path,
-        f"has {number} chunks of {size} points, but its header counts {header.count}",
+        f"counts {header.count} points, but its {number} chunks of {size} hold others",
         "recover its whole chunks with --salvage",
     )
+
+
+LARGER, SMALL_CHUNK = 1.5, 1000
+"""A chunk of points is compressed to less than its size; one that is so many times as large, and some bytes,
+holds more points than are counted."""
 
 
 def find_chunks(header: LasHeader, file: BinaryIO) -> ChunkTable:

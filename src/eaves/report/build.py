@@ -49,6 +49,10 @@ def build(
         delivers, or 2.2.
     crs : str or None
         EPSG code, compound code, or a file with WKT or PROJJSON; it overrides the files' own.
+    crs_force : bool
+        Use `crs` even where a file states another system, or its numbers do not fit it.
+    salvage : bool
+        Of files that are cut off, use what is whole.
     bounds : Bounds, four numbers or None
         West, south, east, north in the unit of the files' reference system; points outside are not used.
     clip : str, Path or None
@@ -71,6 +75,8 @@ def build(
         Processes (≥ 1).
     scheduler : str or None
         Address of a Dask scheduler: `tcp://host:port`.
+    memory : str or None
+        Bound of the processes' memory together: `4G`, `1500M`.
     resume : bool
         Keep the parts of an earlier run that are done and match.
     per_tile : bool

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from eaves.formats.atomic import atomic
 from eaves.model import Points, Raster
 from eaves.model.building import LODS
+from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.summary import Summary
 from eaves.report.contents import Contents, local_rings, read_contents
 from eaves.report.sample import PointSample
@@ -149,6 +150,7 @@ def page_data(contents: Contents) -> dict[str, Any]:
         "rows": contents.rows,
         "others": pack_rows(contents.others, [*there, *CHARTED]),
         "columns": [{"name": name, "title": COLUMNS[name], "number": name in numbers} for name in there],
+        "meanings": {name: [about.label, about.meaning] for name, about in MEANINGS.items()},
         "lods": LODS,
         "base": contents.base,
         "modelled": len(contents.faces) > 0,

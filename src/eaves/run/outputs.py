@@ -216,7 +216,7 @@ def summarise(
         seconds.update(one.seconds)
     return Summary(
         folder=run.folder,
-        points=run.index.points,
+        points=region.points,
         found=found,
         modelled=sum(by_lod.values()),
         by_lod=dict(sorted(by_lod.items(), reverse=True)),

@@ -37,6 +37,8 @@ class Recipe:
         The roof segmentation method.
     reconstruct : Reconstructor
         The reconstruction method.
+    units : UnitMethod or None
+        The method that divides blocks into buildings; None leaves detected blocks whole.
     use_classes : bool
         Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise.
     lod : str
@@ -55,7 +57,6 @@ class Recipe:
     roof: RoofMethod
     reconstruct: Reconstructor
     units: UnitMethod | None = None
-    """None leaves detected blocks whole."""
     use_classes: bool = False
     lod: str = "2.2"
 
@@ -136,7 +137,7 @@ def make_recipe(
     made: dict[str, Method | None] = {}
     for stage in ("detect", *(stage for stage in DEFAULTS if stage != "detect")):
         choice = chosen.get(stage)
-        if stage == "units" and name_of(choice) == "off":
+        if stage == "units" and _name_of(choice) == "off":
             made[stage] = None
             continue
         if stage == "ground" and not is_named(choice):
@@ -146,7 +147,7 @@ def make_recipe(
     return Recipe(**made, use_classes=use_classes, lod=lod)  # type: ignore[arg-type]
 
 
-def name_of(choice: MethodChoice) -> object:
+def _name_of(choice: MethodChoice) -> object:
     """The name by which a choice is given, if by one."""
     return choice.get("method") if isinstance(choice, Mapping) else choice
 

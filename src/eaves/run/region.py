@@ -73,6 +73,8 @@ class Region:
         self.peak = peak_memory_mb()
         self.wrong_boxes: dict[int, Bounds] = {}
         self.blocks: Sequence[Block] = ()
+        self.points = run.index.points
+        """Of the inputs, without those that could not be read."""
         self.store = Store(
             work_folder,
             has_returns=run.index.has_field("return_number"),
@@ -107,6 +109,7 @@ class Region:
         if workers.alone or len(todo) == 1:
             work, workers = partial(work, progress=read_more), Workers()
         unread: dict[int, str] = {}
+        records = {name: mark[0] for name, mark in before.items()}
         changed = False
         for outcome in workers.run(work, todo):
             part: FileSlice = todo[outcome.index]
@@ -115,6 +118,7 @@ class Region:
                 unread[part.number] = self.failed.pop()
                 continue
             done = outcome.answer
+            records[part.name] = done.records
             changed |= before.get(part.name) != (done.records, done.unread)
             if done.unread is not None and part.number not in unread:
                 log.error("%s", done.unread)
@@ -123,6 +127,9 @@ class Region:
                 self.wrong_boxes[part.number] = self.wrong_boxes.get(part.number, done.box).union(done.box)
             if workers is self.workers:
                 read_more(done.records)
+        for number in unread:
+            mine = [part.name for part in parts if part.number == number]
+            self.points -= self.run.index.count(number) - sum(records.get(name, 0) for name in mine)
         if changed:  # what was computed of fewer points no longer holds
             for kind in ("floors", "squares", "blocks", "buildings"):
                 self.store.forget(kind)
@@ -142,6 +149,20 @@ class Region:
                 len(isolated),
             )
         return [block for block in blocks if block not in isolated]
+
+    def check_points(self) -> None:
+        """Refuse a run of the whole inputs that leaves no point."""
+        window = self.run.window
+        if (
+            self.run.index.points
+            and not self.store.blocks(self.run.side)
+            and window.bounds is None
+            and window.clip is None
+        ):
+            self.refuse(
+                f"{self.run.index.path(0)}: none of {self.run.index.points:,} points can be used, all are "
+                "withheld or without coordinates; export the points again"
+            )
 
     def check_rasters(self, blocks: Sequence[Block]) -> None:
         """Refuse the run when its rasters would be too large."""

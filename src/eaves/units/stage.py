@@ -1,4 +1,4 @@
-"""The units stage: contract of a method that divides a block, and the verb."""
+"""The units stage: contract of a method that divides a block, and the stage function."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from shapely import Polygon
 
 from eaves.methods import Emit, Method, MethodChoice, ignore, resolve_method
 from eaves.model import Points, Values
+from eaves.model.checks import check_lengths, check_points, check_positive
 from eaves.model.cloud import canonical_order
 
 
@@ -26,8 +27,14 @@ class Division:
 class UnitMethod(Method):
     """Divides the outline of one detected block into the buildings that stand in it wall to wall.
 
-    `divide` sees the block's roof points (N, 3), their heights over the terrain (N,) and the outline, all in
-    the same local metres.
+    `divide` takes the block's roof points (N, 3), their heights above the terrain (N,) and the outline, all
+    in the same local metres.
+
+    Examples
+    --------
+    >>> from eaves import RowWalls, UnitMethod
+    >>> issubclass(RowWalls, UnitMethod)
+    True
     """
 
     stage: ClassVar[str] = "units"
@@ -46,21 +53,28 @@ def divide_block(
 
     Parameters
     ----------
-    points
-        The block's roof points (N, 3), in any order.
-    height
-        Their heights over the terrain (N,; m), NaN where it is not known.
-    outline
+    points : ndarray (N, 3) of float64
+        The block's roof points in local metres, in any order; points with NaN coordinates are left out.
+    height : ndarray (N,) of float64
+        Their heights above the terrain (m), NaN where it is not known.
+    outline : shapely.Polygon
         The block, in the same local metres.
-    spacing
-        Mean distance of neighbouring points in plan (m).
-    method
-        A method of the stage, its name, or a table of its parameters.
+    spacing : float
+        Mean distance (m, > 0) of the points in plan.
+    method : UnitMethod, str, mapping or None
+        The method, its name, or its parameters; None is `RowWalls()`.
 
     Returns
     -------
     Division
         Parts that fill the outline; the outline alone where nothing divides it.
+
+    Raises
+    ------
+    TypeError
+        When `points` is no float64 array, or `method` no method of the stage.
+    ValueError
+        When an array has another shape, `spacing` is not above 0, or no method or parameter has that name.
 
     Examples
     --------
@@ -73,6 +87,9 @@ def divide_block(
     >>> len(divide_block(points, points[:, 2], box(0, 0, 18, 9), 0.3).parts)
     3
     """
+    check_points(points)
+    check_lengths(len(points), {"height": height})
+    check_positive(spacing, "spacing")
     divider = resolve_method("units", method)
     assert isinstance(divider, UnitMethod)
     good = np.flatnonzero(np.isfinite(points).all(axis=1))

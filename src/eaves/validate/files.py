@@ -16,6 +16,7 @@ from eaves.model import Finding
 from eaves.validate.boundaries import FINEST_STEP, Integers
 from eaves.validate.codes import make_finding
 from eaves.validate.primitives import Primitive, Tolerances, check_primitives
+from eaves.validate.structure import check_feature, check_head, check_objects
 
 DEPTH = {"MultiSurface": 2, "CompositeSurface": 2, "Solid": 3, "MultiSolid": 4, "CompositeSolid": 4}
 """Geometry type → how many lists deep its rings lie."""
@@ -40,7 +41,10 @@ class Grid:
     def places(self, written: Any) -> Integers:
         """Written vertices as (V, 3) whole numbers of steps; ValueError states what is wrong with them."""
         try:
-            numbers = np.asarray(written, np.float64)
+            given = np.asarray(written)
+            if given.size and given.dtype.kind not in "iuf" and any(type(x) is not int for x in given.flat):
+                raise TypeError  # words and truths, of which numpy makes numbers
+            numbers = np.asarray(given, np.float64)
         except (TypeError, ValueError, OverflowError):
             raise ValueError("the vertices are not lists of three numbers") from None
         if numbers.size == 0:
@@ -92,19 +96,22 @@ def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> lis
     """
     findings: list[Finding] = []
     try:
-        documents = _documents(Path(path))
+        documents = _documents(Path(path), findings)
         head: Any = next(documents, None)
         grid = _read_head(head, findings)
         if grid is None:
             return findings
+        findings += check_head(head)
         findings += _check_templates(head, tolerances)
+        templates = count_templates(head)
         batch = [head]
         for document in documents:
+            findings += check_feature(document)
             batch.append(document)
             if len(batch) == FEATURES_AT_ONCE:
-                findings += _check_batch(batch, grid, tolerances)
+                findings += _check_batch(batch, grid, tolerances, templates)
                 batch = []
-        return findings + _check_batch(batch, grid, tolerances)
+        return findings + _check_batch(batch, grid, tolerances, templates)
     except OSError as error:
         raise InputError.about(path, f"cannot be read ({error.strerror})", "check the path") from None
     except (ValueError, RecursionError) as error:
@@ -128,17 +135,29 @@ def _read_head(head: Any, findings: list[Finding]) -> Grid | None:
         return None
 
 
-def _documents(path: Path) -> Iterator[Any]:
-    """The JSON values of a file: one over all its lines, or one a line."""
+def _documents(path: Path, findings: list[Finding]) -> Iterator[Any]:
+    """The JSON values of a file: one over all its lines, or one a line; repeated keys go to the findings."""
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        whole = dict(pairs)
+        if len(whole) < len(pairs):
+            seen: set[str] = set()
+            again = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
+            findings.append(make_finding(914, "", "file", f"an object has two members {again!r}"))
+        return whole
+
+    decoder = json.JSONDecoder(object_pairs_hook=unique)
     with path.open(encoding="utf-8-sig") as file:
         first = file.readline()
+        known = len(findings)
         try:
-            yield json.loads(first)
+            yield decoder.decode(first)
         except json.JSONDecodeError:
-            yield json.loads(first + file.read())
+            del findings[known:]  # of the piece that was read
+            yield decoder.decode(first + file.read())
         for line in file:
             if line.strip():
-                yield json.loads(line)
+                yield decoder.decode(line)
 
 
 def _grid(head: dict[str, Any]) -> Grid:
@@ -163,7 +182,9 @@ PLAIN = Grid(np.ones(3), np.zeros(3))
 """Coordinates in metres, not transformed; they are taken to a hundredth of a millimetre."""
 
 
-def _check_batch(documents: Iterable[Any], grid: Grid, tolerances: Tolerances | None) -> list[Finding]:
+def _check_batch(
+    documents: Iterable[Any], grid: Grid, tolerances: Tolerances | None, templates: int
+) -> list[Finding]:
     """Findings of some documents that share a transform."""
     findings: list[Finding] = []
     primitives: list[Primitive] = []
@@ -178,6 +199,7 @@ def _check_batch(documents: Iterable[Any], grid: Grid, tolerances: Tolerances | 
         except ValueError as error:
             findings.append(make_finding(901, str(document.get("id", "")), "vertices", str(error)))
             continue
+        findings += check_objects(document.get("CityObjects", {}), templates)
         for name, item in document.get("CityObjects", {}).items():
             for found in _object_primitives(name, item, len(places), count):
                 if isinstance(found, Finding):
@@ -208,6 +230,13 @@ def _check_templates(head: dict[str, Any], tolerances: Tolerances | None) -> lis
     primitives = [one for one in found if isinstance(one, Primitive)]
     alone = [Primitive(p.building, f"{k}", p.lod, p.type, p.solids) for k, p in enumerate(primitives)]
     return findings + check_primitives(alone, places, PLAIN.step, tolerances)
+
+
+def count_templates(head: dict[str, Any]) -> int:
+    """How many geometry templates a document has."""
+    given = head.get("geometry-templates")
+    templates = given.get("templates") if isinstance(given, dict) else None
+    return len(templates) if isinstance(templates, list) else 0
 
 
 def _object_primitives(

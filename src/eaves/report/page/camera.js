@@ -13,20 +13,34 @@ class Camera {
     this.size = Math.max(10, Math.hypot(high[0] - low[0], high[1] - low[1]));
     this.wide = high[0] - low[0];
     this.deep = high[1] - low[1];
-    Object.assign(this, { distance: 1.36 * this.size, azimuth: -0.55, elevation: 0.75, flat: false });
-    this.fit();
+    this.flat = false;
+    // from the south, or from the side that fills the canvas clearly better
+    const tries = [-0.35, -0.35 - Math.PI / 2].map(azimuth => {
+      Object.assign(this, { distance: 1.36 * this.size, azimuth, elevation: 0.8, target: low.map((value, axis) => (value + high[axis]) / 2) });
+      this.fit();
+      return { azimuth, distance: this.distance, target: this.target };
+    });
+    Object.assign(this, tries[1].distance < 0.85 * tries[0].distance ? tries[1] : tries[0]);
   }
 
-  // As near as it can be with every corner of the box in sight.
+  // As near as it can be with every corner of the box in sight, and the box in the middle of the canvas.
   fit() {
-    const { low, high } = this.box, axes = this.axes(), tall = Math.tan(FIELD / 2);
-    let distance = 0;
-    for (let corner = 0; corner < 8; corner++) {
-      const away = this.target.map((value, axis) => (corner >> axis & 1 ? high : low)[axis] - value);
-      const [x, y, z] = [axes.right, axes.up, axes.back].map(axis => axis[0] * away[0] + axis[1] * away[1] + axis[2] * away[2]);
-      distance = Math.max(distance, z + Math.abs(x) / (0.97 * tall * this.aspect), z + Math.abs(y) / (0.9 * tall));
+    const { low, high } = this.box, tall = Math.tan(FIELD / 2), axes = this.axes();
+    for (let round = 0; round < 8; round++) {
+      const least = [Infinity, Infinity], most = [-Infinity, -Infinity];
+      for (let corner = 0; corner < 8; corner++) {
+        const away = this.target.map((value, axis) => (corner >> axis & 1 ? high : low)[axis] - value);
+        const [x, y, z] = [axes.right, axes.up, axes.back].map(axis => axis[0] * away[0] + axis[1] * away[1] + axis[2] * away[2]);
+        const depth = Math.max(0.05 * this.distance, this.distance - z);
+        [x / (depth * tall * this.aspect), y / (depth * tall)].forEach((place, axis) => {
+          least[axis] = Math.min(least[axis], place);
+          most[axis] = Math.max(most[axis], place);
+        });
+      }
+      const [right, up] = [0, 1].map(axis => (least[axis] + most[axis]) / 2 * this.distance * tall * (axis ? 1 : this.aspect));
+      this.target = this.target.map((value, axis) => value + right * axes.right[axis] + up * axes.up[axis]);
+      this.distance = Math.max(10, this.distance * Math.max((most[0] - least[0]) / 1.94, (most[1] - least[1]) / 1.84));
     }
-    this.distance = Math.max(10, distance);
   }
 
   // From above, all of it when nothing is looked at in particular.

@@ -37,7 +37,7 @@ function drawCharts(box, rows) {
 function describe(box, row, number, { points, rows }) {
   const list = element('dl');
   for (const [name, value] of Object.entries(row)) {
-    if (value !== null && name !== 'number') list.append(element('dt', {}, name), element('dd', {}, figure(value)));
+    if (value !== null && name !== 'number') list.append(element('dt', { title: page.meanings[name]?.[1] || '' }, page.meanings[name]?.[0] || name), element('dd', {}, figure(value)));
   }
   if (number >= rows.length) {
     box.replaceChildren(element('h2', {}, row.id), list, element('p', {}, `Not drawn: the page shows the ${rows.length.toLocaleString('en')} buildings nearest to its middle. `, element('code', {}, `eaves view OUT --around ${row.id}`), ' makes a page around this one.'));

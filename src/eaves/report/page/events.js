@@ -80,6 +80,43 @@ function obeyAddress(viewer) {
   viewer.refresh();
   if (given.has('id')) viewer.choose(viewer.all.findIndex(row => row.id === given.get('id')));
   for (const view of (given.get('view') || '').split(',')) if (view) viewer.view(view);
+  const eye = (given.get('eye') || '').split(',').map(Number);
+  if (eye.length === 7 && eye.every(Number.isFinite)) {
+    const [azimuth, elevation, distance, flat, ...target] = eye;
+    Object.assign(viewer.camera, { azimuth, elevation, distance, flat: flat === 1, target });
+    viewer.ask();
+  }
+}
+
+// The address of what is seen now: whoever opens it sees the same.
+function addressOf(viewer) {
+  const { camera, look, all } = viewer, settings = new URLSearchParams(), theme = document.documentElement.dataset.theme;
+  if (theme) settings.set('theme', theme);
+  for (const [name, control] of [['lod', 'lod'], ['points', 'point-colour'], ['models', 'model-colour'], ['size', 'size']]) if (byId(control).value !== initial[control]) settings.set(name, byId(control).value);
+  const boxes = [...document.querySelectorAll('#controls input[type=checkbox]')].filter(box => box.checked !== box.defaultChecked);
+  for (const [name, on] of [['on', true], ['off', false]]) {
+    const ids = boxes.filter(box => box.checked === on).map(box => box.id);
+    if (ids.length) settings.set(name, ids.join());
+  }
+  if (look.chosen) settings.set('id', all[look.chosen - 1].id);
+  const numbers = [camera.azimuth, camera.elevation, camera.distance, camera.flat ? 1 : 0, ...camera.target];
+  settings.set('eye', numbers.map((value, place) => Number(value.toFixed(place < 2 ? 4 : 2))).join());
+  return `#${settings.toString().replaceAll('%2C', ',')}`;
+}
+
+const initial = {};
+
+// Keeps the address up to date once a person has touched the page; not while it moves.
+function keepAddress(viewer) {
+  for (const control of ['lod', 'point-colour', 'model-colour', 'size']) initial[control] = byId(control).value;
+  let waiting = 0;
+  const later = () => {
+    clearTimeout(waiting);
+    waiting = setTimeout(() => history.replaceState(null, '', addressOf(viewer)), 400);
+  };
+  for (const name of ['pointerup', 'wheel', 'keyup', 'input']) byId('stage').addEventListener(name, later, { passive: true });
+  byId('buildings').addEventListener('click', later);
+  byId('theme').addEventListener('click', later);
 }
 
 async function start() {
@@ -96,6 +133,7 @@ async function start() {
     viewer = new Viewer(readData(await unpackAll(page.arrays)), all, table);
     listenToCanvas(viewer);
     listenToControls(viewer);
+    keepAddress(viewer);
     obeyAddress(viewer);
     addEventListener('hashchange', () => obeyAddress(viewer));
     window.eaves = viewer;

@@ -9,14 +9,20 @@ const figure = value => value === null || value === undefined ? '' : typeof valu
 
 const LINES_MORE = 12;
 
+// Without a model, then coarser than asked for, then by falling distance of the points to the roof.
+function worstFirst(rows) {
+  const rank = row => (row.lod === null || row.lod === undefined ? 2 : row.failure_code ? 1 : 0), fit = row => row.rmse_m ?? 0;
+  return rows.map((_, number) => number).sort((one, two) => rank(rows[two]) - rank(rows[one]) || fit(rows[two]) - fit(rows[one]) || one - two);
+}
+
 class Table {
   constructor(table, columns, rows, choose) {
-    Object.assign(this, { table, columns, rows, choose, column: null, up: true, order: rows.map((_, number) => number), at: 0, marked: -1 });
+    Object.assign(this, { table, columns, rows, choose, column: null, up: true, order: worstFirst(rows), at: 0, marked: -1 });
     this.box = table.parentElement;
     table.setAttribute('aria-rowcount', rows.length + 1);
     const head = table.createTHead().insertRow();
     for (const { name, title } of columns) {
-      const button = element('button', { type: 'button' }, title), cell = element('th', { scope: 'col', ...this.kind(name) }, button);
+      const button = element('button', { type: 'button', title: page.meanings[name]?.[1] || '' }, title), cell = element('th', { scope: 'col', ...this.kind(name) }, button);
       button.addEventListener('click', () => this.sort(name, cell));
       head.append(cell);
     }

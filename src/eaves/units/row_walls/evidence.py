@@ -83,7 +83,7 @@ WEIGHTS = {
     "edge": 0.56,
     "full valley": 11.14,
 }
-"""Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.units learn`."""
+"""Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.unit_weights`."""
 
 
 def wall_odds(signs: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -47,7 +47,7 @@ class RowWalls(UnitMethod):
     Fidelity
     --------
     Own method; the sums over divisions are those of [rabiner1989] for states of explicit duration. The
-    weights of the signs were learned on four simulated towns (`benchmarks/accuracy/units.py`): a real town's
+    weights of the signs were learned on four towns (`benchmarks/accuracy/unit_weights.py`): a real town's
     models of 853 buildings and three drawn at random, scanned at 10/m²; boldness and border odds were chosen
     on the same.
 
