@@ -60,8 +60,9 @@ def test_neck_of_a_cell_is_closed__one_cell_becomes_two() -> None:
 
 def test_neck_wider_than_the_reach_stays() -> None:
     hourglass = shapely.Polygon([(0, 0), (6, 0), (3.05, 2), (6, 4), (0, 4), (2.95, 2)])
-    plan = coverage_of(np.array([hourglass], object), 0.001)
+    right = shapely.Polygon([(6, 0), (6, 4), (3.05, 2)])
+    plan = coverage_of(np.array([hourglass, right], object), 0.001)
     assert plan is not None
-    welded, labels = weld_necks(plan, np.array([5]))
+    welded, labels = weld_necks(plan, np.array([5, 6]))
     assert welded is plan
-    assert labels.tolist() == [5]
+    assert labels.tolist() == [5, 6]

@@ -119,12 +119,13 @@ def sum_scores(scores: Sequence[WireframeScore]) -> WireframeScore:
 
     Parameters
     ----------
-    scores
+    scores : sequence of WireframeScore
         One of each roof.
 
     Returns
     -------
-    The counts added, and the mean offset of all corners that are the same.
+    WireframeScore
+        The counts added, and the mean offset of all corners that are the same.
 
     Examples
     --------
@@ -151,13 +152,14 @@ def compare_wireframes(result: Path, reference: Path) -> Evaluation:
 
     Parameters
     ----------
-    result, reference
+    result, reference : Path
         OBJ files or folders of them. A file of the reference without one in the result is a roof with nothing
         found.
 
     Returns
     -------
-    The measures over all corners and edges, and a row for each file.
+    Evaluation
+        The measures over all corners and edges, and a row for each file.
 
     Raises
     ------

@@ -59,8 +59,8 @@ class Arrangement(Reconstructor):
 
     d the distance of a roof point from the cell's plane, less 3 cm of noise, a the spacing, τ, g the
     limits, β, γ the prices; s grows with the height of the jump from 0.3 where the planes meet to 1 where
-    they are half a metre apart. β and γ count in points where these are dense: what a part must show to be
-    worth its description is a number of points, not an area. Solved by expansion moves [boykov2001], and
+    they are half a metre apart. γ counts in points where these are dense: what a part must show to be worth
+    its description is a number of points, not an area. Solved by expansion moves [boykov2001], and
     planes that cost more than they save are given up.
 
     Fidelity
@@ -99,14 +99,9 @@ class Arrangement(Reconstructor):
     )
     border_price: float = parameter(
         0.3,
-        "Highest price of a metre of border with a jump, as square metres of misfit.",
+        "Price of a metre of border with a jump, as square metres of misfit.",
         unit="m",
         symbol="β",
-        ge=0.0,
-    )
-    border_points: float = parameter(
-        0.85,
-        "The same as points in each spacing along the border, which is less where points are dense.",
         ge=0.0,
     )
     plane_price: float = parameter(
@@ -254,7 +249,7 @@ class Arrangement(Reconstructor):
         return Prices(
             self.misfit_limit,
             self.gross_limit,
-            min(self.border_price, self.border_points * spacing),
+            self.border_price,
             min(self.plane_price, self.plane_points * spacing**2),
             self.overshoot,
             self.reach_beyond,

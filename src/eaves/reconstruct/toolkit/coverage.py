@@ -130,6 +130,10 @@ class Coverage:
 
     def polygons(self) -> NDArray[np.object_]:
         """The cells (C,) as shapely polygons; empty where a cell has no outer ring."""
+        return self._polygons
+
+    @cached_property
+    def _polygons(self) -> NDArray[np.object_]:
         halves, first = self.ring_order
         outer = np.append(self.outer_ring, -1)[self.ring_cell]
         numbers = np.flatnonzero(outer >= 0)

@@ -26,6 +26,8 @@ def weld_necks(
     wider than that: it is closed, and the cell becomes two. The nearest go first; corners of the outline
     stay. A weld that would fold the plan is left out.
     """
+    if coverage.count < 2:
+        return coverage, labels
     refused: set[tuple[float, ...]] = set()
     for _ in range(MOST_WELDS):
         if shapely.minimum_clearance(coverage.polygons()).min(initial=np.inf) >= reach:
