@@ -23,7 +23,7 @@ def test_a_doubt_is_kept_by_the_block_it_lies_in(tmp_path: Path) -> None:
     assert any("rim of the data" in doubt.reason for doubt in result.doubts)
     save_block(tmp_path / "block.npz", result)
     with BlockFile(tmp_path / "block.npz", block) as file:
-        found = file.doubts()
+        found = file.metadata().doubts
     for read, written in zip(found, result.doubts, strict=True):
         assert read.x == pytest.approx(written.x + block.origin[0])
         assert read.reason == written.reason

@@ -93,6 +93,12 @@ class RowWalls(UnitMethod):
         2.0, "Logarithm of how much better a usual width must explain a row than any width.", ge=0.0
     )
     deepest: float = parameter(30.0, "Greatest depth of a row.", unit="m", gt=0.0)
+    least_sure: float = parameter(
+        0.8,
+        "Certainty that the surest wall of a block must have; without it a detached house of wings is one.",
+        ge=0.0,
+        le=1.0,
+    )
     border_odds: float = parameter(
         -1.0, "Log-odds above which a border of two rows is a wall.", ge=-20.0, le=20.0
     )
@@ -111,6 +117,8 @@ class RowWalls(UnitMethod):
             return whole
         found = [self.walls_of(row, points) for row in rows]
         emit("rows", rows)
+        if max((float(sure) for row in found for sure in row.certainty), default=0.0) < self.least_sure:
+            return whole
         label = np.zeros(plan.main.shape, np.int32)
         label_cells(plan, label, found, 1)
         label, found = merged_units(plan, label, found, points, self.border_odds)
