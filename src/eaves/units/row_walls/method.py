@@ -95,7 +95,7 @@ class RowWalls(UnitMethod):
     deepest: float = parameter(30.0, "Greatest depth of a row.", unit="m", gt=0.0)
     least_sure: float = parameter(
         0.8,
-        "Certainty that the surest wall of a block must have; without it a detached house of wings is one.",
+        "Least probability that a block has any wall; under it a detached house of wings stays one.",
         ge=0.0,
         le=1.0,
     )
@@ -117,7 +117,7 @@ class RowWalls(UnitMethod):
             return whole
         found = [self.walls_of(row, points) for row in rows]
         emit("rows", rows)
-        if max((float(sure) for row in found for sure in row.certainty), default=0.0) < self.least_sure:
+        if 1.0 - np.prod([1.0 - sure for row in found for sure in row.certainty]) < self.least_sure:
             return whole
         label = np.zeros(plan.main.shape, np.int32)
         label_cells(plan, label, found, 1)
