@@ -305,7 +305,7 @@ def documents() -> dict[str, dict[str, Any]]:
         "902_empty_primitive_invalid": city(solid([])),
         "902_empty_primitive_valid": city(),
         "911_unknown_type_invalid": city_of({"a": {"type": "House", "geometry": [solid(CUBE)]}}),
-        "911_unknown_type_valid": city_of({"a": {"type": "+ParametricBuilding", "geometry": [solid(CUBE)]}}),
+        "911_unknown_type_valid": city_of({"a": {"type": "+House", "geometry": [solid(CUBE)]}}),
         "912_broken_reference_invalid": city_of({"a": {"type": "Building", "children": ["b"]}}),
         "912_broken_reference_valid": city_of(
             {"a": {"type": "Building", "children": ["b"]}, "b": {"type": "BuildingPart", "parents": ["a"]}}
