@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
+from eaves.geometry.tolerance import PLANARITY, SNAP
 from eaves.model import Block, Boundary, BuildingModel, Failure, Finding, Footprint, Points, Raster
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
@@ -16,7 +17,7 @@ from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
 from eaves.run.clock import Clock
 from eaves.run.recipe import Recipe
-from eaves.validate import validate_model
+from eaves.validate import Tolerances, validate_model
 
 
 def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:
@@ -43,8 +44,10 @@ def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list
     return drawn
 
 
-def building_pass(building: BuildingPoints, footprint: Footprint | Failure, recipe: Recipe) -> BuildingResult:
-    """Roof planes and solids of one building with its footprint."""
+def building_pass(
+    building: BuildingPoints, footprint: Footprint | Failure, recipe: Recipe, unit_m: float = 1.0
+) -> BuildingResult:
+    """Roof planes and solids of one building with its footprint; `unit_m` is the unit they are written in."""
     clock = Clock()
     roof = np.flatnonzero(building.part != WALL)
     points = building.roof_points
@@ -79,7 +82,7 @@ def building_pass(building: BuildingPoints, footprint: Footprint | Failure, reci
         answer = reconstruct_building(points, footprint, planes, base, recipe.reconstruct)
     clock.lap("reconstruct")
     if isinstance(answer, BuildingModel):
-        answer = keep_valid(answer, recipe.lod)
+        answer = keep_valid(answer, recipe.lod, unit_m)
     clock.lap("validate")
     if isinstance(answer, Failure):
         answer = Failure(answer.code, answer.reason, answer.stage, footprint)
@@ -125,13 +128,17 @@ def heights_under(footprint: Footprint, terrain: Raster) -> tuple[float, float]:
     return float(heights.min()), float(np.percentile(heights, 5))
 
 
-def keep_valid(model: BuildingModel, finest: str) -> BuildingModel | Failure:
-    """The model without the levels that are finer than asked for or not valid, and why they went."""
+def keep_valid(model: BuildingModel, finest: str, unit_m: float = 1.0) -> BuildingModel | Failure:
+    """The model without the levels that are finer than asked for or not valid, and why they went.
+
+    Other validators take their limits in the unit of the file: in feet they are a third of those in metres.
+    """
+    limits = Tolerances(snap=SNAP * min(1.0, unit_m), planarity=PLANARITY * min(1.0, unit_m))
     wanted = {lod: solids for lod, solids in model.solids.items() if lod <= finest}
     bad: dict[str, Finding] = {}
-    if validate_model(model.with_(solids=wanted)):
+    if validate_model(model.with_(solids=wanted), limits):
         for lod, solids in wanted.items():
-            found = validate_model(model.with_(solids={lod: solids}))
+            found = validate_model(model.with_(solids={lod: solids}), limits)
             if found:
                 bad[lod] = found[0]
     good = {lod: solids for lod, solids in wanted.items() if lod not in bad}

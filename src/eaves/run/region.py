@@ -301,7 +301,7 @@ def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: 
     clock.lap("outline")
     for building, footprint in zip(buildings, footprints, strict=True):
         try:
-            results.append(building_pass(building, footprint, recipe))
+            results.append(building_pass(building, footprint, recipe, store.system.horizontal_unit_m))
         except Exception as error:  # one building must not take the others of its block with it
             log.warning(
                 "a building of block %s failed: %s: %s", plan.owner_block.name, type(error).__name__, error
