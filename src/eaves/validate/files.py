@@ -33,7 +33,7 @@ FARTHEST = 2.0**52
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The grid coordinates are written on: place = written · scale + translate (m), in units of `step` metres."""
+    """The grid coordinates are written on: place = written · scale + translate (m), in units of `step` m."""
 
     scale: NDArray[np.float64]
     translate: NDArray[np.float64]
@@ -63,9 +63,9 @@ class Grid:
 def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> list[Finding]:
     """All findings of a CityJSON or CityJSONSeq file, in the order of its buildings; none means valid.
 
-    The coordinates are checked as written (whole numbers and transform), the limits are metres also where the file's
-    unit is the foot; val3dity takes its limits in the file's unit. Of CityJSONSeq some features are in memory at
-    a time.
+    The coordinates are checked as written (whole numbers and transform). The limits are metres also where the
+    file's unit is the foot; val3dity's are in the file's unit. Of CityJSONSeq some features are in memory
+    at a time.
 
     Parameters
     ----------
