@@ -17,8 +17,8 @@ from benchmarks.table import keep
 from eaves.geometry.tin import Tin
 from eaves.model import BuildingModel, Failure, Footprint, Points
 from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.moments.building import House, fit_house
-from eaves.reconstruct.moments.invariants import ClosedHouse, border_growth, close_house, surface_moments
+from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
+from eaves.reconstruct.moments.invariants import ClosedForm, border_growth, closed_form, surface_moments
 
 COMMAND = "python -m benchmarks.accuracy.moments"
 HOUSES = 200
@@ -89,7 +89,7 @@ def scan(truth: Truth, density: float, pattern: str, rng: np.random.Generator) -
     return np.column_stack([cosine * u - sine * v, sine * u + cosine * v, z])
 
 
-def errors(truth: Truth, house: House | ClosedHouse) -> list[float]:
+def errors(truth: Truth, house: ParametricBuilding | ClosedForm) -> list[float]:
     """Errors of the six measures: metres, then degrees."""
     turn = np.mod(house.orientation - truth.orientation + np.pi / 2.0, np.pi) - np.pi / 2.0
     return [
@@ -109,7 +109,7 @@ def error_rows() -> Iterator[dict[str, object]]:
             closed, fitted, scores = [], [], []
             for number in range(HOUSES):
                 truth, rng = draw_house(number, ("gable", "hip"))
-                house = fit_house(scan(truth, density, pattern, rng))
+                house = fit_building(scan(truth, density, pattern, rng))
                 if isinstance(house, Failure) or house.roof != truth.kind:
                     continue
                 closed.append(errors(truth, house.closed))
@@ -151,8 +151,8 @@ def type_rows() -> Iterator[dict[str, object]]:
             points = scan(truth, density, "random" if number % 2 else "scan lines", rng)
             footprint = Footprint(shapely.oriented_envelope(shapely.MultiPoint(points[:, :2])))
             model = Moments().model(points, footprint, [], -3.0)
-            house = fit_house(points)
-            if isinstance(house, House):
+            house = fit_building(points)
+            if isinstance(house, ParametricBuilding):
                 right += house.roof == truth.kind
                 closed_right += house.closed.roof == truth.kind
             modelled += isinstance(model, BuildingModel)
@@ -171,11 +171,11 @@ def speed_rows() -> Iterator[dict[str, object]]:
         truth, rng = draw_house(number, KINDS)
         houses.append(scan(truth, 500.0 / (truth.length * truth.width), "random", rng))
     for points in houses[:10]:
-        fit_house(points)
+        fit_building(points)
     plan = Footprint(shapely.box(-9, -9, 9, 9))
     tasks: list[tuple[str, Callable[[Points], object]]] = [
         ("closed solution alone", closed_house),
-        ("parameters with deviations", fit_house),
+        ("parameters with deviations", fit_building),
         ("the whole model, solid and attributes", lambda points: Moments().model(points, plan, [], -3.0)),
     ]
     for name, task in tasks:
@@ -188,10 +188,10 @@ def speed_rows() -> Iterator[dict[str, object]]:
         yield {"what": name, "houses per CPU second": len(houses) / min(passes)}
 
 
-def closed_house(points: Points) -> ClosedHouse:
+def closed_house(points: Points) -> ClosedForm:
     """The closed solution alone."""
     moments = surface_moments(points, Tin(points[:, :2]).triangles)
-    return close_house(moments, 0.1, border_growth(len(points)))
+    return closed_form(moments, 0.1, border_growth(len(points)))
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from benchmarks.table import keep
 from eaves.model import Points, RoofPlane
-from eaves.reconstruct.moments.building import House, fit_house
+from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
 from eaves.reconstruct.moments.parametric_roof import ACROSS, LEFT_SLOPE, RIGHT_SLOPE, TOP
 from eaves.roof import segment_roof
 
@@ -50,7 +50,7 @@ class RowHouse:
     plan: shapely.Polygon
     roof: NDArray[np.int64]
     standing: Points
-    house: House
+    house: ParametricBuilding
 
     def measures(self) -> list[float]:
         """Width, eaves, ridge (m), slope (degrees)."""
@@ -77,12 +77,12 @@ class RowHouse:
     def halves(self) -> NDArray[np.float64]:
         """Differences of the four measures between two fits, each to every other point of the roof."""
         own = self.points[self.roof]
-        fits = [fit_house(own[start::2], standing=self.standing[start::2]) for start in (0, 1)]
-        both = [measures_of(fit) if isinstance(fit, House) else [np.nan] * 4 for fit in fits]
+        fits = [fit_building(own[start::2], standing=self.standing[start::2]) for start in (0, 1)]
+        both = [measures_of(fit) if isinstance(fit, ParametricBuilding) else [np.nan] * 4 for fit in fits]
         return np.asarray(both[0]) - np.asarray(both[1])
 
 
-def measures_of(house: House) -> list[float]:
+def measures_of(house: ParametricBuilding) -> list[float]:
     """Width, eaves, ridge (m), slope (degrees)."""
     return [house.width, house.eaves, house.ridge, float(np.degrees(house.slope))]
 
@@ -104,8 +104,8 @@ def row_houses(data: Path) -> Iterator[tuple[str, list[RowHouse]]]:
             roof = np.sort(np.concatenate([plane.members for plane in pair]))
             above = own[:, 2] > np.min([plane.height_at(own) for plane in pair], axis=0)
             above[roof] = False
-            house = fit_house(own[roof], standing=own[above])
-            if isinstance(house, House):
+            house = fit_building(own[roof], standing=own[above])
+            if isinstance(house, ParametricBuilding):
                 local = shapely.transform(plan, lambda xy, shift=origin[:2]: xy - shift)
                 houses.append(RowHouse(number, own, local, roof, own[above], house))
         yield name, houses

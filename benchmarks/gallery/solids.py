@@ -76,7 +76,7 @@ def draw_plan(axes: Axes, case: Case, model: BuildingModel, away: Values, title:
 
 
 def draw_section(axes: Axes, case: Case, model: BuildingModel, away: Values) -> None:
-    """Points and model along the strip, across the building's longer side, where the misfit is largest."""
+    """Points and model along the strip, across the building's longer side, where the residual is largest."""
     box = case.footprint.polygon.minimum_rotated_rectangle
     corners = np.asarray(box.exterior.coords)[:3]
     sides = np.diff(corners, axis=0)

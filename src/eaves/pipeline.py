@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Unpack
 
-from eaves.formats.disk import report_full_disk
+from eaves.formats.atomic import report_full_disk
 from eaves.model.summary import Summary
 from eaves.run.classified_points import PointSink
 from eaves.run.lock import lock_folder

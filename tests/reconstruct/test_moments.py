@@ -9,9 +9,9 @@ import shapely
 from eaves.geometry.tin import Tin
 from eaves.model import BuildingModel, Failure, Footprint
 from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.moments.building import House, fit_house
+from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
 from eaves.reconstruct.moments.extents import extent_of
-from eaves.reconstruct.moments.invariants import SurfaceMoments, border_growth, close_house, surface_moments
+from eaves.reconstruct.moments.invariants import SurfaceMoments, border_growth, closed_form, surface_moments
 from eaves.reconstruct.toolkit.soundness import find_defect
 
 LENGTH, WIDTH, EAVES, RISE = 12.0, 8.0, 5.0, 3.0
@@ -64,7 +64,7 @@ def exact_moments(roof: str, angle: float, length: float = LENGTH, width: float 
 @pytest.mark.parametrize("roof", ["flat", "shed", "gable", "hip"])
 @pytest.mark.parametrize("angle", [0.0, 0.5, 2.0])
 def test_closed_solution_is_exact_on_exact_integrals(roof: str, angle: float) -> None:
-    house = close_house(exact_moments(roof, angle), 0.1)
+    house = closed_form(exact_moments(roof, angle), 0.1)
     assert house.roof == roof
     assert np.allclose((house.length, house.width), (LENGTH, WIDTH), atol=1e-3)
     assert np.isclose(np.cos(2 * (house.orientation - angle)), 1.0, atol=1e-6)
@@ -76,20 +76,20 @@ def test_closed_solution_is_exact_on_exact_integrals(roof: str, angle: float) ->
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, 0.7])
 def test_closed_pyramid_is_exact_and_takes_its_axes_from_the_fourth_moment(angle: float) -> None:
-    house = close_house(exact_moments("pyramid", angle, WIDTH, WIDTH), 0.1)
+    house = closed_form(exact_moments("pyramid", angle, WIDTH, WIDTH), 0.1)
     assert house.roof == "pyramid"
     assert np.isclose(np.cos(4 * (house.orientation - angle)), 1.0, atol=1e-6)
     assert np.allclose((house.eaves, house.ridge), (EAVES, EAVES + RISE), atol=2e-3)
 
 
 def test_squarish_gable_takes_its_axis_from_the_heights() -> None:
-    house = close_house(exact_moments("gable", 0.4, 8.4, 8.0), 0.1)
+    house = closed_form(exact_moments("gable", 0.4, 8.4, 8.0), 0.1)
     assert np.isclose(np.cos(2 * (house.orientation - 0.4)), 1.0, atol=1e-6)
     assert np.isclose(house.rise, RISE, atol=1e-3)
 
 
 def test_ridge_across_the_long_side_is_found() -> None:
-    house = close_house(exact_moments("gable", 0.4, 6.0, 9.0), 0.1)
+    house = closed_form(exact_moments("gable", 0.4, 6.0, 9.0), 0.1)
     assert house.roof == "gable"
     assert np.allclose((house.length, house.width), (6.0, 9.0), atol=1e-3)
 
@@ -107,7 +107,7 @@ def test_uneven_density_does_not_move_the_house() -> None:
     u, v = rng.uniform(-6, 6, 3000), rng.uniform(-4, 4, 3000)
     kept = (u < 0) | (rng.random(3000) < 0.25)
     points = np.c_[u, v, height("gable", u, v)][kept]
-    house = close_house(
+    house = closed_form(
         surface_moments(points, Tin(points[:, :2]).triangles), 0.1, border_growth(len(points))
     )
     assert abs(house.x) < 0.1
@@ -143,8 +143,8 @@ def roof_points(roof: str, density: float, noise: float, seed: int, scan: bool =
 @pytest.mark.parametrize("roof", ["flat", "shed", "gable", "hip", "pyramid"])
 @pytest.mark.parametrize("scan", [False, True])
 def test_fit_is_within_its_target__noise_3cm(roof: str, scan: bool) -> None:
-    house = fit_house(roof_points(roof, 5.0, 0.03, 3, scan))
-    assert isinstance(house, House)
+    house = fit_building(roof_points(roof, 5.0, 0.03, 3, scan))
+    assert isinstance(house, ParametricBuilding)
     assert house.roof == roof
     assert abs(house.width - WIDTH) < (0.25 if scan else 0.15)  # half a gap between lines is not known
     assert abs(house.eaves - EAVES) < (0.15 if scan else 0.08)
@@ -157,8 +157,8 @@ def test_fit_is_within_its_target__noise_3cm(roof: str, scan: bool) -> None:
 def test_deviations_tell_the_errors() -> None:
     scores = []
     for seed in range(40):
-        house = fit_house(roof_points("hip", 5.0, 0.03, seed))
-        assert isinstance(house, House)
+        house = fit_building(roof_points("hip", 5.0, 0.03, seed))
+        assert isinstance(house, ParametricBuilding)
         scores.append(
             [
                 (house.length - LENGTH) / house.deviations["length"],
@@ -263,7 +263,7 @@ def test_a_roof_reaches_on_under_a_wide_dormer() -> None:
     dormer = (abs(xy[:, 0]) < 2.8) & (xy[:, 1] > 1.5) & (xy[:, 1] < 4.5)
     standing = points[dormer]
     standing[:, 2] = 4.2
-    alone, told = fit_house(points[~dormer]), fit_house(points[~dormer], standing=standing)
-    assert isinstance(told, House) and isinstance(alone, House)
+    alone, told = fit_building(points[~dormer]), fit_building(points[~dormer], standing=standing)
+    assert isinstance(told, ParametricBuilding) and isinstance(alone, ParametricBuilding)
     assert abs(told.width - 10.0) < 0.15
     assert abs(told.width - 10.0) <= abs(alone.width - 10.0)

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from tests.run.test_long_buildings import features
 
-from eaves.formats.disk import DiskFullError
+from eaves.formats.atomic import DiskFullError
 from eaves.pipeline import build
 from eaves.run import outputs, partition
 from eaves.run.store import Store

@@ -10,7 +10,7 @@ import pytest
 from eaves.formats import InputError
 from eaves.model import Block
 from eaves.pipeline import build
-from eaves.run.isolated_blocks import find_isolated_blocks
+from eaves.run.partition import find_isolated_blocks
 from eaves.run.store import RECORD, Store
 
 SIDE = 60.0

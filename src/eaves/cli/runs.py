@@ -70,7 +70,7 @@ def report_aborts() -> None:
 
 def report_error(error: Exception) -> int:
     """Print in one line what went wrong; the exit status. Unforeseen errors are raised again."""
-    from eaves.formats.disk import DiskFullError
+    from eaves.formats.atomic import DiskFullError
 
     status, line = MISUSE, " ".join(str(error).split())
     # a wrong option; typer contains its own click, so its classes have no fixed name

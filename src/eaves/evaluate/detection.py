@@ -12,8 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.evaluate.boundaries import rim_distances, rim_of
-from eaves.evaluate.matching import SMALLEST, Matching, Numbers, match_objects, relation_of
+from eaves.evaluate.matching import (
+    SMALLEST,
+    Matching,
+    Numbers,
+    match_objects,
+    relation_of,
+    rim_distances,
+    rim_of,
+)
 from eaves.evaluate.scores import Agreement, root_mean_square
 from eaves.model import Mask
 from eaves.model.checks import check_positive, check_same_shape

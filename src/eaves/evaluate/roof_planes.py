@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.evaluate.boundaries import rim_distances, rim_of
 from eaves.evaluate.detection import ObjectRow, object_rows
-from eaves.evaluate.matching import Matching, Numbers, match_objects
+from eaves.evaluate.matching import Matching, Numbers, match_objects, rim_distances, rim_of
 from eaves.evaluate.scores import Agreement, root_mean_square
 from eaves.model import Values
 from eaves.model.checks import check_positive, check_same_shape

@@ -10,7 +10,7 @@ from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.pieces import borders_of, joined_pieces
-from eaves.geometry.polygons import polygon_parts
+from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Footprint
 from eaves.outline.toolkit.shared_edges import welded

@@ -1,4 +1,4 @@
-"""Closed rings of points, without repeated last point."""
+"""Rings and polygons: area, direction, loops, and polygons from shapes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,12 @@ from collections.abc import Sequence
 from itertools import chain
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
+
+from eaves.geometry.tolerance import COORDINATE_STEP
 
 
 def signed_area(ring: NDArray[np.float64]) -> float:
@@ -66,3 +71,19 @@ def split_loops(ring: NDArray[np.int64]) -> list[NDArray[np.int64]]:
             path.append(vertex)
     loops.append(np.array(path, np.int64))
     return loops
+
+
+def polygon_parts(shape: BaseGeometry, grid: float = COORDINATE_STEP) -> list[Polygon]:
+    """The valid polygons a shape consists of, with coordinates on the grid (m); none for points and lines."""
+    whole = shapely.set_precision(shapely.make_valid(shape), grid)
+    return [
+        piece
+        for part in shapely.get_parts(whole)
+        for piece in shapely.get_parts(part)  # a collection may hold a multipolygon
+        if piece.geom_type == "Polygon" and piece.area > 0
+    ]
+
+
+def as_polygon(shape: BaseGeometry, grid: float = COORDINATE_STEP) -> Polygon | None:
+    """The largest valid polygon of a shape with coordinates on the grid (m), or None when it has no area."""
+    return max(polygon_parts(shape, grid), key=lambda part: part.area, default=None)

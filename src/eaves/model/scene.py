@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from eaves.model.arrays import Grid, Labels, Mask, Points, Values
@@ -66,7 +68,7 @@ class Raster:
 
     def at(self, xy: Points) -> Values:
         """Bilinear values (N,) at points (N, 2 or 3); the nearest cell's beyond the rim; NaN at NaN cells."""
-        from eaves.model.bilinear import bilinear_kernel  # imports numba, which a raster alone does not need
+        from eaves.model.scene import bilinear_kernel  # imports numba, which a raster alone does not need
 
         values, places = np.ascontiguousarray(self.values), np.ascontiguousarray(xy, np.float64)
         return np.asarray(bilinear_kernel(values, self.west, self.north, self.cell, places))
@@ -145,3 +147,23 @@ class Regions:
     def mask_of(self, number: int) -> Mask:
         """The points (N,) of region `number`."""
         return np.asarray(self.label == number)
+
+
+@njit(cache=True)
+def bilinear_kernel(values: NDArray[Any], west: float, north: float, cell: float, xy: Points) -> Values:
+    """Bilinear values (N,) of a raster (H, W) at points (N, 2 or 3), NaN at those without coordinates."""
+    rows, columns = values.shape
+    found = np.empty(len(xy))
+    for i in range(len(xy)):
+        x, y = (xy[i, 0] - west) / cell - 0.5, (north - xy[i, 1]) / cell - 0.5
+        if np.isnan(x) or np.isnan(y):
+            found[i] = np.nan
+            continue
+        x, y = min(max(x, 0.0), columns - 1.0), min(max(y, 0.0), rows - 1.0)
+        column, row = min(int(x), max(columns - 2, 0)), min(int(y), max(rows - 2, 0))
+        east, south = min(column + 1, columns - 1), min(row + 1, rows - 1)
+        fx, fy = x - column, y - row
+        top = values[row, column] * (1.0 - fx) + values[row, east] * fx
+        bottom = values[south, column] * (1.0 - fx) + values[south, east] * fx
+        found[i] = top * (1.0 - fy) + bottom * fy
+    return found

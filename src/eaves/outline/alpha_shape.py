@@ -7,7 +7,7 @@ from typing import ClassVar
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.polygons import as_polygon
+from eaves.geometry.rings import as_polygon
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
 from eaves.outline.stage import OutlineMethod

@@ -9,8 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.polygons import as_polygon
-from eaves.geometry.rings import signed_area
+from eaves.geometry.rings import as_polygon, signed_area
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
 from eaves.outline.stage import OutlineMethod

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.polygons import as_polygon
+from eaves.geometry.rings import as_polygon
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
 from eaves.model import Boundary, Failure, Footprint, Mask, Points
 from eaves.model.checks import check_points, check_positive, check_type

@@ -14,7 +14,7 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Values
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.attributes import Surface, describe, surface_heights
-from eaves.reconstruct.toolkit.cell_labels import Prices, hold_down, label_cells
+from eaves.reconstruct.toolkit.cell_labels import LabelCosts, hold_down, label_cells
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
@@ -22,10 +22,10 @@ from eaves.reconstruct.toolkit.evidence import (
     points_inside,
     support_of,
 )
+from eaves.reconstruct.toolkit.extrude import extrude_plan, without_numbers
 from eaves.reconstruct.toolkit.levels import coarse_solids, simple_solids
 from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
-from eaves.reconstruct.toolkit.raising import raise_plan, without_numbers
 from eaves.reconstruct.toolkit.superstructures import find_superstructures
 
 NARROWEST = 0.1
@@ -51,7 +51,7 @@ class Arrangement(Reconstructor):
     its points, at a cost for each metre of border, most where heights jump, and for each plane, and
     never one that would leave the heights its own points support. Cells with one plane are merged,
     slivers and short edges go, and the plan is raised with vertices that all faces share. The coarser
-    levels merge the same cells further: LoD 2.0 labels them at higher prices, 1.3 and 1.2 level them.
+    levels merge the same cells further: LoD 2.0 labels them at higher costs, 1.3 and 1.2 level them.
 
     Formula
     -------
@@ -91,21 +91,21 @@ class Arrangement(Reconstructor):
     )
     paper: ClassVar[str] = "peters2022"
 
-    misfit_limit: float = parameter(
-        0.35, "Distance from a plane at which a point's misfit stops growing.", unit="m", symbol="τ", gt=0.0
+    residual_limit: float = parameter(
+        0.35, "Distance from a plane at which a point's residual stops growing.", unit="m", symbol="τ", gt=0.0
     )
     gross_limit: float = parameter(
-        2.0, "Distance at which a point's gross misfit, added, stops growing.", unit="m", symbol="g", gt=0.0
+        2.0, "Distance at which a point's gross residual, added, stops growing.", unit="m", symbol="g", gt=0.0
     )
-    border_price: float = parameter(
+    border_cost: float = parameter(
         0.3,
-        "Price of a metre of border with a jump, as square metres of misfit.",
+        "Price of a metre of border with a jump, as square metres of residual.",
         unit="m",
         symbol="β",
         ge=0.0,
     )
-    plane_price: float = parameter(
-        0.8, "Highest price of a plane in use, in square metres of misfit.", unit="m2", symbol="γ", ge=0.0
+    plane_cost: float = parameter(
+        0.8, "Highest price of a plane in use, in square metres of residual.", unit="m2", symbol="γ", ge=0.0
     )
     plane_points: float = parameter(
         6.5,
@@ -136,8 +136,8 @@ class Arrangement(Reconstructor):
     level_jump: float = parameter(
         3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", gt=0.0
     )
-    simple_price: float = parameter(
-        8.0, "Price of a plane in use at LoD 2.0, in square metres of misfit.", unit="m2", ge=0.0
+    simple_cost: float = parameter(
+        8.0, "Price of a plane in use at LoD 2.0, in square metres of residual.", unit="m2", ge=0.0
     )
     simple_smallest: float = parameter(
         10.0,
@@ -169,23 +169,23 @@ class Arrangement(Reconstructor):
         plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
         if plan is None:
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
-        prices = self.prices(spacing)
-        chosen = label_cells(plan, roof, labels, coefficients, spacing, ground, prices)
+        costs = self.costs(spacing)
+        chosen = label_cells(plan, roof, labels, coefficients, spacing, ground, costs)
         plan, chosen = plan.merged(chosen)
         emit("plan", plan.polygons())
         emit("plane of each cell", chosen)
         smallest_face = max(SMALLEST, min(self.smallest, self.smallest_points * spacing**2))
         limits = (smallest_face, max(NARROWEST, self.narrowest * spacing))
-        known = (roof, labels, coefficients, spacing, ground, prices)
-        fine = raise_plan(
+        known = (roof, labels, coefficients, spacing, ground, costs)
+        fine = extrude_plan(
             plan, chosen, coefficients, ground, *limits, lambda tidied, kept: hold_down(tidied, kept, *known)
         )
         solids = coarse_solids(plan, roof, ground, self.level_jump, limits)
         errors = {lod: errors_of(surface_heights(parts, roof[:, :2]), roof) for lod, parts in solids.items()}
         if planes and plan.count > 1:
-            dear = self.simple_prices(prices)
+            higher = self.simple_costs(costs)
             smallest = (self.simple_smallest, limits[1])
-            simple = simple_solids(plan, roof, labels, coefficients, spacing, ground, dear, smallest)
+            simple = simple_solids(plan, roof, labels, coefficients, spacing, ground, higher, smallest)
             error = errors_of(surface_heights(simple, roof[:, :2]), roof)
             if simple and not self.compare("2.0", error, errors):
                 solids["2.0"], errors["2.0"] = simple, error
@@ -244,23 +244,23 @@ class Arrangement(Reconstructor):
         plan = arrange(footprint.polygon, segments)
         return plan if plan is not None else arrange(footprint.polygon, np.zeros((0, 4)))
 
-    def prices(self, spacing: float) -> Prices:
-        """The prices at LoD 2.2: points where they are dense, so that smaller parts are seen."""
-        return Prices(
-            self.misfit_limit,
+    def costs(self, spacing: float) -> LabelCosts:
+        """The costs at LoD 2.2: points where they are dense, so that smaller parts are seen."""
+        return LabelCosts(
+            self.residual_limit,
             self.gross_limit,
-            self.border_price,
-            min(self.plane_price, self.plane_points * spacing**2),
+            self.border_cost,
+            min(self.plane_cost, self.plane_points * spacing**2),
             self.overshoot,
             self.reach_beyond,
         )
 
-    def simple_prices(self, prices: Prices) -> Prices:
-        """The prices at LoD 2.0; that of a border grows as lengths do with areas."""
-        if self.plane_price <= 0.0:
-            return replace(prices, plane=self.simple_price)
-        dearer = float(np.sqrt(self.simple_price / self.plane_price))
-        return replace(prices, plane=self.simple_price, border=dearer * self.border_price)
+    def simple_costs(self, costs: LabelCosts) -> LabelCosts:
+        """The costs at LoD 2.0; that of a border grows as lengths do with areas."""
+        if self.plane_cost <= 0.0:
+            return replace(costs, plane=self.simple_cost)
+        dearer = float(np.sqrt(self.simple_cost / self.plane_cost))
+        return replace(costs, plane=self.simple_cost, border=dearer * self.border_cost)
 
     def compare(self, lod: str, error: Values, coarser: dict[str, Values]) -> dict[str, Any]:
         """Why a level with errors (N,; m) is given up for one of those `coarser`, as attributes; empty if

@@ -19,10 +19,10 @@ from eaves.reconstruct.toolkit.evidence import (
     points_inside,
     support_of,
 )
+from eaves.reconstruct.toolkit.extrude import extrude_plan
 from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
-from eaves.reconstruct.toolkit.raising import raise_plan
 
 
 class PlaneIntersection(Reconstructor):
@@ -101,7 +101,7 @@ class PlaneIntersection(Reconstructor):
         plan, chosen = plan.merged(vote(plan, roof, labels, len(coefficients)))
         emit("plan", plan.polygons())
         limits = (self.smallest, self.narrowest * spacing)
-        fine = raise_plan(plan, chosen, coefficients, ground, *limits)
+        fine = extrude_plan(plan, chosen, coefficients, ground, *limits)
         if not fine.solids:
             return Failure("not_closed", f"the polyhedron has {fine.defect}", self.stage, footprint)
         solids = {**coarse_solids(plan, roof, ground, self.level_jump, limits), "2.2": fine.solids}

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from shapely import Polygon
 
 from eaves.footprints.read import as_box
-from eaves.geometry.polygons import as_polygon
+from eaves.geometry.rings import as_polygon
 from eaves.model import Block, Failure, Footprint
 from eaves.run.block_file import BORDER, BlockFile
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from eaves.footprints.addresses import split_buildings
 from eaves.formats import InputError
-from eaves.formats.disk import DiskFullError
+from eaves.formats.atomic import DiskFullError
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.raster.surfaces import CELL
@@ -22,7 +22,6 @@ from eaves.run.building import broken_result, building_pass, draw_footprints
 from eaves.run.clock import Clock
 from eaves.run.gather import Gatherer
 from eaves.run.index import Index
-from eaves.run.isolated_blocks import find_isolated_blocks
 from eaves.run.join import (
     OwnedBuildings,
     Seam,
@@ -32,7 +31,7 @@ from eaves.run.join import (
     join_regions,
     with_addresses,
 )
-from eaves.run.partition import FileSlice, earlier, file_slices, partition_slice
+from eaves.run.partition import FileSlice, earlier, file_slices, find_isolated_blocks, partition_slice
 from eaves.run.recipe import Recipe
 from eaves.run.run import Progress, Run
 from eaves.run.store import Store

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from eaves.footprints.read import as_box
 from eaves.formats import InputError
-from eaves.formats.disk import DiskFullError
+from eaves.formats.atomic import DiskFullError
 from eaves.model import Block, Bounds, Footprint
 from eaves.model.summary import Summary
 from eaves.run.index import Index

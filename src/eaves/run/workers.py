@@ -18,7 +18,7 @@ from multiprocessing.connection import wait as wait_for_end
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from eaves.formats.disk import is_full
+from eaves.formats.atomic import is_full
 from eaves.run.memory import REMEDY, limit_memory, share_memory
 
 log = logging.getLogger("eaves")

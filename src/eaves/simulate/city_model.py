@@ -15,7 +15,7 @@ from shapely import Polygon
 
 from eaves.formats.cityjson_read import CityObject, has_corners, read_cityjson
 from eaves.formats.errors import InputError
-from eaves.geometry.polygons import as_polygon
+from eaves.geometry.rings import as_polygon
 from eaves.model import Bounds, Face, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.model.coordinates import LOCAL_METRES

@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.polygons import as_polygon
+from eaves.geometry.rings import as_polygon
 from eaves.model import Labels, Solid
 from eaves.model.building import GROUND_SURFACE, WALL_SURFACE
 from eaves.model.cloud import BUILDING

@@ -16,14 +16,15 @@ from eaves.validate.codes import make_finding
 from eaves.validate.polygons import (
     as_polygons,
     faces_with_points_alike,
+    faces_with_repeated_points,
     faces_with_rings_alike,
+    faces_with_short_rings,
     fit_planes,
     on_planes,
     ring_areas,
     shadow_axes,
     why_invalid,
 )
-from eaves.validate.rings import faces_with_repeated_points, faces_with_short_rings
 from eaves.validate.shells import check_shells
 from eaves.validate.solids import composite_defects, solid_defects, solids_overlap
 from eaves.validate.triangles import Triangles, normal_deviations, tangled_faces, triangulate

@@ -189,33 +189,33 @@ def measured_terms(evidence: Evidence, segments: Segments, max_residual: float, 
     enclosed = enclosure(roofs, round(ENCLOSED_M / evidence.cells.side))
     of_surfaces = surface_shape(segments, company, enclosed, max_residual)
     of_cells = cell_shape(evidence, company, enclosed, max_residual)
-    inner_several = least_around(evidence.several, seen)
-    inner_through = least_around(evidence.through, seen)
+    inner_multi_return_share = least_around(evidence.multi_return_share, seen)
+    inner_penetration_share = least_around(evidence.penetration, seen)
     echoes = penetration = inner_echoes = inner_penetration = NOTHING
     for rounds_left in range(ROUNDS, -1, -1):
         surface = with_echoes(
-            of_surfaces, segments.several, segments.through, inner_echoes, inner_penetration
+            of_surfaces, segments.multi_return_share, segments.penetration, inner_echoes, inner_penetration
         )
-        cell = with_echoes(of_cells, evidence.several, evidence.through, echoes, penetration)
+        cell = with_echoes(of_cells, evidence.multi_return_share, evidence.penetration, echoes, penetration)
         if rounds_left:
-            of_surface = np.r_[0.0, judge_segments(segments, surface, weights)][segments.label]
-            odds = np.where(large, of_surface, judge_cells(cell, weights))[seen]
+            of_surface = np.r_[0.0, segment_odds(segments, surface, weights)][segments.label]
+            odds = np.where(large, of_surface, cell_odds(cell, weights))[seen]
             likely = 1.0 / (1.0 + np.exp(-odds))
-            echoes = separate(evidence.several[seen], likely)
-            penetration = separate(evidence.through[seen], likely)
-            inner_echoes = separate(inner_several[seen], likely)
-            inner_penetration = separate(inner_through[seen], likely)
+            echoes = separate(evidence.multi_return_share[seen], likely)
+            penetration = separate(evidence.penetration[seen], likely)
+            inner_echoes = separate(inner_multi_return_share[seen], likely)
+            inner_penetration = separate(inner_penetration_share[seen], likely)
     return Terms(surface, cell, large, echoes, penetration)
 
 
-def judge_segments(segments: Segments, terms: Values, weights: Weights) -> Values:
+def segment_odds(segments: Segments, terms: Values, weights: Weights) -> Values:
     """Log odds (K,) that each surface is a roof, of its terms (K, T)."""
     odds = terms @ np.array(weights.surface)
     low = segments.tall <= TALL_SHARE
     return np.asarray(np.where(low, np.minimum(odds, LOW_SURFACE), odds), np.float64)
 
 
-def judge_cells(terms: Values, weights: Weights) -> Values:
+def cell_odds(terms: Values, weights: Weights) -> Values:
     """Log odds (H, W) of cells in no surface, of their terms (H, W, T)."""
     return np.asarray(terms @ np.array(weights.cell), np.float64)
 

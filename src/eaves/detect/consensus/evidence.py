@@ -30,9 +30,9 @@ class Evidence:
     north: Values
     level: Values
     """The best window's plane: slopes and its height at the middle of the cell."""
-    several: Values
+    multi_return_share: Values
     """Share of the window's candidate points whose pulse had several returns; 0 without returns."""
-    through: Values
+    penetration: Values
     """Share of all points in the window that lie on or near the ground."""
     height: Values
     """Mean height (m) of the cell's candidate points over the terrain."""
@@ -58,13 +58,13 @@ def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float) -> 
     top = cells.extreme(np.where(candidate, xyz[:, 2], -np.inf))
 
     around = window_sum(count.astype(np.float64))
-    several = np.zeros(shape)
+    multi_return_share = np.zeros(shape)
     if scene.cloud.has_returns and scene.cloud.number_of_returns is not None:
         many = chosen[scene.cloud.number_of_returns[chosen] > 1]
-        several = window_sum(
+        multi_return_share = window_sum(
             np.bincount(cells.cell[many], minlength=cells.size).reshape(shape).astype(np.float64)
         )
-        several = several / np.maximum(around, 1)
+        multi_return_share = multi_return_share / np.maximum(around, 1)
     floor = cells.extreme(np.where(~candidate & ~scene.cloud.noise, xyz[:, 2], -np.inf))
     low = np.flatnonzero(~candidate & ~scene.cloud.noise)
     under = window_sum(np.bincount(cells.cell[low], minlength=cells.size).reshape(shape).astype(np.float64))
@@ -78,8 +78,8 @@ def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float) -> 
         east=slope_east,
         north=slope_north,
         level=level,
-        several=several,
-        through=under / np.maximum(under + around, 1),
+        multi_return_share=multi_return_share,
+        penetration=under / np.maximum(under + around, 1),
         height=height / np.maximum(count, 1),
     )
 

@@ -12,11 +12,11 @@ from eaves.detect.consensus.borders import cut_cells
 from eaves.detect.consensus.classifier import (
     FITTED,
     Weights,
-    judge_cells,
-    judge_segments,
+    cell_odds,
     measured_terms,
     read_weights,
     score_regions,
+    segment_odds,
 )
 from eaves.detect.consensus.doubts import HALF_ATTACHED, region_doubts, void_doubts
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
@@ -192,8 +192,8 @@ class Consensus(Detector):
         """The building cells, those of roof surfaces, those of roofs without points, the log odds of every
         cell; (H, W) each."""
         terms = measured_terms(evidence, segments, tolerance, weights)
-        emitted = np.r_[0.0, judge_segments(segments, terms.surface, weights)][segments.label]
-        odds = np.where(terms.large, emitted, judge_cells(terms.cell, weights))
+        emitted = np.r_[0.0, segment_odds(segments, terms.surface, weights)][segments.label]
+        odds = np.where(terms.large, emitted, cell_odds(terms.cell, weights))
         emit("odds", odds)
         void, rims = find_roof_voids(evidence)
         odds, roof = raise_rims(odds, rims, RIM_ODDS), (emitted > 0.0) | void

@@ -25,8 +25,8 @@ class Segments:
     """Side (m) of about the largest square that fits inside."""
     residual: Values
     """Mean RMSE (m) of its cells' planes."""
-    several: Values
-    through: Values
+    multi_return_share: Values
+    penetration: Values
     """Means of the cells' evidence."""
     height: Values
     """Mean height over the terrain (m)."""
@@ -69,8 +69,8 @@ def find_segments(evidence: Evidence, smooth: Mask, max_gap: float, tall_height:
         area=size * (side * side),
         width=inner_width(label, count) * side,
         residual=mean(evidence.residual),
-        several=mean(least_around(evidence.several, evidence.candidate)),
-        through=mean(least_around(evidence.through, evidence.candidate)),
+        multi_return_share=mean(least_around(evidence.multi_return_share, evidence.candidate)),
+        penetration=mean(least_around(evidence.penetration, evidence.candidate)),
         height=mean(evidence.height),
         tall=mean(np.where(evidence.height >= tall_height, 1.0, 0.0)),
     )

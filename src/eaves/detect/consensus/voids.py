@@ -45,7 +45,7 @@ def find_roof_voids(evidence: Evidence) -> tuple[Mask, Mask]:
         if raised.sum() < RIM_SHARE * rim.sum():
             continue
         low, high = np.percentile(evidence.height[window][raised], (10, 90))
-        if high - low <= RIM_SPREAD_M and evidence.several[window][raised].mean() <= RIM_SEVERAL:
+        if high - low <= RIM_SPREAD_M and evidence.multi_return_share[window][raised].mean() <= RIM_SEVERAL:
             void[window] |= hole
             rims[window] |= raised
     return void, rims

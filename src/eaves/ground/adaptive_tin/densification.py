@@ -80,29 +80,31 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
     return rounds
 
 
-def insert_misfits(tin: Tin, xyz: Points, numbers: NDArray[np.int64], misfit: Values, noise: float) -> None:
+def insert_residuals(
+    tin: Tin, xyz: Points, numbers: NDArray[np.int64], residual: Values, noise: float
+) -> None:
     """Insert the points (K,) that are farther than `noise` (m) from the TIN, until none is.
 
-    `misfit` (K,) holds their distances from it now. The others would tell it nothing new.
+    `residual` (K,) holds their distances from it now. The others would tell it nothing new.
     """
     hint = np.full(len(numbers), -1, np.int32)
     judged = np.full((len(numbers), 3), OUTSIDE, np.int32)
-    while (far := misfit > noise).any():
+    while (far := residual > noise).any():
         tin.insert(numbers[far])
         left = np.flatnonzero(~far)
-        numbers, misfit = numbers.take(left), misfit.take(left)
+        numbers, residual = numbers.take(left), residual.take(left)
         hint, judged = hint.take(left), judged.take(left, axis=0)
-        misfit_kernel(xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, misfit)
+        residual_kernel(xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, residual)
 
 
-def misfits(tin: Tin, xyz: Points, numbers: NDArray[np.int64]) -> Values:
+def residuals(tin: Tin, xyz: Points, numbers: NDArray[np.int64]) -> Values:
     """Distances (K,) of the points with these numbers from the facets of the TIN, m; 0 without facets."""
-    misfit = np.zeros(len(numbers))
+    residual = np.zeros(len(numbers))
     if len(tin.vertices):
         hint = np.full(len(numbers), -1, np.int32)
         judged = np.full((len(numbers), 3), OUTSIDE, np.int32)
-        misfit_kernel(xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, misfit)
-    return misfit
+        residual_kernel(xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, residual)
+    return residual
 
 
 def near_surface(tin: Tin, xyz: Points, level: float, slant: float, slope_cap: float) -> Mask:
@@ -237,7 +239,7 @@ def fits_kernel(
 
 
 @njit(cache=True)
-def misfit_kernel(
+def residual_kernel(
     xyz: Points,
     numbers: NDArray[np.int64],
     whole: NDArray[np.int64],
@@ -245,9 +247,9 @@ def misfit_kernel(
     neighbours: Ids,
     hint: Ids,
     judged: Ids,
-    misfit: Values,
+    residual: Values,
 ) -> None:
-    """Distance of each of the points (K,) from its facet, into `misfit`.
+    """Distance of each of the points (K,) from its facet, into `residual`.
 
     Those whose facet has not changed, which `hint` and `judged` tell as in `fits_kernel`, keep theirs.
     """
@@ -263,7 +265,7 @@ def misfit_kernel(
         for k in range(3):
             judged[i, k] = vertices[last, k]
         height, slope, _ = facet_at(xyz, vertices, neighbours, last, xyz[p, 0], xyz[p, 1])
-        misfit[i] = abs(xyz[p, 2] - height) / np.sqrt(1.0 + slope * slope)
+        residual[i] = abs(xyz[p, 2] - height) / np.sqrt(1.0 + slope * slope)
 
 
 @njit(cache=True)

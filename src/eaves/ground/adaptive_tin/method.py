@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.tin import Tin
-from eaves.ground.adaptive_tin.densification import Limits, densify, insert_misfits, misfits, near_surface
+from eaves.ground.adaptive_tin.densification import Limits, densify, insert_residuals, near_surface, residuals
 from eaves.ground.adaptive_tin.rim import rim_points
 from eaves.ground.stage import GroundMethod
 from eaves.ground.toolkit.floor import Floor
@@ -225,10 +225,10 @@ class AdaptiveTin(GroundMethod):
         around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds)
         xyz = np.concatenate([xyz, around])
         tin = Tin(xyz, np.concatenate([first, np.arange(len(cloud), len(xyz))]))
-        misfit = misfits(tin, xyz, rest)
-        level = self.tolerance(float(np.median(misfit)) if len(rest) else 0.0)
+        residual = residuals(tin, xyz, rest)
+        level = self.tolerance(float(np.median(residual)) if len(rest) else 0.0)
         noise = max(self.noise, self.noise_share * level)
-        insert_misfits(tin, xyz, rest, misfit, noise)
+        insert_residuals(tin, xyz, rest, residual, noise)
         waiting[rest] = False
         candidates = lowest_of_cells(cloud.xyz, max(self.fine_cell, 0.5 * spacing), bounds)
         densify(tin, xyz, candidates[waiting[candidates]], self.limits(spacing, cell, noise), self.rounds)

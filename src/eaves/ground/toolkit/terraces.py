@@ -10,9 +10,9 @@ from eaves.model import Labels, Mask, Raster
 from eaves.raster.nearest import ADJOINING, near_cells
 
 STEP_M = 0.3
-"""A larger misfit between two cells of 1 m parts them; it grows with the root of the cell."""
+"""A larger residual between two cells of 1 m parts them; it grows with the root of the cell."""
 STEEP_SHARE = 0.2
-"""Share of the height difference that counts as misfit even where the slope goes on: walls go on too."""
+"""Share of the height difference that counts as residual even where the slope goes on: walls go on too."""
 WIDE_M2, LEAST_AREA_M2 = 200.0, 80.0
 """Under 200 m² twice the share of the rim must be level; under 80 m² it is too short to judge."""
 ROOF_M, HIGH_SHARE = 2.0, 0.1
@@ -37,14 +37,14 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask,
     z = surface.values.astype(np.float64)
     cell = surface.cell
     step = STEP_M * np.sqrt(max(1.0, cell))
-    misfit = misfit_kernel(z)
+    residual = residual_kernel(z)
     left = objects.copy()
     for _ in range(ROUNDS):
-        piece, count = pieces_kernel(left, misfit, step)
+        piece, count = pieces_kernel(left, residual, step)
         # cells without a point of their own kind beside them were interpolated, and say nothing of steps
         near = [near_cells(occupied & kind, ADJOINING) for kind in (left, ~left)]
         known = np.where(left, *near)
-        level, down, high = rim_kernel(left, piece, count, misfit, z, step, known)
+        level, down, high = rim_kernel(left, piece, count, residual, z, step, known)
         area = np.bincount(piece[known], minlength=count + 1) * cell * cell
         terrain = level > np.where(area >= WIDE_M2, 1.0, 2.0) * share * (level + down)
         deep = np.bincount(piece[~near_cells(~left, LOW_CELLS**2 - 1)], minlength=count + 1) > 0
@@ -60,14 +60,14 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask,
 
 
 @njit(cache=True)
-def misfit_kernel(z: NDArray[np.float64]) -> NDArray[np.float64]:
+def residual_kernel(z: NDArray[np.float64]) -> NDArray[np.float64]:
     """How badly each cell goes on into its neighbour east (0) and south (1), (2, H, W), m.
 
     The height difference, or its deviation from the difference just before or just after, whichever is least:
     a steep but even slope goes on, a wall between two levels does not.
     """
     rows, columns = z.shape
-    misfit = np.full((2, rows, columns), np.inf)
+    residual = np.full((2, rows, columns), np.inf)
     for row in range(rows):
         for column in range(columns):
             for k in range(2):
@@ -81,13 +81,13 @@ def misfit_kernel(z: NDArray[np.float64]) -> NDArray[np.float64]:
                 if r + k < rows and c + 1 - k < columns:
                     after = z[r + k, c + 1 - k] - z[r, c]
                 bend = min(abs(here - before), abs(here - after)) + STEEP_SHARE * abs(here)
-                misfit[k, row, column] = min(abs(here), bend)
-    return misfit
+                residual[k, row, column] = min(abs(here), bend)
+    return residual
 
 
 @njit(cache=True)
-def pieces_kernel(objects: Mask, misfit: NDArray[np.float64], step: float) -> tuple[Labels, int]:
-    """Labels (H, W) of object cells joined by misfits under `step`, 0 elsewhere, and how many there are."""
+def pieces_kernel(objects: Mask, residual: NDArray[np.float64], step: float) -> tuple[Labels, int]:
+    """Labels (H, W) of object cells joined by residuals under `step`, 0 elsewhere, and how many there are."""
     rows, columns = objects.shape
     piece = np.zeros((rows, columns), np.int32)
     stack = np.empty(rows * columns, np.int64)
@@ -106,7 +106,7 @@ def pieces_kernel(objects: Mask, misfit: NDArray[np.float64], step: float) -> tu
                 c = column + (1 if side == 0 else (-1 if side == 2 else 0))
                 if r < 0 or c < 0 or r >= rows or c >= columns or piece[r, c] != 0 or not objects[r, c]:
                     continue
-                if misfit[side % 2, min(row, r), min(column, c)] < step:
+                if residual[side % 2, min(row, r), min(column, c)] < step:
                     piece[r, c] = count
                     stack[top] = r * columns + c
                     top += 1
@@ -118,7 +118,7 @@ def rim_kernel(
     objects: Mask,
     piece: Labels,
     count: int,
-    misfit: NDArray[np.float64],
+    residual: NDArray[np.float64],
     z: NDArray[np.float64],
     step: float,
     known: Mask,
@@ -136,7 +136,7 @@ def rim_kernel(
                     continue
                 if not known[r, c] or not known[row, column]:
                     continue
-                if misfit[k, row, column] < step:
+                if residual[k, row, column] < step:
                     if objects[row, column] != objects[r, c]:
                         level[piece[row, column]] += 1
                         level[piece[r, c]] += 1

@@ -46,7 +46,7 @@ OVER, REACHED = 1, 2
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Raised surfaces in a rectangle of cells (H, W) of a side `cell` (m), numbered as in `Floor`.
+    """Extrusion surfaces in a rectangle of cells (H, W) of a side `cell` (m), numbered as in `Floor`.
 
     `ceiling`: the height from which on points are none of the terrain's, NaN where there is nothing raised;
     `terrain`: the height of the terrain well inside a raised surface, NaN elsewhere; `reached`: the height of

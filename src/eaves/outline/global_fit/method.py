@@ -10,8 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.polygons import as_polygon
-from eaves.geometry.rings import signed_area
+from eaves.geometry.rings import as_polygon, signed_area
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
 from eaves.outline.global_fit.low_parts import low_parts
@@ -53,7 +52,7 @@ class GlobalFit(OutlineMethod):
     -------
     The cost of a polyline with K edges, F of them free, along M boundary points is
 
-        Σ_points d² / 2σ² + price · log M · K + angle_price · F,    σ² = (scatter · spacing)² + blur²
+        Σ_points d² / 2σ² + price · log M · K + angle_cost · F,    σ² = (scatter · spacing)² + blur²
 
     and an edge stands before the k-th point of its strip by the mean distance from a random place to the
     k-th point after it, for k = 1 with gaps g between the points' depths Σ g² / 2 Σ g: 1/density for random
@@ -111,7 +110,7 @@ class GlobalFit(OutlineMethod):
         ge=0,
     )
     price: float = parameter(1.5, "price of an edge, in nats per log of the number of boundary points", gt=0)
-    angle_price: float = parameter(3.0, "further price of a direction of its own, in nats", ge=0)
+    angle_cost: float = parameter(3.0, "further price of a direction of its own, in nats", ge=0)
     tolerance: float = parameter(8.0, "largest turn of an edge into a common direction", unit="°", ge=0)
     least: float = parameter(0.2, "least share of the outline along a frame of directions", ge=0, le=1)
     frames: int = parameter(2, "most right-angled frames of directions in one building", ge=0)
@@ -184,11 +183,11 @@ class GlobalFit(OutlineMethod):
         local = np.roll(local, -far, axis=0)
         none = np.zeros(0)
         price = self.price * float(np.log(len(ring)))
-        starts, axis = cheapest_polyline(local, none, sigma, price, self.angle_price)
+        starts, axis = cheapest_polyline(local, none, sigma, price, self.angle_cost)
         free = fit_edges(local, starts, axis, none)
         axes = common_axes(free, sigma, np.radians(self.tolerance), self.least, self.frames)
         again = np.roll(local, -int(starts[len(starts) // 2]), axis=0)
-        starts, axis = cheapest_polyline(again, axes, sigma, price, self.angle_price)
+        starts, axis = cheapest_polyline(again, axes, sigma, price, self.angle_cost)
         edges = fit_edges(again, starts, axis, axes)
         drawing = Drawing(self.detail * spacing, CORNER_REACH * spacing, sigma, price)
         for candidate in (edges, free):

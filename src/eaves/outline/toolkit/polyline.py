@@ -15,13 +15,13 @@ def cheapest_polyline(
     axes: NDArray[np.float64],
     sigma: float,
     price: float,
-    angle_price: float,
+    angle_cost: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """First point of every edge (K,) and its axis (K,) for the cheapest closed polyline along `ring` (M, 2).
 
     The ring starts at a corner. An edge takes a stretch of the ring, both ends included, and costs half the
     sum of squared distances to its line in units of `sigma` (m), plus `price`; a line in a direction of its
-    own costs `angle_price` more than one along one of `axes` (A,) (radians; axis a has the number a). Two
+    own costs `angle_cost` more than one along one of `axes` (A,) (radians; axis a has the number a). Two
     edges that follow each other never share an axis. Exact, by dynamic programming over the end of the last
     edge.
     """
@@ -31,7 +31,7 @@ def cheapest_polyline(
     sums = np.zeros((len(closed) + 1, 5))
     sums[1:] = np.cumsum(np.stack([x, y, x * x, x * y, y * y], axis=1), axis=0)
     normals = np.stack([-np.sin(axes), np.cos(axes)], axis=1).reshape(-1, 2)
-    starts, axis = polyline_kernel(sums, normals, 0.5 / sigma**2, price, angle_price)
+    starts, axis = polyline_kernel(sums, normals, 0.5 / sigma**2, price, angle_cost)
     return starts, axis
 
 
@@ -41,7 +41,7 @@ def polyline_kernel(
     normals: NDArray[np.float64],
     scale: float,
     price: float,
-    angle_price: float,
+    angle_cost: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Dynamic programming over prefix sums of moments (M + 2, 5); answers as `cheapest_polyline`."""
     last = len(sums) - 2
@@ -67,7 +67,7 @@ def polyline_kernel(
                 break
             for kind in range(kinds):
                 if kind == free:
-                    cost = least + angle_price
+                    cost = least + angle_cost
                     before = 0
                 else:
                     a, b = normals[kind, 0], normals[kind, 1]
@@ -81,7 +81,7 @@ def polyline_kernel(
             smallest = best[j, 0]
             for kind in range(1, kinds):
                 smallest = min(smallest, best[j, kind])
-            bound = smallest + angle_price + price
+            bound = smallest + angle_cost + price
         first, second = 0, -1
         for kind in range(1, kinds):
             if best[j, kind] < best[j, first]:

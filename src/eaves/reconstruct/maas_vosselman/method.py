@@ -16,7 +16,7 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
 from eaves.reconstruct.maas_vosselman.primitives import cut_plan
 from eaves.reconstruct.moments import Moments
-from eaves.reconstruct.moments.building import House, fit_house
+from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
 from eaves.reconstruct.moments.method import measures
 from eaves.reconstruct.moments.parts import RoofPart, find_parts
 from eaves.reconstruct.moments.solid import house_segments, name_cells, to_world, to_world_plane
@@ -25,10 +25,10 @@ from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.attributes import describe
 from eaves.reconstruct.toolkit.coverage import Coverage, Integers
 from eaves.reconstruct.toolkit.evidence import FEWEST_POINTS, faces_as_planes, points_inside, support_of
+from eaves.reconstruct.toolkit.extrude import extrude_plan
 from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
-from eaves.reconstruct.toolkit.raising import raise_plan
 
 PAST = 0.02
 """How far (m) a crease runs past its primitive, so that rounding leaves no gap."""
@@ -39,7 +39,7 @@ class Primitive:
     """A piece of the ground plan, and its house with dormers where it is a standard one."""
 
     piece: Polygon
-    house: House | None
+    house: ParametricBuilding | None
     parts: list[RoofPart]
 
 
@@ -124,7 +124,7 @@ class MaasVosselman(Reconstructor):
     def shape(self, piece: Polygon, roof: Points) -> Primitive:
         """The house over a piece of the plan among all roof points (N, 3), if it is a standard one."""
         own = roof[points_inside(roof, piece)]
-        house = fit_house(own, piece)
+        house = fit_building(own, piece)
         if isinstance(house, Failure):
             return Primitive(piece, None, [])
         covered = (1.0 - house.empty_share) * house.length * house.width
@@ -170,7 +170,7 @@ class MaasVosselman(Reconstructor):
         chosen, coefficients = label_cells(plan, primitives, roof, labels, faces)
         plan, chosen = plan.merged(chosen)
         limits = (self.faces.smallest, self.faces.narrowest * spacing)
-        fine = raise_plan(plan, chosen, coefficients, ground, *limits)
+        fine = extrude_plan(plan, chosen, coefficients, ground, *limits)
         if not fine.solids:
             return None
         solids = {**coarse_solids(plan, roof, ground, self.faces.level_jump, limits), "2.2": fine.solids}

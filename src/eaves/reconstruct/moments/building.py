@@ -18,7 +18,7 @@ from eaves.reconstruct.moments.edges import (
     settle_axes,
     take_plan,
 )
-from eaves.reconstruct.moments.invariants import ClosedHouse, border_growth, close_house, surface_moments
+from eaves.reconstruct.moments.invariants import ClosedForm, border_growth, closed_form, surface_moments
 from eaves.reconstruct.moments.parametric_roof import (
     ACROSS,
     ALONG,
@@ -60,7 +60,7 @@ PARAMETER_PRICE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class House:
+class ParametricBuilding:
     """A house with a simple roof: what it measures (m, radians), and how sure each number is.
 
     `length` runs along the ridge (the eaves of a shed), `width` across; `x, y` is the rectangle's middle.
@@ -82,7 +82,7 @@ class House:
     deviations: dict[str, float]
     rmse: float
     fit: RoofFit = field(repr=False)
-    closed: ClosedHouse = field(repr=False)
+    closed: ClosedForm = field(repr=False)
     edges: tuple[float, float, float, float] = field(repr=False)
     """Rectangle in the axes of the fit: low and high along, low and high across (m)."""
     inlier: Mask = field(repr=False)
@@ -90,7 +90,9 @@ class House:
     """Share of the rectangle that the points, with their border, do not cover."""
 
 
-def fit_house(points: Points, plan: Polygon | None = None, standing: Points | None = None) -> House | Failure:
+def fit_building(
+    points: Points, plan: Polygon | None = None, standing: Points | None = None
+) -> ParametricBuilding | Failure:
     """The parametric house under roof points (N, 3), or a Failure when there are too few.
 
     With a ground plan, place, orientation, length and width are those of its least rectangle. Points
@@ -104,7 +106,7 @@ def fit_house(points: Points, plan: Polygon | None = None, standing: Points | No
         return Failure("no_area", "the roof points lie on one line", "reconstruct")
     growth = border_growth(len(points))
     level = float(np.tan(np.radians(FLAT_SLOPE_DEG)) * np.sqrt(12.0 * moments.area) / 4.0)
-    closed = close_house(moments, level, growth)
+    closed = closed_form(moments, level, growth)
     best = choose_fit(points, closed)
     inlier = np.abs(best.residuals) <= CUT * best.scale
     if best.form == HIP and max(end_falls(best, *measure_edges(best, points[inlier])[:4])) < HIP_FALL:
@@ -121,7 +123,7 @@ def fit_house(points: Points, plan: Polygon | None = None, standing: Points | No
         above = above if standing is None else np.vstack([above, standing])
         frame = measure_edges(best, np.vstack([points[rim], hiding(best, above, points[rim])]))
     covered = covered_area(points, triangles) * growth**2
-    return describe_house(best, closed, frame, inlier, covered)
+    return describe_building(best, closed, frame, inlier, covered)
 
 
 def hiding(fit: RoofFit, above: Points, rim: Points) -> Points:
@@ -135,7 +137,7 @@ def hiding(fit: RoofFit, above: Points, rim: Points) -> Points:
     return above[inside]
 
 
-def choose_fit(points: Points, closed: ClosedHouse) -> RoofFit:
+def choose_fit(points: Points, closed: ClosedForm) -> RoofFit:
     """The fit of the form that explains the points best for its number of parameters."""
     centre = np.array([closed.x, closed.y])
     some = points[:: max(1, len(points) // CHOICE_POINTS)]
@@ -176,7 +178,7 @@ def is_roof(fit: RoofFit) -> bool:
     return bool(min(falls) > np.tan(np.radians(FLAT_SLOPE_DEG)))
 
 
-def start_of(form: int, closed: ClosedHouse) -> NDArray[np.float64]:
+def start_of(form: int, closed: ClosedForm) -> NDArray[np.float64]:
     """The closed solution as parameters (8,) of a form."""
     start = np.zeros(8)
     start[ANGLE] = closed.orientation
@@ -192,7 +194,7 @@ def start_of(form: int, closed: ClosedHouse) -> NDArray[np.float64]:
     return start
 
 
-def half_hip_start(closed: ClosedHouse) -> NDArray[np.float64]:
+def half_hip_start(closed: ClosedForm) -> NDArray[np.float64]:
     """Parameters (8,) of a roof whose ends begin half-way up."""
     start = start_of(HIP, closed)
     start[END_SLOPE] *= 1.3
@@ -200,7 +202,7 @@ def half_hip_start(closed: ClosedHouse) -> NDArray[np.float64]:
     return start
 
 
-def across_start(closed: ClosedHouse) -> NDArray[np.float64]:
+def across_start(closed: ClosedForm) -> NDArray[np.float64]:
     """Parameters (8,) of a gable whose ridge runs the other way than the closed solution's."""
     start = start_of(GABLE, closed)
     start[ANGLE] += np.pi / 2.0
@@ -209,13 +211,13 @@ def across_start(closed: ClosedHouse) -> NDArray[np.float64]:
     return start
 
 
-def describe_house(
+def describe_building(
     fit: RoofFit,
-    closed: ClosedHouse,
+    closed: ClosedForm,
     frame: tuple[float, float, float, float, float, float],
     inlier: Mask,
     covered: float,
-) -> House:
+) -> ParametricBuilding:
     """The house of a fit and its edges."""
     west, east, south, north, end_deviation, side_deviation = frame
     p = fit.parameters
@@ -246,7 +248,7 @@ def describe_house(
         "slope": float(np.sqrt(slope_variance) / (1.0 + tangent**2)),
     }
     inside = fit.residuals[inlier]
-    return House(
+    return ParametricBuilding(
         roof,
         float(x),
         float(y),
@@ -267,7 +269,7 @@ def describe_house(
     )
 
 
-def squared_up(house: House) -> RoofFit:
+def squared_up(house: ParametricBuilding) -> RoofFit:
     """The fit with a full hip's ridge in the middle and level eaves, so that its hips end in the corners."""
     if house.roof not in ("hip", "pyramid"):
         return house.fit

@@ -113,7 +113,7 @@ def surface_moments(xyz: Points, triangles: NDArray[np.int32]) -> SurfaceMoments
 
 
 @dataclass(frozen=True)
-class ClosedHouse:
+class ClosedForm:
     """A house straight from moments: roof type, place, ridge orientation (radians), sizes and heights (m).
 
     `length` runs along the ridge, `width` across. `rise` is Δ, ridge above eaves; for a shed its sign is
@@ -145,7 +145,7 @@ class ClosedHouse:
         return float(np.arctan2(abs(self.rise), run))
 
 
-def close_house(moments: SurfaceMoments, level: float, growth: float = 1.0) -> ClosedHouse:
+def closed_form(moments: SurfaceMoments, level: float, growth: float = 1.0) -> ClosedForm:
     """The closed solution for a flat, shed, gable, hip or pyramid roof; rises under `level` (m) are flat.
 
     `growth` is the ratio of the house's length and width to those of the area of its points: rises grow
@@ -177,7 +177,7 @@ def close_house(moments: SurfaceMoments, level: float, growth: float = 1.0) -> C
         eaves -= 0.5 * (growth - 1.0) * abs(rise)
     else:
         eaves = top - growth * abs(rise)
-    return ClosedHouse(
+    return ClosedForm(
         roof,
         moments.x,
         moments.y,

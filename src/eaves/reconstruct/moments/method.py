@@ -12,7 +12,7 @@ from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, Solid
 from eaves.model.cloud import canonical_order
-from eaves.reconstruct.moments.building import House, fit_house
+from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
 from eaves.reconstruct.moments.parametric_roof import CUT
 from eaves.reconstruct.moments.parts import LEAST_STEP, RoofPart, explained, find_parts
 from eaves.reconstruct.moments.solid import rectangle_of, solids_of
@@ -105,7 +105,7 @@ class Moments(Reconstructor):
         finite = points[np.isfinite(points).all(axis=1)]
         roof = finite[roof_point_mask(finite)]
         roof = roof[canonical_order(roof)]
-        house = fit_house(roof, footprint.polygon if self.ground_plan else None)
+        house = fit_building(roof, footprint.polygon if self.ground_plan else None)
         if isinstance(house, Failure):
             return replace(house, footprint=footprint)
         emit("closed solution", house.closed)
@@ -121,7 +121,7 @@ class Moments(Reconstructor):
                 return self.present(house, parts[:count], found, points, roof, footprint, ground)
         return Failure("not_sound", "the roof does not make a sound solid", "reconstruct", footprint)
 
-    def doubt(self, house: House, parts: list[RoofPart], roof: Points) -> str:
+    def doubt(self, house: ParametricBuilding, parts: list[RoofPart], roof: Points) -> str:
         """Why the points are not those of a house with this roof; empty when they are."""
         allowed = max(self.empty_share, EMPTY_MEAN + 3.0 * EMPTY_SPREAD / np.sqrt(len(roof)))
         if abs(house.empty_share) > allowed:
@@ -139,7 +139,7 @@ class Moments(Reconstructor):
 
     def present(
         self,
-        house: House,
+        house: ParametricBuilding,
         parts: list[RoofPart],
         found: tuple[list[Solid], NDArray[np.float64]],
         points: Points,
@@ -167,7 +167,7 @@ def members_on(points: Points, coefficients: tuple[float, float, float], reach: 
     return RoofPlane(coefficients, own, rmse)
 
 
-def measures(house: House, parts: list[RoofPart]) -> dict[str, Any]:
+def measures(house: ParametricBuilding, parts: list[RoofPart]) -> dict[str, Any]:
     """The parameters of a house as attributes (m, degrees), with standard deviations, fitted and closed."""
     deviations, closed = house.deviations, house.closed
     answer: dict[str, Any] = {"house_type": house.roof, "house_parts": len(parts), "house_rmse_m": house.rmse}

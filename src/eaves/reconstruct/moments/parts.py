@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from eaves.model import Mask, Points
-from eaves.reconstruct.moments.building import FEWEST_POINTS, House
+from eaves.reconstruct.moments.building import FEWEST_POINTS, ParametricBuilding
 from eaves.reconstruct.moments.edges import LEAST_NOISE
 from eaves.reconstruct.moments.extents import extent_of
 from eaves.reconstruct.moments.parametric_roof import (
@@ -84,7 +84,7 @@ def lowest(
     return np.asarray((planes[:, :1] * u + planes[:, 1:2] * v + planes[:, 2:]).min(axis=0))
 
 
-def find_parts(house: House, points: Points, min_area: float) -> list[RoofPart]:
+def find_parts(house: ParametricBuilding, points: Points, min_area: float) -> list[RoofPart]:
     """The parts of at least `min_area` (m²) in points (N, 3) that the main roof leaves, largest first."""
     west, east, south, north = house.edges
     u, v = house.fit.axes(points)
@@ -115,7 +115,9 @@ def clusters_of(points: Points, link: float) -> list[NDArray[np.int64]]:
     return np.split(order, np.cumsum(np.bincount(group, minlength=count))[:-1])
 
 
-def shape_part(house: House, points: Points, members: NDArray[np.int64], raised: bool) -> RoofPart | None:
+def shape_part(
+    house: ParametricBuilding, points: Points, members: NDArray[np.int64], raised: bool
+) -> RoofPart | None:
     """The rectangle and planes of a part: one plane, or a small gable across the ridge; None for scatter."""
     own = points[members]
     u, v = house.fit.axes(own)
@@ -153,7 +155,7 @@ def shape_part(house: House, points: Points, members: NDArray[np.int64], raised:
 
 
 def reach_main_roof(
-    house: House, planes: NDArray[np.float64], edges: tuple[float, float, float, float]
+    house: ParametricBuilding, planes: NDArray[np.float64], edges: tuple[float, float, float, float]
 ) -> tuple[float, float, float, float]:
     """The edges (m) moved, where the part meets the main roof just behind its last point, to that line."""
     west, east, south, north = edges
@@ -170,7 +172,7 @@ def reach_main_roof(
     return max(west, left), min(east, right), max(moved[0], low), min(moved[1], high)
 
 
-def explained(house: House, parts: list[RoofPart], points: Points, tolerance: float) -> Mask:
+def explained(house: ParametricBuilding, parts: list[RoofPart], points: Points, tolerance: float) -> Mask:
     """The points (N, 3) inside that lie within `tolerance` (m) of the main roof, or belong to a part."""
     slope = np.cos(house.slope)
     known = np.abs(house.fit.residuals) * slope <= tolerance

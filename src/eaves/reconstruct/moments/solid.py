@@ -11,7 +11,7 @@ from shapely import Polygon
 
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Solid
-from eaves.reconstruct.moments.building import House, squared_up
+from eaves.reconstruct.moments.building import ParametricBuilding, squared_up
 from eaves.reconstruct.moments.parts import RoofPart, lowest, main_planes
 from eaves.reconstruct.toolkit.extrude import extrude
 from eaves.reconstruct.toolkit.overlay import arrange
@@ -23,21 +23,21 @@ SHORTEST = 0.01
 Edges = tuple[float, float, float, float]
 
 
-def rectangle_of(house: House) -> Polygon:
+def rectangle_of(house: ParametricBuilding) -> Polygon:
     """The plan of the main roof."""
     west, east, south, north = house.edges
     corners = np.array([[west, south], [east, south], [east, north], [west, north]])
     return Polygon(np.round(to_world(house, corners) / COORDINATE_STEP) * COORDINATE_STEP)
 
 
-def to_world(house: House, places: NDArray[np.float64]) -> NDArray[np.float64]:
+def to_world(house: ParametricBuilding, places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Places (N, 2) in the axes of the house as x, y."""
     cosine, sine = np.cos(house.fit.parameters[0]), np.sin(house.fit.parameters[0])
     return np.asarray(places @ np.array([[cosine, sine], [-sine, cosine]]) + house.fit.centre)
 
 
 def solids_of(
-    house: House, parts: list[RoofPart], base: float
+    house: ParametricBuilding, parts: list[RoofPart], base: float
 ) -> tuple[list[Solid], NDArray[np.float64]] | None:
     """The solids down to `base` (m), and the planes (C, 3) their roof faces number; None when not sound."""
     rectangle = rectangle_of(house)
@@ -58,7 +58,7 @@ def solids_of(
     return solids, world
 
 
-def house_segments(house: House, parts: list[RoofPart]) -> NDArray[np.float64]:
+def house_segments(house: ParametricBuilding, parts: list[RoofPart]) -> NDArray[np.float64]:
     """Ridges, hips and borders of parts (S, 4), in the axes of the house, a little past its rectangle."""
     main = main_planes(squared_up(house))
     segments = creases(main, house.edges)
@@ -141,7 +141,7 @@ def clip_line(
 
 
 def name_cells(
-    house: House, parts: list[RoofPart], inside: NDArray[np.float64]
+    house: ParametricBuilding, parts: list[RoofPart], inside: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """The plane's number (C,) of every cell, by a place inside it (C, 2), and the planes."""
     main = main_planes(squared_up(house))
@@ -162,7 +162,7 @@ def name_cells(
     return label.astype(np.int64), planes
 
 
-def to_world_plane(house: House, plane: NDArray[np.float64]) -> tuple[float, float, float]:
+def to_world_plane(house: ParametricBuilding, plane: NDArray[np.float64]) -> tuple[float, float, float]:
     """The plane z = a·u + b·v + c in the axes of the house as coefficients of x and y."""
     cosine, sine = np.cos(house.fit.parameters[0]), np.sin(house.fit.parameters[0])
     a, b = plane[0] * cosine - plane[1] * sine, plane[0] * sine + plane[1] * cosine

@@ -1,4 +1,4 @@
-"""Labels for the nodes of a graph: the cheapest by data, by borders and by the number of labels used."""
+"""Labels for the nodes of a graph by expansion moves, each a minimal cut."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from eaves.model import Mask, Values
-from eaves.reconstruct.toolkit.minimal_cut import SCALE, minimal_cut_kernel
 
 Integers = NDArray[np.int64]
+
+SCALE = 1e4
+"""Capacities become whole numbers for the flow: 1e-4 of their unit is kept."""
 
 LARGEST = 1e5
 """Costs above this are cut off; a label that costs so much is never taken."""
@@ -25,8 +27,9 @@ SWEEPS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Jumps:
-    """How much of its price a border between two planes costs: all where heights jump, less where they meet.
+class HeightSteps:
+    """The share of its cost that a border between two planes has: all where heights step, less where they
+    meet.
 
     `places` (E, S, 2) lie on each of E borders, `planes` (L, 3: a, b, c) are those of the labels. Where they
     meet a border costs the share `least`, where they are `full` (m) or more apart all of it. This is a
@@ -40,20 +43,20 @@ class Jumps:
 
 
 class Costs(NamedTuple):
-    """What labels cost: `data` (N, L) at each node, `border` (E,) along each of the `edges` (E, 2) when its
-    ends differ, or the share of it that the jump between its planes says, `price` (L,) once for each label in
-    use.
+    """The energy of labels: `data` (N, L) at each node, `smoothness_cost` (E,) along each of the `edges`
+    (E, 2) when its ends differ, or the share of it that the step between its planes gives, `label_cost` (L,)
+    once for each label in use.
 
-    `places`, `planes`, `least`, `full` are those of `Jumps`, without planes when there are none. The rest is
-    drawn from these once, for the moves: `around` (N,) the sum of a node's borders; the edges that have node
-    n first, `beside[0, first[0, n] : first[0, n + 1]]`, and second, the same of row 1, in their order; the
-    nodes that can have label l, `nodes[start[l] : start[l + 1]]`.
+    `places`, `planes`, `least`, `full` are those of `HeightSteps`, without planes when there are none. The
+    rest is computed from these once, for the moves: `around` (N,) the sum of a node's smoothness costs; the
+    edges that have node n first, `beside[0, first[0, n] : first[0, n + 1]]`, and second, the same of row 1,
+    in their order; the nodes that can have label l, `nodes[start[l] : start[l + 1]]`.
     """
 
     data: NDArray[np.float64]
     edges: Integers
-    border: Values
-    price: Values
+    smoothness_cost: Values
+    label_cost: Values
     places: NDArray[np.float64]
     planes: NDArray[np.float64]
     least: float
@@ -66,12 +69,16 @@ class Costs(NamedTuple):
 
 
 def costs_of(
-    data: NDArray[np.float64], edges: Integers, border: Values, price: Values, jumps: Jumps | None = None
+    data: NDArray[np.float64],
+    edges: Integers,
+    smoothness_cost: Values,
+    label_cost: Values,
+    steps: HeightSteps | None = None,
 ) -> Costs:
     """Costs with none above `LARGEST`, and each pair of nodes once if borders of a pair cost the same."""
-    if jumps is None:
-        edges, border = one_edge_per_pair(edges, border)
-        jumps = Jumps(np.zeros((len(edges), 0, 2)), np.zeros((0, 3)), 0.0, 1.0)
+    if steps is None:
+        edges, smoothness_cost = one_edge_per_pair(edges, smoothness_cost)
+        steps = HeightSteps(np.zeros((len(edges), 0, 2)), np.zeros((0, 3)), 0.0, 1.0)
     count = len(data)
     bounded = data if data.max(initial=0.0) <= LARGEST else np.minimum(data, LARGEST)
     edges = np.ascontiguousarray(edges, np.int64)
@@ -83,54 +90,54 @@ def costs_of(
     return Costs(
         np.ascontiguousarray(bounded, np.float64),
         edges,
-        np.asarray(border, np.float64),
-        np.asarray(price, np.float64),
-        np.ascontiguousarray(jumps.places, np.float64),
-        np.ascontiguousarray(jumps.planes, np.float64),
-        float(jumps.least),
-        float(jumps.full),
-        np.asarray(np.bincount(edges.ravel(), np.repeat(border, 2), count), np.float64),
+        np.asarray(smoothness_cost, np.float64),
+        np.asarray(label_cost, np.float64),
+        np.ascontiguousarray(steps.places, np.float64),
+        np.ascontiguousarray(steps.planes, np.float64),
+        float(steps.least),
+        float(steps.full),
+        np.asarray(np.bincount(edges.ravel(), np.repeat(smoothness_cost, 2), count), np.float64),
         np.array(first),
         np.array(order),
-        np.searchsorted(label, np.arange(len(price) + 1)).astype(np.int64),
+        np.searchsorted(label, np.arange(len(label_cost) + 1)).astype(np.int64),
         nodes.astype(np.int64),
     )
 
 
-def label_nodes(
+def alpha_expansion(
     data: NDArray[np.float64],
     edges: Integers,
-    border: Values,
-    price: Values,
-    jumps: Jumps | None = None,
+    smoothness_cost: Values,
+    label_cost: Values,
+    steps: HeightSteps | None = None,
 ) -> Integers:
-    """A label (N,) for each node, of low Σ data + Σ border over edges with two labels + Σ price of labels
-    used.
+    """A label (N,) for each node, of low Σ data + Σ smoothness cost over edges with two labels + Σ label cost
+    of labels used.
 
-    `data` (N, L) is the cost of each label at each node, `edges` (E, 2) join nodes, `border` (E,) is paid
-    when their labels differ, or a share of it that depends on both by `jumps`, `price` (L,) once for each
-    label in use. Expansion moves by minimal cuts [boykov2001], each among the nodes where its label can
-    pay; then labels that cost more than they save are given up.
+    `data` (N, L) is the cost of each label at each node, `edges` (E, 2) join nodes, `smoothness_cost` (E,)
+    counts when their labels differ, or a share of it that depends on both by `steps`, `label_cost` (L,) once
+    for each label in use. Expansion moves by minimal cuts [boykov2001], each among the nodes where its label
+    can pay; then labels that cost more than they save are given up.
     """
     count, labels = data.shape
     current: Integers = np.argmin(np.minimum(data, LARGEST), axis=1).astype(np.int64)
     if labels > 1 and count > 0:
-        lower_kernel(costs_of(data, edges, border, price, jumps), current)
+        lower_kernel(costs_of(data, edges, smoothness_cost, label_cost, steps), current)
     return current
 
 
-def one_edge_per_pair(edges: Integers, border: Values) -> tuple[Integers, Values]:
-    """The pairs of nodes (E, 2) that edges join, each once, and the sum of their prices (E,)."""
+def one_edge_per_pair(edges: Integers, smoothness_cost: Values) -> tuple[Integers, Values]:
+    """The pairs of nodes (E, 2) that edges join, each once, and the sum of their costs (E,)."""
     if len(edges) == 0:
-        return edges, border
+        return edges, smoothness_cost
     pairs, number = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
-    return pairs, np.asarray(np.bincount(number.ravel(), border, len(pairs)), np.float64)
+    return pairs, np.asarray(np.bincount(number.ravel(), smoothness_cost, len(pairs)), np.float64)
 
 
 @njit(cache=True)
 def lower_kernel(costs: Costs, labels: Integers) -> None:
     """Lowers the energy of the labels (N,), which change, by expansions and by giving labels up."""
-    count = len(costs.price)
+    count = len(costs.label_cost)
     limit = np.empty(len(labels))
     for node in range(len(labels)):
         limit[node] = most_kernel(costs, labels, node)
@@ -157,12 +164,12 @@ def lower_kernel(costs: Costs, labels: Integers) -> None:
 
 
 @njit(cache=True)
-def border_kernel(costs: Costs, edge: int, one: int, other: int) -> float:
+def smoothness_kernel(costs: Costs, edge: int, one: int, other: int) -> float:
     """The price of an edge between two labels."""
     if one == other:
         return 0.0
     if len(costs.planes) == 0:
-        return float(costs.border[edge])
+        return float(costs.smoothness_cost[edge])
     a = costs.planes[one, 0] - costs.planes[other, 0]
     b = costs.planes[one, 1] - costs.planes[other, 1]
     c = costs.planes[one, 2] - costs.planes[other, 2]
@@ -171,7 +178,7 @@ def border_kernel(costs: Costs, edge: int, one: int, other: int) -> float:
         apart = abs(costs.places[edge, place, 0] * a + costs.places[edge, place, 1] * b + c)
         jump += min(apart / costs.full, 1.0)
     jump /= costs.places.shape[1]
-    return float(costs.border[edge] * (costs.least + (1.0 - costs.least) * jump))
+    return float(costs.smoothness_cost[edge] * (costs.least + (1.0 - costs.least) * jump))
 
 
 @njit(cache=True)
@@ -207,18 +214,18 @@ def expand_kernel(costs: Costs, labels: Integers, label: int, limit: Values, num
             kept, taken = 0.0, 0.0
             for edge in costs.beside[side, costs.first[side, node] : costs.first[side, node + 1]]:
                 other = costs.edges[edge, 1 - side]
-                own = border_kernel(costs, edge, labels[node], labels[other])
+                own = smoothness_kernel(costs, edge, labels[node], labels[other])
                 if number[other] < 0:
                     kept += own
-                    taken += border_kernel(costs, edge, label, labels[other])
+                    taken += smoothness_kernel(costs, edge, label, labels[other])
                     continue
                 # The cost of a pair is split into node and arc terms after [kolmogorov2004], table 2: it pays
                 # when both keep theirs, when only the second takes the new one, when only the first does.
                 if side == 1:
-                    there[1] += border_kernel(costs, edge, label, labels[node])
+                    there[1] += smoothness_kernel(costs, edge, label, labels[node])
                     continue
-                first = border_kernel(costs, edge, label, labels[other])
-                second = border_kernel(costs, edge, labels[node], label)
+                first = smoothness_kernel(costs, edge, label, labels[other])
+                second = smoothness_kernel(costs, edge, labels[node], label)
                 there[0] += first - own
                 edges[pairs, 0], edges[pairs, 1] = number[node], number[other]
                 # A node on the source's side takes the label; it then pays its arc to the sink.
@@ -255,7 +262,7 @@ def give_up_kernel(costs: Costs, labels: Integers, label: int, uses: Integers, a
                 for edge in costs.beside[side, costs.first[side, node] : costs.first[side, node + 1]]:
                     beside = labels[costs.edges[edge, 1 - side]]
                     if beside != label:
-                        total += border_kernel(costs, edge, choice, beside)
+                        total += smoothness_kernel(costs, edge, choice, beside)
             if total < least:
                 best, least = choice, total
         after[node] = best
@@ -284,8 +291,8 @@ def move_kernel(
             for edge in costs.beside[side, costs.first[side, node] : costs.first[side, node + 1]]:
                 other = costs.edges[edge, 1 - side]
                 if side == 0 or after[other] == labels[other]:
-                    gain += border_kernel(costs, edge, labels[node], labels[other])
-                    gain -= border_kernel(costs, edge, after[node], after[other])
+                    gain += smoothness_kernel(costs, edge, labels[node], labels[other])
+                    gain -= smoothness_kernel(costs, edge, after[node], after[other])
     before = uses.copy()
     for node in changed:
         uses[labels[node]] -= 1
@@ -293,7 +300,7 @@ def move_kernel(
     for node in changed:
         for label in (labels[node], after[node]):
             if before[label] >= 0:
-                gain += costs.price[label] * (min(before[label], 1) - min(uses[label], 1))
+                gain += costs.label_cost[label] * (min(before[label], 1) - min(uses[label], 1))
                 before[label] = -1
     if not gain > LEAST_GAIN:
         for node in changed:
@@ -318,3 +325,95 @@ def open_kernel(costs: Costs, node: int, limit: Values, open_labels: Mask) -> No
     """Opens the labels (L,) that can pay at a node."""
     for label in range(len(open_labels)):
         open_labels[label] |= costs.data[node, label] < limit[node]
+
+
+@njit(cache=True)
+def minimal_cut_kernel(edges: Integers, back: Values, source: Values, sink: Values) -> Mask:
+    """The nodes (N,) on the source's side of the minimal cut that has fewest of them there.
+
+    Capacities: `back` (E,) from the second to the first node of `edges` (E, 2), none the other way; from the
+    source to every node, and from every node to the sink (N,).
+    """
+    count = len(source)
+    first = np.zeros(count + 3, np.int64)
+    first[1 : count + 1] = 2
+    first[count + 1] = first[count + 2] = count
+    for edge in range(len(edges)):
+        first[edges[edge, 0] + 1] += 1
+        first[edges[edge, 1] + 1] += 1
+    for node in range(count + 2):
+        first[node + 1] += first[node]
+    free = first[:-1].copy()
+    head, twin = np.empty(first[-1], np.int64), np.empty(first[-1], np.int64)
+    capacity = np.zeros(first[-1], np.int64)
+    for arc in range(len(edges) + 2 * count):
+        if arc < len(edges):
+            tail, tip, worth = edges[arc, 1], edges[arc, 0], back[arc]
+        elif arc < len(edges) + count:
+            tail, tip, worth = count, arc - len(edges), source[arc - len(edges)]
+        else:
+            tail, tip = arc - len(edges) - count, count + 1
+            worth = sink[tail]
+        there, here = free[tail], free[tip]
+        free[tail] += 1
+        free[tip] += 1
+        head[there], head[here] = tip, tail
+        twin[there], twin[here] = here, there
+        capacity[there] = np.int64(np.rint(worth * SCALE))
+    side: Mask = source_side_kernel(first, head, twin, capacity)
+    return side[:count]
+
+
+@njit(cache=True)
+def source_side_kernel(first: Integers, head: Integers, twin: Integers, capacity: Integers) -> Mask:
+    """Nodes (V,) that the source still reaches when the flow to the sink is largest, after [dinic1970].
+
+    Arcs `first[v]` to `first[v + 1]` leave node v for `head` with `capacity` left, which changes; `twin` is
+    the way back. Source and sink are the last two nodes.
+    """
+    size = len(first) - 1
+    source, sink = size - 2, size - 1
+    level, queue = np.empty(size, np.int64), np.empty(size, np.int64)
+    path, ahead = np.empty(size, np.int64), np.empty(size, np.int64)
+    while True:
+        level[:] = -1
+        level[source], queue[0] = 0, source
+        done, waiting = 0, 1
+        while done < waiting:
+            node = queue[done]
+            done += 1
+            for arc in range(first[node], first[node + 1]):
+                if capacity[arc] > 0 and level[head[arc]] < 0:
+                    level[head[arc]] = level[node] + 1
+                    queue[waiting] = head[arc]
+                    waiting += 1
+        if level[sink] < 0:
+            return level >= 0
+        ahead[:] = first[:-1]
+        node, depth = source, 0
+        while True:
+            if node == sink:
+                push = capacity[path[0]]
+                for step in range(1, depth):
+                    push = min(push, capacity[path[step]])
+                for step in range(depth - 1, -1, -1):
+                    capacity[path[step]] -= push
+                    capacity[twin[path[step]]] += push
+                    if capacity[path[step]] == 0:
+                        depth, node = step, head[twin[path[step]]]
+                continue
+            while ahead[node] < first[node + 1]:
+                arc = ahead[node]
+                if capacity[arc] > 0 and level[head[arc]] == level[node] + 1:
+                    break
+                ahead[node] += 1
+            if ahead[node] < first[node + 1]:
+                path[depth] = ahead[node]
+                node = head[path[depth]]
+                depth += 1
+            elif node == source:
+                break
+            else:
+                depth -= 1
+                node = head[twin[path[depth]]]
+                ahead[node] += 1

@@ -9,13 +9,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from eaves.model import Labels, Points, Values
-from eaves.reconstruct.toolkit.alpha_expansion import LARGEST, Jumps, label_nodes
+from eaves.reconstruct.toolkit.alpha_expansion import LARGEST, HeightSteps, alpha_expansion
 from eaves.reconstruct.toolkit.coverage import OUTSIDE, Coverage, Integers
 from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF
 from eaves.reconstruct.toolkit.percentiles import group_percentiles
 
 RUNAWAY = 1e3
-"""Cost (m²) of a metre beyond the heights a plane's points support: more than any misfit."""
+"""Cost (m²) of a metre beyond the heights a plane's points support: more than any residual."""
 
 RISE = 0.25
 """A roof may rise over the highest of its points by this much (m): the ridge between two points."""
@@ -41,10 +41,10 @@ SUPPORT = (1.0, 99.0)
 
 
 @dataclass(frozen=True)
-class Prices:
+class LabelCosts:
     """What a label costs; the parameters of the method, under the same names."""
 
-    misfit_limit: float
+    residual_limit: float
     gross_limit: float
     border: float
     plane: float
@@ -59,21 +59,21 @@ def label_cells(
     planes: NDArray[np.float64],
     spacing: float,
     ground: float,
-    prices: Prices,
+    costs: LabelCosts,
 ) -> Integers:
     """The plane (C,) of every cell.
 
     `labels` (N,) say which of the `planes` (P, 3: a, b, c) each roof point (N, 3) supports; the last
     plane is the level that stands for no plane at all.
     """
-    data = cell_costs(coverage, roof, labels, planes, spacing, ground, prices)
+    data = cell_costs(coverage, roof, labels, planes, spacing, ground, costs)
     halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
     edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
     start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
     places = np.stack([start + share * (end - start) for share in GAUSS_PLACES], axis=1)
-    jumps = Jumps(places, planes, LEAST_SHARE, FULL_JUMP)
-    border = prices.border * coverage.length[halves]
-    return label_nodes(data, edges, border, np.full(len(planes), prices.plane), jumps)
+    steps = HeightSteps(places, planes, LEAST_SHARE, FULL_JUMP)
+    border = costs.border * coverage.length[halves]
+    return alpha_expansion(data, edges, border, np.full(len(planes), costs.plane), steps)
 
 
 def cell_costs(
@@ -83,7 +83,7 @@ def cell_costs(
     planes: NDArray[np.float64],
     spacing: float,
     ground: float,
-    prices: Prices,
+    costs: LabelCosts,
 ) -> NDArray[np.float64]:
     """The cost (C, P; m²) of every plane for every cell, arguments as for `label_cells`.
 
@@ -104,7 +104,7 @@ def cell_costs(
     box[-1] = -np.inf, -np.inf, np.inf, np.inf
     heights = roof[mine, 2]
     low, high = (group_percentiles(heights, labels[mine], count, percent) for percent in SUPPORT)
-    margin = prices.overshoot + prices.reach_beyond * np.hypot(planes[:, 0], planes[:, 1])
+    margin = costs.overshoot + costs.reach_beyond * np.hypot(planes[:, 0], planes[:, 1])
     floor = np.where(np.isnan(low), -np.inf, low) - margin
     ceiling = np.where(np.isnan(high), np.inf, high) + margin
     ceiling = np.minimum(ceiling, highest_allowed(roof, planes, spacing))
@@ -118,8 +118,8 @@ def cell_costs(
         box,
         np.maximum(floor, ground + LOWEST_ROOF),
         ceiling,
-        prices.misfit_limit,
-        prices.gross_limit,
+        costs.residual_limit,
+        costs.gross_limit,
         spacing**2,
     )
     data[:, -1] += UNKNOWN_PRICE * coverage.area + 1e-6
@@ -134,7 +134,7 @@ def hold_down(
     planes: NDArray[np.float64],
     spacing: float,
     ground: float,
-    prices: Prices,
+    costs: LabelCosts,
 ) -> Integers:
     """The plane (C,) of every cell, `chosen` but for those that rise above what `highest_allowed` allows;
     they get the plane of least cost. Arguments as for `label_cells`.
@@ -147,7 +147,7 @@ def hold_down(
     if len(over) == 0:
         return chosen
     answer = chosen.copy()
-    answer[over] = cell_costs(coverage, roof, labels, planes, spacing, ground, prices)[over].argmin(axis=1)
+    answer[over] = cell_costs(coverage, roof, labels, planes, spacing, ground, costs)[over].argmin(axis=1)
     return answer
 
 
@@ -171,11 +171,11 @@ def cell_costs_kernel(
     box: NDArray[np.float64],
     floor: Values,
     ceiling: Values,
-    misfit_limit: float,
+    residual_limit: float,
     gross_limit: float,
     point_area: float,
 ) -> NDArray[np.float64]:
-    """The misfit (C, P; m²) of every plane's points in every cell, and of heights its own do not support.
+    """The residual (C, P; m²) of every plane's points in every cell, and of heights its own do not support.
 
     Points `first[c]` to `first[c + 1]` of `places` (K, 3) are in cell c, the `corners` (M, 2) likewise from
     `start`. `steepness` (P,) is √(1 + a² + b²), `box` (P, 4) where a plane may be, `floor` and `ceiling`
@@ -197,9 +197,9 @@ def cell_costs_kernel(
                 beyond = max(beyond, floor[plane] - over, over - ceiling[plane])
             cost = 0.0
             for point in range(first[cell], first[cell + 1]):
-                misfit = abs(places[point, 2] - places[point, 0] * a - places[point, 1] * b - c)
-                misfit = max(misfit / steepness[plane] - FREE_MISFIT, 0.0)
-                share = misfit / misfit_limit
-                cost += (min(share * share, 1.0) + min(misfit / gross_limit, 1.0)) * point_area
+                residual = abs(places[point, 2] - places[point, 0] * a - places[point, 1] * b - c)
+                residual = max(residual / steepness[plane] - FREE_MISFIT, 0.0)
+                share = residual / residual_limit
+                cost += (min(share * share, 1.0) + min(residual / gross_limit, 1.0)) * point_area
             data[cell, plane] = cost + RUNAWAY * beyond
     return data

@@ -36,7 +36,7 @@ def fall_angles(planes: NDArray[np.float64]) -> Values:
     return np.array(angles)
 
 
-def jump_lines(
+def step_lines(
     places: NDArray[np.float64], weights: Values, main: Values, falls: Values, spacing: float
 ) -> list[Line]:
     """Lines through the border places (M, 2) where heights jump, best supported first.

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model import Labels, Points, Solid, Values
-from eaves.reconstruct.toolkit.cell_labels import Prices, hold_down, label_cells
+from eaves.reconstruct.toolkit.cell_labels import LabelCosts, hold_down, label_cells
 from eaves.reconstruct.toolkit.coverage import Coverage, Integers
 from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF, PRISM_PERCENTILE
+from eaves.reconstruct.toolkit.extrude import extrude_plan, without_numbers
 from eaves.reconstruct.toolkit.percentiles import group_percentiles
-from eaves.reconstruct.toolkit.raising import raise_plan, without_numbers
 
 MOST_WORK = 50_000_000
 """Heights times cells that are looked at when levels are grouped; of more, evenly chosen heights speak."""
@@ -78,7 +78,7 @@ def coarse_solids(
     answer = {}
     for lod, group in groups.items():
         level, planes = flat_plan(plan, group, cell, heights, ground)
-        raised = raise_plan(level, np.arange(level.count), planes, ground, *limits)
+        raised = extrude_plan(level, np.arange(level.count), planes, ground, *limits)
         if raised.solids:
             answer[lod] = without_numbers(raised.solids)
     return answer
@@ -91,19 +91,19 @@ def simple_solids(
     planes: NDArray[np.float64],
     spacing: float,
     ground: float,
-    prices: Prices,
+    costs: LabelCosts,
     limits: tuple[float, float],
 ) -> tuple[Solid, ...]:
     """The solids at LoD 2.0: the main roof faces, without dormers and other small parts; none if not sound.
 
-    The cells of the finest plan are labelled once more, at higher prices. The smallest face (m²) of
+    The cells of the finest plan are labelled once more, at higher costs. The smallest face (m²) of
     `limits` is at most `SIMPLE_SHARE` of the plan, so that a shed keeps both its slopes.
     """
-    chosen = label_cells(plan, roof, labels, planes, spacing, ground, prices)
+    chosen = label_cells(plan, roof, labels, planes, spacing, ground, costs)
     simple, kept = plan.merged(chosen)
     smallest = min(limits[0], SIMPLE_SHARE * float(plan.area.sum()))
-    known = (roof, labels, planes, spacing, ground, prices)
-    raised = raise_plan(
+    known = (roof, labels, planes, spacing, ground, costs)
+    raised = extrude_plan(
         simple, kept, planes, ground, smallest, limits[1], lambda plan, kept: hold_down(plan, kept, *known)
     )
     return without_numbers(raised.solids)

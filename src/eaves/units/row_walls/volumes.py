@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from shapely import Polygon
 
-from eaves.geometry.polygons import polygon_parts
+from eaves.geometry.rings import polygon_parts
 from eaves.model import Mask, Points
 
 ANNEX_M = 4.2
