@@ -215,3 +215,17 @@ def test_no_id_forges_a_line_or_ends_the_command(tmp_path: Path) -> None:
         for finding in findings:
             told = printable(f"{finding.building} {finding.detail}")
             assert "\n" not in told and "\x1b" not in told and told.encode("utf-8")
+
+
+@pytest.mark.parametrize(("code", "unit_m"), [(28992, 1.0), (2994, 0.3048), (3089, 1200 / 3937)])
+def test_the_limits_are_metres_in_feet_too(tmp_path: Path, code: int, unit_m: float) -> None:
+    """What is valid or not in metres is so in feet."""
+    good = json.loads((FILES / "203_non_planar_polygon_distance_plane_valid.city.json").read_text("utf-8"))
+    bad = json.loads((FILES / "203_non_planar_polygon_distance_plane_invalid.city.json").read_text("utf-8"))
+    for document, codes in ((good, set()), (bad, {203})):
+        document["metadata"] = {"referenceSystem": f"https://www.opengis.net/def/crs/EPSG/0/{code}"}
+        for key in ("scale", "translate"):
+            document["transform"][key] = [number / unit_m for number in document["transform"][key]]
+        path = tmp_path / "scaled.city.json"
+        path.write_text(json.dumps(document), encoding="utf-8")
+        assert {finding.code for finding in validate_file(path)} == codes

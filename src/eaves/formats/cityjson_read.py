@@ -223,7 +223,7 @@ class _Frame:
             finite = False
         if not finite:
             raise InputError.about(path, "has a transform that is not scale and translate", REPAIR)
-        self.system = self._system_of(head, crs)
+        self.system = system_of_head(head, path, crs)
 
     def objects(self, feature: dict[str, Any]) -> Iterator[CityObject]:
         """The city objects of the file's head or of one feature."""
@@ -266,15 +266,23 @@ class _Frame:
                 self.path, f"object '{name}' does not follow the CityJSON specification", REPAIR
             ) from None
 
-    def _system_of(self, head: dict[str, Any], crs: str | None) -> CoordinateSystem:
-        metadata = head.get("metadata")
-        given = metadata if isinstance(metadata, dict) else {}
-        url, wkt = given.get("referenceSystem"), given.get(WKT_MEMBER)
-        if crs is None and not isinstance(url, str) and not isinstance(wkt, str):
-            return LOCAL_METRES
-        code = str(url).rstrip("/").replace("::", ":").replace("/", ":").split(":")[-1]
-        text = crs or wkt or f"EPSG:{code}"
-        return system_of(parse_crs(str(text), self.path), self.path, (np.inf, np.inf))
+
+def system_of_head(head: dict[str, Any], path: Path, crs: str | None = None) -> CoordinateSystem:
+    """The coordinate system that a file's first object states, or `crs`; local metres when there is none.
+
+    Raises
+    ------
+    InputError
+        When it is no system that is known.
+    """
+    metadata = head.get("metadata")
+    given = metadata if isinstance(metadata, dict) else {}
+    url, wkt = given.get("referenceSystem"), given.get(WKT_MEMBER)
+    if crs is None and not isinstance(url, str) and not isinstance(wkt, str):
+        return LOCAL_METRES
+    code = str(url).rstrip("/").replace("::", ":").replace("/", ":").split(":")[-1]
+    text = crs or wkt or f"EPSG:{code}"
+    return system_of(parse_crs(str(text), path), path, (np.inf, np.inf))
 
 
 def has_corners(face: Face) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats import InputError
+from eaves.formats.cityjson_read import system_of_head
 from eaves.model import Finding
 from eaves.validate.boundaries import FINEST_STEP, Integers
 from eaves.validate.codes import make_finding
@@ -32,7 +33,7 @@ FARTHEST = 2.0**52
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The grid coordinates are written on: place = written · scale + translate, in units of `step` metres."""
+    """The grid coordinates are written on: place = written · scale + translate (m), in units of `step` m."""
 
     scale: NDArray[np.float64]
     translate: NDArray[np.float64]
@@ -62,8 +63,9 @@ class Grid:
 def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> list[Finding]:
     """All findings of a CityJSON or CityJSONSeq file, in the order of its buildings; none means valid.
 
-    The coordinates are checked as written (whole numbers and transform). Of CityJSONSeq some features are in
-    memory at a time.
+    The coordinates are checked as written (whole numbers and transform). The limits are metres also where the
+    file's unit is the foot; val3dity's are in the file's unit. Of CityJSONSeq some features are in memory
+    at a time.
 
     Parameters
     ----------
@@ -98,7 +100,7 @@ def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> lis
     try:
         documents = _documents(Path(path), findings)
         head: Any = next(documents, None)
-        grid = _read_head(head, findings)
+        grid = _read_head(head, Path(path), findings)
         if grid is None:
             return findings
         findings += check_head(head)
@@ -118,7 +120,7 @@ def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> lis
         return [*findings, make_finding(901, "", "file", f"it is not JSON: {error}")]
 
 
-def _read_head(head: Any, findings: list[Finding]) -> Grid | None:
+def _read_head(head: Any, path: Path, findings: list[Finding]) -> Grid | None:
     """The grid of a file by its first object, or None with the reason added to the findings."""
     if not isinstance(head, dict) or head.get("type") != "CityJSON":
         reason = 'it does not start with an object of type "CityJSON"'
@@ -129,7 +131,7 @@ def _read_head(head: Any, findings: list[Finding]) -> Grid | None:
         findings.append(make_finding(904, "", "file", reason))
         return None
     try:
-        return _grid(head)
+        return _grid(head, _unit_m(head, path))
     except ValueError as error:
         findings.append(make_finding(901, "", "file", str(error)))
         return None
@@ -160,11 +162,19 @@ def _documents(path: Path, findings: list[Finding]) -> Iterator[Any]:
                 yield decoder.decode(line)
 
 
-def _grid(head: dict[str, Any]) -> Grid:
-    """The grid a document's transform states; metres as they stand when it has none."""
+def _unit_m(head: dict[str, Any], path: Path) -> NDArray[np.float64]:
+    """Metres a unit of x, y and z; 1 where the file states no system that is known."""
+    try:
+        return np.array(system_of_head(head, path).unit_m)
+    except InputError:
+        return np.ones(3)
+
+
+def _grid(head: dict[str, Any], unit_m: NDArray[np.float64]) -> Grid:
+    """The grid a document's transform states; coordinates as they stand when it has none."""
     transform = head.get("transform")
     if transform is None:
-        return PLAIN
+        return Grid(unit_m, np.zeros(3))
     try:
         scale, translate = (np.asarray(transform[key], np.float64) for key in ("scale", "translate"))
     except (KeyError, TypeError, ValueError, OverflowError):
@@ -173,6 +183,7 @@ def _grid(head: dict[str, Any]) -> Grid:
         raise ValueError("scale and translate of its transform are not three finite numbers each")
     if (scale <= 0).any():
         raise ValueError("the scale of its transform is not positive")
+    scale, translate = scale * unit_m, translate * unit_m
     step = max(float(scale.min()), FINEST_STEP)
     whole = np.allclose(scale / step, np.rint(scale / step), rtol=0, atol=1e-9)
     return Grid(scale, translate, step if whole else FINEST_STEP)
