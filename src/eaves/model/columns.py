@@ -23,7 +23,7 @@ COLUMNS: dict[str, Column] = {
     "id": Column("Building", "", "id of the building, the same in every run"),
     "number": Column("Number", "", "what building_id says in the classified points"),
     "score": Column("Detection score", "", "how sure the detection is, 0 to 1"),
-    "area_m2": Column("Area", "m²", "of a footprint or a doubt in plan, of a roof face along its slope"),
+    "area_m2": Column("Area", "m²", "of a footprint in plan, of a roof face along its slope"),
     "lod": Column("Level of detail", "", "the finest level that was reached"),
     "failure_code": Column("Failure", "", "why there is no model, or a coarser one; see docs/errors.md"),
     "failure_reason": Column("Reason", "", "the same in a sentence, with its values"),

@@ -54,12 +54,12 @@ class Recipe:
         The method that divides blocks into buildings; None leaves detected blocks whole.
     use_classes : bool
         Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise.
+    lod : str
+        The finest level of detail to keep: `0` (footprints alone), `1.2`, `1.3`, `2.0` or `2.2`.
     ground_classes : tuple of int
         What the files' classes of the ground are, with `use_classes`.
     vegetation : VegetationRules or None
         How low, medium and high vegetation (3, 4, 5) is told from the rest; None leaves it unclassified.
-    lod : str
-        The finest level of detail to keep: `0` (footprints alone), `1.2`, `1.3`, `2.0` or `2.2`.
 
     Examples
     --------
@@ -164,9 +164,9 @@ def make_recipe(
         raise ValueError(f"unknown stage '{min(unknown)}'; choose one of: {', '.join(DEFAULTS)}")
     if lod not in LODS:
         raise ValueError(f"--lod {lod}: unknown level of detail; choose one of: {', '.join(LODS)}")
-    check_given(use_classes, chosen.get("detect"), building_classes, ground_classes)
+    _check_given(use_classes, chosen.get("detect"), building_classes, ground_classes)
     if use_classes and not is_named(chosen.get("detect")):
-        chosen["detect"] = given_by(building_classes)
+        chosen["detect"] = _given_by(building_classes)
     made: dict[str, Method | None] = {}
     for stage in ("detect", *(stage for stage in DEFAULTS if stage != "detect")):
         choice = chosen.get(stage)
@@ -182,18 +182,18 @@ def make_recipe(
         use_classes=use_classes,
         lod=lod,
         ground_classes=tuple(ground_classes or (GROUND,)),
-        vegetation=VegetationRules() if with_vegetation(classes) else None,
+        vegetation=VegetationRules() if _with_vegetation(classes) else None,
     )
 
 
-def given_by(building_classes: Sequence[int] | None) -> str | Mapping[str, Any]:
+def _given_by(building_classes: Sequence[int] | None) -> str | Mapping[str, Any]:
     """The detector that believes the files."""
     if not building_classes:
         return "given_classes"
     return {"method": "given_classes", "classes": tuple(building_classes)}
 
 
-def check_given(
+def _check_given(
     use_classes: bool,
     detect: MethodChoice,
     building_classes: Sequence[int] | None,
@@ -217,7 +217,7 @@ def check_given(
         raise ValueError(f"class {min(both)} cannot be both ground and building; leave it out of one")
 
 
-def with_vegetation(classes: Sequence[int] | None) -> bool:
+def _with_vegetation(classes: Sequence[int] | None) -> bool:
     """Whether the classes to write, checked, hold those of vegetation."""
     if classes is None or set(classes) == {GROUND, *VEGETATION, BUILDING}:
         return True
