@@ -1,16 +1,27 @@
-"""Doubts of the detector reach the file of the block that they lie in."""
+"""Doubts reach the file of the block that they lie in, and from there all that tells of a run, once each."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
+import laspy
+import numpy as np
 import pytest
 
+from eaves.formats.geopackage import read_polygons
 from eaves.model import Block
+from eaves.model.doubt import Doubt
+from eaves.model.summary import Summary
+from eaves.pipeline import build
+from eaves.report.view import describe_run
+from eaves.run import tiles
 from eaves.run.block import block_pass
 from eaves.run.block_file import BlockFile, save_block
+from eaves.run.doubts import LAYER, describe_doubts, doubt_rows
 from eaves.run.recipe import make_recipe
-from eaves.simulate import nine_roofs_on_a_slope
+from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 
 def test_a_doubt_is_kept_by_the_block_it_lies_in(tmp_path: Path) -> None:
@@ -27,3 +38,72 @@ def test_a_doubt_is_kept_by_the_block_it_lies_in(tmp_path: Path) -> None:
     for read, written in zip(found, result.doubts, strict=True):
         assert read.x == pytest.approx(written.x)
         assert read.reason == written.reason
+
+
+@pytest.fixture(scope="module")
+def cut_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The nine roofs in world coordinates, where the rim of the data runs through three of them."""
+    folder = tmp_path_factory.mktemp("cut")
+    las = laspy.read(write_simulation(nine_roofs_on_a_slope(density=4.0), folder)["points"])
+    las.points = las.points[las.x < las.x.min() + 0.5 * (las.x.max() - las.x.min())]
+    las.write(folder / "cut.laz")
+    return folder / "cut.laz"
+
+
+def layer_of(folder: Path) -> list[tuple[object, ...]]:
+    polygons, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="doubts")
+    return [
+        (row["stage"], row["reason"], row["area_m2"], *np.round(polygon.bounds, 2))
+        for polygon, row in zip(polygons, rows, strict=True)
+    ]
+
+
+def test_doubts_are_told_in_all_files_and_once_also_by_tiles(
+    cut_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = build(cut_file, tmp_path / "whole", block=60.0)
+    told = json.loads((tmp_path / "whole" / "run.json").read_text())["doubts"]
+    found = layer_of(tmp_path / "whole")
+    assert told["count"] == len(found) == sum(told["by_stage"].values()) > 0
+    assert {one["reason"] for one in told["largest"]} == {row[1] for row in found}
+    assert any("rim of the data" in str(row[1]) for row in found)
+    line = f"doubts: {len(found)}, see the layer doubts of footprints.gpkg"
+    assert line in whole.as_text().splitlines()
+    assert line in describe_run(tmp_path / "whole")
+    monkeypatch.setattr(tiles, "TILE_BLOCKS", 1)
+    tiled = build(cut_file, tmp_path / "tiled", block=60.0, per_tile=True)
+    assert layer_of(tmp_path / "tiled") == found
+    assert tiled.run["doubts"] == whole.run["doubts"]
+    assert line in tiled.as_text()
+
+
+def test_a_run_without_doubts_says_nothing_of_them() -> None:
+    assert doubt_rows([], 240.0) == []
+    assert describe_doubts([], 1.0, LAYER)["count"] == 0
+
+
+def test_what_two_blocks_doubt_is_told_once() -> None:
+    large = Doubt(235.0, 100.0, 900.0, "a roof or not: score 0.50", "detect")
+    same = Doubt(245.0, 100.0, 800.0, "a roof or not: score 0.40", "detect")
+    other_kind = replace(same, reason="a building on the rim of the data")
+    beside = replace(same, x=236.0)
+    found = doubt_rows([same, beside, large, other_kind], 240.0)
+    reasons = [row.attributes["reason"] for row in found]
+    assert reasons == [large.reason, beside.reason, other_kind.reason]
+    assert doubt_rows([large, other_kind, beside, same], 240.0)[0].geometry.equals(found[0].geometry)
+
+
+def test_places_are_in_the_unit_of_the_reference_system() -> None:
+    rows = doubt_rows([Doubt(304.8, 609.6, 100.0, "a terrace or a roof", "ground")], 240.0)
+    told = describe_doubts(rows, 0.3048, LAYER)
+    assert (told["largest"][0]["x"], told["largest"][0]["y"]) == (1000.0, 2000.0)
+    assert told["by_stage"] == {"ground": 1}
+    assert rows[0].geometry is not None
+    assert rows[0].geometry.area == pytest.approx(100.0)
+
+
+def test_without_a_file_that_tells_them_the_closing_lines_do(tmp_path: Path) -> None:
+    doubt = Doubt(10.0, 20.0, 700.0, "a plateau", "ground")
+    told = describe_doubts(doubt_rows([doubt], 240.0), 1.0, "")
+    summary = Summary(tmp_path, 1, 0, 0, {}, {}, {}, {}, 1.0, (), run={"doubts": told})
+    assert "doubts: 1, the largest at 10.0, 20.0: a plateau" in summary.as_text()

@@ -23,6 +23,15 @@ Salvage = Annotated[bool, typer.Option("--salvage", help="Of files that are cut 
 BoundsText = Annotated[str | None, typer.Option("--bounds", help="west,south,east,north in the CRS's unit.")]
 Clip = Annotated[Path | None, typer.Option(help="Polygons; points outside are not used.")]
 UseClasses = Annotated[bool, typer.Option("--use-classes", help="Use the file's classes.")]
+BuildingClasses = Annotated[
+    str | None, typer.Option(help="With --use-classes: the file's classes of buildings, 6,67 if not given.")
+]
+GroundClasses = Annotated[
+    str | None, typer.Option(help="With --use-classes: the file's classes of the ground, 2 if not given.")
+]
+Classes = Annotated[
+    str | None, typer.Option(help="Classes to write: 2,3,4,5,6 if not given; 2,6 leaves vegetation at 1.")
+]
 Jobs = Annotated[int, typer.Option(help="Processes; 0: one a core, one for small data.", min=0)]
 Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]
 Memory = Annotated[
@@ -77,6 +86,9 @@ class RunWords:
     bounds: BoundsText = None
     clip: Clip = None
     use_classes: UseClasses = False
+    building_classes: BuildingClasses = None
+    ground_classes: GroundClasses = None
+    classes: Classes = None
     as_published: Published = False
     block: BlockSide = 240.0
     jobs: Jobs = 0

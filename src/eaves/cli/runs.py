@@ -127,6 +127,16 @@ def parse_bounds(text: str | None) -> tuple[float, float, float, float] | None:
     return west, south, east, north
 
 
+def parse_classes(name: str, text: str | None) -> tuple[int, ...] | None:
+    """The whole numbers of an option, by commas."""
+    if text is None:
+        return None
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"--{name} {text}: not whole numbers; write them as in 2,6") from None
+
+
 def run_build(
     inputs: list[str],
     out: Path,
@@ -155,6 +165,9 @@ def run_build(
         published=words.as_published,
         use_classes=words.use_classes,
         lod=lod,
+        building_classes=parse_classes("building-classes", words.building_classes),
+        ground_classes=parse_classes("ground-classes", words.ground_classes),
+        classes=parse_classes("classes", words.classes),
     )
     start_log(words.quiet, words.verbose)
     compiling = not compiled_pieces()

@@ -53,9 +53,10 @@ def write_geopackage(
     roof_planes: Iterable[Row] = (),
     system: CoordinateSystem = LOCAL_METRES,
     review: Iterable[Row] = (),
+    doubts: Iterable[Row] = (),
 ) -> None:
-    """Write the layers `footprints`, `roof_planes` and, where it has rows, `review` of a GeoPackage, geometry
-    in the system's units.
+    """Write the layers `footprints`, `roof_planes` and, where they have rows, `review` and `doubts` of a
+    GeoPackage, geometry in the system's units.
 
     A column's type is that of its values: whole numbers, numbers, truth, text; what is missing or NaN is
     null. The columns have the order in which the rows name them first. Styles for QGIS and the columns'
@@ -72,6 +73,8 @@ def write_geopackage(
         Reference system of the layers.
     review : iterable of Row
         What to look at first; a layer of its own where it has rows.
+    doubts : iterable of Row
+        Where the scan could not decide, and why; likewise.
 
     Raises
     ------
@@ -91,8 +94,9 @@ def write_geopackage(
     with atomic(path) as temporary:
         for layer, rows in (("footprints", footprints), ("roof_planes", roof_planes)):
             _write_layer(temporary, rows, system, "GPKG", layer)
-        for _ in islice(review, 1):
-            _write_layer(temporary, review, system, "GPKG", "review")
+        for layer, rows in (("review", review), ("doubts", doubts)):
+            for _ in islice(rows, 1):
+                _write_layer(temporary, rows, system, "GPKG", layer)
         describe_layers(temporary, system)
 
 

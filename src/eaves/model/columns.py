@@ -79,6 +79,8 @@ COLUMNS: dict[str, Column] = {
     "wall_certainty": Column("Certainty of party walls", "", "of the least certain one, 0 to 1"),
     "trust": Column("Trust", "", "high, medium or low"),
     "review_reason": Column("Why to review", "", "what lowers the trust, in words"),
+    "stage": Column("Step", "", "the step of the computation that could not decide"),
+    "reason": Column("Reason", "", "why the place or the building deserves a look, in words"),
     "inlier_share": Column("Share of points on the face", "", "within 0.2 m"),
     "coverage": Column("Coverage", "", "share of the face's 1 m cells that hold a point"),
     "weak": Column("Weakness", "", "why the face is not supported by its points, in words"),

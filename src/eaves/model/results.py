@@ -26,6 +26,8 @@ class BlockResult:
     part: NDArray[np.uint8]
     not_last: NDArray[np.bool_]
     """Whether the pulse came back once more from below."""
+    vegetation: NDArray[np.uint8]
+    """Class 3, 4 or 5 where a point is vegetation, else 0."""
     height: NDArray[np.float32]
     score: NDArray[np.float64]
     """Of each label, (K,)."""

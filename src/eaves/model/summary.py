@@ -83,4 +83,20 @@ class Summary:
         return "\n".join([*lines, self._ending()])
 
     def _ending(self) -> str:
+        return "\n".join([*self._doubts(), self._last_line()])
+
+    def _doubts(self) -> list[str]:
+        """How many places the scan left undecided, and where they are told; nothing where there are none."""
+        doubts = self.run.get("doubts") or {}
+        if not doubts.get("count"):
+            return []
+        if doubts["see"]:
+            return [f"doubts: {doubts['count']:,}, see {doubts['see']}"]
+        largest = doubts["largest"][0]  # no file tells of them
+        return [
+            f"doubts: {doubts['count']:,}, the largest at {largest['x']:.1f}, {largest['y']:.1f}: "
+            + largest["reason"]
+        ]
+
+    def _last_line(self) -> str:
         return f"{self.elapsed:.1f} s, peak {self.run.get('peak_memory_mb', 0)} MB; results in {self.folder}"

@@ -42,6 +42,10 @@ def build(
         One of the published systems, whole: chen_sun, xiao2014, ren_fcs, roof_attributes or maas_vosselman.
     use_classes : bool
         Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise.
+    building_classes, ground_classes : sequence of int or None
+        What the files' classes of buildings and ground are, with `use_classes`; None is 6 and 67, and 2.
+    classes : sequence of int or None
+        The classes to write: None is `2, 3, 4, 5, 6`; `2, 6` leaves vegetation unclassified.
     as_published : bool
         Methods given by name take the numbers that their papers print.
     lod : str or None

@@ -8,11 +8,13 @@ from eaves.detect import detect_buildings
 from eaves.ground import classify_ground
 from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, Mask, PointCloud, Raster, Regions
+from eaves.model.cloud import GROUND, UNCLASSIFIED
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import scene_of
 from eaves.run.clock import Clock
 from eaves.run.recipe import SEAM, Recipe
+from eaves.run.vegetation import vegetation_classes
 
 
 def block_pass(
@@ -26,6 +28,8 @@ def block_pass(
     """
     clock = Clock()
     cloud = cloud.about(block.origin).in_canonical_order()
+    if recipe.use_classes:
+        cloud = with_ground_classes(cloud, recipe.ground_classes)
     cloud = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide)
     clock.lap("ground")
     core = Bounds(0.0, 0.0, block.side, block.side)
@@ -43,6 +47,9 @@ def block_pass(
     place = cloud.xyz.take(labelled, axis=0)
     seam = labelled[core.buffered(SEAM).contains(place) & ~core.buffered(-SEAM).contains(place)]
     part = regions.part if regions.part is not None else np.zeros(len(cloud), np.uint8)
+    vegetation = np.zeros(len(cloud), np.uint8)
+    if recipe.marks_vegetation and recipe.vegetation is not None:
+        vegetation = vegetation_classes(cloud, regions.label, regions.part, scene.height, recipe.vegetation)
     assert cloud.classification is not None and cloud.point_id is not None
     return BlockResult(
         block=block,
@@ -52,6 +59,7 @@ def block_pass(
         label=regions.label[inside],
         part=part[inside],
         not_last=not_last(cloud)[inside],
+        vegetation=vegetation[inside],
         height=scene.height[inside].astype(np.float32),
         score=regions.score,
         dtm=crop(scene.dtm, core),
@@ -65,6 +73,16 @@ def block_pass(
         ),
         seconds=clock.laps,
     )
+
+
+def with_ground_classes(cloud: PointCloud, numbers: tuple[int, ...]) -> PointCloud:
+    """The cloud whose file means ground by these classes: they become 2, and a 2 that is none of them 1."""
+    given = cloud.classification
+    if given is None or numbers == (GROUND,):
+        return cloud
+    classes = np.where(given == GROUND, np.uint8(UNCLASSIFIED), given)
+    classes[np.isin(given, numbers)] = GROUND
+    return cloud.with_(classification=classes)
 
 
 def holds(bounds: Bounds, doubt: Doubt) -> bool:

@@ -69,6 +69,7 @@ def save_block(path: Path, result: BlockResult) -> None:
         "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
         "point_id": result.point_id,
         "classification": result.classification,
+        "vegetation": result.vegetation,
         "part": result.part,
         "candidate": some.astype(np.int32),
         "quanta": np.round(result.xyz[some] / GRID_STEP).astype(np.int32),

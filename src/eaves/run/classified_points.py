@@ -107,6 +107,8 @@ def gather_labels(store: Store, index: Index, blocks: Sequence[Block], owners: S
     for block in blocks:
         with store.open_block(block) as file:
             point_id, classes, part = file["point_id"], file["classification"], file["part"]
+            vegetation = file["vegetation"]
+            classes[vegetation > 0] = vegetation[vegetation > 0]
             # what was found outside given footprints is a building, too, though it is not modelled
             classes[file["candidate"][file["label"] > 0]] = BUILDING
         classes[opened("building_id")[point_id] > 0] = BUILDING

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rasterio
@@ -15,6 +16,7 @@ from eaves.formats.geopackage import Row, plain_value, write_geopackage
 from eaves.formats.vrt import write_vrt
 from eaves.model import Block, Bounds, CoordinateSystem
 from eaves.raster.surfaces import CELL
+from eaves.run.doubts import LAYER, describe_doubts, doubt_of, doubt_rows
 from eaves.run.manifest import add_to_manifest
 from eaves.run.rasters import write_mask
 from eaves.run.rows import BuildingRow
@@ -55,10 +57,14 @@ class TileRows:
 
 
 def merge_footprints(
-    path: Path, places: Sequence[Path], system: CoordinateSystem, lost: Sequence[BuildingRow] = ()
-) -> None:
+    path: Path,
+    places: Sequence[Path],
+    system: CoordinateSystem,
+    lost: Sequence[BuildingRow] = (),
+    side: float = 240.0,
+) -> dict[str, Any]:
     """Write the footprints and roof planes of all tiles into one GeoPackage, piece by piece, and behind them
-    what no tile holds."""
+    what no tile holds; what run.json says of the doubts. `side` is that of the blocks."""
     unit = system.horizontal_unit_m
     more = [
         Row(
@@ -69,18 +75,27 @@ def merge_footprints(
     ]
     as_it_is = replace(system, horizontal_unit_m=1.0, vertical_unit_m=1.0)  # the tiles' files are converted
     footprints, roof_planes = TileRows(places, "footprints", more), TileRows(places, "roof_planes")
-    write_geopackage(path, footprints, roof_planes, as_it_is, review_of_tiles(places))
+    doubts = doubt_rows([doubt_of(row, unit) for row in TileRows(having(places, "doubts"), "doubts")], side)
+    told = describe_doubts(doubts, unit, LAYER)
+    doubts = [Row(shapely.transform(row.geometry, lambda xy: xy / unit), row.attributes) for row in doubts]
+    write_geopackage(path, footprints, roof_planes, as_it_is, review_of_tiles(places), doubts)
+    return told
 
 
 def review_of_tiles(places: Sequence[Path]) -> list[Row]:
     """The rows of all tiles' layers `review`, ranked anew."""
-    import pyogrio
-
-    there = [place for place in places if "review" in pyogrio.list_layers(place / "footprints.gpkg")[:, 0]]
     rows = sorted(
-        TileRows(there, "review"), key=lambda row: (-row.attributes["badness"], row.attributes["id"])
+        TileRows(having(places, "review"), "review"),
+        key=lambda row: (-row.attributes["badness"], row.attributes["id"]),
     )
     return [Row(row.geometry, {**row.attributes, "rank": rank}) for rank, row in enumerate(rows, 1)]
+
+
+def having(places: Sequence[Path], layer: str) -> list[Path]:
+    """The tiles whose GeoPackage has a layer."""
+    import pyogrio
+
+    return [place for place in places if layer in pyogrio.list_layers(place / "footprints.gpkg")[:, 0]]
 
 
 def merge_masks(footprints: Path, places: Sequence[Path], system: CoordinateSystem, workers: Workers) -> None:

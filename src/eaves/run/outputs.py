@@ -20,6 +20,7 @@ from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.block_file import BlockMetadata
 from eaves.run.classified_points import PointSink, write_points
+from eaves.run.doubts import LAYER, describe_doubts, doubt_rows
 from eaves.run.exports import export_footprints, export_models
 from eaves.run.join import OwnedBuildings
 from eaves.run.manifest import begin_manifest, note_files
@@ -69,6 +70,7 @@ class Results:
     extent: Bounds
     shared: Sequence[float | None]
     """The party walls (m²) of the buildings, where known."""
+    doubts: Sequence[Row] = ()
 
     def answers(self) -> Iterator[BuildingModel | Failure]:
         """All models and failures, owner block by owner block, the models with their party walls."""
@@ -87,7 +89,7 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
     if step == "footprints":
         files, rows = [folder / "footprints.gpkg"], BuildingRows(store, owners, results.shared)
         roofs, review = BuildingRows(store, owners, faces=True), review_rows(store.building_rows(owners))
-        write_geopackage(files[0], rows, roofs, system, review)
+        write_geopackage(files[0], rows, roofs, system, review, results.doubts)
         return files + export_footprints(folder, rows, roofs, system, run.formats), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]
@@ -113,7 +115,9 @@ def write_outputs(
     steps = [name for name in EVERYTHING if name in run.outputs]
     shared = party_walls(store, owners) if {"footprints", "models"} & set(steps) else []
     metadata = read_metadata(store, blocks)
-    results = Results(run, store, [one.block for one in metadata], owners, extent_of(metadata), shared)
+    doubts = doubt_rows((doubt for one in metadata for doubt in one.doubts), run.side)
+    used = [one.block for one in metadata]
+    results = Results(run, store, used, owners, extent_of(metadata), shared, doubts)
     if sink is not None:
         sizes = [int(row.values.get("points") or 0) for row in store.building_rows(owners)]
         sink.start(run.index.points, len(sizes), sum(sizes))
@@ -142,6 +146,9 @@ def write_outputs(
         files.append(write_map(run.folder, files, store.system))
     clear_leftovers(files)
     summary = summarise(region, metadata, owners, files)
+    where = LAYER if "footprints" in steps else "run.json" if run.classified is None else ""
+    told = describe_doubts(doubts, store.system.horizontal_unit_m, where)
+    summary = replace(summary, run={**summary.run, "doubts": told})
     if run.classified is None:
         write_run(summary)
         summary = replace(summary, files=(*summary.files, run.folder / "run.json"))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,12 +12,24 @@ from eaves.detect import Detector
 from eaves.ground import GroundMethod
 from eaves.methods import DEFAULTS, Method, MethodChoice, resolve_method
 from eaves.model.building import LODS
+from eaves.model.cloud import (
+    BUILDING,
+    GROUND,
+    HIGH_VEGETATION,
+    LOW_VEGETATION,
+    MEDIUM_VEGETATION,
+    NOISE_CLASSES,
+)
 from eaves.outline import OutlineMethod
 from eaves.reconstruct import Reconstructor
 from eaves.roof import RoofMethod
 from eaves.run.sources import find_source, with_source
+from eaves.run.vegetation import VegetationRules
 from eaves.units import UnitMethod
 
+LARGEST_CLASS = 255
+"""One byte holds a class."""
+VEGETATION = LOW_VEGETATION, MEDIUM_VEGETATION, HIGH_VEGETATION
 SEAM = 1.5
 """Points this near (m) to a block's border are labelled by both blocks; shared labels join regions."""
 
@@ -43,6 +56,10 @@ class Recipe:
         Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise.
     lod : str
         The finest level of detail to keep: `0` (footprints alone), `1.2`, `1.3`, `2.0` or `2.2`.
+    ground_classes : tuple of int
+        What the files' classes of the ground are, with `use_classes`.
+    vegetation : VegetationRules or None
+        How low, medium and high vegetation (3, 4, 5) is told from the rest; None leaves it unclassified.
 
     Examples
     --------
@@ -59,6 +76,8 @@ class Recipe:
     units: UnitMethod | None = None
     use_classes: bool = False
     lod: str = "2.2"
+    ground_classes: tuple[int, ...] = (GROUND,)
+    vegetation: VegetationRules | None = VegetationRules()  # noqa: RUF009 (frozen)
 
     @property
     def buffer(self) -> float:
@@ -69,6 +88,11 @@ class Recipe:
     def sees_wide(self) -> bool:
         """Whether more than a block's buffer is looked at to find what is wider."""
         return self.ground.wide_buffer > 0.0 and not self.use_classes
+
+    @property
+    def marks_vegetation(self) -> bool:
+        """Whether vegetation is told from the rest: where buildings are looked for, and classes not given."""
+        return self.vegetation is not None and self.detect is not None and not self.use_classes
 
     @property
     def scene_buffer(self) -> float:
@@ -84,6 +108,9 @@ def make_recipe(
     published: bool = False,
     use_classes: bool = False,
     lod: str | None = None,
+    building_classes: Sequence[int] | None = None,
+    ground_classes: Sequence[int] | None = None,
+    classes: Sequence[int] | None = None,
 ) -> Recipe:
     """The recipe for the methods given by stage; a stage not named uses its default.
 
@@ -104,6 +131,11 @@ def make_recipe(
     lod : str or None
         The finest level of detail: `0`, `1.2`, `1.3`, `2.0` or `2.2`; by default what the source delivers, or
         2.2.
+    building_classes, ground_classes : sequence of int or None
+        The numbers by which the files' classes mean building and ground, with `use_classes`; by default 6 and
+        67, and 2.
+    classes : sequence of int or None
+        The classes that are written: `2, 3, 4, 5, 6` by default; `2, 6` leaves vegetation unclassified.
 
     Returns
     -------
@@ -132,8 +164,9 @@ def make_recipe(
         raise ValueError(f"unknown stage '{min(unknown)}'; choose one of: {', '.join(DEFAULTS)}")
     if lod not in LODS:
         raise ValueError(f"--lod {lod}: unknown level of detail; choose one of: {', '.join(LODS)}")
+    _check_given(use_classes, chosen.get("detect"), building_classes, ground_classes)
     if use_classes and not is_named(chosen.get("detect")):
-        chosen["detect"] = "given_classes"
+        chosen["detect"] = _given_by(building_classes)
     made: dict[str, Method | None] = {}
     for stage in ("detect", *(stage for stage in DEFAULTS if stage != "detect")):
         choice = chosen.get(stage)
@@ -144,7 +177,54 @@ def make_recipe(
             own = getattr(made["detect"], "ground_method", DEFAULTS["ground"])
             choice = {"method": own, **(choice if isinstance(choice, Mapping) else {})}
         made[stage] = resolve_method(stage, choice, published)
-    return Recipe(**made, use_classes=use_classes, lod=lod)  # type: ignore[arg-type]
+    return Recipe(
+        **made,  # type: ignore[arg-type]
+        use_classes=use_classes,
+        lod=lod,
+        ground_classes=tuple(ground_classes or (GROUND,)),
+        vegetation=VegetationRules() if _with_vegetation(classes) else None,
+    )
+
+
+def _given_by(building_classes: Sequence[int] | None) -> str | Mapping[str, Any]:
+    """The detector that believes the files."""
+    if not building_classes:
+        return "given_classes"
+    return {"method": "given_classes", "classes": tuple(building_classes)}
+
+
+def _check_given(
+    use_classes: bool,
+    detect: MethodChoice,
+    building_classes: Sequence[int] | None,
+    ground_classes: Sequence[int] | None,
+) -> None:
+    """Raise ValueError for numbers of classes that nothing would read, or that contradict each other."""
+    for name, numbers in (("building-classes", building_classes), ("ground-classes", ground_classes)):
+        if not numbers:
+            continue
+        told = f"--{name} {','.join(map(str, numbers))}"
+        if not use_classes:
+            raise ValueError(f"{told}: the files' classes are not used; add --use-classes")
+        if not all(0 <= number <= LARGEST_CLASS for number in numbers):
+            raise ValueError(f"{told}: classes are numbers from 0 to {LARGEST_CLASS}")
+        if set(numbers) & set(NOISE_CLASSES):
+            raise ValueError(f"{told}: 7 and 18 are noise; leave them out")
+    if building_classes and is_named(detect):
+        raise ValueError("--building-classes: they are of the detector given_classes; leave --detect out")
+    both = set(building_classes or (BUILDING,)) & set(ground_classes or (GROUND,))
+    if both:
+        raise ValueError(f"class {min(both)} cannot be both ground and building; leave it out of one")
+
+
+def _with_vegetation(classes: Sequence[int] | None) -> bool:
+    """Whether the classes to write, checked, hold those of vegetation."""
+    if classes is None or set(classes) == {GROUND, *VEGETATION, BUILDING}:
+        return True
+    if set(classes) != {GROUND, BUILDING}:
+        told = ",".join(map(str, classes))
+        raise ValueError(f"--classes {told}: write 2,6 or 2,3,4,5,6; noise (7, 18) is always marked")
+    return False
 
 
 def _name_of(choice: MethodChoice) -> object:

@@ -9,7 +9,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from glob import escape
 from importlib.metadata import version
 from pathlib import Path
@@ -63,6 +63,12 @@ class RunOptions(TypedDict, total=False):
     """One of the published systems, whole (`eaves.run.sources`)."""
     use_classes: bool
     """Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise."""
+    building_classes: Sequence[int] | None
+    """Classes of the files that mean building, with `use_classes`; None for 6 and 67."""
+    ground_classes: Sequence[int] | None
+    """Classes of the files that mean ground, with `use_classes`; None for 2."""
+    classes: Sequence[int] | None
+    """Classes to write: `2, 3, 4, 5, 6`, or `2, 6` to leave vegetation unclassified."""
     as_published: bool
     lod: str | None
     """The finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2; by default what the source delivers, or 2.2."""
@@ -228,6 +234,9 @@ def open_run(
             published=options["as_published"],
             use_classes=options["use_classes"],
             lod=options.get("lod"),
+            building_classes=options.get("building_classes"),
+            ground_classes=options.get("ground_classes"),
+            classes=options.get("classes"),
         )
     memory = parse_memory(options.get("memory"))
     check_options(options)
@@ -376,6 +385,10 @@ def describe(index: Index, recipe: Recipe, options: RunOptions) -> dict[str, Any
         "vertical_datum": vertical_datum(index.system),
         "methods": methods,
         "use_classes": recipe.use_classes,
+        "ground_classes": list(recipe.ground_classes) if recipe.use_classes else None,
+        "vegetation": asdict(recipe.vegetation)
+        if recipe.marks_vegetation and recipe.vegetation is not None
+        else None,
         "lod": recipe.lod,
         "block": options["block"],
         "buffer": recipe.buffer,

@@ -268,7 +268,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
     places = [folder / TILES_FOLDER / tile.name for tile in tiles]
     files = [folder / "footprints.gpkg"]
     lost = rows_of_no_tile(run, {*done, *failed})
-    merge_footprints(files[0], places, run.index.system, lost)
+    doubts = merge_footprints(files[0], places, run.index.system, lost, run.side)
     progress("merge", 1, 3)
     if places:
         merge_masks(files[0], places, run.index.system, workers)
@@ -283,6 +283,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
     missing = Counter(row.code for row in lost)
     runs.append({"found": len(lost), "failures": missing, **{name: {} for name in COUNTED}})
     summary = total_of(runs, run, folder, files, tuple(dict.fromkeys(reasons)), peak)
+    summary = replace(summary, run={**summary.run, "doubts": doubts})
     write_run(summary)
     return summary
 

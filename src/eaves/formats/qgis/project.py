@@ -27,7 +27,7 @@ WIDEST_VIEW_M = 600.0
 """The 3D view opens on at most this much of a run."""
 WALL_GAP_M = 0.1
 """Walls end this far under the roof, or the two would be drawn through each other."""
-IDS = {name: f"eaves_{name}_layer" for name in ("roof_planes", "walls", "footprints", "relief")}
+IDS = {name: f"eaves_{name}_layer" for name in ("doubts", "roof_planes", "walls", "footprints", "relief")}
 """QGIS gives a layer another id when its own has ten characters or fewer."""
 FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 """Of the file in the archive: the same run gives the same bytes."""
@@ -138,6 +138,9 @@ def _layers(
     prints = styles_of("footprints", columns["footprints"], system)
     source = f"./{footprints.name}|layername="
     layers = []
+    if "doubts" in columns:
+        doubts = styles_of("doubts", columns["doubts"], system)
+        layers.append(_Layer(IDS["doubts"], "Doubts", source + "doubts", "ogr", doubts[0].elements, doubts))
     if roofs:
         layers.append(
             _Layer(IDS["roof_planes"], "Roof planes", source + "roof_planes", "ogr", roofs[0].elements, roofs)

@@ -1,4 +1,4 @@
-"""The styles of the layers `footprints` and `roof_planes`: what a map of buildings shows first.
+"""The styles of the layers `footprints`, `roof_planes` and `doubts`: what a map of buildings shows first.
 
 A style is a list of XML elements: inside `<qgis>` they are a QML document (`as_qml`), inside `<maplayer>` a
 layer of a project. Heights are in metres in the attributes and in the system's unit in the geometry.
@@ -43,6 +43,7 @@ ROOF_TYPES = {
     "flat": "#c2bdb3", "shed": "#d3c96b", "gable": "#e2743e", "hip": "#b5577a", "pyramid": "#7b5aa0",
     "complex": "#5271a8",
 }  # fmt: skip
+DOUBT_COLOURS = {"ground": ("terrain or not", "#8c510a"), "detect": ("a building or not", "#7b1fa2")}
 TRUST = {"high": "#5b8c85", "medium": "#f2c14e", "low": "#c8102e"}
 RMSE_CLASSES = (
     (0.0, 0.05, "#2c7bb6"), (0.05, 0.1, "#abd9e9"), (0.1, 0.2, "#ffffbf"), (0.2, 0.5, "#fdae61"),
@@ -70,7 +71,7 @@ class Style:
 
 def styles_of(layer: str, columns: Sequence[str], system: CoordinateSystem) -> list[Style]:
     """The styles of a layer with these columns; none for a layer of another name."""
-    makers = {"footprints": footprint_styles, "roof_planes": roof_styles}
+    makers = {"footprints": footprint_styles, "roof_planes": roof_styles, "doubts": doubt_styles}
     if layer.startswith("lod_"):
         made = surface_style()
         return [Style(made.name, made.meaning, (*made.elements, aliases(columns)))]
@@ -129,6 +130,15 @@ def roof_styles(system: CoordinateSystem, columns: frozenset[str]) -> list[Style
     if "rmse_m" in columns:
         found.append(Style("Fit", "distance of a face's points to it", (by_fit(), raised)))
     return found
+
+
+def doubt_styles(system: CoordinateSystem, columns: frozenset[str]) -> list[Style]:
+    """Hatched squares, by the step that could not decide."""
+    kinds = [
+        (stage, words, symbols.fill(colour, colour, 0.4, "f_diagonal"))
+        for stage, (words, colour) in DOUBT_COLOURS.items()
+    ]
+    return [Style("Doubts", "where the scan cannot decide", (symbols.categorised('"stage"', kinds),))]
 
 
 def surface_style() -> Style:
@@ -216,6 +226,9 @@ def aliases(columns: Sequence[str]) -> Element:
 def map_tip(layer: str) -> Element:
     """What QGIS shows under the pointer."""
     tip = Element("mapTip")
+    if layer == "doubts":
+        tip.text = '[% "stage" %], [% round("area_m2") %] m²<br>[% "reason" %]'
+        return tip
     tip.text = (
         '<b>[% "id" %]</b><br>LoD [% coalesce("lod", \'none\') %], '
         '[% round("area_m2") %] m²<br>[% coalesce("failure_reason", \'\') %]'

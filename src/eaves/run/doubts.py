@@ -1,0 +1,83 @@
+"""The doubts of a run as rows of a table and in run.json, each place once."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+
+from eaves.formats.geopackage import Row
+from eaves.model import Block
+from eaves.model.doubt import Doubt
+from eaves.run.wide import SQUARE
+
+LEAST_SIDE = 1.0
+"""Side (m) of the square that shows a doubt of less area: it must be seen on a map."""
+LAYER = "the layer doubts of footprints.gpkg"
+MOST_TOLD = 100
+"""Doubts listed in run.json, the largest; the layer holds all."""
+
+
+def doubt_rows(doubts: Iterable[Doubt], side: float) -> list[Row]:
+    """A row for each doubt (world metres), the largest first: the square of its area about its middle.
+
+    What goes on beyond the surroundings that its block sees has another middle in each block, and so may be
+    doubted in several: of those that overlap the largest stays. `side` is that of the blocks.
+    """
+    ordered = sorted(set(doubts), key=lambda one: (-one.area_m2, one.x, one.y, one.stage, one.reason))
+    return [Row(square_of(one), told_of(one)) for one in without_repeated(ordered, side)]
+
+
+def without_repeated(doubts: Sequence[Doubt], side: float) -> list[Doubt]:
+    """The doubts, sorted by size, without those of which a neighbouring block has a larger one of the same
+    kind that overlaps."""
+    if not doubts:
+        return []
+    squares = [square_of(doubt) for doubt in doubts]
+    larger, smaller = shapely.STRtree(squares).query(squares, predicate="intersects")
+    keys = [(one.stage, one.reason.split(":")[0]) for one in doubts]
+    homes = [Block.at(one.x, one.y, SQUARE if one.stage == "ground" else side) for one in doubts]
+    dropped = np.zeros(len(doubts), bool)
+    for k, n in zip(larger.tolist(), smaller.tolist(), strict=True):
+        dropped[n] |= k < n and keys[k] == keys[n] and homes[k] != homes[n]
+    return [doubt for doubt, gone in zip(doubts, dropped, strict=True) if not gone]
+
+
+def square_of(doubt: Doubt) -> shapely.Polygon:
+    """The square of a doubt's area about its middle."""
+    half = 0.5 * max(LEAST_SIDE, math.sqrt(doubt.area_m2))
+    return shapely.box(doubt.x - half, doubt.y - half, doubt.x + half, doubt.y + half)
+
+
+def told_of(doubt: Doubt) -> dict[str, Any]:
+    """The columns of a doubt's row."""
+    return {"stage": doubt.stage, "reason": doubt.reason, "area_m2": doubt.area_m2}
+
+
+def doubt_of(row: Row, unit: float) -> Doubt:
+    """The doubt of a row whose geometry has units of so many metres."""
+    assert row.geometry is not None
+    west, south, east, north = (unit * side for side in row.geometry.bounds)
+    told = row.attributes
+    x, y = round(0.5 * (west + east), 2), round(0.5 * (south + north), 2)
+    return Doubt(x, y, told["area_m2"], told["reason"], told["stage"])
+
+
+def describe_doubts(rows: Sequence[Row], unit: float, where: str) -> dict[str, Any]:
+    """What run.json says of them: counts, and the places of the largest in the reference system's unit, of so
+    many metres. `where` names what to open for them."""
+    places = []
+    for row in rows[:MOST_TOLD]:
+        doubt = doubt_of(row, 1.0)
+        places.append({"x": round(doubt.x / unit, 2), "y": round(doubt.y / unit, 2), **row.attributes})
+    stages = Counter(str(row.attributes["stage"]) for row in rows)
+    return {
+        "count": len(rows),
+        "by_stage": dict(sorted(stages.items())),
+        "see": where,
+        "largest": places,
+    }
