@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import fields
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.tin import Tin
 from eaves.ground.adaptive_tin.densification import Limits, densify, insert_residuals, near_surface, residuals
-from eaves.ground.adaptive_tin.rim import rim_points
+from eaves.ground.adaptive_tin.rim import Rim, rim_points
 from eaves.ground.stage import GroundMethod
 from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.plateaus import Rules
@@ -19,16 +20,7 @@ from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, find_wide_o
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud, Points
 
-FIRST_CELLS = 2.0
-"""The TIN begins with the lowest seeds of cells this wide, in cells; the others tell how rough it is."""
-
-
-WIDEST_SPACING_M = 2.0
-"""Wider spacings add no more to the angle."""
-
-
-WIDE_BUFFER_M = 600.0
-"""What is wide is judged with all that lies so far around: a hall of 500 m with its surroundings."""
+Kind = TypeVar("Kind")
 
 
 class AdaptiveTin(GroundMethod):
@@ -134,6 +126,12 @@ class AdaptiveTin(GroundMethod):
     rim_void: float = parameter(
         0.4, "Largest share of its rim beyond which nothing was measured.", ge=0, le=1
     )
+    wide_around: float = parameter(
+        600.0,
+        "What is wide is judged with all that lies so far around: a hall of 500 m with its surroundings.",
+        unit="m",
+        gt=0,
+    )
     wide_area: float = parameter(200.0, "Smaller surfaces are left to the opening.", unit="m²", gt=0)
     window: float = parameter(
         36.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
@@ -144,6 +142,24 @@ class AdaptiveTin(GroundMethod):
     slope_share: float = parameter(0.3, "Part of the terrain's slope that is added to it.", ge=0)
     level_share: float = parameter(
         0.2, "A wide piece that meets the ground level on more of its rim is terrain.", ge=0, le=1
+    )
+    first_cells: float = parameter(
+        2.0,
+        "The TIN begins with the lowest seeds of cells this wide, in cells; the others tell how rough it is.",
+        gt=0,
+    )
+    rim_beyond: float = parameter(
+        5.0, "Points that foretell the terrain stand this far outside the data.", unit="m", gt=0
+    )
+    rim_apart: float = parameter(10.0, "Largest distance between two of them.", unit="m", gt=0)
+    rim_nearest: int = parameter(
+        32, "Each lies on the plane through so many of the nearest sure ground points.", ge=1
+    )
+    rim_stiffness: float = parameter(
+        1.0, "A plane through points scattered less than this is drawn level.", unit="m", gt=0
+    )
+    rim_farthest: float = parameter(
+        20.0, "The plane is level farther than this from the nearest ground point.", unit="m", ge=0
     )
     cell_least: float = parameter(
         0.7, "Side of the cells of the lowest points; one spacing where that is more.", unit="m", gt=0
@@ -159,12 +175,17 @@ class AdaptiveTin(GroundMethod):
     angle: float = parameter(12.0, "Largest angle to the facet.", unit="degree", symbol="α", gt=0, le=90)
     angle_share: float = parameter(
         6.0,
-        "Added per metre of spacing, up to 2 m: wide facets bend more.",
+        "Added per metre of spacing: wide facets bend more.",
         unit="degree",
         ge=0,
     )
+    angle_spacing_most: float = parameter(2.0, "Wider spacings add no more.", unit="m", ge=0)
     angle_gain: float = parameter(
         3.0, "Added to the angle per unit of the facet's slope.", unit="degree", symbol="γ", ge=0
+    )
+    angle_slope_most: float = parameter(1.5, "Steeper facets add no more to the angle.", ge=0)
+    sliver_slope: float = parameter(
+        1.5, "A facet at the hull that is steeper is a sliver: beyond it the edge's height goes on.", ge=0
     )
     steep: float = parameter(0.7, "Slope of a facet from which it may hide a break line.", ge=0)
     mirror_slope: float = parameter(0.5, "Steepest facet that is extended across a break line.", ge=0)
@@ -189,13 +210,17 @@ class AdaptiveTin(GroundMethod):
     slant_most: float = parameter(0.9, "The same, at most.", unit="m", symbol="κ", ge=0)
     slope_cap: float = parameter(3.0, "Slopes above this add no more.", ge=0)
 
+    def rules_of(self, kind: type[Kind]) -> Kind:
+        """The rules of a step: a dataclass whose fields bear the names of parameters."""
+        return kind(**{field.name: getattr(self, field.name) for field in fields(kind)})  # type: ignore[arg-type]
+
     @property
     def buffer(self) -> float:
         return 60.0
 
     @property
     def wide_buffer(self) -> float:
-        return WIDE_BUFFER_M if self.seed_cell is None else 0.0
+        return self.wide_around if self.seed_cell is None else 0.0
 
     def find_wide_objects(self, floor: Floor) -> Patch | None:
         if self.seed_cell is not None:
@@ -219,24 +244,24 @@ class AdaptiveTin(GroundMethod):
         if len(seeds) == 0:
             return np.zeros(len(xyz), bool)
         waiting = standing != OVER
-        first = seeds[lowest_of_cells(xyz[seeds], FIRST_CELLS * cell)]
+        first = seeds[lowest_of_cells(xyz[seeds], self.first_cells * cell)]
         waiting[first] = False
         rest = seeds[waiting[seeds]]
-        around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds)
+        around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds, self.rules_of(Rim))
         xyz = np.concatenate([xyz, around])
         tin = Tin(xyz, np.concatenate([first, np.arange(len(cloud), len(xyz))]))
-        residual = residuals(tin, xyz, rest)
+        residual = residuals(tin, xyz, rest, self.sliver_slope)
         level = self.tolerance(float(np.median(residual)) if len(rest) else 0.0)
         noise = max(self.noise, self.noise_share * level)
-        insert_residuals(tin, xyz, rest, residual, noise)
+        insert_residuals(tin, xyz, rest, residual, noise, self.sliver_slope)
         waiting[rest] = False
         candidates = lowest_of_cells(cloud.xyz, max(self.fine_cell, 0.5 * spacing), bounds)
         densify(tin, xyz, candidates[waiting[candidates]], self.limits(spacing, cell, noise), self.rounds)
         if emit is not ignore:
             emit("triangles", xyz[tin.triangles])
         slant = min(self.slant_most, self.slant_share * spacing)
-        near = near_surface(tin, xyz, level, slant, self.slope_cap)[: len(cloud)]
-        return np.asarray(near & (standing != OVER))
+        near = near_surface(tin, xyz, level, slant, self.slope_cap, self.sliver_slope)
+        return np.asarray(near[: len(cloud)] & (standing != OVER))
 
     def find_seeds(self, xyz: Points, cell: float, bounds: Bounds, standing: Standing) -> NDArray[np.int64]:
         """Numbers (K,) of the points the TIN begins with."""
@@ -249,13 +274,15 @@ class AdaptiveTin(GroundMethod):
         """What a point may differ from the surface to join it."""
         return Limits(
             distance=min(self.distance_most, self.distance_share * spacing),
-            angle=np.radians(self.angle + self.angle_share * min(spacing, WIDEST_SPACING_M)),
+            angle=np.radians(self.angle + self.angle_share * min(spacing, self.angle_spacing_most)),
             angle_gain=np.radians(self.angle_gain),
+            angle_slope_most=self.angle_slope_most,
             mirror_rise=self.mirror_rise,
             mirror_slope=self.mirror_slope,
             mirror_reach=self.mirror_reach * cell,
             steep=self.steep,
             noise=noise,
+            sliver_slope=self.sliver_slope,
         )
 
     def tolerance(self, roughness: float) -> float:
