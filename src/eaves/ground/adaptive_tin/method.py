@@ -14,8 +14,10 @@ from eaves.ground.adaptive_tin.densification import Limits, densify, insert_resi
 from eaves.ground.adaptive_tin.rim import Rim, rim_points
 from eaves.ground.stage import GroundMethod
 from eaves.ground.toolkit.floor import Floor
+from eaves.ground.toolkit.pits import StrayRules
 from eaves.ground.toolkit.plateaus import Rules
-from eaves.ground.toolkit.seeds import lowest_of_cells, lowest_surface, seeds_by_opening
+from eaves.ground.toolkit.seeds import Opening, lowest_of_cells, lowest_surface, seeds_by_opening
+from eaves.ground.toolkit.terraces import TerraceRules
 from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, find_wide_objects
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud, Points
@@ -136,12 +138,77 @@ class AdaptiveTin(GroundMethod):
     window: float = parameter(
         36.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
     )
+    window_growth: float = parameter(
+        1.15, "Ratio of one window to the next, once they differ by more than a cell.", ge=1
+    )
+    first_slope: float = parameter(
+        0.12, "Rise, per metre of the window's radius, that makes an object in the first, rough pass.", gt=0
+    )
+    first_height: float = parameter(0.2, "Height that is added to it.", unit="m", ge=0)
+    slope_scale: float = parameter(
+        8.0,
+        "Standard deviation of the smoothing before the terrain's slope is measured: wider than a car.",
+        unit="m",
+        gt=0,
+    )
     object_slope: float = parameter(
         0.12, "Rise over the opened surface, per metre of the window's radius, that makes an object.", gt=0
     )
     slope_share: float = parameter(0.3, "Part of the terrain's slope that is added to it.", ge=0)
+    rough_share: float = parameter(
+        0.2, "Height that a cell of sloping terrain may rise more, per metre of cell and slope.", ge=0
+    )
     level_share: float = parameter(
         0.2, "A wide piece that meets the ground level on more of its rim is terrain.", ge=0, le=1
+    )
+    terrace_step: float = parameter(
+        0.3,
+        "A larger residual between two cells of 1 m parts pieces; it grows with the root of the cell.",
+        unit="m",
+        gt=0,
+    )
+    terrace_steep: float = parameter(
+        0.2,
+        "Share of the height difference that counts as residual where the slope goes on: walls go on too.",
+        ge=0,
+        le=1,
+    )
+    terrace_area: float = parameter(
+        200.0, "Smaller pieces must be level on twice `level_share` of the rim.", unit="m²", ge=0
+    )
+    terrace_area_least: float = parameter(
+        80.0, "Smaller pieces have a rim too short to judge.", unit="m²", ge=0
+    )
+    roof_height: float = parameter(
+        2.0, "A wide piece that is nowhere so high over the ground is no roof.", unit="m", gt=0
+    )
+    roof_share: float = parameter(0.1, "Share of its rim that may be higher all the same.", ge=0, le=1)
+    roof_cells: int = parameter(
+        5, "Wide, for that, is a piece with a cell so many cells from its rim: no car, hedge or boat.", ge=1
+    )
+    reached_share: float = parameter(
+        0.75, "A piece over `terrace_area` is terrain when a way leads to so much of it.", ge=0, le=1
+    )
+    terrace_rounds: int = parameter(2, "Terraces that may join the ground over one another.", ge=0)
+    hole_depth: float = parameter(
+        1.0, "A cell so far under all ground around holds an echo gone astray.", unit="m", ge=0
+    )
+    hole_cells: int = parameter(2, "The ground around is that within so many cells.", ge=1)
+    stray_rise: float = parameter(
+        0.7, "A cell so far over ground beside it may be part of a wall.", unit="m", ge=0
+    )
+    stray_under: float = parameter(
+        3.0, "It is when it lies so far under an object beside it.", unit="m", ge=0
+    )
+    stray_cells: float = parameter(
+        1.5, "The terrain's slope over so many cells is added to `stray_rise`.", ge=0
+    )
+    stray_rounds: int = parameter(2, "Rows of cells in which a slanting wall may stand.", ge=0)
+    island_cells: int = parameter(
+        3, "More cells of ground together among objects are taken for what they are.", ge=0
+    )
+    island_nearest: int = parameter(
+        12, "The terrain at fewer is foretold by so many of the nearest cells of ground.", ge=1
     )
     first_cells: float = parameter(
         2.0,
@@ -267,8 +334,9 @@ class AdaptiveTin(GroundMethod):
         """Numbers (K,) of the points the TIN begins with."""
         if self.seed_cell is not None:
             return lowest_of_cells(xyz, self.seed_cell, bounds)
-        lowest = lowest_surface(xyz, bounds, cell, self.window, standing)
-        return seeds_by_opening(lowest, self.window, self.object_slope, self.slope_share, self.level_share)
+        opening = self.rules_of(Opening)
+        lowest = lowest_surface(xyz, bounds, cell, opening, standing)
+        return seeds_by_opening(lowest, opening, self.rules_of(TerraceRules), self.rules_of(StrayRules))
 
     def limits(self, spacing: float, cell: float, noise: float) -> Limits:
         """What a point may differ from the surface to join it."""
