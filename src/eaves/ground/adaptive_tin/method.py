@@ -18,7 +18,7 @@ from eaves.ground.toolkit.pits import StrayRules
 from eaves.ground.toolkit.plateaus import Rules
 from eaves.ground.toolkit.seeds import Opening, lowest_of_cells, lowest_surface, seeds_by_opening
 from eaves.ground.toolkit.terraces import TerraceRules
-from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, find_wide_objects
+from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, WideRules, find_wide_objects
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud, Points
 
@@ -70,12 +70,12 @@ class AdaptiveTin(GroundMethod):
       pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done
       twice, so that a roof between roofs is found. Points low on a wall and in holes are left out after,
-      and so are up to three cells alone among objects that do not fit the ground around them.
-    - A piece over 200 m² that the opening took, and that meets the ground without a step on more than
-      `level_share` of its rim, is terrain again; from 80 m² on, with twice the share. Roofs step down on all
-      sides, spurs and high fields do not: this tells a hall from a terrace, whatever their size. A wide
-      piece that is nowhere two metres over the ground is terrain too: a terrace the rim of the data cuts;
-      and a piece over 200 m² to which a way leads, as found above.
+      and so are up to `island_cells` cells alone among objects that do not fit the ground around them.
+    - A piece over `terrace_area` that the opening took, and that meets the ground without a step on more than
+      `level_share` of its rim, is terrain again; from `terrace_area_least` on, with twice the share. Roofs
+      step down on all sides, spurs and high fields do not: this tells a hall from a terrace, whatever their
+      size. A wide piece that is nowhere `roof_height` over the ground is terrain too: a terrace the rim of
+      the data cuts; and a piece over `terrace_area` to which a way leads, as found above.
     - The larger the spacing, the larger the angle: the terrain bends more within a wide facet.
     - A seed or point within `noise`, or `noise_share` of t, of a facet is not inserted: the TIN stays small.
     - Points around the data, at heights that the seeds nearest to them foretell, keep the hull of the TIN
@@ -84,7 +84,7 @@ class AdaptiveTin(GroundMethod):
 
     The reach of a window of `window` is its width, and a chain of joining points adds little: 60 m.
     The roughness and the spacing are measured over the whole cloud that is given, which for a tiler is
-    block + reach. What is wide is looked for within 600 m (`wide_buffer`), in squares of 480 m that are fixed
+    block + reach. What is wide is looked for within `wide_around`, 600 m, in squares of 480 m that are fixed
     to the world: a point farther than 1,080 m has no say.
 
     Fails where
@@ -92,9 +92,9 @@ class AdaptiveTin(GroundMethod):
     Water is taken for ground, and much of a bridge that goes on at the level of its road. A building wider
     than `window` in both directions stays where a ramp or a slope two cells wide leads up to it, as to a
     parking deck or to the stands of a stadium on its embankment, where the rim of the data cuts through half
-    of its walls, or where it is wider than 600 m. A plateau of rock with vertical walls all round goes.
-    A hill narrower than the window goes when it is steep on all sides. A kerb of three decimetres on dense
-    data is cut off, a step of two decimetres is kept. Dense low plants that no pulse passes are ground.
+    of its walls, or where it is wider than `wide_around`. A plateau of rock with vertical walls all round
+    goes. A hill narrower than the window goes when it is steep on all sides. A kerb of three decimetres on
+    dense data is cut off, a step of two decimetres is kept. Dense low plants that no pulse passes are ground.
     Heaps and rocks in thin data lose their tops.
 
     Complexity
@@ -121,12 +121,69 @@ class AdaptiveTin(GroundMethod):
     wall: float = parameter(
         2.0, "Least height of the walls of a surface that stands on the terrain.", unit="m", gt=0
     )
+    wall_cells: float = parameter(
+        0.8, "The same in sides of a cell of 1.5, 3 or 6 m, where that is more: less may be a slope.", ge=0
+    )
     wall_share: float = parameter(
         0.85, "Share of its rim to the terrain that must be walls, where it is known.", gt=0, le=1
     )
     rim_known: float = parameter(0.2, "Least share of its rim that must face terrain.", ge=0, le=1)
     rim_void: float = parameter(
         0.4, "Largest share of its rim beyond which nothing was measured.", ge=0, le=1
+    )
+    rim_look: float = parameter(
+        3.0,
+        "What is beyond the rim is looked for so far: walls and eaves hide the ground at their foot.",
+        unit="m",
+        gt=0,
+    )
+    rim_joined: float = parameter(
+        0.05,
+        "A surface that joins terrain on so much of its rim is judged even where it hardly meets terrain.",
+        ge=0,
+        le=1,
+    )
+    rim_stepped: float = parameter(
+        0.5,
+        "Surfaces of whose rim no more steps down are terrain before the doubtful are judged.",
+        ge=0,
+        le=1,
+    )
+    wide_step: float = parameter(
+        1.0, "Rise up to which cells join to a surface, per metre of their side.", ge=0
+    )
+    wide_step_least: float = parameter(1.0, "The same, at least.", unit="m", ge=0)
+    wide_step_most: float = parameter(2.0, "The same, at most.", unit="m", gt=0)
+    scrap_cells: int = parameter(8, "Surfaces of fewer cells are left out.", ge=0)
+    low_share: float = parameter(
+        0.1,
+        "A surface is low when no more of its rim steps down and it lies no wall over the widest.",
+        ge=0,
+        le=1,
+    )
+    low_slope: float = parameter(0.15, "Slope between them that is allowed for.", ge=0)
+    ringed_share: float = parameter(
+        0.01, "Where no more of its rim steps down it may lie `ringed_walls` higher.", ge=0, le=1
+    )
+    ringed_walls: float = parameter(2.0, "Walls that a yard on a terrace may lie higher.", ge=0)
+    cell_points: float = parameter(
+        2.5, "What is wide is looked for in cells half of which hold more points than this.", ge=0
+    )
+    echo_depth: float = parameter(
+        1.0, "A lowest point so far under the second of its cell is an echo gone astray.", unit="m", ge=0
+    )
+    echo_points: int = parameter(4, "Only in cells of at least so many points.", ge=2)
+    clear: float = parameter(
+        1.0, "Points so far over the terrain beneath a raised surface belong to it.", unit="m", ge=0
+    )
+    support_cells: int = parameter(
+        2, "The terrain beneath is drawn from that within so many cells of the raised surface.", ge=1
+    )
+    fringe_cells: int = parameter(
+        4, "Cells of no surface so near to a raised one are its parapets, flanks and walls.", ge=0
+    )
+    broad_cells: int = parameter(
+        5, "A surface narrower than this, in cells, is a way and no terrace: it may be a bridge.", ge=1
     )
     wide_around: float = parameter(
         600.0,
@@ -292,9 +349,7 @@ class AdaptiveTin(GroundMethod):
     def find_wide_objects(self, floor: Floor) -> Patch | None:
         if self.seed_cell is not None:
             return None
-        return find_wide_objects(
-            floor, Rules(self.wall, self.wall_share, self.rim_known, self.rim_void, self.wide_area)
-        )
+        return find_wide_objects(floor, self.rules_of(Rules), self.rules_of(WideRules))
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
         return self.ground_mask_among(cloud, np.zeros(len(cloud), np.uint8), emit)
