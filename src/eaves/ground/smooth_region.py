@@ -47,13 +47,13 @@ class SmoothRegion(GroundMethod):
     Fidelity
     --------
     Followed: the order of the steps, both features, one region growing for ground and noise. The paper prints
-    no number; the angles, the share and k are ours. Growth joins two neighbours when their normals differ by
-    less than `smooth_angle` and the line between them lies flat in both planes, so that a step of parallel
-    planes (a flat roof beside the street) does not join. Walls, trees and small regions are found once, here,
-    and handed on to the detector of the same paper (`NormalEcho`). The paper keeps one region only; rivers,
-    walls and courtyards cut real ground into several, so a region also is ground when it lies within `level`
-    of the surface of the ground found so far, extended over it; 0 keeps to the paper. Points set aside as
-    walls and trees stay out, as in the paper.
+    no number; the angles, the share, the cell of areas and k are ours. Growth joins two neighbours when their
+    normals differ by less than `smooth_angle` and the line between them lies flat in both planes, so that a
+    step of parallel planes (a flat roof beside the street) does not join. Walls, trees and small regions are
+    found once, here, and handed on to the detector of the same paper (`NormalEcho`). The paper keeps one
+    region only; rivers, walls and courtyards cut real ground into several, so a region also is ground when it
+    lies within `level` of the surface of the ground found so far, extended over it; 0 keeps to the paper.
+    Points set aside as walls and trees stay out, as in the paper.
 
     Fails where
     -----------

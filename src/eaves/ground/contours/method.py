@@ -35,7 +35,7 @@ class ContourGround(GroundMethod):
     Fidelity
     --------
     Followed: steps 1 to 3 of the paper, the three properties of a contour, nearest-neighbour gridding. The
-    paper prints no number and does not describe the iteration; interval, lengths, and the rule above
+    paper prints no number and does not describe the iteration; cell, interval, lengths, and the rule above
     are ours. Where the contours of walls lie over one another, the lowest holds. A block so flat that no
     contour lies on terrain begins with the lowest point of each cell as wide as the longest outline.
 
