@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
+from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.ground.toolkit.islands import find_islands, others_kernel
+from eaves.ground.toolkit.pits import StrayRules
 from eaves.model import Raster
+
+RULES = AdaptiveTin().rules_of(StrayRules)
 
 
 def islands_at(height: float, roof: float, cells: int = 1) -> list[list[int]]:
@@ -18,7 +22,7 @@ def islands_at(height: float, roof: float, cells: int = 1) -> list[list[int]]:
     objects[12, 12 : 12 + cells] = False
     z[12, 12 : 12 + cells] = 1.2 + height
     slope = np.full(z.shape, 0.1, np.float32)
-    found = find_islands(Raster(z, 0.0, 24.0, 1.0), slope, ~objects, np.ones(z.shape, bool))
+    found = find_islands(Raster(z, 0.0, 24.0, 1.0), slope, ~objects, np.ones(z.shape, bool), RULES)
     return np.argwhere(found).tolist()
 
 
@@ -46,7 +50,7 @@ def test_others_are_the_nearest_cells_of_other_islands__ties_by_number() -> None
     ground = np.random.default_rng(5).random((40, 50)) < 0.08
     island = np.asarray(ndimage.label(ground, np.ones((3, 3)))[0], np.int32)
     rows, columns = np.nonzero(ground)
-    found = others_kernel(island, rows, columns)
+    found = others_kernel(island, rows, columns, 12)
     number = rows * 50 + columns
     for i in range(len(rows)):
         other = island[rows, columns] != island[rows[i], columns[i]]

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from eaves.ground.toolkit.pits import find_strays
+from eaves.ground.adaptive_tin import AdaptiveTin
+from eaves.ground.toolkit.pits import StrayRules, find_strays
 from eaves.model import Mask, Raster, Values
+
+RULES = AdaptiveTin().rules_of(StrayRules)
 
 
 def strays_of(z: Values, objects: Mask) -> Mask:
     raster = Raster(z.astype(np.float32), 0.0, float(z.shape[0]), 1.0)
-    return find_strays(raster, np.zeros(z.shape, np.float32), objects, np.ones(z.shape, bool))
+    return find_strays(raster, np.zeros(z.shape, np.float32), objects, np.ones(z.shape, bool), RULES)
 
 
 def test_point_low_on_a_wall_is_a_pit() -> None:

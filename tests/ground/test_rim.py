@@ -6,33 +6,35 @@ import numpy as np
 import pytest
 
 from eaves.ground import classify_ground
-from eaves.ground.adaptive_tin.rim import APART_M, BEYOND_M, rim_points
+from eaves.ground.adaptive_tin import AdaptiveTin
+from eaves.ground.adaptive_tin.rim import Rim, rim_points
 from eaves.model import Bounds, PointCloud
 
 BOUNDS = Bounds(0.0, 0.0, 40.0, 30.0)
+RULES = AdaptiveTin().rules_of(Rim)
 
 
 def test_rim_points_go_on_with_the_slope() -> None:
     xy = np.random.default_rng(1).uniform((0, 0), (40, 30), (300, 2))
-    points = rim_points(np.c_[xy, 0.4 * xy[:, 0] - 0.1 * xy[:, 1] + 7.0], BOUNDS)
+    points = rim_points(np.c_[xy, 0.4 * xy[:, 0] - 0.1 * xy[:, 1] + 7.0], BOUNDS, RULES)
     assert np.abs(points[:, 2] - (0.4 * points[:, 0] - 0.1 * points[:, 1] + 7.0)).max() < 1.0
 
 
 def test_rim_points_surround_the_bounds() -> None:
-    points = rim_points(np.zeros((1, 3)), BOUNDS)
-    outside = BOUNDS.buffered(BEYOND_M)
+    points = rim_points(np.zeros((1, 3)), BOUNDS, RULES)
+    outside = BOUNDS.buffered(RULES.rim_beyond)
     on_rim = np.isin(points[:, 0], (outside.west, outside.east)) | np.isin(
         points[:, 1], (outside.south, outside.north)
     )
     assert on_rim.all()
     assert len(np.unique(points[:, :2], axis=0)) == len(points)
     angle = np.sort(np.arctan2(points[:, 1] - 15.0, points[:, 0] - 20.0))
-    assert np.diff(angle).max() < 2.0 * np.arctan2(APART_M, 20.0)
+    assert np.diff(angle).max() < 2.0 * np.arctan2(RULES.rim_apart, 20.0)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_few_points_foretell_their_own_height(count: int) -> None:
-    points = rim_points(np.full((count, 3), 3.0), BOUNDS)
+    points = rim_points(np.full((count, 3), 3.0), BOUNDS, RULES)
     assert (points[:, 2] == 3.0).all()
     assert bool(len(points)) == bool(count)
 

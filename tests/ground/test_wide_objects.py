@@ -9,10 +9,11 @@ from eaves.ground import classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.ground.toolkit.floor import FINEST_M, Floor
 from eaves.ground.toolkit.plateaus import Rules
-from eaves.ground.toolkit.wide_objects import OVER, WideObjects, find_wide_objects
+from eaves.ground.toolkit.wide_objects import OVER, WideObjects, WideRules, find_wide_objects
 from eaves.model import Bounds, Mask, PointCloud, Points
 
-RULES = Rules(wall=2.0, share=0.85, known=0.2, void=0.4, area=200.0)
+METHOD = AdaptiveTin()
+RULES, WIDE = METHOD.rules_of(Rules), METHOD.rules_of(WideRules)
 
 
 def scatter(side: float = 200.0, density: float = 2.0, seed: int = 1) -> Points:
@@ -72,7 +73,7 @@ def test_what_the_rim_of_the_data_cuts_is_a_doubt() -> None:
     points = scatter()
     high = box(points, 150, 0, 200, 200)
     points[high, 2] += 5.0
-    patch = find_wide_objects(Floor.of(PointCloud.from_world(points)), RULES)
+    patch = find_wide_objects(Floor.of(PointCloud.from_world(points)), RULES, WIDE)
     assert [doubt.reason.endswith("cut by the rim of the data") for doubt in patch.doubts] == [True]
     assert 150.0 < patch.doubts[0].x < 200.0
 
@@ -82,7 +83,7 @@ def test_the_terrain_beneath_goes_on_from_outside() -> None:
     hall = box(points, 50, 50, 150, 150)
     points[:, 2] += 0.05 * points[:, 0]
     points[hall, 2] = 15.0
-    wide = WideObjects((find_wide_objects(Floor.of(PointCloud.from_world(points)), RULES),))
+    wide = WideObjects((find_wide_objects(Floor.of(PointCloud.from_world(points)), RULES, WIDE),))
     beneath = wide.terrain_beneath(Bounds(0.0, 0.0, 200.0, 200.0), (0.0, 0.0))
     assert len(beneath) > 3500
     assert np.abs(beneath[:, 2] - 0.05 * beneath[:, 0]).max() < 0.2
@@ -112,7 +113,7 @@ def test_floors_merge_to_the_floor_of_all() -> None:
 
 def test_cells_grow_with_the_spacing() -> None:
     cells = [
-        Floor.of(PointCloud.from_world(scatter(300.0, density))).in_wide_cells().cell
+        Floor.of(PointCloud.from_world(scatter(300.0, density))).in_wide_cells(WIDE.cell_points).cell
         for density in (4.0, 0.6, 0.1)
     ]
     assert cells == [FINEST_M, 2 * FINEST_M, 4 * FINEST_M]
@@ -122,7 +123,7 @@ def test_a_cropped_patch_says_the_same_of_what_it_holds() -> None:
     points = scatter()
     points[box(points, 50, 50, 150, 150), 2] += 6.0
     cloud = PointCloud.from_world(points)
-    patch = find_wide_objects(Floor.of(cloud), RULES)
+    patch = find_wide_objects(Floor.of(cloud), RULES, WIDE)
     half = patch.cropped(Bounds(0.0, 0.0, 96.0, 240.0))
     whole, part = (WideObjects((one,)).place(cloud) for one in (patch, half))
     west = points[:, 0] < 96.0

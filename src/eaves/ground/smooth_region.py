@@ -25,9 +25,6 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import Mask, PointCloud, Points, Values
 from eaves.model.scene import NOISE, TREE, WALL
 
-AREA_CELL_SPACINGS = 2.0
-"""The area of a region is counted in cells this many spacings wide."""
-
 
 class SmoothRegion(GroundMethod):
     """Ground by growing regions of like normals; the largest region is ground.
@@ -50,13 +47,13 @@ class SmoothRegion(GroundMethod):
     Fidelity
     --------
     Followed: the order of the steps, both features, one region growing for ground and noise. The paper prints
-    no number; the angles, the share and k are ours. Growth joins two neighbours when their normals differ by
-    less than `smooth_angle` and the line between them lies flat in both planes, so that a step of parallel
-    planes (a flat roof beside the street) does not join. Walls, trees and small regions are found once, here,
-    and handed on to the detector of the same paper (`NormalEcho`). The paper keeps one region only; rivers,
-    walls and courtyards cut real ground into several, so a region also is ground when it lies within `level`
-    of the surface of the ground found so far, extended over it; 0 keeps to the paper. Points set aside as
-    walls and trees stay out, as in the paper.
+    no number; the angles, the share, the cell of areas and k are ours. Growth joins two neighbours when their
+    normals differ by less than `smooth_angle` and the line between them lies flat in both planes, so that a
+    step of parallel planes (a flat roof beside the street) does not join. Walls, trees and small regions are
+    found once, here, and handed on to the detector of the same paper (`NormalEcho`). The paper keeps one
+    region only; rivers, walls and courtyards cut real ground into several, so a region also is ground when it
+    lies within `level` of the surface of the ground found so far, extended over it; 0 keeps to the paper.
+    Points set aside as walls and trees stay out, as in the paper.
 
     Fails where
     -----------
@@ -104,6 +101,9 @@ class SmoothRegion(GroundMethod):
         unit="m²",
         ge=0.0,
     )
+    area_cell: float = parameter(
+        2.0, "Side of the cells in which the area of a region is counted, in spacings.", gt=0.0
+    )
     level: float = parameter(
         1.0,
         "A further region is ground when it lies this close to the ground extended over it.",
@@ -134,7 +134,7 @@ class SmoothRegion(GroundMethod):
         planes = local_planes(xyz, self.neighbours, self.neighbours)  # again, without walls and trees
         region = grow_regions(xyz, planes, self.smooth_angle)
         emit("regions", region)
-        area = region_areas(xyz, region, AREA_CELL_SPACINGS * planes.spacing)
+        area = region_areas(xyz, region, self.area_cell * planes.spacing)
         chosen = np.zeros(len(area), bool)
         chosen[np.argmax(area)] = True
         if self.level > 0.0:

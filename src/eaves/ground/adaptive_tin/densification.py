@@ -14,11 +14,8 @@ from eaves.geometry.tin import OUTSIDE, Ids, Tin, walk
 from eaves.model import Mask, Points, Values
 from eaves.model.cloud import GRID_STEP
 
-STEEPEST_RIM = 1.5
-"""A facet at the hull that is steeper is a sliver, and says nothing of the terrain beyond."""
-
 UPRIGHT = 1e6
-"""Slope of a facet that has no area."""
+"""Slope (1) of a facet that has no area."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +28,8 @@ class Limits:
     """To the facet, seen from its vertices, radians."""
     angle_gain: float
     """Added to `angle` per unit of the facet's slope, radians."""
+    angle_slope_most: float
+    """Steeper facets add no more to `angle`."""
     mirror_rise: float
     """Height over the extended facet across the nearest vertex, per metre from the vertex."""
     mirror_slope: float
@@ -41,6 +40,8 @@ class Limits:
     """Facets at least this steep may hide a break line."""
     noise: float
     """A point nearer to the facet than this (m) is ground, and tells the TIN nothing new."""
+    sliver_slope: float
+    """A steeper facet at the hull says nothing of the terrain beyond."""
 
 
 def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits, rounds: int) -> int:
@@ -66,11 +67,13 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
             limits.distance,
             limits.angle,
             limits.angle_gain,
+            limits.angle_slope_most,
             limits.mirror_rise,
             limits.mirror_slope,
             limits.mirror_reach,
             limits.steep,
             limits.noise,
+            limits.sliver_slope,
         )
         if not fits.any():
             return number
@@ -81,7 +84,12 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
 
 
 def insert_residuals(
-    tin: Tin, xyz: Points, numbers: NDArray[np.int64], residual: Values, noise: float
+    tin: Tin,
+    xyz: Points,
+    numbers: NDArray[np.int64],
+    residual: Values,
+    noise: float,
+    sliver_slope: float,
 ) -> None:
     """Insert the points (K,) that are farther than `noise` (m) from the TIN, until none is.
 
@@ -94,27 +102,35 @@ def insert_residuals(
         left = np.flatnonzero(~far)
         numbers, residual = numbers.take(left), residual.take(left)
         hint, judged = hint.take(left), judged.take(left, axis=0)
-        residual_kernel(xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, residual)
+        residual_kernel(
+            xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, residual, sliver_slope
+        )
 
 
-def residuals(tin: Tin, xyz: Points, numbers: NDArray[np.int64]) -> Values:
+def residuals(tin: Tin, xyz: Points, numbers: NDArray[np.int64], sliver_slope: float) -> Values:
     """Distances (K,) of the points with these numbers from the facets of the TIN, m; 0 without facets."""
     residual = np.zeros(len(numbers))
     if len(tin.vertices):
         hint = np.full(len(numbers), -1, np.int32)
         judged = np.full((len(numbers), 3), OUTSIDE, np.int32)
-        residual_kernel(xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, residual)
+        residual_kernel(
+            xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, residual, sliver_slope
+        )
     return residual
 
 
-def near_surface(tin: Tin, xyz: Points, level: float, slant: float, slope_cap: float) -> Mask:
+def near_surface(
+    tin: Tin, xyz: Points, level: float, slant: float, slope_cap: float, sliver_slope: float
+) -> Mask:
     """The points (N,) no farther along z from the TIN of some of them than `level` (m), plus `slant` (m) per
     unit of the facet's slope, which counts up to `slope_cap`.
     """
     if len(tin.vertices) == 0:  # all on one line: the nearest point is all there is to compare with
         nearest = cKDTree(xyz[tin.waiting, :2]).query(xyz[:, :2])[1]
         return np.asarray(np.abs(xyz[:, 2] - xyz[tin.waiting[nearest], 2]) <= level)
-    return np.asarray(near_kernel(xyz, tin.whole, tin.vertices, tin.neighbours, level, slant, slope_cap))
+    return np.asarray(
+        near_kernel(xyz, tin.whole, tin.vertices, tin.neighbours, level, slant, slope_cap, sliver_slope)
+    )
 
 
 @njit(cache=True, inline="always")
@@ -139,10 +155,13 @@ def facet_inside(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) 
 
 
 @njit(cache=True, inline="always")
-def facet_at(xyz: Points, vertices: Ids, neighbours: Ids, triangle: int, x: float, y: float) -> Any:
+def facet_at(
+    xyz: Points, vertices: Ids, neighbours: Ids, triangle: int, x: float, y: float, sliver_slope: float
+) -> Any:
     """Height of a facet at (x, y), its slope, and the distance of (x, y) from the hull (0 inside).
 
-    Outside the hull the facet behind the hull's edge goes on, or where that is steep the edge's height does.
+    Outside the hull the facet behind the hull's edge goes on, or where that is steeper than
+    `sliver_slope` the edge's height does.
     """
     for k in range(3):
         if vertices[triangle, k] != OUTSIDE:
@@ -153,7 +172,7 @@ def facet_at(xyz: Points, vertices: Ids, neighbours: Ids, triangle: int, x: floa
         along = min(1.0, max(0.0, along))
         away = np.hypot(x - xyz[a, 0] - along * ux, y - xyz[a, 1] - along * uy)
         height, slope = facet_inside(xyz, vertices, neighbours[triangle, k], x, y)
-        if slope <= STEEPEST_RIM:
+        if slope <= sliver_slope:
             return height, slope, away
         return xyz[a, 2] + along * (xyz[b, 2] - xyz[a, 2]), 0.0, away
     height, slope = facet_inside(xyz, vertices, triangle, x, y)
@@ -173,11 +192,13 @@ def fits_kernel(
     distance: float,
     angle: float,
     angle_gain: float,
+    angle_slope_most: float,
     mirror_rise: float,
     mirror_slope: float,
     mirror_reach: float,
     steep: float,
     noise: float,
+    sliver_slope: float,
 ) -> tuple[Mask, Mask]:
     """Which candidates (K,) fit the TIN, and which change it.
 
@@ -200,7 +221,7 @@ def fits_kernel(
         hint[i] = here
         last = here
         judged[i, 0], judged[i, 1], judged[i, 2] = vertices[here, 0], vertices[here, 1], vertices[here, 2]
-        height, slope, away = facet_at(xyz, vertices, neighbours, here, x, y)
+        height, slope, away = facet_at(xyz, vertices, neighbours, here, x, y, sliver_slope)
         off = abs(z - height) / np.sqrt(1.0 + slope * slope)
         if off > distance and slope < steep:
             continue
@@ -215,7 +236,7 @@ def fits_kernel(
             if length > 0.0:
                 sine = max(sine, min(1.0, off / length))
         widest = np.arctan2(off, away) if away > 0.0 else np.arcsin(sine)
-        if off <= distance and widest <= angle + angle_gain * min(slope, 1.5):
+        if off <= distance and widest <= angle + angle_gain * min(slope, angle_slope_most):
             fits[i], new[i] = True, off > noise
             continue
         reach = np.hypot(x - xyz[nearest, 0], y - xyz[nearest, 1])
@@ -230,7 +251,7 @@ def fits_kernel(
             int(np.round((mx - corner[0]) / GRID_STEP)),
             int(np.round((my - corner[1]) / GRID_STEP)),
         )
-        height, slope, away = facet_at(xyz, vertices, neighbours, across, mx, my)
+        height, slope, away = facet_at(xyz, vertices, neighbours, across, mx, my, sliver_slope)
         if away > 0.0 or slope > mirror_slope:
             continue
         off = abs(z - (2.0 * xyz[nearest, 2] - height))
@@ -248,6 +269,7 @@ def residual_kernel(
     hint: Ids,
     judged: Ids,
     residual: Values,
+    sliver_slope: float,
 ) -> None:
     """Distance of each of the points (K,) from its facet, into `residual`.
 
@@ -264,7 +286,7 @@ def residual_kernel(
         hint[i] = last
         for k in range(3):
             judged[i, k] = vertices[last, k]
-        height, slope, _ = facet_at(xyz, vertices, neighbours, last, xyz[p, 0], xyz[p, 1])
+        height, slope, _ = facet_at(xyz, vertices, neighbours, last, xyz[p, 0], xyz[p, 1], sliver_slope)
         residual[i] = abs(xyz[p, 2] - height) / np.sqrt(1.0 + slope * slope)
 
 
@@ -277,6 +299,7 @@ def near_kernel(
     level: float,
     slant: float,
     slope_cap: float,
+    sliver_slope: float,
 ) -> Mask:
     """Whether each point (N,) lies within `level` + `slant` · slope of the facet at it, along z."""
     near = np.empty(len(xyz), np.bool_)
@@ -286,7 +309,7 @@ def near_kernel(
         here = walk(whole, vertices, neighbours, here, whole[i, 0], whole[i, 1])
         a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
         if a == OUTSIDE or b == OUTSIDE or c == OUTSIDE:
-            height, slope, _ = facet_at(xyz, vertices, neighbours, here, xyz[i, 0], xyz[i, 1])
+            height, slope, _ = facet_at(xyz, vertices, neighbours, here, xyz[i, 0], xyz[i, 1], sliver_slope)
             held = -1
         else:
             if here != held:  # points come in order, so a plane often serves the next one too

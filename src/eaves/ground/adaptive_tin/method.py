@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import fields
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,25 +11,18 @@ from numpy.typing import NDArray
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.tin import Tin
 from eaves.ground.adaptive_tin.densification import Limits, densify, insert_residuals, near_surface, residuals
-from eaves.ground.adaptive_tin.rim import rim_points
+from eaves.ground.adaptive_tin.rim import Rim, rim_points
 from eaves.ground.stage import GroundMethod
 from eaves.ground.toolkit.floor import Floor
+from eaves.ground.toolkit.pits import StrayRules
 from eaves.ground.toolkit.plateaus import Rules
-from eaves.ground.toolkit.seeds import lowest_of_cells, lowest_surface, seeds_by_opening
-from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, find_wide_objects
+from eaves.ground.toolkit.seeds import Opening, lowest_of_cells, lowest_surface, seeds_by_opening
+from eaves.ground.toolkit.terraces import TerraceRules
+from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, WideRules, find_wide_objects
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud, Points
 
-FIRST_CELLS = 2.0
-"""The TIN begins with the lowest seeds of cells this wide, in cells; the others tell how rough it is."""
-
-
-WIDEST_SPACING_M = 2.0
-"""Wider spacings add no more to the angle."""
-
-
-WIDE_BUFFER_M = 600.0
-"""What is wide is judged with all that lies so far around: a hall of 500 m with its surroundings."""
+Kind = TypeVar("Kind")
 
 
 class AdaptiveTin(GroundMethod):
@@ -76,12 +70,12 @@ class AdaptiveTin(GroundMethod):
       pingel2013], up to `window`. The rise that makes an object grows with the slope of the terrain,
       found in a first pass; heights are moved along it to the centres of their cells. The opening is done
       twice, so that a roof between roofs is found. Points low on a wall and in holes are left out after,
-      and so are up to three cells alone among objects that do not fit the ground around them.
-    - A piece over 200 m² that the opening took, and that meets the ground without a step on more than
-      `level_share` of its rim, is terrain again; from 80 m² on, with twice the share. Roofs step down on all
-      sides, spurs and high fields do not: this tells a hall from a terrace, whatever their size. A wide
-      piece that is nowhere two metres over the ground is terrain too: a terrace the rim of the data cuts;
-      and a piece over 200 m² to which a way leads, as found above.
+      and so are up to `island_cells` cells alone among objects that do not fit the ground around them.
+    - A piece over `terrace_area` that the opening took, and that meets the ground without a step on more than
+      `level_share` of its rim, is terrain again; from `terrace_area_least` on, with twice the share. Roofs
+      step down on all sides, spurs and high fields do not: this tells a hall from a terrace, whatever their
+      size. A wide piece that is nowhere `roof_height` over the ground is terrain too: a terrace the rim of
+      the data cuts; and a piece over `terrace_area` to which a way leads, as found above.
     - The larger the spacing, the larger the angle: the terrain bends more within a wide facet.
     - A seed or point within `noise`, or `noise_share` of t, of a facet is not inserted: the TIN stays small.
     - Points around the data, at heights that the seeds nearest to them foretell, keep the hull of the TIN
@@ -90,7 +84,7 @@ class AdaptiveTin(GroundMethod):
 
     The reach of a window of `window` is its width, and a chain of joining points adds little: 60 m.
     The roughness and the spacing are measured over the whole cloud that is given, which for a tiler is
-    block + reach. What is wide is looked for within 600 m (`wide_buffer`), in squares of 480 m that are fixed
+    block + reach. What is wide is looked for within `wide_around`, 600 m, in squares of 480 m that are fixed
     to the world: a point farther than 1,080 m has no say.
 
     Fails where
@@ -98,9 +92,9 @@ class AdaptiveTin(GroundMethod):
     Water is taken for ground, and much of a bridge that goes on at the level of its road. A building wider
     than `window` in both directions stays where a ramp or a slope two cells wide leads up to it, as to a
     parking deck or to the stands of a stadium on its embankment, where the rim of the data cuts through half
-    of its walls, or where it is wider than 600 m. A plateau of rock with vertical walls all round goes.
-    A hill narrower than the window goes when it is steep on all sides. A kerb of three decimetres on dense
-    data is cut off, a step of two decimetres is kept. Dense low plants that no pulse passes are ground.
+    of its walls, or where it is wider than `wide_around`. A plateau of rock with vertical walls all round
+    goes. A hill narrower than the window goes when it is steep on all sides. A kerb of three decimetres on
+    dense data is cut off, a step of two decimetres is kept. Dense low plants that no pulse passes are ground.
     Heaps and rocks in thin data lose their tops.
 
     Complexity
@@ -127,6 +121,9 @@ class AdaptiveTin(GroundMethod):
     wall: float = parameter(
         2.0, "Least height of the walls of a surface that stands on the terrain.", unit="m", gt=0
     )
+    wall_cells: float = parameter(
+        0.8, "The same in sides of a cell of 1.5, 3 or 6 m, where that is more: less may be a slope.", ge=0
+    )
     wall_share: float = parameter(
         0.85, "Share of its rim to the terrain that must be walls, where it is known.", gt=0, le=1
     )
@@ -134,16 +131,159 @@ class AdaptiveTin(GroundMethod):
     rim_void: float = parameter(
         0.4, "Largest share of its rim beyond which nothing was measured.", ge=0, le=1
     )
+    rim_look: float = parameter(
+        3.0,
+        "What is beyond the rim is looked for so far: walls and eaves hide the ground at their foot.",
+        unit="m",
+        gt=0,
+    )
+    rim_joined: float = parameter(
+        0.05,
+        "A surface that joins terrain on so much of its rim is judged even where it hardly meets terrain.",
+        ge=0,
+        le=1,
+    )
+    rim_stepped: float = parameter(
+        0.5,
+        "Surfaces of whose rim no more steps down are terrain before the doubtful are judged.",
+        ge=0,
+        le=1,
+    )
+    wide_step: float = parameter(
+        1.0, "Rise up to which cells join to a surface, per metre of their side.", ge=0
+    )
+    wide_step_least: float = parameter(1.0, "The same, at least.", unit="m", ge=0)
+    wide_step_most: float = parameter(2.0, "The same, at most.", unit="m", gt=0)
+    scrap_cells: int = parameter(8, "Surfaces of fewer cells are left out.", ge=0)
+    low_share: float = parameter(
+        0.1,
+        "A surface is low when no more of its rim steps down and it lies no wall over the widest.",
+        ge=0,
+        le=1,
+    )
+    low_slope: float = parameter(0.15, "Slope between them that is allowed for.", ge=0)
+    ringed_share: float = parameter(
+        0.01, "Where no more of its rim steps down it may lie `ringed_walls` higher.", ge=0, le=1
+    )
+    ringed_walls: float = parameter(2.0, "Walls that a yard on a terrace may lie higher.", ge=0)
+    cell_points: float = parameter(
+        2.5, "What is wide is looked for in cells half of which hold more points than this.", ge=0
+    )
+    echo_depth: float = parameter(
+        1.0, "A lowest point so far under the second of its cell is an echo gone astray.", unit="m", ge=0
+    )
+    echo_points: int = parameter(4, "Only in cells of at least so many points.", ge=2)
+    clear: float = parameter(
+        1.0, "Points so far over the terrain beneath a raised surface belong to it.", unit="m", ge=0
+    )
+    support_cells: int = parameter(
+        2, "The terrain beneath is drawn from that within so many cells of the raised surface.", ge=1
+    )
+    fringe_cells: int = parameter(
+        4, "Cells of no surface so near to a raised one are its parapets, flanks and walls.", ge=0
+    )
+    broad_cells: int = parameter(
+        5, "A surface narrower than this, in cells, is a way and no terrace: it may be a bridge.", ge=1
+    )
+    wide_around: float = parameter(
+        600.0,
+        "What is wide is judged with all that lies so far around: a hall of 500 m with its surroundings.",
+        unit="m",
+        gt=0,
+    )
     wide_area: float = parameter(200.0, "Smaller surfaces are left to the opening.", unit="m²", gt=0)
     window: float = parameter(
         36.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
+    )
+    window_growth: float = parameter(
+        1.15, "Ratio of one window to the next, once they differ by more than a cell.", ge=1
+    )
+    first_slope: float = parameter(
+        0.12, "Rise, per metre of the window's radius, that makes an object in the first, rough pass.", gt=0
+    )
+    first_height: float = parameter(0.2, "Height that is added to it.", unit="m", ge=0)
+    slope_scale: float = parameter(
+        8.0,
+        "Standard deviation of the smoothing before the terrain's slope is measured: wider than a car.",
+        unit="m",
+        gt=0,
     )
     object_slope: float = parameter(
         0.12, "Rise over the opened surface, per metre of the window's radius, that makes an object.", gt=0
     )
     slope_share: float = parameter(0.3, "Part of the terrain's slope that is added to it.", ge=0)
+    rough_share: float = parameter(
+        0.2, "Height that a cell of sloping terrain may rise more, per metre of cell and slope.", ge=0
+    )
     level_share: float = parameter(
         0.2, "A wide piece that meets the ground level on more of its rim is terrain.", ge=0, le=1
+    )
+    terrace_step: float = parameter(
+        0.3,
+        "A larger residual between two cells of 1 m parts pieces; it grows with the root of the cell.",
+        unit="m",
+        gt=0,
+    )
+    terrace_steep: float = parameter(
+        0.2,
+        "Share of the height difference that counts as residual where the slope goes on: walls go on too.",
+        ge=0,
+        le=1,
+    )
+    terrace_area: float = parameter(
+        200.0, "Smaller pieces must be level on twice `level_share` of the rim.", unit="m²", ge=0
+    )
+    terrace_area_least: float = parameter(
+        80.0, "Smaller pieces have a rim too short to judge.", unit="m²", ge=0
+    )
+    roof_height: float = parameter(
+        2.0, "A wide piece that is nowhere so high over the ground is no roof.", unit="m", gt=0
+    )
+    roof_share: float = parameter(0.1, "Share of its rim that may be higher all the same.", ge=0, le=1)
+    roof_cells: int = parameter(
+        5, "Wide, for that, is a piece with a cell so many cells from its rim: no car, hedge or boat.", ge=1
+    )
+    reached_share: float = parameter(
+        0.75, "A piece over `terrace_area` is terrain when a way leads to so much of it.", ge=0, le=1
+    )
+    terrace_rounds: int = parameter(2, "Terraces that may join the ground over one another.", ge=0)
+    hole_depth: float = parameter(
+        1.0, "A cell so far under all ground around holds an echo gone astray.", unit="m", ge=0
+    )
+    hole_cells: int = parameter(2, "The ground around is that within so many cells.", ge=1)
+    stray_rise: float = parameter(
+        0.7, "A cell so far over ground beside it may be part of a wall.", unit="m", ge=0
+    )
+    stray_under: float = parameter(
+        3.0, "It is when it lies so far under an object beside it.", unit="m", ge=0
+    )
+    stray_cells: float = parameter(
+        1.5, "The terrain's slope over so many cells is added to `stray_rise`.", ge=0
+    )
+    stray_rounds: int = parameter(2, "Rows of cells in which a slanting wall may stand.", ge=0)
+    island_cells: int = parameter(
+        3, "More cells of ground together among objects are taken for what they are.", ge=0
+    )
+    island_nearest: int = parameter(
+        12, "The terrain at fewer is foretold by so many of the nearest cells of ground.", ge=1
+    )
+    first_cells: float = parameter(
+        2.0,
+        "The TIN begins with the lowest seeds of cells this wide, in cells; the others tell how rough it is.",
+        gt=0,
+    )
+    rim_beyond: float = parameter(
+        5.0, "Points that foretell the terrain stand this far outside the data.", unit="m", gt=0
+    )
+    rim_apart: float = parameter(10.0, "Largest distance between two of them.", unit="m", gt=0)
+    rim_nearest: int = parameter(
+        32, "Each lies on the plane through so many of the nearest sure ground points.", ge=1
+    )
+    rim_stiffness: float = parameter(
+        1.0, "A plane through points scattered less than this is drawn level.", unit="m", gt=0
+    )
+    rim_farthest: float = parameter(
+        20.0, "The plane is level farther than this from the nearest ground point.", unit="m", ge=0
     )
     cell_least: float = parameter(
         0.7, "Side of the cells of the lowest points; one spacing where that is more.", unit="m", gt=0
@@ -159,12 +299,17 @@ class AdaptiveTin(GroundMethod):
     angle: float = parameter(12.0, "Largest angle to the facet.", unit="degree", symbol="α", gt=0, le=90)
     angle_share: float = parameter(
         6.0,
-        "Added per metre of spacing, up to 2 m: wide facets bend more.",
+        "Added per metre of spacing: wide facets bend more.",
         unit="degree",
         ge=0,
     )
+    angle_spacing_most: float = parameter(2.0, "Wider spacings add no more.", unit="m", ge=0)
     angle_gain: float = parameter(
         3.0, "Added to the angle per unit of the facet's slope.", unit="degree", symbol="γ", ge=0
+    )
+    angle_slope_most: float = parameter(1.5, "Steeper facets add no more to the angle.", ge=0)
+    sliver_slope: float = parameter(
+        1.5, "A facet at the hull that is steeper is a sliver: beyond it the edge's height goes on.", ge=0
     )
     steep: float = parameter(0.7, "Slope of a facet from which it may hide a break line.", ge=0)
     mirror_slope: float = parameter(0.5, "Steepest facet that is extended across a break line.", ge=0)
@@ -189,20 +334,22 @@ class AdaptiveTin(GroundMethod):
     slant_most: float = parameter(0.9, "The same, at most.", unit="m", symbol="κ", ge=0)
     slope_cap: float = parameter(3.0, "Slopes above this add no more.", ge=0)
 
+    def rules_of(self, kind: type[Kind]) -> Kind:
+        """The rules of a step: a dataclass whose fields bear the names of parameters."""
+        return kind(**{field.name: getattr(self, field.name) for field in fields(kind)})  # type: ignore[arg-type]
+
     @property
     def buffer(self) -> float:
         return 60.0
 
     @property
     def wide_buffer(self) -> float:
-        return WIDE_BUFFER_M if self.seed_cell is None else 0.0
+        return self.wide_around if self.seed_cell is None else 0.0
 
     def find_wide_objects(self, floor: Floor) -> Patch | None:
         if self.seed_cell is not None:
             return None
-        return find_wide_objects(
-            floor, Rules(self.wall, self.wall_share, self.rim_known, self.rim_void, self.wide_area)
-        )
+        return find_wide_objects(floor, self.rules_of(Rules), self.rules_of(WideRules))
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
         return self.ground_mask_among(cloud, np.zeros(len(cloud), np.uint8), emit)
@@ -219,43 +366,46 @@ class AdaptiveTin(GroundMethod):
         if len(seeds) == 0:
             return np.zeros(len(xyz), bool)
         waiting = standing != OVER
-        first = seeds[lowest_of_cells(xyz[seeds], FIRST_CELLS * cell)]
+        first = seeds[lowest_of_cells(xyz[seeds], self.first_cells * cell)]
         waiting[first] = False
         rest = seeds[waiting[seeds]]
-        around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds)
+        around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds, self.rules_of(Rim))
         xyz = np.concatenate([xyz, around])
         tin = Tin(xyz, np.concatenate([first, np.arange(len(cloud), len(xyz))]))
-        residual = residuals(tin, xyz, rest)
+        residual = residuals(tin, xyz, rest, self.sliver_slope)
         level = self.tolerance(float(np.median(residual)) if len(rest) else 0.0)
         noise = max(self.noise, self.noise_share * level)
-        insert_residuals(tin, xyz, rest, residual, noise)
+        insert_residuals(tin, xyz, rest, residual, noise, self.sliver_slope)
         waiting[rest] = False
         candidates = lowest_of_cells(cloud.xyz, max(self.fine_cell, 0.5 * spacing), bounds)
         densify(tin, xyz, candidates[waiting[candidates]], self.limits(spacing, cell, noise), self.rounds)
         if emit is not ignore:
             emit("triangles", xyz[tin.triangles])
         slant = min(self.slant_most, self.slant_share * spacing)
-        near = near_surface(tin, xyz, level, slant, self.slope_cap)[: len(cloud)]
-        return np.asarray(near & (standing != OVER))
+        near = near_surface(tin, xyz, level, slant, self.slope_cap, self.sliver_slope)
+        return np.asarray(near[: len(cloud)] & (standing != OVER))
 
     def find_seeds(self, xyz: Points, cell: float, bounds: Bounds, standing: Standing) -> NDArray[np.int64]:
         """Numbers (K,) of the points the TIN begins with."""
         if self.seed_cell is not None:
             return lowest_of_cells(xyz, self.seed_cell, bounds)
-        lowest = lowest_surface(xyz, bounds, cell, self.window, standing)
-        return seeds_by_opening(lowest, self.window, self.object_slope, self.slope_share, self.level_share)
+        opening = self.rules_of(Opening)
+        lowest = lowest_surface(xyz, bounds, cell, opening, standing)
+        return seeds_by_opening(lowest, opening, self.rules_of(TerraceRules), self.rules_of(StrayRules))
 
     def limits(self, spacing: float, cell: float, noise: float) -> Limits:
         """What a point may differ from the surface to join it."""
         return Limits(
             distance=min(self.distance_most, self.distance_share * spacing),
-            angle=np.radians(self.angle + self.angle_share * min(spacing, WIDEST_SPACING_M)),
+            angle=np.radians(self.angle + self.angle_share * min(spacing, self.angle_spacing_most)),
             angle_gain=np.radians(self.angle_gain),
+            angle_slope_most=self.angle_slope_most,
             mirror_rise=self.mirror_rise,
             mirror_slope=self.mirror_slope,
             mirror_reach=self.mirror_reach * cell,
             steep=self.steep,
             noise=noise,
+            sliver_slope=self.sliver_slope,
         )
 
     def tolerance(self, roughness: float) -> float:

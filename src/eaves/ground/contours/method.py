@@ -16,9 +16,6 @@ from eaves.model import Grid, Mask, PointCloud, Points, Raster
 from eaves.raster.grid import cell_centres, empty_raster, lowest_points, whole_cells
 from eaves.raster.interpolate import fill_linear
 
-LEAST_CELL_M = 0.5
-"""The surface is not gridded finer than the rasters of the scene."""
-
 
 class ContourGround(GroundMethod):
     """Ground by telling contours of the terrain from contours of what stands on it.
@@ -38,7 +35,7 @@ class ContourGround(GroundMethod):
     Fidelity
     --------
     Followed: steps 1 to 3 of the paper, the three properties of a contour, nearest-neighbour gridding. The
-    paper prints no number and does not describe the iteration; interval, lengths, and the rule above
+    paper prints no number and does not describe the iteration; cell, interval, lengths, and the rule above
     are ours. Where the contours of walls lie over one another, the lowest holds. A block so flat that no
     contour lies on terrain begins with the lowest point of each cell as wide as the longest outline.
 
@@ -60,6 +57,12 @@ class ContourGround(GroundMethod):
     idea: ClassVar[str] = "Long or open contours of the surface lie on terrain, short closed ones do not."
     paper: ClassVar[str] = "ren_fcs"
 
+    cell_least: float = parameter(
+        0.5,
+        "Side of the cells of the surface, as in the scene's rasters; one spacing where that is more.",
+        unit="m",
+        gt=0.0,
+    )
     interval: float = parameter(0.5, "Height between contours.", unit="m", gt=0.0)
     longest_outline: float = parameter(
         400.0, "A closed contour longer than this lies on terrain.", unit="m", gt=0.0
@@ -81,7 +84,7 @@ class ContourGround(GroundMethod):
         xyz = cloud.xyz
         if len(xyz) < 3:
             return np.ones(len(xyz), bool)
-        cell = max(LEAST_CELL_M, measure_spacing(xyz))
+        cell = max(self.cell_least, measure_spacing(xyz))
         surface = self.grid_surface(xyz, cell)
         emit("surface", surface)
         contours = self.draw_contours(surface)

@@ -13,14 +13,12 @@ from eaves.model import Bounds, Grid, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
 
 FINEST_M = 1.5
-"""Side of the finest cells: two of them are as wide as a way that a car takes."""
+"""Side of the finest cells: two of them are as wide as a way that a car takes. Fixed, for floors are kept
+with their blocks before a method is asked, and squares of the world are whole multiples of all cells."""
 LEVELS = 3
 """Cells are doubled up to this many levels: 1.5, 3, 6 m."""
 COARSEST_M = FINEST_M * 2 ** (LEVELS - 1)
-ENOUGH = 2.5
-"""Cells are wide enough when half of those that hold points hold more than this many."""
-STRAY_M, STRAY_POINTS = 1.0, 4
-"""A lowest point this far under the second, in a cell of at least four, is an echo gone astray."""
+"""Side of the widest cells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +41,12 @@ class Floor:
         """Rows and columns."""
         return self.lowest.shape[0], self.lowest.shape[1]
 
-    @property
-    def heights(self) -> Grid:
-        """The height (H, W) of each cell: its lowest, or the second where the lowest is a stray."""
+    def heights(self, stray_depth: float, stray_points: int) -> Grid:
+        """The height (H, W) of each cell: its lowest, or the second where the lowest of at least
+        `stray_points` lies more than `stray_depth` (m) under it: an echo gone astray.
+        """
         with np.errstate(invalid="ignore"):
-            stray = (self.count >= STRAY_POINTS) & (self.second - self.lowest > STRAY_M)
+            stray = (self.count >= stray_points) & (self.second - self.lowest > stray_depth)
         return np.where(stray, self.second, self.lowest).astype(np.float32)
 
     @classmethod
@@ -120,12 +119,12 @@ class Floor:
                 merge_kernel(wide.lowest, wide.second, wide.count, lowest[part], second[part], count[part])
         return wide
 
-    def in_wide_cells(self) -> Floor:
-        """The same in cells wide enough for the density of the points."""
+    def in_wide_cells(self, enough: float) -> Floor:
+        """The same in cells so wide that half of those that hold points hold more than `enough`."""
         floor = self
         for _ in range(LEVELS - 1):
             held = floor.count[floor.count > 0]
-            if len(held) == 0 or np.median(held) > ENOUGH:
+            if len(held) == 0 or np.median(held) > enough:
                 break
             floor = floor.doubled()
         return floor

@@ -1,4 +1,8 @@
-"""Gross outliers: points far below or above everything near them (multipath, birds, clouds)."""
+"""Gross outliers: points far below or above everything near them (multipath, birds, clouds).
+
+The stage finds them before any filter is asked, whichever that is, so what is one is defined here and is no
+parameter of a method.
+"""
 
 from __future__ import annotations
 

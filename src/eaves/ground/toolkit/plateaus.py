@@ -15,28 +15,6 @@ from eaves.raster.nearest import nearest_cells
 
 Integers = NDArray[np.int64]
 
-STEP_SHARE, STEP_LEAST_M, STEP_MOST_M = 1.0, 1.0, 2.0
-"""Neighbouring cells join up to a rise of their side, a slope that earth and vaults keep; at least 1 m, at
-most 2 m."""
-WALL_SHARE = 0.8
-"""In wide cells a wall is at least 0.8 of their side high: less may be a slope."""
-LOOK_M = 3.0
-"""What is beyond a rim is looked for this far: walls and eaves hide the ground at their foot."""
-SCRAP_CELLS = 8
-"""Smaller surfaces are left out, as are cells that join none."""
-JOINED_SHARE = 0.05
-"""A surface that joins terrain without a wall on so much of its rim is judged by itself, however little of
-the rim meets terrain."""
-OBJECTIONS = 0.5
-"""Surfaces with less than half of the rim stepping down are terrain before the doubtful ones are judged."""
-LOW_SHARE, LOW_SLOPE = 0.1, 0.15
-"""A surface is a low one when no more of its rim steps down, and it lies no wall higher than the widest
-surface where that is nearest; a slope between them of 0.15 is allowed for."""
-
-RINGED_SHARE, RINGED_WALLS = 0.01, 2.0
-"""Where nothing at all steps down from it, it may lie two walls higher: a yard on a terrace, no valley of a
-roof, which ends in eaves."""
-
 UNKNOWN, DOWN, UP, LEVEL, VOID = 0, 1, 2, 3, 4
 """What is beyond a piece of rim; void, where nothing was measured at all."""
 KINDS = 5
@@ -44,18 +22,45 @@ KINDS = 5
 
 @dataclass(frozen=True)
 class Rules:
-    """When a surface stands over the terrain."""
+    """When a surface stands over the terrain; each is the method's parameter of that name."""
 
     wall: float
     """Least height of a wall (m)."""
-    share: float
+    wall_cells: float
+    """The same in sides of a cell, where that is more: less may be a slope."""
+    wall_share: float
     """Of the known rim, to be walls down to the terrain."""
-    known: float
+    rim_known: float
     """Least share of the rim that must be known."""
-    void: float
+    rim_void: float
     """Largest share of the rim beyond which nothing was measured, as at the rim of the data."""
-    area: float
+    rim_look: float
+    """What is beyond a rim is looked for this far (m): walls and eaves hide the ground at their foot."""
+    rim_joined: float
+    """A surface that joins terrain without a wall on so much of its rim is judged by itself, however little
+    of the rim meets terrain."""
+    rim_stepped: float
+    """Surfaces of whose rim no larger share steps down are terrain before the doubtful ones are judged."""
+    wide_area: float
     """Least area of a surface that is judged (m²)."""
+    wide_step: float
+    """Cells join up to this rise, per metre of their side: a slope that earth and vaults keep."""
+    wide_step_least: float
+    """The same, at least (m)."""
+    wide_step_most: float
+    """The same, at most (m)."""
+    scrap_cells: int
+    """Surfaces of fewer cells are left out, as are cells that join none."""
+    low_share: float
+    """A surface is a low one when no larger share of its rim steps down, and it lies no wall higher than the
+    widest surface where that is nearest ..."""
+    low_slope: float
+    """... and a slope between them of so much is allowed for."""
+    ringed_share: float
+    """Where no larger share of the rim steps down, a low surface may lie `ringed_walls` higher: a yard on a
+    terrace, no valley of a roof, which ends in eaves."""
+    ringed_walls: float
+    """See `ringed_share`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,23 +99,23 @@ class Verdict:
     known: Values
 
 
-def find_surfaces(heights: Grid, cell: float, wall: float) -> Surfaces:
+def find_surfaces(heights: Grid, cell: float, rules: Rules) -> Surfaces:
     """The surfaces in lowest heights (H, W), NaN where unknown, of cells of a side (m).
 
     Squares of two by two cells with no step between them join where they share two cells: a way from one
     surface to another is at least two cells wide.
     """
-    step = min(STEP_MOST_M, max(STEP_LEAST_M, STEP_SHARE * cell))
+    step = min(rules.wide_step_most, max(rules.wide_step_least, rules.wide_step * cell))
     known = np.isfinite(heights)
     z = np.where(known, heights, ndimage.minimum_filter(np.where(known, heights, np.inf), 3))
     z = np.where(np.isfinite(z), z, np.nan).astype(np.float32)
     square, count = ndimage.label(squares_kernel(z, np.float32(step)))
-    label = cells_kernel(np.asarray(square, np.int32), count, SCRAP_CELLS)
+    label = cells_kernel(np.asarray(square, np.int32), count, rules.scrap_cells)
     count = int(label.max())
     area = np.bincount(label.ravel(), minlength=count + 1).astype(np.float64) * cell * cell
     area[0] = 0.0
-    down = max(wall, WALL_SHARE * cell)
-    sides = rim_kernel(z, known, label, round(max(2.0, LOOK_M / cell)), down, step)
+    down = max(rules.wall, rules.wall_cells * cell)
+    sides = rim_kernel(z, known, label, round(max(2.0, rules.rim_look / cell)), down, step)
     key, length = np.unique(sides, return_counts=True)
     one, rest = np.divmod(key, KINDS * (count + 1))
     contacts = np.stack([one, rest // KINDS, rest % KINDS], axis=-1)
@@ -120,22 +125,22 @@ def find_surfaces(heights: Grid, cell: float, wall: float) -> Surfaces:
 def judge_surfaces(surfaces: Surfaces, rules: Rules) -> Verdict:
     """Which surfaces are terrain, and which stand over it.
 
-    The widest surface is terrain, and so are low ones, such as courtyards. All others are taken
-    for raised, in groups of those that touch, until their rims object: a surface that meets terrain is
-    terrain too unless `share` of what is known steps down to it by a wall; so is one in a group whose outer
-    rim does not. What is low in terrain's company no longer is a wall's foot, so the worst objections come
-    first.
+    The widest surface is terrain, and so are low ones, such as courtyards. All others are taken for raised,
+    in groups of those that touch, until their rims object: a surface that meets terrain is terrain too unless
+    `wall_share` of what is known steps down to it by a wall; so is one in a group whose outer rim does not.
+    What is low in terrain's company no longer is a wall's foot, so the worst objections come first.
     """
     area, contacts = surfaces.area, surfaces.contacts
     one, other, _ = contacts.T
-    wide = area >= rules.area
+    wide = area >= rules.wide_area
     everything = surfaces.rims(np.ones(len(contacts), bool))
     rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
     widest = int(np.argmax(area))
-    terrain = wide & (everything[:, DOWN] <= LOW_SHARE * stepped)
+    terrain = wide & (everything[:, DOWN] <= rules.low_share * stepped)
     terrain[widest] = False
-    ringed = everything[:, DOWN] <= RINGED_SHARE * stepped
-    terrain &= height_over(surfaces, widest, terrain) < np.where(ringed, RINGED_WALLS, 1.0) * rules.wall
+    ringed = everything[:, DOWN] <= rules.ringed_share * stepped
+    over = height_over(surfaces, widest, terrain, rules.low_slope)
+    terrain &= over < np.where(ringed, rules.ringed_walls, 1.0) * rules.wall
     terrain[widest] = True
     terrain[0] = False
     while True:
@@ -143,10 +148,10 @@ def judge_surfaces(surfaces: Surfaces, rules: Rules) -> Verdict:
         met = facing[:, DOWN:VOID].sum(axis=1)
         share = facing[:, DOWN] / np.maximum(met, 1.0)
         joined = facing[:, LEVEL] + facing[:, UP]
-        heard = (met >= (1.0 - rules.share) * rim) | (joined >= JOINED_SHARE * rim)
-        objects = ~terrain & wide & heard & (met > 0) & (share < rules.share)
+        heard = (met >= (1.0 - rules.wall_share) * rim) | (joined >= rules.rim_joined * rim)
+        objects = ~terrain & wide & heard & (met > 0) & (share < rules.wall_share)
         if objects.any():
-            terrain |= objects & (share <= max(OBJECTIONS, float(share[objects].min())))
+            terrain |= objects & (share <= max(rules.rim_stepped, float(share[objects].min())))
             continue
         inner = ~terrain[one] & ~terrain[other] & (other > 0)
         group = connected_groups_kernel(one[inner], other[inner], len(area))
@@ -158,24 +163,26 @@ def judge_surfaces(surfaces: Surfaces, rules: Rules) -> Verdict:
         outer -= np.bincount(group[one[inner]], surfaces.length[inner], count)
         outer = np.maximum(outer, 1.0)
         group_share, known = down / np.maximum(together, 1.0), together / outer
-        stands = (group_share >= rules.share) & (known >= rules.known) & (void <= rules.void * outer)
+        stands = (
+            (group_share >= rules.wall_share) & (known >= rules.rim_known) & (void <= rules.rim_void * outer)
+        )
         objects = ~terrain & wide & ~stands[group]
         if not objects.any():
             break
         first = np.where(met > 0, share, 2.0)
-        terrain |= objects & (first <= max(OBJECTIONS, float(first[objects].min())))
+        terrain |= objects & (first <= max(rules.rim_stepped, float(first[objects].min())))
     has_wide = np.bincount(group, ~terrain & wide, count) > 0
     raised = ~terrain & (stands & has_wide)[group]
     # a scrap goes with its group unless it meets the terrain without a wall, or lies low in the group
-    low = np.where(met > 0, share < rules.share, everything[:, DOWN] < OBJECTIONS * stepped)
+    low = np.where(met > 0, share < rules.wall_share, everything[:, DOWN] < rules.rim_stepped * stepped)
     raised &= wide | ~low
     raised[0] = False
     return Verdict(terrain, raised, group_share[group], known[group])
 
 
-def height_over(surfaces: Surfaces, base: int, wanted: Mask) -> Values:
+def height_over(surfaces: Surfaces, base: int, wanted: Mask, slope: float) -> Values:
     """How much higher than the surface `base` each wanted surface (K + 1,) lies where it is nearest to
-    it, less what a slope makes; 0 for the others.
+    it, less what such a slope makes; 0 for the others.
     """
     over = np.zeros(len(surfaces.area))
     at = np.flatnonzero(wanted[surfaces.label])
@@ -189,7 +196,7 @@ def height_over(surfaces: Surfaces, base: int, wanted: Mask) -> Values:
     order = np.lexsort((at, away, mine))
     first = order[np.r_[True, np.diff(mine[order]) > 0]]
     rise = surfaces.z.ravel()[at[first]] - surfaces.z[near_rows[first], near_columns[first]]
-    over[mine[first]] = rise - LOW_SLOPE * surfaces.cell * away[first]
+    over[mine[first]] = rise - slope * surfaces.cell * away[first]
     return over
 
 

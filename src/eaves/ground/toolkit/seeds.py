@@ -11,21 +11,35 @@ from scipy import ndimage
 
 from eaves.ground.toolkit.islands import find_islands
 from eaves.ground.toolkit.morphology import opened
-from eaves.ground.toolkit.pits import find_strays
-from eaves.ground.toolkit.terraces import find_terraces
+from eaves.ground.toolkit.pits import StrayRules, find_strays
+from eaves.ground.toolkit.terraces import TerraceRules, find_terraces
 from eaves.ground.toolkit.wide_objects import OVER, REACHED, Standing
 from eaves.model import Bounds, Grid, Mask, Points, Raster
 from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
 from eaves.raster.interpolate import fill_linear, fill_smooth
 
-FIRST_SLOPE, FIRST_HEIGHT_M = 0.12, 0.2
-"""Rise (m per m of radius) and height (m) over the opened surface of an object in the first, rough pass."""
-WINDOW_GROWTH = 1.15
-"""Ratio of one window to the next, once they differ by more than a cell."""
-SLOPE_SCALE_M = 8.0
-"""The slope of the terrain is measured after smoothing with this standard deviation: wider than a car."""
-ROUGH_STEP = 0.2
-"""Height over the opened surface that a cell of sloping terrain is allowed, per metre of cell and slope."""
+
+@dataclass(frozen=True)
+class Opening:
+    """What an opening takes for objects; each is the method's parameter of that name."""
+
+    window: float
+    """The widest window (m)."""
+    window_growth: float
+    """Ratio of one window to the next, once they differ by more than a cell."""
+    first_slope: float
+    """Rise over the opened surface, per metre of the radius, of an object in the first, rough pass."""
+    first_height: float
+    """Height (m) that is added to it."""
+    slope_scale: float
+    """The slope of the terrain is measured after smoothing with this standard deviation (m)."""
+    object_slope: float
+    """Rise over the opened surface, per metre of the radius, that makes an object."""
+    slope_share: float
+    """Part of the terrain's slope that is added to it."""
+    rough_share: float
+    """Height over the opened surface that a cell of sloping terrain is allowed, per metre of cell and
+    slope."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +63,7 @@ def lowest_of_cells(xyz: Points, side: float, bounds: Bounds | None = None) -> N
 
 
 def lowest_surface(
-    xyz: Points, bounds: Bounds, cell: float, widest: float, standing: Standing
+    xyz: Points, bounds: Bounds, cell: float, opening: Opening, standing: Standing
 ) -> LowestPoints:
     """The surface of the lowest points (N, 3) within `bounds`, and the slope of the terrain in it as a first
     pass finds it; `standing` (N,) tells where points stand.
@@ -64,11 +78,12 @@ def lowest_surface(
     heights = fill_smooth(heights_of(number, xyz[:, 2]))
     raw = Raster(heights, bounds.west, bounds.north, cell)
     level = np.zeros(raw.shape, np.float32)
-    objects = stands_out(raw.values, cell, widest, level + np.float32(FIRST_SLOPE), FIRST_HEIGHT_M, level)
+    first = level + np.float32(opening.first_slope)
+    objects = stands_out(raw.values, cell, opening, first, opening.first_height, level)
     terrain = fill_smooth(
         np.where(objects | (place == OVER) | ~occupied, np.nan, raw.values).astype(np.float32)
     )
-    smooth = ndimage.gaussian_filter(terrain, SLOPE_SCALE_M / cell, truncate=2.5)
+    smooth = ndimage.gaussian_filter(terrain, opening.slope_scale / cell, truncate=2.5)
     south, east = (level, level) if min(raw.shape) < 2 else np.asarray(np.gradient(smooth, cell))
     rows, columns = np.nonzero(occupied)
     at = xyz[number[occupied]]
@@ -82,38 +97,38 @@ def lowest_surface(
 
 
 def seeds_by_opening(
-    lowest: LowestPoints, widest: float, object_slope: float, slope_share: float, level_share: float
+    lowest: LowestPoints, opening: Opening, terraces: TerraceRules, strays: StrayRules
 ) -> NDArray[np.int64]:
-    """Numbers (K,) of the lowest points that stand on no object up to `widest` (m) wide.
+    """Numbers (K,) of the lowest points that stand on no object up to the widest window wide.
 
     The opening is done twice: what stood between objects stands alone once they are gone. Then terraces
     return, and what is half way up a wall or in a hole goes.
     """
     surface, occupied = lowest.surface, lowest.number != EMPTY
     cell = surface.cell
-    rise = (object_slope + slope_share * lowest.slope).astype(np.float32)
-    rough = (ROUGH_STEP * cell * lowest.slope).astype(np.float32)
+    rise = (opening.object_slope + opening.slope_share * lowest.slope).astype(np.float32)
+    rough = (opening.rough_share * cell * lowest.slope).astype(np.float32)
     over = lowest.standing == OVER
-    objects = stands_out(surface.values, cell, widest, rise, 0.0, rough) | over
+    objects = stands_out(surface.values, cell, opening, rise, 0.0, rough) | over
     bare = surface.with_(values=np.where(objects | ~occupied, np.nan, surface.values).astype(np.float32))
-    objects |= stands_out(fill_linear(bare).values, cell, widest, rise, 0.0, rough)
+    objects |= stands_out(fill_linear(bare).values, cell, opening, rise, 0.0, rough)
     reached = lowest.standing == REACHED
-    objects &= ~find_terraces(surface, objects, occupied, reached, level_share) | over
-    objects |= find_strays(surface, lowest.slope, objects, occupied)
-    objects |= find_islands(surface, lowest.slope, occupied & ~objects, occupied)
+    objects &= ~find_terraces(surface, objects, occupied, reached, terraces) | over
+    objects |= find_strays(surface, lowest.slope, objects, occupied, strays)
+    objects |= find_islands(surface, lowest.slope, occupied & ~objects, occupied, strays)
     return np.asarray(lowest.number[occupied & ~objects])
 
 
-def stands_out(surface: Grid, cell: float, widest: float, rise: Grid, height: float, rough: Grid) -> Mask:
+def stands_out(surface: Grid, cell: float, opening: Opening, rise: Grid, height: float, rough: Grid) -> Mask:
     """Cells (H, W) that rise over the surface opened with a growing window.
 
     A window of radius r takes away what is narrower than 2 r; a cell is an object's when it loses more than
     `rise` · r + `height` + `rough` to one step [zhang2003, pingel2013].
     """
     objects = np.zeros(surface.shape, bool)
-    radius, widest_radius = 0, max(1, round(widest / 2.0 / cell))
+    radius, widest_radius = 0, max(1, round(opening.window / 2.0 / cell))
     while radius < widest_radius:
-        radius = min(widest_radius, max(radius + 1, round(radius * WINDOW_GROWTH)))
+        radius = min(widest_radius, max(radius + 1, round(radius * opening.window_growth)))
         lower = opened(surface, radius)
         stand_out_kernel(objects, surface, lower, rise, rough, np.float32(radius * cell), np.float32(height))
         surface = lower

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -9,49 +11,62 @@ from numpy.typing import NDArray
 from eaves.model import Labels, Mask, Raster
 from eaves.raster.nearest import ADJOINING, near_cells
 
-STEP_M = 0.3
-"""A larger residual between two cells of 1 m parts them; it grows with the root of the cell."""
-STEEP_SHARE = 0.2
-"""Share of the height difference that counts as residual even where the slope goes on: walls go on too."""
-WIDE_M2, LEAST_AREA_M2 = 200.0, 80.0
-"""Under 200 m² twice the share of the rim must be level; under 80 m² it is too short to judge."""
-ROOF_M, HIGH_SHARE = 2.0, 0.1
-"""No roof is lower than 2 m on nine tenths of its rim ..."""
-LOW_CELLS = 5
-"""... and no car, hedge or boat is so wide that a cell of it lies five cells from its rim."""
-REACHED_SHARE = 0.75
-"""A wide piece is terrain when a way leads to so much of it: the coarse cells on its rim say nothing."""
-ROUNDS = 2
-"""A terrace may join the ground over another terrace."""
+
+@dataclass(frozen=True)
+class TerraceRules:
+    """When an object cell is terrain; each is the method's parameter of that name."""
+
+    level_share: float
+    """A wide piece that meets the ground level on more of its rim is terrain."""
+    terrace_step: float
+    """A larger residual (m) between two cells of 1 m parts them; it grows with the root of the cell."""
+    terrace_steep: float
+    """Share of the height difference that counts as residual even where the slope goes on: walls go on
+    too."""
+    terrace_area: float
+    """Under this area (m²) twice the share of the rim must be level."""
+    terrace_area_least: float
+    """Under this area (m²) the rim is too short to judge."""
+    roof_height: float
+    """No roof is lower (m) on all but `roof_share` of its rim ..."""
+    roof_share: float
+    """See `roof_height`."""
+    roof_cells: int
+    """... and no car, hedge or boat is so wide that a cell of it lies so many cells from its rim."""
+    reached_share: float
+    """A wide piece is terrain when a way leads to so much of it: the coarse cells on its rim say nothing."""
+    terrace_rounds: int
+    """A terrace may join the ground over another terrace, and so on."""
 
 
-def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask, share: float) -> Mask:
+def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask, rules: TerraceRules) -> Mask:
     """The object cells (H, W) that are terrain.
 
     Object cells that continue each other smoothly make a piece. Its rim is counted where it meets the ground:
     level, or as a step down. A roof meets the ground by steps on nearly all sides, also when it is flush with
     the ground uphill; a spur, a terrace, or a high field at the rim of the data does not. A piece is terrain
-    when more than `share` of its counted rim is level. So is a wide one that is lower than any roof: the
+    when more than `level_share` of its counted rim is level. So is a wide one that is lower than any roof: a
     strip of a terrace that the rim of the data cuts off; and a wide one whose cells are `reached` by a way.
     """
     z = surface.values.astype(np.float64)
     cell = surface.cell
-    step = STEP_M * np.sqrt(max(1.0, cell))
-    residual = residual_kernel(z)
+    step = rules.terrace_step * np.sqrt(max(1.0, cell))
+    residual = residual_kernel(z, rules.terrace_steep)
     left = objects.copy()
-    for _ in range(ROUNDS):
+    for _ in range(rules.terrace_rounds):
         piece, count = pieces_kernel(left, residual, step)
         # cells without a point of their own kind beside them were interpolated, and say nothing of steps
         near = [near_cells(occupied & kind, ADJOINING) for kind in (left, ~left)]
         known = np.where(left, *near)
-        level, down, high = rim_kernel(left, piece, count, residual, z, step, known)
+        level, down, high = rim_kernel(left, piece, count, residual, z, step, known, rules.roof_height)
         area = np.bincount(piece[known], minlength=count + 1) * cell * cell
-        terrain = level > np.where(area >= WIDE_M2, 1.0, 2.0) * share * (level + down)
-        deep = np.bincount(piece[~near_cells(~left, LOW_CELLS**2 - 1)], minlength=count + 1) > 0
-        terrain |= deep & (high <= HIGH_SHARE * (level + down)) & (down > 0)
+        wide = area >= rules.terrace_area
+        terrain = level > np.where(wide, 1.0, 2.0) * rules.level_share * (level + down)
+        deep = np.bincount(piece[~near_cells(~left, rules.roof_cells**2 - 1)], minlength=count + 1) > 0
+        terrain |= deep & (high <= rules.roof_share * (level + down)) & (down > 0)
         ways, held = (np.bincount(piece[some], minlength=count + 1) for some in (reached, occupied))
-        terrain |= (area >= WIDE_M2) & (ways >= REACHED_SHARE * held)
-        terrain &= area >= LEAST_AREA_M2
+        terrain |= wide & (ways >= rules.reached_share * held)
+        terrain &= area >= rules.terrace_area_least
         terrain[0] = False
         if not terrain.any():
             break
@@ -60,7 +75,7 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask,
 
 
 @njit(cache=True)
-def residual_kernel(z: NDArray[np.float64]) -> NDArray[np.float64]:
+def residual_kernel(z: NDArray[np.float64], steep_share: float) -> NDArray[np.float64]:
     """How badly each cell goes on into its neighbour east (0) and south (1), (2, H, W), m.
 
     The height difference, or its deviation from the difference just before or just after, whichever is least:
@@ -80,7 +95,7 @@ def residual_kernel(z: NDArray[np.float64]) -> NDArray[np.float64]:
                     before = z[row, column] - z[row - k, column - 1 + k]
                 if r + k < rows and c + 1 - k < columns:
                     after = z[r + k, c + 1 - k] - z[r, c]
-                bend = min(abs(here - before), abs(here - after)) + STEEP_SHARE * abs(here)
+                bend = min(abs(here - before), abs(here - after)) + steep_share * abs(here)
                 residual[k, row, column] = min(abs(here), bend)
     return residual
 
@@ -122,9 +137,10 @@ def rim_kernel(
     z: NDArray[np.float64],
     step: float,
     known: Mask,
+    roof: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Cell sides where each piece (count + 1,) meets ground without a step, where it steps down, and where it
-    does by more than `ROOF_M`.
+    does by more than `roof` (m).
     """
     level, down, high = np.zeros(count + 1), np.zeros(count + 1), np.zeros(count + 1)
     rows, columns = objects.shape
@@ -143,6 +159,6 @@ def rim_kernel(
                     continue
                 upper = piece[row, column] if z[r, c] < z[row, column] else piece[r, c]
                 down[upper] += 1
-                if abs(z[r, c] - z[row, column]) > ROOF_M:
+                if abs(z[r, c] - z[row, column]) > roof:
                     high[upper] += 1
     return level, down, high

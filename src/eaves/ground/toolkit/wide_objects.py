@@ -25,17 +25,9 @@ from eaves.model.doubt import Doubt
 from eaves.raster.interpolate import interpolate_cells
 from eaves.raster.nearest import ADJOINING, near_cells
 
-CLEAR_M = 1.0
-"""Points this far over the terrain beneath a raised surface belong to it."""
-SUPPORT_CELLS = 2
-"""The terrain beneath is drawn from that within so many cells of the raised surface."""
-FRINGE_CELLS = 4
-"""Cells of no surface so near to a raised one are its parapets, steep flanks and walls."""
-BROAD_CELLS = 5
-"""A surface narrower than this is a way and no terrace: it may be a bridge."""
 DOUBT_M2, DOUBT_MOST_M2, DOUBT_SHARE = 500.0, 250_000.0, 0.6
 """Word is given of surfaces of 500 m² to 500 by 500 m that were left in the terrain though so much of their
-known rim steps down."""
+known rim steps down. They decide what is said, no result."""
 
 
 Standing = NDArray[np.uint8]
@@ -44,13 +36,34 @@ OVER, REACHED = 1, 2
 """A point over the terrain beneath a raised surface; one on a surface to which a way leads."""
 
 
+@dataclass(frozen=True)
+class WideRules:
+    """What belongs to a raised surface; each is the method's parameter of that name."""
+
+    cell_points: float
+    """Cells are wide enough when half of those that hold points hold more than this many."""
+    echo_depth: float
+    """A lowest point of a cell this far (m) under the second is an echo gone astray ..."""
+    echo_points: int
+    """... in a cell of at least so many."""
+    clear: float
+    """Points this far (m) over the terrain beneath a raised surface belong to it."""
+    support_cells: int
+    """The terrain beneath is drawn from that within so many cells of the raised surface."""
+    fringe_cells: int
+    """Cells of no surface so near to a raised one are its parapets, steep flanks and walls."""
+    broad_cells: int
+    """A surface narrower than this, in cells, is a way and no terrace: it may be a bridge."""
+
+
 @dataclass(frozen=True, eq=False)
 class Patch:
     """Extrusion surfaces in a rectangle of cells (H, W) of a side `cell` (m), numbered as in `Floor`.
 
     `ceiling`: the height from which on points are none of the terrain's, NaN where there is nothing raised;
     `terrain`: the height of the terrain well inside a raised surface, NaN elsewhere; `reached`: the height of
-    broad surfaces to which a way leads over the terrain, NaN elsewhere.
+    broad surfaces to which a way leads over the terrain, NaN elsewhere; `clear`: how far over that a point
+    still is on it, m.
     """
 
     west: int
@@ -59,6 +72,7 @@ class Patch:
     ceiling: Grid
     terrain: Grid
     reached: Grid
+    clear: float
     doubts: tuple[Doubt, ...] = ()
 
     def cropped(self, bounds: Bounds) -> Patch:
@@ -74,6 +88,7 @@ class Patch:
             self.ceiling[rows, columns],
             self.terrain[rows, columns],
             self.reached[rows, columns],
+            self.clear,
             tuple(
                 doubt
                 for doubt in self.doubts
@@ -95,7 +110,7 @@ class WideObjects:
             right, up = (round(value / GRID_STEP) for value in cloud.origin)
             side = round(patch.cell / GRID_STEP)
             about = right, up, side, patch.west, patch.north
-            place_kernel(cloud.xyz, *about, patch.ceiling, patch.reached, np.float32(CLEAR_M), standing)
+            place_kernel(cloud.xyz, *about, patch.ceiling, patch.reached, np.float32(patch.clear), standing)
         return standing
 
     def terrain_beneath(self, bounds: Bounds, origin: tuple[float, float]) -> Points:
@@ -115,29 +130,29 @@ class WideObjects:
         return tuple(one for one in some if bounds.contains(np.array([[one.x, one.y]]))[0])
 
 
-def find_wide_objects(floor: Floor, rules: Rules) -> Patch:
+def find_wide_objects(floor: Floor, rules: Rules, wide: WideRules) -> Patch:
     """What stands over the terrain on a floor."""
-    floor = floor.in_wide_cells()
-    surfaces = find_surfaces(floor.heights, floor.cell, rules.wall)
+    floor = floor.in_wide_cells(wide.cell_points)
+    surfaces = find_surfaces(floor.heights(wide.echo_depth, wide.echo_points), floor.cell, rules)
     verdict = judge_surfaces(surfaces, rules)
     terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
     nothing = np.full(floor.shape, np.nan, np.float32)
     doubts = find_doubts(floor, surfaces, verdict, rules)
     widest = surfaces.label == np.argmax(surfaces.area)
-    broad = ndimage.binary_opening(widest, np.ones((BROAD_CELLS, BROAD_CELLS)))
+    broad = ndimage.binary_opening(widest, np.ones((wide.broad_cells, wide.broad_cells)))
     reached = np.where(broad, surfaces.z, np.nan).astype(np.float32)
     if not raised.any():
-        return Patch(floor.west, floor.north, floor.cell, nothing, nothing, reached, doubts)
+        return Patch(floor.west, floor.north, floor.cell, nothing, nothing, reached, wide.clear, doubts)
     inside = raised | enclosed(raised, terrain)
-    region = near_cells(inside, ADJOINING) | (near_cells(inside, FRINGE_CELLS**2) & ~terrain)
-    support = terrain & near_cells(region, SUPPORT_CELLS**2) & np.isfinite(floor.lowest)
+    region = near_cells(inside, ADJOINING) | (near_cells(inside, wide.fringe_cells**2) & ~terrain)
+    support = terrain & near_cells(region, wide.support_cells**2) & np.isfinite(floor.lowest)
     beneath = nothing.copy()
     if support.sum() >= 3:
         wanted = region & ~terrain
         beneath[wanted] = interpolate_cells(surfaces.z, support, wanted)
     known = terrain & np.isfinite(surfaces.z)
     ground = np.where(known, surfaces.z, beneath)
-    ceiling = np.where(region, ground + CLEAR_M + rise_within(ground, floor.cell), np.nan)
+    ceiling = np.where(region, ground + wide.clear + rise_within(ground, floor.cell), np.nan)
     core = ~near_cells(~inside, ADJOINING)
     return Patch(
         floor.west,
@@ -146,6 +161,7 @@ def find_wide_objects(floor: Floor, rules: Rules) -> Patch:
         ceiling.astype(np.float32),
         np.where(core, ground, np.nan).astype(np.float32),
         reached,
+        wide.clear,
         doubts,
     )
 
@@ -186,7 +202,7 @@ def find_doubts(floor: Floor, surfaces: Surfaces, verdict: Verdict, rules: Rules
         rows, columns = np.nonzero(surfaces.label == k)
         away = (rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2
         middle = int(np.argmin(away))
-        cut = everything[k, VOID] > rules.void * rim[k]
+        cut = everything[k, VOID] > rules.rim_void * rim[k]
         doubts.append(
             Doubt(
                 x=float((floor.west + columns[middle] + 0.5) * floor.cell),
