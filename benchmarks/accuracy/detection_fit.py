@@ -143,7 +143,7 @@ def regression(terms: Values, truth: Values, weight: Values, ridge: float = RIDG
 
 def samples(row: Row, weights: Weights) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
     """Terms, truth and weight of the surfaces of a row, and of its cells."""
-    terms = measured_terms(row.evidence, row.segments, row.max_residual, weights)
+    terms = measured_terms(row.evidence, row.segments, row.max_residual, weights, Consensus().judgement)
     size = row.segments.area
     use = (size >= 2.0) & np.isfinite(row.true_surface) & (row.segments.tall > 0.1)
     share = np.sqrt(size[use])

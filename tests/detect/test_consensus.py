@@ -104,7 +104,7 @@ def test_a_terrace_on_a_slope_is_not_a_building() -> None:
 
 def test_the_residual_beside_a_ridge_is_that_of_the_faces() -> None:
     scene, what = two_houses_and_a_tree(8.0).scene()
-    evidence = gather_evidence(scene, scene.cloud.xyz, what == 1, 0.5)
+    evidence = gather_evidence(scene, scene.cloud.xyz, what == 1, 0.5, Consensus().window_limits)
     assert np.median(evidence.residual[evidence.candidate]) < 0.03
     assert (evidence.residual[evidence.candidate] < 0.12).mean() > 0.9
     segments = find_segments(evidence, evidence.candidate & (evidence.residual < 0.12), 0.12, 2.0)
@@ -116,10 +116,10 @@ def test_a_plane_is_regressed_exactly() -> None:
     z = 0.4 * xy[:, 0] - 0.2 * xy[:, 1] + 1.0
     sums = sums_of(np.c_[xy, z], np.zeros(50, int), 1).reshape(1, 1, 10)
     planes = np.full((4, 1, 1), np.inf)
-    planes_kernel(sums, 3, 0.7, planes)
+    planes_kernel(sums, 3, 6, 0.7, planes)
     assert np.allclose(planes.ravel(), [0.4, -0.2, 1.0, 0.0], atol=1e-6)
     planes[:] = np.inf
-    planes_kernel(sums, 3, 1.0, planes)
+    planes_kernel(sums, 3, 6, 1.0, planes)
     assert planes[3, 0, 0] == np.inf
 
 

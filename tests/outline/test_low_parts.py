@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.outline.global_fit import GlobalFit
 from eaves.outline.global_fit.low_parts import low_parts
 from eaves.outline.toolkit.alpha import triangulate
 
@@ -24,7 +25,7 @@ def slab(west: float, south: float, east: float, north: float, z: float) -> NDAr
 def low(points: NDArray[np.float64]) -> NDArray[np.bool_]:
     mesh = triangulate(points[:, :2])
     assert mesh is not None
-    return low_parts(mesh, points[:, 2], 0.8, 50.0, 1.7)
+    return low_parts(mesh, points[:, 2], 0.8, 50.0, GlobalFit().low_limits)
 
 
 def test_a_balcony_is_low_and_the_roof_is_not() -> None:

@@ -18,9 +18,6 @@ from eaves.outline.toolkit.corners import Drawing, joined_edges, ring_of_edges
 from eaves.outline.toolkit.edges import RIGHT_ANGLE, Edges, common_axes, main_direction
 from eaves.outline.toolkit.polyline import FREE
 
-CORNER_REACH = 5.0
-"""A corner farther than this from the boundary, in spacings, is cut off."""
-
 
 class RansacLines(OutlineMethod):
     """The outline made of long straight segments of the boundary, adjusted to the building's main directions.
@@ -69,6 +66,9 @@ class RansacLines(OutlineMethod):
     shortest: float = parameter(3.0, "shortest segment, in spacings", gt=0)
     tolerance: float = parameter(15.0, "largest turn into a main direction", unit="°", ge=0)
     min_hole: float = parameter(50.0, "inner boundaries smaller than this are dropped", unit="m²", ge=0)
+    corner_reach: float = parameter(
+        5.0, "a corner farther than this from the boundary is cut off, in spacings", gt=0
+    )
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3)."""
@@ -110,7 +110,7 @@ class RansacLines(OutlineMethod):
             return None
         sigma = 0.5 * self.near * spacing
         edges = turned_edges(segment_edges(local, runs), sigma, np.radians(self.tolerance))
-        drawing = Drawing(self.near * spacing, CORNER_REACH * spacing, sigma, 0.0)
+        drawing = Drawing(self.near * spacing, self.corner_reach * spacing, sigma, 0.0)
         edges = joined_edges(edges, drawing)
         return None if len(edges) < 3 else ring_of_edges(edges, drawing) + origin
 

@@ -22,30 +22,6 @@ from eaves.roof.toolkit.regions import (
     without_gaps,
 )
 
-FEWEST_NEIGHBOURS, MOST_NEIGHBOURS = 10, 40
-"""A normal wants ten points; more than forty reach across small roof faces at any density."""
-
-LINE_NEIGHBOURS = 10
-"""More neighbours a point may take where the nearest ones are one scan line."""
-
-ROOF_SAG = 0.05
-"""How far (m, root mean square) a roof that was built as one plane may have bent, or falls to its drains."""
-
-NOISE_SAMPLE = 300
-"""Points whose neighbourhoods tell the noise before the number of neighbours is chosen."""
-
-CALM_NEIGHBOURS, CALM_SHARE = 7, 1.5
-"""The noise is at most this many times that of the calmest of neighbourhoods this small.
-
-On a roof of many small faces most neighbourhoods of ten points or more lie across an edge.
-"""
-
-NORMAL_ERROR_DEG = 2.0
-"""Error of a local normal (degrees) the number of neighbours is chosen for."""
-
-CURVED_SHARE = 2.5
-"""How many times the variance of the noise makes a neighbourhood curved: the 98th percentile of χ²₇ / 7."""
-
 
 class RegionGrowing(RoofMethod):
     """The planes of one roof, grown over smooth points.
@@ -93,13 +69,13 @@ class RegionGrowing(RoofMethod):
 
     neighbours: int | None = parameter(
         None,
-        "Neighbours of a point; derived from noise and spacing so that a normal is good to 2 degrees.",
+        "Neighbours of a point; derived from noise and spacing so that a normal is good to `normal_error`.",
         symbol="k",
         ge=4,
     )
     max_curvature: float | None = parameter(
         None,
-        "Curvature above which a point is set aside; that of a plane with 2.5 times the noise's variance.",
+        "Curvature above which a point is set aside; that of `curved_share` times the noise's variance.",
         symbol="σ",
         gt=0.0,
     )
@@ -122,6 +98,48 @@ class RegionGrowing(RoofMethod):
         0.8, "Area of the smallest plane; never fewer than 5 points.", unit="m2", ge=0.0
     )
     max_slope: float = parameter(78.0, "Slope above which a plane is a wall.", unit="degree", gt=0.0, lt=90.0)
+    fewest_neighbours: int = parameter(
+        10, "The fewest neighbours derived: a normal wants ten points.", unit="points", ge=4
+    )
+    most_neighbours: int = parameter(
+        40,
+        "The most neighbours derived: more reach across small roof faces at any density.",
+        unit="points",
+        ge=4,
+    )
+    normal_error: float = parameter(
+        2.0, "Error of a local normal that the number of neighbours is chosen for.", unit="degree", gt=0.0
+    )
+    curved_share: float = parameter(
+        2.5,
+        "Times the noise's variance that makes a neighbourhood curved: the 98th percentile of χ²₇ / 7.",
+        gt=0.0,
+    )
+    line_neighbours: int = parameter(
+        10, "More neighbours a point may take where the nearest ones are one scan line.", unit="points", ge=0
+    )
+    sag: float = parameter(
+        0.05,
+        "How far (root mean square) a roof built as one plane may have bent, or falls to its drains.",
+        unit="m",
+        ge=0.0,
+    )
+    noise_sample: int = parameter(
+        300,
+        "Points whose neighbourhoods tell the noise before the number of neighbours is chosen.",
+        unit="points",
+        ge=1,
+    )
+    calm_neighbours: int = parameter(
+        7,
+        "Neighbours of the small neighbourhoods whose calmest bound the noise: on many small faces most "
+        "larger ones lie across an edge.",
+        unit="points",
+        ge=4,
+    )
+    calm_share: float = parameter(
+        1.5, "The noise is at most this many times that of the calmest small neighbourhoods.", gt=0.0
+    )
 
     @property
     def buffer(self) -> float:
@@ -150,23 +168,25 @@ class RegionGrowing(RoofMethod):
 
     def surroundings(self, points: Points) -> LocalPlanes:
         """The local planes of points (N, 3), with the number of neighbours that noise and spacing ask for."""
-        sample = points[:: max(1, len(points) // NOISE_SAMPLE)]
-        around = planes_around(sample, points, CALM_NEIGHBOURS, CALM_NEIGHBOURS + LINE_NEIGHBOURS)
+        sample = points[:: max(1, len(points) // self.noise_sample)]
+        around = planes_around(
+            sample, points, self.calm_neighbours, self.calm_neighbours + self.line_neighbours
+        )
         calm = measure_noise(around.eigenvalues[:, 0], around.counts, CALM_QUANTILE)
-        noise = min(around.noise, CALM_SHARE * calm)
+        noise = min(around.noise, self.calm_share * calm)
         count = self.neighbours
         if count is None:
-            wished = 2.0 * np.sqrt(np.pi) * noise / (around.spacing * np.radians(NORMAL_ERROR_DEG))
-            count = int(np.clip(np.ceil(wished), FEWEST_NEIGHBOURS, MOST_NEIGHBOURS))
-        local = local_planes(points, count, count + LINE_NEIGHBOURS)
-        return replace(local, noise=min(local.noise, CALM_SHARE * calm))
+            wished = 2.0 * np.sqrt(np.pi) * noise / (around.spacing * np.radians(self.normal_error))
+            count = int(np.clip(np.ceil(wished), self.fewest_neighbours, self.most_neighbours))
+        local = local_planes(points, count, count + self.line_neighbours)
+        return replace(local, noise=min(local.noise, self.calm_share * calm))
 
     def smooth_points(self, local: LocalPlanes) -> Mask:
         """The points (N,) whose neighbourhood is flat and no wall."""
         if self.max_curvature is not None:
             flat = local.curvature <= self.max_curvature
         else:
-            flat = local.eigenvalues[:, 0] <= CURVED_SHARE * local.noise**2
+            flat = local.eigenvalues[:, 0] <= self.curved_share * local.noise**2
         upright = local.normals[:, 2] >= np.cos(np.radians(self.max_slope))
         wide = local.eigenvalues[:, 1] > 0.0
         return np.asarray(flat & upright & wide)
@@ -194,7 +214,7 @@ class RegionGrowing(RoofMethod):
         """Labels (N,) with touching coplanar regions made one."""
         labels = without_gaps(labels)
         touching = touching_regions(labels, local.neighbours[:, :12], int(labels.max(initial=0)))
-        return join_coplanar(points, labels, touching, join_tolerance(local.noise), 1.2)
+        return join_coplanar(points, labels, touching, self.join_tolerance(local.noise), 1.2)
 
     def give_back(self, points: Points, labels: Labels, local: LocalPlanes) -> Labels:
         """Labels (N,) after the points set aside went to the planes near in both distances."""
@@ -210,7 +230,6 @@ class RegionGrowing(RoofMethod):
         """Points of the smallest plane."""
         return max(5, int(self.min_area / local.spacing**2))
 
-
-def join_tolerance(noise: float) -> float:
-    """Root mean square distance (m) from one plane up to which regions are pieces of it."""
-    return float(np.hypot(1.2 * noise, ROOF_SAG))
+    def join_tolerance(self, noise: float) -> float:
+        """Root mean square distance (m) from one plane up to which regions are pieces of it."""
+        return float(np.hypot(1.2 * noise, self.sag))

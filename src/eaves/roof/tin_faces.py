@@ -16,14 +16,8 @@ from eaves.roof.region_growing import RegionGrowing
 from eaves.roof.stage import RoofMethod
 from eaves.roof.toolkit.regions import roof_planes
 
-RINGS = 2
-"""Rings of triangles whose corners say which plane a triangle lies on: about twelve points."""
-
-LEAST_CELL = 0.05
-"""Width of a cell of the parameter space, in slope, however exact the points are."""
-
 MOST_FACES = 500
-"""Peaks looked at: far more than any roof has."""
+"""Peaks looked at (count): far more than any roof has; a bound on work."""
 
 
 class TinFaces(RoofMethod):
@@ -67,8 +61,17 @@ class TinFaces(RoofMethod):
 
     cell: float | None = parameter(
         None,
-        "Width of a cell in the space of slopes; two errors of a triangle's plane, at least 0.05.",
+        "Width of a cell in the space of slopes; two errors of a triangle's plane, at least `least_cell`.",
         gt=0.0,
+    )
+    least_cell: float = parameter(
+        0.05, "Width of a cell in the space of slopes, however exact the points are.", gt=0.0
+    )
+    rings: int = parameter(
+        2,
+        "Rings of triangles whose corners say which plane a triangle lies on: about twelve points.",
+        ge=1,
+        le=3,
     )
     distance_share: float = parameter(
         3.0, "Distance to a plane up to which a triangle belongs to it, in multiples of the noise.", gt=0.0
@@ -93,7 +96,7 @@ class TinFaces(RoofMethod):
             return []
         corners, around = renumber(tin, real)
         planes = np.zeros((len(real), 4))
-        triangle_planes_kernel(points, corners, around, RINGS, planes)
+        triangle_planes_kernel(points, corners, around, self.rings, planes)
         emit("planes of triangles", planes)
         face = self.cluster(points, corners, around, planes, local.noise, local.spacing)
         emit("faces of triangles", face)
@@ -124,7 +127,7 @@ class TinFaces(RoofMethod):
         )
         off = np.abs((planes[:, :3] * middle).sum(axis=1) - planes[:, 3])
         open_ = (np.hypot(*slopes.T) < steepest) & (off < self.distance_share * noise)
-        width = self.cell or max(2.0 * np.sqrt(np.pi) * noise / (spacing * 12.0) * 2.0, LEAST_CELL)
+        width = self.cell or max(2.0 * np.sqrt(np.pi) * noise / (spacing * 12.0) * 2.0, self.least_cell)
         face = np.full(len(corners), -1)
         count = 0
         for _ in range(MOST_FACES):

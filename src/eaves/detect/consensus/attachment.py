@@ -8,12 +8,8 @@ from eaves.detect.consensus.evidence import Evidence, neighbour_pairs
 from eaves.detect.consensus.segments import level_at
 from eaves.model import Labels, Values
 
-CONTINUES_M = 0.3
-"""Terrain that misses the carried-on surface of a region by less goes on from it: less than two steps of a
-stair."""
 
-
-def attached_share(evidence: Evidence, region: Labels, count: int) -> Values:
+def attached_share(evidence: Evidence, region: Labels, count: int, continues: float) -> Values:
     """Share (count + 1,) of the rim of each region 0…`count` of cells (H, W) where terrain continues it.
 
     Parameters
@@ -21,6 +17,7 @@ def attached_share(evidence: Evidence, region: Labels, count: int) -> Values:
     evidence : planes, highest candidate and highest low point of the cells.
     region : number of each cell's region, 0 for none.
     count : the largest number.
+    continues : terrain that misses the carried-on surface by less (m) goes on from it.
 
     Returns
     -------
@@ -39,5 +36,5 @@ def attached_share(evidence: Evidence, region: Labels, count: int) -> Values:
     low = np.where(known, low, 0.0)
     miss = np.where(planar, np.abs(level_at(evidence, inner, outer, 1.0) - low), np.inf)
     miss = np.minimum(miss, np.abs(evidence.top.ravel()[inner] - low))
-    hits = np.bincount(number[inner], weights=known & (miss < CONTINUES_M), minlength=count + 1)
+    hits = np.bincount(number[inner], weights=known & (miss < continues), minlength=count + 1)
     return np.asarray(hits / np.maximum(np.bincount(number[inner], minlength=count + 1), 1), np.float64)

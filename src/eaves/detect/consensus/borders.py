@@ -12,7 +12,7 @@ from eaves.detect.consensus.segments import level_at
 from eaves.model import Mask, Values
 
 UNIT = 100.0
-"""Capacities are whole numbers: hundredths of a unit of log odds."""
+"""Capacities are whole numbers: hundredths of a unit of log odds (a definition, not a threshold)."""
 
 
 def cut_cells(evidence: Evidence, odds: Values, sure: float, smoothness: float, max_jump: float) -> Mask:

@@ -77,31 +77,43 @@ SCORE = ScoreWeights(1.4, odds=0.3, height=4.8, width=6.2)
 fitted: nearly all that is false there is a van, and elsewhere it is not. The benchmark
 `benchmarks.accuracy.detection_scores` judges the score on other towns."""
 VAN_WIDTH_M, VAN_HEIGHT_M, NEAR_M = 2.5, 2.5, 0.5
-"""About the width and height of vans, and how far from them a region's own say more."""
+"""Where the terms of the score are zero, as it was fitted: about the width and height of vans (m); and how
+far (m) from them a region's own say more."""
 
 SHED_M2, DOOR_M, SHED_HEIGHT_M, ROUGH = 6.0, 2.5, 2.5, 0.4
-"""Where the terms are zero: the smallest shed, its width and height, a share of the largest
-residual."""
-ENCLOSED_M = 6.0
-"""What stands on a roof has roof on all sides within so much; a tree beside one has not."""
-COMPANY_CELLS = 7
-"""Side of the square in which the share of smooth cells is counted: two windows and the cell between."""
-SMALL_SEGMENT_M2 = 2.0
-"""Smaller surfaces say no more than their cells do."""
-ROUNDS = 3
-"""After three rounds the separation changes by less than a hundredth."""
+"""Where the terms are zero, as the weights were fitted: the smallest shed, its width and height, a share of
+the largest residual."""
 STOREY_M = 3.0
-"""Bushes and hedges stay below a storey; above it height tells nothing of a cell."""
-LOW_SURFACE = -3.0
-"""Log odds, at most, of a surface that is nowhere as high as a building: a wall, a hedge, a terrace."""
+"""Bushes and hedges stay below a storey; above it (m) height tells nothing of a cell. The weights were
+fitted to this term."""
 
 
-def smooth_share(candidate: Mask, smooth: Mask) -> Values:
-    """Share (H, W) of the candidate cells around each that are smooth: roofs keep company, while in a crown a
-    plane fits here and there by chance."""
-    around = ndimage.uniform_filter(candidate.astype(np.float64), COMPANY_CELLS, mode="constant")
-    alike = ndimage.uniform_filter((smooth & candidate).astype(np.float64), COMPANY_CELLS, mode="constant")
-    return np.asarray(alike / np.maximum(around, 0.5 / COMPANY_CELLS**2), np.float64)
+@dataclass(frozen=True)
+class Judgement:
+    """How the evidence is weighed, beside the weights."""
+
+    enclosed: float
+    """Roof on all sides within so much (m) encloses a cell."""
+    company: int
+    """Side (cells) of the square in which the share of smooth cells is counted."""
+    small: float
+    """Smaller surfaces (m²) say no more than their cells do."""
+    rounds: int
+    """Rounds of expectation maximisation."""
+    low_odds: float
+    """Log odds, at most, of a surface that is nowhere as high as a building."""
+    least_spread: float
+    """A measure's spread below this is chance."""
+    most_log_ratio: float
+    """Log likelihood ratio, at most, of one measure."""
+
+
+def smooth_share(candidate: Mask, smooth: Mask, size: int) -> Values:
+    """Share (H, W) of the candidate cells in a square of `size` cells around each that are smooth: roofs keep
+    company, while in a crown a plane fits here and there by chance."""
+    around = ndimage.uniform_filter(candidate.astype(np.float64), size, mode="constant")
+    alike = ndimage.uniform_filter((smooth & candidate).astype(np.float64), size, mode="constant")
+    return np.asarray(alike / np.maximum(around, 0.5 / size**2), np.float64)
 
 
 def enclosure(roofs: Mask, steps: int) -> Values:
@@ -156,11 +168,11 @@ def cell_shape(evidence: Evidence, company: Values, enclosed: Values, max_residu
 
 
 def with_echoes(
-    shape: Values, several: Values, through: Values, echoes: Separation, penetration: Separation
+    shape: Values, several: Values, through: Values, echoes: Separation, penetration: Separation, most: float
 ) -> Values:
     """Terms (..., 2 S + 2) of shape (..., S), the share of several returns and that of points that reach the
-    ground (...)."""
-    said = [echoes.log_ratio(several)[..., None], penetration.log_ratio(through)[..., None]]
+    ground (...); the log likelihood ratio of either is at most `most`."""
+    said = [echoes.log_ratio(several, most)[..., None], penetration.log_ratio(through, most)[..., None]]
     return np.concatenate([shape, echoes.power * shape, *said], axis=-1)
 
 
@@ -176,43 +188,58 @@ class Terms:
     penetration: Separation
 
 
-def measured_terms(evidence: Evidence, segments: Segments, max_residual: float, weights: Weights) -> Terms:
+def measured_terms(
+    evidence: Evidence, segments: Segments, max_residual: float, weights: Weights, by: Judgement
+) -> Terms:
     """The terms of all surfaces and cells, with what echoes and penetration tell in this very scan.
 
     First the odds are those of shape alone; the cells that they call roofs and crowns give the measures'
     separation, which gives better odds, and so once more (expectation maximisation, [dempster1977]).
     """
-    large = np.r_[False, segments.area >= SMALL_SEGMENT_M2][segments.label]
+    large = np.r_[False, segments.area >= by.small][segments.label]
     seen = evidence.candidate
-    company = smooth_share(seen, segments.label > 0)
+    company = smooth_share(seen, segments.label > 0, by.company)
     roofs = np.r_[False, segments.area >= SHED_M2][segments.label]
-    enclosed = enclosure(roofs, round(ENCLOSED_M / evidence.cells.side))
+    enclosed = enclosure(roofs, round(by.enclosed / evidence.cells.side))
     of_surfaces = surface_shape(segments, company, enclosed, max_residual)
     of_cells = cell_shape(evidence, company, enclosed, max_residual)
     inner_multi_return_share = least_around(evidence.multi_return_share, seen)
     inner_penetration_share = least_around(evidence.penetration, seen)
     echoes = penetration = inner_echoes = inner_penetration = NOTHING
-    for rounds_left in range(ROUNDS, -1, -1):
+    for rounds_left in range(by.rounds, -1, -1):
         surface = with_echoes(
-            of_surfaces, segments.multi_return_share, segments.penetration, inner_echoes, inner_penetration
+            of_surfaces,
+            segments.multi_return_share,
+            segments.penetration,
+            inner_echoes,
+            inner_penetration,
+            by.most_log_ratio,
         )
-        cell = with_echoes(of_cells, evidence.multi_return_share, evidence.penetration, echoes, penetration)
+        cell = with_echoes(
+            of_cells,
+            evidence.multi_return_share,
+            evidence.penetration,
+            echoes,
+            penetration,
+            by.most_log_ratio,
+        )
         if rounds_left:
-            of_surface = np.r_[0.0, segment_odds(segments, surface, weights)][segments.label]
+            of_surface = np.r_[0.0, segment_odds(segments, surface, weights, by.low_odds)][segments.label]
             odds = np.where(large, of_surface, cell_odds(cell, weights))[seen]
             likely = 1.0 / (1.0 + np.exp(-odds))
-            echoes = separate(evidence.multi_return_share[seen], likely)
-            penetration = separate(evidence.penetration[seen], likely)
-            inner_echoes = separate(inner_multi_return_share[seen], likely)
-            inner_penetration = separate(inner_penetration_share[seen], likely)
+            echoes = separate(evidence.multi_return_share[seen], likely, by.least_spread)
+            penetration = separate(evidence.penetration[seen], likely, by.least_spread)
+            inner_echoes = separate(inner_multi_return_share[seen], likely, by.least_spread)
+            inner_penetration = separate(inner_penetration_share[seen], likely, by.least_spread)
     return Terms(surface, cell, large, echoes, penetration)
 
 
-def segment_odds(segments: Segments, terms: Values, weights: Weights) -> Values:
-    """Log odds (K,) that each surface is a roof, of its terms (K, T)."""
+def segment_odds(segments: Segments, terms: Values, weights: Weights, low_odds: float) -> Values:
+    """Log odds (K,) that each surface is a roof, of its terms (K, T); at most `low_odds` where none of it is
+    as high as a building."""
     odds = terms @ np.array(weights.surface)
     low = segments.tall <= TALL_SHARE
-    return np.asarray(np.where(low, np.minimum(odds, LOW_SURFACE), odds), np.float64)
+    return np.asarray(np.where(low, np.minimum(odds, low_odds), odds), np.float64)
 
 
 def cell_odds(terms: Values, weights: Weights) -> Values:

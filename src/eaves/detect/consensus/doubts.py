@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import ndimage
 
@@ -10,16 +12,24 @@ from eaves.detect.stage import MIN_AREA_M2
 from eaves.model import Labels, Mask, Values
 from eaves.model.doubt import Doubt
 
-UNSURE = 0.2, 0.8
-"""A region with a score between these is as likely a mistake as not."""
-HALF_ATTACHED = 0.25
-"""Buildings continue the terrain along less of their rim than this, but for single ones in a steep slope."""
-ON_RIM = 0.1
-"""Share of a region's rim that lies on the rim of the data: chance gaps touch less."""
 STAGE = "detect"
 
 
-def region_doubts(evidence: Evidence, region: Labels, score: Values, attached: Values) -> list[Doubt]:
+@dataclass(frozen=True)
+class DoubtLimits:
+    """When a region is doubtful."""
+
+    unsure: float
+    """A score between this and one less this is as likely a mistake as not."""
+    attached: float
+    """Share of the rim that continues the terrain."""
+    on_rim: float
+    """Share of the rim that lies on the rim of the data."""
+
+
+def region_doubts(
+    evidence: Evidence, region: Labels, score: Values, attached: Values, limits: DoubtLimits
+) -> list[Doubt]:
     """Doubts about regions 1…K of cells (H, W).
 
     Parameters
@@ -28,6 +38,7 @@ def region_doubts(evidence: Evidence, region: Labels, score: Values, attached: V
     region : number of each cell's region, 0 for none.
     score : how sure each region is, (K,).
     attached : share of the rim that continues the terrain, (K + 1,).
+    limits : from where on there is doubt.
 
     Returns
     -------
@@ -61,12 +72,12 @@ def region_doubts(evidence: Evidence, region: Labels, score: Values, attached: V
 
         if size < MIN_AREA_M2:
             continue
-        if UNSURE[0] <= score[number - 1] <= UNSURE[1]:
+        if limits.unsure <= score[number - 1] <= 1.0 - limits.unsure:
             found.append(doubt(mine, f"a roof or not: score {score[number - 1]:.2f}"))
-        if attached[number] > HALF_ATTACHED:
+        if attached[number] > limits.attached:
             share = round(100 * attached[number])
             found.append(doubt(mine, f"a roof or a rock: {share} % of its rim continues the terrain"))
-        if open_rim.sum() > ON_RIM * rim.sum():
+        if open_rim.sum() > limits.on_rim * rim.sum():
             found.append(doubt(open_rim, "a building on the rim of the data"))
     return found
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.detect.consensus.windows import best_planes, window_sum
+from eaves.detect.consensus.windows import WindowLimits, best_planes, window_sum
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import sums_of
 from eaves.model import Mask, Points, Scene, Values
@@ -43,7 +43,9 @@ class Evidence:
         return self.cells.shape
 
 
-def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float) -> Evidence:
+def gather_evidence(
+    scene: Scene, xyz: Points, candidate: Mask, side: float, limits: WindowLimits
+) -> Evidence:
     """Evidence on cells of the given side (m).
 
     `candidate` (N,) marks the points that could be roofs; xyz (N, 3) counts heights from a level near them.
@@ -54,7 +56,7 @@ def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float) -> 
     cell = cells.cell[chosen]
     count = np.bincount(cell, minlength=cells.size).reshape(shape)
     sums = sums_of(xyz[chosen], cell, cells.size).reshape(*shape, 10)
-    slope_east, slope_north, level, residual = best_planes(sums, cells)
+    slope_east, slope_north, level, residual = best_planes(sums, cells, limits)
     top = cells.extreme(np.where(candidate, xyz[:, 2], -np.inf))
 
     around = window_sum(count.astype(np.float64))

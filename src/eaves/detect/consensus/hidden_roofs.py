@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.detect.consensus.evidence import Evidence
 from eaves.model import Labels, Mask, Points, Values
 
-ON_PLANE_M = 0.1
-"""A point no farther from the plane, in height, is of the roof."""
-LEAST_ON = 1
-"""Points of a cell that must lie on the plane: few echoes get through a crown."""
-MOST_BELOW = 0.5
-"""Beyond a roof the beam goes on to the ground: at most so many points lie below for each on the plane."""
-LONGEST_M = 6.0
-"""So far a plane is carried on."""
+
+@dataclass(frozen=True)
+class HiddenLimits:
+    """When a plane is carried on below a crown."""
+
+    on_plane: float
+    """A point no farther (m) from the plane, in height, is of the roof."""
+    least_on: int
+    """Points of a cell that must lie on the plane."""
+    most_below: float
+    """Points of a cell, at most, below the plane for each on it."""
+    longest: float
+    """So far (m) a plane is carried on."""
 
 
 def find_hidden_roofs(
-    evidence: Evidence, xyz: Points, usable: Mask, region: Labels, surface: Mask
+    evidence: Evidence, xyz: Points, usable: Mask, region: Labels, surface: Mask, limits: HiddenLimits
 ) -> NDArray[np.int32]:
     """The region of each point (N,) on a building's plane carried on below a crown, 0 for the others.
 
@@ -40,7 +47,7 @@ def find_hidden_roofs(
         y = xyz[points, 1] - evidence.cells.north + (row + 0.5) * side
         return np.asarray(xyz[points, 2] - level[cells] - east[cells] * x - north[cells] * y, np.float64)
 
-    for _ in range(round(LONGEST_M / side)):
+    for _ in range(round(limits.longest / side)):
         source = np.repeat(front, 8)
         target = (front[:, None] + evidence.cells.neighbours).ravel()
         free = open_[target]
@@ -48,9 +55,9 @@ def find_hidden_roofs(
         which, points = evidence.cells.points_of(target)
         which, points = which[usable[points]], points[usable[points]]
         rise = above_plane(points, source[which])
-        on = np.bincount(which[np.abs(rise) <= ON_PLANE_M], minlength=len(target))
-        below = np.bincount(which[rise < -ON_PLANE_M], minlength=len(target))
-        good = (on >= LEAST_ON) & (below <= MOST_BELOW * on)
+        on = np.bincount(which[np.abs(rise) <= limits.on_plane], minlength=len(target))
+        below = np.bincount(which[rise < -limits.on_plane], minlength=len(target))
+        good = (on >= limits.least_on) & (below <= limits.most_below * on)
         source, target, on = source[good], target[good], on[good]
         order = np.lexsort((source, -on, target))
         source, target = source[order], target[order]
@@ -66,6 +73,6 @@ def find_hidden_roofs(
 
     found = np.zeros(len(xyz), np.int32)
     inside = np.flatnonzero((hidden[evidence.cells.cell] > 0) & usable)
-    inside = inside[np.abs(above_plane(inside, evidence.cells.cell[inside])) <= ON_PLANE_M]
+    inside = inside[np.abs(above_plane(inside, evidence.cells.cell[inside])) <= limits.on_plane]
     found[inside] = hidden[evidence.cells.cell[inside]]
     return found

@@ -10,24 +10,26 @@ from eaves.detect.consensus.evidence import Evidence
 from eaves.model import Labels, Points
 from eaves.model.scene import ROOF, WALL
 
-BELOW_PLANE_M = 0.5
-"""A point this far under its cell's plane is not of the roof."""
-BELOW_TOP_M = 1.0
-"""At a building's rim, in a cell without a plane, a point this far under the highest one is on the wall."""
-
 
 def part_of_points(
-    xyz: Points, number: Labels, evidence: Evidence, region: Labels, max_residual: float
+    xyz: Points,
+    number: Labels,
+    evidence: Evidence,
+    region: Labels,
+    max_residual: float,
+    below_plane: float,
+    below_top: float,
 ) -> NDArray[np.uint8]:
     """Codes (N,) for the points (N, 3) of regions `number` (N,), 0 for the others.
 
     Walls show only at the rim of a region; whatever lies inside it (chimneys, machinery, the floor of a
-    light well) counts as roof.
+    light well) counts as roof. There a point `below_plane` (m) under its cell's plane is on the wall, and in
+    a cell without a plane one `below_top` (m) under the highest.
     """
     part = np.where(number > 0, ROOF, 0).astype(np.uint8)
     inner = ndimage.binary_erosion(region > 0, np.ones((3, 3), bool), iterations=2)
     flat = evidence.residual < max_residual
-    lowest = np.where(flat, evidence.level - BELOW_PLANE_M, evidence.top - BELOW_TOP_M)
+    lowest = np.where(flat, evidence.level - below_plane, evidence.top - below_top)
     lowest = np.where(inner, -np.inf, lowest).ravel()
     some = np.flatnonzero(number > 0)
     part[some[xyz[some, 2] < lowest[evidence.cells.cell[some]]]] = WALL

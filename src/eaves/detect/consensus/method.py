@@ -11,6 +11,7 @@ from eaves.detect.consensus.attachment import attached_share
 from eaves.detect.consensus.borders import cut_cells
 from eaves.detect.consensus.classifier import (
     FITTED,
+    Judgement,
     Weights,
     cell_odds,
     measured_terms,
@@ -18,14 +19,14 @@ from eaves.detect.consensus.classifier import (
     score_regions,
     segment_odds,
 )
-from eaves.detect.consensus.doubts import HALF_ATTACHED, region_doubts, void_doubts
+from eaves.detect.consensus.doubts import DoubtLimits, region_doubts, void_doubts
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
-from eaves.detect.consensus.hidden_roofs import find_hidden_roofs
+from eaves.detect.consensus.hidden_roofs import HiddenLimits, find_hidden_roofs
 from eaves.detect.consensus.members import part_of_points
 from eaves.detect.consensus.segments import Segments, find_segments, square_width
-from eaves.detect.consensus.vehicles import measure_tops
-from eaves.detect.consensus.voids import find_roof_voids, raise_rims
-from eaves.detect.consensus.windows import LEAST_POINTS
+from eaves.detect.consensus.vehicles import VehicleLimits, measure_tops
+from eaves.detect.consensus.voids import VoidLimits, find_roof_voids, raise_rims
+from eaves.detect.consensus.windows import WindowLimits
 from eaves.detect.stage import MIN_HEIGHT_M, Detector
 from eaves.detect.toolkit.cells import side_near
 from eaves.methods import Emit, ignore, parameter
@@ -33,18 +34,12 @@ from eaves.model import Labels, Mask, Points, Regions, Scene, Values
 from eaves.model.scene import ROOF
 from eaves.raster.nearest import near_cells
 
-CELL_SPACINGS = 1.0
-"""Width of a cell: a window of three by three holds nine points, enough for a plane and its residual."""
-RIM_ODDS = 3.0
-"""Log odds of the rim of a roof that swallows the beam."""
-VEHICLE_MOST_M2 = 60.0
-"""An articulated lorry, with the cells at its rim, is no larger."""
+CELL_SPACINGS, LEAST_CELL_M = 1.0, 0.5
+"""The rule for `cell`: its width in spacings, and at least so many metres. A window of three by three then
+holds nine points, enough for a plane and its residual."""
 LEAST_TOLERANCE_M, TOLERANCE = 0.12, 0.11
-"""Noise of old scanners on a plane, and the share of the spacing by which windows that span a ridge miss one
-plane."""
-CORE_SHARE, CORE_SHARE_M = 0.4, 0.18
-"""Least share of roof surfaces in a building, and the same times the cells' side (m): windows three cells
-wide fit into less of a face the wider the cells are."""
+"""The rule for `max_residual`: noise (m) of old scanners on a plane, and the share of the spacing by which
+windows that span a ridge miss one plane."""
 
 
 class Consensus(Detector):
@@ -136,14 +131,218 @@ class Consensus(Detector):
         None, "File (JSON) with weights of the evidence; default: those fitted to all labelled surveys."
     )
     min_width: float = parameter(1.5, "Side of a square that fits into every building.", unit="m", ge=0.0)
+    window_points: int = parameter(
+        6,
+        "Points of a window with a plane: three would always fit, six leave half for the residual.",
+        ge=4,
+    )
+    window_width: float = parameter(
+        0.25, "A window whose points are narrower than this share of a cell is a line.", ge=0.0
+    )
+    window_price: float = parameter(
+        2.0, "Times the residual of a window two cells wide, as few points fit by chance.", gt=0.0
+    )
+    enclosed: float = parameter(
+        6.0,
+        "What stands on a roof has roof on all sides within so much; a tree beside one has not.",
+        unit="m",
+        gt=0.0,
+    )
+    company: int = parameter(
+        7,
+        "Side of the square in which the share of smooth cells is counted: two windows and the cell between.",
+        unit="cells",
+        ge=1,
+    )
+    small_surface: float = parameter(
+        2.0, "Smaller surfaces say no more than their cells do.", unit="m²", ge=0.0
+    )
+    rounds: int = parameter(
+        3,
+        "Rounds of measuring echoes and penetration; after three they change by less than a hundredth.",
+        ge=0,
+    )
+    low_odds: float = parameter(
+        -3.0, "Log odds, at most, of a surface nowhere as high as a building: a wall, a hedge, a terrace."
+    )
+    least_spread: float = parameter(
+        0.02,
+        "Least spread of echoes or penetration: shares are counted of tens of points, less is chance.",
+        gt=0.0,
+    )
+    most_log_ratio: float = parameter(
+        4.0, "Log likelihood ratio, at most, of echoes or penetration: fifty to one.", gt=0.0
+    )
+    rim_odds: float = parameter(3.0, "Log odds of the rim of a roof that swallows the beam.")
+    void_area: float = parameter(
+        6.0,
+        "Smaller holes in the data are closed by the outline and are no roofs of their own.",
+        unit="m²",
+        ge=0.0,
+    )
+    void_most_area: float = parameter(
+        400.0, "Larger holes are courts, ponds or the outside of the survey.", unit="m²", gt=0.0
+    )
+    void_width: float = parameter(2.0, "Narrower holes are the shadow of a wall.", unit="m", ge=0.0)
+    void_width_cells: float = parameter(3.0, "Narrower holes are chance.", unit="cells", ge=0.0)
+    void_rim_share: float = parameter(
+        0.7, "Share of a hole's rim, at least, well above the terrain.", ge=0.0, le=1.0
+    )
+    void_rim_spread: float = parameter(
+        1.0,
+        "Range of the rim's heights, at most, without the lowest and the highest tenth: it is level.",
+        unit="m",
+        gt=0.0,
+    )
+    void_rim_several: float = parameter(
+        0.5,
+        "Share, at most, of the rim's points from pulses with several returns: it is no crown.",
+        ge=0.0,
+        le=1.0,
+    )
+    core_share: float = parameter(0.4, "Least share of roof surfaces in a building.", ge=0.0, le=1.0)
+    core_share_side: float = parameter(
+        0.18,
+        "The same times a cell's side, if less: windows fit into less of a face the wider cells are.",
+        unit="m",
+        ge=0.0,
+    )
+    continues: float = parameter(
+        0.3,
+        "Terrain that misses a region's carried-on surface by less goes on from it: two steps of a stair.",
+        unit="m",
+        gt=0.0,
+    )
+    hidden_on_plane: float = parameter(
+        0.1, "Points no farther from a plane carried on below a crown are of the roof.", unit="m", gt=0.0
+    )
+    hidden_points: int = parameter(
+        1, "Points of a cell that must lie on that plane: few echoes get through a crown.", ge=1
+    )
+    hidden_below: float = parameter(
+        0.5,
+        "Points below that plane, at most, for each on it: beyond a roof the beam goes on to the ground.",
+        ge=0.0,
+    )
+    hidden_reach: float = parameter(6.0, "How far a plane is carried on below a crown.", unit="m", ge=0.0)
+    wall_below_plane: float = parameter(
+        0.5, "At a building's rim a point this far under its cell's plane is on the wall.", unit="m", gt=0.0
+    )
+    wall_below_top: float = parameter(
+        1.0,
+        "There, in a cell without a plane, a point this far under the highest one is on the wall.",
+        unit="m",
+        gt=0.0,
+    )
+    vehicle_area: float = parameter(
+        60.0, "An articulated lorry, with the cells at its rim, is no larger.", unit="m²", ge=0.0
+    )
+    vehicle_width: float = parameter(
+        2.45,
+        "Vehicles and containers are narrower: the legal limit is 2.55 m, and points stop short of edges.",
+        unit="m",
+        ge=0.0,
+    )
+    vehicle_length: float = parameter(1.9, "They are at least so many times longer than wide.", ge=0.0)
+    vehicle_height: float = parameter(4.2, "Their tops are lower.", unit="m", ge=0.0)
+    vehicle_level: float = parameter(
+        0.6,
+        "Half the range of heights on top of a vehicle; what leaves it is something else.",
+        unit="m",
+        gt=0.0,
+    )
+    vehicle_flat: float = parameter(
+        0.75, "Share of a vehicle at that level; a shed with a pitched roof has less.", ge=0.0, le=1.0
+    )
+    vehicle_tilt: float = parameter(
+        10.0, "A vehicle's top leans less to the side.", unit="degree", ge=0.0, lt=90.0
+    )
+    vehicle_uneven: float = parameter(
+        0.07,
+        "Half of its points lie closer to one plane; a pitched roof is told by either.",
+        unit="m",
+        ge=0.0,
+    )
+    vehicle_points: int = parameter(20, "Fewer points on top tell nothing of a pitched roof.", ge=0)
+    doubt_score: float = parameter(
+        0.2, "A region with a score between this and one less this is doubtful.", ge=0.0, le=0.5
+    )
+    doubt_attached: float = parameter(
+        0.25,
+        "A region that goes on in the terrain along more of its rim is doubtful, unless along all but "
+        "less than this share, which is rock.",
+        ge=0.0,
+        le=1.0,
+    )
+    doubt_rim: float = parameter(
+        0.1,
+        "A region with more of its rim on the rim of the data is doubtful: chance gaps touch less.",
+        ge=0.0,
+        le=1.0,
+    )
 
     @property
     def buffer(self) -> float:
         return 30.0
 
+    @property
+    def window_limits(self) -> WindowLimits:
+        """Which windows have a plane."""
+        return WindowLimits(self.window_points, self.window_width, self.window_price)
+
+    @property
+    def judgement(self) -> Judgement:
+        """How the evidence is weighed, beside the weights."""
+        return Judgement(
+            enclosed=self.enclosed,
+            company=self.company,
+            small=self.small_surface,
+            rounds=self.rounds,
+            low_odds=self.low_odds,
+            least_spread=self.least_spread,
+            most_log_ratio=self.most_log_ratio,
+        )
+
+    @property
+    def void_limits(self) -> VoidLimits:
+        """Which holes in the data are roofs."""
+        return VoidLimits(
+            area=self.void_area,
+            most_area=self.void_most_area,
+            width=self.void_width,
+            width_cells=self.void_width_cells,
+            rim_share=self.void_rim_share,
+            rim_spread=self.void_rim_spread,
+            rim_several=self.void_rim_several,
+        )
+
+    @property
+    def hidden_limits(self) -> HiddenLimits:
+        """When a plane is carried on below a crown."""
+        return HiddenLimits(self.hidden_on_plane, self.hidden_points, self.hidden_below, self.hidden_reach)
+
+    @property
+    def vehicle_limits(self) -> VehicleLimits:
+        """What vehicles and containers are like."""
+        return VehicleLimits(
+            width=self.vehicle_width,
+            length=self.vehicle_length,
+            height=self.vehicle_height,
+            level=self.vehicle_level,
+            flat=self.vehicle_flat,
+            tilt=self.vehicle_tilt,
+            uneven=self.vehicle_uneven,
+            points=self.vehicle_points,
+        )
+
+    @property
+    def doubt_limits(self) -> DoubtLimits:
+        """When a region is doubtful."""
+        return DoubtLimits(self.doubt_score, self.doubt_attached, self.doubt_rim)
+
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
         candidate = self.candidates(scene)
-        if int(candidate.sum()) < LEAST_POINTS:
+        if int(candidate.sum()) < self.window_points:
             return Regions(np.zeros(len(scene.cloud), np.int32), np.zeros(0))
         xyz, evidence, segments = self.find_surfaces(scene, candidate)
         emit("residual", evidence.residual)
@@ -154,12 +353,12 @@ class Consensus(Detector):
         region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
         surface = roof & (segments.label > 0)
-        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface)
+        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface, self.hidden_limits)
         emit("hidden", hidden)
         regions = self.regions_of(scene, xyz, evidence, region, hidden, odds)
         doubts = [
-            *region_doubts(evidence, region, regions.score, attached),
-            *region_doubts(evidence, rocks, np.zeros(rocks.max(initial=0)), attached),
+            *region_doubts(evidence, region, regions.score, attached, self.doubt_limits),
+            *region_doubts(evidence, rocks, np.zeros(rocks.max(initial=0)), attached, self.doubt_limits),
             *void_doubts(evidence, void & (region > 0)),
         ]
         return regions.with_doubts(doubts)
@@ -167,8 +366,8 @@ class Consensus(Detector):
     def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
         """Points (N, 3) with heights counted from near them, the evidence of cells, the smooth surfaces."""
         xyz = scene.cloud.xyz - [0.0, 0.0, np.floor(scene.cloud.xyz[candidate, 2].min())]
-        side = self.cell or side_near(max(0.5, CELL_SPACINGS * scene.spacing))
-        evidence = gather_evidence(scene, xyz, candidate, side)
+        side = self.cell or side_near(max(LEAST_CELL_M, CELL_SPACINGS * scene.spacing))
+        evidence = gather_evidence(scene, xyz, candidate, side, self.window_limits)
         most = self.tolerance(scene.spacing)
         smooth = evidence.candidate & (evidence.residual < most)
         return xyz, evidence, find_segments(evidence, smooth, most, MIN_HEIGHT_M)
@@ -191,12 +390,12 @@ class Consensus(Detector):
     ) -> tuple[Mask, Mask, Mask, Values]:
         """The building cells, those of roof surfaces, those of roofs without points, the log odds of every
         cell; (H, W) each."""
-        terms = measured_terms(evidence, segments, tolerance, weights)
-        emitted = np.r_[0.0, segment_odds(segments, terms.surface, weights)][segments.label]
+        terms = measured_terms(evidence, segments, tolerance, weights, self.judgement)
+        emitted = np.r_[0.0, segment_odds(segments, terms.surface, weights, self.low_odds)][segments.label]
         odds = np.where(terms.large, emitted, cell_odds(terms.cell, weights))
         emit("odds", odds)
-        void, rims = find_roof_voids(evidence)
-        odds, roof = raise_rims(odds, rims, RIM_ODDS), (emitted > 0.0) | void
+        void, rims = find_roof_voids(evidence, self.void_limits)
+        odds, roof = raise_rims(odds, rims, self.rim_odds), (emitted > 0.0) | void
         side = evidence.cells.side
         odds = np.where(near_cells(roof, int((self.max_rough / side) ** 2 + 1e-9)), odds, -self.sure)
         building = void | cut_cells(evidence, odds, self.sure, self.smoothness, self.max_jump)
@@ -226,12 +425,12 @@ class Consensus(Detector):
         area = np.bincount(label.ravel(), minlength=count + 1) * side * side
         core = np.bincount(label.ravel(), weights=roof.ravel(), minlength=count + 1) * side * side
         width *= side
-        share = min(CORE_SHARE, CORE_SHARE_M / side)
+        share = min(self.core_share, self.core_share_side / side)
         good = (core >= self.min_core) & (core >= share * area) & (width >= self.min_width)
         good[0] = False
-        attached = attached_share(evidence, label, count)
+        attached = attached_share(evidence, label, count, self.continues)
         loose = attached <= self.max_attached
-        rock = good & ~loose & (attached <= 1.0 - HALF_ATTACHED)
+        rock = good & ~loose & (attached <= 1.0 - self.doubt_attached)
 
         def chosen(which: Mask) -> Labels:
             return np.asarray(np.where(which, np.arange(count + 1), 0).astype(np.int32)[label], np.int32)
@@ -244,12 +443,22 @@ class Consensus(Detector):
         """The points of the buildings' cells, without vehicles, their parts, and the buildings' scores."""
         above = ~scene.cloud.ground & ~scene.cloud.noise & (scene.height > 0.5)
         number = np.where(above, region.ravel()[evidence.cells.cell], 0).astype(np.int32)
-        part = part_of_points(xyz, number, evidence, region, self.tolerance(scene.spacing))
+        part = part_of_points(
+            xyz,
+            number,
+            evidence,
+            region,
+            self.tolerance(scene.spacing),
+            self.wall_below_plane,
+            self.wall_below_top,
+        )
         number = np.where(hidden > 0, hidden, number)
         part[hidden > 0] = ROOF
         size = np.bincount(region.ravel()) * evidence.cells.side**2
-        small = np.where(size[number] <= VEHICLE_MOST_M2, number, 0)
-        tops = measure_tops(xyz, scene.height, np.where(part == ROOF, small, 0), len(size))
+        small = np.where(size[number] <= self.vehicle_area, number, 0)
+        tops = measure_tops(
+            xyz, scene.height, np.where(part == ROOF, small, 0), len(size), self.vehicle_limits
+        )
         part[tops.vehicle[number]] = 0
         number[tops.vehicle[number]] = 0
         return Regions(number, score_regions(region, odds, tops.width[1:], tops.low[1:]), part)

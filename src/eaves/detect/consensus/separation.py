@@ -8,12 +8,8 @@ import numpy as np
 
 from eaves.model import Values
 
-LEAST_SPREAD = 0.02
-"""Shares are counted of tens of points: a spread under one in fifty is chance."""
 WINDOW_CELLS = 9.0
-"""Cells of a window share its points: so many of them are one observation."""
-MOST_LOG_RATIO = 4.0
-"""No single measure is surer than this: fifty to one."""
+"""Cells of a window share its points: so many of them are one observation (count, three by three)."""
 
 
 @dataclass(frozen=True)
@@ -37,19 +33,21 @@ class Separation:
         distance = self.trust * ((self.roof - self.crown) / self.spread) ** 2
         return distance / (1.0 + distance)
 
-    def log_ratio(self, value: Values) -> Values:
-        """Log likelihood ratio for a roof, of values of any shape."""
+    def log_ratio(self, value: Values, most: float) -> Values:
+        """Log likelihood ratio for a roof, of values of any shape, no larger than `most` either way."""
         slope = self.trust * (self.roof - self.crown) / self.spread**2
         ratio = slope * (value - (self.roof + self.crown) / 2)
-        return np.asarray(np.clip(ratio, -MOST_LOG_RATIO, MOST_LOG_RATIO), np.float64)
+        return np.asarray(np.clip(ratio, -most, most), np.float64)
 
 
 NOTHING = Separation(0.0, 0.0, 1.0, 0.0)
 """The measure tells nothing."""
 
 
-def separate(value: Values, roof: Values) -> Separation:
+def separate(value: Values, roof: Values, least_spread: float) -> Separation:
     """The separation of values (K,) of cells, of which `roof` (K,) is the probability of each to be a roof.
+
+    A spread below `least_spread` is chance.
 
     Crowns split more pulses and let more of them through than roofs: a measure that is the other way round in
     a scan is no witness there.
@@ -62,7 +60,7 @@ def separate(value: Values, roof: Values) -> Separation:
     on_crowns = float((crown * value).sum()) / weight_crown
     scatter = float((roof * (value - on_roofs) ** 2).sum()) / weight_roof
     scatter += float((crown * (value - on_crowns) ** 2).sum()) / weight_crown
-    spread = max(LEAST_SPREAD, float(np.sqrt(scatter / 2)))
+    spread = max(least_spread, float(np.sqrt(scatter / 2)))
     distance = on_crowns - on_roofs
     if distance <= 0.0:
         return NOTHING

@@ -8,21 +8,30 @@ import numpy as np
 
 from eaves.model import Labels, Mask, Points, Values
 
-WIDTH_M = 2.45
-"""Road vehicles and containers are narrower (the legal limit is 2.55 m, and points stop short of edges)."""
-LENGTH = 1.9
-"""They are at least so many times longer than wide."""
-HEIGHT_M = 4.2
-LEVEL_M = 0.6
-"""Half the range of heights on top of a vehicle; what leaves it is something else."""
-FLAT = 0.75
-"""So much of a vehicle is at that level; a shed with a pitched roof has less."""
-TILT_DEG, UNEVEN_M = 10.0, 0.07
-"""The top of a vehicle leans less to the side, and half its points lie closer to one plane; a pitched roof is
-told by either, given enough points."""
-ENOUGH_POINTS = 20
 LEAST_VARIANCE_M2 = 1e-6
-"""Of the coordinates across a region: narrower ones have no slope."""
+"""Of the coordinates across a region: narrower ones have no slope (m², a tolerance)."""
+
+
+@dataclass(frozen=True)
+class VehicleLimits:
+    """What road vehicles and containers are like."""
+
+    width: float
+    """They are narrower (m)."""
+    length: float
+    """They are at least so many times longer than wide."""
+    height: float
+    """Their tops are lower (m)."""
+    level: float
+    """Half the range (m) of heights on top; what leaves it is something else."""
+    flat: float
+    """Share of their points, at least, at that level; a shed with a pitched roof has less."""
+    tilt: float
+    """Degrees; their tops lean less to the side."""
+    uneven: float
+    """Half their points at that level lie closer (m) to one plane."""
+    points: int
+    """Fewer points on top tell nothing of a pitched roof."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +46,7 @@ class Tops:
     """Whether it is as long, narrow, low and level as a van, a lorry or a container."""
 
 
-def measure_tops(xyz: Points, height: Values, number: Labels, count: int) -> Tops:
+def measure_tops(xyz: Points, height: Values, number: Labels, count: int, limits: VehicleLimits) -> Tops:
     """The tops of the regions 0…`count` - 1 of points (N, 3), of which `number` (N,) tells the region.
 
     Length and width are those of the rectangle with the same second moments as the points at the level of the
@@ -45,7 +54,7 @@ def measure_tops(xyz: Points, height: Values, number: Labels, count: int) -> Top
     """
     inside = np.flatnonzero(number > 0)
     low = middle_of_groups(height[inside], number[inside], count)
-    level = inside[np.abs(height[inside] - low[number[inside]]) < LEVEL_M]
+    level = inside[np.abs(height[inside] - low[number[inside]]) < limits.level]
     which = number[level]
     size = np.bincount(which, minlength=count)
 
@@ -61,8 +70,8 @@ def measure_tops(xyz: Points, height: Values, number: Labels, count: int) -> Top
     middle, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
     length = np.sqrt(12 * (middle + spread))
     width = np.sqrt(12 * np.maximum(middle - spread, 0.0))
-    narrow = (width < WIDTH_M) & (length > LENGTH * width) & (low < HEIGHT_M)
-    flat = size >= FLAT * np.bincount(number[inside], minlength=count)
+    narrow = (width < limits.width) & (length > limits.length * width) & (low < limits.height)
+    flat = size >= limits.flat * np.bincount(number[inside], minlength=count)
     flat[0] = False
 
     along = 0.5 * np.arctan2(2 * xy, xx - yy)
@@ -71,8 +80,8 @@ def measure_tops(xyz: Points, height: Values, number: Labels, count: int) -> Top
     climb = product(rise, u) / np.maximum(product(u, u), LEAST_VARIANCE_M2)
     tilt = product(rise, v) / np.maximum(product(v, v), LEAST_VARIANCE_M2)
     rest = middle_of_groups(np.abs(rise - climb[which] * u - tilt[which] * v), which, count)
-    pitched = (np.abs(tilt) > np.tan(np.radians(TILT_DEG))) | (rest > UNEVEN_M)
-    vehicle = narrow & flat & ~(pitched & (size >= ENOUGH_POINTS))
+    pitched = (np.abs(tilt) > np.tan(np.radians(limits.tilt))) | (rest > limits.uneven)
+    vehicle = narrow & flat & ~(pitched & (size >= limits.points))
     some = size > 0
     return Tops(np.where(some, low, np.inf), np.where(some, width, np.inf), vehicle)
 

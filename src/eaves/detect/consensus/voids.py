@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import ndimage
 
@@ -9,28 +11,36 @@ from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.segments import inner_width
 from eaves.model import Mask, Values
 
-LEAST_M2, MOST_M2 = 6.0, 400.0
-"""Smaller holes are closed by the outline; larger ones are courts, ponds or the outside of the survey."""
-LEAST_WIDTH_M, LEAST_WIDTH_CELLS = 2.0, 3.0
-"""Chance leaves single cells empty, and the shadow of a wall is a strip; a roof is neither."""
-RIM_SHARE = 0.7
-"""So much of the rim stands well above the terrain."""
-RIM_SPREAD_M = 1.0
-"""The rim of a roof is level: its heights, without the lowest and the highest tenth, differ by no more."""
-RIM_SEVERAL = 0.5
-"""The rim is no crown: at most so many of its points came from a pulse with several returns."""
+
+@dataclass(frozen=True)
+class VoidLimits:
+    """Which holes in the data are roofs."""
+
+    area: float
+    """Smaller holes (m²) are closed by the outline."""
+    most_area: float
+    """Larger ones (m²) are courts, ponds or the outside of the survey."""
+    width: float
+    width_cells: float
+    """Chance leaves single cells empty, and the shadow of a wall is a strip: least width (m; cells)."""
+    rim_share: float
+    """Share of the rim, at least, well above the terrain."""
+    rim_spread: float
+    """Range (m), at most, of the rim's heights without the lowest and the highest tenth."""
+    rim_several: float
+    """Share, at most, of the rim's points from pulses with several returns: it is no crown."""
 
 
-def find_roof_voids(evidence: Evidence) -> tuple[Mask, Mask]:
+def find_roof_voids(evidence: Evidence, limits: VoidLimits) -> tuple[Mask, Mask]:
     """Empty cells (H, W) that a level, raised rim surrounds, and the raised cells of those rims (H, W)."""
     empty = (evidence.cells.count == 0).reshape(evidence.shape)
     found, count = ndimage.label(empty)
     side = evidence.cells.side
     area = np.bincount(found.ravel(), minlength=count + 1)[1:] * side * side
     width = inner_width(np.asarray(found, np.int32), count)
-    wide = (width >= LEAST_WIDTH_CELLS) & (width * side >= LEAST_WIDTH_M)
+    wide = (width >= limits.width_cells) & (width * side >= limits.width)
     void, rims = np.zeros(evidence.shape, bool), np.zeros(evidence.shape, bool)
-    likely = np.flatnonzero(wide & (area >= LEAST_M2) & (area <= MOST_M2)) + 1
+    likely = np.flatnonzero(wide & (area >= limits.area) & (area <= limits.most_area)) + 1
     number_of = np.zeros(count + 1, np.int32)
     number_of[likely] = np.arange(1, len(likely) + 1)
     holes = number_of[found]
@@ -42,10 +52,13 @@ def find_roof_voids(evidence: Evidence) -> tuple[Mask, Mask]:
         hole = holes[window] == number
         rim = ndimage.binary_dilation(hole, np.ones((3, 3), bool)) & ~hole
         raised = rim & evidence.candidate[window]
-        if raised.sum() < RIM_SHARE * rim.sum():
+        if raised.sum() < limits.rim_share * rim.sum():
             continue
         low, high = np.percentile(evidence.height[window][raised], (10, 90))
-        if high - low <= RIM_SPREAD_M and evidence.multi_return_share[window][raised].mean() <= RIM_SEVERAL:
+        if (
+            high - low <= limits.rim_spread
+            and evidence.multi_return_share[window][raised].mean() <= limits.rim_several
+        ):
             void[window] |= hole
             rims[window] |= raised
     return void, rims

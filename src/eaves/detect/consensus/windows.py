@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -10,17 +12,23 @@ from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import Sums
 from eaves.model import Values
 
-WINDOWS = ((3, 1.0), (2, 2.0))
-"""Cells along a window, and what its residual is multiplied with, as few points fit by chance."""
-LEAST_POINTS = 6
-"""Points of a window that a plane is fitted to: three would always fit, six leave half for the residual."""
-LEAST_WIDTH = 0.25
-"""A window whose points are narrower than this share of a cell is a line, not a surface."""
 LEAST_DETERMINANT = 1e-12
-"""Of the moments in plan (m⁴): a line has no slope of its own."""
+"""Of the moments in plan (m⁴): a line has no slope of its own (a tolerance)."""
 
 
-def best_planes(sums: Sums, cells: Cells) -> tuple[Values, Values, Values, Values]:
+@dataclass(frozen=True)
+class WindowLimits:
+    """Which windows have a plane, and how those of two sizes compare."""
+
+    points: int
+    """Fewer points fit a plane by chance."""
+    width: float
+    """A window whose points are narrower than this share of a cell is a line, not a surface."""
+    price: float
+    """What the residual of a window of two by two cells is multiplied with."""
+
+
+def best_planes(sums: Sums, cells: Cells, limits: WindowLimits) -> tuple[Values, Values, Values, Values]:
     """The best window's plane of each cell: slopes, height at the cell's middle, residual; (H, W) each.
 
     Every cell lies in nine windows of three by three cells and in four of two by two; near a ridge or an
@@ -28,8 +36,8 @@ def best_planes(sums: Sums, cells: Cells) -> tuple[Values, Values, Values, Value
     """
     best = np.zeros((4, *cells.shape))
     best[3] = np.inf
-    for size, price in WINDOWS:
-        planes = planes_of_windows(sums, cells, size)
+    for size, price in ((3, 1.0), (2, limits.price)):
+        planes = planes_of_windows(sums, cells, size, limits)
         planes[3] *= price
         which = least_around_kernel(planes[3].reshape(cells.shape), size)
         better = np.flatnonzero(planes[3, which.ravel()] < best[3].ravel())
@@ -39,19 +47,21 @@ def best_planes(sums: Sums, cells: Cells) -> tuple[Values, Values, Values, Value
     return best[0], best[1], best[2] + best[0] * x[None, :] + best[1] * y[:, None], best[3]
 
 
-def planes_of_windows(sums: Sums, cells: Cells, size: int) -> NDArray[np.float64]:
+def planes_of_windows(sums: Sums, cells: Cells, size: int, limits: WindowLimits) -> NDArray[np.float64]:
     """Slopes, height at the origin and residual (4, H · W) of each cell's window; inf where none fits."""
     planes = np.zeros((4, *cells.shape))
     planes[3] = np.inf
-    planes_kernel(sums, size, LEAST_WIDTH * cells.side, planes)
+    planes_kernel(sums, size, limits.points, limits.width * cells.side, planes)
     return planes.reshape(4, -1)
 
 
 @njit(cache=True)
-def planes_kernel(sums: Sums, size: int, least_width: float, planes: NDArray[np.float64]) -> None:
+def planes_kernel(
+    sums: Sums, size: int, least_points: int, least_width: float, planes: NDArray[np.float64]
+) -> None:
     """Least squares planes z = ax + by + c through the windows of `size` by `size` cells, into (4, H, W).
 
-    The residual is the RMSE across the plane with three degrees of freedom taken off; windows with too few
+    The residual is the RMSE across the plane with three degrees of freedom taken off; windows with fewer
     points, or whose points have a lesser standard deviation in plan, are left alone. `sums` is (H, W, 10).
     """
     rows, columns, channels = sums.shape
@@ -64,7 +74,7 @@ def planes_kernel(sums: Sums, size: int, least_width: float, planes: NDArray[np.
             for r in range(first, last):
                 for c in range(left, right):
                     n += sums[r, c, 0]
-            if n < LEAST_POINTS:
+            if n < least_points:
                 continue
             total[:] = 0.0
             for c in range(left, right):

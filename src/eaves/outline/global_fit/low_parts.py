@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple, dataclass
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -10,23 +12,34 @@ from eaves.geometry.components import unite_kernel
 from eaves.model import Mask, Values
 from eaves.outline.toolkit.alpha import Mesh
 
-STEP_M, STEEP = 0.5, 1.2
-"""Neighbours belong to one surface when they differ in height by no more than this (m) and 50°."""
-WALL_WIDTH_M, LONG_M = 0.5, 6.0
-"""Points of a wall lie in a strip this narrow (m); a balcony is no longer than that (m)."""
-LOW_M = 1.5
-"""A small part this much (m) under the roof beside it is no part of the roof."""
+
+@dataclass(frozen=True)
+class LowLimits:
+    """Which surfaces are walls and balconies; lengths in metres."""
+
+    deep: float
+    """A small surface is less deep."""
+    step: float
+    """Neighbours are of one surface when they differ in height by no more than this, and"""
+    steep: float
+    """this times their distance in plan."""
+    wall: float
+    """Points of a wall lie in a strip this narrow."""
+    length: float
+    """A balcony is no longer."""
+    drop: float
+    """A small part this much under the roof beside it is no part of the roof."""
 
 
-def low_parts(mesh: Mesh, height: Values, reach: float, least: float, deep: float) -> Mask:
+def low_parts(mesh: Mesh, height: Values, reach: float, least: float, limits: LowLimits) -> Mask:
     """Which points (N,) lie on small surfaces below a larger one beside them.
 
     Surfaces are points of `height` (N,) m that hang together over sides of the mesh up to `reach` (m)
-    without a step. A surface of fewer than `least` points and less than `deep` (m) deep is small; it is low
-    when the large surface that it is next to, itself or over other small ones, is `LOW_M` higher there than
-    its mean.
+    without a step. A surface of fewer than `least` points within the `limits` is small; it is low
+    when the large surface that it is next to, itself or over other small ones, is `limits.drop` higher there
+    than its mean.
     """
-    return np.asarray(low_parts_kernel(mesh.xy, mesh.triangles, height, reach, least, deep))
+    return np.asarray(low_parts_kernel(mesh.xy, mesh.triangles, height, reach, least, *astuple(limits)))
 
 
 @njit(cache=True)
@@ -37,6 +50,11 @@ def low_parts_kernel(
     reach: float,
     least: float,
     deep: float,
+    step: float,
+    steep: float,
+    wall: float,
+    long: float,
+    drop: float,
 ) -> NDArray[np.bool_]:
     """Surfaces by union over sides of triangles (T, 3); then the height beside goes from one to the next."""
     size = len(xy)
@@ -45,7 +63,7 @@ def low_parts_kernel(
         for k in range(3):
             i, j = triangles[t, k], triangles[t, (k + 1) % 3]
             length = np.sqrt((xy[i, 0] - xy[j, 0]) ** 2 + (xy[i, 1] - xy[j, 1]) ** 2)
-            if length > reach or abs(height[i] - height[j]) > STEP_M + STEEP * length:
+            if length > reach or abs(height[i] - height[j]) > step + steep * length:
                 continue
             unite_kernel(root, i, j)
     count = np.zeros(size)
@@ -74,7 +92,7 @@ def low_parts_kernel(
         xx, xy_, yy = second[r, 0] / n - mx * mx, second[r, 1] / n - mx * my, second[r, 2] / n - my * my
         middle, half = 0.5 * (xx + yy), 0.5 * np.sqrt((xx - yy) ** 2 + 4.0 * xy_ * xy_)
         width, length = np.sqrt(12.0 * max(middle - half, 0.0)), np.sqrt(12.0 * (middle + half))
-        small[r] = width < WALL_WIDTH_M or (n < least and width < deep and length < LONG_M)
+        small[r] = width < wall or (n < least and width < deep and length < long)
     beside = np.full(size, -np.inf)
     changed = True
     while changed:
@@ -95,5 +113,5 @@ def low_parts_kernel(
     low = np.zeros(size, np.bool_)
     for i in range(size):
         r = root[i]
-        low[i] = small[r] and beside[r] - mean[r] / count[r] > LOW_M
+        low[i] = small[r] and beside[r] - mean[r] / count[r] > drop
     return low

@@ -13,28 +13,13 @@ from shapely import Polygon
 from eaves.geometry.rings import as_polygon, signed_area
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
-from eaves.outline.global_fit.low_parts import low_parts
+from eaves.outline.global_fit.low_parts import LowLimits, low_parts
 from eaves.outline.stage import OutlineMethod
 from eaves.outline.toolkit.alpha import alpha_rings, triangulate, wide_radius
 from eaves.outline.toolkit.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
 from eaves.outline.toolkit.edges import Edges, common_axes, edge_shift_kernel, fit_edges
 from eaves.outline.toolkit.polyline import cheapest_polyline
 from eaves.outline.toolkit.shared_edges import share_edges
-
-OUTSIDE, INSIDE, MARGIN = 1.2, 4.0, 0.3
-"""The strip of points that tells where they end: before the edge, behind it, off its ends; in spacings."""
-WIDEST, WIDE_SHARE = 2.0, 0.7
-"""The empty discs of three tenths of the area are wider; discs over 2 spacings are gaps."""
-WALL_BESIDE, LEAST_BESIDE_M = 1.0, 0.5
-"""Points of a wall have roof points above them within so many spacings, and at least so many metres."""
-LEAST_POINTS = 4
-"""Fewer points in the strip tell nothing."""
-WIDEST_STRIP = 1.0
-"""Pulses are divided by an edge within so many metres: the disc of a beam of 0.5 mrad from 2000 m."""
-FEWEST_DIVIDED = 5
-"""Fewer divided pulses at all edges of a building tell nothing of the beam's width."""
-CORNER_REACH = 4.0
-"""A corner farther than this from the boundary, in spacings, is cut off; one of 30° still is not."""
 
 
 class GlobalFit(OutlineMethod):
@@ -120,24 +105,87 @@ class GlobalFit(OutlineMethod):
     )
     deep: float = parameter(1.7, "unless they are deeper than this", unit="m", ge=0)
     min_hole: float = parameter(10.0, "inner boundaries smaller than this are dropped", unit="m²", ge=0)
+    widest: float = parameter(2.0, "empty discs wider than this are gaps, in spacings", gt=0)
+    wide_share: float = parameter(
+        0.7, "share of the area under discs no wider than the one that tells the spacing", gt=0, le=1
+    )
+    sparse_points: int = parameter(
+        4, "fewer points outside together are noise, not a part seen badly", unit="points", ge=1
+    )
+    low_step: float = parameter(
+        0.5, "neighbours are of one surface when they differ in height by no more than this", unit="m", ge=0
+    )
+    low_steep: float = parameter(1.2, "and this times their distance in plan: 50°", unit="m/m", ge=0)
+    low_wall: float = parameter(0.5, "points of a wall lie in a strip this narrow", unit="m", ge=0)
+    low_length: float = parameter(6.0, "a balcony is no longer than this", unit="m", ge=0)
+    low_drop: float = parameter(
+        1.5, "a small part this much under the roof beside it is no part of it", unit="m", ge=0
+    )
+    strip_before: float = parameter(
+        1.2, "points up to this far before an edge tell where they end, in spacings", gt=0
+    )
+    strip_behind: float = parameter(4.0, "and up to this far behind it, in spacings", gt=0)
+    strip_margin: float = parameter(0.3, "but no nearer than this to its ends, in spacings", ge=0)
+    strip_points: int = parameter(4, "fewer points in that strip tell nothing", unit="points", ge=2)
+    wall_beside: float = parameter(
+        1.0, "points of a wall have roof points above them within so many spacings", ge=0
+    )
+    least_beside: float = parameter(0.5, "and at least within this", unit="m", ge=0)
+    widest_spot: float = parameter(
+        1.0,
+        "pulses are divided by an edge within this: the disc of a beam of 0.5 mrad from 2000 m",
+        unit="m",
+        gt=0,
+    )
+    fewest_divided: int = parameter(
+        5, "fewer divided pulses at all edges of a building tell nothing of the beam", unit="points", ge=1
+    )
+    corner_reach: float = parameter(
+        4.0,
+        "a corner farther than this from the boundary is cut off, one of 30° still is not; in spacings",
+        gt=0,
+    )
+    facing: float = parameter(
+        10.0, "edges that turn from one another by more are no party wall", unit="°", ge=0, lt=90
+    )
+    facing_length: float = parameter(
+        1.0, "shortest stretch along which two edges are a party wall", unit="m", gt=0
+    )
+
+    @property
+    def low_limits(self) -> LowLimits:
+        """Which surfaces are walls and balconies."""
+        return LowLimits(
+            deep=self.deep,
+            step=self.low_step,
+            steep=self.low_steep,
+            wall=self.low_wall,
+            length=self.low_length,
+            drop=self.low_drop,
+        )
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3), with the spacing where they are sparse."""
         mesh = triangulate(points[:, :2])
         if mesh is not None:
-            low = low_parts(
-                mesh, points[:, 2], self.alpha * 2.0 * spacing, self.balcony / spacing**2, self.deep
-            )
+            least = self.balcony / spacing**2
+            low = low_parts(mesh, points[:, 2], self.alpha * 2.0 * spacing, least, self.low_limits)
             if low.any():
                 points = points[~low]
                 mesh = triangulate(points[:, :2])
         if mesh is not None:
-            wide = wide_radius(mesh, WIDEST * spacing, WIDE_SHARE) or spacing
+            wide = wide_radius(mesh, self.widest * spacing, self.wide_share) or spacing
             spacing = float(np.clip(np.sqrt(2.0) * wide, 0.7 * spacing, 2.0 * spacing))
         rings = (
             ()
             if mesh is None
-            else alpha_rings(mesh, self.alpha * spacing, share=self.share, sparse=self.sparse)
+            else alpha_rings(
+                mesh,
+                self.alpha * spacing,
+                share=self.share,
+                sparse=self.sparse,
+                sparse_points=self.sparse_points,
+            )
         )
         if not rings:
             return Failure("no_area", f"{len(points)} points enclose no area", "outline")
@@ -153,7 +201,12 @@ class GlobalFit(OutlineMethod):
         emit("fitted", [answers[number] for number in drawn])
         if len(drawn) > 1:
             gap = max(boundaries[number].spacing for number in drawn)
-            shared = share_edges([polygon for polygon in answers if isinstance(polygon, Polygon)], gap)
+            shared = share_edges(
+                [polygon for polygon in answers if isinstance(polygon, Polygon)],
+                gap,
+                self.facing,
+                self.facing_length,
+            )
             for number, polygon in zip(drawn, shared, strict=True):
                 answers[number] = polygon
         return answers
@@ -189,7 +242,7 @@ class GlobalFit(OutlineMethod):
         again = np.roll(local, -int(starts[len(starts) // 2]), axis=0)
         starts, axis = cheapest_polyline(again, axes, sigma, price, self.angle_cost)
         edges = fit_edges(again, starts, axis, axes)
-        drawing = Drawing(self.detail * spacing, CORNER_REACH * spacing, sigma, price)
+        drawing = Drawing(self.detail * spacing, self.corner_reach * spacing, sigma, price)
         for candidate in (edges, free):
             corners = self.drawn(candidate, points, divided, density, spacing, drawing)
             corners = None if corners is None else simple_ring(corners)
@@ -220,49 +273,53 @@ class GlobalFit(OutlineMethod):
             edges.offset,
             start,
             length,
-            OUTSIDE * spacing,
-            INSIDE * spacing,
-            MARGIN * spacing,
+            self.strip_before * spacing,
+            self.strip_behind * spacing,
+            self.strip_margin * spacing,
             self.blur,
-            max(WALL_BESIDE * spacing, LEAST_BESIDE_M),
-            LEAST_POINTS,
+            max(self.wall_beside * spacing, self.least_beside),
+            self.strip_points,
         )
         told = np.isfinite(shift)
-        shift = np.where(told, np.clip(shift, -OUTSIDE * spacing, OUTSIDE * spacing), -0.5 * spacing)
+        shift = np.where(
+            told, np.clip(shift, -self.strip_before * spacing, self.strip_before * spacing), -0.5 * spacing
+        )
         edges = edges.with_(offset=edges.offset + shift)
         spot = self.spot
         if spot is None:
-            spot = 0.0 if divided is None else half_width_of_beam(edges, start, length, divided, density)
+            spot = 0.0 if divided is None else self.half_width_of_beam(edges, start, length, divided, density)
         finer = replace(drawing, detail=0.5 * drawing.detail)
         edges = joined_edges(edges.with_(offset=edges.offset + spot), finer)
         return ring_of_edges(edges, finer) if len(edges) > 2 else None
 
+    def half_width_of_beam(
+        self,
+        edges: Edges,
+        start: NDArray[np.float64],
+        length: NDArray[np.float64],
+        divided: NDArray[np.float64],
+        density: float,
+    ) -> float:
+        """How far (m) points lie beyond their edge, when the edges stand before the outermost points.
 
-def half_width_of_beam(
-    edges: Edges,
-    start: NDArray[np.float64],
-    length: NDArray[np.float64],
-    divided: NDArray[np.float64],
-    density: float,
-) -> float:
-    """How far (m) points lie beyond their edge, when the edges stand before the outermost points.
-
-    `divided` (K, 2) are the points of the pulses that came back once more from below. The ones an edge
-    divided lie up to half the beam's width on both sides of it, so at half the beam behind the outermost in
-    the median. They can fill no wider a strip than their number gives; what lies deeper was divided by
-    something else, and as many are taken for that beside the edge.
-    """
-    if len(divided) < FEWEST_DIVIDED:
-        return 0.0
-    away = divided @ edges.normal.T - edges.offset
-    along = divided @ edges.direction.T - (start * edges.direction).sum(axis=1)
-    beside = (along > 0.0) & (along < length) & (away > -WIDEST_STRIP)
-    depth = np.where(beside, away, np.inf).min(axis=1)
-    near = depth[depth < WIDEST_STRIP]
-    count = len(near) - int(np.count_nonzero((depth >= WIDEST_STRIP) & (depth < 2.0 * WIDEST_STRIP)))
-    if count < FEWEST_DIVIDED:
-        return 0.0
-    return float(np.clip(np.median(near), 0.0, count / (density * float(length.sum()))))
+        `divided` (K, 2) are the points of the pulses that came back once more from below. The ones an edge
+        divided lie up to half the beam's width on both sides of it, so at half the beam behind the outermost
+        in the median. They can fill no wider a strip than their number gives; what lies deeper was divided
+        by something else, and as many are taken for that beside the edge.
+        """
+        if len(divided) < self.fewest_divided:
+            return 0.0
+        away = divided @ edges.normal.T - edges.offset
+        along = divided @ edges.direction.T - (start * edges.direction).sum(axis=1)
+        beside = (along > 0.0) & (along < length) & (away > -self.widest_spot)
+        depth = np.where(beside, away, np.inf).min(axis=1)
+        near = depth[depth < self.widest_spot]
+        count = len(near) - int(
+            np.count_nonzero((depth >= self.widest_spot) & (depth < 2.0 * self.widest_spot))
+        )
+        if count < self.fewest_divided:
+            return 0.0
+        return float(np.clip(np.median(near), 0.0, count / (density * float(length.sum()))))
 
 
 def simple_ring(ring: NDArray[np.float64]) -> NDArray[np.float64] | None:

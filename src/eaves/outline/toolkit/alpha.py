@@ -13,10 +13,10 @@ from eaves.geometry.rings import signed_area, split_loops
 from eaves.geometry.tin import Tin
 
 WIDEN = 1.5
-"""Factor from one try to the next when the radius is too small to hold the points together."""
+"""Factor from one try to the next when the radius is too small to hold the points together: the step of a
+search for the radius that `share` asks for, in every method that has an alpha shape."""
 WIDEN_TRIES = 6
-LEAST_SPARSE = 4
-"""Fewer points outside a shape are noise, not a part of it seen badly."""
+"""Tries (count) of that search."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +63,15 @@ def wide_radius(mesh: Mesh, most: float, share: float) -> float | None:
 
 
 def alpha_rings(
-    mesh: Mesh, radius: float, *, share: float = 0.0, sparse: float = 1.0
+    mesh: Mesh, radius: float, *, share: float = 0.0, sparse: float = 1.0, sparse_points: int = 1
 ) -> tuple[NDArray[np.int64], ...]:
     """Rings of numbers of points: the outer one counter-clockwise, then holes clockwise; () for no area.
 
     The area is the union of the Delaunay triangles whose circumscribed disc, which is empty, has at most
     `radius` (m), reduced to its largest part connected over edges [edelsbrunner1983]. The radius is
     widened, by steps of `WIDEN`, while that part holds less than `share` of the points. Points left outside
-    that hang together with it at `sparse` times the radius are taken in: there something stood between the
-    roof and the scanner.
+    that hang together with it at `sparse` times the radius are taken in, in groups of `sparse_points` and
+    more: there something stood between the roof and the scanner.
     """
     for _ in range(WIDEN_TRIES):
         kept = largest_part(mesh, mesh.radius <= radius)
@@ -83,7 +83,7 @@ def alpha_rings(
     if not kept.any():
         return ()
     if sparse > 1.0:
-        kept = with_sparse_parts(mesh, kept, sparse * radius)
+        kept = with_sparse_parts(mesh, kept, sparse * radius, sparse_points)
     starts, ring = boundary_kernel(mesh.triangles, mesh.neighbours, kept)
     loops = [loop for a, b in pairwise(starts.tolist()) for loop in split_loops(ring[a:b]) if len(loop) > 2]
     areas = np.array([signed_area(mesh.xy[loop]) for loop in loops])
@@ -100,8 +100,8 @@ def largest_part(mesh: Mesh, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(kept & (part == int(np.argmax(area))))
 
 
-def with_sparse_parts(mesh: Mesh, kept: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
-    """The kept triangles (T,) and those up to `radius` (m) around groups of `LEAST_SPARSE` points outside."""
+def with_sparse_parts(mesh: Mesh, kept: NDArray[np.bool_], radius: float, least: int) -> NDArray[np.bool_]:
+    """The kept triangles (T,) and those up to `radius` (m) around groups of `least` points outside."""
     outside = np.ones(len(mesh.xy), np.bool_)
     outside[mesh.triangles[kept]] = False
     around = ~kept & (mesh.radius <= radius) & outside[mesh.triangles].any(axis=1)
@@ -110,7 +110,7 @@ def with_sparse_parts(mesh: Mesh, kept: NDArray[np.bool_], radius: float) -> NDA
     pairs = np.unique(np.repeat(part[around], 3) * len(outside) + corners.ravel())
     group, corner = np.divmod(pairs, len(outside))
     members = np.bincount(group[outside[corner]], minlength=count + 1)
-    return largest_part(mesh, kept | (around & (members[part] >= LEAST_SPARSE)))
+    return largest_part(mesh, kept | (around & (members[part] >= least)))
 
 
 @njit(cache=True)

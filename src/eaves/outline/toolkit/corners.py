@@ -12,7 +12,7 @@ from eaves.outline.toolkit.edges import Edges, main_direction
 from eaves.outline.toolkit.polyline import FREE
 
 PARALLEL = np.radians(3.0)
-"""Turn (radians) under which two neighbouring lines meet nowhere in particular."""
+"""Turn (radians) under which two neighbouring lines meet nowhere in particular: a tolerance."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from eaves.outline.toolkit.polyline import FREE
 
 RIGHT_ANGLE = np.pi / 2
 WALL_ABOVE, WALL_STEEP = 0.6, 1.7
-"""A point with another this much above it (m), and steeper than 60°, is on a wall."""
+"""What a point of a wall is: one with another this much above it (m), and steeper than 60°; for fitted
+outlines and given footprints alike."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,20 +12,17 @@ from shapely import Polygon, STRtree
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 
-FACING_DEG = 10.0
-"""Edges that turn from one another by more than this are no party wall."""
-SHORTEST_M = 1.0
-"""Shortest stretch along which two edges face each other."""
 SAME_PLACE_M = 0.02
-"""Vertices and edges of neighbours nearer than this are the same."""
+"""Vertices and edges of neighbours nearer than this (m, a tolerance) are the same."""
 
 
-def share_edges(polygons: Sequence[Polygon], gap: float) -> list[Polygon]:
+def share_edges(polygons: Sequence[Polygon], gap: float, facing: float, shortest: float) -> list[Polygon]:
     """The polygons with gaps up to `gap` (m) between facing edges closed, and overlaps given to one.
 
-    Of two facing edges the shorter one's polygon is carried on to the longer one, so that the wall gets no
-    jog. An overlap stays with the larger polygon. Vertices of one on the edge of another become vertices of
-    both.
+    Edges face each other when they turn by at most `facing` (degrees) along a stretch of at least `shortest`
+    (m). Of two facing edges the shorter one's polygon is carried on to the longer one, so that the wall gets
+    no jog. An overlap stays with the larger polygon. Vertices of one on the edge of another become vertices
+    of both.
     """
     shapes = list(polygons)
     tree = STRtree(shapes)
@@ -35,7 +32,7 @@ def share_edges(polygons: Sequence[Polygon], gap: float) -> list[Polygon]:
         return shapes
     for a, b in pairs:
         for grower, base in ((a, b), (b, a)):
-            bridges = bridges_to(polygons[grower], polygons[base], gap)
+            bridges = bridges_to(polygons[grower], polygons[base], gap, facing, shortest)
             if bridges:
                 shapes[grower] = grown(shapes[grower], bridges)
     for a, b in pairs:
@@ -57,20 +54,25 @@ def ring_edges(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.float6
     return np.concatenate([ring[:-1] for ring in rings]), np.concatenate([ring[1:] for ring in rings])
 
 
-def bridges_to(grower: Polygon, base: Polygon, gap: float) -> list[Polygon]:
-    """Strips that carry edges of `grower` on to longer edges of `base` that face them within `gap` (m)."""
+def bridges_to(
+    grower: Polygon, base: Polygon, gap: float, most_turn: float, shortest: float
+) -> list[Polygon]:
+    """Strips that carry edges of `grower` on to longer edges of `base` that face them within `gap` (m).
+
+    Facing edges are turned by at most `most_turn` (degrees), along at least `shortest` (m).
+    """
     start, end = ring_edges(grower)
     base_start, base_end = ring_edges(base)
     strips = []
     for p, q in zip(start, end, strict=True):
         length = np.hypot(*(q - p))
-        if length < SHORTEST_M:
+        if length < shortest:
             continue
         along = (q - p) / length
         outward = np.array([along[1], -along[0]])
         run = base_end - base_start
         base_length = np.hypot(*run.T)
-        facing = (run @ along) < -np.cos(np.radians(FACING_DEG)) * base_length
+        facing = (run @ along) < -np.cos(np.radians(most_turn)) * base_length
         for k in np.flatnonzero(facing & (base_length >= length)):
             first, last = sorted(((base_start[k] - p) @ along, (base_end[k] - p) @ along))
             low, high = max(0.0, first), min(length, last)
@@ -78,7 +80,7 @@ def bridges_to(grower: Polygon, base: Polygon, gap: float) -> list[Polygon]:
             depth = [
                 (base_start[k] - p) @ outward + slope * (t - (base_start[k] - p) @ along) for t in (low, high)
             ]
-            if high - low < SHORTEST_M or min(depth) < 0.0 or max(depth) > gap:
+            if high - low < shortest or min(depth) < 0.0 or max(depth) > gap:
                 continue
             strip = [p + low * along, p + high * along]
             strip += [strip[1] + depth[1] * outward, strip[0] + depth[0] * outward]

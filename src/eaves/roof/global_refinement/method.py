@@ -11,7 +11,7 @@ from eaves.geometry.planes import LocalPlanes, local_planes
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, RoofPlane, Values
 from eaves.roof.global_refinement.relabelling import drop_crumbs, near_regions, relabel_kernel, worth_kernel
-from eaves.roof.region_growing import RegionGrowing, join_tolerance
+from eaves.roof.region_growing import RegionGrowing
 from eaves.roof.stage import RoofMethod
 from eaves.roof.toolkit.regions import (
     fit_labels,
@@ -21,12 +21,6 @@ from eaves.roof.toolkit.regions import (
     touching_regions,
     without_gaps,
 )
-
-LEFT_NEIGHBOURS = 6
-"""Neighbours among the points left over: the fewest that tell a plane from chance."""
-
-POTTS_NEIGHBOURS = 9
-"""Points whose labels a point looks at, itself included: the ring around it."""
 
 
 class GlobalRefinement(RoofMethod):
@@ -96,6 +90,18 @@ class GlobalRefinement(RoofMethod):
         gt=0.0,
     )
     rounds: int = parameter(6, "Rounds of proposing, relabelling and pricing at most.", ge=1)
+    left_neighbours: int = parameter(
+        6,
+        "Neighbours among the points left over: the fewest that tell a plane from chance.",
+        unit="points",
+        ge=4,
+    )
+    ring: int = parameter(
+        9,
+        "Points whose labels a point looks at, itself included: the ring around it.",
+        unit="points",
+        ge=2,
+    )
 
     def planes(
         self, points: Points, spacing: float, rng: np.random.Generator, emit: Emit = ignore
@@ -129,7 +135,7 @@ class GlobalRefinement(RoofMethod):
         left = np.flatnonzero(labels == 0)
         if len(left) < self.fewest_points(local):
             return labels
-        near = local_planes(points[left], LEFT_NEIGHBOURS, 2 * LEFT_NEIGHBOURS)
+        near = local_planes(points[left], self.left_neighbours, 2 * self.left_neighbours)
         upright = near.normals[:, 2] >= np.cos(np.radians(self.start.max_slope))
         flat = near.eigenvalues[:, 0] <= (1.5 * local.noise) ** 2
         open_ = upright & (near.eigenvalues[:, 1] > 0.0)
@@ -154,11 +160,11 @@ class GlobalRefinement(RoofMethod):
     def relabel(self, points: Points, labels: Labels, local: LocalPlanes) -> Labels:
         """Labels (N,) after each point in turn took the cheapest label around it, planes fitted between."""
         labels = labels.copy()
-        ring = np.ascontiguousarray(local.neighbours[:, :POTTS_NEIGHBOURS])
+        ring = np.ascontiguousarray(local.neighbours[:, : self.ring])
         for _ in range(3):
             planes, squares, _ = fit_labels(points, labels, int(labels.max(initial=0)))
             planes[np.isnan(planes).any(axis=1)] = (0.0, 0.0, 0.0, 1e9)
-            weights = weights_of(squares, local.noise)
+            weights = weights_of(squares, local.noise, self.start.join_tolerance(local.noise))
             changed = relabel_kernel(
                 points, ring, planes, weights, 0.5 * self.outlier_share**2, self.smoothness, 4, labels
             )
@@ -175,19 +181,22 @@ class GlobalRefinement(RoofMethod):
         wide = np.bincount(labels, minlength=count + 1)[1:] * local.spacing**2 >= (2.0 * gap) ** 2
         near &= wide[:, None] & wide[None, :]
         near |= touching_regions(labels, local.neighbours[:, :12], count)
-        return join_coplanar(points, labels, near, join_tolerance(local.noise), 1.2)
+        return join_coplanar(points, labels, near, self.start.join_tolerance(local.noise), 1.2)
 
     def pay(self, points: Points, labels: Labels, local: LocalPlanes) -> Labels:
         """Labels (N,) without the planes that save less than their price, the worst first."""
         fewest = self.fewest_points(local)
         outlier = 0.5 * self.outlier_share**2
-        ring = np.ascontiguousarray(local.neighbours[:, :POTTS_NEIGHBOURS])
+        ring = np.ascontiguousarray(local.neighbours[:, : self.ring])
         labels = drop_crumbs(labels, ring, max(3, fewest // 2))
         while True:
             count = int(labels.max(initial=0))
             planes, squares, sizes = fit_labels(points, labels, count)
             planes[sizes < 3] = (0.0, 0.0, 0.0, 1e9)
-            weights, worth = weights_of(squares, local.noise), np.zeros(count)
+            weights, worth = (
+                weights_of(squares, local.noise, self.start.join_tolerance(local.noise)),
+                np.zeros(count),
+            )
             worth_kernel(points, ring, planes, weights, outlier, self.smoothness, labels, worth)
             worth[sizes == 0] = np.inf
             dropped = apart(
@@ -203,13 +212,13 @@ class GlobalRefinement(RoofMethod):
         return max(5, int(self.min_area / local.spacing**2))
 
 
-def weights_of(squares: Values, noise: float) -> Values:
+def weights_of(squares: Values, noise: float, sag: float) -> Values:
     """Weights (K,), one over the variance of the points of each plane, from their mean squares (K,).
 
-    The variance is that of the noise, or more where the plane sags, up to what makes pieces one plane:
-    else the points of a plane joined from pieces would be left out again.
+    The variance is that of the noise, or more where the plane sags, up to the distance `sag` (m) that makes
+    pieces one plane: else the points of a plane joined from pieces would be left out again.
     """
-    return np.asarray(1.0 / np.clip(np.nan_to_num(squares), noise**2, join_tolerance(noise) ** 2))
+    return np.asarray(1.0 / np.clip(np.nan_to_num(squares), noise**2, sag**2))
 
 
 def apart(worth: Values, poor: Mask, touching: NDArray[np.bool_]) -> NDArray[np.int64]:
