@@ -28,18 +28,6 @@ from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 from eaves.reconstruct.toolkit.superstructures import find_superstructures
 
-NARROWEST = 0.1
-"""Roof faces narrower than this (m) are slivers at any density."""
-
-SMALLEST = 0.1
-"""Roof faces smaller than this (m²) are not built, however many points they hold."""
-
-LARGEST_ERROR = 2.0
-"""Distances above this (m) count as this when levels are compared: what they measure is no roof."""
-
-WORSE_BY = 0.05
-"""A finer level is given up when its RMSE is greater than a coarser one's by more than this (m)."""
-
 
 class Arrangement(Reconstructor):
     """The solids at LoD 1.2, 1.3, 2.0 and 2.2 from one plan.
@@ -127,6 +115,51 @@ class Arrangement(Reconstructor):
         0.5, "Area of the smallest roof face where points are not dense.", unit="m2", ge=0.0
     )
     smallest_points: float = parameter(4.0, "Points on the smallest roof face where they are dense.", ge=0.0)
+    farthest: float = parameter(
+        5.0,
+        "How near a cell must be to the rectangle around a plane's points to get that plane.",
+        unit="m",
+        ge=0.0,
+    )
+    support_trim: float = parameter(
+        1.0,
+        "Percentage of a plane's points, lowest and highest, whose heights do not support it.",
+        unit="percent",
+        ge=0.0,
+        lt=50.0,
+    )
+    free_misfit: float = parameter(
+        0.03,
+        "Distance from a plane that costs nothing: noise, which no other plane explains better.",
+        unit="m",
+        ge=0.0,
+    )
+    least_rise: float = parameter(
+        0.25,
+        "How far a roof may rise over the highest of its points: the ridge between two points.",
+        unit="m",
+        ge=0.0,
+    )
+    unknown_cost: float = parameter(
+        0.3,
+        "Price of a square metre under the level that stands for no plane, as square metres of residual.",
+        ge=0.0,
+    )
+    meeting_share: float = parameter(
+        0.3,
+        "Share of the price of a border that is due where the two planes meet: ridges and valleys are cheap.",
+        ge=0.0,
+        le=1.0,
+    )
+    full_jump: float = parameter(
+        0.5, "Height of a jump from which on a border costs its full price.", unit="m", gt=0.0
+    )
+    least_width: float = parameter(
+        0.1, "Roof faces narrower than this are slivers at any density.", unit="m", ge=0.0
+    )
+    least_area: float = parameter(
+        0.1, "Roof faces smaller than this are not built, however many points they hold.", unit="m2", ge=0.0
+    )
     superstructure_points: int = parameter(
         8, "Points that show an object on the roof which the solids leave out.", ge=4
     )
@@ -143,6 +176,18 @@ class Arrangement(Reconstructor):
         10.0,
         "Area of the smallest roof face at LoD 2.0; at most an eighth of the footprint.",
         unit="m2",
+        ge=0.0,
+    )
+    largest_error: float = parameter(
+        2.0,
+        "Distances above this count as this when levels are compared: what they measure is no roof.",
+        unit="m",
+        gt=0.0,
+    )
+    worse_by: float = parameter(
+        0.05,
+        "A finer level is given up when its RMSE is greater than a coarser one's by more than this.",
+        unit="m",
         ge=0.0,
     )
     least_fit: float = parameter(
@@ -174,19 +219,21 @@ class Arrangement(Reconstructor):
         plan, chosen = plan.merged(chosen)
         emit("plan", plan.polygons())
         emit("plane of each cell", chosen)
-        smallest_face = max(SMALLEST, min(self.smallest, self.smallest_points * spacing**2))
-        limits = (smallest_face, max(NARROWEST, self.narrowest * spacing))
+        smallest_face = max(self.least_area, min(self.smallest, self.smallest_points * spacing**2))
+        limits = (smallest_face, max(self.least_width, self.narrowest * spacing))
         known = (roof, labels, coefficients, spacing, ground, costs)
         fine = extrude_plan(
             plan, chosen, coefficients, ground, *limits, lambda tidied, kept: hold_down(tidied, kept, *known)
         )
         solids = coarse_solids(plan, roof, ground, self.level_jump, limits)
-        errors = {lod: errors_of(surface_heights(parts, roof[:, :2]), roof) for lod, parts in solids.items()}
+        errors = {
+            lod: self.errors(surface_heights(parts, roof[:, :2]), roof) for lod, parts in solids.items()
+        }
         if planes and plan.count > 1:
             higher = self.simple_costs(costs)
             smallest = (self.simple_smallest, limits[1])
             simple = simple_solids(plan, roof, labels, coefficients, spacing, ground, higher, smallest)
-            error = errors_of(surface_heights(simple, roof[:, :2]), roof)
+            error = self.errors(surface_heights(simple, roof[:, :2]), roof)
             if simple and not self.compare("2.0", error, errors):
                 solids["2.0"], errors["2.0"] = simple, error
         fallback: dict[str, Any] = {}
@@ -197,7 +244,7 @@ class Arrangement(Reconstructor):
             fallback = fallen_back("not_closed", f"LoD 2.2 has {fine.defect}")
         else:
             surface = surface_heights(fine.solids, roof[:, :2])
-            fallback = self.compare("2.2", errors_of(surface, roof), errors)
+            fallback = self.compare("2.2", self.errors(surface, roof), errors)
         if not fallback:
             solids["2.2"] = fine.solids
             solids.setdefault("2.0", without_numbers(fine.solids))
@@ -253,6 +300,13 @@ class Arrangement(Reconstructor):
             min(self.plane_cost, self.plane_points * spacing**2),
             self.overshoot,
             self.reach_beyond,
+            self.farthest,
+            self.support_trim,
+            self.free_misfit,
+            self.least_rise,
+            self.unknown_cost,
+            self.meeting_share,
+            self.full_jump,
         )
 
     def simple_costs(self, costs: LabelCosts) -> LabelCosts:
@@ -261,6 +315,12 @@ class Arrangement(Reconstructor):
             return replace(costs, plane=self.simple_cost)
         dearer = float(np.sqrt(self.simple_cost / self.plane_cost))
         return replace(costs, plane=self.simple_cost, border=dearer * self.border_cost)
+
+    def errors(self, surface: Surface, roof: Points) -> NDArray[np.float64]:
+        """Distances (N,; m) of roof points (N, 3) from the roof over them, a tree's above it cut off."""
+        height, cosine, _ = surface
+        distance = np.nan_to_num(np.abs(roof[:, 2] - height) * cosine, nan=0.0)
+        return np.minimum(distance, self.largest_error)
 
     def compare(self, lod: str, error: Values, coarser: dict[str, Values]) -> dict[str, Any]:
         """Why a level with errors (N,; m) is given up for one of those `coarser`, as attributes; empty if
@@ -271,7 +331,7 @@ class Arrangement(Reconstructor):
             return fallen_back("poor_fit", f"LoD {lod} is within 0.5 m of {share:.0%} of the roof only")
         for other, its_error in sorted(coarser.items(), reverse=True):
             its = float(np.sqrt(np.mean(its_error**2)))
-            if rmse > its + WORSE_BY:
+            if rmse > its + self.worse_by:
                 return fallen_back("poor_fit", f"RMSE {rmse:.2f} m at LoD {lod}, {its:.2f} m at LoD {other}")
         return {}
 
@@ -279,9 +339,3 @@ class Arrangement(Reconstructor):
 def fallen_back(code: str, reason: str) -> dict[str, Any]:
     """The attributes of a building that does not reach LoD 2.2."""
     return {"fallback_code": code, "fallback_reason": reason}
-
-
-def errors_of(surface: Surface, roof: Points) -> NDArray[np.float64]:
-    """Distances (N,; m) of roof points (N, 3) from the roof over them, a tree's above it cut off."""
-    height, cosine, _ = surface
-    return np.minimum(np.nan_to_num(np.abs(roof[:, 2] - height) * cosine, nan=0.0), LARGEST_ERROR)

@@ -17,27 +17,8 @@ from eaves.reconstruct.toolkit.percentiles import group_percentiles
 RUNAWAY = 1e3
 """Cost (m²) of a metre beyond the heights a plane's points support: more than any residual."""
 
-RISE = 0.25
-"""A roof may rise over the highest of its points by this much (m): the ridge between two points."""
-
-UNKNOWN_PRICE = 0.3
-"""Cost (m²) of a square metre under the level that stands for no plane at all."""
-LEAST_SHARE = 0.3
-"""Share of the price of a border that is due where the two planes meet: ridges and valleys are cheap."""
-
-FULL_JUMP = 0.5
-"""Height (m) of a jump from which on a border costs its full price."""
-
 GAUSS_PLACES = (0.2113, 0.7887)
 """Where along a border its jump is measured: the two places of Gauss and Legendre's rule."""
-FREE_MISFIT = 0.03
-"""Distance (m) of a point from its plane that costs nothing: noise, which no other plane explains better."""
-
-FARTHEST = 5.0
-"""A plane may cover cells this near (m) to the rectangle around its points, which bounds the work."""
-
-SUPPORT = (1.0, 99.0)
-"""Percentiles of the heights of a plane's points between which they support it."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +31,13 @@ class LabelCosts:
     plane: float
     overshoot: float
     reach_beyond: float
+    farthest: float
+    support_trim: float
+    free_misfit: float
+    least_rise: float
+    unknown: float
+    meeting_share: float
+    full_jump: float
 
 
 def label_cells(
@@ -71,7 +59,7 @@ def label_cells(
     edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
     start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
     places = np.stack([start + share * (end - start) for share in GAUSS_PLACES], axis=1)
-    steps = HeightSteps(places, planes, LEAST_SHARE, FULL_JUMP)
+    steps = HeightSteps(places, planes, costs.meeting_share, costs.full_jump)
     border = costs.border * coverage.length[halves]
     return alpha_expansion(data, edges, border, np.full(len(planes), costs.plane), steps)
 
@@ -100,14 +88,15 @@ def cell_costs(
     mine = labels >= 0
     np.minimum.at(box[:, :2], labels[mine], roof[mine, :2])
     np.maximum.at(box[:, 2:], labels[mine], roof[mine, :2])
-    box += np.array([-FARTHEST, -FARTHEST, FARTHEST, FARTHEST])
+    box += costs.farthest * np.array([-1.0, -1.0, 1.0, 1.0])
     box[-1] = -np.inf, -np.inf, np.inf, np.inf
     heights = roof[mine, 2]
-    low, high = (group_percentiles(heights, labels[mine], count, percent) for percent in SUPPORT)
+    ends = costs.support_trim, 100.0 - costs.support_trim
+    low, high = (group_percentiles(heights, labels[mine], count, percent) for percent in ends)
     margin = costs.overshoot + costs.reach_beyond * np.hypot(planes[:, 0], planes[:, 1])
     floor = np.where(np.isnan(low), -np.inf, low) - margin
     ceiling = np.where(np.isnan(high), np.inf, high) + margin
-    ceiling = np.minimum(ceiling, highest_allowed(roof, planes, spacing))
+    ceiling = np.minimum(ceiling, highest_allowed(roof, planes, spacing, costs.least_rise))
     data: NDArray[np.float64] = cell_costs_kernel(
         roof[point[order]],
         np.searchsorted(cell[order], np.arange(coverage.count + 1)),
@@ -120,9 +109,10 @@ def cell_costs(
         ceiling,
         costs.residual_limit,
         costs.gross_limit,
+        costs.free_misfit,
         spacing**2,
     )
-    data[:, -1] += UNKNOWN_PRICE * coverage.area + 1e-6
+    data[:, -1] += costs.unknown * coverage.area + 1e-6
     return np.asarray(np.minimum(data, LARGEST))
 
 
@@ -142,7 +132,7 @@ def hold_down(
     halves = np.flatnonzero(coverage.cell >= 0)
     cell, corner = coverage.cell[halves], coverage.nodes[coverage.start[halves]]
     a, b, c = planes[chosen[cell]].T
-    limit = highest_allowed(roof, planes, spacing)
+    limit = highest_allowed(roof, planes, spacing, costs.least_rise)
     over = np.unique(cell[corner[:, 0] * a + corner[:, 1] * b + c > limit[chosen[cell]]])
     if len(over) == 0:
         return chosen
@@ -151,13 +141,14 @@ def hold_down(
     return answer
 
 
-def highest_allowed(roof: Points, planes: NDArray[np.float64], spacing: float) -> Values:
+def highest_allowed(roof: Points, planes: NDArray[np.float64], spacing: float, least: float) -> Values:
     """The height (P,; m) no plane may rise above: a little over the highest of all roof points (N, 3).
 
-    Where the slope is steep and points are sparse a ridge rises so far between two points.
+    That is `least` (m), and more where the slope is steep and points are sparse: a ridge rises so far between
+    two points.
     """
     rise = 0.25 * spacing * np.hypot(planes[:, 0], planes[:, 1])
-    return np.asarray(roof[:, 2].max() + np.maximum(rise, RISE))
+    return np.asarray(roof[:, 2].max() + np.maximum(rise, least))
 
 
 @njit(cache=True)
@@ -173,6 +164,7 @@ def cell_costs_kernel(
     ceiling: Values,
     residual_limit: float,
     gross_limit: float,
+    free_misfit: float,
     point_area: float,
 ) -> NDArray[np.float64]:
     """The residual (C, P; m²) of every plane's points in every cell, and of heights its own do not support.
@@ -198,7 +190,7 @@ def cell_costs_kernel(
             cost = 0.0
             for point in range(first[cell], first[cell + 1]):
                 residual = abs(places[point, 2] - places[point, 0] * a - places[point, 1] * b - c)
-                residual = max(residual / steepness[plane] - FREE_MISFIT, 0.0)
+                residual = max(residual / steepness[plane] - free_misfit, 0.0)
                 share = residual / residual_limit
                 cost += (min(share * share, 1.0) + min(residual / gross_limit, 1.0)) * point_area
             data[cell, plane] = cost + RUNAWAY * beyond
