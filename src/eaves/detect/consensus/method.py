@@ -163,7 +163,9 @@ class Consensus(Detector):
         ge=0,
     )
     low_odds: float = parameter(
-        -3.0, "Log odds, at most, of a surface nowhere as high as a building: a wall, a hedge, a terrace."
+        -3.0,
+        "Log odds, at most, of a surface nowhere as high as a building: a wall, a hedge, a terrace.",
+        le=0.0,
     )
     least_spread: float = parameter(
         0.02,
@@ -173,7 +175,7 @@ class Consensus(Detector):
     most_log_ratio: float = parameter(
         4.0, "Log likelihood ratio, at most, of echoes or penetration: fifty to one.", gt=0.0
     )
-    rim_odds: float = parameter(3.0, "Log odds of the rim of a roof that swallows the beam.")
+    rim_odds: float = parameter(3.0, "Log odds of the rim of a roof that swallows the beam.", ge=0.0)
     void_area: float = parameter(
         6.0,
         "Smaller holes in the data are closed by the outline and are no roofs of their own.",

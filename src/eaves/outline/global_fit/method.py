@@ -146,7 +146,7 @@ class GlobalFit(OutlineMethod):
         gt=0,
     )
     facing: float = parameter(
-        10.0, "edges that turn from one another by more are no party wall", unit="°", ge=0, lt=90
+        10.0, "edges that turn from one another by more are no party wall", unit="°", ge=0.0, lt=90.0
     )
     facing_length: float = parameter(
         1.0, "shortest stretch along which two edges are a party wall", unit="m", gt=0
