@@ -153,8 +153,12 @@ class MaasVosselman(Reconstructor):
         labels, faces = np.full(len(roof), -1, np.int32), np.zeros((0, 3))
         lines = [cuts]
         if others:
-            labels, faces = support_of(points, top, planes, spacing, ground)
-            found = candidate_lines(roof, labels, faces, footprint.polygon, spacing)
+            labels, faces = support_of(
+                points, top, planes, spacing, ground, self.faces.clutter_limits()
+            )
+            found = candidate_lines(
+                roof, labels, faces, footprint.polygon, spacing, self.faces.line_limits()
+            )
             lines += [
                 inside(extend(found, footprint.polygon, self.faces.extension), piece) for piece in others
             ]
