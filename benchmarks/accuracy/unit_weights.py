@@ -21,7 +21,7 @@ from eaves.outline import OutlineMethod
 from eaves.simulate import scan_town, simulate_town, town_of_model
 from eaves.simulate.exact import ExactScene
 from eaves.units.row_walls.evidence import WEIGHTS, traits_of, wall_signs
-from eaves.units.row_walls.method import directions_of
+from eaves.units.row_walls.method import RowWalls, directions_of
 from eaves.units.row_walls.rows import Plan, Row, rows_of
 
 DATA = Path(os.environ.get("EAVES_DATA", "data"))
@@ -80,8 +80,9 @@ def samples(scene: ExactScene) -> tuple[NDArray[np.float64], Mask]:
         for outline in drawn_together([group], spacing, method):
             if outline.area < LEAST_M2 or any(outline.intersects(row) for row in whole):
                 continue
+            method = RowWalls()
             plan = Plan.of(outline, [outline], group)
-            for row in rows_of(plan, directions_of(outline), 30.0):
+            for row in rows_of(plan, directions_of(outline, method.shortest_edge), method.row_limits()):
                 wall, counts = true_walls(row, tree)
                 traits.append(traits_of(wall_signs(row, group, NOISE))[counts])
                 walls.append(wall[counts])

@@ -24,7 +24,7 @@ def test_two_rows_of_places_give_two_lines__the_longer_first() -> None:
         ]
     )
     normals = np.array([[0.0, 1.0], [1.0, 0.0]])
-    lines = strongest_lines(places, np.ones(len(places)), normals, np.ones(2), 0.25)
+    lines = strongest_lines(places, np.ones(len(places)), normals, np.ones(2), 0.25, 1.2)
     found = [(line.normal, line.offset, line.low, line.high, line.support) for line in lines]
     assert found == [((0.0, 1.0), 2.0, -5.0, 0.0, 21.0), ((1.0, 0.0), 8.0, 0.0, 2.5, 11.0)]
 
@@ -32,5 +32,5 @@ def test_two_rows_of_places_give_two_lines__the_longer_first() -> None:
 def test_a_row_with_a_gap_is_two_lines() -> None:
     along = np.concatenate([np.linspace(0.0, 3.0, 13), np.linspace(9.0, 11.0, 9)])
     places = np.column_stack([along, np.zeros(len(along))])
-    lines = strongest_lines(places, np.ones(len(along)), np.array([[0.0, 1.0]]), np.ones(1), 0.25)
+    lines = strongest_lines(places, np.ones(len(along)), np.array([[0.0, 1.0]]), np.ones(1), 0.25, 1.2)
     assert [(line.low, line.high) for line in lines] == [(-3.0, 0.0), (-11.0, -9.0)]

@@ -164,5 +164,5 @@ def test_border_samples_of_few_or_collinear_points_are_none() -> None:
     square = shapely.box(-1.0, -1.0, 9.0, 9.0)
     for points in (np.zeros((0, 3)), np.zeros((2, 3)), np.column_stack([np.arange(6.0)] * 3)):
         labels = (np.arange(len(points)) % 2).astype(np.int32)
-        pairs, places, weights = border_samples(points, labels, square, 0.5)
+        pairs, places, weights = border_samples(points, labels, square, 0.5, Arrangement().line_limits())
         assert len(pairs) == len(places) == len(weights) == 0

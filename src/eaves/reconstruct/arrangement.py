@@ -12,7 +12,6 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Values
-from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.attributes import Surface, describe, surface_heights
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts, hold_down, label_cells
 from eaves.reconstruct.toolkit.coverage import Coverage
@@ -24,12 +23,13 @@ from eaves.reconstruct.toolkit.evidence import (
 )
 from eaves.reconstruct.toolkit.extrude import extrude_plan, without_numbers
 from eaves.reconstruct.toolkit.levels import coarse_solids, simple_solids
+from eaves.reconstruct.toolkit.line_limits import LineReconstructor
 from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
-from eaves.reconstruct.toolkit.superstructures import find_superstructures
+from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_superstructures
 
 
-class Arrangement(Reconstructor):
+class Arrangement(LineReconstructor):
     """The solids at LoD 1.2, 1.3, 2.0 and 2.2 from one plan.
 
     Lines cut the footprint into cells: where two roof planes meet, where heights jump between the points
@@ -166,6 +166,50 @@ class Arrangement(Reconstructor):
     superstructure_height: float = parameter(
         0.4, "Least height of such an object over the roof.", unit="m", gt=0.0
     )
+    superstructure_gap: float = parameter(
+        1.6, "Points of one object have another this many spacings away or nearer.", gt=0.0
+    )
+    superstructure_level: float = parameter(
+        0.35,
+        "Points this near to the top of an object lie on it; a chimney's pots stand out by less.",
+        unit="m",
+        gt=0.0,
+    )
+    superstructure_inside: float = parameter(
+        0.8, "Least share of an object's outline inside the footprint.", ge=0.0, le=1.0
+    )
+    superstructure_on_top: float = parameter(
+        0.5,
+        "Least share of an object's points on its top: those of a crown are strewn over its height.",
+        ge=0.0,
+        le=1.0,
+    )
+    superstructure_largest: float = parameter(
+        6.0, "Larger objects are parts of the roof that it lacks, not objects on it.", unit="m2", gt=0.0
+    )
+    superstructure_highest: float = parameter(
+        6.0, "Objects higher than this over the roof are crowns, masts and cranes.", unit="m", gt=0.0
+    )
+    superstructure_beside: float = parameter(
+        1.5,
+        "Points that the roof within so many spacings explains lie where a border is drawn a little off.",
+        ge=0.0,
+    )
+    superstructure_beside_least: float = parameter(0.2, "The same, at least.", unit="m", ge=0.0)
+    superstructure_beside_most: float = parameter(
+        0.5,
+        "The same, at most; farther up a slope the roof would explain an object, too.",
+        unit="m",
+        ge=0.0,
+    )
+    superstructure_flat: float = parameter(
+        0.18,
+        "Rise per metre under which a roof is flat, 10°: plant and lift housings stand on it, else chimneys "
+        "and dormers.",
+        ge=0.0,
+    )
+    largest_chimney: float = parameter(1.5, "Area of the largest chimney.", unit="m2", gt=0.0)
+    lowest_lift_housing: float = parameter(1.6, "Height of the lowest lift housing.", unit="m", gt=0.0)
     level_jump: float = parameter(
         3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", gt=0.0
     )
@@ -174,9 +218,15 @@ class Arrangement(Reconstructor):
     )
     simple_smallest: float = parameter(
         10.0,
-        "Area of the smallest roof face at LoD 2.0; at most an eighth of the footprint.",
+        "Area of the smallest roof face at LoD 2.0.",
         unit="m2",
         ge=0.0,
+    )
+    simple_share: float = parameter(
+        0.125,
+        "The same is at most this share of the footprint, so that a shed keeps both its slopes.",
+        ge=0.0,
+        le=1.0,
     )
     largest_error: float = parameter(
         2.0,
@@ -210,7 +260,7 @@ class Arrangement(Reconstructor):
             reason = f"{len(roof)} roof points inside the footprint"
             return Failure("too_few_points", reason, self.stage, footprint)
         spacing = measure_spacing(roof)
-        labels, coefficients = support_of(points, top, planes, spacing, ground)
+        labels, coefficients = support_of(points, top, planes, spacing, ground, self.clutter_limits())
         plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
         if plan is None:
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
@@ -232,7 +282,9 @@ class Arrangement(Reconstructor):
         if planes and plan.count > 1:
             higher = self.simple_costs(costs)
             smallest = (self.simple_smallest, limits[1])
-            simple = simple_solids(plan, roof, labels, coefficients, spacing, ground, higher, smallest)
+            simple = simple_solids(
+                plan, roof, labels, coefficients, spacing, ground, higher, smallest, self.simple_share
+            )
             error = self.errors(surface_heights(simple, roof[:, :2]), roof)
             if simple and not self.compare("2.0", error, errors):
                 solids["2.0"], errors["2.0"] = simple, error
@@ -266,8 +318,7 @@ class Arrangement(Reconstructor):
                 surface,
                 footprint.polygon,
                 spacing,
-                self.superstructure_points,
-                self.superstructure_height,
+                self.object_limits(),
             )
             facts["installation_count"] = len(objects)
             model = model.with_(installations=objects)
@@ -285,7 +336,7 @@ class Arrangement(Reconstructor):
         """The cells the candidate lines cut the footprint into; the footprint alone when they cannot be
         rounded.
         """
-        lines = candidate_lines(roof, labels, planes, footprint.polygon, spacing)
+        lines = candidate_lines(roof, labels, planes, footprint.polygon, spacing, self.line_limits())
         segments = extend(lines, footprint.polygon, self.extension)
         emit("lines", segments)
         plan = arrange(footprint.polygon, segments)
@@ -315,6 +366,25 @@ class Arrangement(Reconstructor):
             return replace(costs, plane=self.simple_cost)
         dearer = float(np.sqrt(self.simple_cost / self.plane_cost))
         return replace(costs, plane=self.simple_cost, border=dearer * self.border_cost)
+
+    def object_limits(self) -> ObjectLimits:
+        """What makes an object on the roof."""
+        return ObjectLimits(
+            points=self.superstructure_points,
+            height=self.superstructure_height,
+            together=self.superstructure_gap,
+            level=self.superstructure_level,
+            inside=self.superstructure_inside,
+            on_top=self.superstructure_on_top,
+            largest=self.superstructure_largest,
+            highest=self.superstructure_highest,
+            beside=self.superstructure_beside,
+            least_beside=self.superstructure_beside_least,
+            most_beside=self.superstructure_beside_most,
+            flat=self.superstructure_flat,
+            chimney=self.largest_chimney,
+            lift_housing=self.lowest_lift_housing,
+        )
 
     def errors(self, surface: Surface, roof: Points) -> NDArray[np.float64]:
         """Distances (N,; m) of roof points (N, 3) from the roof over them, a tree's above it cut off."""

@@ -10,7 +10,6 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
-from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.attributes import describe
 from eaves.reconstruct.toolkit.coverage import Coverage, Integers
 from eaves.reconstruct.toolkit.evidence import (
@@ -21,11 +20,12 @@ from eaves.reconstruct.toolkit.evidence import (
 )
 from eaves.reconstruct.toolkit.extrude import extrude_plan
 from eaves.reconstruct.toolkit.levels import coarse_solids
+from eaves.reconstruct.toolkit.line_limits import LineReconstructor
 from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 
 
-class PlaneIntersection(Reconstructor):
+class PlaneIntersection(LineReconstructor):
     """The polyhedron that adjacent roof planes and the outline cut out.
 
     Planes whose points are neighbours are intersected where their heights agree; that line is a ridge, a
@@ -92,8 +92,8 @@ class PlaneIntersection(Reconstructor):
         if not planes:
             return Failure("no_plane", "no roof plane was found among the points", self.stage, footprint)
         spacing = measure_spacing(roof)
-        labels, coefficients = support_of(points, top, planes, spacing, ground)
-        lines = candidate_lines(roof, labels, coefficients, footprint.polygon, spacing)
+        labels, coefficients = support_of(points, top, planes, spacing, ground, self.clutter_limits())
+        lines = candidate_lines(roof, labels, coefficients, footprint.polygon, spacing, self.line_limits())
         emit("lines", extend(lines, footprint.polygon, self.extension))
         plan = arrange(footprint.polygon, extend(lines, footprint.polygon, self.extension))
         if plan is None:

@@ -129,7 +129,7 @@ class MaasVosselman(Reconstructor):
             return Primitive(piece, None, [])
         covered = (1.0 - house.empty_share) * house.length * house.width
         house = replace(house, empty_share=1.0 - covered / piece.area)
-        parts = find_parts(house, own, self.houses.min_part_area)
+        parts = find_parts(house, own, self.houses.part_limits())
         if self.houses.doubt(house, parts, own):
             return Primitive(piece, None, [])
         return Primitive(piece, house, parts)
@@ -153,8 +153,8 @@ class MaasVosselman(Reconstructor):
         labels, faces = np.full(len(roof), -1, np.int32), np.zeros((0, 3))
         lines = [cuts]
         if others:
-            labels, faces = support_of(points, top, planes, spacing, ground)
-            found = candidate_lines(roof, labels, faces, footprint.polygon, spacing)
+            labels, faces = support_of(points, top, planes, spacing, ground, self.faces.clutter_limits())
+            found = candidate_lines(roof, labels, faces, footprint.polygon, spacing, self.faces.line_limits())
             lines += [
                 inside(extend(found, footprint.polygon, self.faces.extension), piece) for piece in others
             ]

@@ -14,7 +14,7 @@ from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane, So
 from eaves.model.cloud import canonical_order
 from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
 from eaves.reconstruct.moments.parametric_roof import CUT
-from eaves.reconstruct.moments.parts import LEAST_STEP, RoofPart, explained, find_parts
+from eaves.reconstruct.moments.parts import PartLimits, RoofPart, explained, find_parts
 from eaves.reconstruct.moments.solid import rectangle_of, solids_of
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.attributes import describe
@@ -92,6 +92,30 @@ class Moments(Reconstructor):
         0.2, "Share of the roof points that neither the roof nor its parts need explain.", ge=0.0, le=1.0
     )
     min_part_area: float = parameter(2.0, "Area of the smallest dormer or terrace.", unit="m2", ge=0.0)
+    part_step: float = parameter(
+        0.15,
+        "Residual under which nothing stands on a roof, however exact the points are.",
+        unit="m",
+        ge=0.0,
+    )
+    part_link: float = parameter(
+        2.0, "Distance, in spacings, at which residual points hang together.", gt=0.0
+    )
+    part_reach: float = parameter(
+        1.5,
+        "How far behind its last clear point a dormer may still meet the main roof.",
+        unit="m",
+        gt=0.0,
+    )
+    narrowest_part: float = parameter(
+        0.8, "Width under which a part is a parapet or a gutter.", unit="m", ge=0.0
+    )
+    part_filling: float = parameter(
+        0.5,
+        "Share of its rectangle that the points of a part cover at least: parapets and L-shapes cover less.",
+        ge=0.0,
+        le=1.0,
+    )
 
     def model(
         self,
@@ -110,7 +134,7 @@ class Moments(Reconstructor):
             return replace(house, footprint=footprint)
         emit("closed solution", house.closed)
         emit("house", house)
-        parts = find_parts(house, roof, self.min_part_area)
+        parts = find_parts(house, roof, self.part_limits())
         emit("parts", parts)
         for count in range(len(parts), -1, -1):  # the smallest part may be one that cannot be built
             doubt = self.doubt(house, parts[:count], roof)
@@ -120,6 +144,17 @@ class Moments(Reconstructor):
             if found is not None:
                 return self.present(house, parts[:count], found, points, roof, footprint, ground)
         return Failure("not_sound", "the roof does not make a sound solid", "reconstruct", footprint)
+
+    def part_limits(self) -> PartLimits:
+        """What makes a dormer or a terrace."""
+        return PartLimits(
+            area=self.min_part_area,
+            step=self.part_step,
+            link=self.part_link,
+            reach_back=self.part_reach,
+            narrowest=self.narrowest_part,
+            filling=self.part_filling,
+        )
 
     def doubt(self, house: ParametricBuilding, parts: list[RoofPart], roof: Points) -> str:
         """Why the points are not those of a house with this roof; empty when they are."""
@@ -149,7 +184,7 @@ class Moments(Reconstructor):
     ) -> BuildingModel:
         """The model of a house, its planes with the points on them, and its measures."""
         solids, faces = found
-        reach = max(CUT * house.fit.scale, LEAST_STEP)
+        reach = max(CUT * house.fit.scale, self.part_step)
         planes = tuple(members_on(points, (float(a), float(b), float(c)), reach) for a, b, c in faces)
         plan = rectangle_of(house)
         model = BuildingModel(footprint.with_(polygon=plan), {"2.2": tuple(solids)}, planes)

@@ -29,21 +29,17 @@ from eaves.reconstruct.moments.parametric_roof import (
     fit_roof,
 )
 
-LEAST_STEP = 0.15
-"""Residual (m) under which nothing stands on a roof, however exact the points are."""
 
-LINK = 2.0
-"""Distance, in spacings, at which residual points hang together."""
+@dataclass(frozen=True)
+class PartLimits:
+    """What makes a part of a house; parameters of the method, which says what each means."""
 
-REACH_BACK = 1.5
-"""How far (m) behind its last clear point a dormer may still meet the main roof."""
-
-
-NARROWEST = 0.8
-"""Width (m) under which a part is a parapet or a gutter."""
-
-FULL_SHARE = 0.5
-"""Share of its rectangle that the points of a part cover at least: parapets and L-shapes cover less."""
+    area: float
+    step: float
+    link: float
+    reach_back: float
+    narrowest: float
+    filling: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,20 +80,20 @@ def lowest(
     return np.asarray((planes[:, :1] * u + planes[:, 1:2] * v + planes[:, 2:]).min(axis=0))
 
 
-def find_parts(house: ParametricBuilding, points: Points, min_area: float) -> list[RoofPart]:
-    """The parts of at least `min_area` (m²) in points (N, 3) that the main roof leaves, largest first."""
+def find_parts(house: ParametricBuilding, points: Points, limits: PartLimits) -> list[RoofPart]:
+    """The parts of at least `limits.area` (m²) in points (N, 3) that the main roof leaves, largest first."""
     west, east, south, north = house.edges
     u, v = house.fit.axes(points)
     inside = (u >= west) & (u <= east) & (v >= south) & (v <= north)
     spacing = float(np.sqrt(house.length * house.width / max(int(inside.sum()), 1)))
     away = house.fit.residuals
-    step = max(CUT * house.fit.scale, LEAST_STEP)
+    step = max(CUT * house.fit.scale, limits.step)
     parts = []
     for sign in (1.0, -1.0):
         some = np.flatnonzero(inside & (sign * away > step))
-        for members in clusters_of(points[some], LINK * spacing):
-            if len(members) * spacing**2 >= min_area and len(members) >= 5:
-                part = shape_part(house, points, some[members], sign > 0)
+        for members in clusters_of(points[some], limits.link * spacing):
+            if len(members) * spacing**2 >= limits.area and len(members) >= 5:
+                part = shape_part(house, points, some[members], sign > 0, limits)
                 if part is not None:
                     parts.append(part)
     return sorted(parts, key=lambda part: (-len(part.members), int(part.members[0])))
@@ -116,7 +112,11 @@ def clusters_of(points: Points, link: float) -> list[NDArray[np.int64]]:
 
 
 def shape_part(
-    house: ParametricBuilding, points: Points, members: NDArray[np.int64], raised: bool
+    house: ParametricBuilding,
+    points: Points,
+    members: NDArray[np.int64],
+    raised: bool,
+    limits: PartLimits,
 ) -> RoofPart | None:
     """The rectangle and planes of a part: one plane, or a small gable across the ridge; None for scatter."""
     own = points[members]
@@ -142,24 +142,29 @@ def shape_part(
                 ]
             )
     good = np.abs(fit.residuals) <= CUT * fit.scale
-    if fit.scale > max(3.0 * house.fit.scale, LEAST_STEP) or good.sum() < 5:
+    if fit.scale > max(3.0 * house.fit.scale, limits.step) or good.sum() < 5:
         return None
     west, east, _ = extent_of(u[good])
     south, north, _ = extent_of(v[good])
     spacing_square = house.length * house.width / max(int(house.inlier.sum()), 1)
-    if good.sum() * spacing_square < FULL_SHARE * (east - west) * (north - south):
+    if good.sum() * spacing_square < limits.filling * (east - west) * (north - south):
         return None
-    edges = reach_main_roof(house, planes, (west, east, south, north))
-    narrow = min(edges[1] - edges[0], edges[3] - edges[2]) < NARROWEST
+    edges = reach_main_roof(house, planes, (west, east, south, north), limits.reach_back)
+    narrow = min(edges[1] - edges[0], edges[3] - edges[2]) < limits.narrowest
     return None if narrow else RoofPart(edges, planes, raised, members)
 
 
 def reach_main_roof(
-    house: ParametricBuilding, planes: NDArray[np.float64], edges: tuple[float, float, float, float]
+    house: ParametricBuilding,
+    planes: NDArray[np.float64],
+    edges: tuple[float, float, float, float],
+    reach_back: float,
 ) -> tuple[float, float, float, float]:
-    """The edges (m) moved, where the part meets the main roof just behind its last point, to that line."""
+    """The edges (m) moved, where the part meets the main roof behind its last point, by at most
+    `reach_back` (m), to that line.
+    """
     west, east, south, north = edges
-    steps = np.arange(0.0, REACH_BACK, 0.05)
+    steps = np.arange(0.0, reach_back, 0.05)
     main = main_planes(house.fit)
     moved = []
     for edge, outwards in ((south, -1.0), (north, 1.0)):

@@ -11,6 +11,7 @@ from shapely import Polygon
 from eaves.geometry.components import connected_groups_kernel
 from eaves.model import BuildingModel, Labels, Points, RoofPlane
 from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
+from eaves.reconstruct.toolkit.line_limits import ClutterLimits
 
 PRISM_PERCENTILE = 70.0
 """Height of a flat-topped model: percentile of the roof points, as the 3DBAG publishes it."""
@@ -24,18 +25,6 @@ LOWEST_ROOF = 0.5
 MOST_PLANES = 1500
 """Planes that take part, those with most points; a table of cells and planes bounds the rest."""
 
-FEWEST_IN_LEVEL = 6
-"""Points that make a level of what no plane explains."""
-
-LEAST_LEVEL = 1.0
-"""Area (m²) that makes a level of what no plane explains."""
-
-CLUSTER_REACH = 2.0
-"""Points without a plane that are this many spacings apart stand together."""
-
-LEVEL_STEP = 0.5
-"""Points without a plane stand together only when their heights differ by less (m)."""
-
 
 def points_inside(points: Points, polygon: Polygon) -> NDArray[np.int64]:
     """Numbers of the finite points (N, 3) inside a polygon."""
@@ -45,7 +34,7 @@ def points_inside(points: Points, polygon: Polygon) -> NDArray[np.int64]:
 
 
 def level_unexplained(
-    points: Points, labels: Labels, count: int, spacing: float
+    points: Points, labels: Labels, count: int, spacing: float, limits: ClutterLimits
 ) -> tuple[Labels, list[float]]:
     """Labels (N,) with clusters of the points that have none numbered from `count` on, and their heights (m).
 
@@ -54,11 +43,11 @@ def level_unexplained(
     answer = labels.copy()
     loose = np.flatnonzero(labels < 0)
     heights: list[float] = []
-    fewest = max(FEWEST_IN_LEVEL, int(np.ceil(LEAST_LEVEL / spacing**2)))
+    fewest = max(limits.points, int(np.ceil(limits.area / spacing**2)))
     if len(loose) < fewest:
         return answer, heights
-    scaled = points[loose] * np.array([1.0, 1.0, CLUSTER_REACH * spacing / LEVEL_STEP])
-    pairs = cKDTree(scaled).query_pairs(CLUSTER_REACH * spacing, output_type="ndarray")
+    scaled = points[loose] * np.array([1.0, 1.0, limits.reach * spacing / limits.step])
+    pairs = cKDTree(scaled).query_pairs(limits.reach * spacing, output_type="ndarray")
     cluster = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(loose))
     sizes = np.bincount(cluster)
     most = max(MOST_PLANES - count, 0)
@@ -71,7 +60,12 @@ def level_unexplained(
 
 
 def support_of(
-    points: Points, top: NDArray[np.int64], planes: list[RoofPlane], spacing: float, ground: float
+    points: Points,
+    top: NDArray[np.int64],
+    planes: list[RoofPlane],
+    spacing: float,
+    ground: float,
+    limits: ClutterLimits,
 ) -> tuple[Labels, NDArray[np.float64]]:
     """The plane of each roof point, -1 for none (T,), and the coefficients of the planes (P, 3).
 
@@ -85,7 +79,7 @@ def support_of(
     used, number_of = np.unique(owner[top], return_inverse=True)
     labels: Labels = (number_of.ravel() - int(used[0] == -1)).astype(np.int32)
     known = [planes[number].coefficients for number in used[used >= 0]]
-    labels, levels = level_unexplained(points[top], labels, len(known), spacing)
+    labels, levels = level_unexplained(points[top], labels, len(known), spacing, limits)
     height = max(float(np.percentile(points[top, 2], PRISM_PERCENTILE)), ground + LOWEST_ROOF)
     rows = [*known, *((0.0, 0.0, level) for level in levels), (0.0, 0.0, height)]
     return labels, np.array(rows, np.float64)

@@ -8,26 +8,20 @@ from numpy.typing import NDArray
 
 from eaves.model import Mask, Values
 from eaves.reconstruct.toolkit.line import SAME_DIRECTION_DEG, Line, angle_between
-
-WINDOW = 1.2
-"""Width, in spacings, of the strip in which border places make one line."""
+from eaves.reconstruct.toolkit.line_limits import LineLimits
 
 FEWEST_SAMPLES = 3
 """Border places that make a line."""
 
-MAIN_WEIGHT = 1.3
-"""How much more a line along the footprint is trusted than one along a plane's fall."""
-
 MOST_TOGETHER = 2000
 """Places among which lines are sought together; more are divided, which bounds the work."""
 
-LEAST_FALL = 0.1
-"""Rise per metre below which a plane has no direction worth following."""
 
-
-def fall_angles(planes: NDArray[np.float64]) -> Values:
-    """Angles (K,) in [0, π) along and across the falls of sloped planes (P, 3), each direction once."""
-    steep = planes[np.hypot(planes[:, 0], planes[:, 1]) > LEAST_FALL]
+def fall_angles(planes: NDArray[np.float64], least: float) -> Values:
+    """Angles (K,) in [0, π) along and across the falls of planes (P, 3) that rise by more than `least` a
+    metre, each direction once.
+    """
+    steep = planes[np.hypot(planes[:, 0], planes[:, 1]) > least]
     angles: list[float] = []
     for a, b, _ in steep.tolist():
         for angle in (np.arctan2(b, a), np.arctan2(a, -b)):
@@ -37,7 +31,12 @@ def fall_angles(planes: NDArray[np.float64]) -> Values:
 
 
 def step_lines(
-    places: NDArray[np.float64], weights: Values, main: Values, falls: Values, spacing: float
+    places: NDArray[np.float64],
+    weights: Values,
+    main: Values,
+    falls: Values,
+    spacing: float,
+    limits: LineLimits,
 ) -> list[Line]:
     """Lines through the border places (M, 2) where heights jump, best supported first.
 
@@ -45,7 +44,7 @@ def step_lines(
     falls.
     """
     angles = [*main, *(main + np.pi / 2)]
-    trust = [MAIN_WEIGHT] * len(angles)
+    trust = [limits.main_weight] * len(angles)
     for angle in falls.tolist():
         if all(angle_between(angle, other) > 2.0 * np.radians(SAME_DIRECTION_DEG) for other in angles):
             angles.append(angle)
@@ -53,7 +52,9 @@ def step_lines(
     normals = np.column_stack([-np.sin(angles), np.cos(angles)])
     lines: list[Line] = []
     for part in divide(places):
-        lines += strongest_lines(places[part], weights[part], normals, np.array(trust), spacing)
+        lines += strongest_lines(
+            places[part], weights[part], normals, np.array(trust), spacing, limits.strip_width
+        )
     return lines
 
 
@@ -72,13 +73,18 @@ def divide(places: NDArray[np.float64]) -> list[NDArray[np.int64]]:
 
 
 def strongest_lines(
-    places: NDArray[np.float64], weights: Values, normals: NDArray[np.float64], trust: Values, spacing: float
+    places: NDArray[np.float64],
+    weights: Values,
+    normals: NDArray[np.float64],
+    trust: Values,
+    spacing: float,
+    strip_width: float,
 ) -> list[Line]:
     """Lines across `normals` (A, 2) through places (M, 2), again and again the strip with most weight in it.
 
-    `trust` (A,) multiplies the weight of each direction.
+    `trust` (A,) multiplies the weight of each direction; `strip_width` is in spacings.
     """
-    width, gap = max(WINDOW * spacing, 0.25), max(2.5 * spacing, 0.8)
+    width, gap = max(strip_width * spacing, 0.25), max(2.5 * spacing, 0.8)
     shortest = max(2.0 * spacing, 0.6)
     offsets = normals @ places.T
     order = np.argsort(offsets, axis=1, kind="stable")

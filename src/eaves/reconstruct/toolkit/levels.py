@@ -15,9 +15,6 @@ from eaves.reconstruct.toolkit.percentiles import group_percentiles
 MOST_WORK = 50_000_000
 """Heights times cells that are looked at when levels are grouped; of more, evenly chosen heights speak."""
 
-SIMPLE_SHARE = 0.125
-"""The smallest roof face at LoD 2.0 is at most this share of the footprint."""
-
 
 def group_levels(plan: Coverage, cell: Integers, heights: Values, jump: float) -> Integers:
     """A group (C,) for each cell: neighbours whose heights differ by less than `jump` (m) are one level.
@@ -93,15 +90,16 @@ def simple_solids(
     ground: float,
     costs: LabelCosts,
     limits: tuple[float, float],
+    share: float,
 ) -> tuple[Solid, ...]:
     """The solids at LoD 2.0: the main roof faces, without dormers and other small parts; none if not sound.
 
     The cells of the finest plan are labelled once more, at higher costs. The smallest face (m²) of
-    `limits` is at most `SIMPLE_SHARE` of the plan, so that a shed keeps both its slopes.
+    `limits` is at most this `share` of the plan, so that a shed keeps both its slopes.
     """
     chosen = label_cells(plan, roof, labels, planes, spacing, ground, costs)
     simple, kept = plan.merged(chosen)
-    smallest = min(limits[0], SIMPLE_SHARE * float(plan.area.sum()))
+    smallest = min(limits[0], share * float(plan.area.sum()))
     known = (roof, labels, planes, spacing, ground, costs)
     raised = extrude_plan(
         simple, kept, planes, ground, smallest, limits[1], lambda plan, kept: hold_down(plan, kept, *known)

@@ -14,13 +14,8 @@ from eaves.geometry.tin import Tin
 from eaves.model import Labels, Mask, Points, Values
 from eaves.reconstruct.toolkit.height_steps import fall_angles, step_lines
 from eaves.reconstruct.toolkit.line import SAME_DIRECTION_DEG, Line, laid_on
+from eaves.reconstruct.toolkit.line_limits import LineLimits
 from eaves.reconstruct.toolkit.percentiles import column_percentiles
-
-WIDE_GAP = 2.0
-"""Neighbours further apart than this many spacings have a shadow between them."""
-
-LEAST_WEIGHT = 0.15
-"""Weight of a border place where heights do not differ; one of a metre or more weighs 1."""
 
 LINES_PER_PLANE = 6
 """The best supported lines that are used, for each plane: the plan of a roof has three borders a plane."""
@@ -28,20 +23,8 @@ LINES_PER_PLANE = 6
 FEWEST_LINES = 80
 """Lines that are used however few planes there are."""
 
-FEWEST_IN_RECTANGLE = 6
-"""Points of a plane whose rectangle is worth drawing."""
-
-FILLED = (2.0, 98.0)
-"""Percentiles of its points between which a plane's rectangle lies, half a spacing off."""
-
-LEAST_FILLING = 0.7
-"""Share of its rectangle that a plane's points fill when it is one."""
-
 RECTANGLE_WEIGHT = 1e-3
 """Support of a rectangle's side per square metre: any line found among border places goes before."""
-
-MEETING_JUMP = 0.25
-"""Two planes meet (m) where their heights at the border between their points differ by less."""
 
 OVERSHOOT = 0.01
 """How far (m) a line runs past the one it ends on, so that rounding leaves no gap."""
@@ -51,7 +34,7 @@ PARALLEL = 1e-3
 
 
 def border_samples(
-    points: Points, labels: Labels, polygon: Polygon, spacing: float
+    points: Points, labels: Labels, polygon: Polygon, spacing: float, limits: LineLimits
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], Values]:
     """Pairs of planes (M, 2) whose points are neighbours, the places between (M, 2), and their weights (M,).
 
@@ -76,10 +59,10 @@ def border_samples(
     low = np.where(higher_first, ends[:, 1], ends[:, 0])
     step = known[low, :2] - known[high, :2]
     gap = np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9)
-    share = np.where(gap > WIDE_GAP * spacing, 0.5 * spacing / gap, 0.5)
+    share = np.where(gap > limits.wide_gap * spacing, 0.5 * spacing / gap, 0.5)
     places = known[high, :2] + share[:, None] * step
     inside = shapely.contains_xy(polygon, places[:, 0], places[:, 1])
-    weight = np.clip(known[high, 2] - known[low, 2], LEAST_WEIGHT, 1.0)
+    weight = np.clip(known[high, 2] - known[low, 2], limits.least_weight, 1.0)
     return np.sort(mark[ends[inside]], axis=1).astype(np.int64), places[inside], weight[inside]
 
 
@@ -109,28 +92,35 @@ def main_directions(polygon: Polygon) -> Values:
 
 
 def candidate_lines(
-    points: Points, labels: Labels, planes: NDArray[np.float64], polygon: Polygon, spacing: float
+    points: Points,
+    labels: Labels,
+    planes: NDArray[np.float64],
+    polygon: Polygon,
+    spacing: float,
+    limits: LineLimits,
 ) -> list[Line]:
     """The lines along which the roof may change its plane.
 
     `labels` (N,) are the planes of the points (N, 3), -1 for none; `planes` (P, 3) their coefficients.
     """
-    pairs, places, weights = border_samples(points, labels, polygon, spacing)
+    pairs, places, weights = border_samples(points, labels, polygon, spacing, limits)
     lines: list[Line] = []
     jumps = np.ones(len(places), bool)
     found, number = np.unique(pairs, axis=0, return_inverse=True)
     for (a, b), mine in zip(found.tolist(), members(number.ravel(), len(found)), strict=True):
-        meeting, near = meeting_line(places[mine], planes[a], planes[b], spacing)
+        meeting, near = meeting_line(places[mine], planes[a], planes[b], spacing, limits.meeting_jump)
         if meeting is not None:
             lines.append(meeting)
             jumps[mine[near]] = False
     if len(found):
         used, main = np.unique(pairs), main_directions(polygon)
-        lines += step_lines(places[jumps], weights[jumps], main, fall_angles(planes[used]), spacing)
+        lines += step_lines(
+            places[jumps], weights[jumps], main, fall_angles(planes[used], limits.least_fall), spacing, limits
+        )
         of_plane = members(labels, len(planes))
         for one in used.tolist():
-            lines += rectangle_lines(points[of_plane[one], :2], main, spacing)
-    return align(lines, polygon, spacing)[: FEWEST_LINES + LINES_PER_PLANE * len(planes)]
+            lines += rectangle_lines(points[of_plane[one], :2], main, spacing, limits)
+    return align(lines, polygon, spacing, limits)[: FEWEST_LINES + LINES_PER_PLANE * len(planes)]
 
 
 def members(group: Labels | NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
@@ -140,18 +130,23 @@ def members(group: Labels | NDArray[np.int64], count: int) -> list[NDArray[np.in
 
 
 def meeting_line(
-    places: NDArray[np.float64], one: NDArray[np.float64], other: NDArray[np.float64], spacing: float
+    places: NDArray[np.float64],
+    one: NDArray[np.float64],
+    other: NDArray[np.float64],
+    spacing: float,
+    jump: float,
 ) -> tuple[Line | None, Mask]:
-    """The line in which two planes meet, where their border (M, 2) runs along it; which places do (M,)."""
+    """The line in which two planes meet, where their border (M, 2) runs along it; which places do (M,).
+
+    Their heights differ there by less than `jump` (m).
+    """
     a, b, c = one - other
     steep = float(np.hypot(a, b))
     if steep < 0.02:
         return None, np.zeros(len(places), bool)
     nx, ny, offset = a / steep, b / steep, -c / steep
     away = places @ np.array([nx, ny]) - offset
-    near = (np.abs(away) < max(1.5 * spacing, 0.3)) & (
-        np.abs(away) * steep < max(MEETING_JUMP, steep * spacing)
-    )
+    near = (np.abs(away) < max(1.5 * spacing, 0.3)) & (np.abs(away) * steep < max(jump, steep * spacing))
     if near.sum() < 3:
         return None, np.zeros(len(places), bool)
     along = places[near] @ np.array([-ny, nx])
@@ -161,24 +156,26 @@ def meeting_line(
     return Line((nx, ny), offset, low, high, float(near.sum()), True), near
 
 
-def rectangle_lines(places: NDArray[np.float64], main: Values, spacing: float) -> list[Line]:
+def rectangle_lines(
+    places: NDArray[np.float64], main: Values, spacing: float, limits: LineLimits
+) -> list[Line]:
     """The sides of the rectangle around a plane's points (K, 2), when they fill one along a main direction.
 
     The sides of a dormer are too short to gather border places; its rectangle is not.
     """
-    if len(places) < FEWEST_IN_RECTANGLE or len(main) == 0:
+    if len(places) < limits.rectangle_points or len(main) == 0:
         return []
     best: tuple[float, float, Values, Values] | None = None
     for angle in main.tolist():
         turned = places @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        low, high = column_percentiles(turned, FILLED)
+        low, high = column_percentiles(turned, (limits.rectangle_trim, 100.0 - limits.rectangle_trim))
         low, high = low - 0.5 * spacing, high + 0.5 * spacing
         area = float(np.prod(high - low))
         if best is None or area < best[0]:
             best = area, angle, low, high
     assert best is not None
     area, angle, low, high = best
-    if len(places) * spacing**2 < LEAST_FILLING * area:
+    if len(places) * spacing**2 < limits.rectangle_filling * area:
         return []
     cosine, sine = float(np.cos(angle)), float(np.sin(angle))
     weight = RECTANGLE_WEIGHT * len(places) * spacing**2
@@ -241,21 +238,14 @@ def free_ways_kernel(
     return up, down
 
 
-SAME_LINE = 0.2
-"""Parallel lines nearer than this (m), or than half the spacing, are one: eaves overhang walls by more."""
-
-SHORTEST_EDGE = 0.3
-"""Footprint edges shorter than this (m) have no direction to align with."""
-
-
-def align(lines: list[Line], polygon: Polygon, spacing: float) -> list[Line]:
+def align(lines: list[Line], polygon: Polygon, spacing: float, limits: LineLimits) -> list[Line]:
     """The lines, best supported first; a jump that nearly runs along a footprint edge or a better line
     lies on it.
 
     A jump beside an edge of the footprint, and the side of a rectangle beside a line, add nothing and go.
     """
-    near, beside = max(0.5 * spacing, SAME_LINE), max(0.5 * spacing, 0.15)
-    edges = footprint_edges(polygon)
+    near, beside = max(0.5 * spacing, limits.same_line), max(0.5 * spacing, 0.15)
+    edges = footprint_edges(polygon, limits.shortest_edge)
     fixed = FixedLines(edges, len(edges) + len(lines))
     answer: list[Line] = []
     for line in sorted(lines, key=lambda line: (not line.meeting, -line.support, line.offset)):
@@ -308,15 +298,15 @@ class FixedLines:
         return [(int(number), float(apart[number])) for number in found]
 
 
-def footprint_edges(polygon: Polygon) -> list[Line]:
-    """The edges of the footprint that are long enough to align with."""
+def footprint_edges(polygon: Polygon, shortest: float) -> list[Line]:
+    """The edges of the footprint that are long enough to align with: at least `shortest` (m)."""
     answer = []
     for ring in (polygon.exterior, *polygon.interiors):
         places = np.asarray(ring.coords)[:, :2]
         for start, end in pairwise(places):
             dx, dy = (end - start).tolist()
             length = float(np.hypot(dx, dy))
-            if length >= SHORTEST_EDGE:
+            if length >= shortest:
                 nx, ny = dy / length, -dx / length
                 low = float(start @ np.array([-ny, nx]))
                 offset = float(start @ np.array([nx, ny]))

@@ -18,9 +18,6 @@ from eaves.units.row_walls.rows import CELL_M, Plan, Row
 EVERY = 2
 """Every other cell of a line votes for the unit a piece belongs to."""
 
-FARTHEST_M = 15.0
-"""A wall is carried on through annexes and gardens' sheds by at most this much (m)."""
-
 
 @dataclass(frozen=True, eq=False)
 class RowUnits:
@@ -54,15 +51,23 @@ def label_cells(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], 
 
 
 def carried_on(
-    plan: Plan, label: NDArray[np.int32], start: NDArray[np.float64], way: NDArray[np.float64]
+    plan: Plan,
+    label: NDArray[np.int32],
+    start: NDArray[np.float64],
+    way: NDArray[np.float64],
+    farthest: float,
 ) -> float:
-    """How far (m) a wall that ends at `start` goes on along `way` before it meets another unit."""
-    away = np.arange(2.0 * CELL_M, FARTHEST_M, CELL_M)
+    """How far (m), at most `farthest`, a wall that ends at `start` goes on along `way` before it meets
+    another unit.
+    """
+    away = np.arange(2.0 * CELL_M, farthest, CELL_M)
     met = label[plan.cells(start + away[:, None] * way)] > 0
-    return float(away[np.argmax(met)]) if met.any() else FARTHEST_M
+    return float(away[np.argmax(met)]) if met.any() else farthest
 
 
-def wall_lines(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits]) -> list[LineString]:
+def wall_lines(
+    plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], farthest: float
+) -> list[LineString]:
     """The lines that divide the block: the inner walls, carried on, and the borders of each row's ground."""
     lines = []
     for units in rows:
@@ -72,8 +77,8 @@ def wall_lines(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits]) -
             near = min(row.first[wall - 1], row.first[wall])
             far = max(row.last[wall - 1], row.last[wall])
             ends = row.place(np.array([wall, wall]) * CELL_M, np.array([near, far]))
-            ends[0] -= carried_on(plan, label, ends[0], -row.across) * row.across
-            ends[1] += carried_on(plan, label, ends[1], row.across) * row.across
+            ends[0] -= carried_on(plan, label, ends[0], -row.across, farthest) * row.across
+            ends[1] += carried_on(plan, label, ends[1], row.across, farthest) * row.across
             lines.append(LineString(ends))
         corners = row.strip(0.0, steps * CELL_M)
         lines.append(LineString(corners.exterior.coords))
@@ -81,10 +86,13 @@ def wall_lines(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits]) -
 
 
 def divide_outline(
-    outline: Polygon, plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits]
+    outline: Polygon, plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], farthest: float
 ) -> tuple[list[Polygon], list[float]]:
-    """The parts of an outline, one for each unit that `label` (H, W) has cells of; they fill it."""
-    cuts = [outline.boundary, *wall_lines(plan, label, rows)]
+    """The parts of an outline, one for each unit that `label` (H, W) has cells of; they fill it.
+
+    A wall is carried on through annexes by at most `farthest` (m).
+    """
+    cuts = [outline.boundary, *wall_lines(plan, label, rows, farthest)]
     pieces = [
         piece
         for piece in shapely.get_parts(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +13,19 @@ from eaves.units.row_walls.division import RowUnits
 from eaves.units.row_walls.evidence import wall_odds, wall_signs
 from eaves.units.row_walls.rows import CELL_M, Plan, Row
 
-SMALLEST_M2 = 25.0
-"""A smaller unit is part of the one it shares its longest border with."""
 
-BESIDE_M = 3.0
-"""Points this near to a border are compared across it."""
+@dataclass(frozen=True)
+class MergeLimits:
+    """What keeps two units apart; parameters of the method, which says what each means."""
 
-SHORTEST_BORDER_M = 2.0
-"""Units that share less (m) do not stand wall to wall."""
+    odds: float
+    smallest: float
+    beside: float
+    shortest_border: float
 
 
 def merged_units(
-    plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], points: Points, least_odds: float
+    plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], points: Points, limits: MergeLimits
 ) -> tuple[NDArray[np.int32], list[RowUnits]]:
     """The labels with the units of later rows given to those of earlier ones where no wall is seen between
     them, numbered without gaps.
@@ -43,18 +45,18 @@ def merged_units(
         ]
         if not near:
             continue
-        if area[unit] < SMALLEST_M2:
+        if area[unit] < limits.smallest:
             other = max(near, key=lambda item: (item[0], -item[1]))[1]
             if head_of(target, other) != unit:
                 target[unit] = other
             continue
         before = [item for item in near if owner[item[1] - 1] < owner[unit - 1]]
         for length, other, places in sorted(before, key=lambda item: (-item[0], item[1])):
-            if length * CELL_M < SHORTEST_BORDER_M:
+            if length * CELL_M < limits.shortest_border:
                 break
             if target[unit] != unit and not (alone[unit - 1] and alone[other - 1]):
                 continue
-            if border_odds(plan, places, points) < least_odds:
+            if border_odds(plan, places, points, limits.beside) < limits.odds:
                 one, two = sorted((head_of(target, unit), head_of(target, other)))
                 target[two] = one
     target = np.array([head_of(target, unit) for unit in range(count + 1)])
@@ -93,8 +95,10 @@ def borders_between(label: NDArray[np.int32]) -> dict[tuple[int, int], NDArray[n
     }
 
 
-def border_odds(plan: Plan, places: NDArray[np.float64], points: Points) -> float:
-    """Log-odds of a wall along the border through places (M, 2; row, column)."""
+def border_odds(plan: Plan, places: NDArray[np.float64], points: Points, beside: float) -> float:
+    """Log-odds of a wall along the border through places (M, 2; row, column), from the points nearer than
+    `beside` (m).
+    """
     xy = np.column_stack(
         [plan.west + (places[:, 1] + 0.5) * CELL_M, plan.south + (places[:, 0] + 0.5) * CELL_M]
     )
@@ -103,9 +107,9 @@ def border_odds(plan: Plan, places: NDArray[np.float64], points: Points) -> floa
     across = axes[0] * (1.0 if axes[0][int(np.argmax(np.abs(axes[0])))] > 0 else -1.0)
     along = np.array([across[1], -across[0]])
     t = (xy - centre) @ across
-    steps = int(2 * BESIDE_M / CELL_M)
+    steps = int(2 * beside / CELL_M)
     row = Row(
-        centre - BESIDE_M * along, along, across, np.full(steps, t.min()), np.full(steps, t.max() + CELL_M)
+        centre - beside * along, along, across, np.full(steps, t.min()), np.full(steps, t.max() + CELL_M)
     )
     odds = wall_odds(wall_signs(row, points, 0.03))
     return float(odds[steps // 2 - 2 : steps // 2 + 3].max())

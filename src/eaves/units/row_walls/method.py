@@ -14,13 +14,10 @@ from eaves.model import Points, Values
 from eaves.units.row_walls.chain import best_walls, total_of
 from eaves.units.row_walls.division import RowUnits, divide_outline, label_cells
 from eaves.units.row_walls.evidence import wall_odds, wall_signs
-from eaves.units.row_walls.merging import merged_units
-from eaves.units.row_walls.rows import CELL_M, Plan, Row, rows_of
-from eaves.units.row_walls.volumes import main_volumes
+from eaves.units.row_walls.merging import MergeLimits, merged_units
+from eaves.units.row_walls.rows import CELL_M, Plan, Row, RowLimits, rows_of
+from eaves.units.row_walls.volumes import VolumeLimits, main_volumes
 from eaves.units.stage import Division, UnitMethod
-
-SMALLEST_BLOCK_M2 = 60.0
-"""A smaller outline is one building: two of the narrowest and shallowest houses fill as much."""
 
 
 class RowWalls(UnitMethod):
@@ -102,17 +99,101 @@ class RowWalls(UnitMethod):
     border_odds: float = parameter(
         -1.0, "Log-odds above which a border of two rows is a wall.", ge=-20.0, le=20.0
     )
+    smallest_block: float = parameter(
+        60.0,
+        "A smaller outline is one building: two of the narrowest and shallowest houses fill as much.",
+        unit="m2",
+        ge=0.0,
+    )
+    shortest_edge: float = parameter(
+        5.0, "Length of edges in one direction that show how walls run.", unit="m", gt=0.0
+    )
+    annex: float = parameter(4.2, "An annex is lower: one storey, with its roof.", unit="m", gt=0.0)
+    house: float = parameter(
+        5.5,
+        "Only beside a volume this high is a low part an annex; where all is low, all is main volume.",
+        unit="m",
+        gt=0.0,
+    )
+    narrowest_annex: float = parameter(
+        1.5,
+        "Narrower low ground is an eave, a gap or a balcony, and stays with what stands beside it.",
+        unit="m",
+        ge=0.0,
+    )
+    smallest_volume: float = parameter(
+        15.0,
+        "A main volume is at least so large: less is a dormer, a chimney or a tree.",
+        unit="m2",
+        ge=0.0,
+    )
+    jog: float = parameter(
+        1.5,
+        "How far a front may step back and forth and is one: bays, porches, unequal overhangs.",
+        unit="m",
+        ge=0.0,
+    )
+    shortest_front: float = parameter(
+        5.0, "Two houses do not stand side by side on a shorter front.", unit="m", gt=0.0
+    )
+    most_deeper: float = parameter(
+        1.5,
+        "Where ground is deeper than this many times the row's median depth, another row stands behind.",
+        gt=1.0,
+    )
+    most_turn: float = parameter(
+        5.0,
+        "Angle by which jogs turn a front away from the edges it consists of, at most.",
+        unit="degree",
+        ge=0.0,
+        le=45.0,
+    )
+    shallowest: float = parameter(4.0, "No house is shallower.", unit="m", ge=0.0)
+    least_free: float = parameter(
+        0.5, "Share of its ground that a front must find unclaimed to make a row.", ge=0.0, le=1.0
+    )
+    most_lean: float = parameter(
+        40.0,
+        "Angle by which party walls lean from upright on the front, at most.",
+        unit="degree",
+        ge=0.0,
+        lt=90.0,
+    )
+    upright_trust: float = parameter(
+        1.3, "Upright walls are believed unless others explain this many times as much.", gt=0.0
+    )
+    most_change: float = parameter(
+        0.5,
+        "Changes of height over a metre count up to this when the direction of walls is sought.",
+        unit="m",
+        gt=0.0,
+    )
+    smallest_unit: float = parameter(
+        25.0,
+        "A smaller unit is part of the one it shares its longest border with.",
+        unit="m2",
+        ge=0.0,
+    )
+    beside: float = parameter(
+        3.0, "Points this near to a border of two rows are compared across it.", unit="m", gt=0.0
+    )
+    shortest_border: float = parameter(
+        2.0, "Units that share less do not stand wall to wall.", unit="m", ge=0.0
+    )
+    carried_on: float = parameter(
+        15.0, "A wall is carried on through annexes and sheds by at most this much.", unit="m", gt=0.0
+    )
 
     def divide(
         self, points: Points, height: Values, outline: Polygon, spacing: float, emit: Emit = ignore
     ) -> Division:
         """The division; see the class."""
         whole = Division((outline,), (1.0,))
-        if outline.area < SMALLEST_BLOCK_M2:
+        if outline.area < self.smallest_block:
             return whole
-        volumes = main_volumes(outline, points, height)
+        volumes = main_volumes(outline, points, height, self.volume_limits())
         plan = Plan.of(outline, volumes, points)
-        rows = list(rows_of(plan, directions_of(outline), self.deepest))
+        rows = list(rows_of(plan, directions_of(outline, self.shortest_edge), self.row_limits()))
         if not rows:
             return whole
         found = [self.walls_of(row, points) for row in rows]
@@ -121,11 +202,34 @@ class RowWalls(UnitMethod):
             return whole
         label = np.zeros(plan.main.shape, np.int32)
         label_cells(plan, label, found, 1)
-        label, found = merged_units(plan, label, found, points, self.border_odds)
+        label, found = merged_units(plan, label, found, points, self.merge_limits())
         if label.max() < 2:
             return whole
-        parts, certainty = divide_outline(outline, plan, label, found)
+        parts, certainty = divide_outline(outline, plan, label, found, self.carried_on)
         return Division(tuple(parts), tuple(certainty))
+
+    def volume_limits(self) -> VolumeLimits:
+        """What makes an annex and a main volume."""
+        return VolumeLimits(self.annex, self.house, self.narrowest_annex, self.smallest_volume)
+
+    def row_limits(self) -> RowLimits:
+        """What makes a row."""
+        return RowLimits(
+            deepest=self.deepest,
+            jog=self.jog,
+            shortest_front=self.shortest_front,
+            most_deeper=self.most_deeper,
+            most_turn=self.most_turn,
+            shallowest=self.shallowest,
+            least_free=self.least_free,
+            most_lean=self.most_lean,
+            upright_trust=self.upright_trust,
+            most_change=self.most_change,
+        )
+
+    def merge_limits(self) -> MergeLimits:
+        """What keeps two units apart."""
+        return MergeLimits(self.border_odds, self.smallest_unit, self.beside, self.shortest_border)
 
     def walls_of(self, row: Row, points: Points) -> RowUnits:
         """The inner walls of one row."""
@@ -152,8 +256,10 @@ class RowWalls(UnitMethod):
         return np.asarray(self.odd_share * broad + (1.0 - self.odd_share) * peak * self.width_range)
 
 
-def directions_of(outline: Polygon) -> NDArray[np.float64]:
-    """Unit vectors (K, 2) along the edges of an outline, those with most length first, each once."""
+def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
+    """Unit vectors (K, 2) along the edges of an outline, those with most length first, each once and with at
+    least the `shortest` length (m).
+    """
     step = np.vstack([np.diff(np.asarray(ring.coords)[:, :2], axis=0) for ring in rings_of(outline)])
     length = np.hypot(step[:, 0], step[:, 1])
     angle = np.arctan2(step[:, 1], step[:, 0])
@@ -162,7 +268,7 @@ def directions_of(outline: Polygon) -> NDArray[np.float64]:
         apart = np.mod(angle[:, None] - angle[None, :] + np.pi / 2, np.pi) - np.pi / 2
         weight = (np.abs(apart) < SAME_RAD) @ length
         best = int(np.argmax(weight))
-        if weight[best] < SHORTEST_EDGE_M:
+        if weight[best] < shortest:
             break
         mine = np.abs(apart[best]) < SAME_RAD
         found.append(float(angle[best] - np.average(apart[best][mine], weights=length[mine])))
@@ -175,5 +281,5 @@ def rings_of(outline: Polygon) -> list[shapely.LinearRing]:
     return [outline.exterior, *outline.interiors]
 
 
-SHORTEST_EDGE_M, MOST_DIRECTIONS, SAME_RAD = 5.0, 8, float(np.radians(2.0))
-"""Edges so long (m) show how walls run; so many directions, so far apart, are looked at."""
+MOST_DIRECTIONS, SAME_RAD = 8, float(np.radians(2.0))
+"""So many directions, so far apart, are looked at: a bound of the work and a tolerance."""

@@ -16,33 +16,25 @@ from eaves.model import Mask, Points
 CELL_M = 0.25
 """Side of a cell (m) of the plan on which rows claim their ground; the finest that a wall's place needs."""
 
-JOG_M = 1.5
-"""A front may step back and forth by this much (m) and is one front: bays, porches, unequal overhangs."""
 
-SHORTEST_FRONT_M = 5.0
-"""Two houses do not stand side by side on a shorter front (m)."""
-
-MOST_DEEPER = 1.5
-"""Where ground is deeper than this many times the row's median depth, another row stands behind."""
-
-MOST_TURN_DEG = 5.0
-"""Jogs turn a front away from the edges it consists of by up to this angle."""
-
-SHALLOWEST_M = 4.0
-"""No house is shallower (m)."""
-
-LEAST_FREE = 0.5
-"""Share of its ground that a front must find unclaimed to make a row."""
+LEAST_LEAN_DEG = 2.0
+"""Directions nearer to upright than this are upright."""
 
 
-MOST_LEAN_DEG, LEAST_LEAN_DEG = 40.0, 2.0
-"""Party walls stand upright on the front, or lean from it by up to this angle."""
+@dataclass(frozen=True)
+class RowLimits:
+    """What makes a row; parameters of the method, which says what each means."""
 
-UPRIGHT_TRUST = 1.3
-"""Upright walls are believed unless others explain this many times as much."""
-
-COHERENT_M = 0.5
-"""Changes of height over a metre count up to this (m) when the direction of walls is sought."""
+    deepest: float
+    jog: float
+    shortest_front: float
+    most_deeper: float
+    most_turn: float
+    shallowest: float
+    least_free: float
+    most_lean: float
+    upright_trust: float
+    most_change: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,25 +126,29 @@ class Row:
         return shapely.orient_polygons(Polygon(corners))
 
 
-def fronts_of(outline: Polygon) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def fronts_of(outline: Polygon, limits: RowLimits) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Start and end (2,) of the straight fronts of an outline, the interior on their left."""
     fronts = []
     for number, ring in enumerate((outline.exterior, *outline.interiors)):
-        plain = shapely.orient_polygons(shapely.simplify(Polygon(ring), JOG_M)).exterior
+        plain = shapely.orient_polygons(shapely.simplify(Polygon(ring), limits.jog)).exterior
         xy = np.asarray(plain.coords)[:, :2]
         if number > 0:
             xy = xy[::-1]
         fronts += list(pairwise(xy))
-    return [front for front in fronts if np.hypot(*(front[1] - front[0])) >= SHORTEST_FRONT_M]
+    return [front for front in fronts if np.hypot(*(front[1] - front[0])) >= limits.shortest_front]
 
 
-def straightened(along: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The direction of the outline's own edges that is nearest to a front's, which jogs have turned."""
+def straightened(
+    along: NDArray[np.float64], directions: NDArray[np.float64], most_turn: float
+) -> NDArray[np.float64]:
+    """The direction of the outline's own edges that is nearest to a front's, which jogs have turned by
+    `most_turn` (degrees) at most.
+    """
     if len(directions) == 0:
         return along
     turned = directions * np.sign(directions @ along + 1e-12)[:, None]
     nearest = turned[int(np.argmax(turned @ along))]
-    return nearest if nearest @ along > np.cos(np.radians(MOST_TURN_DEG)) else along
+    return nearest if nearest @ along > np.cos(np.radians(most_turn)) else along
 
 
 def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[float, float, float]:
@@ -161,46 +157,47 @@ def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[f
     return -round(float(np.hypot(*(end - start))), 3), float(start[0]), float(start[1])
 
 
-def rows_of(plan: Plan, directions: NDArray[np.float64], deepest: float) -> Iterator[Row]:
+def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowLimits) -> Iterator[Row]:
     """The rows of a block's main volume, longest front first; what one claims no other has.
 
     `directions` (K, 2) are unit vectors along which walls may run, where they do not stand upright.
-    `deepest` (m) bounds the depth of a row.
     """
     free = plan.main.copy()
-    fronts = [front for volume in plan.volumes for front in fronts_of(volume)]
+    fronts = [front for volume in plan.volumes for front in fronts_of(volume, limits)]
     for start, end in sorted(fronts, key=by_length):
         length = float(np.hypot(*(end - start)))
-        along = straightened((end - start) / length, directions)
+        along = straightened((end - start) / length, directions, limits.most_turn)
         upright = np.array([-along[1], along[0]])
-        best = ground_behind(plan, free, start, along, upright, length, deepest)
+        best = ground_behind(plan, free, start, along, upright, length, limits)
         if best is None:
             continue
-        most = UPRIGHT_TRUST * coherence(plan, best)
-        for across in leaning(directions, upright):
-            row = ground_behind(plan, free, start, along, across, length, deepest)
-            if row is not None and (coherent := coherence(plan, row)) > most:
+        most = limits.upright_trust * coherence(plan, best, limits.most_change)
+        for across in leaning(directions, upright, limits.most_lean):
+            row = ground_behind(plan, free, start, along, across, length, limits)
+            if row is not None and (coherent := coherence(plan, row, limits.most_change)) > most:
                 most, best = coherent, row
         free[plan.cells(best.ground())] = False
         yield best
 
 
-def leaning(directions: NDArray[np.float64], upright: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """The directions (K, 2) that stand within `MOST_LEAN_DEG` of upright, pointing the same way."""
+def leaning(
+    directions: NDArray[np.float64], upright: NDArray[np.float64], most_lean: float
+) -> list[NDArray[np.float64]]:
+    """The directions (K, 2) that stand within `most_lean` (degrees) of upright, pointing the same way."""
     turned = directions * np.sign(directions @ upright)[:, None]
     cosine = turned @ upright
-    near = (cosine > np.cos(np.radians(MOST_LEAN_DEG))) & (cosine < np.cos(np.radians(LEAST_LEAN_DEG)))
+    near = (cosine > np.cos(np.radians(most_lean))) & (cosine < np.cos(np.radians(LEAST_LEAN_DEG)))
     return list(turned[near])
 
 
-def coherence(plan: Plan, row: Row) -> float:
+def coherence(plan: Plan, row: Row, most: float) -> float:
     """How much heights change along the row in the same way at all depths (m²): walls that run along
-    `row.across` make it large.
+    `row.across` make it large. A change counts up to `most` (m).
     """
     s, t = row.grid()
     height = plan.height[plan.cells(row.place(s, t))]
     height[(t < row.first) | (t >= row.last)] = np.nan
-    change = np.clip(height[:, 4:] - height[:, :-4], -COHERENT_M, COHERENT_M)
+    change = np.clip(height[:, 4:] - height[:, :-4], -most, most)
     known = np.isfinite(change)
     count = known.sum(axis=0)
     mean = np.where(known, change, 0.0).sum(axis=0) / np.maximum(count, 1)
@@ -214,17 +211,17 @@ def ground_behind(
     along: NDArray[np.float64],
     across: NDArray[np.float64],
     length: float,
-    deepest: float,
+    limits: RowLimits,
 ) -> Row | None:
     """The ground behind a front, None where others have claimed it."""
     steps = int(length / CELL_M)
     s = (np.arange(steps) + 0.5) * CELL_M
-    t = np.arange(-JOG_M - 0.5, deepest, CELL_M)
+    t = np.arange(-limits.jog - 0.5, limits.deepest, CELL_M)
     place = start + s[:, None, None] * along + t[None, :, None] * across
     cells = plan.cells(place)
     main, mine = plan.main[cells], free[cells]
     begin = np.argmax(main, axis=1)
-    there = main[np.arange(steps), begin] & (t[begin] < JOG_M + 0.5)
+    there = main[np.arange(steps), begin] & (t[begin] < limits.jog + 0.5)
     after = main & (np.arange(len(t)) >= begin[:, None])
     end = np.argmin(after | (np.arange(len(t)) < begin[:, None]), axis=1)
     end = np.where((after | (np.arange(len(t)) < begin[:, None])).all(axis=1), len(t), end)
@@ -232,11 +229,11 @@ def ground_behind(
         return None
     depth = np.where(there, end - begin, 0)
     usual = float(np.median(depth[there]))
-    deep = there & (depth > MOST_DEEPER * usual)
+    deep = there & (depth > limits.most_deeper * usual)
     end = np.where(deep, begin + int(usual), end)
     run = (np.arange(len(t)) >= begin[:, None]) & (np.arange(len(t)) < end[:, None]) & there[:, None]
     share = float((run & mine).sum()) / max(int(run.sum()), 1)
-    if share < LEAST_FREE:
+    if share < limits.least_free:
         return None
     # the row ends where others' ground begins
     taken = run & ~mine
@@ -245,9 +242,9 @@ def ground_behind(
     begin = np.where(first_taken <= begin, begin + taken.sum(axis=1), begin)
     end = np.where(first_taken > begin, np.minimum(end, first_taken), end)
     there &= end > begin
-    if there.sum() * CELL_M < SHORTEST_FRONT_M:
+    if there.sum() * CELL_M < limits.shortest_front:
         return None
-    if np.median((end - begin)[there]) * CELL_M < SHALLOWEST_M:
+    if np.median((end - begin)[there]) * CELL_M < limits.shallowest:
         return None
     begin, end = np.where(there, begin, 0), np.where(there, end, 0)
     inside = np.flatnonzero(there)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -11,27 +13,27 @@ from shapely import Polygon
 from eaves.geometry.rings import polygon_parts
 from eaves.model import Mask, Points
 
-ANNEX_M = 4.2
-"""An annex is lower (m): one storey, with its roof."""
-
-HOUSE_M = 5.5
-"""Only beside a volume this high (m) is a low part an annex; where all is low, all is main volume."""
-
 CELL_M = 0.5
 """Side of the cells (m) in which heights are compared."""
 
-NARROWEST_M = 1.5
-"""Low ground narrower than this (m) is an eave, a gap or a balcony, and stays with what stands beside it."""
 
-SMALLEST_M2 = 15.0
-"""A main volume is at least so large (m²): less is a dormer, a chimney or a tree."""
+@dataclass(frozen=True)
+class VolumeLimits:
+    """What makes an annex and a main volume; parameters of the method, which says what each means."""
+
+    annex: float
+    house: float
+    narrowest: float
+    smallest: float
 
 
-def main_volumes(outline: Polygon, points: Points, height: NDArray[np.float64]) -> list[Polygon]:
+def main_volumes(
+    outline: Polygon, points: Points, height: NDArray[np.float64], limits: VolumeLimits
+) -> list[Polygon]:
     """The parts of a block's outline that stand higher than an annex, from its roof points (N, 3) and their
     heights over the terrain (N,).
     """
-    if len(height) == 0 or np.percentile(height, 75.0) < HOUSE_M:
+    if len(height) == 0 or np.percentile(height, 75.0) < limits.house:
         return [outline]
     west, south, east, north = outline.bounds
     columns, rows = int((east - west) / CELL_M) + 1, int((north - south) / CELL_M) + 1
@@ -46,15 +48,15 @@ def main_volumes(outline: Polygon, points: Points, height: NDArray[np.float64]) 
     grid = middle.reshape(rows, columns)
     known = np.isfinite(grid)
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    low = grid[tuple(nearest)] < ANNEX_M
+    low = grid[tuple(nearest)] < limits.annex
     ground = low_ground(low, west, south)
-    half = 0.5 * NARROWEST_M
+    half = 0.5 * limits.narrowest
     ground = shapely.buffer(shapely.buffer(ground, -half, join_style="mitre"), half, join_style="mitre")
     if shapely.is_empty(ground):
         return [outline]
     main = shapely.difference(outline, ground)
     main = shapely.buffer(shapely.buffer(main, -half, join_style="mitre"), half, join_style="mitre")
-    parts = [part for part in polygon_parts(main) if part.area >= SMALLEST_M2]
+    parts = [part for part in polygon_parts(main) if part.area >= limits.smallest]
     return sorted(parts, key=lambda part: -part.area) or [outline]
 
 
