@@ -55,6 +55,8 @@ def signature(thing: Any) -> str:
     except (TypeError, ValueError):
         return ""
     text = re.sub(r"<factory>|<function \S+ at 0x[0-9a-f]+>", "...", str(found)).replace("'", "")
+    # typing keeps whichever of two equal limits was used first, 0 or 0.0
+    text = re.sub(r"\b([GL][te]\(\w+=-?\d+)\.0\)", r"\1)", text)
     return text if len(text) < 80 else re.sub(r"^\((.*)\)", lambda m: "(\n    " + split(m[1]) + "\n)", text)
 
 

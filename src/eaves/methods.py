@@ -89,8 +89,7 @@ def parameter(
     if (published is None) != (printed_in is None):
         raise ValueError(f"parameter '{sentence}': `published` and `printed_in` go together")
     extra = {"unit": unit, "symbol": symbol, "published": published, "printed_in": printed_in}
-    ranges = {name: float(limit) for name, limit in limits.items()}  # 0 and 0.0 would be shown by turns
-    declared: dict[str, Any] = {"description": sentence, "json_schema_extra": extra, **ranges}
+    declared: dict[str, Any] = {"description": sentence, "json_schema_extra": extra, **limits}
     return Field(default, **declared)
 
 
