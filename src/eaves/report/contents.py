@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import warnings
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -131,7 +130,8 @@ def read_contents(
 
 def import_libraries() -> None:
     """Load the library and the kernels that reading contents takes: the better part of a second."""
-    import_module("pyogrio.raw")
+    import pyogrio.raw  # noqa: F401
+
     face = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     fit_roof(face[:1], collect_faces([[face]], [0]))
     Raster(np.zeros((2, 2), np.float32), 0.0, 0.0, 1.0).at(face[:1, :2])

@@ -240,7 +240,6 @@ def open_run(
         )
     memory = parse_memory(options.get("memory"))
     check_options(options)
-    check_numbers(options)
     formats = tuple(options.get("formats") or ())
     check_formats(formats)
     footprints, party_walls = options.get("footprints"), options.get("party_walls")
@@ -258,8 +257,8 @@ def open_run(
         options.get("crs"),
         failed,
         lambda done, total: progress("index", done, total),
-        options.get("crs_force", False),
-        options.get("salvage", False),
+        options["crs_force"],
+        options["salvage"],
     )
     bounds = in_metres(as_bounds(options.get("bounds")), index.system)
     clip = options.get("clip")
@@ -298,15 +297,39 @@ def open_run(
     )
 
 
+NARROWEST, WIDEST = 6.0, 100_000.0
+"""Sides of a block (m): the cells of all methods fit into the one, the steps of int32 across the other."""
+
+
 def check_options(options: RunOptions) -> None:
-    """Raise TypeError or ValueError when a number among the options cannot be used."""
+    """Check the numbers among the options.
+
+    Raises
+    ------
+    TypeError, ValueError
+        When one has another type, or is out of range.
+    InputError
+        When a block or bounds are numbers that no run can use.
+    """
     check_positive(options["block"], "block")
     jobs = options["jobs"]
     if not isinstance(jobs, int) or jobs < 0:
         raise ValueError(f"jobs must be a whole number, not {jobs!r}; 0 chooses for you")
-    bounds = options.get("bounds")
-    if not (bounds is None or isinstance(bounds, Bounds) or len(bounds) == BOUNDS_LENGTH):
-        raise ValueError(f"bounds must be west, south, east, north, not {bounds!r}; give four numbers")
+    given = options.get("bounds")
+    if not (given is None or isinstance(given, Bounds) or len(given) == BOUNDS_LENGTH):
+        raise ValueError(f"bounds must be west, south, east, north, not {given!r}; give four numbers")
+    side = options["block"]
+    if not NARROWEST <= side <= WIDEST:
+        raise InputError(f"--block {side}: the side of a block lies between {NARROWEST:g} and {WIDEST:g} m")
+    bounds = as_bounds(options.get("bounds"))
+    if bounds is None:
+        return
+    west, south, east, north = vars(bounds).values()
+    told = ",".join(f"{side:g}" for side in (west, south, east, north))
+    if not all(map(math.isfinite, (west, south, east, north))):
+        raise InputError(f"--bounds {told}: not four numbers; write west,south,east,north")
+    if west >= east or south >= north:
+        raise InputError(f"--bounds {told}: west must be below east, south below north")
 
 
 METHOD_OPTIONS = ("ground", "detect", "outline", "units", "roof", "reconstruct")
@@ -330,32 +353,6 @@ def warn_of_heights(system: CoordinateSystem, formats: Sequence[str]) -> None:
             "in the viewer",
             datum["status"] if datum["name"] is None else f"{datum['name']}, {datum['status']}",
         )
-
-
-NARROWEST, WIDEST = 6.0, 100_000.0
-"""Sides of a block (m): the cells of all methods fit into the one, the steps of int32 across the other."""
-
-
-def check_numbers(options: RunOptions) -> None:
-    """Nothing, when bounds and block are numbers that a run can use.
-
-    Raises
-    ------
-    InputError
-        For one that is not.
-    """
-    side = options.get("block", 240.0)
-    if not NARROWEST <= side <= WIDEST:
-        raise InputError(f"--block {side}: the side of a block lies between {NARROWEST:g} and {WIDEST:g} m")
-    bounds = as_bounds(options.get("bounds"))
-    if bounds is None:
-        return
-    west, south, east, north = vars(bounds).values()
-    told = ",".join(f"{side:g}" for side in (west, south, east, north))
-    if not all(map(math.isfinite, (west, south, east, north))):
-        raise InputError(f"--bounds {told}: not four numbers; write west,south,east,north")
-    if west >= east or south >= north:
-        raise InputError(f"--bounds {told}: west must be below east, south below north")
 
 
 def claim(folder: Path) -> None:
