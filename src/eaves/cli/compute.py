@@ -9,6 +9,7 @@ import typer
 
 from eaves.cli.options import (
     Footprints,
+    FootprintSource,
     Formats,
     IdField,
     Inputs,
@@ -36,6 +37,7 @@ def build(
     words: RunWords,
     footprints: Footprints = None,
     id_field: IdField = None,
+    footprint_source: FootprintSource = None,
     snap_footprints: Snap = False,
     party_walls: PartyWalls = None,
     lod: Annotated[
@@ -65,6 +67,7 @@ def build(
         source=source,
         footprints=footprints,
         id_field=id_field,
+        footprint_source=footprint_source,
         snap_footprints=snap_footprints,
         party_walls=party_walls,
         formats=tuple(name.strip() for name in formats.split(",") if name.strip()),
@@ -112,6 +115,7 @@ def reconstruct(
     words: RunWords,
     footprints: Annotated[Path, typer.Option(help="The footprints to model.")],
     id_field: IdField = None,
+    footprint_source: FootprintSource = None,
     snap_footprints: Snap = False,
     lod: Lod = "2.2",
     roof_method: MethodName = None,
@@ -127,6 +131,7 @@ def reconstruct(
         lod=lod,
         footprints=footprints,
         id_field=id_field,
+        footprint_source=footprint_source,
         snap_footprints=snap_footprints,
     )
     finish(summary, words.quiet, strict)

@@ -49,9 +49,16 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and er
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also what happens inside.")]
 Footprints = Annotated[
     Path | None,
-    typer.Option(help="Footprints to use: shapefile, GeoPackage, GeoJSON, FlatGeobuf."),
+    typer.Option(help="Footprints to use: shapefile, GeoPackage, GeoJSON, FlatGeobuf, GeoParquet."),
 ]
 IdField = Annotated[str | None, typer.Option(help="Field of the footprints that holds their id.")]
+FootprintSource = Annotated[
+    str | None,
+    typer.Option(
+        help="Map they are from, if its columns do not tell: bag, bgt, bdtopo, usa-structures, overture, "
+        "osm, microsoft or none."
+    ),
+]
 Snap = Annotated[
     bool, typer.Option("--snap-footprints", help="Move given footprints to the eaves in the points.")
 ]

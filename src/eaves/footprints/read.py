@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
@@ -13,7 +15,9 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from eaves.footprints.given import PART, clip_footprints, repair_footprints, unusable_footprints
+from eaves.footprints.layouts import NO_SOURCE, SOURCE_NAMES, Layout, Reader, layout_of, text_of
 from eaves.formats import InputError, read_polygons
+from eaves.formats.geopackage import Layer, list_vector_layers, read_table
 from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
 
 log = logging.getLogger("eaves")
@@ -55,22 +59,80 @@ def as_box(bounds: Bounds) -> shapely.Polygon:
     return shapely.box(bounds.west, bounds.south, bounds.east, bounds.north)
 
 
+@dataclass(frozen=True)
+class Map:
+    """A layer of a vector file whose layout is known."""
+
+    layout: Layout
+    layer: Layer
+    addresses: str | None = None
+    """A layer of the same file with the addresses of its buildings."""
+
+    def describe(self) -> dict[str, str]:
+        """What run.json says of it."""
+        return {
+            "source": self.layout.name,
+            "layer": self.layer.name,
+            "attribution": self.layout.attribution,
+        }
+
+
+def recognise_map(path: Path, source: str | None = None) -> Map | None:
+    """The layer of a file that has a known layout, the first that does; None where none has.
+
+    Parameters
+    ----------
+    path : Path
+        The vector file.
+    source : str or None
+        Name of the layout it must have, or `none` to look for no layout.
+
+    Raises
+    ------
+    InputError
+        When the name is unknown, or the file has no layer of this layout.
+    """
+    if source is not None and source not in SOURCE_NAMES:
+        choices = ", ".join(SOURCE_NAMES)
+        raise InputError(f"--footprint-source {source}: unknown source; choose one of: {choices}")
+    if source == NO_SOURCE or not path.exists():
+        return None
+    layers = list_vector_layers(path)
+    for layer in layers:
+        layout = layout_of(layer.columns) if "Point" not in layer.kind and layer.kind else None
+        if layout is not None and source in (None, layout.name):
+            known = [one.name for one in layers if layout.name == "bag" and address_columns(one.columns)]
+            return Map(layout, layer, next(iter(known), None))
+    if source is not None:
+        rule = f"has no layer with the columns of {source}"
+        raise InputError.about(path, rule, "leave --footprint-source out, or give `none`")
+    return None
+
+
 def read_footprints(
-    path: Path, id_field: str | None, system: CoordinateSystem, area: BaseGeometry
+    path: Path, id_field: str | None, system: CoordinateSystem, area: BaseGeometry, known: Map | None = None
 ) -> tuple[list[Footprint], list[Failure]]:
     """The footprints of a file, repaired and clipped to `area`, and a failure, with what is known of the
     footprint, for each that cannot be used: none is lost.
+
+    Of a map whose layout is `known`, which may be that of a country, only what meets the area is read.
 
     Raises
     ------
     InputError
         When `id_field` leaves a footprint without an id, or gives two the same.
     """
-    shapes, ids, attributes, _ = read_polygons(path, id_field=id_field, target=system, keep_all=True)
+    if known is None:
+        shapes, ids, attributes, _ = read_polygons(path, id_field=id_field, target=system, keep_all=True)
+    else:
+        shapes, ids, attributes = read_map(path, id_field, system, area, known)
     if id_field is not None:
         refuse_ids(path, id_field, [row[id_field] for row in attributes])
     unusable = unusable_footprints(shapes, ids, attributes)
     whole = repair_footprints(shapes, ids, attributes)
+    absent: list[Failure] = []
+    if known is not None:
+        whole, absent = without_absent(whole, known)
     parts = [footprint for footprint in whole if footprint.attributes.get(PART, 1) > 1]
     if parts:
         log.warning(
@@ -79,12 +141,100 @@ def read_footprints(
     clipped = clip_footprints(whole, area)
     inside = [footprint for footprint in clipped if isinstance(footprint, Footprint)]
     outside = [failure for failure in clipped if isinstance(failure, Failure)]
-    for failures in (unusable, outside):
+    outside = outside if known is None else []  # of a country's map nobody asks for what lies elsewhere
+    for failures in (unusable, absent, outside):
         if failures:
             log.warning(
                 "%s: %d footprints cannot be modelled, the first: %s", path, len(failures), failures[0].reason
             )
-    return inside, [*unusable, *outside]
+    return inside, [*unusable, *absent, *outside]
+
+
+def read_map(
+    path: Path, id_field: str | None, system: CoordinateSystem, area: BaseGeometry, known: Map
+) -> tuple[list[BaseGeometry], list[str], list[dict[str, Any]]]:
+    """Shapes, ids and attributes of a map's buildings that meet the area; one line says what was read."""
+    reader = Reader.of(known.layout, known.layer.columns)
+    within = None if area.is_empty else Bounds(*area.bounds)
+    shapes, numbers, rows, _ = read_polygons(path, known.layer.name, target=system, within=within)
+    near = shapely.intersects(area, shapely.make_valid(np.array(shapes, dtype=object)))
+    kept = [n for n in np.flatnonzero(near) if reader.is_current_building(rows[n])]
+    name = id_field or next((one for one in known.layout.id_fields if one in reader.columns), None)
+    ids = [str(rows[n][id_field]) if id_field else reader.id_of(rows[n]) for n in kept]
+    ids = [one or numbers[n] for n, one in zip(kept, ids, strict=True)]
+    told = addresses_of(path, known.addresses, set(ids), known.layout.id_width)
+    attributes = [reader.attributes(rows[n]) | told.get(one, {}) for n, one in zip(kept, ids, strict=True)]
+    log.info(
+        "%s: read as %s (layer %s, ids %s), %s of %s polygons are buildings near the points; %s",
+        *(path, known.layout.title, known.layer.name, "numbered" if name is None else f"from {name}"),
+        *(f"{len(kept):,}", f"{known.layer.count:,}", known.layout.attribution),
+    )
+    return [shapes[n] for n in kept], ids, attributes
+
+
+def without_absent(footprints: list[Footprint], known: Map) -> tuple[list[Footprint], list[Failure]]:
+    """The footprints of what stands, and a failure for each of which the map says that nothing does."""
+    reader = Reader.of(known.layout, known.layer.columns)
+    standing, absent = [], []
+    for footprint in footprints:
+        reason = reader.absence(footprint.attributes)
+        if not reason:
+            standing.append(footprint)
+            continue
+        told = f"nothing stands there, says {known.layout.title}: {reason}"
+        absent.append(Failure("not_standing", told, "outline", footprint))
+    return standing, absent
+
+
+ADDRESS_COLUMNS: tuple[tuple[str, ...], ...] = (
+    ("pand_identificatie", "pandidentificatie"),
+    ("openbare_ruimte_naam", "openbare_ruimte", "openbareruimte"),
+    ("huisnummer",),
+    ("huisletter",),
+    ("toevoeging", "huisnummertoevoeging"),
+    ("postcode",),
+    ("woonplaats_naam", "woonplaats"),
+)
+"""Columns of the BAG's addressable objects: the building's id, street, number, letter, addition, postcode,
+town."""
+ADDRESSES_TOLD = 3
+"""A building of more addresses is told by so many, and how many more there are."""
+
+
+def address_columns(columns: Sequence[str]) -> list[str | None]:
+    """Which columns of a layer are those of `ADDRESS_COLUMNS`; none where there is no building's id, street
+    or number."""
+    there = {column.lower(): column for column in columns}
+    found = [next((there[name] for name in names if name in there), None) for names in ADDRESS_COLUMNS]
+    return found if None not in found[:3] else []
+
+
+def addresses_of(path: Path, layer: str | None, ids: set[str], width: int) -> dict[str, dict[str, Any]]:
+    """The addresses of the buildings `ids`, by id: `address` in words, `addresses` their number."""
+    if layer is None or not ids:
+        return {}
+    columns = next(one.columns for one in list_vector_layers(path) if one.name == layer)
+    names = address_columns(columns)
+    found: dict[str, set[tuple[str, int, str, str]]] = {}
+    for row in read_table(path, layer, [name for name in names if name is not None]):
+        told = ["" if name is None else text_of(row[name]) for name in names]
+        street, number, letter, addition, postcode, town = told[1:]
+        house = number + letter + (f"-{addition}" if addition else "")
+        place = " ".join(filter(None, (postcode, town)))
+        known = (street, int(number) if number.isdigit() else 0, house, place)
+        for one in told[0].split(","):  # an object may lie in several buildings
+            building = one.strip().zfill(width)
+            if building in ids:
+                found.setdefault(building, set()).add(known)
+    answers = {}
+    for one, known_here in found.items():
+        lines = [
+            f"{street} {house}" + (f", {place}" if place else "")
+            for street, _, house, place in sorted(known_here)
+        ]
+        more = f" and {len(lines) - ADDRESSES_TOLD} more" if len(lines) > ADDRESSES_TOLD else ""
+        answers[one] = {"address": "; ".join(lines[:ADDRESSES_TOLD]) + more, "addresses": len(lines)}
+    return answers
 
 
 def refuse_ids(path: Path, id_field: str, ids: Sequence[object]) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -22,7 +23,7 @@ from eaves.formats.crs import describe, horizontal_crs, parse_crs, pyproj_crs, s
 from eaves.formats.errors import InputError
 from eaves.formats.qgis.tables import describe_layers
 from eaves.formats.vector_files import OFFLINE, REMEDY, checked_vector
-from eaves.model import CoordinateSystem
+from eaves.model import Bounds, CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
 
 log = logging.getLogger("eaves")
@@ -35,6 +36,8 @@ DRIVERS = {
 }
 GEOJSON_OPTIONS = {"RFC7946": "YES", "COORDINATE_PRECISION": "8"}
 """Eight decimals of a degree are a millimetre."""
+BOX_MARGIN = 0.001
+"""Share of its side by which a box reprojected through points on its rim is widened: it bends between."""
 PIECE_ROWS = 20_000
 """Rows of a GeoPackage in memory at a time; the other formats cannot be added to and take all at once."""
 
@@ -128,13 +131,15 @@ def read_polygons(
     id_field: str | None = None,
     target: CoordinateSystem | None = None,
     keep_all: bool = False,
+    within: Bounds | None = None,
 ) -> tuple[list[Polygon | MultiPolygon], list[str], list[dict[str, Any]], CoordinateSystem]:
     """The polygons of a vector file in world metres, their ids, their attributes, and their reference system.
 
     Parameters
     ----------
     path : str or Path
-        Shapefile, GeoPackage, GeoJSON or FlatGeobuf; no other driver is used, no address reached.
+        Shapefile, GeoPackage, GeoJSON, FlatGeobuf or, with pyarrow, GeoParquet; no other driver is used, no
+        address reached.
     layer : str or None
         The layer of a file of several; by default its first layer of polygons.
     id_field : str or None
@@ -144,6 +149,8 @@ def read_polygons(
         both are taken to be the same.
     keep_all : bool
         Keep features without coordinates, too, as empty polygons.
+    within : Bounds or None
+        Read only features whose boxes meet these bounds (metres of `target`): files of a whole country.
 
     Returns
     -------
@@ -175,7 +182,7 @@ def read_polygons(
     path = Path(path)
     if not path.exists():
         raise InputError.about(path, "does not exist", "give a vector file of polygons")
-    meta, wkb, columns = _read_layer(path, layer)
+    meta, number, wkb, columns = _read_layer(path, layer, within, target)
     names = [str(name) for name in meta["fields"]]
     if id_field is not None and id_field not in names:
         raise InputError.about(
@@ -200,14 +207,101 @@ def read_polygons(
     attributes = [
         {name: plain_value(columns[k][n], kinds_of[name]) for k, name in enumerate(names)} for n in kept
     ]
-    ids = [str(row[id_field]) if id_field else str(n + 1) for n, row in zip(kept, attributes, strict=True)]
+    ids = [str(row[id_field] if id_field else number[n]) for n, row in zip(kept, attributes, strict=True)]
     return polygons, ids, attributes, system
 
 
-def _read_layer(path: Path, layer: str | None) -> tuple[dict[str, Any], NDArray[np.object_], list[Any]]:
-    """What pyogrio reads of a layer: its description, its geometries as WKB and its columns."""
+@dataclass(frozen=True)
+class Layer:
+    """A layer of a vector file: its name, the kind of its shapes (empty where it has none), its columns, how
+    many features it has, and its reference system."""
+
+    name: str
+    kind: str
+    columns: tuple[str, ...]
+    count: int
+    crs: str | None
+
+
+def list_vector_layers(path: Path) -> list[Layer]:
+    """The layers of a vector file.
+
+    Raises
+    ------
+    InputError
+        When it is none that can be read.
+    """
+    if is_parquet(path):
+        from eaves.formats.parquet import parquet_layer
+
+        return [parquet_layer(path)]
+    import pyogrio
+
+    layers = []
+    with _opened(path) as (safe, _):
+        for name, kind in pyogrio.list_layers(safe):
+            info = pyogrio.read_info(safe, layer=name, force_feature_count=True)
+            columns = tuple(map(str, info["fields"]))
+            layers.append(Layer(str(name), str(kind or ""), columns, int(info["features"]), info["crs"]))
+    return layers
+
+
+def read_table(path: Path, layer: str, columns: Sequence[str]) -> list[dict[str, Any]]:
+    """Some columns of a layer, a row a feature, without shapes."""
+    import pyogrio.raw
+
+    with _opened(path) as (safe, _):
+        meta, _, _, values = pyogrio.raw.read(safe, layer=layer, columns=list(columns), read_geometry=False)
+    names, kinds = [str(name) for name in meta["fields"]], list(map(str, meta["dtypes"]))
+    plain = [
+        [plain_value(value, kind) for value in column] for column, kind in zip(values, kinds, strict=True)
+    ]
+    return [dict(zip(names, row, strict=True)) for row in zip(*plain, strict=True)]
+
+
+def is_parquet(path: Path) -> bool:
+    """Whether a file is Parquet, by its first bytes."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(4) == b"PAR1"
+
+
+def _read_layer(
+    path: Path, layer: str | None, within: Bounds | None, target: CoordinateSystem | None
+) -> tuple[dict[str, Any], NDArray[np.int64], NDArray[np.object_], list[Any]]:
+    """What pyogrio reads of a layer: its description, the features' numbers from 1, their geometries as WKB
+    and their columns."""
+    if is_parquet(path):
+        from eaves.formats.parquet import read_geoparquet
+
+        return read_geoparquet(path, lambda crs: _box_in(crs, path, within, target))
     # imported late: it imports geopandas, pandas and pyarrow, 0.4 s and 130 MB that no block needs
     import pyogrio.raw
+
+    refusal = InputError.about(path, "is not a vector file that can be read", REMEDY)
+    with _opened(path) as (safe, driver):
+        layer = _chosen_layer(path, safe, layer)
+        info = pyogrio.read_info(safe, layer=layer, force_feature_count=False)
+        if info["driver"] not in (driver, f"{driver}Seq"):
+            raise refusal
+        box = _box_in(info["crs"], path, within, target)
+        meta, fids, wkb, columns = pyogrio.raw.read(safe, layer=layer, bbox=box, return_fids=box is not None)
+    if wkb is None:
+        raise InputError.about(path, f"layer '{layer}' has no geometry", "choose a layer of polygons")
+    if any(len(column) != len(wkb) for column in columns):
+        raise refusal
+    if fids is None:
+        return meta, np.arange(1, len(wkb) + 1), wkb, columns
+    order = np.argsort(fids)  # a spatial index answers in an order of its own
+    number = np.asarray(fids[order] + (driver != "GPKG"), np.int64)
+    return meta, number, wkb[order], [column[order] for column in columns]
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Path, str]]:
+    """The file to give to pyogrio, and the driver that must open it; its errors become ours."""
+    import pyogrio
     from pyogrio import errors
 
     ogr_errors = (
@@ -217,28 +311,36 @@ def _read_layer(path: Path, layer: str | None) -> tuple[dict[str, Any], NDArray[
         errors.FieldError,
         errors.GeometryError,
     )
-    refusal = InputError.about(path, "is not a vector file that can be read", REMEDY)
     with warnings.catch_warnings():  # GDAL's remarks on single features: those lost are counted later
         warnings.simplefilter("ignore", RuntimeWarning)
         try:
             with checked_vector(path) as (safe, driver):
                 pyogrio.set_gdal_config_options(OFFLINE)
-                layer = _chosen_layer(path, safe, layer)
-                if pyogrio.read_info(safe, layer=layer, force_feature_count=False)["driver"] not in (
-                    driver,
-                    f"{driver}Seq",
-                ):
-                    raise refusal
-                meta, _, wkb, columns = pyogrio.raw.read(safe, layer=layer)
+                yield safe, driver
         except InputError:
             raise
         except (*ogr_errors, ValueError, IndexError, OverflowError, MemoryError, OSError):
-            raise refusal from None
-    if wkb is None:
-        raise InputError.about(path, f"layer '{layer}' has no geometry", "choose a layer of polygons")
-    if any(len(column) != len(wkb) for column in columns):
-        raise refusal
-    return meta, wkb, columns
+            raise InputError.about(path, "is not a vector file that can be read", REMEDY) from None
+
+
+def _box_in(
+    crs: str | None, path: Path, within: Bounds | None, target: CoordinateSystem | None
+) -> tuple[float, float, float, float] | None:
+    """Bounds in metres of `target` as west, south, east, north in a file's system; None for no bounds."""
+    if within is None:
+        return None
+    unit = 1.0 if target is None else target.horizontal_unit_m
+    box = (within.west / unit, within.south / unit, within.east / unit, within.north / unit)
+    wanted = None if target is None else pyproj_crs(target)
+    if crs is None or wanted is None:
+        return box
+    from pyproj import Transformer
+
+    source = parse_crs(crs, path)
+    flat = wanted.sub_crs_list[0] if wanted.is_compound else wanted
+    west, south, east, north = Transformer.from_crs(flat, source, always_xy=True).transform_bounds(*box)
+    margin = BOX_MARGIN * max(east - west, north - south)
+    return west - margin, south - margin, east + margin, north + margin
 
 
 def _chosen_layer(path: Path, safe: Path, layer: str | None) -> str | None:

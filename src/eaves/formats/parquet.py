@@ -1,9 +1,10 @@
-"""Footprints as GeoParquet 1.1, by pyarrow, which the extra `parquet` installs."""
+"""Footprints as GeoParquet 1.1, written and read by pyarrow, which the extra `parquet` installs."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,18 @@ import shapely
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.errors import InputError
-from eaves.formats.geopackage import Row, column_of
+from eaves.formats.geopackage import Layer, Row, column_of
 from eaves.model import CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
 
 VERSION = "1.1.0"
 ROWS_A_GROUP = 50_000
 """Rows of a row group: a reader of one window reads only the groups whose boxes it touches."""
+
+
+Box = tuple[float, float, float, float]
+DEGREES = "OGC:CRS84"
+"""The system of a file that names none."""
 
 
 def require_pyarrow() -> None:
@@ -104,3 +110,89 @@ def geo_metadata(
         low, high = np.nanmin(corners[:, :2], axis=0), np.nanmax(corners[:, 2:], axis=0)
         column["bbox"] = [*low.tolist(), *high.tolist()]
     return {"version": VERSION, "primary_column": "geometry", "columns": {"geometry": column}}
+
+
+def parquet_layer(path: Path) -> Layer:
+    """The one layer of a GeoParquet file.
+
+    Raises
+    ------
+    InputError
+        When pyarrow is missing, or the file has no shapes.
+    """
+    with opened_parquet(path) as (file, about, crs):
+        names = [name for name in file.schema_arrow.names if name not in (about["primary_column"], "bbox")]
+        kinds = about["columns"][about["primary_column"]].get("geometry_types") or ["Polygon"]
+        return Layer(path.stem, ", ".join(kinds), tuple(names), file.metadata.num_rows, crs)
+
+
+def read_geoparquet(
+    path: Path, box_in: Callable[[str | None], Box | None]
+) -> tuple[dict[str, Any], np.ndarray[Any, Any], np.ndarray[Any, Any], list[Any]]:
+    """A GeoParquet file as pyogrio reads a layer: description, numbers of the rows from 1, shapes as WKB,
+    columns.
+
+    `box_in` gives the box wanted in the file's system, or None for all of it. Row groups outside it are not
+    read where the file has a column `bbox`. Lists and structures become JSON.
+
+    Raises
+    ------
+    InputError
+        When pyarrow is missing, or the file has no shapes as WKB.
+    """
+    import pyarrow
+    import pyarrow.compute as compute
+    import pyarrow.parquet
+
+    with opened_parquet(path) as (file, about, crs):
+        place, box, rows = about["primary_column"], box_in(crs), None
+        schema = file.schema_arrow
+        if box is not None and "bbox" in schema.names and pyarrow.types.is_struct(schema.field("bbox").type):
+            west, south, east, north = box
+            rows = (
+                (compute.field("bbox", "xmin") <= east)
+                & (compute.field("bbox", "xmax") >= west)
+                & (compute.field("bbox", "ymin") <= north)
+                & (compute.field("bbox", "ymax") >= south)
+            )
+        table = pyarrow.parquet.read_table(path, filters=rows, partitioning=None)
+    wkb = np.array(table.column(place).to_pylist() or [], dtype=object)
+    number = np.arange(1, len(wkb) + 1)
+    if box is not None and rows is None and len(wkb):
+        inside = shapely.intersects(shapely.from_wkb(wkb, on_invalid="ignore"), shapely.box(*box))
+        number, wkb, table = number[inside], wkb[inside], table.filter(pyarrow.array(inside))
+    names = [name for name in table.column_names if name not in (place, "bbox")]
+    columns = [plain_column(table.column(name)) for name in names]
+    return {"fields": names, "dtypes": ["object"] * len(names), "crs": crs}, number, wkb, columns
+
+
+def plain_column(column: Any) -> np.ndarray[Any, Any]:
+    """A column's values; lists and structures as JSON."""
+    values = np.empty(len(column), dtype=object)
+    values[:] = [
+        json.dumps(value, ensure_ascii=False, default=str) if isinstance(value, list | dict) else value
+        for value in column.to_pylist()
+    ]
+    return values
+
+
+@contextmanager
+def opened_parquet(path: Path) -> Iterator[tuple[Any, dict[str, Any], str | None]]:
+    """The file, its `geo` entry, and its reference system as text (None where it says there is none)."""
+    require_pyarrow()
+    import pyarrow
+    import pyarrow.parquet
+
+    refusal = InputError.about(path, "is no GeoParquet with shapes as WKB", "write it anew with GDAL")
+    try:
+        with pyarrow.parquet.ParquetFile(path) as file:
+            about = json.loads((file.schema_arrow.metadata or {})[b"geo"])
+            column = about["columns"][about["primary_column"]]
+            if column["encoding"] != "WKB" or about["primary_column"] not in file.schema_arrow.names:
+                raise refusal
+            told = column.get("crs", DEGREES)
+            yield file, about, None if told is None else told if isinstance(told, str) else json.dumps(told)
+    except (pyarrow.ArrowException, KeyError, TypeError, ValueError, OSError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise refusal from None

@@ -84,5 +84,14 @@ COLUMNS: dict[str, Column] = {
     "inlier_share": Column("Share of points on the face", "", "within 0.2 m"),
     "coverage": Column("Coverage", "", "share of the face's 1 m cells that hold a point"),
     "weak": Column("Weakness", "", "why the face is not supported by its points, in words"),
+    "given_attribution": Column(
+        "Attribution of the footprint", "", "whose map it is from, under which licence; name it with the data"
+    ),
+    "given_address": Column("Address", "", "as the map of the footprints has it"),
+    "given_addresses": Column("Addresses", "", "how many the map of the footprints has"),
+    "given_year_built": Column("Year built", "", "as the map of the footprints has it"),
+    "given_use": Column("Use", "", "as the map of the footprints has it"),
+    "given_storeys": Column("Storeys on the map", "", "as the map of the footprints has them"),
+    "given_map_height_m": Column("Height on the map", "m", "as the map of the footprints has it"),
     "tile": Column("Tile", "", "the tile of the run that holds the building"),
 }

@@ -64,7 +64,10 @@ def build(
     footprints : str, Path or None
         File of polygons to use as footprints instead of detected ones.
     id_field : str or None
-        Field of the footprints that holds their id.
+        Field of the footprints that holds their id; by default that of a known map, or they are numbered.
+    footprint_source : str or None
+        The map that footprints or party walls are from: bag, bgt, bdtopo, usa-structures, overture, osm,
+        microsoft; None is told by its columns, `none` takes polygons as they are.
     snap_footprints : bool
         Move given footprints to the eaves in the points.
     party_walls : str, Path or None

@@ -15,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
-from eaves.footprints.read import area_of, in_metres, read_area, read_footprints
+from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
 from eaves.formats import InputError
 from eaves.formats.crs_check import vertical_datum
 from eaves.formats.inputs import list_inputs
@@ -83,6 +83,9 @@ class RunOptions(TypedDict, total=False):
     """Polygons; points outside are not used."""
     footprints: str | Path | None
     id_field: str | None
+    footprint_source: str | None
+    """The map that footprints or party walls are from (`eaves.footprints.layouts`), told by its columns for
+    None; `none` takes polygons as they are."""
     snap_footprints: bool
     party_walls: str | Path | None
     """Polygons of addresses; the blocks that are detected are split along their borders."""
@@ -265,9 +268,11 @@ def open_run(
     window = Window(bounds, None if clip is None else read_area(Path(clip), index.system))
     known_polygons: list[Footprint] = []
     lost: list[Failure] = []
+    map_: Map | None = None
     if (path := footprints or party_walls) is not None:
+        map_ = recognise_map(Path(path), options.get("footprint_source"))
         area = area_of(index.entries["box"][index.entries["count"] > 0], window.bounds, window.clip)
-        known_polygons, lost = read_footprints(Path(path), options.get("id_field"), index.system, area)
+        known_polygons, lost = read_footprints(Path(path), options.get("id_field"), index.system, area, map_)
     classified = options.get("classified")
     if classified is not None and len(index) > 1:
         raise InputError(f"{classified}: one file cannot hold {len(index)} inputs; give a folder with -o")
@@ -278,7 +283,7 @@ def open_run(
         recipe=recipe,
         index=index,
         window=window,
-        plan=describe(index, recipe, options),
+        plan=describe(index, recipe, options, map_),
         side=options["block"],
         given=None if footprints is None else known_polygons,
         lost=() if footprints is None else tuple(lost),
@@ -368,7 +373,7 @@ def claim(folder: Path) -> None:
         ) from None
 
 
-def describe(index: Index, recipe: Recipe, options: RunOptions) -> dict[str, Any]:
+def describe(index: Index, recipe: Recipe, options: RunOptions, known: Map | None) -> dict[str, Any]:
     """What decides the result, as JSON: inputs with their hashes, methods with parameters, block, version."""
     methods = {
         stage: method and {"method": method.name, **method.model_dump(mode="json")}
@@ -394,6 +399,7 @@ def describe(index: Index, recipe: Recipe, options: RunOptions) -> dict[str, Any
         "clip": hash_of(options.get("clip")),
         "footprints": hash_of(options.get("footprints")),
         "id_field": options.get("id_field"),
+        "footprint_source": None if known is None else known.describe(),
         "snap_footprints": options["snap_footprints"],
         "party_walls": hash_of(options.get("party_walls")),
     }
