@@ -99,14 +99,20 @@ def test_error_of_the_command_is_the_error_of_the_tool(tmp_path: Path) -> None:
 
 def test_cancel_stops_the_command_as_ctrl_c_does(tmp_path: Path) -> None:
     script = (
-        "import time, sys\nprint('blocks: 1 of 2', flush=True)\n"
-        "try:\n    time.sleep(60)\nexcept KeyboardInterrupt:\n    print('clean', flush=True); sys.exit(130)\n"
+        "import time, sys\n"
+        "try:\n    print('blocks: 1 of 2', flush=True)\n    time.sleep(60)\nexcept KeyboardInterrupt:\n    print('clean', flush=True); sys.exit(130)\n"
     )
     feedback = Feedback()
-    threading.Timer(1.0, lambda: setattr(feedback, "cancelled", True)).start()
+
+    def cancel_once_it_runs() -> None:
+        while feedback.done == 0.0:
+            time.sleep(0.05)
+        feedback.cancelled = True
+
+    threading.Thread(target=cancel_once_it_runs, daemon=True).start()
     start = time.monotonic()
     assert commands.run_command(program(tmp_path, script), feedback) is False
-    assert time.monotonic() - start < 15 and "clean" in feedback.lines and feedback.done == 31.5
+    assert time.monotonic() - start < 50 and "clean" in feedback.lines and feedback.done == 31.5
 
 
 @pytest.fixture(scope="module")
