@@ -14,6 +14,7 @@ both call the stages (`ground`, `detect`, `outline`, `units`, `roof`, `reconstru
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -23,6 +24,7 @@ from typing import Unpack
 from eaves.formats.atomic import report_full_disk
 from eaves.model.summary import Summary
 from eaves.run.classified_points import PointSink
+from eaves.run.clock import Clock
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import end_manifest
 from eaves.run.outputs import write_outputs
@@ -82,7 +84,10 @@ def build(
         else:
             summary = build_whole(run, workers, progress, sink)
             if report is not None:
+                clock, before = Clock(), time.perf_counter()
                 summary = replace(summary, files=(*summary.files, report(summary)))
+                clock.lap("report")
+                summary = summary.with_step("report", clock.laps["report"], time.perf_counter() - before)
         if run.classified is None:
             end_manifest(run.folder, summary.files, summary.about, summary.complete)
         return summary
@@ -108,6 +113,7 @@ def build_region(region: Region, core: Core, sink: PointSink | None = None) -> S
     """
     region.open_store()
     region.partition()
+    region.budget.step("read")
     blocks = region.used_blocks()
     if core.loaded is None:
         region.check_points()
@@ -116,7 +122,9 @@ def build_region(region: Region, core: Core, sink: PointSink | None = None) -> S
         log.warning("no points left to use: see the bounds, the clip area and the files")
     plans = region.join(blocks, core)  # computes the blocks on the way
     plans = [plan for plan in plans if core.holds(plan.owner_block)]
+    region.budget.step("blocks")
     region.model(plans)
+    region.budget.step("buildings")
     summary = write_outputs(region, [block for block in blocks if core.holds(block)], plans, sink)
     if summary.complete:
         region.store.discard()

@@ -17,8 +17,10 @@ from eaves.cli.options import (
     Lod,
     MethodName,
     Out,
+    Outputs,
     PartyWalls,
     PerTile,
+    Profile,
     Quiet,
     RunWords,
     Snap,
@@ -27,7 +29,7 @@ from eaves.cli.options import (
     Units,
     with_run_words,
 )
-from eaves.cli.runs import finish, run_build, start_log
+from eaves.cli.runs import finish, names_in, run_build, start_log
 
 
 @with_run_words
@@ -52,6 +54,8 @@ def build(
     roof_method: MethodName = None,
     reconstruct_method: MethodName = None,
     formats: Formats = "",
+    outputs: Outputs = "",
+    profile: Profile = False,
     per_tile: PerTile = False,
     strict: Strict = False,
 ) -> None:
@@ -70,9 +74,12 @@ def build(
         footprint_source=footprint_source,
         snap_footprints=snap_footprints,
         party_walls=party_walls,
-        formats=tuple(name.strip() for name in formats.split(",") if name.strip()),
+        formats=names_in(formats),
+        outputs=names_in(outputs),
         per_tile=per_tile,
     )
+    if profile:
+        typer.echo(summary.profile(), err=True)
     finish(summary, words.quiet, strict)
 
 

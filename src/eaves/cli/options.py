@@ -77,6 +77,10 @@ Formats = Annotated[
         help="More formats, by commas: gpkg,citygml,citygml3,cityjson,obj,glb,3dtiles,geojson,fgb,parquet."
     ),
 ]
+Outputs = Annotated[
+    str, typer.Option(help="Only these, by commas: footprints,models,mask,rasters,classified,report.")
+]
+Profile = Annotated[bool, typer.Option("--profile", help="Also where the time went, by stage.")]
 SourceName = Annotated[
     str | None, typer.Option(help="A published system, whole; see `eaves methods --sources`.")
 ]

@@ -127,6 +127,11 @@ def parse_bounds(text: str | None) -> tuple[float, float, float, float] | None:
     return west, south, east, north
 
 
+def names_in(text: str) -> tuple[str, ...]:
+    """The names of an option, by commas."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
 def parse_classes(name: str, text: str | None) -> tuple[int, ...] | None:
     """The whole numbers of an option, by commas."""
     if text is None:
@@ -154,6 +159,7 @@ def run_build(
     from eaves.pipeline import build as build_files
     from eaves.report.build import build as build_with_report
     from eaves.run.recipe import make_recipe
+    from eaves.run.run import EVERYTHING
     from eaves.run.workers import import_pyogrio_alone
 
     import_pyogrio_alone()
@@ -173,8 +179,9 @@ def run_build(
     compiling = not compiled_pieces()
     if compiling and not words.quiet:
         typer.echo("compiling for this machine, only now: a minute or two before points are read", err=True)
+    reported = "report" in (options.get("outputs") or EVERYTHING)
     with progress_display(words.quiet, compiling) as progress:
-        return (build_files if options.get("outputs") else build_with_report)(
+        return (build_with_report if reported else build_files)(
             inputs,
             out,
             replace(recipe, detect=None) if ground_only else recipe,

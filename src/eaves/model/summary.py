@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,9 @@ class Summary:
     by_lod, failures, fallbacks : dict of str to int
         Models by level of detail; buildings without a model, and with a coarser one than asked for, by code.
     seconds : dict of str to float
-        Time (s) of each step, over all processes.
+        Processor time (s) of each stage, over all processes.
+    wall : dict of str to float
+        Time on the clock (s) of each step, where it was measured.
     elapsed : float
         Time (s) from start to end.
     files : tuple of Path
@@ -50,6 +52,7 @@ class Summary:
     files: tuple[Path, ...]
     failed: tuple[str, ...] = ()
     run: dict[str, Any] = field(default_factory=dict)
+    wall: dict[str, float] = field(default_factory=dict)
 
     @property
     def about(self) -> dict[str, Any]:
@@ -60,6 +63,28 @@ class Summary:
     def complete(self) -> bool:
         """Whether every block was computed and every file written."""
         return not self.failed
+
+    def with_step(self, name: str, cpu: float, wall: float) -> Summary:
+        """The same with one more step: its processor time and its time on the clock (s)."""
+        return replace(
+            self,
+            seconds={**self.seconds, name: round(cpu, 3)},
+            wall={**self.wall, name: round(wall, 3)},
+        )
+
+    def profile(self) -> str:
+        """Where the time went, as a table: processor time by stage, and time on the clock by step."""
+        total = sum(self.seconds.values()) or 1.0
+        rows = [
+            f"{name:<22}{cpu:>8.2f} s {100 * cpu / total:>5.1f} %"
+            for name, cpu in sorted(self.seconds.items(), key=lambda one: -one[1])
+        ]
+        lines = ["processor time", *rows, f"{'together':<22}{total:>8.2f} s"]
+        if self.points:
+            lines.append(f"{'a million points':<22}{1e6 * total / self.points:>8.2f} s")
+        if self.wall:
+            lines += ["on the clock", *(f"{name:<22}{wall:>8.2f} s" for name, wall in self.wall.items())]
+        return "\n".join(lines)
 
     def as_text(self) -> str:
         """A few lines for the screen."""

@@ -13,7 +13,7 @@ from eaves.report.notebook import Results
 from eaves.report.page_file import write_report
 from eaves.report.sample import PointSample
 from eaves.run.recipe import Recipe
-from eaves.run.run import Progress, RunOptions, list_options, no_progress
+from eaves.run.run import EVERYTHING, Progress, RunOptions, list_options, no_progress
 
 
 @list_options
@@ -75,7 +75,7 @@ def build(
     formats : sequence of str
         Further formats: `obj`, `glb`, `3dtiles`, `cityjson`, `geojson`, `fgb`, `parquet`.
     outputs : sequence of str
-        Outputs to write, of `footprints`, `models`, `mask`, `rasters`, `classified`.
+        Outputs to write, of `footprints`, `models`, `mask`, `rasters`, `classified`, `report`; all for none.
     block : float
         Side of a block (m, ≥ 6).
     jobs : int
@@ -118,6 +118,8 @@ def build(
     >>> (results.folder / "report.html").exists()
     True
     """
+    if "report" not in (options.get("outputs") or EVERYTHING):
+        return Results.of(build_files(inputs, out, recipe, progress, **options))
     sample = PointSample(POINTS_SHOWN, BUILDINGS_SHOWN)
     several = options.get("jobs", 1) != 1 or options.get("scheduler") is not None
 

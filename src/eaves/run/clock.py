@@ -1,8 +1,10 @@
-"""Processor time by stage."""
+"""Processor time by stage, and wall time by step."""
 
 from __future__ import annotations
 
 import time
+from collections import Counter
+from collections.abc import Mapping
 
 
 class Clock:
@@ -17,3 +19,42 @@ class Clock:
         now = time.process_time()
         self.laps[name] = self.laps.get(name, 0.0) + now - self._last
         self._last = now
+
+
+BLOCK_STAGES = ("ground", "rasters", "detect")
+"""What a block's clock books; the rest of its task is its points read and its part written."""
+
+
+class Budget:
+    """Where the time of a region goes: processor time of all its tasks, wall time of its steps.
+
+    The stages book their own time where they run (`Clock`); what is left of a task is its reading and writing.
+    """
+
+    def __init__(self) -> None:
+        self.cpu: Counter[str] = Counter()
+        self.wall: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def add(self, name: str, seconds: float) -> None:
+        """Book processor time (s) of a task under the name of its step."""
+        self.cpu[name] += seconds
+
+    def step(self, name: str) -> None:
+        """Book the wall time (s) since the last step under `name`."""
+        now = time.perf_counter()
+        self.wall[name] = round(self.wall.get(name, 0.0) + now - self._last, 3)
+        self._last = now
+
+    def with_stages(self, stages: Mapping[str, float]) -> dict[str, float]:
+        """Processor time (s) by stage; `stages` is what was booked inside the tasks."""
+        inside = {"blocks": 0.0, "buildings": 0.0}
+        for name, seconds in stages.items():
+            inside["blocks" if name in BLOCK_STAGES else "buildings"] += seconds
+        parts: dict[str, float] = {}
+        for name, seconds in self.cpu.items():
+            if name not in inside:
+                parts[name] = seconds
+            else:  # parts kept from an earlier run have stages, and no task of this one
+                parts[f"{name}, in and out"] = max(seconds - inside[name], 0.0)
+        return {name: round(seconds, 3) for name, seconds in {**stages, **parts}.items()}

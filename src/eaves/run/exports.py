@@ -43,18 +43,21 @@ MODEL_FILES: dict[str, tuple[Writer, str]] = {
 }
 
 
-def check_formats(names: Sequence[str]) -> None:
-    """Nothing, when every name is one of a format that can be written here.
+def check_formats(names: Sequence[str], outputs: Sequence[str] = ("footprints", "models")) -> None:
+    """Nothing, when every name is one of a format that can be written here, beside the `outputs` of the run.
 
     Raises
     ------
     ValueError
-        For an unknown name, or a format whose library is missing.
+        For an unknown name, a format whose library is missing, or one of what is not among the outputs.
     """
     choices = [*MODEL_FILES, *FOOTPRINT_FILES]
     for name in names:
         if name not in choices:
             raise ValueError(f"--formats {name}: unknown format; choose among: {', '.join(choices)}")
+        needed = "models" if name in MODEL_FILES else "footprints"
+        if needed not in outputs:
+            raise ValueError(f"--formats {name}: it is written with the {needed}; add {needed} to --outputs")
     if "parquet" in names:
         require_pyarrow()
 

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from eaves.model import Block, BuildingModel, Failure
-from eaves.run.party_wall_areas import PARTY_GAP, party_wall_area
+from eaves.run.party_wall_areas import PARTY_GAP, Walls, shared_area
 from eaves.run.store import Store
 
 HOMES_IN_MEMORY = 16
@@ -22,8 +22,9 @@ def party_walls(store: Store, owners: Sequence[Block]) -> list[float | None]:
     """
 
     @lru_cache(maxsize=HOMES_IN_MEMORY)
-    def load(owner: int) -> list[BuildingModel | Failure]:
-        return list(store.answers([owners[owner]]))
+    def load(owner: int) -> list[Walls | None]:
+        """The walls of an owner block's buildings: measured once, for a building has several neighbours."""
+        return [walls_of(answer) for answer in store.answers([owners[owner]])]
 
     places: list[tuple[int, int]] = []
     polygons = []
@@ -42,15 +43,17 @@ def party_walls(store: Store, owners: Sequence[Block]) -> list[float | None]:
     ]
 
 
+def walls_of(answer: BuildingModel | Failure) -> Walls | None:
+    """The walls of a building that has solids."""
+    return Walls.of(answer) if isinstance(answer, BuildingModel) and answer.solids else None
+
+
 def shared_by(
-    place: tuple[int, int],
-    near: Sequence[tuple[int, int]],
-    load: Callable[[int], list[BuildingModel | Failure]],
+    place: tuple[int, int], near: Sequence[tuple[int, int]], load: Callable[[int], list[Walls | None]]
 ) -> float | None:
     """The party walls (m²) of the building at `place`, a owner and a number in it, with those `near` it."""
-    model = load(place[0])[place[1]]
-    if not isinstance(model, BuildingModel) or not model.solids:
+    mine = load(place[0])[place[1]]
+    if mine is None:
         return None
-    answers = [load(owner)[number] for owner, number in near if (owner, number) != place]
-    models = [answer for answer in answers if isinstance(answer, BuildingModel)]
-    return round(party_wall_area(model, models), 2)
+    others = [load(owner)[number] for owner, number in near if (owner, number) != place]
+    return round(shared_area(mine, [walls for walls in others if walls is not None]), 2)

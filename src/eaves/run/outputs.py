@@ -20,6 +20,7 @@ from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.block_file import BlockMetadata
 from eaves.run.classified_points import PointSink, write_points
+from eaves.run.clock import Clock
 from eaves.run.doubts import LAYER, describe_doubts, doubt_rows
 from eaves.run.exports import export_footprints, export_models
 from eaves.run.join import OwnedBuildings
@@ -112,8 +113,10 @@ def write_outputs(
     """
     run, store, workers, progress = region.run, region.store, region.workers, region.progress
     owners = [plan.owner_block for plan in plans]
-    steps = [name for name in EVERYTHING if name in run.outputs]
+    steps = [name for name in EVERYTHING if name in run.outputs and name != "report"]
+    clock = Clock()
     shared = party_walls(store, owners) if {"footprints", "models"} & set(steps) else []
+    clock.lap("party walls")
     metadata = read_metadata(store, blocks)
     doubts = doubt_rows((doubt for one in metadata for doubt in one.doubts), run.side)
     used = [one.block for one in metadata]
@@ -129,15 +132,18 @@ def write_outputs(
     work = partial(write_output, results=results, sink=sink)
     for outcome in workers.run(work, order) if workers.started else ():
         region.peak = max(region.peak, outcome.peak_mb)
+        region.budget.add(f"write {order[outcome.index]}", outcome.cpu)
         if outcome.answer is not None:
             written[order[outcome.index]], filled = outcome.answer
             if sink is not None and filled is not None:
                 sink.take_from(filled)
             note(run, written[order[outcome.index]])
             progress("write", len(written), len(steps))
+    clock.lap("summary")
     for step in steps:
         if step not in written:  # what failed in another process is tried here, where its error can be raised
             written[step] = write_output(step, results, sink)[0]
+            clock.lap(f"write {step}")
             note(run, written[step])
             progress("write", len(written), len(steps))
 
@@ -145,6 +151,9 @@ def write_outputs(
     if "footprints" in steps:
         files.append(write_map(run.folder, files, store.system))
     clear_leftovers(files)
+    clock.lap("summary")
+    region.budget.cpu.update(clock.laps)
+    region.budget.step("write")
     summary = summarise(region, metadata, owners, files)
     where = LAYER if "footprints" in steps else "run.json" if run.classified is None else ""
     told = describe_doubts(doubts, store.system.horizontal_unit_m, where)
@@ -186,6 +195,7 @@ def write_run(summary: Summary) -> None:
         "failures": summary.failures,
         "fallbacks": summary.fallbacks,
         "stage_cpu_seconds": summary.seconds,
+        "step_wall_seconds": summary.wall,
         "elapsed_seconds": round(summary.elapsed, 2),
         "incomplete": list(summary.failed),
     }
@@ -229,7 +239,8 @@ def summarise(
         by_lod=dict(sorted(by_lod.items(), reverse=True)),
         failures=dict(sorted(failures.items())),
         fallbacks=dict(sorted(fallbacks.items())),
-        seconds={name: round(value, 3) for name, value in seconds.items()},
+        seconds=region.budget.with_stages(seconds),
+        wall=region.budget.wall,
         elapsed=time.time() - run.started,
         files=tuple(files),
         failed=tuple(region.failed),

@@ -23,30 +23,38 @@ MOST_TURN_DEG = 5.0
 
 @dataclass(frozen=True, eq=False)
 class Walls:
-    """Walls as upright polygons: `start`, `end` (W, 2) in plan about a common origin, `outward` (W, 2) unit
-    normals, `corners` the corners (K, 3) of each.
+    """Walls as upright polygons: `start`, `end` (W, 2) in plan about `origin` (world metres), `outward` (W, 2)
+    unit normals, `corners` the corners (K, 3) of each.
     """
 
+    origin: tuple[float, float]
     start: NDArray[np.float64]
     end: NDArray[np.float64]
     outward: NDArray[np.float64]
     corners: tuple[NDArray[np.float64], ...]
 
     @classmethod
-    def of(cls, model: BuildingModel, origin: tuple[float, float]) -> Walls:
-        """The walls of a model's finest level, about `origin` (world metres)."""
-        shift = np.array([*np.subtract(model.footprint.origin, origin), 0.0])
+    def of(cls, model: BuildingModel) -> Walls:
+        """The walls of a model's finest level, about the origin of its footprint."""
         corners, outward = [], []
         for solid in model.solids.get(model.lod, ()):
             for face, vector in zip(solid.faces, face_vectors(solid), strict=True):
                 size = float(np.hypot(vector[0], vector[1]))
                 if face.surface == WALL_SURFACE and size > 0.0:
-                    corners.append(solid.vertices[list(face.rings[0])] + shift)
+                    corners.append(solid.vertices[list(face.rings[0])])
                     outward.append(vector[:2] / size)
         start = [places[0, :2] for places in corners]
         far = [np.hypot(*(places[:, :2] - places[0, :2]).T).argmax() for places in corners]
         end = [places[last, :2] for places, last in zip(corners, far, strict=True)]
-        return cls(pairs(start), pairs(end), pairs(outward), tuple(corners))
+        return cls(model.footprint.origin, pairs(start), pairs(end), pairs(outward), tuple(corners))
+
+    def about(self, origin: tuple[float, float]) -> Walls:
+        """The same walls about another origin (world metres)."""
+        shift = np.array([*np.subtract(self.origin, origin), 0.0])
+        if not shift.any():
+            return self
+        moved = tuple(places + shift for places in self.corners)
+        return Walls(origin, self.start + shift[:2], self.end + shift[:2], self.outward, moved)
 
     def lines(self) -> NDArray[np.object_]:
         """The walls in plan (W,)."""
@@ -59,18 +67,22 @@ def pairs(rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 
 def party_wall_area(model: BuildingModel, neighbours: Sequence[BuildingModel]) -> float:
-    """Area (m²) of the model's walls that walls of its `neighbours` stand against, at their finest levels.
+    """Area (m²) of the model's walls that walls of its `neighbours` stand against, at their finest levels."""
+    return shared_area(Walls.of(model), [Walls.of(neighbour) for neighbour in neighbours])
+
+
+def shared_area(mine: Walls, others: Sequence[Walls]) -> float:
+    """Area (m²) of walls that others stand against.
 
     Two walls stand against each other where they face each other at most `PARTY_GAP` apart; what of one
     rises above the other is not shared.
     """
-    mine = Walls.of(model, model.footprint.origin)
     covers: list[list[BaseGeometry]] = [[] for _ in mine.corners]
     if not covers:
         return 0.0
     tree = shapely.STRtree(mine.lines())
-    for neighbour in neighbours:
-        walls = Walls.of(neighbour, model.footprint.origin)
+    for neighbour in others:
+        walls = neighbour.about(mine.origin)
         if not walls.corners:
             continue
         theirs, own = tree.query(walls.lines(), predicate="dwithin", distance=PARTY_GAP)

@@ -19,7 +19,7 @@ from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.raster.surfaces import CELL
 from eaves.run.block import block_pass
 from eaves.run.building import broken_result, building_pass, draw_footprints
-from eaves.run.clock import Clock
+from eaves.run.clock import Budget, Clock
 from eaves.run.gather import Gatherer
 from eaves.run.index import Index
 from eaves.run.join import (
@@ -70,6 +70,7 @@ class Region:
         self.run, self.workers, self.progress = run, workers, progress
         self.failed: list[str] = list(run.failed)
         self.peak = peak_memory_mb()
+        self.budget = Budget()
         self.wrong_boxes: dict[int, Bounds] = {}
         self.blocks: Sequence[Block] = ()
         self.points = run.index.points
@@ -112,6 +113,7 @@ class Region:
         changed = False
         for outcome in workers.run(work, todo):
             part: FileSlice = todo[outcome.index]
+            self.budget.add("read", outcome.cpu)
             if outcome.answer is None:
                 self.note(outcome, str(part.path))
                 unread[part.number] = self.failed.pop()
@@ -220,6 +222,7 @@ class Region:
         work = partial(compute_block, store=self.store, recipe=self.run.recipe)
         for done, outcome in enumerate(self.workers.run(work, left), 1):
             self.note(outcome, f"block {left[outcome.index].name}")
+            self.budget.add("blocks", outcome.cpu)
             self.progress("blocks", done, len(left))
 
     def find_wide(self, blocks: Sequence[Block]) -> None:
@@ -234,9 +237,11 @@ class Region:
         floors = [block for block in near if not store.has("floors", block)]
         for outcome in self.workers.run(partial(keep_floor, store=store), floors):
             self.note(outcome, f"floor of block {floors[outcome.index].name}")
+            self.budget.add("wide", outcome.cpu)
         work = partial(keep_square, store=store, side=side, ground=recipe.ground)
         for outcome in self.workers.run(work, squares):
             self.note(outcome, f"square {squares[outcome.index].name}")
+            self.budget.add("wide", outcome.cpu)
 
     def model(self, plans: Sequence[OwnedBuildings]) -> None:
         """The building pass for those owner blocks that have not been computed."""
@@ -247,6 +252,7 @@ class Region:
         )
         for done, outcome in enumerate(self.workers.run(work, left), 1):
             self.note(outcome, f"buildings of block {left[outcome.index].owner_block.name}")
+            self.budget.add("buildings", outcome.cpu)
             self.progress("buildings", done, len(left))
 
     def note(self, outcome: Outcome, what: str) -> None:
@@ -297,8 +303,9 @@ def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: 
     buildings = [building for building in gathered if not isinstance(building, Failure)]
     clock = Clock()
     footprints = draw_all(buildings, recipe)
-    buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
     clock.lap("outline")
+    buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
+    clock.lap("units")
     for building, footprint in zip(buildings, footprints, strict=True):
         try:
             results.append(building_pass(building, footprint, recipe, store.system.horizontal_unit_m))

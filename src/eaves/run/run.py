@@ -9,7 +9,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from glob import escape
 from importlib.metadata import version
 from pathlib import Path
@@ -32,8 +32,8 @@ from eaves.run.recipe import Recipe, make_recipe
 
 log = logging.getLogger("eaves")
 
-EVERYTHING = ("footprints", "models", "mask", "rasters", "classified")
-"""The outputs there are; see `eaves.run.outputs`."""
+EVERYTHING = ("footprints", "models", "mask", "rasters", "classified", "report")
+"""The outputs there are; see `eaves.run.outputs`, and `eaves.report` for the last."""
 BOUNDS_LENGTH = 4
 """West, south, east, north."""
 TILES_ABOVE = 2_000_000_000
@@ -92,7 +92,7 @@ class RunOptions(TypedDict, total=False):
     formats: Sequence[str]
     """Names of further formats (`eaves.run.exports`)."""
     outputs: Sequence[str]
-    """Names of the outputs to write (`EVERYTHING`); all for none."""
+    """Names of the outputs to write (`EVERYTHING`); all for none. What only others need is not computed."""
     block: float
     """Side of a block (m)."""
     jobs: int
@@ -243,8 +243,10 @@ def open_run(
         )
     memory = parse_memory(options.get("memory"))
     check_options(options)
-    formats = tuple(options.get("formats") or ())
-    check_formats(formats)
+    formats, outputs = tuple(options.get("formats") or ()), tuple(options.get("outputs") or EVERYTHING)
+    check_formats(formats, outputs)
+    if "classified" not in outputs:
+        recipe = replace(recipe, vegetation=None)
     footprints, party_walls = options.get("footprints"), options.get("party_walls")
     if footprints is not None and party_walls is not None:
         raise InputError(
@@ -290,7 +292,7 @@ def open_run(
         snap_footprints=options["snap_footprints"],
         addresses=() if party_walls is None else known_polygons,
         formats=formats,
-        outputs=tuple(options.get("outputs") or EVERYTHING),
+        outputs=outputs,
         classified=classified,
         jobs=options["jobs"] or (os.cpu_count() or 1 if index.points > PROCESSES_ABOVE else 1),
         scheduler=options.get("scheduler"),
@@ -317,6 +319,7 @@ def check_options(options: RunOptions) -> None:
         When a block or bounds are numbers that no run can use.
     """
     check_positive(options["block"], "block")
+    check_outputs(options.get("outputs") or EVERYTHING)
     jobs = options["jobs"]
     if not isinstance(jobs, int) or jobs < 0:
         raise ValueError(f"jobs must be a whole number, not {jobs!r}; 0 chooses for you")
@@ -403,6 +406,21 @@ def describe(index: Index, recipe: Recipe, options: RunOptions, known: Map | Non
         "snap_footprints": options["snap_footprints"],
         "party_walls": hash_of(options.get("party_walls")),
     }
+
+
+def check_outputs(names: Sequence[str]) -> None:
+    """Check the names of the outputs, and that what one is made of is among them.
+
+    Raises
+    ------
+    InputError
+        When one does not exist, or the report is asked for without the footprints.
+    """
+    for name in names:
+        if name not in EVERYTHING:
+            raise InputError(f"--outputs {name}: unknown output; choose among: {', '.join(EVERYTHING)}")
+    if "report" in names and "footprints" not in names:
+        raise InputError("--outputs report: the page is made of the other files; add footprints and models")
 
 
 def hash_of(path: str | Path | None) -> str | None:

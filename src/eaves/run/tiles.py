@@ -146,7 +146,7 @@ class TileTasks(Sequence[TileTask]):
             plan={**self.run.plan, **index.describe(), "tile": tile.name},
             lost=(),
             failed=(),
-            outputs=WANTED,
+            outputs=tuple(name for name in WANTED if name in ("footprints", *self.run.outputs)),
         )
         return TileTask(tile, mine, tuple(int(number) for number in numbers), ring)
 

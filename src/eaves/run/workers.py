@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -42,6 +43,8 @@ class Outcome:
     full: bool = False
     """Whether the error was a full disk."""
     peak_mb: float = 0.0
+    cpu: float = 0.0
+    """Processor time (s) it took."""
 
 
 def peak_memory_mb() -> float:
@@ -61,8 +64,10 @@ def peak_memory_mb() -> float:
 
 def attempt(work: Callable[[Task], Any], index: int, task: Task) -> Outcome:
     """Do one task; an error of its own becomes part of the outcome, so the others go on."""
+    before = time.process_time()
     try:
-        return Outcome(index, work(task), peak_mb=peak_memory_mb())
+        answer = work(task)
+        return Outcome(index, answer, peak_mb=peak_memory_mb(), cpu=time.process_time() - before)
     except Exception as error:
         if is_interrupt(error):
             raise KeyboardInterrupt from None
