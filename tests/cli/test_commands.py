@@ -304,3 +304,33 @@ def test_memory_that_runs_out_is_one_line(
         cli.main()
     assert end.value.code == 1
     assert "memory ran out (Unable to allocate 8 TB)" in capsys.readouterr().err
+
+
+def test_only_the_outputs_asked_for_are_written_and_the_time_is_shown(
+    nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    done = eaves("build", nine_roofs_file, "-o", out, "-q", "--outputs", "footprints,rasters", "--profile")
+    assert done.returncode == 0
+    there = {path.name for path in out.iterdir()}
+    assert there == {"footprints.gpkg", "buildings.qgz", "dtm.tif", "dsm.tif", "run.json", "manifest.json"}
+    assert "write rasters" in done.stderr and "write models" not in done.stderr
+    kept = json.loads((out / "run.json").read_text("utf-8"))
+    assert set(kept["step_wall_seconds"]) == {"read", "blocks", "buildings", "write"}
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["--outputs", "models,paper"], "paper: unknown output"),
+        (["--outputs", "report"], "add footprints"),
+        (["--outputs", "footprints", "--formats", "obj"], "add models"),
+    ],
+)
+def test_outputs_that_cannot_be_are_refused(
+    words: list[str], reason: str, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    done = eaves("build", nine_roofs_file, "-o", tmp_path / "out", *words)
+    assert done.returncode == 2
+    assert reason in one_line(done)
+    assert not (tmp_path / "out").exists()

@@ -28,7 +28,7 @@ BLOCK_STAGES = ("ground", "rasters", "detect")
 class Budget:
     """Where the time of a region goes: processor time of all its tasks, wall time of its steps.
 
-    The stages book their own time where they run (`Clock`); what is left of a task is its reading and writing.
+    The stages book their own time where they run (`Clock`); the rest of a task is its reading and writing.
     """
 
     def __init__(self) -> None:

@@ -23,8 +23,8 @@ MOST_TURN_DEG = 5.0
 
 @dataclass(frozen=True, eq=False)
 class Walls:
-    """Walls as upright polygons: `start`, `end` (W, 2) in plan about `origin` (world metres), `outward` (W, 2)
-    unit normals, `corners` the corners (K, 3) of each.
+    """Walls as upright polygons: `start`, `end` (W, 2) in plan about `origin` (world metres), `outward`
+    (W, 2) unit normals, `corners` the corners (K, 3) of each.
     """
 
     origin: tuple[float, float]
