@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Mapping
 
 
@@ -32,13 +31,13 @@ class Budget:
     """
 
     def __init__(self) -> None:
-        self.cpu: Counter[str] = Counter()
+        self.cpu: dict[str, float] = {}
         self.wall: dict[str, float] = {}
         self._last = time.perf_counter()
 
     def add(self, name: str, seconds: float) -> None:
         """Book processor time (s) of a task under the name of its step."""
-        self.cpu[name] += seconds
+        self.cpu[name] = self.cpu.get(name, 0.0) + seconds
 
     def step(self, name: str) -> None:
         """Book the wall time (s) since the last step under `name`."""

@@ -152,7 +152,8 @@ def write_outputs(
         files.append(write_map(run.folder, files, store.system))
     clear_leftovers(files)
     clock.lap("summary")
-    region.budget.cpu.update(clock.laps)
+    for name, spent in clock.laps.items():
+        region.budget.add(name, spent)
     region.budget.step("write")
     summary = summarise(region, metadata, owners, files)
     where = LAYER if "footprints" in steps else "run.json" if run.classified is None else ""
