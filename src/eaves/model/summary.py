@@ -21,8 +21,6 @@ class Summary:
         Models by level of detail; buildings without a model, and with a coarser one than asked for, by code.
     seconds : dict of str to float
         Processor time (s) of each stage, over all processes.
-    wall : dict of str to float
-        Time on the clock (s) of each step, where it was measured.
     elapsed : float
         Time (s) from start to end.
     files : tuple of Path
@@ -31,6 +29,8 @@ class Summary:
         Inputs and blocks that could not be used, with the reason.
     run : dict
         The content of run.json.
+    wall : dict of str to float
+        Time on the clock (s) of each step, where it was measured.
 
     Examples
     --------

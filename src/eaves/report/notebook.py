@@ -37,7 +37,7 @@ class Results(Summary):
     by_lod, failures, fallbacks : dict of str to int
         Models by level of detail; buildings without a model, and with a coarser one than asked for, by code.
     seconds : dict of str to float
-        Time (s) of each step, over all processes.
+        Processor time (s) of each stage, over all processes.
     elapsed : float
         Time (s) from start to end.
     files : tuple of Path
@@ -46,6 +46,8 @@ class Results(Summary):
         Inputs and blocks that could not be used, with the reason.
     run : dict
         The content of run.json.
+    wall : dict of str to float
+        Time on the clock (s) of each step, where it was measured.
 
     Examples
     --------
