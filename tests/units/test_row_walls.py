@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from shapely import box
 
 from eaves.units import divide_block
+from eaves.units.row_walls.evidence import USUAL_NOISE_M, roof_noise
 
 HOUSE, DEPTH, SLOPE = 6.0, 9.0, 0.8
 
@@ -53,6 +54,49 @@ def test_the_parts_fill_the_block_and_share_their_walls() -> None:
 def test_a_row_without_any_sign_stays_whole() -> None:
     points = scanned_row([0.0] * 5)
     assert len(divide_block(points, points[:, 2], box(0, 0, 5 * HOUSE, DEPTH), 0.3).parts) == 1
+
+
+def depth_row(
+    jog: float, plan_noise: float = 0.0, density: float = 10.0, seed: int = 1
+) -> tuple[NDArray[np.float64], list[shapely.Polygon]]:
+    """Points and houses of one even roof; every other house is deeper by `jog` on the street and behind."""
+    rng = np.random.default_rng(seed)
+    push = [jog * (k % 2) for k in range(6)]
+    houses = [box(k * HOUSE, -push[k], (k + 1) * HOUSE, DEPTH + push[k]) for k in range(6)]
+    xy = rng.uniform((0.0, -1.0), (6 * HOUSE, DEPTH + 1.0), (round(6 * HOUSE * (DEPTH + 2.0) * density), 2))
+    xy = xy[shapely.contains_xy(shapely.union_all(houses), xy)]
+    z = 6.0 + SLOPE * np.minimum(xy[:, 1], DEPTH - xy[:, 1]) + rng.normal(0, 0.03, len(xy))
+    return np.column_stack([xy + rng.normal(0, plan_noise, xy.shape), z]), houses
+
+
+@pytest.mark.parametrize("density", [5.0, 10.0])
+def test_houses_that_differ_only_in_depth_are_divided_at_their_jogs(density: float) -> None:
+    points, houses = depth_row(0.3, density=density)
+    outline = shapely.union_all(houses)
+    parts = divide_block(points, points[:, 2], outline, density**-0.5).parts
+    assert len(parts) == 6
+    assert np.allclose(walls_of(parts), HOUSE * np.arange(1, 6), atol=0.6)
+
+
+def test_a_row_without_jogs_stays_whole__noise_8cm() -> None:
+    points, houses = depth_row(0.0, plan_noise=0.1)
+    assert len(divide_block(points, points[:, 2], shapely.union_all(houses), 0.3).parts) == 1
+
+
+def test_the_noise_of_roofs_is_measured() -> None:
+    for noise in (0.05, 0.1):
+        points = scanned_row([0.0] * 4, noise=noise)
+        assert roof_noise(points) == pytest.approx(noise, rel=0.15)
+    assert roof_noise(scanned_row([0.0], noise=0.01)) == USUAL_NOISE_M
+
+
+def test_one_bay_is_no_wall() -> None:
+    points, _ = depth_row(0.0)
+    rng = np.random.default_rng(5)
+    bay = np.column_stack([rng.uniform(8.0, 11.0, 18), rng.uniform(-0.6, 0.0, 18), np.full(18, 5.8)])
+    both = np.vstack([points, bay])
+    outline = shapely.union_all([box(0, 0, 6 * HOUSE, DEPTH), box(8.0, -0.6, 11.0, 0.1)])
+    assert len(divide_block(both, both[:, 2], outline, 0.3).parts) == 1
 
 
 def test_parapets_on_the_walls_divide_a_row_of_one_height() -> None:

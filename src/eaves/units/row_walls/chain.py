@@ -11,15 +11,26 @@ from eaves.model import Values
 NEAR = 2
 """Divisions with a wall within so many steps agree on it."""
 
+LEAST = 1e-300
+"""What cannot be is this likely, so that its logarithm is finite."""
 
-def best_walls(odds: Values, width_odds: Values) -> tuple[NDArray[np.int64], Values]:
+
+def no_edges(odds: Values) -> NDArray[np.float64]:
+    """The edge odds (S + 1, S + 1) of a row whose edges do not count: 1 everywhere."""
+    return np.broadcast_to(np.ones(1), (len(odds), len(odds)))
+
+
+def best_walls(
+    odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], Values]:
     """The steps (W,) at which the best division has its walls, and the probability of a wall near each (W,).
 
-    `odds` (S + 1,) are the odds of a wall at each step, `width_odds` (S + 1,) what a unit of so many steps
-    multiplies them by. The division with the greatest product is found by dynamic programming, the
-    probabilities by the forward-backward sums over all divisions [rabiner1989].
+    `odds` (S + 1,) are the odds of a wall at each step; a unit multiplies them by its `width_odds` (S + 1,)
+    and its `edge_odds` (S + 1, K; first step, steps), and has less than K steps. The division with the
+    greatest product is found by dynamic programming, the probabilities by the forward-backward sums over all
+    divisions [rabiner1989].
     """
-    before = best_kernel(np.log(odds), np.log(np.maximum(width_odds, 1e-300)))
+    before = best_kernel(odds, width_odds, edge_odds)
     walls = []
     step = int(before[-1])
     while step > 0:
@@ -28,49 +39,61 @@ def best_walls(odds: Values, width_odds: Values) -> tuple[NDArray[np.int64], Val
     found = np.array(walls[::-1], np.int64)
     if len(found) == 0:
         return found, np.zeros(0)
-    forward = forward_kernel(odds, width_odds)
-    backward = forward_kernel(odds[::-1].copy(), width_odds)[::-1]
-    # an inner step counts its own odds in both directions
-    chance = forward * backward / odds / forward[-1]
+    forward = forward_kernel(odds, width_odds, edge_odds)
+    chance = forward * backward_kernel(odds, width_odds, edge_odds) / forward[-1]
     chance[[0, -1]] = 0.0
     sums = np.concatenate([[0.0], np.cumsum(chance)])
     low, high = np.maximum(found - NEAR, 0), np.minimum(found + NEAR + 1, len(chance))
     return found, np.minimum(sums[high] - sums[low], 1.0)
 
 
-def total_of(odds: Values, width_odds: Values) -> float:
+def total_of(odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]) -> float:
     """Logarithm of the sum over all divisions of their products."""
-    return float(np.log(forward_kernel(odds, width_odds)[-1]))
+    return float(np.log(max(forward_kernel(odds, width_odds, edge_odds)[-1], LEAST)))
 
 
 @njit(cache=True)
-def forward_kernel(odds: Values, width_odds: Values) -> Values:
+def forward_kernel(odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]) -> Values:
     """For each step the sum over all divisions up to it that have a wall there; the first and the last
     step are walls of odds 1.
     """
-    count = len(odds)
+    count, most = edge_odds.shape
     total = np.zeros(count)
     total[0] = 1.0
     for end in range(1, count):
         own = 0.0
-        for start in range(end):
-            own += total[start] * width_odds[end - start]
+        for start in range(max(end - most + 1, 0), end):
+            own += total[start] * (width_odds[end - start] * edge_odds[start, end - start])
         total[end] = own * odds[end] if end < count - 1 else own
     return total
 
 
 @njit(cache=True)
-def best_kernel(log_odds: Values, log_width: Values) -> NDArray[np.int64]:
+def backward_kernel(odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]) -> Values:
+    """For each step the sum over all divisions after it, its own odds left out."""
+    count, most = edge_odds.shape
+    total = np.zeros(count)
+    total[count - 1] = 1.0
+    for start in range(count - 2, -1, -1):
+        for end in range(start + 1, min(start + most, count)):
+            own = odds[end] if end < count - 1 else 1.0
+            total[start] += width_odds[end - start] * edge_odds[start, end - start] * own * total[end]
+    return total
+
+
+@njit(cache=True)
+def best_kernel(odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]) -> NDArray[np.int64]:
     """For each step the wall before it in the best division that has a wall there."""
-    count = len(log_odds)
+    count, most = edge_odds.shape
     best = np.full(count, -np.inf)
     before = np.zeros(count, np.int64)
     best[0] = 0.0
     for end in range(1, count):
-        for start in range(end):
-            score = best[start] + log_width[end - start]
+        for start in range(max(end - most + 1, 0), end):
+            unit = width_odds[end - start] * edge_odds[start, end - start]
+            score = best[start] + np.log(max(unit, LEAST))
             if score > best[end]:
                 best[end], before[end] = score, start
         if end < count - 1:
-            best[end] += log_odds[end]
+            best[end] += np.log(odds[end])
     return before

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from eaves.geometry.planes import CALM_QUANTILE, measure_noise
 from eaves.model import Mask, Points
 from eaves.units.row_walls.rows import CELL_M, Row
 
@@ -30,6 +31,17 @@ CROSSING_M = 0.6
 LEAST_SPREAD = 0.015
 """Points whose variance along a direction (m²) is less show no slope along it."""
 
+PATCH_M = 1.5
+"""Side of the squares in which the noise of the roofs is measured: most of them lie on one plane."""
+
+PATCH_POINTS = 6
+"""Squares with fewer points do not measure it."""
+
+USUAL_NOISE_M = 0.03
+"""Noise of the scans that the weights were learned on. Roofs of tiles and gutters are no flatter: a scan of less
+noise is judged as one of this, and so is one that no square has points enough to measure.
+"""
+
 SIGNS = (
     "step",
     "stepped share",
@@ -46,6 +58,32 @@ SIGNS = (
 )
 COLUMNS = 12
 """The columns of `wall_signs`."""
+
+
+def roof_noise(points: Points) -> float:
+    """Standard deviation (m) in height of points (N, 3) about their roofs, from planes in small squares; at least
+    `USUAL_NOISE_M`.
+    """
+    cell = np.floor(points[:, :2] / PATCH_M).astype(np.int64)
+    _, patch, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+    full = count >= PATCH_POINTS
+    if not full.any():
+        return USUAL_NOISE_M
+    patch = patch.ravel()
+    local = np.column_stack([points[:, :2] - (cell + 0.5) * PATCH_M, np.ones(len(points))])
+    middle = np.bincount(patch, points[:, 2]) / count
+    z = points[:, 2] - middle[patch]
+    normal = np.zeros((len(count), 3, 3))
+    right = np.zeros((len(count), 3))
+    for i in range(3):
+        right[:, i] = np.bincount(patch, local[:, i] * z)
+        for j in range(3):
+            normal[:, i, j] = np.bincount(patch, local[:, i] * local[:, j])
+    normal[:, [0, 1], [0, 1]] += 1e-6
+    plane = np.linalg.solve(normal[full], right[full, :, None])[:, :, 0]
+    left = np.bincount(patch, z * z)[full] - (plane * right[full]).sum(axis=1)
+    measured = measure_noise(np.maximum(left, 0.0) / count[full], count[full], CALM_QUANTILE)
+    return max(measured, USUAL_NOISE_M)
 
 
 def wall_signs(row: Row, points: Points, noise: float) -> NDArray[np.float64]:

@@ -25,7 +25,12 @@ class MergeLimits:
 
 
 def merged_units(
-    plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], points: Points, limits: MergeLimits
+    plan: Plan,
+    label: NDArray[np.int32],
+    rows: Sequence[RowUnits],
+    points: Points,
+    noise: float,
+    limits: MergeLimits,
 ) -> tuple[NDArray[np.int32], list[RowUnits]]:
     """The labels with the units of later rows given to those of earlier ones where no wall is seen between
     them, numbered without gaps.
@@ -56,7 +61,7 @@ def merged_units(
                 break
             if target[unit] != unit and not (alone[unit - 1] and alone[other - 1]):
                 continue
-            if border_odds(plan, places, points, limits.beside) < limits.odds:
+            if border_odds(plan, places, points, noise, limits.beside) < limits.odds:
                 one, two = sorted((head_of(target, unit), head_of(target, other)))
                 target[two] = one
     target = np.array([head_of(target, unit) for unit in range(count + 1)])
@@ -95,7 +100,9 @@ def borders_between(label: NDArray[np.int32]) -> dict[tuple[int, int], NDArray[n
     }
 
 
-def border_odds(plan: Plan, places: NDArray[np.float64], points: Points, beside: float) -> float:
+def border_odds(
+    plan: Plan, places: NDArray[np.float64], points: Points, noise: float, beside: float
+) -> float:
     """Log-odds of a wall along the border through places (M, 2; row, column), from the points nearer than
     `beside` (m).
     """
@@ -111,5 +118,5 @@ def border_odds(plan: Plan, places: NDArray[np.float64], points: Points, beside:
     row = Row(
         centre - beside * along, along, across, np.full(steps, t.min()), np.full(steps, t.max() + CELL_M)
     )
-    odds = wall_odds(wall_signs(row, points, 0.03))
+    odds = wall_odds(wall_signs(row, points, noise))
     return float(odds[steps // 2 - 2 : steps // 2 + 3].max())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -11,12 +12,13 @@ from shapely import Polygon
 
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Points, Values
-from eaves.units.row_walls.chain import best_walls, total_of
+from eaves.units.row_walls.chain import best_walls, no_edges, total_of
 from eaves.units.row_walls.division import RowUnits, divide_outline, label_cells
-from eaves.units.row_walls.evidence import wall_odds, wall_signs
+from eaves.units.row_walls.edges import EdgeLimits, edge_gains
+from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
 from eaves.units.row_walls.merging import MergeLimits, merged_units
 from eaves.units.row_walls.rows import CELL_M, Plan, Row, RowLimits, rows_of
-from eaves.units.row_walls.volumes import VolumeLimits, main_volumes
+from eaves.units.row_walls.volumes import VolumeLimits, main_volumes, of_main_volume
 from eaves.units.stage import Division, UnitMethod
 
 
@@ -31,7 +33,9 @@ class RowWalls(UnitMethod):
     of the odds of its walls and of the widths of its units is greatest, by dynamic programming; the forward
     and backward sums over all divisions give the certainty of each wall. Houses of one width make weak signs
     at equal distances likely: that width is the one under which the row's signs are likeliest, so it comes
-    from the scan alone. Rows that meet without a wall are one; walls are carried on through annexes.
+    from the scan alone. Neighbours that differ in depth alone are told by the jogs of the roofs' edges, on the
+    street and behind: where walls at the distances of houses explain them far better than jogs anywhere, the
+    walls are there. Rows that meet without a wall are one; walls are carried on through annexes.
 
     Formula
     -------
@@ -60,7 +64,7 @@ class RowWalls(UnitMethod):
 
     References
     ----------
-    [rabiner1989].
+    [rabiner1989], [theil1950].
     """
 
     name: ClassVar[str] = "row_walls"
@@ -88,6 +92,31 @@ class RowWalls(UnitMethod):
     widest_usual: float = parameter(12.0, "Greatest usual width of a regular row.", unit="m", gt=0.0)
     regular_gain: float = parameter(
         2.0, "Logarithm of how much better a usual width must explain a row than any width.", ge=0.0
+    )
+    edge_gain: float = parameter(
+        8.0,
+        "Logarithm of how much better jogs at the walls of a regular row must explain its edges than jogs "
+        "anywhere.",
+        ge=0.0,
+    )
+    odd_share_at_edges: float = parameter(
+        0.05, "Share of units of another width in a row that only its edges divide.", gt=0.0, lt=1.0
+    )
+    level_cost: float = parameter(
+        2.0,
+        "Logarithm of how many places an edge may have: some seven, a decimetre or two apart within the jog.",
+        ge=0.0,
+    )
+    jog_cost: float = parameter(
+        3.0,
+        "Logarithm of how many places along an edge a jog may have: a quarter of a metre each, one in 5 m.",
+        ge=0.0,
+    )
+    stray_cost: float = parameter(
+        3.0, "Logarithm of how much rarer points are beyond an edge than behind it: one in twenty.", ge=0.0
+    )
+    most_jog: float = parameter(
+        1.0, "Deeper by more is a wing or an annex, which says nothing of a wall.", unit="m", gt=0.0
     )
     deepest: float = parameter(30.0, "Greatest depth of a row.", unit="m", gt=0.0)
     least_sure: float = parameter(
@@ -196,13 +225,15 @@ class RowWalls(UnitMethod):
         rows = list(rows_of(plan, directions_of(outline, self.shortest_edge), self.row_limits()))
         if not rows:
             return whole
-        found = [self.walls_of(row, points) for row in rows]
+        high = points[of_main_volume(height, self.volume_limits())]
+        limits, noise = self.edge_limits(), roof_noise(points)
+        found = [self.walls_of(row, points, noise, edge_gains(row, plan, high, limits)) for row in rows]
         emit("rows", rows)
         if 1.0 - np.prod([1.0 - sure for row in found for sure in row.certainty]) < self.least_sure:
             return whole
         label = np.zeros(plan.main.shape, np.int32)
         label_cells(plan, label, found, 1)
-        label, found = merged_units(plan, label, found, points, self.merge_limits())
+        label, found = merged_units(plan, label, found, points, noise, self.merge_limits())
         if label.max() < 2:
             return whole
         parts, certainty = divide_outline(outline, plan, label, found, self.carried_on)
@@ -227,33 +258,58 @@ class RowWalls(UnitMethod):
             most_change=self.most_change,
         )
 
+    def edge_limits(self) -> EdgeLimits:
+        """What an edge of a row is."""
+        widest = 2.0 * self.widest_usual
+        return EdgeLimits(self.most_jog, self.level_cost, self.jog_cost, self.stray_cost, widest)
+
     def merge_limits(self) -> MergeLimits:
         """What keeps two units apart."""
         return MergeLimits(self.border_odds, self.smallest_unit, self.beside, self.shortest_border)
 
-    def walls_of(self, row: Row, points: Points) -> RowUnits:
-        """The inner walls of one row."""
-        odds = np.exp(wall_odds(wall_signs(row, points, 0.03)) + self.boldness)
+    def walls_of(
+        self, row: Row, points: Points, noise: float, edges: Sequence[NDArray[np.float64]]
+    ) -> RowUnits:
+        """The inner walls of one row; `edges` says how well straight edges between walls explain its edges."""
+        odds = np.exp(wall_odds(wall_signs(row, points, noise)) + self.boldness)
         width = np.maximum(np.arange(len(odds)), 1) * CELL_M
         broad = np.exp(-0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / self.spread) ** 2)
-        best, weight = total_of(odds, broad) + self.regular_gain, broad
-        usual = self.narrowest
-        while usual <= min(self.widest_usual, row.length / 3.0):
-            regular = self.regular_width(width, usual, broad)
-            total = total_of(odds, regular)
+        free = no_edges(odds)
+        best, chosen = total_of(odds, broad, free) + self.regular_gain, (broad, free)
+        usual_widths = self.usual_widths(row)
+        for usual in usual_widths:
+            regular = self.regular_width(width, usual, broad, self.odd_share)
+            total = total_of(odds, regular, free)
             if total > best:
-                best, weight = total, regular
-            usual *= 1.0 + 0.5 * self.likeness
-        return RowUnits(row, *best_walls(odds, weight))
+                best, chosen = total, (regular, free)
+        best += self.edge_gain
+        for gain in (*edges, *([edges[0] + edges[1]] if len(edges) == 2 else ())):
+            tied = np.exp(gain)
+            for usual in usual_widths:
+                regular = self.regular_width(width, usual, broad, self.odd_share_at_edges)
+                total = total_of(odds, regular, tied)
+                if total > best:
+                    best, chosen = total, (regular, tied)
+        return RowUnits(row, *best_walls(odds, *chosen))
 
-    def regular_width(self, width: Values, usual: float, broad: Values) -> Values:
+    def usual_widths(self, row: Row) -> list[float]:
+        """The widths (m) that most units of a regular row may have; three at least stand in it."""
+        widest = min(self.widest_usual, row.length / 3.0)
+        if widest < self.narrowest:
+            return []
+        ratio = 1.0 + 0.5 * self.likeness
+        return [
+            self.narrowest * ratio**k for k in range(int(np.log(widest / self.narrowest) / np.log(ratio)) + 1)
+        ]
+
+    def regular_width(self, width: Values, usual: float, broad: Values, odd_share: float) -> Values:
         """How much more often a unit has a `width` (K,; m) in a row whose houses have a usual width than in
         others.
         """
         peak = (
             np.exp(-0.5 * (np.log(width / usual) / self.likeness) ** 2) / self.likeness / np.sqrt(2 * np.pi)
         )
-        return np.asarray(self.odd_share * broad + (1.0 - self.odd_share) * peak * self.width_range)
+        return np.asarray(odd_share * broad + (1.0 - odd_share) * peak * self.width_range)
 
 
 def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:

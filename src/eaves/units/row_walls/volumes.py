@@ -27,6 +27,13 @@ class VolumeLimits:
     smallest: float
 
 
+def of_main_volume(height: NDArray[np.float64], limits: VolumeLimits) -> Mask:
+    """Which points, by their heights over the terrain (N,), are not an annex's."""
+    if len(height) == 0 or np.percentile(height, 75.0) < limits.house:
+        return np.ones(len(height), np.bool_)
+    return height >= limits.annex
+
+
 def main_volumes(
     outline: Polygon, points: Points, height: NDArray[np.float64], limits: VolumeLimits
 ) -> list[Polygon]:
