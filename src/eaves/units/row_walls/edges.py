@@ -42,8 +42,8 @@ class EdgeLimits:
 
 def edge_gains(row: Row, plan: Plan, points: Points, limits: EdgeLimits) -> list[NDArray[np.float64]]:
     """For each edge of a row that has jogs, at most two, the log-likelihood (S + 1, K; first step, steps) of
-    one straight edge over so many steps, over that of the best edges with jogs anywhere; from points (N, 3) of
-    the main volume.
+    one straight edge over so many steps, over that of the best edges with jogs anywhere; from points (N, 3)
+    of the main volume.
 
     Points lie at random behind an edge, so that ground of area A without any has the likelihood exp(−d A),
     d their density; the likeliest edge runs through the outermost point that is no stray.
@@ -52,7 +52,7 @@ def edge_gains(row: Row, plan: Plan, points: Points, limits: EdgeLimits) -> list
     step = np.floor(s / CELL_M).astype(np.int64)
     inside = (step >= 0) & (step < len(row.first))
     s, t, step = s[inside], t[inside], step[inside]
-    middle = (np.arange(len(row.first)) + 0.5) * CELL_M
+    middle = CELL_M * np.arange(0.5, len(row.first), dtype=np.float64)
     found = []
     for border, way in ((row.first, -1.0), (row.last, 1.0)):
         goes_on = plan.main[plan.cells(row.place(middle, border + way * BEYOND_M))]
@@ -95,7 +95,7 @@ def levelled(s: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.float
 def outermost_points(
     step: NDArray[np.int64], out: NDArray[np.float64], steps: int, lowest: float
 ) -> NDArray[np.float64]:
-    """The `OUTERMOST` greatest values (S, 4) of each step, the greatest first; `lowest` where there are less."""
+    """The `OUTERMOST` greatest values (S, 4) of each step, the greatest first, `lowest` where too few are."""
     order = np.lexsort((-out, step))
     first = np.searchsorted(step[order], np.arange(steps + 1))
     outermost = np.full((steps, OUTERMOST), lowest)

@@ -38,8 +38,8 @@ PATCH_POINTS = 6
 """Squares with fewer points do not measure it."""
 
 USUAL_NOISE_M = 0.03
-"""Noise of the scans that the weights were learned on. Roofs of tiles and gutters are no flatter: a scan of less
-noise is judged as one of this, and so is one that no square has points enough to measure.
+"""Noise of the scans that the weights were learned on. Roofs of tiles and gutters are no flatter: a scan of
+less noise is judged as one of this, and so is one that no square has points enough to measure.
 """
 
 SIGNS = (
@@ -61,8 +61,8 @@ COLUMNS = 12
 
 
 def roof_noise(points: Points) -> float:
-    """Standard deviation (m) in height of points (N, 3) about their roofs, from planes in small squares; at least
-    `USUAL_NOISE_M`.
+    """Standard deviation (m) in height of points (N, 3) about their roofs, from planes in small squares; at
+    least `USUAL_NOISE_M`.
     """
     cell = np.floor(points[:, :2] / PATCH_M).astype(np.int64)
     _, patch, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)

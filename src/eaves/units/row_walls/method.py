@@ -33,9 +33,9 @@ class RowWalls(UnitMethod):
     of the odds of its walls and of the widths of its units is greatest, by dynamic programming; the forward
     and backward sums over all divisions give the certainty of each wall. Houses of one width make weak signs
     at equal distances likely: that width is the one under which the row's signs are likeliest, so it comes
-    from the scan alone. Neighbours that differ in depth alone are told by the jogs of the roofs' edges, on the
-    street and behind: where walls at the distances of houses explain them far better than jogs anywhere, the
-    walls are there. Rows that meet without a wall are one; walls are carried on through annexes.
+    from the scan alone. Neighbours that differ in depth alone are told by the jogs of their roofs' edges, on
+    the street and behind: walls stand where, at the distances of houses, they explain the jogs far better
+    than jogs anywhere. Rows that meet without a wall are one; walls are carried on through annexes.
 
     Formula
     -------
@@ -270,7 +270,7 @@ class RowWalls(UnitMethod):
     def walls_of(
         self, row: Row, points: Points, noise: float, edges: Sequence[NDArray[np.float64]]
     ) -> RowUnits:
-        """The inner walls of one row; `edges` says how well straight edges between walls explain its edges."""
+        """The inner walls of one row; `edges` says how well straight edges between walls explain its own."""
         odds = np.exp(wall_odds(wall_signs(row, points, noise)) + self.boldness)
         width = np.maximum(np.arange(len(odds)), 1) * CELL_M
         broad = np.exp(-0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / self.spread) ** 2)
