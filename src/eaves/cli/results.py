@@ -106,6 +106,41 @@ def plot(
         typer.echo(f"picture: {path}")
 
 
+def solar(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    weather: Annotated[
+        Path | None, typer.Option(help="EPW file of the light of a year by hours; else a clear sky.")
+    ] = None,
+    turbidity: Annotated[float, typer.Option(help="Of the clear sky (Linke): 2 to 7.", min=1, max=10)] = 3.0,
+    reach: Annotated[
+        float, typer.Option(help="Distance (m) up to which things cast shadows.", min=1, max=5000)
+    ] = 300.0,
+    efficiency: Annotated[float, typer.Option(help="Of the modules.", min=0, max=1)] = 0.2,
+    latitude: Annotated[
+        float | None, typer.Option(help="Degrees, where the data have no system.", min=-90, max=90)
+    ] = None,
+    longitude: Annotated[float, typer.Option(help="Degrees, with --latitude.", min=-180, max=180)] = 0.0,
+    quiet: Quiet = False,
+) -> None:
+    """Sunlight on every roof face by month. With shadows, and what panels can use, into OUT/solar.gpkg."""
+    from eaves.cli.runs import progress_display
+    from eaves.solar.folder import measure_solar
+    from eaves.solar.roofs import SolarRules
+    from eaves.solar.sun import read_epw
+
+    start_log(quiet)
+    with progress_display(quiet) as progress:
+        summary = measure_solar(
+            folder,
+            SolarRules(turbidity=turbidity, reach=reach, efficiency=efficiency),
+            None if weather is None else read_epw(weather),
+            None if latitude is None else (latitude, longitude),
+            progress,
+        )
+    if not quiet:
+        typer.echo(summary.as_text())
+
+
 def load(
     folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
     address: Annotated[str, typer.Argument(help="postgresql://user@host:port/database")],

@@ -103,6 +103,40 @@ def write_geopackage(
         describe_layers(temporary, system)
 
 
+def write_layers(path: str | Path, layers: Mapping[str, Iterable[Row]], system: CoordinateSystem) -> None:
+    """Write any layers of a GeoPackage, with the styles and titles that are known for them."""
+    with atomic(path) as temporary:
+        for layer, rows in layers.items():
+            _write_layer(temporary, rows, system, "GPKG", layer)
+        describe_layers(temporary, system)
+
+
+def read_upright(path: Path, layer: str, system: CoordinateSystem) -> list[Row]:
+    """The features of a layer that a run wrote in a system, with their heights, in world metres; one a part
+    of what has several, none where there is no such layer.
+
+    Raises
+    ------
+    InputError
+        When the file is missing or damaged.
+    """
+    if not path.exists():
+        raise InputError.about(path, "does not exist", "give a folder that `eaves build` wrote")
+    if layer not in [one.name for one in list_vector_layers(path)]:
+        return []
+    meta, _, wkb, columns = _read_layer(path, layer, None, None)
+    shapes = shapely.transform(shapely.from_wkb(wkb), lambda xyz: xyz * system.unit_m, include_z=True)
+    names, kinds = [str(name) for name in meta["fields"]], [str(kind) for kind in meta["dtypes"]]
+    rows = []
+    for number, shape in enumerate(shapes):
+        told = {
+            name: plain_value(column[number], kind)
+            for name, kind, column in zip(names, kinds, columns, strict=True)
+        }
+        rows += [Row(part, told) for part in (() if shape is None else shapely.get_parts(shape))]
+    return rows
+
+
 def write_polygons(
     path: str | Path, rows: Iterable[Row], system: CoordinateSystem = LOCAL_METRES, layer: str = "footprints"
 ) -> None:

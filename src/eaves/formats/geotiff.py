@@ -19,7 +19,7 @@ from rasterio.transform import Affine
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import system_of
 from eaves.formats.errors import InputError
-from eaves.model import CoordinateSystem, Mask, Raster
+from eaves.model import Bounds, CoordinateSystem, Mask, Raster
 from eaves.model.coordinates import LOCAL_METRES
 
 log = logging.getLogger("eaves")
@@ -151,6 +151,71 @@ def write_world_file(path: Path, transform: Affine) -> None:
         temporary.write_text("".join(f"{value:.12g}\n" for value in lines), encoding="ascii")
 
 
+class RasterWindow:
+    """A raster file held open, of which parts are read in metres; a context manager.
+
+    Parameters
+    ----------
+    path : Path
+        A GeoTIFF or a virtual raster of square north-up cells.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __enter__(self) -> RasterWindow:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            try:
+                self.image = rasterio.open(self.path)
+            except RasterioError:
+                raise InputError.about(
+                    self.path, "is not a raster that can be read", "give a GeoTIFF"
+                ) from None
+        self.system = _system_of(self.path, self.image)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.image.close()
+
+    def read(self, bounds: Bounds, origin: tuple[float, float] = (0.0, 0.0)) -> Raster:
+        """The cells of the file that meet `bounds` (world metres), placed in metres about `origin`."""
+        unit, transform = self.system.horizontal_unit_m, self.image.transform
+        cell = transform.a * unit
+        left = int(np.floor((bounds.west - transform.c * unit) / cell))
+        right = int(np.ceil((bounds.east - transform.c * unit) / cell))
+        top = int(np.floor((transform.f * unit - bounds.north) / cell))
+        low = int(np.ceil((transform.f * unit - bounds.south) / cell))
+        left, right = max(left, 0), min(right, self.image.width)
+        top, low = max(top, 0), min(low, self.image.height)
+        shape = (max(low - top, 1), max(right - left, 1))
+        values = np.full(shape, np.nan, np.float32)
+        if right > left and low > top:
+            window = ((top, low), (left, right))
+            values = self.image.read(1, window=window, masked=True).astype(np.float32).filled(np.nan)
+        return Raster(
+            values * np.float32(self.system.vertical_unit_m),
+            transform.c * unit + left * cell - origin[0],
+            transform.f * unit - top * cell - origin[1],
+            cell,
+        )
+
+
+def _system_of(path: str | Path, image: Any) -> CoordinateSystem:
+    """The system of an open raster of square north-up cells."""
+    transform, bounds = image.transform, image.bounds
+    if transform.b or transform.d or transform.e >= 0 or abs(transform.a + transform.e) > 1e-6 * transform.a:
+        raise InputError.about(
+            path, "has cells that are not square and north-up", "resample it with gdalwarp"
+        )
+    if not image.crs:
+        return LOCAL_METRES
+    from eaves.formats.crs import parse_crs
+
+    centre = (bounds.left + bounds.right) / 2, (bounds.bottom + bounds.top) / 2
+    return system_of(parse_crs(image.crs.to_wkt(), path), path, centre)
+
+
 def read_raster(
     path: str | Path, origin: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[Raster, CoordinateSystem]:
@@ -190,20 +255,9 @@ def read_raster(
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             with rasterio.open(path) as image:
                 values = image.read(1, masked=True).astype(np.float32).filled(np.nan)
-                transform, bounds = image.transform, image.bounds
-                wkt = image.crs.to_wkt() if image.crs else None
+                transform, system = image.transform, _system_of(path, image)
     except RasterioError:
         raise InputError.about(path, "is not a raster that can be read", "give a GeoTIFF") from None
-    if transform.b or transform.d or transform.e >= 0 or abs(transform.a + transform.e) > 1e-6 * transform.a:
-        raise InputError.about(
-            path, "has cells that are not square and north-up", "resample it with gdalwarp"
-        )
-    system = LOCAL_METRES
-    if wkt is not None:
-        from eaves.formats.crs import parse_crs
-
-        centre = (bounds.left + bounds.right) / 2, (bounds.bottom + bounds.top) / 2
-        system = system_of(parse_crs(wkt, path), path, centre)
     unit = system.horizontal_unit_m
     raster = Raster(
         values * np.float32(system.vertical_unit_m),

@@ -19,6 +19,10 @@ class Column:
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
 
+MONTHS = (
+    *("January", "February", "March", "April", "May", "June", "July"),
+    *("August", "September", "October", "November", "December"),
+)
 COLUMNS: dict[str, Column] = {
     "id": Column("Building", "", "id of the building, the same in every run"),
     "number": Column("Number", "", "what building_id says in the classified points"),
@@ -84,6 +88,18 @@ COLUMNS: dict[str, Column] = {
     "inlier_share": Column("Share of points on the face", "", "within 0.2 m"),
     "coverage": Column("Coverage", "", "share of the face's 1 m cells that hold a point"),
     "weak": Column("Weakness", "", "why the face is not supported by its points, in words"),
+    "light_kwh_m2": Column("Sunlight", "kWh/m²", "a year, mean over the face, with shadows"),
+    "light_kwh": Column("Sunlight in all", "kWh", "a year, on the whole face or all faces"),
+    "shade_share": Column("Share that shadows take", "", "of the light that would come in the open"),
+    "sky_share": Column("Share of the sky", "", "of an even sky's light that is left"),
+    "covered_share": Column("Covered share", "", "under chimneys, dormers and crowns that are no roof face"),
+    "usable_m2": Column("Area for panels", "m²", "along the slope: free, off the rim, sunny, large enough"),
+    "usable_kwh_m2": Column("Sunlight on that area", "kWh/m²", "a year"),
+    "pv_kwh": Column("Current", "kWh", "a year, from modules on the area for panels"),
+    **{
+        f"light_{number:02d}_kwh_m2": Column(f"Sunlight in {month}", "kWh/m²", "mean over the face")
+        for number, month in enumerate(MONTHS, 1)
+    },
     "given_attribution": Column(
         "Attribution of the footprint", "", "whose map it is from, under which licence; name it with the data"
     ),

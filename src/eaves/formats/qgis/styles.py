@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 from eaves.formats.crs import parse_crs, system_of
@@ -51,6 +52,11 @@ RMSE_CLASSES = (
 )  # fmt: skip
 """Metres, in steps of the noise of good scans to a roof that is plainly wrong."""
 SLOPE_CLASSES = ((0, 2), (2, 10), (10, 25), (25, 40), (40, 60), (60, 90))
+MOST = 1e6
+"""The upper end of a last class."""
+LIGHT_CLASSES = (0.0, 400.0, 700.0, 1000.0, 1300.0, 1600.0, MOST)
+SHARE_CLASSES = (0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 1.0)
+AREA_CLASSES = (0.0, 3.4, 10.0, 20.0, 50.0, 100.0, MOST)
 SLOPE_COLOURS = ("#f7f4ea", "#fee391", "#fec44f", "#fe9929", "#d95f0e", "#993404")
 
 
@@ -72,6 +78,7 @@ class Style:
 def styles_of(layer: str, columns: Sequence[str], system: CoordinateSystem) -> list[Style]:
     """The styles of a layer with these columns; none for a layer of another name."""
     makers = {"footprints": footprint_styles, "roof_planes": roof_styles, "doubts": doubt_styles}
+    makers |= {"roofs": solar_styles}
     if layer.startswith("lod_"):
         made = surface_style()
         return [Style(made.name, made.meaning, (*made.elements, aliases(columns)))]
@@ -139,6 +146,22 @@ def doubt_styles(system: CoordinateSystem, columns: frozenset[str]) -> list[Styl
         for stage, (words, colour) in DOUBT_COLOURS.items()
     ]
     return [Style("Doubts", "where the scan cannot decide", (symbols.categorised('"stage"', kinds),))]
+
+
+def solar_styles(system: CoordinateSystem, columns: frozenset[str]) -> list[Style]:
+    """By light, by the share that shadows take, by what panels can use."""
+    found = []
+    for name, column, classes, words in (
+        ("Sunlight", "light_kwh_m2", LIGHT_CLASSES, "kWh a square metre and year"),
+        ("Shadows", "shade_share", SHARE_CLASSES, "share of the light that shadows take"),
+        ("Panels", "usable_m2", AREA_CLASSES, "square metres that panels can use"),
+    ):
+        steps = []
+        for (low, high), colour in zip(pairwise(classes), SLOPE_COLOURS, strict=True):
+            told = f"{low:g} to {high:g}" if high < MOST else f"over {low:g}"
+            steps.append((low, high, told, symbols.fill(colour, width=0.08)))
+        found.append(Style(name, words, (symbols.graduated(f'"{column}"', steps),)))
+    return found
 
 
 def surface_style() -> Style:
@@ -233,6 +256,8 @@ def map_tip(layer: str) -> Element:
         '<b>[% "id" %]</b><br>LoD [% coalesce("lod", \'none\') %], '
         '[% round("area_m2") %] m²<br>[% coalesce("failure_reason", \'\') %]'
         if layer == "footprints"
+        else '[% "building_id" %]: [% round("light_kwh_m2") %] kWh/m², [% round("usable_m2") %] m² for panels'
+        if layer == "roofs"
         else '[% "building_id" %]: [% round("area_m2", 1) %] m², slope [% round("slope_deg") %]°, '
         "azimuth [% coalesce(round(\"azimuth_deg\"), 'none') %]"
     )

@@ -1,0 +1,273 @@
+"""Sunlight on the roofs of a run's folder: `solar.gpkg`, written square by square."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from eaves.formats import InputError, read_polygons
+from eaves.formats.crs import pyproj_crs
+from eaves.formats.geopackage import Row, read_upright, write_layers
+from eaves.formats.geotiff import RasterWindow
+from eaves.model import Bounds, CoordinateSystem
+from eaves.solar.roofs import FaceLight, RoofFace, SolarRules, best_in_the_open, light_on_faces
+from eaves.solar.sun import Hours, Weather, clear_hours
+
+SQUARE = 480.0
+"""Side (m) of the squares, fixed to the world, whose roofs are computed together."""
+NAME = "solar.gpkg"
+
+
+@dataclass(frozen=True)
+class Site:
+    """A place on Earth: degrees, and by how many of them grid north lies clockwise of true north there."""
+
+    latitude: float
+    longitude: float
+    convergence: float
+
+
+@dataclass(frozen=True)
+class SolarSummary:
+    """What was found: numbers of roof faces and buildings, and sums over all of them."""
+
+    path: Path
+    faces: int
+    buildings: int
+    roof_m2: float
+    light_mwh: float
+    usable_m2: float
+    current_mwh: float
+    sky: str
+
+    def as_text(self) -> str:
+        """The summary in two lines."""
+        return (
+            f"{self.faces:,} roof faces of {self.buildings:,} buildings, {self.roof_m2:,.0f} m²: "
+            f"{self.light_mwh:,.0f} MWh of sunlight a year ({self.sky})\n"
+            f"usable for panels: {self.usable_m2:,.0f} m², {self.current_mwh:,.0f} MWh of current a year\n"
+            f"  layers roofs and buildings: {self.path}"
+        )
+
+
+def measure_solar(
+    folder: str | Path,
+    rules: SolarRules | None = None,
+    weather: Weather | None = None,
+    place: tuple[float, float] | None = None,
+    progress: Callable[[str, int, int], None] = lambda step, done, total: None,
+) -> SolarSummary:
+    """The sunlight on every roof face of a run, written to `solar.gpkg` in its folder.
+
+    Layer `roofs`: the faces with kWh/m² by month and year, the share that shadows take, the sky that is seen,
+    and what of the face panels can use. Layer `buildings`: the sums by building.
+
+    Parameters
+    ----------
+    folder : str or Path
+        What a run wrote, with `footprints.gpkg` and `dsm.tif`.
+    rules : SolarRules or None
+        Constants; None for the defaults.
+    weather : Weather or None
+        Measured or typical light; None is a clear sky all year, an upper bound.
+    place : (float, float) or None
+        Latitude and longitude (degrees), for data whose reference system is unknown.
+    progress : callable
+        Called with the step, how much of it is done, and how much there is.
+
+    Returns
+    -------
+    SolarSummary
+        Sums over all roofs.
+
+    Raises
+    ------
+    InputError
+        When the folder has no roofs or no surface, or the place is unknown.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.simulate import nine_roofs_on_a_slope, write_simulation
+    >>> truth = nine_roofs_on_a_slope(density=4.0)
+    >>> files = write_simulation(truth, "nine")
+    >>> results = eaves.build(files["points"], "out", jobs=1)
+    >>> from eaves.solar.folder import measure_solar
+    >>> summary = measure_solar("out", place=(52.0, 4.4))
+    >>> summary.faces > 9, summary.light_mwh > 0.0
+    (True, True)
+    """
+    folder, rules = Path(folder), rules or SolarRules()
+    surface = next((folder / name for name in ("dsm.tif", "dsm.vrt") if (folder / name).exists()), None)
+    if surface is None:
+        raise InputError.about(folder, "has no dsm.tif", "build it with `eaves build`, which writes one")
+    with RasterWindow(surface) as window:
+        system = window.system
+        roofs = read_upright(folder / "footprints.gpkg", "roof_planes", system)
+        if not roofs:
+            raise InputError.about(folder, "has no roof faces", "build with a level of detail above 0")
+        boxes = shapely.bounds([row.geometry for row in roofs]).reshape(-1, 4)
+        squares: dict[tuple[int, int], list[int]] = defaultdict(list)
+        for number, (west, south, east, north) in enumerate(boxes):
+            square = math.floor((west + east) / 2 / SQUARE), math.floor((south + north) / 2 / SQUARE)
+            squares[square].append(number)
+        rows: list[dict[str, Any]] = [{} for _ in roofs]
+        for done, square in enumerate(sorted(squares)):
+            progress("solar", done, len(squares))
+            found = square_light(roofs, boxes, squares[square], window, rules, weather, place)
+            for number, light in found:
+                rows[number] = roof_row(roofs[number].attributes, light, rules)
+        progress("solar", len(squares), len(squares))
+    sky = "clear sky all year, an upper bound" if weather is None else f"weather of {weather.place}"
+    written = [Row(roof.geometry, row) for roof, row in zip(roofs, rows, strict=True)]
+    shapes, _, outlines, _ = read_polygons(folder / "footprints.gpkg", "footprints", target=system)
+    buildings = building_rows(shapes, outlines, rows)
+    write_layers(folder / NAME, {"roofs": written, "buildings": buildings}, system)
+    return SolarSummary(
+        folder / NAME,
+        len(rows),
+        len(buildings),
+        sum(row["area_m2"] for row in rows),
+        sum(row["light_kwh"] for row in rows) / 1000.0,
+        sum(row["usable_m2"] for row in rows),
+        sum(row["pv_kwh"] for row in rows) / 1000.0,
+        sky,
+    )
+
+
+def square_light(
+    roofs: Sequence[Row],
+    boxes: np.ndarray[Any, Any],
+    mine: Sequence[int],
+    window: RasterWindow,
+    rules: SolarRules,
+    weather: Weather | None,
+    place: tuple[float, float] | None,
+) -> Iterator[tuple[int, FaceLight]]:
+    """The light on the faces `mine` of one square, with all that stands within reach."""
+    west, south = boxes[mine, :2].min(axis=0)
+    east, north = boxes[mine, 2:].max(axis=0)
+    wanted = Bounds(west, south, east, north)
+    seen = wanted.buffered(rules.reach)
+    corner = (math.floor(west), math.floor(south))
+    dsm = window.read(seen, corner)
+    meets = (boxes[:, 0] < seen.east) & (boxes[:, 2] > seen.west)
+    meets &= (boxes[:, 1] < seen.north) & (boxes[:, 3] > seen.south)
+    near = np.flatnonzero(meets)
+    faces = []
+    for number in near.tolist():
+        polygon = shapely.transform(roofs[number].geometry, lambda xyz: xyz - [*corner, 0.0], include_z=True)
+        faces.append(RoofFace(polygon, dict(roofs[number].attributes)))
+    site = site_of(window.system, ((west + east) / 2, (south + north) / 2), place)
+    height = float(np.nanmean(boxes_heights(faces)))
+    hours = hours_at(site, height, rules, weather)
+    best = best_in_the_open(hours, rules)
+    chosen = set(mine)
+    found = light_on_faces(
+        faces, dsm, hours, site.convergence, rules, best, lambda one: int(near[one]) in chosen
+    )
+    for one, light in found.items():
+        yield int(near[one]), light
+
+
+def boxes_heights(faces: Sequence[RoofFace]) -> np.ndarray[Any, Any]:
+    """A height (m) of each face."""
+    return np.array([face.polygon.exterior.coords[0][2] for face in faces])
+
+
+def hours_at(site: Site, height: float, rules: SolarRules, weather: Weather | None) -> Hours:
+    """Sun and sky of a year at a place."""
+    if weather is not None:
+        return weather.hours(site.latitude, site.longitude)
+    return clear_hours(site.latitude, site.longitude, rules.turbidity, height)
+
+
+def site_of(system: CoordinateSystem, xy: tuple[float, float], place: tuple[float, float] | None) -> Site:
+    """The place of world metres `xy`.
+
+    Raises
+    ------
+    InputError
+        When the system has no place on Earth and none is given.
+    """
+    crs = pyproj_crs(system)
+    if place is not None:
+        return Site(place[0], place[1], 0.0 if crs is None else convergence_of(crs, *place))
+    if crs is None:
+        raise InputError("the data have no reference system, so the sun's way is unknown; give --latitude")
+    from pyproj import Transformer
+
+    flat = crs.sub_crs_list[0] if crs.is_compound else crs
+    unit = system.horizontal_unit_m
+    to_degrees = Transformer.from_crs(flat, "OGC:CRS84", always_xy=True)
+    longitude, latitude = to_degrees.transform(xy[0] / unit, xy[1] / unit)
+    if not (math.isfinite(latitude) and math.isfinite(longitude)):
+        raise InputError("the roofs lie outside their reference system; check --crs, or give --latitude")
+    return Site(latitude, longitude, convergence_of(crs, latitude, longitude))
+
+
+NORTHWARDS = 100.0
+"""Units of the system by which one goes along its northing to see where true north lies."""
+
+
+def convergence_of(crs: Any, latitude: float, longitude: float) -> float:
+    """Degrees by which grid north lies clockwise of true north at a place."""
+    from pyproj import Geod, Transformer
+
+    flat = crs.sub_crs_list[0] if crs.is_compound else crs
+    to_grid = Transformer.from_crs("OGC:CRS84", flat, always_xy=True)
+    x, y = to_grid.transform(longitude, latitude)
+    east, north = to_grid.transform(x, y + NORTHWARDS, direction="INVERSE")
+    turn, _, _ = Geod(ellps="WGS84").inv(longitude, latitude, east, north)
+    return float(turn) if math.isfinite(turn) else 0.0
+
+
+def roof_row(row: Mapping[str, Any], light: FaceLight, rules: SolarRules) -> dict[str, Any]:
+    """What the layer `roofs` says of a face."""
+    kept = ("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2")
+    year, in_the_open = float(light.month.sum()), float(light.open_month.sum())
+    area = float(row.get("area_m2") or 0.0)
+    return {
+        **{name: row.get(name) for name in kept},
+        "light_kwh_m2": round(year, 1),
+        "light_kwh": round(year * area),
+        "shade_share": round(max(0.0, 1.0 - year / in_the_open), 3) if in_the_open > 0.0 else None,
+        "sky_share": round(light.sky, 3),
+        "covered_share": round(light.covered, 3),
+        "usable_m2": round(light.usable_m2, 1),
+        "usable_kwh_m2": round(light.usable, 1) if light.usable_m2 > 0.0 else None,
+        "pv_kwh": round(light.usable_m2 * light.usable * rules.efficiency * rules.performance),
+        **{f"light_{k:02d}_kwh_m2": round(float(one), 2) for k, one in enumerate(light.month, 1)},
+    }
+
+
+SUMS = ("light_kwh", "usable_m2", "pv_kwh")
+
+
+def building_rows(
+    shapes: Sequence[Polygon | MultiPolygon],
+    outlines: Sequence[dict[str, Any]],
+    roofs: Sequence[dict[str, Any]],
+) -> list[Row]:
+    """The buildings that have roof faces, with the sums over these."""
+    sums: dict[str, dict[str, float]] = {}
+    for row in roofs:
+        mine = sums.setdefault(str(row["building_id"]), dict.fromkeys(("roof_area_m2", *SUMS), 0.0))
+        mine["roof_area_m2"] += row["area_m2"] or 0.0
+        for name in SUMS:
+            mine[name] += row[name]
+    found = []
+    for shape, outline in zip(shapes, outlines, strict=True):
+        name = str(outline["id"])
+        if name in sums:
+            rounded = {key: round(value, 1) for key, value in sums[name].items()}
+            found.append(Row(shape, {"id": name, **rounded}))
+    return found
