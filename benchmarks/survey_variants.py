@@ -17,10 +17,13 @@ import pyproj
 from numpy.typing import NDArray
 
 from eaves.model import Mask, PointCloud, Points
+from eaves.simulate.exact import ExactScene
 from eaves.simulate.standard import StandardScene
 
 FOOT_M = 0.3048
 WHOLE = "whole"
+SOMEWHERE_M = np.array([480_000.0, 5_520_000.0, 0.0])
+"""Where simulated towns lie, for a reference system holds nothing near its origin: whole blocks away."""
 NEIGHBOURS = 9
 """Points of the little planes that a survey's noise is measured with."""
 
@@ -71,8 +74,9 @@ class Survey:
             header.add_crs(system)
         las = laspy.LasData(header)
         las.x, las.y, las.z = (self.xyz / [1.0, 1.0, self.height_unit]).T
-        las.return_number = 1 if self.number is None else self.number
-        las.number_of_returns = 1 if self.returns is None else self.returns
+        one = np.ones(len(self.xyz), np.uint8)
+        las.return_number = one if self.number is None else self.number
+        las.number_of_returns = one if self.returns is None else self.returns
         las.point_source_id = self.strip.astype(np.uint16)
         las.gps_time = self.pulse.astype(np.float64) * 1e-5
         las.write(path)
@@ -103,13 +107,17 @@ def read_survey(name: str, paths: Sequence[Path], epsg: int | None) -> Survey:
 
 def simulated_survey(scene: StandardScene) -> Survey:
     """The scan of a simulated town."""
-    exact = scene.make()
+    return survey_of(scene.name, scene.make())
+
+
+def survey_of(name: str, exact: ExactScene) -> Survey:
+    """A simulated scan as a survey."""
     cloud = exact.cloud
     number, returns = cloud.return_number, cloud.number_of_returns
     assert number is not None and returns is not None
     return Survey(
-        scene.name,
-        cloud.xyz + [*cloud.origin, 0.0],
+        name,
+        cloud.xyz + [*cloud.origin, 0.0] + SOMEWHERE_M,
         exact.truth_class.astype(np.uint8),
         returns,
         number,
@@ -251,7 +259,7 @@ def applies(variant: str, survey: Survey) -> bool:
 
 
 def labelled_surveys(data: Path) -> dict[str, Callable[[], Survey]]:
-    """Every survey with class 6, or with no building at all, by name."""
+    """Every survey with class 6 or at least known ground, or with no building at all, by name."""
 
     def files(name: str, pattern: str, epsg: int | None) -> Callable[[], Survey]:
         return lambda: read_survey(name, sorted(data.glob(pattern)), epsg)
@@ -267,12 +275,13 @@ def labelled_surveys(data: Path) -> dict[str, Callable[[], Survey]]:
         "conifer": files("conifer", "misc/lidR_MixedConifer.laz", 32612),
         "topography": files("topography", "misc/lidR_Topography.laz", 26917),
         "galapagos": files("galapagos", "galapagos/galapagos.laz", 32715),
+        "california": files("california", "california/*.la[sz]", 26910),
     }
 
 
 PLACES = {"delft_small": "delft"}
 """Surveys of one place: they are left out together."""
-NOT_JUDGED = {"ign_buildings": (208, 214), "ign_sparse": (65, 67)}
+NOT_JUDGED = {"ign_buildings": (208, 214), "ign_sparse": (65, 67), "california": (0, 1)}
 """Classes that a survey's maker left undecided."""
 
 

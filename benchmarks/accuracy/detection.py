@@ -55,6 +55,11 @@ class TownScan:
     trees: float = 1.0
     pattern: Pattern = "zigzag"
 
+    @property
+    def name(self) -> str:
+        """Terrain, trees and density."""
+        return f"{self.terrain}{', wooded' if self.trees > 1 else ''} {self.density:g}/m²"
+
 
 Scan = tuple[TownScan, ExactScene, PointCloud, NDArray[np.int64]]
 TOWNS = (
@@ -65,6 +70,12 @@ TOWNS = (
     TownScan("terraced", 12.0, 35),
     TownScan("hilly", 1.0, 36, pattern="lines"),
 )
+
+
+def scan_of(town: TownScan) -> ExactScene:
+    """Four hectares of a town, scanned."""
+    made = simulate_town(0.04, seed=town.seed, terrain=town.terrain, trees=town.trees)
+    return scan_town(made, town.density, 0.02, town.pattern, town.seed)
 
 
 def read(paths: Iterable[Path]) -> tuple[PointCloud, NDArray[np.uint8]]:
@@ -196,8 +207,7 @@ def on_towns(run: Callable[[PointCloud], Answer], scans: list[Scan]) -> Row:
         parts = []
         for least in (10.0, 50.0):
             parts.append(f"{objects(want, got, area, least):.3f}/{objects(got, want, area, least):.3f}")
-        wooded = ", wooded" if town.trees > 1 else ""
-        figures[f"{town.terrain}{wooded} {town.density:g}/m²"] = " ".join(parts)
+        figures[town.name] = " ".join(parts)
     return figures
 
 
@@ -223,8 +233,7 @@ def main() -> None:
     empty = [read([data / f"misc/lidR_{name}.laz"])[0] for name in ("MixedConifer", "Topography")]
     scans: list[Scan] = []
     for town in TOWNS:
-        made = simulate_town(0.04, seed=town.seed, terrain=town.terrain, trees=town.trees)
-        exact = scan_town(made, town.density, 0.02, town.pattern, town.seed)
+        exact = scan_of(town)
         order = exact.cloud.canonical_order()
         scans.append((town, exact, exact.cloud.take(order), order))
     grounds: dict[tuple[int, str], Scene] = {}

@@ -4,7 +4,8 @@ Run `EAVES_DATA=... python -m benchmarks.accuracy.unseen [--rows TEXT...] [--col
 Each cell of the table is one run of `eaves detect` on a bare file, in blocks. The default is shown twice:
 with the weights fitted to everything, and with those fitted with the row's place and its variants left out
 (`benchmarks.accuracy.detection_fit` makes both). What was run is kept in EAVES_CACHE (default:
-~/.cache/eaves/unseen) and not run again while the code that decides it is the same.
+~/.cache/eaves/unseen) and not run again while the code that decides it is the same. Cells that are not run
+are taken from the newest table.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,9 +27,17 @@ import numpy as np
 import pyogrio
 from scipy.spatial import cKDTree
 
-from benchmarks.accuracy.detection import CELL, rates
-from benchmarks.survey_variants import PLACES, VARIANTS, Survey, applies, judged, labelled_surveys
-from benchmarks.table import keep
+from benchmarks.accuracy.detection import CELL, TOWNS, TownScan, rates, scan_of
+from benchmarks.survey_variants import (
+    PLACES,
+    VARIANTS,
+    Survey,
+    applies,
+    judged,
+    labelled_surveys,
+    survey_of,
+)
+from benchmarks.table import keep, kept_rows
 from eaves.model import Mask
 from eaves.model.cloud import BUILDING
 
@@ -38,6 +47,7 @@ ALL_IN, LEFT_OUT = "consensus, all in", "consensus, left out"
 COLUMNS = (*PUBLISHED, ALL_IN, LEFT_OUT)
 WEIGHTS = Path(__file__).with_name("detection_weights.json")
 SOURCES = Path(__file__).parents[2] / "src/eaves"
+NOT_RUN = "–"
 SAME_POINT_M = 0.02
 """Points of the result are those of the survey up to the rounding of the file."""
 
@@ -51,6 +61,7 @@ class Figures:
     recall: float
     buildings: int
     true_points: int
+    false_points: int
 
 
 @functools.cache
@@ -69,7 +80,7 @@ def weights_of(place: str, folder: Path) -> Path:
     """A configuration that takes the weights fitted without a place."""
     kept = json.loads(WEIGHTS.read_text(encoding="utf-8"))
     weights, config = folder / "weights.json", folder / "config.toml"
-    weights.write_text(json.dumps(kept[place]), encoding="utf-8")
+    weights.write_text(json.dumps(kept.get(place, kept["all"])), encoding="utf-8")
     config.write_text(f'[detect]\nmethod = "consensus"\nweights = "{weights}"\n', encoding="utf-8")
     return config
 
@@ -86,7 +97,9 @@ def run(survey: Survey, column: str, place: str) -> Figures:
         command = [sys.executable, "-m", "eaves", "detect", str(bare), "-o", str(out), "--jobs", "1", "-q"]
         subprocess.run([*command, *words], check=True)
         found = laspy.read(next(out.glob("classified*.la[sz]")))
-        buildings = len(pyogrio.read_dataframe(out / "footprints.gpkg", read_geometry=False))
+        buildings = len(
+            pyogrio.read_dataframe(out / "footprints.gpkg", layer="footprints", read_geometry=False)
+        )
         xyz = np.column_stack([found.x, found.y, np.asarray(found.z) * survey.height_unit])
         called = np.asarray(found.classification) == BUILDING
     near = cKDTree(xyz).query(survey.xyz, distance_upper_bound=SAME_POINT_M)[1]
@@ -102,13 +115,14 @@ def compared(xyz: np.ndarray, got: Mask, want: Mask, buildings: int) -> Figures:
     top = order[np.r_[(np.diff(cell[order], axis=0) != 0).any(axis=1), True]]
     _, _, iou = rates(got[top], want[top])
     recall, precision, _ = rates(got, want)
-    return Figures(iou, precision, recall, buildings, int(want.sum()))
+    return Figures(iou, precision, recall, buildings, int(want.sum()), int((got & ~want).sum()))
 
 
 def figures(survey: Survey, name: str, variant: str, column: str, cache: Path, kept: bool) -> Figures | None:
     """The figures of a run, from the cache where it was made before; None where `kept` forbids to make it."""
     place = PLACES.get(name, name)
-    weights = json.loads(WEIGHTS.read_text(encoding="utf-8"))[place] if column == LEFT_OUT else None
+    fitted = json.loads(WEIGHTS.read_text(encoding="utf-8"))
+    weights = fitted.get(place, fitted["all"]) if column == LEFT_OUT else None
     key = hashlib.sha256(f"{name}/{variant}/{column}/{code_of(column)}/{weights}".encode()).hexdigest()[:16]
     path = cache / f"{key}.json"
     if not path.exists():
@@ -136,54 +150,64 @@ def main() -> None:
     cache = Path(os.environ.get("EAVES_CACHE", str(Path.home() / ".cache/eaves"))) / "unseen"
     cache.mkdir(parents=True, exist_ok=True)
     columns = [column for column in COLUMNS if wanted(column, chosen.columns)]
+    before = {(row["survey"], row["variant"]): row for row in kept_rows("unseen")}
     table: list[dict[str, object]] = []
-    for name, read in labelled_surveys(Path(os.environ["EAVES_DATA"])).items():
+    for name, read in surveys(Path(os.environ["EAVES_DATA"])).items():
         variants = [variant for variant in VARIANTS if wanted(f"{name}, {variant}", chosen.rows)]
         survey = read() if variants else None
-        for variant in variants:
-            assert survey is not None
-            if not applies(variant, survey):
-                continue
-            tried = {c: figures(survey, name, variant, c, cache, chosen.kept) for c in columns}
-            found = {column: answer for column, answer in tried.items() if answer is not None}
-            if not found:
-                continue
-            table.append(
-                {"survey": name, "variant": variant}
-                | {c: shown(found[c]) if c in found else None for c in columns}
-            )
-            table[-1] |= verdict(found)
-            print(table[-1], flush=True)
+        for variant in VARIANTS:
+            row = dict.fromkeys(COLUMNS, NOT_RUN) | {
+                column: str(cell) for column, cell in before.get((name, variant), {}).items()
+            }
+            if survey is not None and variant in variants and applies(variant, survey):
+                for column in columns:
+                    answer = figures(survey, name, variant, column, cache, chosen.kept)
+                    row[column] = row[column] if answer is None else shown(answer)
+                print(name, variant, *(f"{column}: {row[column]}" for column in columns), flush=True)
+            if any(row[column] != NOT_RUN for column in COLUMNS):
+                cells = {column: row[column] for column in COLUMNS}
+                table.append({"survey": name, "variant": variant, **cells, **verdict(cells)})
     keep("unseen", "Detection on surveys left out, by the command", table, COMMAND, NOTE)
 
 
+def surveys(data: Path) -> dict[str, Callable[[], Survey]]:
+    """Every labelled survey, and the towns that `benchmarks.accuracy.detection` shows, by name."""
+
+    def town(scan: TownScan) -> Callable[[], Survey]:
+        return lambda: survey_of(scan.name, scan_of(scan))
+
+    return labelled_surveys(data) | {f"town, {scan.name}": town(scan) for scan in TOWNS}
+
+
 def shown(found: Figures) -> str:
-    """IoU with precision and recall of points; where no building stands, how many were found."""
+    """IoU with precision and recall of points; where no building stands, or none is known, how many were
+    found, and how many of their points are known to be none."""
     if not found.true_points:
-        return f"{found.buildings} found"
+        return f"{found.buildings} found, {found.false_points} points"
     return f"{found.iou:.3f} ({found.precision:.2f}, {found.recall:.2f})"
 
 
-def verdict(found: dict[str, Figures]) -> dict[str, object]:
+def verdict(cells: Mapping[str, str]) -> dict[str, str]:
     """How far the left-out default is ahead of the best published method, and behind the all-in one."""
-    default = found.get(LEFT_OUT) or found.get(ALL_IN)
-    singles = [found[column].iou for column in PUBLISHED if column in found]
-    if default is None or not default.true_points:
-        return {"ahead of the best": None, "all in less left out": None}
-    ahead = default.iou - max(singles) if singles else None
-    both = ALL_IN in found and LEFT_OUT in found
-    gap = found[ALL_IN].iou - found[LEFT_OUT].iou if both else None
+    iou = {column: float(cell.split()[0]) for column, cell in cells.items() if "(" in cell}
+    default, all_in = iou.get(LEFT_OUT), iou.get(ALL_IN)
+    singles = [iou[column] for column in PUBLISHED if column in iou]
+    every = default is not None and len(singles) == len(PUBLISHED)
+    both = default is not None and all_in is not None
     return {
-        "ahead of the best": None if ahead is None else f"{ahead:+.3f}",
-        "all in less left out": None if gap is None else f"{gap:+.3f}",
+        "ahead of the best": f"{default - max(singles):+.3f}" if every else NOT_RUN,
+        "all in less left out": f"{all_in - default:+.3f}" if both else NOT_RUN,
     }
 
 
 NOTE = """IoU by cells of 0.5 m against class 6, a cell being its highest point; in brackets precision and
-recall by points. `found`: buildings found where none stands. Left out: the weights of `consensus` were fitted
-without the row's place and all its variants; the other constants of all methods are the same in all columns.
+recall by points. `found`: where no building stands, or only the ground is known (california), how many were
+found, and how many of their points are known to be none. Left out: the weights of `consensus` were fitted
+without the row's place and all its variants; california and the towns fitted none, so both columns are
+left out there. The other constants of all methods are the same in all columns.
 Ahead of the best: IoU of the left-out default less that of the best of the five published methods with
-derived defaults. Each is one run of `eaves detect` on a bare file in blocks of 240 m."""
+derived defaults, where all were run. Each is one run of `eaves detect` on a bare file in blocks of 240 m.
+–: not run, or no other survey than the whole one."""
 
 
 if __name__ == "__main__":
