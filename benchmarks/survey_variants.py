@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -72,12 +73,12 @@ class Survey:
                 feet = pyproj.CRS.from_epsg(8228)  # heights in international feet
                 system = pyproj.crs.CompoundCRS("survey with heights in feet", [system, feet])
             header.add_crs(system)
-        las = laspy.LasData(header)
+        las: Any = laspy.LasData(header)
         las.x, las.y, las.z = (self.xyz / [1.0, 1.0, self.height_unit]).T
-        one = np.ones(len(self.xyz), np.uint8)
-        las.return_number = one if self.number is None else self.number
-        las.number_of_returns = one if self.returns is None else self.returns
-        las.point_source_id = self.strip.astype(np.uint16)
+        only = np.ones(len(self.xyz), np.uint8)
+        las.return_number = only if self.number is None else self.number
+        las.number_of_returns = only if self.returns is None else self.returns
+        las.point_source_id = np.asarray(self.strip, np.uint16)
         las.gps_time = self.pulse.astype(np.float64) * 1e-5
         las.write(path)
 

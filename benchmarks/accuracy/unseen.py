@@ -192,12 +192,12 @@ def verdict(cells: Mapping[str, str]) -> dict[str, str]:
     iou = {column: float(cell.split()[0]) for column, cell in cells.items() if "(" in cell}
     default, all_in = iou.get(LEFT_OUT), iou.get(ALL_IN)
     singles = [iou[column] for column in PUBLISHED if column in iou]
-    every = default is not None and len(singles) == len(PUBLISHED)
-    both = default is not None and all_in is not None
-    return {
-        "ahead of the best": f"{default - max(singles):+.3f}" if every else NOT_RUN,
-        "all in less left out": f"{all_in - default:+.3f}" if both else NOT_RUN,
-    }
+    ahead = gap = NOT_RUN
+    if default is not None and len(singles) == len(PUBLISHED):
+        ahead = f"{default - max(singles):+.3f}"
+    if default is not None and all_in is not None:
+        gap = f"{all_in - default:+.3f}"
+    return {"ahead of the best": ahead, "all in less left out": gap}
 
 
 NOTE = """IoU by cells of 0.5 m against class 6, a cell being its highest point; in brackets precision and

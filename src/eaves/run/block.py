@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from eaves.detect import detect_buildings
 from eaves.ground import classify_ground
 from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, Mask, PointCloud, Raster, Regions
-from eaves.model.cloud import GROUND, UNCLASSIFIED
+from eaves.model.cloud import BRIDGE_DECK, GROUND, UNCLASSIFIED
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import scene_of
 from eaves.run.clock import Clock
+from eaves.run.decks import Decks, wet_or_bridged
 from eaves.run.recipe import SEAM, Recipe
 from eaves.run.vegetation import vegetation_classes
 
 
 def block_pass(
-    cloud: PointCloud, block: Block, recipe: Recipe, wide: WideObjects | None = None
+    cloud: PointCloud,
+    block: Block,
+    recipe: Recipe,
+    wide: WideObjects | None = None,
+    decks: Sequence[Decks] = (),
 ) -> BlockResult:
     """Ground, rasters and regions of one block.
 
     `cloud` must hold the points of the block and of its surroundings up to `recipe.buffer`, and no others:
     then the result does not depend on the files or tiles they came from. `wide` is what a look at more than
-    them has found; by default it is looked for in the cloud.
+    them has found; by default it is looked for in the cloud. `decks` are those of bridges: ground to
+    stand on for the detector, and no terrain.
     """
     clock = Clock()
     cloud = cloud.about(block.origin).in_canonical_order()
@@ -36,10 +45,18 @@ def block_pass(
     seen = core.buffered(recipe.scene_buffer)
     cloud = cloud.take(seen.contains(cloud.xyz))
     beneath = None if wide is None else wide.terrain_beneath(seen, block.origin)
+    other = wet_or_bridged(cloud, decks)
+    on_deck = other == BRIDGE_DECK
+    cloud = with_classes(cloud, other)
     scene = scene_of(cloud, seen, beneath=beneath)
     clock.lap("rasters")
     nothing = Regions(np.zeros(len(cloud), np.int32))
-    regions = detect_buildings(scene, recipe.detect) if recipe.detect else nothing
+    trodden = scene
+    if on_deck.any() and recipe.detect:
+        trodden = scene_of(
+            with_classes(cloud, np.where(on_deck, np.uint8(GROUND), np.uint8(0))), seen, beneath=beneath
+        )
+    regions = detect_buildings(trodden, recipe.detect) if recipe.detect else nothing
     clock.lap("detect")
 
     inside = core.contains(cloud.xyz)
@@ -49,7 +66,7 @@ def block_pass(
     part = regions.part if regions.part is not None else np.zeros(len(cloud), np.uint8)
     vegetation = np.zeros(len(cloud), np.uint8)
     if recipe.marks_vegetation and recipe.vegetation is not None:
-        vegetation = vegetation_classes(cloud, regions.label, regions.part, scene.height, recipe.vegetation)
+        vegetation = vegetation_classes(cloud, regions.label, regions.part, trodden.height, recipe.vegetation)
     assert cloud.classification is not None and cloud.point_id is not None
     return BlockResult(
         block=block,
@@ -70,8 +87,18 @@ def block_pass(
         doubts=(
             *(doubt.translated(*block.origin) for doubt in regions.doubts if holds(core, doubt)),
             *(() if wide is None else wide.doubts_in(block.bounds)),
+            *(doubt for one in decks for doubt in one.cropped(block.bounds).doubts),
         ),
         seconds=clock.laps,
+    )
+
+
+def with_classes(cloud: PointCloud, classes: NDArray[np.uint8]) -> PointCloud:
+    """The cloud with the classes (N,) given that are not 0, but for noise."""
+    assert cloud.classification is not None
+    given = (classes > 0) & ~cloud.noise
+    return (
+        cloud.with_(classification=np.where(given, classes, cloud.classification)) if given.any() else cloud
     )
 
 

@@ -13,12 +13,14 @@ from eaves.ground import GroundMethod
 from eaves.methods import DEFAULTS, Method, MethodChoice, resolve_method
 from eaves.model.building import LODS
 from eaves.model.cloud import (
+    BRIDGE_DECK,
     BUILDING,
     GROUND,
     HIGH_VEGETATION,
     LOW_VEGETATION,
     MEDIUM_VEGETATION,
     NOISE_CLASSES,
+    WATER,
 )
 from eaves.outline import OutlineMethod
 from eaves.reconstruct import Reconstructor
@@ -30,6 +32,7 @@ from eaves.units import UnitMethod
 LARGEST_CLASS = 255
 """One byte holds a class."""
 VEGETATION = LOW_VEGETATION, MEDIUM_VEGETATION, HIGH_VEGETATION
+OTHERS = WATER, BRIDGE_DECK
 SEAM = 1.5
 """Points this near (m) to a block's border are labelled by both blocks; shared labels join regions."""
 
@@ -60,6 +63,8 @@ class Recipe:
         What the files' classes of the ground are, with `use_classes`.
     vegetation : VegetationRules or None
         How low, medium and high vegetation (3, 4, 5) is told from the rest; None leaves it unclassified.
+    others : bool
+        Tell water (9) and decks of bridges (17) from the rest.
 
     Examples
     --------
@@ -78,6 +83,7 @@ class Recipe:
     lod: str = "2.2"
     ground_classes: tuple[int, ...] = (GROUND,)
     vegetation: VegetationRules | None = VegetationRules()  # noqa: RUF009 (frozen)
+    others: bool = True
 
     @property
     def buffer(self) -> float:
@@ -93,6 +99,11 @@ class Recipe:
     def marks_vegetation(self) -> bool:
         """Whether vegetation is told from the rest: where buildings are looked for, and classes not given."""
         return self.vegetation is not None and self.detect is not None and not self.use_classes
+
+    @property
+    def marks_others(self) -> bool:
+        """Whether water and decks of bridges are told from the rest."""
+        return self.others and self.marks_vegetation
 
     @property
     def scene_buffer(self) -> float:
@@ -135,7 +146,8 @@ def make_recipe(
         The numbers by which the files' classes mean building and ground, with `use_classes`; by default 6 and
         67, and 2.
     classes : sequence of int or None
-        The classes that are written: `2, 3, 4, 5, 6` by default; `2, 6` leaves vegetation unclassified.
+        The classes that are written: `2, 3, 4, 5, 6, 9, 17` by default; `2, 3, 4, 5, 6` leaves water
+        and decks of bridges what they would be otherwise, `2, 6` vegetation, too.
 
     Returns
     -------
@@ -182,7 +194,8 @@ def make_recipe(
         use_classes=use_classes,
         lod=lod,
         ground_classes=tuple(ground_classes or (GROUND,)),
-        vegetation=VegetationRules() if _with_vegetation(classes) else None,
+        vegetation=VegetationRules() if _with(classes, VEGETATION) else None,
+        others=_with(classes, OTHERS),
     )
 
 
@@ -217,14 +230,17 @@ def _check_given(
         raise ValueError(f"class {min(both)} cannot be both ground and building; leave it out of one")
 
 
-def _with_vegetation(classes: Sequence[int] | None) -> bool:
-    """Whether the classes to write, checked, hold those of vegetation."""
-    if classes is None or set(classes) == {GROUND, *VEGETATION, BUILDING}:
+def _with(classes: Sequence[int] | None, some: tuple[int, ...]) -> bool:
+    """Whether the classes to write, checked, hold some."""
+    if classes is None:
         return True
-    if set(classes) != {GROUND, BUILDING}:
+    sets = [{GROUND, BUILDING}, {GROUND, *VEGETATION, BUILDING}, {GROUND, *VEGETATION, BUILDING, *OTHERS}]
+    if set(classes) not in sets:
         told = ",".join(map(str, classes))
-        raise ValueError(f"--classes {told}: write 2,6 or 2,3,4,5,6; noise (7, 18) is always marked")
-    return False
+        allowed = ", ".join(",".join(map(str, sorted(one))) for one in sets[:-1])
+        last = ",".join(map(str, sorted(sets[-1])))
+        raise ValueError(f"--classes {told}: write {allowed} or {last}; noise (7, 18) is always marked")
+    return set(some) <= set(classes)
 
 
 def _name_of(choice: MethodChoice) -> object:

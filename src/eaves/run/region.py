@@ -35,7 +35,7 @@ from eaves.run.partition import FileSlice, earlier, file_slices, find_isolated_b
 from eaves.run.recipe import Recipe
 from eaves.run.run import Progress, Run
 from eaves.run.store import Store
-from eaves.run.wide import keep_floor, keep_square, load_wide, squares_of
+from eaves.run.wide import keep_floor, keep_square, load_decks, load_wide, squares_of
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
 
 log = logging.getLogger("eaves")
@@ -289,8 +289,10 @@ def import_methods(recipe: Recipe) -> None:
 
 def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
     """The block pass for one block, kept in the store."""
-    wide = load_wide(store, block.bounds.buffered(recipe.buffer)) if recipe.sees_wide else None
-    store.save_block(block_pass(store.load_cloud(block, recipe.buffer), block, recipe, wide))
+    seen = block.bounds.buffered(recipe.buffer)
+    wide = load_wide(store, seen) if recipe.sees_wide else None
+    decks = load_decks(store, seen) if recipe.sees_wide and recipe.marks_others else ()
+    store.save_block(block_pass(store.load_cloud(block, recipe.buffer), block, recipe, wide, decks))
 
 
 def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: bool = False) -> None:

@@ -12,13 +12,14 @@ from eaves.ground.toolkit.wide_objects import Patch, WideObjects
 from eaves.model import Block, Bounds
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
 from eaves.model.doubt import Doubt
+from eaves.run.decks import Decks, decks_of
 from eaves.run.part_file import load_value, save_value
 from eaves.run.store import Store
 
 SQUARE = 480.0
 """Side of a square (m), a whole multiple of all cells. What is found in it, with `GroundMethod.wide_buffer`
 around it in view, is the same whatever the blocks, tiles and files are."""
-TYPES = {cls.__name__: cls for cls in (Floor, Patch, Doubt)}
+TYPES = {cls.__name__: cls for cls in (Floor, Patch, Doubt, Decks)}
 """The classes of the parts kept here."""
 
 
@@ -62,6 +63,7 @@ def keep_square(square: Block, store: Store, side: float, ground: GroundMethod) 
                 floor.merge(load_value(path, TYPES))
     patch = ground.find_wide_objects(floor)
     patches = () if patch is None else (patch.cropped(square.bounds),)
+    save_value(store.path("decks", square), decks_of(floor, square.bounds, patch))
     save_value(store.path("squares", square), patches)
 
 
@@ -73,3 +75,9 @@ def load_wide(store: Store, bounds: Bounds) -> WideObjects:
         if path.exists():
             patches += load_value(path, TYPES)
     return WideObjects(tuple(patches))
+
+
+def load_decks(store: Store, bounds: Bounds) -> tuple[Decks, ...]:
+    """The decks of bridges within `bounds`, world metres."""
+    paths = [store.path("decks", square) for square in squares_of([bounds])]
+    return tuple(load_value(path, TYPES) for path in paths if path.exists())

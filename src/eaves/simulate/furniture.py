@@ -7,12 +7,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.model.cloud import UNCLASSIFIED
+from eaves.model.cloud import BRIDGE_DECK, UNCLASSIFIED, WIRE, WIRE_TOWER
 from eaves.simulate.surfaces import UP, Surfaces, box, curtain, fan
 from eaves.simulate.terrain import Corridor, Terrain
-
-WIRE, WIRE_TOWER, BRIDGE_DECK = 14, 15, 17
-"""Class codes of LAS 1.4, table 17."""
 
 
 def park_car(x: float, y: float, ground: float, angle: float, rng: np.random.Generator) -> Surfaces:
