@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -47,16 +48,40 @@ def open_part(path: Path) -> Any:
 
 def save_value(path: Path, value: Any) -> None:
     """Write one value, whole or not at all; see `encode`."""
-    arrays: list[NDArray[Any]] = []
-    text = encode(value, arrays)
-    save_part(path, {"value": text} | {f"array-{k}": array for k, array in enumerate(arrays)})
+    save_part(path, pack("value", value))
 
 
 def load_value(path: Path, types: Mapping[str, type[Any]] = TYPES) -> Any:
     """The value that `save_value` wrote."""
     with open_part(path) as file:
-        arrays = [file[f"array-{k}"] for k in range(len(file.files) - 1)]
-        return decode(file["value"], arrays, types)
+        return unpack(file, "value", types)
+
+
+def pack(name: str, value: Any) -> dict[str, NDArray[Any]]:
+    """A value as a few arrays, their names beginning with `name`: those in it are joined, type by type, for
+    each array of a file costs as much to open as hundreds of numbers to read."""
+    arrays: list[NDArray[Any]] = []
+    text = encode(value, arrays)
+    joined: dict[str, list[NDArray[Any]]] = {}
+    index = []
+    for array in arrays:
+        joined.setdefault(array.dtype.str, []).append(array.ravel())
+        index.append([array.dtype.str, list(array.shape)])
+    packed = {name: text, f"{name}-index": encode(index, [])}
+    return packed | {f"{name}-{kind}": np.concatenate(pieces) for kind, pieces in joined.items()}
+
+
+def unpack(file: Mapping[str, NDArray[Any]], name: str, types: Mapping[str, type[Any]] = TYPES) -> Any:
+    """The value of `pack`, from a part that is open."""
+    joined: dict[str, NDArray[Any]] = {}
+    ends: dict[str, int] = {}
+    arrays = []
+    for kind, shape in decode(file[f"{name}-index"], []):
+        if kind not in joined:
+            joined[kind], ends[kind] = file[f"{name}-{kind}"], 0
+        start, ends[kind] = ends[kind], ends[kind] + math.prod(shape)
+        arrays.append(joined[kind][start : ends[kind]].reshape(shape))
+    return decode(file[name], arrays, types)
 
 
 def is_sound(path: Path) -> bool:

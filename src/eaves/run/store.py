@@ -20,7 +20,7 @@ from eaves.model import Block, BuildingModel, CoordinateSystem, Failure, PointCl
 from eaves.model.cloud import GRID_STEP
 from eaves.model.results import BlockResult, BuildingResult
 from eaves.run.block_file import BlockFile, save_block
-from eaves.run.part_file import decode, encode, is_sound, open_part, save_part
+from eaves.run.part_file import is_sound, open_part, pack, save_part, unpack
 from eaves.run.rows import BuildingRow
 
 log = logging.getLogger("eaves")
@@ -147,11 +147,9 @@ class Store:
             "rows": [vars(BuildingRow.of(result.outcome, result.seconds)) for result in results],
             "answers": [result.outcome for result in results],
         }
-        packed = {}
+        packed: dict[str, NDArray[Any]] = {}
         for name, values in sections.items():
-            arrays: list[NDArray[Any]] = []
-            packed[name] = encode(values, arrays)
-            packed |= {f"{name}-{k}": array for k, array in enumerate(arrays)}
+            packed |= pack(name, values)
         packed["points"] = np.array([len(result.point_id) for result in results], np.int64)
         packed["point_id"] = np.concatenate([np.zeros(0, np.int64), *(one.point_id for one in results)])
         packed["plane"] = np.concatenate([np.zeros(0, np.int32), *(one.plane for one in results)])
@@ -179,8 +177,7 @@ class Store:
         for owner in owners:
             if self.has("buildings", owner):
                 with open_part(self.path("buildings", owner)) as file:
-                    count = sum(one.startswith(f"{name}-") for one in file.files)
-                    yield decode(file[name], [file[f"{name}-{k}"] for k in range(count)])
+                    yield unpack(file, name)
 
     def drop_damaged(self) -> None:
         """Remove the parts that are not as they were written, with a warning for each: they are computed
