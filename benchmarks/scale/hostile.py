@@ -3,9 +3,10 @@
 The property: no run ends with status 0 unless `eaves check` passes and its results are the undisturbed run's;
 a run that ends with another status says why in words, and can be resumed where resuming is promised.
 
-usage: python -m benchmarks.scale.hostile [--seconds S] [--log FILE.jsonl]
+usage: python -m benchmarks.scale.hostile [--seconds S] [--log FILE.jsonl] [--kind WORD] [--table]
 
-A log goes on where it ended: each case is made of its number alone.
+A log goes on where it ended: each case is made of its number alone. Of a commit only the cases of its own
+code are new: every line of the log names the commit that it was tried on.
 """
 
 from __future__ import annotations
@@ -25,9 +26,16 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from benchmarks.scale.identical import digest
-from benchmarks.table import keep
+import laspy
+from tests.formats.copc_writer import write_copc
+
+from benchmarks.scale import fuzz
+from benchmarks.scale.identical import cluster, digest
+from benchmarks.scale.mutations import put_hurt
+from benchmarks.scale.point_mutations import hurt_points
+from benchmarks.table import commit_now, keep
 from eaves.run.manifest import check_folder
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
@@ -36,12 +44,37 @@ LIMITS = (
     "resource.setrlimit(getattr(resource, kind), (size, size)); "
     "runpy.run_module('eaves', run_name='__main__')"
 )
+DYING = (
+    "import os, runpy, signal, sys\n"
+    "left, after, move = int(sys.argv[1]), sys.argv[2] == 'after', os.replace\n"
+    "sys.argv[1:3] = []\n"
+    "def counted(*paths):\n"
+    "    global left\n"
+    "    left -= 1\n"
+    "    if left == 0 and not after: os.kill(os.getpid(), signal.SIGKILL)\n"
+    "    move(*paths)\n"
+    "    if left == 0: os.kill(os.getpid(), signal.SIGKILL)\n"
+    "os.replace = counted\n"
+    "runpy.run_module('eaves', run_name='__main__')\n"
+    "sys.stderr.write(str(left))"
+)
+"""Ends itself with the n-th file that it shows, before or after: every phase ends in one."""
+JUMPING = (
+    "import random, runpy, sys, time; chance, own = random.Random(int(sys.argv[1])), time.time; "
+    "sys.argv[1:2] = []; "
+    "time.time = lambda: own() + chance.choice([-1e9, -86400, 0, 3600, 1e8]); "
+    "runpy.run_module('eaves', run_name='__main__')"
+)
+"""A clock that is set again whenever it is looked at."""
+MOST_WRITES = 40
+"""More than the files that the scene's run shows, in all phases."""
 GOOD = ("right", "said so")
 NOTE = (
     "Right: status 0, `eaves check` passes, the results are the undisturbed run's (of mutated points: it "
     "passes). Said so: another status, with its reason in a line; a run that was ended was resumed and then "
     "right. Wrong: anything else."
 )
+INPUTS_AT_ONCE = 5
 LONGEST = 300.0
 """Seconds after which a run counts as hung."""
 
@@ -81,6 +114,14 @@ class Bench:
         verdict = self.judge(status, said, out)
         return verdict if verdict != "said so" else f"cannot be resumed: {said.strip()[-200:]}"
 
+    def finish_tiles(self, out: Path) -> str:
+        """Resume a run by tiles to its end; it writes no points."""
+        status, said = self.run(self.words(out, "--resume", "--jobs", "1", "--per-tile"))
+        verdict = self.judge(status, said, out, same=False)
+        if verdict != "right":
+            return verdict if verdict != "said so" else f"cannot be resumed: {said.strip()[-200:]}"
+        return "right" if digest(out)[0] == self.right[0] else "status 0, other results"
+
 
 def killed(bench: Bench, chance: random.Random, out: Path) -> str:
     """A run ended by a signal at a random moment, and resumed."""
@@ -90,6 +131,37 @@ def killed(bench: Bench, chance: random.Random, out: Path) -> str:
     process.communicate(timeout=LONGEST)
     if out.exists() and not (out / "run.json").exists() and chance.random() < 0.5:
         shift_clocks(out, chance)
+    return bench.finish(out)
+
+
+def killed_at_a_write(bench: Bench, chance: random.Random, out: Path) -> str:
+    """A run that dies as it shows a file, in whatever phase that is, the merge of tiles included; resumed,
+    perhaps to die again."""
+    more = ["--per-tile"] if chance.random() < 0.5 else []
+    for _ in range(chance.choice((1, 1, 2, 3))):
+        words = [str(chance.randrange(1, MOST_WRITES)), chance.choice(("before", "after"))]
+        given = bench.words(out, "--resume", "--jobs", "1", *more)[3:]
+        status, said = bench.run([sys.executable, "-c", DYING, *words, *given])
+        if status not in (0, -signal.SIGKILL):
+            return f"status {status}: {said.strip()[-200:]}"
+    return bench.finish_tiles(out) if more else bench.finish(out)
+
+
+def clock_jumps(bench: Bench, chance: random.Random, out: Path) -> str:
+    """A clock that goes back and forth during a run, perhaps one that is killed and resumed."""
+    words = [
+        sys.executable,
+        "-c",
+        JUMPING,
+        str(chance.randrange(2**32)),
+        *bench.words(out, "--jobs", "1")[3:],
+    ]
+    if chance.random() < 0.5:
+        return bench.judge(*bench.run(words), out)
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+    time.sleep(chance.uniform(0.5, 1.1) * bench.seconds)
+    process.kill()
+    process.communicate(timeout=LONGEST)
     return bench.finish(out)
 
 
@@ -106,11 +178,7 @@ def killed_by_tiles(bench: Bench, chance: random.Random, out: Path) -> str:
     time.sleep(chance.uniform(0.5, 1.1) * bench.seconds)
     process.kill()
     process.communicate(timeout=LONGEST)
-    status, said = bench.run(bench.words(out, "--resume", "--jobs", "1", "--per-tile"))
-    verdict = bench.judge(status, said, out, same=False)
-    if verdict != "right":
-        return verdict
-    return "right" if digest(out)[0] == bench.right[0] else "status 0, other results"
+    return bench.finish_tiles(out)
 
 
 def damaged_parts(bench: Bench, chance: random.Random, out: Path) -> str:
@@ -201,6 +269,99 @@ def edited_while_read(bench: Bench, chance: random.Random, out: Path) -> str:
     return bench.judge(process.returncode, said, out)
 
 
+def edited_by_stealth(bench: Bench, chance: random.Random, out: Path) -> str:
+    """A run that was killed, its input edited to the same length with the same time, and resumed: the results
+    are the edited file's, or it says so."""
+    path = out.with_suffix(".laz")
+    shutil.copy(bench.points, path)
+    before = path.stat()
+    process = subprocess.Popen(
+        bench.words(out, "--jobs", "1", points=path), stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(chance.uniform(0.4, 1.1) * bench.seconds)
+    ended = chance.random() < 0.7
+    if ended:
+        process.kill()
+        process.communicate(timeout=LONGEST)
+    las = laspy.read(bench.points)
+    las.z = las.z[chance.choice((slice(None, None, -1), [len(las.z) // 2] * len(las.z)))]  # other heights
+    edited = path.with_name(f"{out.name}-edited.laz")
+    las.write(edited)
+    data = edited.read_bytes()
+    if chance.random() < 0.5:  # a byte in the middle, and nothing else
+        data = bytearray(bench.points.read_bytes())
+        data[chance.randrange(len(data) // 4, len(data) * 3 // 4)] ^= 1 << chance.randrange(8)
+    with path.open("rb+") as file:
+        file.write(data[: before.st_size].ljust(before.st_size, b"\0"))
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    if not ended:
+        said = process.communicate(timeout=LONGEST)[1]
+        return bench.judge(process.returncode, said, out)  # it read the whole file before, or says so
+    status, said = bench.run(bench.words(out, "--resume", "--jobs", "1", points=path))
+    verdict = bench.judge(status, said, out, same=False)
+    if verdict != "right":
+        return verdict
+    anew = out.with_name(f"{out.name}-anew")
+    status, said = bench.run(bench.words(anew, "--jobs", "1", points=path))
+    return "right" if status == 0 and digest(anew) == digest(out) else "status 0, results of the file before"
+
+
+def copc(bench: Bench, chance: random.Random, out: Path) -> str:
+    """The points as COPC, whole: the same models; or with fields of its header and its pages that lie."""
+    path = out.with_name(f"{out.name}.copc.laz")
+    write_copc(path, laspy.convert(laspy.read(bench.points), point_format_id=6, file_version="1.4"), levels=2)
+    whole = chance.random() < 0.25
+    if not whole:
+        path.write_bytes(hurt_points(path.read_bytes(), chance))
+    status, said = bench.run(bench.words(out, "--jobs", "1", points=path))
+    return bench.judge(status, said, out, same=whole)
+
+
+def worker_lost(bench: Bench, chance: random.Random, out: Path) -> str:
+    """A run on a Dask cluster of which one worker, or all, or the scheduler, is killed."""
+    with cluster() as (address, scheduler, *workers):
+        process = start(bench, out, "--scheduler", address)
+        time.sleep(chance.uniform(0.2, 1.5) * bench.seconds)
+        lost = chance.choice((workers[:1], workers[:1], workers, [scheduler]))
+        for one in lost:
+            one.kill()
+        try:
+            said = process.communicate(timeout=LONGEST / 3)[1]
+        except subprocess.TimeoutExpired:
+            if lost == workers[:1]:
+                process.kill()
+                process.communicate()
+                return "hung"
+            process.send_signal(signal.SIGINT)  # nobody is left to compute: it waits for others to come
+            said = process.communicate(timeout=LONGEST)[1]
+    verdict = bench.judge(process.returncode, said, out)
+    return verdict if verdict not in GOOD else bench.finish(out)
+
+
+def mutated_inputs(bench: Bench, chance: random.Random, out: Path) -> str:
+    """One mutated input of every kind that the commands read (`benchmarks.scale.fuzz`)."""
+    place = bench.place / "fuzz"
+    if not place.exists():
+        place.mkdir()
+        fuzz.write_whole(place)
+    kinds = fuzz.make_kinds(place)
+    others, wrong = [kind.whole for kind in kinds], []
+    for kind in chance.sample(kinds, INPUTS_AT_ONCE):
+        folder = out / kind.name
+        folder.mkdir(parents=True)
+        path, target = folder / kind.whole.name, folder / "out"
+        put_hurt(path, kind.whole.read_bytes(), kind.mutate, others, chance)
+        status, said = bench.run([sys.executable, "-m", "eaves", *kind.words(path, target)])
+        fault = fuzz.wrong_with(status, said, target)
+        if "Traceback" in said:
+            fault = f"status {status}: {said.strip()[-200:]}"
+        if not fault and status == 0 and (target / "manifest.json").exists():
+            fault = next(iter(check_folder(target)), "")
+        if fault:
+            wrong.append(f"{kind.name}: {fault}")
+    return "; ".join(wrong) or "said so"
+
+
 def tampered_results(bench: Bench, chance: random.Random, out: Path) -> str:
     """A result changed after the run: `eaves check` must say which."""
     shutil.copytree(bench.place / "whole", out)
@@ -241,7 +402,8 @@ CASES: dict[str, Callable[[Bench, random.Random, Path], str]] = {
     case.__name__.replace("_", " "): case
     for case in (
         *(killed, killed_by_tiles, damaged_parts, crowded, starved, lying_header, mutated_points),
-        *(edited_while_read, tampered_results, own_input, read_only),
+        *(edited_while_read, tampered_results, own_input, read_only, killed_at_a_write, clock_jumps),
+        *(edited_by_stealth, copc, worker_lost, mutated_inputs),
     )
 }
 
@@ -255,49 +417,79 @@ def prepare(place: Path) -> Bench:
     """The scene and its undisturbed run."""
     points = write_simulation(nine_roofs_on_a_slope(density=4.0, seed=3), place / "nine")["points"]
     bench = Bench(place, points, ("", ""), 0.0)
+    bench.run(bench.words(place / "whole", "--jobs", "1"))  # compiles what is not compiled yet
+    shutil.rmtree(place / "whole")
     started = time.perf_counter()
     status, said = bench.run(bench.words(place / "whole", "--jobs", "1"))
     assert status == 0, said
     return Bench(place, points, digest(place / "whole"), time.perf_counter() - started)
 
 
+def try_case(bench: Bench, number: int, kind: str) -> dict[str, Any]:
+    """One case, with its verdict, its seconds and the commit it was tried on."""
+    out, started = bench.place / f"case{number}", time.perf_counter()
+    try:
+        verdict = CASES[kind](bench, random.Random(number), out)
+    except subprocess.TimeoutExpired:
+        verdict = "hung"
+    for left in bench.place.glob(f"case{number}*"):
+        if left.is_dir() and not left.is_symlink():
+            shutil.rmtree(left, ignore_errors=True)
+        else:
+            left.unlink()
+    seconds = round(time.perf_counter() - started, 1)
+    return {"case": number, "kind": kind, "verdict": verdict, "seconds": seconds, "commit": commit_now()}
+
+
+def keep_table(tried: list[dict[str, Any]]) -> None:
+    """Write the table: of cases tried again the last verdict counts, what was found before is named."""
+    last = {one["case"]: one for one in tried}
+    rows: list[dict[str, object]] = []
+    for kind in CASES:
+        mine = [one["verdict"] for one in last.values() if one["kind"] == kind]
+        counts = Counter(verdict if verdict in GOOD else "wrong" for verdict in mine)
+        rows.append(
+            {"disturbance": kind, "cases": len(mine), **{name: counts[name] for name in (*GOOD, "wrong")}}
+        )
+    note = f"{sum(one['seconds'] for one in tried) / 60:.0f} minutes, {len(last)} cases. {NOTE}\n"
+    for one in tried:
+        if one["verdict"] not in GOOD:
+            end = last[one["case"]]
+            told = "" if end is one else f"; since then {end['verdict']} ({end['commit']})"
+            note += f"\n- case {one['case']}, {one['kind']} ({one['commit']}): {one['verdict']}{told}"
+    keep("hostile", "Hostile surroundings", rows, "python -m benchmarks.scale.hostile", note)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=7200.0)
     parser.add_argument("--log", type=Path, default=Path(tempfile.gettempdir()) / "hostile.jsonl")
+    parser.add_argument("--kind", default="", help="Only disturbances with this in their name.")
+    parser.add_argument("--again", action="store_true", help="Try the cases again that went wrong.")
     asked = parser.parse_args()
     known = asked.log.read_text(encoding="utf-8").splitlines() if asked.log.exists() else []
-    verdicts = [json.loads(line) for line in known]
+    tried = [json.loads(line) for line in known]
     with tempfile.TemporaryDirectory() as name, asked.log.open("a", encoding="utf-8") as log:
         bench, end = prepare(Path(name)), time.monotonic() + asked.seconds
+        last = {one["case"]: one for one in tried}
+        wrong = [one for one in last.values() if one["verdict"] not in GOOD]
+        first = max(last, default=-1) + 1
+        # A run that goes on has as many cases of every kind as one in one piece: the rarest comes next.
+        counts = Counter({kind: 0 for kind in CASES if asked.kind in kind})
+        counts.update(one["kind"] for one in last.values() if one["kind"] in counts)
+        again = iter([(one["case"], one["kind"]) for one in wrong] if asked.again else ())
         while time.monotonic() < end:
-            number = len(verdicts)
-            kind = list(CASES)[number % len(CASES)]
-            out = bench.place / f"case{number}"
-            started = time.perf_counter()
-            try:
-                verdict = CASES[kind](bench, random.Random(number), out)
-            except subprocess.TimeoutExpired:
-                verdict = "hung"
-            verdicts.append({"case": number, "kind": kind, "verdict": verdict})
-            verdicts[-1]["seconds"] = round(time.perf_counter() - started, 1)
-            log.write(json.dumps(verdicts[-1]) + "\n")
+            number, kind = (
+                next(again, (first, "")) if asked.again else (first, min(counts, key=counts.__getitem__))
+            )
+            if not kind:
+                break
+            tried.append(try_case(bench, number, kind))
+            counts[kind] += 1
+            first = max(first, number + 1)
+            log.write(json.dumps(tried[-1]) + "\n")
             log.flush()
-            for left in bench.place.glob(f"case{number}*"):
-                if left.is_dir() and not left.is_symlink():
-                    shutil.rmtree(left, ignore_errors=True)
-                else:
-                    left.unlink()
-    rows: list[dict[str, object]] = []
-    for kind in CASES:
-        mine = [one for one in verdicts if one["kind"] == kind]
-        counts = Counter(one["verdict"] if one["verdict"] in GOOD else "wrong" for one in mine)
-        figures = {name: counts[name] for name in (*GOOD, "wrong")}
-        rows.append({"disturbance": kind, "cases": len(mine), **figures})
-    wrong = [one for one in verdicts if one["verdict"] not in GOOD]
-    note = f"{sum(one['seconds'] for one in verdicts) / 60:.0f} minutes. " + NOTE
-    note += "".join(f"\n- case {one['case']}, {one['kind']}: {one['verdict']}" for one in wrong)
-    keep("hostile", "Hostile surroundings", rows, "python -m benchmarks.scale.hostile", note)
+    keep_table(tried)
 
 
 if __name__ == "__main__":

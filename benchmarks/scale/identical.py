@@ -81,8 +81,8 @@ def point_table(path: Path) -> np.ndarray:
 
 
 @contextmanager
-def cluster() -> Iterator[str]:
-    """A Dask scheduler and two workers as processes on loopback."""
+def cluster() -> Iterator[tuple[str, *tuple[subprocess.Popen[bytes], ...]]]:
+    """A Dask scheduler and two workers as processes on loopback: its address, and the three."""
     address = f"tcp://127.0.0.1:{SCHEDULER_PORT}"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--no-dashboard"]
@@ -90,7 +90,7 @@ def cluster() -> Iterator[str]:
     worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--host", "127.0.0.1"]
     started += [subprocess.Popen([*worker, "--nthreads", "1", "--no-dashboard"], **quiet) for _ in range(2)]
     try:
-        yield address
+        yield address, *started
     finally:
         for process in reversed(started):
             process.terminate()
@@ -124,7 +124,7 @@ def variants(points: Path, place: Path, given: RunOptions, jobs: int) -> Iterato
     for name, source in folders.items():
         yield once(f"{name}, {jobs} processes", source, jobs=jobs)
     yield once("36 files, by tiles", folders["36 files"], jobs=jobs, per_tile=True)
-    with cluster() as address:
+    with cluster() as (address, *_):
         yield once("one file, Dask, 2 workers", points, scheduler=address)
 
 
