@@ -240,8 +240,13 @@ def documents() -> dict[str, dict[str, Any]]:
         "303_non_manifold_case_vertex_invalid": city(solid([*first, *second])),
         "303_non_manifold_case_valid": city(solid(prism(corner, 0, 1000))),
         "305_multiple_connected_components_invalid": city(solid([*CUBE, *box(1002, 0, 0, 2000, 1000, 1000)])),
-        "305_multiple_connected_components_valid": city(
-            geometry("MultiSolid", [[CUBE], [box(1002, 0, 0, 2000, 1000, 1000)]])
+        "305_multiple_connected_components_valid": city_of(
+            {
+                "a": {
+                    "type": "GenericCityObject",
+                    "geometry": [geometry("MultiSolid", [[CUBE], [box(1002, 0, 0, 2000, 1000, 1000)]])],
+                }
+            }
         ),
         "306_shell_self_intersection_invalid": city(solid(dented_box(-1))),
         "306_shell_self_intersection_touching_invalid": city(solid(dented_box(0))),
@@ -287,7 +292,9 @@ def documents() -> dict[str, dict[str, Any]]:
         ),
         "501_intersection_solids_valid": city(geometry("CompositeSolid", [[west], [east]])),
         "502_duplicated_solids_invalid": city(geometry("CompositeSolid", [[west], [west]])),
-        "502_duplicated_solids_valid": city(geometry("MultiSolid", [[west], [west]])),
+        "502_duplicated_solids_valid": city_of(
+            {"a": {"type": "GenericCityObject", "geometry": [geometry("MultiSolid", [[west], [west]])]}}
+        ),
         "503_disconnected_solids_invalid": city(
             geometry("CompositeSolid", [[west], [box(1002, 0, 0, 2000, 1000, 1000)]])
         ),
@@ -305,7 +312,10 @@ def documents() -> dict[str, dict[str, Any]]:
         "902_empty_primitive_invalid": city(solid([])),
         "902_empty_primitive_valid": city(),
         "911_unknown_type_invalid": city_of({"a": {"type": "House", "geometry": [solid(CUBE)]}}),
-        "911_unknown_type_valid": city_of({"a": {"type": "+House", "geometry": [solid(CUBE)]}}),
+        "911_unknown_type_valid": city_of(
+            {"a": {"type": "+House", "geometry": [solid(CUBE)]}},
+            extensions={"Houses": {"url": "houses.ext.json", "version": "1.0"}},
+        ),
         "912_broken_reference_invalid": city_of({"a": {"type": "Building", "children": ["b"]}}),
         "912_broken_reference_valid": city_of(
             {"a": {"type": "Building", "children": ["b"]}, "b": {"type": "BuildingPart", "parents": ["a"]}}

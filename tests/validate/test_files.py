@@ -191,7 +191,7 @@ def test_what_the_schema_forbids_is_found(tmp_path: Path) -> None:
     assert codes_of(path, json.dumps({**whole, "vertices": words})) == {901}
     instance = {"type": "GeometryInstance", "template": 3, "boundaries": [0]}
     instance["transformationMatrix"] = [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
-    broken = {name: {**item, "geometry": [*item["geometry"], instance]}}
+    broken = {name: {**item, "type": "GenericCityObject", "geometry": [*item["geometry"], instance]}}
     assert codes_of(path, json.dumps({**whole, "CityObjects": broken})) == {912}
     seq = tmp_path / "a.city.jsonl"
     head = json.dumps({**whole, "CityObjects": {}, "vertices": []})

@@ -13,12 +13,17 @@ from eaves.cli.runs import COMPLETE, INCOMPLETE, start_log
 
 def validate(
     file: Annotated[Path, typer.Argument(help="CityJSON or CityJSONSeq.", metavar="FILE")],
+    extension: Annotated[
+        list[Path] | None,
+        typer.Option(help="Definition of an extension that the file uses; may be repeated."),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Every defect of every solid, by val3dity's codes. Exit status 1 when there is one."""
     from eaves.validate import validate_file
 
-    findings = validate_file(file)
+    start_log(quiet)
+    findings = validate_file(file, extensions=extension or ())
     for finding in findings:
         told = f"{finding.code} {finding.name}: {finding.building} {finding.where}: {finding.detail}"
         typer.echo(printable(told))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+import logging
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,16 @@ from eaves.formats.cityjson_read import system_of_head
 from eaves.model import Finding
 from eaves.validate.boundaries import FINEST_STEP, Integers
 from eaves.validate.codes import make_finding
+from eaves.validate.extensions import read_extension
 from eaves.validate.primitives import Primitive, Tolerances, check_primitives
-from eaves.validate.structure import check_feature, check_head, check_objects
+from eaves.validate.structure import Rules, check_feature, check_head, check_objects
+
+log = logging.getLogger("eaves")
 
 DEPTH = {"MultiSurface": 2, "CompositeSurface": 2, "Solid": 3, "MultiSolid": 4, "CompositeSolid": 4}
 """Geometry type → how many lists deep its rings lie."""
+THIN = {"MultiPoint": 0, "MultiLineString": 1, "GeometryInstance": 0}
+"""The same of those without a surface: only that their vertices exist is checked."""
 
 VERSIONS = ("1.0", "1.1", "2.0")
 
@@ -42,10 +48,9 @@ class Grid:
     def places(self, written: Any) -> Integers:
         """Written vertices as (V, 3) whole numbers of steps; ValueError states what is wrong with them."""
         try:
-            given = np.asarray(written)
-            if given.size and given.dtype.kind not in "iuf" and any(type(x) is not int for x in given.flat):
+            if not {type(number) for vertex in written for number in vertex} <= {int, float}:
                 raise TypeError  # words and truths, of which numpy makes numbers
-            numbers = np.asarray(given, np.float64)
+            numbers = np.asarray(written, np.float64)
         except (TypeError, ValueError, OverflowError):
             raise ValueError("the vertices are not lists of three numbers") from None
         if numbers.size == 0:
@@ -60,7 +65,9 @@ class Grid:
         return np.asarray(steps, np.int64)
 
 
-def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> list[Finding]:
+def validate_file(
+    path: str | Path, tolerances: Tolerances | None = None, extensions: Sequence[str | Path] = ()
+) -> list[Finding]:
     """All findings of a CityJSON or CityJSONSeq file, in the order of its buildings; none means valid.
 
     The coordinates are checked as written (whole numbers and transform). The limits are metres also where the
@@ -73,6 +80,9 @@ def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> lis
         `.city.json` or `.city.jsonl`.
     tolerances : Tolerances or None
         Limits for snapping, planarity and normals; None takes val3dity's defaults.
+    extensions : sequence of str or Path
+        Files that define the extensions the file uses; what one without its file adds is not checked, with a
+        warning.
 
     Returns
     -------
@@ -82,7 +92,7 @@ def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> lis
     Raises
     ------
     InputError
-        When there is no such file, or it cannot be read.
+        When there is no such file, it cannot be read, or a definition of an extension is none.
 
     Examples
     --------
@@ -97,25 +107,32 @@ def validate_file(path: str | Path, tolerances: Tolerances | None = None) -> lis
     []
     """
     findings: list[Finding] = []
+    known = [read_extension(one) for one in extensions]
     try:
         documents = _documents(Path(path), findings)
         head: Any = next(documents, None)
         grid = _read_head(head, Path(path), findings)
         if grid is None:
             return findings
-        findings += check_head(head)
+        rules = Rules.of(head, known)
+        for name in sorted(rules.declared - {one.name for one in known}):
+            log.warning(
+                "%s: what extension %s adds is not checked; give its definition (--extension)", path, name
+            )
+        findings += check_head(head, rules)
         findings += _check_templates(head, tolerances)
-        templates = count_templates(head)
         batch = [head]
         for document in documents:
-            findings += check_feature(document)
+            findings += check_feature(document, rules)
             batch.append(document)
             if len(batch) == FEATURES_AT_ONCE:
-                findings += _check_batch(batch, grid, tolerances, templates)
+                findings += _check_batch(batch, grid, tolerances, rules)
                 batch = []
-        return findings + _check_batch(batch, grid, tolerances, templates)
+        return findings + _check_batch(batch, grid, tolerances, rules)
     except OSError as error:
         raise InputError.about(path, f"cannot be read ({error.strerror})", "check the path") from None
+    except InputError:  # of an extension's definition
+        raise
     except (ValueError, RecursionError) as error:
         return [*findings, make_finding(901, "", "file", f"it is not JSON: {error}")]
 
@@ -194,7 +211,7 @@ PLAIN = Grid(np.ones(3), np.zeros(3))
 
 
 def _check_batch(
-    documents: Iterable[Any], grid: Grid, tolerances: Tolerances | None, templates: int
+    documents: Iterable[Any], grid: Grid, tolerances: Tolerances | None, rules: Rules
 ) -> list[Finding]:
     """Findings of some documents that share a transform."""
     findings: list[Finding] = []
@@ -210,7 +227,7 @@ def _check_batch(
         except ValueError as error:
             findings.append(make_finding(901, str(document.get("id", "")), "vertices", str(error)))
             continue
-        findings += check_objects(document.get("CityObjects", {}), templates)
+        findings += check_objects(document, rules)
         for name, item in document.get("CityObjects", {}).items():
             for found in _object_primitives(name, item, len(places), count):
                 if isinstance(found, Finding):
@@ -243,13 +260,6 @@ def _check_templates(head: dict[str, Any], tolerances: Tolerances | None) -> lis
     return findings + check_primitives(alone, places, PLAIN.step, tolerances)
 
 
-def count_templates(head: dict[str, Any]) -> int:
-    """How many geometry templates a document has."""
-    given = head.get("geometry-templates")
-    templates = given.get("templates") if isinstance(given, dict) else None
-    return len(templates) if isinstance(templates, list) else 0
-
-
 def _object_primitives(
     name: str, item: Any, vertex_count: int, first_vertex: int
 ) -> Iterator[Primitive | Finding]:
@@ -266,9 +276,13 @@ def _object_primitives(
             yield make_finding(901, name, where, "a geometry is not an object with a type")
             continue
         depth = DEPTH.get(geometry["type"])
-        if depth is None:
-            continue
         boundaries = geometry.get("boundaries", [])
+        if depth is None:
+            thin = THIN.get(geometry["type"])
+            if thin is not None and not _is_nested(boundaries, thin, vertex_count):
+                detail = f"its boundaries are no {geometry['type']} of existing vertices"
+                yield make_finding(901, name, where, detail)
+            continue
         if not _is_nested(boundaries, depth, vertex_count):
             detail = f"its boundaries are no {geometry['type']} of existing vertices"
             yield make_finding(901, name, where, detail)

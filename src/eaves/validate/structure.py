@@ -1,82 +1,33 @@
-"""Whether a CityJSON document is built as the standard says: types, members, semantics, references.
+"""Whether a CityJSON document is built as the standard says: members, types, semantics, references.
 
-The geometry is checked elsewhere. The rules are those of the schemas of CityJSON 2.0 that decide what a file
-means; names that begin with `+` belong to extensions.
+Of version 2.0 every member is held against the standard's schema (`cityjson_schema.py`), of 1.0 and 1.1 what
+decides what a file means. The geometry is checked elsewhere. Names that begin with `+` belong to extensions:
+what they may hold is known where the extension's file is given.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
+from eaves.formats import InputError
 from eaves.model import Finding
+from eaves.validate.cityjson_schema import (
+    FEATURE,
+    FIRST_LEVEL,
+    GEOMETRIES,
+    HEAD,
+    INSTANCE,
+    OBJECTS,
+    SECOND_LEVEL,
+    SURFACES,
+)
 from eaves.validate.codes import make_finding
+from eaves.validate.extensions import Extension, named
+from eaves.validate.schema import breaks
 
-FIRST_LEVEL = frozenset(
-    [
-        "Bridge",
-        "Building",
-        "CityFurniture",
-        "CityObjectGroup",
-        "GenericCityObject",
-        "LandUse",
-        "OtherConstruction",
-        "PlantCover",
-        "SolitaryVegetationObject",
-        "TINRelief",
-        "TransportSquare",
-        "Railway",
-        "Road",
-        "Tunnel",
-        "WaterBody",
-        "Waterway",
-    ]
-)
-SECOND_LEVEL = frozenset(
-    [
-        "BridgePart",
-        "BridgeInstallation",
-        "BridgeConstructiveElement",
-        "BridgeRoom",
-        "BridgeFurniture",
-        "BuildingPart",
-        "BuildingInstallation",
-        "BuildingConstructiveElement",
-        "BuildingFurniture",
-        "BuildingStorey",
-        "BuildingRoom",
-        "BuildingUnit",
-        "TunnelPart",
-        "TunnelInstallation",
-        "TunnelConstructiveElement",
-        "TunnelHollowSpace",
-        "TunnelFurniture",
-    ]
-)
-"""City objects that are part of another one (CityJSON 2.0, section 2)."""
-SURFACES = frozenset(
-    [
-        "RoofSurface",
-        "GroundSurface",
-        "WallSurface",
-        "ClosureSurface",
-        "OuterCeilingSurface",
-        "OuterFloorSurface",
-        "Window",
-        "Door",
-        "InteriorWallSurface",
-        "CeilingSurface",
-        "FloorSurface",
-        "WaterSurface",
-        "WaterGroundSurface",
-        "WaterClosureSurface",
-        "TrafficArea",
-        "AuxiliaryTrafficArea",
-        "TransportationMarking",
-        "TransportationHole",
-    ]
-)
-"""Semantic surfaces (section 3.3)."""
 SEMANTIC_DEPTH = {
     "MultiPoint": 1,
     "MultiLineString": 1,
@@ -87,48 +38,155 @@ SEMANTIC_DEPTH = {
     "CompositeSolid": 3,
 }
 """Geometry type → how many lists deep its semantic values lie: one a point, line or surface."""
-INSTANCE = "GeometryInstance"
+ADDED_OBJECT = re.compile(r"\+[A-Z]\w+")
+ADDED_SURFACE = re.compile(r"\+\w+")
+"""How the names of an extension's city objects and surfaces are formed."""
 
 
-def check_head(head: dict[str, Any]) -> Iterator[Finding]:
+@dataclass(frozen=True)
+class Rules:
+    """What the documents of one file are held against."""
+
+    strict: bool = True
+    """Whether the file is of version 2.0, of which there is a schema here."""
+    declared: frozenset[str] = frozenset()
+    """Names of the extensions that the file uses."""
+    extensions: tuple[Extension, ...] = ()
+    """Those of them whose file was given."""
+    templates: int = 0
+    appearance: Mapping[str, Any] = field(default_factory=dict)
+    """Of the file's first object, for features that have none."""
+
+    @classmethod
+    def of(cls, head: dict[str, Any], extensions: Sequence[Extension] = ()) -> Rules:
+        """The rules of a file by its first object, and the definitions given of extensions."""
+        given, appearance = head.get("extensions"), head.get("appearance")
+        declared = frozenset(given) if isinstance(given, dict) else frozenset()
+        return cls(
+            str(head.get("version")) == "2.0",
+            declared,
+            tuple(extensions),
+            count_templates(head),
+            appearance if isinstance(appearance, dict) else {},
+        )
+
+    def added(self, part: str, name: str) -> tuple[Extension, Any] | None:
+        """The extension that adds something by this name, with what it says of it."""
+        for extension in self.extensions:
+            if (schema := extension.added(part).get(name)) is not None:
+                return extension, schema
+        return None
+
+    @property
+    def all_known(self) -> bool:
+        """Whether every extension that the file uses was given."""
+        return self.declared <= {extension.name for extension in self.extensions}
+
+
+def count_templates(head: dict[str, Any]) -> int:
+    """How many geometry templates a document has."""
+    given = head.get("geometry-templates")
+    templates = given.get("templates") if isinstance(given, dict) else None
+    return len(templates) if isinstance(templates, list) else 0
+
+
+def check_head(head: dict[str, Any], rules: Rules) -> Iterator[Finding]:
     """Findings of what a file's first object must have."""
-    for name, kind in (("CityObjects", dict), ("vertices", list)):
-        if not isinstance(head.get(name), kind):
-            yield make_finding(915, "", "file", f"it has no {name}, which must be there, be it empty")
-    if str(head.get("version")) == "2.0" and not isinstance(head.get("transform"), dict):
-        yield make_finding(915, "", "file", "it has no transform, which CityJSON 2.0 asks for")
+    if not rules.strict:
+        for name, kind in (("CityObjects", dict), ("vertices", list)):
+            if not isinstance(head.get(name), kind):
+                yield make_finding(915, "", "file", f"it has no {name}, which must be there, be it empty")
+        return
+    for broken in breaks(head, HEAD, named):
+        yield make_finding(915, "", "file", broken)
+    for name, value in head.items():
+        if name.startswith("+"):
+            yield from check_added("", "file", "extraRootProperties", name, value, rules)
+    templates = head.get("geometry-templates")
+    listed = templates.get("templates") if isinstance(templates, dict) else None
+    for number, geometry in enumerate(as_list(listed)):
+        if isinstance(geometry, dict):
+            where = f"template {number}"
+            if geometry.get("type") == INSTANCE:
+                yield make_finding(911, "geometry-templates", where, "a template is no instance of another")
+            yield from check_geometry("geometry-templates", where, geometry, rules, rules.appearance)
 
 
-def check_feature(document: Any) -> Iterator[Finding]:
+def check_feature(document: Any, rules: Rules) -> Iterator[Finding]:
     """Findings of a later line of a CityJSONSeq file."""
     if not isinstance(document, dict) or document.get("type") != "CityJSONFeature":
         yield make_finding(915, "", "file", 'a line is not an object of type "CityJSONFeature"')
         return
     name = document.get("id")
-    if not isinstance(name, str):
-        yield make_finding(915, "", "file", "a feature has no id")
-    elif isinstance(document.get("CityObjects"), dict) and name not in document["CityObjects"]:
+    for broken in breaks(document, FEATURE, named):
+        yield make_finding(915, str(name or ""), "feature", broken)
+    objects = document.get("CityObjects")
+    if isinstance(name, str) and isinstance(objects, dict) and name not in objects:
         yield make_finding(912, name, "feature", "no city object of the feature has its id")
-    for member, kind in (("CityObjects", dict), ("vertices", list)):
-        if not isinstance(document.get(member), kind):
-            yield make_finding(915, str(name or ""), "feature", f"it has no {member}")
 
 
-def check_objects(objects: dict[str, Any], templates: int) -> Iterator[Finding]:
-    """Findings of the city objects of one document, geometry left out; `templates` is how many there are."""
+def check_objects(document: dict[str, Any], rules: Rules) -> Iterator[Finding]:
+    """Findings of the city objects of one document, geometry left out."""
+    objects = document.get("CityObjects", {})
+    own = document.get("appearance")
+    appearance = own if isinstance(own, dict) else rules.appearance
     for name, item in objects.items():
         if not isinstance(item, dict):
             continue  # the geometry's check says so
         kind = item.get("type")
-        if not isinstance(kind, str) or not (kind in FIRST_LEVEL | SECOND_LEVEL or kind.startswith("+")):
-            yield make_finding(911, name, "object", f"{kind!r} is no type of city object")
+        yield from check_object(name, item, kind, rules)
         yield from check_family(name, item, objects)
-        if not isinstance(item.get("attributes", {}), dict):
-            yield make_finding(915, name, "object", "its attributes are not an object")
         geometries = item.get("geometry", [])
-        for number, geometry in enumerate(geometries if isinstance(geometries, list) else []):
+        for number, geometry in enumerate(as_list(geometries)):
             if isinstance(geometry, dict):
-                yield from check_geometry(name, f"geometry {number}", geometry, templates)
+                where = f"geometry {number}"
+                yield from check_geometry(name, where, geometry, rules, appearance)
+                allowed = {**FIRST_LEVEL, **SECOND_LEVEL}.get(kind) if isinstance(kind, str) else None
+                known = isinstance(geometry.get("type"), str) and geometry["type"] in GEOMETRIES
+                if rules.strict and allowed is not None and known and geometry["type"] not in allowed:
+                    yield make_finding(915, name, where, f"a {kind} may not be a {geometry['type']}")
+
+
+def check_object(name: str, item: dict[str, Any], kind: Any, rules: Rules) -> Iterator[Finding]:
+    """Findings of a city object's type and members."""
+    if isinstance(kind, str) and kind in OBJECTS:
+        if rules.strict:
+            schema = {key: one for key, one in OBJECTS[kind].items() if key != "required"}
+            for broken in breaks(item, schema, named):
+                yield make_finding(915, name, "object", broken)
+            if kind == "CityObjectGroup" and "children" not in item:
+                yield make_finding(915, name, "object", "it has no children")
+            for attribute, value in as_object(item.get("attributes")).items():
+                if attribute.startswith("+") and rules.extensions:
+                    part = "extraAttributes"
+                    yield from check_added(name, "attributes", part, attribute, value, rules, kind)
+        elif not isinstance(item.get("attributes", {}), dict):
+            yield make_finding(915, name, "object", "its attributes are not an object")
+    elif isinstance(kind, str) and ADDED_OBJECT.match(kind):
+        yield from check_added(name, "object", "extraCityObjects", kind, item, rules)
+    else:
+        yield make_finding(911, name, "object", f"{kind!r} is no type of city object")
+
+
+def check_added(
+    name: str, where: str, part: str, added: str, value: Any, rules: Rules, owner: str = ""
+) -> Iterator[Finding]:
+    """Findings of what an extension adds: it is declared, and as the definition says where that is given."""
+    if not rules.strict:
+        return
+    if not rules.declared:
+        yield make_finding(911, name, where, f"{added!r} belongs to an extension, and none is declared")
+        return
+    found = rules.added(f"{part}/{owner}" if owner else part, added)
+    if found is not None:
+        extension, schema = found
+        try:
+            for broken in breaks(value, schema, extension.named):
+                yield make_finding(915, name, where, f"by extension {extension.name}, {broken}")
+        except ValueError as error:
+            raise InputError.about(extension.path, f"cannot be followed: {error}", "correct it") from None
+    elif rules.all_known:
+        yield make_finding(911, name, where, f"none of the extensions given has {added!r}")
 
 
 def check_family(name: str, item: dict[str, Any], objects: dict[str, Any]) -> Iterator[Finding]:
@@ -148,25 +206,66 @@ def check_family(name: str, item: dict[str, Any], objects: dict[str, Any]) -> It
         yield make_finding(912, name, "object", f"a {item['type']} has no parents")
 
 
-def check_geometry(name: str, where: str, geometry: dict[str, Any], templates: int) -> Iterator[Finding]:
-    """Findings of a geometry's type, level of detail, semantics and template."""
+def check_geometry(
+    name: str, where: str, geometry: dict[str, Any], rules: Rules, appearance: Mapping[str, Any]
+) -> Iterator[Finding]:
+    """Findings of a geometry's type, members, semantics, materials, textures and template."""
     kind = geometry.get("type")
-    if kind == INSTANCE:
-        number = geometry.get("template")
-        if type(number) is not int or not 0 <= number < templates:
-            yield make_finding(912, name, where, f"there is no template {number!r} among {templates}")
-        matrix = geometry.get("transformationMatrix")
-        if not isinstance(matrix, list) or len(matrix) != 16 or not all(map(is_number, matrix)):
-            yield make_finding(915, name, where, "its transformationMatrix is not sixteen numbers")
-        return
-    if not isinstance(kind, str) or kind not in SEMANTIC_DEPTH:
-        if isinstance(kind, str) and not kind.startswith("+"):
+    if not isinstance(kind, str) or kind not in GEOMETRIES:
+        if isinstance(kind, str):
             yield make_finding(911, name, where, f"{kind!r} is no type of geometry")
         return
-    if "lod" in geometry and not isinstance(geometry["lod"], str) and not is_number(geometry["lod"]):
-        yield make_finding(915, name, where, "its lod is no text")
-    if geometry.get("semantics") is not None:
-        yield from check_semantics(name, where, geometry, SEMANTIC_DEPTH[kind])
+    if rules.strict:
+        for broken in breaks(geometry, GEOMETRIES[kind], named):
+            yield make_finding(915, name, where, broken)
+    if kind == INSTANCE:
+        number = geometry.get("template")
+        if type(number) is not int or not 0 <= number < rules.templates:
+            yield make_finding(912, name, where, f"there is no template {number!r} among {rules.templates}")
+        return
+    depth = SEMANTIC_DEPTH[kind]
+    if isinstance(geometry.get("semantics"), dict):
+        yield from check_semantics(name, where, geometry, depth, rules)
+    materials = len(as_list(appearance.get("materials")))
+    for theme, one in as_object(geometry.get("material")).items():
+        given = as_object(one)
+        single = given.get("value")
+        exists = single is None or (type(single) is int and 0 <= single < materials)
+        if not exists or not fits(given.get("values"), geometry.get("boundaries"), depth, materials):
+            yield make_finding(
+                912, name, where, f"material {theme!r} is not one of {materials} for each face"
+            )
+    counts = tuple(len(as_list(appearance.get(member))) for member in ("textures", "vertices-texture"))
+    for theme, one in as_object(geometry.get("texture")).items():
+        values = as_object(one).get("values")
+        if values is not None and not covers(values, geometry.get("boundaries"), depth, *counts):
+            detail = (
+                f"texture {theme!r} is not one of {counts[0]} with a place of {counts[1]} for each vertex"
+            )
+            yield make_finding(912, name, where, detail)
+
+
+def covers(values: Any, boundaries: Any, depth: int, textures: int, places: int) -> bool:
+    """Whether texture values are nested as boundaries: for each ring its texture and a place for each vertex,
+    or null alone. `depth` counts the lists above the rings' list."""
+    if not isinstance(values, list) or not isinstance(boundaries, list) or len(values) != len(boundaries):
+        return False
+    pairs = zip(values, boundaries, strict=True)
+    if depth > 0:
+        return all(covers(*pair, depth - 1, textures, places) for pair in pairs)
+    return all(has_texture(*pair, textures, places) for pair in pairs)
+
+
+def has_texture(values: Any, ring: Any, textures: int, places: int) -> bool:
+    """Whether a ring's texture values are null alone, or a texture and a place for each vertex."""
+    if values == [None]:
+        return True
+    if not isinstance(values, list) or not isinstance(ring, list) or len(values) != len(ring) + 1:
+        return False
+    texture, *others = values
+    if type(texture) is not int or not 0 <= texture < textures:
+        return False
+    return all(type(one) is int and 0 <= one < places for one in others)
 
 
 def as_list(value: Any) -> list[Any]:
@@ -174,12 +273,14 @@ def as_list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
-def is_number(value: Any) -> bool:
-    """Whether a value of JSON is a number."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def as_object(value: Any) -> dict[str, Any]:
+    """A value that is an object, else an empty one."""
+    return value if isinstance(value, dict) else {}
 
 
-def check_semantics(name: str, where: str, geometry: dict[str, Any], depth: int) -> Iterator[Finding]:
+def check_semantics(
+    name: str, where: str, geometry: dict[str, Any], depth: int, rules: Rules
+) -> Iterator[Finding]:
     """Findings of the semantic surfaces: known types, a value for each surface, none that does not exist."""
     semantics = geometry["semantics"]
     surfaces = semantics.get("surfaces") if isinstance(semantics, dict) else None
@@ -188,7 +289,9 @@ def check_semantics(name: str, where: str, geometry: dict[str, Any], depth: int)
         return
     for number, surface in enumerate(surfaces):
         kind = surface.get("type") if isinstance(surface, dict) else None
-        if not isinstance(kind, str) or not (kind in SURFACES or kind.startswith("+")):
+        if isinstance(kind, str) and ADDED_SURFACE.match(kind):
+            yield from check_added(name, where, "extraSemanticSurfaces", kind, surface, rules)
+        elif kind not in SURFACES:
             yield make_finding(911, name, where, f"{kind!r} is no type of semantic surface")
             continue
         related = [surface.get("parent"), *as_list(surface.get("children"))]

@@ -98,6 +98,8 @@ def _outward_sign(boundaries: Boundaries, flat: NDArray[np.float64]) -> Values:
     """+1 or -1 (F,): which way round the outer ring runs in `flat`."""
     following = flat[boundaries.next_point]
     twice = flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]
+    if len(flat) == 0:
+        return np.zeros(len(boundaries.faces) - 1)
     area = np.bincount(boundaries.ring_of_point, twice, minlength=len(boundaries.rings) - 1)
     return np.sign(area[np.minimum(boundaries.faces[:-1], len(area) - 1)])
 
