@@ -443,7 +443,7 @@ def try_case(bench: Bench, number: int, kind: str) -> dict[str, Any]:
 
 def keep_table(tried: list[dict[str, Any]]) -> None:
     """Write the table: of cases tried again the last verdict counts, what was found before is named."""
-    last = {one["case"]: one for one in tried}
+    last = {(one["case"], one["kind"]): one for one in tried}
     rows: list[dict[str, object]] = []
     for kind in CASES:
         mine = [one["verdict"] for one in last.values() if one["kind"] == kind]
@@ -454,7 +454,7 @@ def keep_table(tried: list[dict[str, Any]]) -> None:
     note = f"{sum(one['seconds'] for one in tried) / 60:.0f} minutes, {len(last)} cases. {NOTE}\n"
     for one in tried:
         if one["verdict"] not in GOOD:
-            end = last[one["case"]]
+            end = last[one["case"], one["kind"]]
             told = "" if end is one else f"; since then {end['verdict']} ({end['commit']})"
             note += f"\n- case {one['case']}, {one['kind']} ({one['commit']}): {one['verdict']}{told}"
     keep("hostile", "Hostile surroundings", rows, "python -m benchmarks.scale.hostile", note)
@@ -471,9 +471,9 @@ def main() -> None:
     tried = [json.loads(line) for line in known]
     with tempfile.TemporaryDirectory() as name, asked.log.open("a", encoding="utf-8") as log:
         bench, end = prepare(Path(name)), time.monotonic() + asked.seconds
-        last = {one["case"]: one for one in tried}
+        last = {(one["case"], one["kind"]): one for one in tried}
         wrong = [one for one in last.values() if one["verdict"] not in GOOD]
-        first = max(last, default=-1) + 1
+        first = max((number for number, _ in last), default=-1) + 1
         # A run that goes on has as many cases of every kind as one in one piece: the rarest comes next.
         counts = Counter({kind: 0 for kind in CASES if asked.kind in kind})
         counts.update(one["kind"] for one in last.values() if one["kind"] in counts)

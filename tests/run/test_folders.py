@@ -14,8 +14,10 @@ import pytest
 
 from eaves.formats import InputError
 from eaves.pipeline import build
+from eaves.run import run
 from eaves.run.lock import LOCK, describe_process, lock_folder
 from eaves.run.manifest import MANIFEST, check_folder, end_manifest, read_manifest
+from eaves.run.run import open_run
 
 
 def test_a_folder_that_a_run_holds_is_refused__and_freed_by_its_end(tmp_path: Path) -> None:
@@ -130,3 +132,59 @@ def test_a_manifest_never_leads_out_of_its_folder(tmp_path: Path) -> None:
         (out / MANIFEST).write_text(json.dumps({"complete": True, "files": {name: {}}}))
         end_manifest(out, [], {})
         assert other.read_text() == "keep"
+
+
+@pytest.mark.parametrize("moment", ["read", "blocks", "write"])
+def test_an_input_that_changes_during_the_run_ends_it(
+    nine_roofs_file: Path, tmp_path: Path, moment: str
+) -> None:
+    points = tmp_path / "x.laz"
+    shutil.copy(nine_roofs_file, points)
+    before = points.stat()
+
+    def edit(step: str, done: int, total: int) -> None:
+        if step == moment and points.stat().st_size == before.st_size:
+            with points.open("rb+") as file:  # a byte in the middle, and the time set back
+                file.seek(before.st_size // 2)
+                (byte,) = file.read(1)
+                file.seek(before.st_size // 2)
+                file.write(bytes([byte ^ 1]))
+            os.utime(points, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+    with pytest.raises(InputError, match="changed while the run was reading it"):
+        build(points, tmp_path / "out", progress=edit, outputs=("footprints", "classified"))
+    assert not (tmp_path / "out" / "classified.laz").exists()
+
+
+def test_an_input_edited_in_secret_is_computed_anew_by_a_resumed_run(
+    nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    points, out = tmp_path / "x.laz", tmp_path / "out"
+    shutil.copy(nine_roofs_file, points)
+    before = points.stat()
+    first = open_run(points, out).plan
+    with points.open("rb+") as file:
+        file.seek(before.st_size // 2)
+        file.write(b"\0")
+    os.utime(points, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert open_run(points, out).plan != first
+
+
+def test_footprints_that_change_as_they_are_read_are_refused(
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = tmp_path / "given.geojson"
+    ring = [[0, 0], [9, 0], [9, 9], [0, 0]]
+    polygon = {"type": "Polygon", "coordinates": [ring]}
+    text = json.dumps({"type": "Feature", "properties": {"id": "a"}, "geometry": polygon})
+    given.write_text(text)
+    read = run.read_footprints
+
+    def read_and_edit(*arguments: object) -> object:
+        answer = read(*arguments)  # type: ignore[arg-type]
+        given.write_text(text.replace('"a"', '"b"'))
+        return answer
+
+    monkeypatch.setattr(run, "read_footprints", read_and_edit)
+    with pytest.raises(InputError, match="changed while the run was reading it"):
+        open_run(nine_roofs_file, tmp_path / "out", footprints=given)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from eaves.formats import InputError, write_classified
 from eaves.formats.classified import UNCHANGED
+from eaves.formats.fingerprint import refuse_change
 from eaves.model import Block
 from eaves.model.cloud import BUILDING
 from eaves.run.index import Index
@@ -64,7 +65,13 @@ class Column:
 def write_points(
     store: Store, run: Run, blocks: Sequence[Block], owners: Sequence[Block], sink: PointSink | None = None
 ) -> list[Path]:
-    """The classified points of every input."""
+    """The classified points of every input.
+
+    Raises
+    ------
+    InputError
+        When an input is no longer what it was when the run began.
+    """
     index, single = run.index, run.classified
     gather_labels(store, index, blocks, owners)
     written: list[Path] = []
@@ -84,6 +91,11 @@ def write_points(
         except InputError as error:  # a damaged file; scattering it has said so
             log.debug("%s", error)
             names.discard(path.stem)
+        try:
+            refuse_change(index.path(number), index.mark(number))
+        except InputError:
+            path.unlink(missing_ok=True)
+            raise
     return written
 
 

@@ -71,6 +71,10 @@ class Index:
         text = self.paths[start : int(self.entries["path_end"][number])]
         return Path(text.decode("utf-8", "surrogateescape"))
 
+    def mark(self, number: int) -> bytes:
+        """The fingerprint that one file had when it was indexed."""
+        return bytes(self.entries["mark"][number].tobytes())
+
     def source(self, number: int) -> Source:
         """One file, opened again.
 

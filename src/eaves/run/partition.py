@@ -19,6 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.formats import Chunk, InputError, Source, iter_chunks, open_source
 from eaves.formats.atomic import atomic, show_file
+from eaves.formats.fingerprint import refuse_change
 from eaves.model import Block, Bounds, Points
 from eaves.model.cloud import GRID_STEP
 from eaves.run.index import Index
@@ -46,6 +47,8 @@ class FileSlice:
     """Where the header says the points are, world metres."""
     k: int = 0
     n: int = 1
+    mark: bytes = b""
+    """Fingerprint of the file when the run began."""
     source: Source | None = None
     """Given where opening it again would read its points."""
 
@@ -96,7 +99,7 @@ def file_slices(index: Index) -> list[FileSlice]:
         count, kept = int(index.entries["count"][number]), index.kept.get(number)
         n = 1 if kept is not None and kept.kind == "text" else max(1, -(-count // PART_POINTS))
         shared = (number, int(starts[number]), index.path(number), index.crs, count, index.bounds(number))
-        parts += [FileSlice(*shared, k, n, kept) for k in range(n)]
+        parts += [FileSlice(*shared, k, n, index.mark(number), kept) for k in range(n)]
     return parts
 
 
@@ -148,6 +151,7 @@ def partition_slice(
             partition_chunk(chunk, part.first, side, window, writer)
             read += len(chunk)
             progress(len(chunk))
+        refuse_change(part.path, part.mark)
     except InputError as error:
         unread = str(error)
     except BaseException:

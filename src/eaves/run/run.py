@@ -8,7 +8,7 @@ import logging
 import math
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from glob import escape
 from importlib.metadata import version
@@ -266,6 +266,7 @@ def open_run(
         options["salvage"],
     )
     bounds = in_metres(as_bounds(options.get("bounds")), index.system)
+    hashes = {name: hash_of(options.get(name)) for name in POLYGONS}  # type: ignore[arg-type]
     clip = options.get("clip")
     window = Window(bounds, None if clip is None else read_area(Path(clip), index.system))
     known_polygons: list[Footprint] = []
@@ -275,6 +276,10 @@ def open_run(
         map_ = recognise_map(Path(path), options.get("footprint_source"))
         area = area_of(index.entries["box"][index.entries["count"] > 0], window.bounds, window.clip)
         known_polygons, lost = read_footprints(Path(path), options.get("id_field"), index.system, area, map_)
+    for name in POLYGONS:
+        if hash_of(options.get(name)) != hashes[name]:  # type: ignore[arg-type]
+            changed = str(options.get(name))
+            raise InputError.about(changed, "changed while the run was reading it", "run again")
     classified = options.get("classified")
     if classified is not None and len(index) > 1:
         raise InputError(f"{classified}: one file cannot hold {len(index)} inputs; give a folder with -o")
@@ -285,7 +290,7 @@ def open_run(
         recipe=recipe,
         index=index,
         window=window,
-        plan=describe(index, recipe, options, map_),
+        plan=describe(index, recipe, options, map_, hashes),
         side=options["block"],
         given=None if footprints is None else known_polygons,
         lost=() if footprints is None else tuple(lost),
@@ -340,6 +345,8 @@ def check_options(options: RunOptions) -> None:
         raise InputError(f"--bounds {told}: west must be below east, south below north")
 
 
+POLYGONS = ("clip", "footprints", "party_walls")
+"""The options that name a file of polygons."""
 METHOD_OPTIONS = ("ground", "detect", "outline", "units", "roof", "reconstruct")
 
 
@@ -376,7 +383,13 @@ def claim(folder: Path) -> None:
         ) from None
 
 
-def describe(index: Index, recipe: Recipe, options: RunOptions, known: Map | None) -> dict[str, Any]:
+def describe(
+    index: Index,
+    recipe: Recipe,
+    options: RunOptions,
+    known: Map | None,
+    hashes: Mapping[str, str | None],
+) -> dict[str, Any]:
     """What decides the result, as JSON: inputs with their hashes, methods with parameters, block, version."""
     methods = {
         stage: method and {"method": method.name, **method.model_dump(mode="json")}
@@ -399,12 +412,12 @@ def describe(index: Index, recipe: Recipe, options: RunOptions, known: Map | Non
         "buffer": recipe.buffer,
         "wide_buffer": recipe.ground.wide_buffer if recipe.sees_wide else 0.0,
         "bounds": None if bounds is None else list(vars(bounds).values()),
-        "clip": hash_of(options.get("clip")),
-        "footprints": hash_of(options.get("footprints")),
+        "clip": hashes["clip"],
+        "footprints": hashes["footprints"],
         "id_field": options.get("id_field"),
         "footprint_source": None if known is None else known.describe(),
         "snap_footprints": options["snap_footprints"],
-        "party_walls": hash_of(options.get("party_walls")),
+        "party_walls": hashes["party_walls"],
     }
 
 
@@ -424,8 +437,8 @@ def check_outputs(names: Sequence[str]) -> None:
 
 
 def hash_of(path: str | Path | None) -> str | None:
-    """SHA-256 of a file and of those beside it that belong to it: a shapefile is several."""
-    if path is None:
+    """SHA-256 of a file and of those beside it that belong to it: a shapefile is several; None for none."""
+    if path is None or not Path(path).is_file():
         return None
     whole, path = hashlib.sha256(), Path(path)
     beside = [one for one in path.parent.glob(f"{escape(path.stem)}.*") if one.suffix.lower() in SIDECARS]
