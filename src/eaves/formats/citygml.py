@@ -23,6 +23,7 @@ from eaves.formats.atomic import atomic
 from eaves.formats.cityjson import attributes_of, clean, reference_system
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Points, Solid
 from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 DECIMALS = 4
 """Of a coordinate: a tenth of a millimetre, or of a thousandth of a foot."""
@@ -88,6 +89,7 @@ def write_citygml(
     models: Iterable[Result],
     system: CoordinateSystem = LOCAL_METRES,
     version: Version = CITYGML_2,
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> int:
     """Write one building after the other (`.gml`); return their number.
 
@@ -102,6 +104,8 @@ def write_citygml(
         Coordinate system the coordinates are written in.
     version : Version
         `CITYGML_2` or `CITYGML_3`.
+    provenance : Provenance
+        What the models are made from, which the file then says.
 
     Returns
     -------
@@ -144,6 +148,8 @@ def write_citygml(
         ):
             names = " ".join(f'xmlns:{prefix}="{space}"' for prefix, space in version.spaces.items())
             file.write(f'<?xml version="1.0" encoding="UTF-8"?>\n<core:CityModel {names}>\n')
+            if provenance:
+                file.write(f"<gml:description>{escape(provenance.sentence)}</gml:description>\n")
             if count:
                 corners = "".join(
                     f"<gml:{name}>{numbers(corner[None])}</gml:{name}>"

@@ -28,6 +28,7 @@ from eaves.formats.atomic import atomic
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid
 from eaves.model.building import ROOF_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 VERSION = "2.0"
 STEP_M = 0.001
@@ -47,6 +48,7 @@ def write_cityjson_seq(
     models: Iterable[Result],
     system: CoordinateSystem = LOCAL_METRES,
     title: str = "",
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> int:
     """Write one line of metadata and one line a building.
 
@@ -63,6 +65,8 @@ def write_cityjson_seq(
         Coordinate system the coordinates are written in.
     title : str
         Title in the metadata, if any.
+    provenance : Provenance
+        What the models are made from, which the file then says.
 
     Returns
     -------
@@ -91,14 +95,20 @@ def write_cityjson_seq(
                 continue
             if writer is None:
                 writer = _Vertices(system, footprint_of(model))
-                file.write(_line(_frame(writer, system, title) | {"CityObjects": {}, "vertices": []}))
+                file.write(
+                    _line(_frame(writer, system, title, provenance) | {"CityObjects": {}, "vertices": []})
+                )
             count += 1
             writer = writer.emptied()
             objects = _city_objects(model, writer, f"building-{count}")
             feature = {"type": "CityJSONFeature", "id": next(iter(objects))}
             file.write(_line(feature | {"CityObjects": objects, "vertices": writer.integers}))
         if writer is None:
-            file.write(_line(_frame(_Vertices(system), system, title) | {"CityObjects": {}, "vertices": []}))
+            file.write(
+                _line(
+                    _frame(_Vertices(system), system, title, provenance) | {"CityObjects": {}, "vertices": []}
+                )
+            )
     return count
 
 
@@ -107,6 +117,7 @@ def write_cityjson(
     models: Iterable[Result],
     system: CoordinateSystem = LOCAL_METRES,
     title: str = "",
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> int:
     """Write all buildings as one CityJSON object.
 
@@ -121,6 +132,8 @@ def write_cityjson(
         Coordinate system the coordinates are written in.
     title : str
         Title in the metadata, if any.
+    provenance : Provenance
+        What the models are made from, which the file then says.
 
     Returns
     -------
@@ -149,7 +162,7 @@ def write_cityjson(
             writer = _Vertices(system, footprint_of(model))
         count += 1
         objects.update(_city_objects(model, writer, f"building-{count}"))
-    frame = _frame(writer, system, title)
+    frame = _frame(writer, system, title, provenance)
     if writer.integers:
         corners = np.array(writer.integers) * writer.scale + writer.translate
         extent = {"geographicalExtent": [*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()]}
@@ -236,13 +249,14 @@ class _Vertices:
         return numbers
 
 
-def _frame(vertices: _Vertices, system: CoordinateSystem, title: str) -> Json:
-    metadata = {"title": title} if title else {}
+def _frame(vertices: _Vertices, system: CoordinateSystem, title: str, provenance: Provenance) -> Json:
+    metadata: Json = {"title": title} if title else {}
     url = reference_system(system)
     if url is not None:
         metadata["referenceSystem"] = url
     if system.wkt is not None and (system.code is None or "+" in system.code or not _says_all(system)):
         metadata[WKT_MEMBER] = system.wkt
+    metadata |= provenance.members
     frame: Json = {"type": "CityJSON", "version": VERSION}
     frame["transform"] = {"scale": vertices.scale.tolist(), "translate": vertices.translate.tolist()}
     return frame | ({"metadata": metadata} if metadata else {})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from datetime import date
@@ -21,12 +22,15 @@ from eaves.formats.las import FIRST_LAYERED_FORMAT, iter_records
 from eaves.formats.las_header import LasHeader
 from eaves.formats.source import CHUNK_POINTS, Source, has_coordinates
 from eaves.formats.text import iter_text
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 log = logging.getLogger("eaves")
 UNDATED = date(1, 1, 1)
 """Stands for a missing creation date: today's would make two runs differ."""
 TEXT_SCALE = 0.001
 """Step (m) of coordinates that came as text."""
+OWNER = "eaves"
+"""Of our variable-length record."""
 UNCHANGED = 255
 """In place of a class: the point was not used, keep the values of the file."""
 
@@ -49,6 +53,7 @@ def write_classified(
     extra: Mapping[str, Values] | None = None,
     chunk_points: int = CHUNK_POINTS,
     sink: Callable[[int, NDArray[np.void]], None] | None = None,
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> None:
     """Write the points of a file as LAZ: same records in the same order, classes replaced, dimensions added.
 
@@ -68,6 +73,8 @@ def write_classified(
         How many points are in memory at a time (> 0).
     sink : callable or None
         Called with the position of the first of some records, and the records, as they are written.
+    provenance : Provenance
+        What a variable-length record of the file (owner `eaves`, number 1, JSON) then says.
 
     Raises
     ------
@@ -95,6 +102,10 @@ def write_classified(
     else:
         header, pieces = _text_header(source), _text_pieces(source, chunk_points)
         _add_dimensions(header, arrays)
+    header.vlrs = VLRList([vlr for vlr in header.vlrs if vlr.user_id != OWNER])
+    if provenance:
+        told = json.dumps(provenance.members).encode()
+        header.vlrs.append(laspy.VLR(OWNER, 1, "provenance", told))
     with (
         atomic(path) as temporary,
         temporary.open("w+b") as file,

@@ -25,6 +25,7 @@ from eaves.formats.qgis.tables import describe_layers
 from eaves.formats.vector_files import OFFLINE, REMEDY, checked_vector
 from eaves.model import Bounds, CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 log = logging.getLogger("eaves")
 
@@ -57,6 +58,7 @@ def write_geopackage(
     system: CoordinateSystem = LOCAL_METRES,
     review: Iterable[Row] = (),
     doubts: Iterable[Row] = (),
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> None:
     """Write the layers `footprints`, `roof_planes` and, where they have rows, `review` and `doubts` of a
     GeoPackage, geometry in the system's units.
@@ -78,6 +80,8 @@ def write_geopackage(
         What to look at first; a layer of its own where it has rows.
     doubts : iterable of Row
         Where the scan could not decide, and why; likewise.
+    provenance : Provenance
+        What the rows are made from, which the file then says.
 
     Raises
     ------
@@ -96,7 +100,7 @@ def write_geopackage(
     """
     with atomic(path) as temporary:
         for layer, rows in (("footprints", footprints), ("roof_planes", roof_planes)):
-            _write_layer(temporary, rows, system, "GPKG", layer)
+            _write_layer(temporary, rows, system, "GPKG", layer, provenance)
         for layer, rows in (("review", review), ("doubts", doubts)):
             for _ in islice(rows, 1):
                 _write_layer(temporary, rows, system, "GPKG", layer)
@@ -138,7 +142,11 @@ def read_upright(path: Path, layer: str, system: CoordinateSystem) -> list[Row]:
 
 
 def write_polygons(
-    path: str | Path, rows: Iterable[Row], system: CoordinateSystem = LOCAL_METRES, layer: str = "footprints"
+    path: str | Path,
+    rows: Iterable[Row],
+    system: CoordinateSystem = LOCAL_METRES,
+    layer: str = "footprints",
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> None:
     """Write one layer in the format of the file's extension: .gpkg, .fgb, .geojson.
 
@@ -156,7 +164,7 @@ def write_polygons(
     if DRIVERS[suffix] == "GeoJSON" and system.wkt is None:
         log.warning("%s: the data have no reference system, so they are not in WGS 84; use --crs", path)
     with atomic(path) as temporary:
-        _write_layer(temporary, rows, system, DRIVERS[suffix], layer)
+        _write_layer(temporary, rows, system, DRIVERS[suffix], layer, provenance)
 
 
 def read_polygons(
@@ -453,19 +461,31 @@ class _Schema:
 
 
 def append_rows(
-    path: Path, rows: Sequence[Row], system: CoordinateSystem, layer: str, kinds: Mapping[str, type]
+    path: Path,
+    rows: Sequence[Row],
+    system: CoordinateSystem,
+    layer: str,
+    kinds: Mapping[str, type],
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> None:
     """Add rows of upright polygons to a layer of a GeoPackage, both made where missing; `kinds` are the types
     of the columns."""
     schema = _Schema({name: {kind} for name, kind in kinds.items()}, several=True, count=len(rows))
-    _write_rows(path, rows, schema, system, "GPKG", layer, append=path.exists())
+    _write_rows(path, rows, schema, system, "GPKG", layer, path.exists(), provenance)
 
 
-def _write_layer(path: Path, rows: Iterable[Row], system: CoordinateSystem, driver: str, layer: str) -> None:
+def _write_layer(
+    path: Path,
+    rows: Iterable[Row],
+    system: CoordinateSystem,
+    driver: str,
+    layer: str,
+    provenance: Provenance = NOTHING_KNOWN,
+) -> None:
     schema = _Schema.of(rows)
     waiting = iter(rows)
     piece = list(islice(waiting, PIECE_ROWS if driver == "GPKG" else None))
-    _write_rows(path, piece, schema, system, driver, layer, append=path.exists())
+    _write_rows(path, piece, schema, system, driver, layer, path.exists(), provenance)
     while piece := list(islice(waiting, PIECE_ROWS)):
         _write_rows(path, piece, schema, system, driver, layer, append=True)
 
@@ -478,6 +498,7 @@ def _write_rows(
     driver: str,
     layer: str,
     append: bool,
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> None:
     import pyogrio.raw
 
@@ -494,6 +515,8 @@ def _write_rows(
         if driver == "GeoJSON" and wkt is not None:
             plane = horizontal_crs(system)
             wkt, options = plane.to_wkt() if plane else wkt, GEOJSON_OPTIONS
+        if driver != "GPKG" and provenance:
+            options = {**options, "DESCRIPTION": provenance.sentence}
         pyogrio.raw.write(
             path,
             geometry=shapely.to_wkb(shapes) if len(shapes) else shapes,
@@ -508,6 +531,7 @@ def _write_rows(
             crs=wkt,
             append=append,
             layer_options=options,
+            dataset_metadata=(provenance.tags or None) if driver == "GPKG" and not append else None,
         )
 
 

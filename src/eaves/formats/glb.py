@@ -28,6 +28,7 @@ from eaves.formats.errors import InputError
 from eaves.formats.meshes import COLOURS, SURFACES, Mesh, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Points
 from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 FLOAT, UNSIGNED_INT = 5126, 5125
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
@@ -40,7 +41,10 @@ Json = dict[str, Any]
 
 
 def write_glb(
-    path: str | Path, models: Iterable[BuildingModel | Failure], system: CoordinateSystem = LOCAL_METRES
+    path: str | Path,
+    models: Iterable[BuildingModel | Failure],
+    system: CoordinateSystem = LOCAL_METRES,
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> int:
     """Write one node a building.
 
@@ -53,6 +57,8 @@ def write_glb(
         sizes of their meshes stay in memory.
     system : CoordinateSystem
         Coordinate system that `asset.extras` states the origin in.
+    provenance : Provenance
+        What the models are made from, which the file then says.
 
     Returns
     -------
@@ -92,7 +98,7 @@ def write_glb(
                 node["mesh"] = parts.add("meshes", {"name": node["name"], "primitives": primitives})
                 count += 1
             nodes.append(node)
-        extras = scene_extras(system, origin or (0.0, 0.0))
+        extras = scene_extras(system, origin or (0.0, 0.0)) | provenance.members
         parts.assemble({"scenes": [{"nodes": list(range(len(nodes)))}], "nodes": nodes}, extras, path)
     return count
 

@@ -19,12 +19,16 @@ from eaves.geometry.rings import area_vector
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.building import LODS
 from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 KINDS: dict[str, type] = {"id": str, "surface": str, "area_m2": float, "face_count": int}
 
 
 def write_lod_layers(
-    path: str | Path, models: Iterable[BuildingModel | Failure], system: CoordinateSystem = LOCAL_METRES
+    path: str | Path,
+    models: Iterable[BuildingModel | Failure],
+    system: CoordinateSystem = LOCAL_METRES,
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> int:
     """Write a GeoPackage with a layer for every level of detail from 1.2 on; return the number of buildings.
 
@@ -36,6 +40,8 @@ def write_lod_layers(
         Buildings in metres about their footprint's origin, taken one by one.
     system : CoordinateSystem
         Coordinate system the coordinates are written in.
+    provenance : Provenance
+        What the models are made from, which the file then says.
 
     Returns
     -------
@@ -60,7 +66,7 @@ def write_lod_layers(
     count = 0
     with atomic(path) as temporary:
         for lod in LODS[1:]:  # every layer is there, also where no building has that level
-            append_rows(temporary, [], system, layer_of(lod), KINDS)
+            append_rows(temporary, [], system, layer_of(lod), KINDS, provenance)
         for model in models:
             if not isinstance(model, BuildingModel) or not model.solids:
                 continue

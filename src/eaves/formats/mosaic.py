@@ -18,6 +18,7 @@ from eaves.formats.atomic import atomic
 from eaves.formats.geotiff import COG_OPTIONS, profile_of, transform_of, write_world_file
 from eaves.model import Bounds, CoordinateSystem, Raster
 from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 TILE = 256
 """Side (cells) of the tiles of the file in the making."""
@@ -43,6 +44,8 @@ class MosaicWriter:
         The coordinate system; position, cell and heights are converted to its units.
     mask : bool
         Whether values are 0 and 1 (uint8, with a world file) and not heights.
+    provenance : Provenance
+        What the raster is made from, which its tags then say.
 
     Raises
     ------
@@ -68,6 +71,7 @@ class MosaicWriter:
         cell: float,
         system: CoordinateSystem = LOCAL_METRES,
         mask: bool = False,
+        provenance: Provenance = NOTHING_KNOWN,
     ) -> None:
         self.path, self.cell, self.system, self.mask = Path(path), cell, system, mask
         self.first_column, self.last_row = round_down(bounds.west, cell), round_down(bounds.south, cell)
@@ -81,8 +85,8 @@ class MosaicWriter:
         profile: dict[str, Any] = profile_of((self.rows, self.columns), self.transform, system)
         profile |= {"tiled": True, "blockxsize": TILE, "blockysize": TILE, "bigtiff": "IF_SAFER"}
         profile |= {"dtype": "uint8"} if mask else {"dtype": "float32", "nodata": np.nan}
-        with rasterio.open(self._draft, "w", driver="GTiff", sparse_ok=True, **profile):
-            pass
+        with rasterio.open(self._draft, "w", driver="GTiff", sparse_ok=True, **profile) as image:
+            image.update_tags(**provenance.tags)
 
     def write(self, piece: Raster, bounds: Bounds, origin: tuple[float, float] = (0.0, 0.0)) -> None:
         """Put the cells of `piece` (metres about `origin`) whose centre is within `bounds` (world metres)

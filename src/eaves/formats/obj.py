@@ -21,13 +21,17 @@ from eaves.formats.crs import describe
 from eaves.formats.meshes import COLOURS, SURFACES, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 DECIMALS = 4
 """Of a coordinate: a tenth of a millimetre, or of a thousandth of a foot."""
 
 
 def write_obj(
-    path: str | Path, models: Iterable[BuildingModel | Failure], system: CoordinateSystem = LOCAL_METRES
+    path: str | Path,
+    models: Iterable[BuildingModel | Failure],
+    system: CoordinateSystem = LOCAL_METRES,
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> int:
     """Write the meshes of buildings (`.obj`) and the materials beside them (`.mtl`).
 
@@ -39,6 +43,8 @@ def write_obj(
         Buildings in metres about their footprint's origin, taken one by one.
     system : CoordinateSystem
         Coordinate system whose units the coordinates are in.
+    provenance : Provenance
+        What the models are made from, which the file then says.
 
     Returns
     -------
@@ -67,6 +73,7 @@ def write_obj(
         file.write(
             f"# eaves: buildings as east, up, south from an offset (east, north, up) in {describe(system)}\n"
         )
+        file.write(f"# {provenance.sentence}\n" if provenance else "")
         for number, model in enumerate(models, 1):
             footprint = footprint_of(model)
             name = "_".join((footprint.id if footprint else "").split()) or f"building-{number}"

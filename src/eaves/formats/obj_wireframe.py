@@ -17,6 +17,7 @@ from eaves.formats.crs import describe
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Points
 from eaves.model.building import ROOF_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 CORNER_TURN_DEG = 10.0
 """A vertex of a roof face is a corner where its ring turns by more."""
@@ -79,7 +80,10 @@ def roof_wireframe(model: BuildingModel) -> tuple[Points, NDArray[np.int64]]:
 
 
 def write_obj_wireframe(
-    path: str | Path, models: Iterable[BuildingModel | Failure], system: CoordinateSystem = LOCAL_METRES
+    path: str | Path,
+    models: Iterable[BuildingModel | Failure],
+    system: CoordinateSystem = LOCAL_METRES,
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> int:
     """Write the roofs' corners and edges to `path` (`.obj`); return the number of buildings with a roof.
 
@@ -91,6 +95,8 @@ def write_obj_wireframe(
         Buildings in metres about their footprint's origin, taken one by one.
     system : CoordinateSystem
         Coordinate system whose units the coordinates are in.
+    provenance : Provenance
+        What the models are made from, which the file then says.
 
     Returns
     -------
@@ -115,6 +121,7 @@ def write_obj_wireframe(
     count, start = 0, 1
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         file.write(f"# eaves: corners and edges of roofs; coordinates are in {describe(system)}\n")
+        file.write(f"# {provenance.sentence}\n" if provenance else "")
         for number, model in enumerate(models, 1):
             footprint = footprint_of(model)
             name = "_".join((footprint.id if footprint else "").split()) or f"building-{number}"

@@ -18,6 +18,7 @@ from eaves.formats.errors import InputError
 from eaves.formats.geopackage import Layer, Row, column_of
 from eaves.model import CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 VERSION = "1.1.0"
 ROWS_A_GROUP = 50_000
@@ -41,7 +42,12 @@ def require_pyarrow() -> None:
         raise InputError("GeoParquet needs pyarrow, which is missing; run: pip install 'eaves[parquet]'")
 
 
-def write_geoparquet(path: str | Path, rows: Sequence[Row], system: CoordinateSystem = LOCAL_METRES) -> None:
+def write_geoparquet(
+    path: str | Path,
+    rows: Sequence[Row],
+    system: CoordinateSystem = LOCAL_METRES,
+    provenance: Provenance = NOTHING_KNOWN,
+) -> None:
     """Write one row a feature: its attributes, `geometry` (WKB in the system's units) and `bbox`.
 
     Columns have the types that `write_geopackage` gives them.
@@ -54,6 +60,8 @@ def write_geoparquet(path: str | Path, rows: Sequence[Row], system: CoordinateSy
         Geometry in world metres and attributes of each feature.
     system : CoordinateSystem
         Reference system of the file.
+    provenance : Provenance
+        What the models are made from, which the file then says.
 
     Raises
     ------
@@ -88,7 +96,8 @@ def write_geoparquet(path: str | Path, rows: Sequence[Row], system: CoordinateSy
     columns["bbox"] = pyarrow.StructArray.from_arrays(boxes, names)
     columns["geometry"] = pyarrow.array(list(shapely.to_wkb(shapes)), pyarrow.binary())
     about = geo_metadata(shapes, corners, system)
-    table = pyarrow.table(columns).replace_schema_metadata({b"geo": json.dumps(about).encode()})
+    known = {name.encode(): text.encode() for name, text in provenance.tags.items()}
+    table = pyarrow.table(columns).replace_schema_metadata({b"geo": json.dumps(about).encode(), **known})
     with atomic(path) as temporary:
         pyarrow.parquet.write_table(table, temporary, compression="zstd", row_group_size=ROWS_A_GROUP)
 

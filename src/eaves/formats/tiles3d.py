@@ -33,6 +33,7 @@ from eaves.formats.glb import GlbParts, Json, scene_extras, y_up
 from eaves.formats.meshes import SURFACES, Mesh, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 ARM = 100.0
 """Length (m) over which the directions of the axes are measured."""
@@ -56,7 +57,10 @@ class Leaf:
 
 
 def write_3dtiles(
-    folder: str | Path, models: Iterable[BuildingModel | Failure], system: CoordinateSystem = LOCAL_METRES
+    folder: str | Path,
+    models: Iterable[BuildingModel | Failure],
+    system: CoordinateSystem = LOCAL_METRES,
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> int:
     """Write `tileset.json` and `content/*.glb` into a folder.
 
@@ -69,6 +73,8 @@ def write_3dtiles(
         origin's buildings are in memory at a time.
     system : CoordinateSystem
         Coordinate system of the buildings.
+    provenance : Provenance
+        What the models are made from, which the file then says.
 
     Returns
     -------
@@ -107,7 +113,7 @@ def write_3dtiles(
             stale.unlink()
     nothing: Json = {"boundingVolume": {"sphere": [0, 0, 0, 1]}, "geometricError": 0}
     root = node_of(leaves) if leaves else nothing
-    extras: Json = {"crs": system.code, "vertical_datum": vertical_datum(system)}
+    extras: Json = {"crs": system.code, "vertical_datum": vertical_datum(system), **provenance.members}
     extras["geoid_height_added_m"] = earth.lifts()
     asset = {"version": "1.1", "generator": f"eaves {version('eaves')}", "extras": extras}
     tileset: Json = {"asset": asset, "geometricError": 2 * root["geometricError"]}

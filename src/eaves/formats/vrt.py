@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from xml.sax.saxutils import escape
+from types import MappingProxyType
+from xml.sax.saxutils import escape, quoteattr
 
 import rasterio
 
 from eaves.formats.atomic import atomic
 
+NO_TAGS: Mapping[str, str] = MappingProxyType({})
 
-def write_vrt(path: str | Path, pieces: Sequence[Path]) -> None:
+
+def write_vrt(path: str | Path, pieces: Sequence[Path], tags: Mapping[str, str] = NO_TAGS) -> None:
     """Write a virtual raster over GeoTIFF pieces of one band, one system and one grid of cells.
 
     Parameters
@@ -20,6 +23,8 @@ def write_vrt(path: str | Path, pieces: Sequence[Path]) -> None:
         The file (`.vrt`); it names the pieces relative to its own folder, and appears when it is whole.
     pieces
         At least one file; cells that none covers are no data.
+    tags
+        Text by name, for the file's metadata.
     """
     path = Path(path)
     shapes = []
@@ -36,6 +41,8 @@ def write_vrt(path: str | Path, pieces: Sequence[Path]) -> None:
         file.write(f'<VRTDataset rasterXSize="{columns}" rasterYSize="{rows}">\n')
         if crs is not None:
             file.write(f'<SRS dataAxisToSRSAxisMapping="1,2">{escape(crs.to_wkt())}</SRS>\n')
+        told = "".join(f"<MDI key={quoteattr(key)}>{escape(text)}</MDI>" for key, text in tags.items())
+        file.write(f"<Metadata>{told}</Metadata>\n" if told else "")
         file.write(f"<GeoTransform>{west!r}, {cell!r}, 0.0, {north!r}, 0.0, {-cell!r}</GeoTransform>\n")
         file.write(f'<VRTRasterBand dataType="{KINDS[kind]}" band="1">\n')
         if missing is not None:

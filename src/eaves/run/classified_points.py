@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -86,7 +86,10 @@ def write_points(
         classes = mine.pop("classes")
         try:
             write = None if sink is None else partial(sink.write, path)
-            write_classified(index.source(number), path, classes, {} if single else mine, sink=write)
+            made_from = replace(run.provenance, sources=(index.path(number).name,), count=1)
+            write_classified(
+                index.source(number), path, classes, {} if single else mine, sink=write, provenance=made_from
+            )
             written.append(path)
         except InputError as error:  # a damaged file; scattering it has said so
             log.debug("%s", error)

@@ -20,6 +20,7 @@ from eaves.formats.citygml import write_citygml3
 from eaves.formats.geopackage import Row, write_polygons
 from eaves.formats.parquet import require_pyarrow
 from eaves.model import BuildingModel, CoordinateSystem, Failure
+from eaves.model.provenance import Provenance
 
 Writer = Callable[..., object]
 FOOTPRINT_FILES: dict[str, tuple[Writer, str]] = {
@@ -63,14 +64,19 @@ def check_formats(names: Sequence[str], outputs: Sequence[str] = ("footprints", 
 
 
 def export_footprints(
-    folder: Path, rows: Iterable[Row], roofs: Iterable[Row], system: CoordinateSystem, names: Sequence[str]
+    folder: Path,
+    rows: Iterable[Row],
+    roofs: Iterable[Row],
+    system: CoordinateSystem,
+    names: Sequence[str],
+    provenance: Provenance,
 ) -> list[Path]:
     """Write the footprints, and the roof planes, in the formats named; the files written."""
     written = []
     for files, which in ((FOOTPRINT_FILES, rows), (ROOF_FILES, roofs)):
         for name, (write, file) in files.items():
             if name in names:
-                write(folder / file, list(which), system)
+                write(folder / file, list(which), system, provenance=provenance)
                 written.append(folder / file)
     return written
 
@@ -80,12 +86,13 @@ def export_models(
     models: Callable[[], Iterator[BuildingModel | Failure]],
     system: CoordinateSystem,
     names: Sequence[str],
+    provenance: Provenance,
 ) -> list[Path]:
     """Write the models, streamed anew for every format named; the files written, for 3D Tiles the tileset."""
     written = []
     for name, (write, file) in MODEL_FILES.items():
         if name in names:
-            write(folder / file, models(), system)
+            write(folder / file, models(), system, provenance=provenance)
             written.append(folder / file / "tileset.json" if name == "3dtiles" else folder / file)
             written += [folder / "buildings.mtl"] if name == "obj" else []
     return written

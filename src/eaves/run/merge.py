@@ -15,6 +15,7 @@ import shapely
 from eaves.formats.geopackage import Row, plain_value, write_geopackage
 from eaves.formats.vrt import write_vrt
 from eaves.model import Block, Bounds, CoordinateSystem
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 from eaves.raster.surfaces import CELL
 from eaves.run.doubts import LAYER, describe_doubts, doubt_of, doubt_rows
 from eaves.run.manifest import add_to_manifest
@@ -62,6 +63,7 @@ def merge_footprints(
     system: CoordinateSystem,
     lost: Sequence[BuildingRow] = (),
     side: float = 240.0,
+    provenance: Provenance = NOTHING_KNOWN,
 ) -> dict[str, Any]:
     """Write the footprints and roof planes of all tiles into one GeoPackage, piece by piece, and behind them
     what no tile holds; what run.json says of the doubts. `side` is that of the blocks."""
@@ -78,7 +80,7 @@ def merge_footprints(
     doubts = doubt_rows([doubt_of(row, unit) for row in TileRows(having(places, "doubts"), "doubts")], side)
     told = describe_doubts(doubts, unit, LAYER)
     doubts = [Row(shapely.transform(row.geometry, lambda xy: xy / unit), row.attributes) for row in doubts]
-    write_geopackage(path, footprints, roof_planes, as_it_is, review_of_tiles(places), doubts)
+    write_geopackage(path, footprints, roof_planes, as_it_is, review_of_tiles(places), doubts, provenance)
     return told
 
 
@@ -98,7 +100,13 @@ def having(places: Sequence[Path], layer: str) -> list[Path]:
     return [place for place in places if layer in pyogrio.list_layers(place / "footprints.gpkg")[:, 0]]
 
 
-def merge_masks(footprints: Path, places: Sequence[Path], system: CoordinateSystem, workers: Workers) -> None:
+def merge_masks(
+    footprints: Path,
+    places: Sequence[Path],
+    system: CoordinateSystem,
+    workers: Workers,
+    provenance: Provenance = NOTHING_KNOWN,
+) -> None:
     """Write every tile's mask.tif, with the footprints that reach into it from its neighbours.
 
     Raises
@@ -106,13 +114,13 @@ def merge_masks(footprints: Path, places: Sequence[Path], system: CoordinateSyst
     RuntimeError
         With the reason of the first that could not be written.
     """
-    work = partial(write_tile_mask, footprints=footprints, system=system)
+    work = partial(write_tile_mask, footprints=footprints, system=system, provenance=provenance)
     for outcome in workers.run(work, list(places)):
         if outcome.error:
             raise RuntimeError(outcome.error)
 
 
-def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem) -> None:
+def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem, provenance: Provenance) -> None:
     """mask.tif of one tile, over the extent of its terrain."""
     import pyogrio.raw
 
@@ -129,7 +137,9 @@ def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem) -> 
         for column in range(whole.column, last.column + 1)
         for row in range(whole.row, last.row + 1)
     ]
-    written = write_mask(system, blocks, list(np.asarray(shapes, object)), bounds, place / "mask.tif")
+    written = write_mask(
+        system, blocks, list(np.asarray(shapes, object)), bounds, place / "mask.tif", provenance
+    )
     add_to_manifest(place, written)
 
 
@@ -137,10 +147,10 @@ PIECE = 240.0
 """Side (m) of the squares in which a mask is burnt."""
 
 
-def merge_rasters(folder: Path, places: Sequence[Path]) -> list[Path]:
+def merge_rasters(folder: Path, places: Sequence[Path], provenance: Provenance = NOTHING_KNOWN) -> list[Path]:
     """Write dtm.vrt, dsm.vrt and mask.vrt over the tiles' rasters."""
     written = []
     for name in ("dtm", "dsm", "mask"):
         written.append(folder / f"{name}.vrt")
-        write_vrt(written[-1], [place / f"{name}.tif" for place in places])
+        write_vrt(written[-1], [place / f"{name}.tif" for place in places], provenance.tags)
     return written

@@ -86,21 +86,22 @@ class Results:
 def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[list[Path], PointSink | None]:
     """Write what one name of `EVERYTHING` stands for: the files, and the sink with what it received."""
     run, store, owners = results.run, results.store, results.owners
-    folder, system = run.folder, store.system
+    folder, system, made_from = run.folder, store.system, run.provenance
     if step == "footprints":
         files, rows = [folder / "footprints.gpkg"], BuildingRows(store, owners, results.shared)
         roofs, review = BuildingRows(store, owners, faces=True), review_rows(store.building_rows(owners))
-        write_geopackage(files[0], rows, roofs, system, review, results.doubts)
-        return files + export_footprints(folder, rows, roofs, system, run.formats), None
+        write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from)
+        return files + export_footprints(folder, rows, roofs, system, run.formats, made_from), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]
-        write_cityjson_seq(files[0], results.answers(), system)
-        return files + export_models(folder, results.answers, system, run.formats), None
+        write_cityjson_seq(files[0], results.answers(), system, provenance=made_from)
+        return files + export_models(folder, results.answers, system, run.formats, made_from), None
     if step == "mask":
         polygons = [row.polygon for row in store.building_rows(owners)]
-        return write_mask(system, results.blocks, polygons, results.extent, folder / "mask.tif"), None
+        path = folder / "mask.tif"
+        return write_mask(system, results.blocks, polygons, results.extent, path, made_from), None
     if step == "rasters":
-        return write_surfaces(store, results.blocks, results.extent, folder), None
+        return write_surfaces(store, results.blocks, results.extent, folder, made_from), None
     return write_points(store, run, results.blocks, owners, sink), sink
 
 

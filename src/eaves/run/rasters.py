@@ -13,6 +13,7 @@ from shapely import Polygon
 from eaves.footprints.read import as_box
 from eaves.formats import MosaicWriter
 from eaves.model import Block, Bounds, CoordinateSystem
+from eaves.model.provenance import Provenance
 from eaves.raster.rasterize import rasterize
 from eaves.raster.surfaces import CELL
 from eaves.run.block_file import BlockMetadata
@@ -31,11 +32,16 @@ def extent_of(notes: Sequence[BlockMetadata]) -> Bounds:
     return Bounds(float(west), float(south), float(east), float(north))
 
 
-def write_surfaces(store: Store, blocks: Sequence[Block], extent: Bounds, folder: Path) -> list[Path]:
+def write_surfaces(
+    store: Store, blocks: Sequence[Block], extent: Bounds, folder: Path, provenance: Provenance
+) -> list[Path]:
     """dtm.tif and dsm.tif over `extent`, each block read once for both."""
     written = [folder / "dtm.tif", folder / "dsm.tif"]
     with ExitStack() as stack:
-        dtm, dsm = (stack.enter_context(MosaicWriter(path, extent, CELL, store.system)) for path in written)
+        dtm, dsm = (
+            stack.enter_context(MosaicWriter(path, extent, CELL, store.system, provenance=provenance))
+            for path in written
+        )
         for block in blocks:
             with store.open_block(block) as file:
                 dtm.write(file.raster("dtm"), block.bounds, block.origin)
@@ -44,12 +50,17 @@ def write_surfaces(store: Store, blocks: Sequence[Block], extent: Bounds, folder
 
 
 def write_mask(
-    system: CoordinateSystem, blocks: Sequence[Block], polygons: Sequence[Polygon], extent: Bounds, path: Path
+    system: CoordinateSystem,
+    blocks: Sequence[Block],
+    polygons: Sequence[Polygon],
+    extent: Bounds,
+    path: Path,
+    provenance: Provenance,
 ) -> list[Path]:
     """mask.tif with its world file: the footprints (world metres) burnt into the raster cells whose centre
     they hold."""
     tree = shapely.STRtree(polygons)
-    with MosaicWriter(path, extent, CELL, system, mask=True) as mosaic:
+    with MosaicWriter(path, extent, CELL, system, mask=True, provenance=provenance) as mosaic:
         for block in blocks:
             near = [polygons[i] for i in np.sort(tree.query(as_box(block.bounds)))]
             mosaic.write(rasterize(near, block.bounds, CELL), block.bounds)

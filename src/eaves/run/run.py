@@ -22,6 +22,7 @@ from eaves.formats.inputs import list_inputs
 from eaves.methods import MethodChoice
 from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
 from eaves.model.checks import check_positive
+from eaves.model.provenance import Provenance
 from eaves.run.collisions import refuse_collisions
 from eaves.run.exports import check_formats
 from eaves.run.index import Index, index_inputs
@@ -39,6 +40,8 @@ BOUNDS_LENGTH = 4
 TILES_ABOVE = 2_000_000_000
 """More points than this are computed by tiles: their temporary files would take 46 GB and more."""
 
+NAMED_SOURCES = 100
+"""So many point files are named in each output; of more the first are, and how many there are."""
 PROCESSES_ABOVE = 1_000_000
 """Fewer points are computed in less time than processes take to start: two to three seconds each."""
 
@@ -180,6 +183,13 @@ class Run:
     failed: tuple[str, ...] = ()
     """Inputs that could not be opened, with the reason."""
     started: float = 0.0
+
+    @property
+    def provenance(self) -> Provenance:
+        """What every output says of where it comes from."""
+        names = tuple(self.index.path(number).name for number in range(min(len(self.index), NAMED_SOURCES)))
+        datum = self.plan["vertical_datum"]
+        return Provenance(names, len(self.index), datum["name"], datum["status"])
 
     @property
     def lock(self) -> str:
@@ -359,14 +369,19 @@ def as_bounds(bounds: Bounds | Sequence[float] | None) -> Bounds | None:
 
 
 def warn_of_heights(system: CoordinateSystem, formats: Sequence[str]) -> None:
-    """Say once when heights above the ellipsoid are wanted and cannot be had."""
+    """Say once what heights are measured from, and when heights above the ellipsoid are wanted and cannot be
+    had."""
     datum = vertical_datum(system)
-    if "3dtiles" in formats and system.wkt is not None and datum["status"] != "known":
+    if system.wkt is None:
+        return
+    told = datum["status"] if datum["name"] is None else f"{datum['name']}, {datum['status']}"
+    log.info("heights: vertical datum %s", told)
+    if "3dtiles" in formats and datum["status"] != "known":
         log.warning(
             "3dtiles: the vertical datum of the files is %s, so their heights are taken as above the "
             "ellipsoid; install PROJ's geoid grid (pyproj sync), pass a compound --crs, or raise the tileset "
             "in the viewer",
-            datum["status"] if datum["name"] is None else f"{datum['name']}, {datum['status']}",
+            told,
         )
 
 

@@ -268,12 +268,12 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
     places = [folder / TILES_FOLDER / tile.name for tile in tiles]
     files = [folder / "footprints.gpkg"]
     lost = rows_of_no_tile(run, {*done, *failed})
-    doubts = merge_footprints(files[0], places, run.index.system, lost, run.side)
+    doubts = merge_footprints(files[0], places, run.index.system, lost, run.side, run.provenance)
     progress("merge", 1, 3)
     if places:
-        merge_masks(files[0], places, run.index.system, workers)
+        merge_masks(files[0], places, run.index.system, workers, run.provenance)
         progress("merge", 2, 3)
-        files += merge_rasters(folder, places)
+        files += merge_rasters(folder, places, run.provenance)
     files.append(write_map(folder, files, run.index.system))
     progress("merge", 3, 3)
     runs = [done[tile].run for tile in sorted(done)]
