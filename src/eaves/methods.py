@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 Emit = Callable[[str, Any], None]
@@ -336,7 +337,9 @@ def emitter(debug: str | Path | Emit | None) -> Emit:
     Returns
     -------
     callable
-        Called with the name and the value of every intermediate.
+        Called with the name and the value of every intermediate. Lists of arrays of several shapes become an
+        archive (`.npz`) with an array each; geometries are saved as well-known text, other objects as what
+        `repr` says of them. No file in the folder is a pickle, which could run code when it is loaded.
 
     Raises
     ------
@@ -363,7 +366,18 @@ def emitter(debug: str | Path | Emit | None) -> Emit:
         stem = folder / name.replace(" ", "_")
         if hasattr(value, "values") and hasattr(value, "cell"):  # a Raster keeps its place
             np.savez(stem, values=value.values, west=value.west, north=value.north, cell=value.cell)
-        else:
-            np.save(stem, np.asarray(value, object if isinstance(value, list | tuple) else None))
+            return
+        try:
+            np.save(stem, without_objects(value))
+        except ValueError:  # arrays of several shapes
+            np.savez(stem, *map(without_objects, value))
 
     return save
+
+
+def without_objects(value: Any) -> NDArray[Any]:
+    """A value as an array of numbers or texts; ValueError for arrays of several shapes."""
+    array = np.asarray(value)
+    if not array.dtype.hasobject:
+        return array
+    return np.array([getattr(one, "wkt", None) or repr(one) for one in array.ravel()]).reshape(array.shape)
