@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -129,3 +131,21 @@ def test_the_stage_functions_make_the_same_flow(nine_roofs: ExactScene) -> None:
     model = eaves.reconstruct_building(points, footprint, planes, 0.0)
     assert model
     assert eaves.validate_model(model) == []
+
+
+def test_without_a_building_the_tables_have_their_columns(whole: Path, tmp_path: Path) -> None:
+    x, y = (side.ravel() for side in np.mgrid[0:40:0.7, 0:40:0.7])
+    write_laz(tmp_path / "field.laz", np.column_stack([x + 85000.0, y + 447120.0, 0.02 * x]))
+    summary = build(tmp_path / "field.laz", tmp_path / "out")
+    assert summary.found == 0
+    for layer in ("footprints", "roof_planes"):
+        full, empty = (columns_of(out / "footprints.gpkg", layer) for out in (whole, tmp_path / "out"))
+        assert full == empty, layer
+    assert len(full) > 10
+
+
+def columns_of(path: Path, layer: str) -> list[tuple[str, str]]:
+    """Names and types of a layer's columns; geometries have one dimension more where there is one."""
+    with closing(sqlite3.connect(path)) as base:
+        found = base.execute(f"PRAGMA table_info({layer})").fetchall()
+    return [(row[1], row[2]) for row in found if row[1] != "geom"]

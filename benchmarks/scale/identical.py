@@ -88,13 +88,20 @@ def cluster() -> Iterator[tuple[str, *tuple[subprocess.Popen[bytes], ...]]]:
     words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--no-dashboard"]
     started = [subprocess.Popen([*words, "--port", str(SCHEDULER_PORT)], **quiet)]
     worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--host", "127.0.0.1"]
-    started += [subprocess.Popen([*worker, "--nthreads", "1", "--no-dashboard"], **quiet) for _ in range(2)]
+    started += [
+        subprocess.Popen([*worker, "--nthreads", "1", "--no-nanny", "--no-dashboard"], **quiet)
+        for _ in range(2)
+    ]
     try:
         yield address, *started
     finally:
         for process in reversed(started):
             process.terminate()
-            process.wait(30)
+            try:
+                process.wait(30)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
 
 
 Way = tuple[str, float, int, tuple[str, str]]

@@ -87,7 +87,8 @@ def test_columns_say_what_they_are_and_in_which_unit(tmp_path: Path) -> None:
 
 
 def test_styles_without_columns_to_draw_are_left_out(tmp_path: Path) -> None:
-    write_geopackage(tmp_path / "a.gpkg", [Row(shapely.box(0, 0, 1, 1), {"id": "a"})])
+    square = shapely.box(0, 0, 1, 1)
+    write_geopackage(tmp_path / "a.gpkg", [Row(square, {"id": "a"})], [Row(square, {"building_id": "a"})])
     found = query(tmp_path / "a.gpkg", "SELECT f_table_name, styleName FROM layer_styles")
     assert sorted(found) == [("footprints", "Level of detail"), ("roof_planes", "Roof")]
 

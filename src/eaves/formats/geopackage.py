@@ -24,6 +24,7 @@ from eaves.formats.errors import InputError
 from eaves.formats.qgis.tables import describe_layers
 from eaves.formats.vector_files import OFFLINE, REMEDY, checked_vector
 from eaves.model import Bounds, CoordinateSystem
+from eaves.model.columns import COLUMNS, LAYERS
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
@@ -100,11 +101,11 @@ def write_geopackage(
     """
     with atomic(path) as temporary:
         for layer, rows in (("footprints", footprints), ("roof_planes", roof_planes)):
-            _write_layer(temporary, rows, system, "GPKG", layer, provenance)
+            _write_layer(temporary, rows, system, "GPKG", layer)
         for layer, rows in (("review", review), ("doubts", doubts)):
             for _ in islice(rows, 1):
                 _write_layer(temporary, rows, system, "GPKG", layer)
-        describe_layers(temporary, system)
+        describe_layers(temporary, system, provenance)
 
 
 def write_layers(path: str | Path, layers: Mapping[str, Iterable[Row]], system: CoordinateSystem) -> None:
@@ -459,6 +460,15 @@ class _Schema:
         schema.upright &= schema.count > 0
         return schema
 
+    def completed(self, layer: str) -> _Schema:
+        """The schema with the types of columns that hold nothing, and of a layer without rows all columns."""
+        if not self.count:
+            self.kinds |= {name: set() for name in LAYERS.get(layer, ())}
+        for name, kinds in self.kinds.items():
+            if not kinds and name in COLUMNS:
+                kinds.add(COLUMNS[name].kind)
+        return self
+
 
 def append_rows(
     path: Path,
@@ -466,12 +476,11 @@ def append_rows(
     system: CoordinateSystem,
     layer: str,
     kinds: Mapping[str, type],
-    provenance: Provenance = NOTHING_KNOWN,
 ) -> None:
     """Add rows of upright polygons to a layer of a GeoPackage, both made where missing; `kinds` are the types
     of the columns."""
     schema = _Schema({name: {kind} for name, kind in kinds.items()}, several=True, count=len(rows))
-    _write_rows(path, rows, schema, system, "GPKG", layer, path.exists(), provenance)
+    _write_rows(path, rows, schema, system, "GPKG", layer, path.exists())
 
 
 def _write_layer(
@@ -482,7 +491,7 @@ def _write_layer(
     layer: str,
     provenance: Provenance = NOTHING_KNOWN,
 ) -> None:
-    schema = _Schema.of(rows)
+    schema = _Schema.of(rows).completed(layer)
     waiting = iter(rows)
     piece = list(islice(waiting, PIECE_ROWS if driver == "GPKG" else None))
     _write_rows(path, piece, schema, system, driver, layer, path.exists(), provenance)
@@ -531,7 +540,6 @@ def _write_rows(
             crs=wkt,
             append=append,
             layer_options=options,
-            dataset_metadata=(provenance.tags or None) if driver == "GPKG" and not append else None,
         )
 
 

@@ -66,7 +66,7 @@ def write_lod_layers(
     count = 0
     with atomic(path) as temporary:
         for lod in LODS[1:]:  # every layer is there, also where no building has that level
-            append_rows(temporary, [], system, layer_of(lod), KINDS, provenance)
+            append_rows(temporary, [], system, layer_of(lod), KINDS)
         for model in models:
             if not isinstance(model, BuildingModel) or not model.solids:
                 continue
@@ -80,7 +80,7 @@ def write_lod_layers(
         for lod, rows in waiting.items():
             if rows:
                 append_rows(temporary, rows, system, layer_of(lod), KINDS)
-        describe_layers(temporary, system)
+        describe_layers(temporary, system, provenance)
     return count
 
 

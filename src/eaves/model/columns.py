@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table; `unit` is empty for counts, names and shares."""
+    """A column of a table; `unit` is empty for counts, names and shares, `kind` is the type of its values."""
 
     title: str
     unit: str
     meaning: str
+    kind: type = float
 
     @property
     def label(self) -> str:
@@ -24,15 +25,15 @@ MONTHS = (
     *("August", "September", "October", "November", "December"),
 )
 COLUMNS: dict[str, Column] = {
-    "id": Column("Building", "", "id of the building, the same in every run"),
-    "number": Column("Number", "", "what building_id says in the classified points"),
+    "id": Column("Building", "", "id of the building, the same in every run", str),
+    "number": Column("Number", "", "what building_id says in the classified points", int),
     "score": Column("Detection score", "", "how sure the detection is, 0 to 1"),
     "area_m2": Column("Area", "m²", "of a footprint in plan, of a roof face along its slope"),
-    "lod": Column("Level of detail", "", "the finest level that was reached"),
-    "failure_code": Column("Failure", "", "why there is no model, or a coarser one; see docs/errors.md"),
-    "failure_reason": Column("Reason", "", "the same in a sentence, with its values"),
-    "method": Column("Method", "", "what made the finest level"),
-    "roof_type": Column("Roof type", "", "flat, shed, gable, hip, pyramid or complex"),
+    "lod": Column("Level of detail", "", "the finest level that was reached", str),
+    "failure_code": Column("Failure", "", "why there is no model, or a coarser one; see docs/errors.md", str),
+    "failure_reason": Column("Reason", "", "the same in a sentence, with its values", str),
+    "method": Column("Method", "", "what made the finest level", str),
+    "roof_type": Column("Roof type", "", "flat, shed, gable, hip, pyramid or complex", str),
     "h_ground": Column("Ground height", "m", "5th percentile of the terrain on the outline"),
     "h_eaves": Column("Eaves height", "m", "lowest corner of the main roof faces"),
     "h_ridge": Column("Ridge height", "m", "highest corner of the main roof faces"),
@@ -46,14 +47,14 @@ COLUMNS: dict[str, Column] = {
     ),
     "roof_area_m2": Column("Roof area", "m²", "along the slopes"),
     "roof_projected_m2": Column("Roof area in plan", "m²", "projected to the horizontal"),
-    "roof_face_count": Column("Roof faces", "", "of the finest level"),
+    "roof_face_count": Column("Roof faces", "", "of the finest level", int),
     "rmse_m": Column("RMSE", "m", "root mean square distance of the roof points to the roof"),
     "rmse95_m": Column("RMSE of the best 95 %", "m", "without the worst twentieth of the points"),
-    "points": Column("Points", "", "number of points"),
+    "points": Column("Points", "", "number of points", int),
     "density": Column("Density", "points/m²", "points over the area of the footprint"),
     "share_no_data": Column("Share without data", "", "share of the 1 m cells that hold no point"),
-    "no_data": Column("No data", "", "over half of the face has no points: filled in, not measured"),
-    "building_id": Column("Building", "", "id of the building that the face belongs to"),
+    "no_data": Column("No data", "", "over half of the face has no points: filled in, not measured", bool),
+    "building_id": Column("Building", "", "id of the building that the face belongs to", str),
     "slope_deg": Column("Slope", "°", "from the horizontal"),
     "azimuth_deg": Column(
         "Azimuth", "°", "clockwise from grid north, the way the face looks; empty where flat"
@@ -61,16 +62,16 @@ COLUMNS: dict[str, Column] = {
     "projected_m2": Column("Area in plan", "m²", "projected to the horizontal"),
     "h_low": Column("Lowest corner", "m", "of the roof face"),
     "h_high": Column("Highest corner", "m", "of the roof face"),
-    "surface": Column("Surface", "", "RoofSurface, WallSurface or GroundSurface"),
-    "face_count": Column("Faces", "", "of this surface"),
-    "roofType": Column("Roof type, code", "", "the code of CityGML's list"),
+    "surface": Column("Surface", "", "RoofSurface, WallSurface or GroundSurface", str),
+    "face_count": Column("Faces", "", "of this surface", int),
+    "roofType": Column("Roof type, code", "", "the code of CityGML's list", str),
     "roof_share_flat": Column("Flat share of the roof", "", "of its area in plan"),
     "roof_share_pitched": Column("Pitched share of the roof", "", "of its area in plan"),
     "measuredHeight": Column("Height", "m", "from the ground to the top"),
     "ridge_direction_deg": Column("Ridge direction", "°", "clockwise from grid north"),
     "roof_slope_deg": Column("Roof slope", "°", "mean of the pitched main faces"),
-    "storeysAboveGround": Column("Storeys", "", "estimated; storeys_source says how"),
-    "storeys_source": Column("Source of the storeys", "", "how they were estimated"),
+    "storeysAboveGround": Column("Storeys", "", "estimated; storeys_source says how", int),
+    "storeys_source": Column("Source of the storeys", "", "how they were estimated", str),
     "roof_area_flat_m2": Column("Flat roof area", "m²", "faces flatter than 6°"),
     "roof_area_n_m2": Column("Roof area to the north", "m²", "along the slopes, of faces that look that way"),
     "roof_area_e_m2": Column("Roof area to the east", "m²", "along the slopes, of faces that look that way"),
@@ -79,15 +80,16 @@ COLUMNS: dict[str, Column] = {
     "supported_share": Column(
         "Supported share", "", "of the roof's plan, under faces that their points support"
     ),
-    "block_id": Column("Block", "", "id of the block of houses that the building is a part of"),
+    "installation_count": Column("Installations", "", "chimneys and the like that stand on the roof", int),
+    "block_id": Column("Block", "", "id of the block of houses that the building is a part of", str),
     "wall_certainty": Column("Certainty of party walls", "", "of the least certain one, 0 to 1"),
-    "trust": Column("Trust", "", "high, medium or low"),
-    "review_reason": Column("Why to review", "", "what lowers the trust, in words"),
-    "stage": Column("Step", "", "the step of the computation that could not decide"),
-    "reason": Column("Reason", "", "why the place or the building deserves a look, in words"),
+    "trust": Column("Trust", "", "high, medium or low", str),
+    "review_reason": Column("Why to review", "", "what lowers the trust, in words", str),
+    "stage": Column("Step", "", "the step of the computation that could not decide", str),
+    "reason": Column("Reason", "", "why the place or the building deserves a look, in words", str),
     "inlier_share": Column("Share of points on the face", "", "within 0.2 m"),
     "coverage": Column("Coverage", "", "share of the face's 1 m cells that hold a point"),
-    "weak": Column("Weakness", "", "why the face is not supported by its points, in words"),
+    "weak": Column("Weakness", "", "why the face is not supported by its points, in words", str),
     "light_kwh_m2": Column("Sunlight", "kWh/m²", "a year, mean over the face, with shadows"),
     "light_kwh": Column("Sunlight in all", "kWh", "a year, on the whole face or all faces"),
     "shade_share": Column("Share that shadows take", "", "of the light that would come in the open"),
@@ -101,13 +103,32 @@ COLUMNS: dict[str, Column] = {
         for number, month in enumerate(MONTHS, 1)
     },
     "given_attribution": Column(
-        "Attribution of the footprint", "", "whose map it is from, under which licence; name it with the data"
+        "Attribution of the footprint", "", "whose map it is from, under which licence; name it with the data", str
     ),
-    "given_address": Column("Address", "", "as the map of the footprints has it"),
-    "given_addresses": Column("Addresses", "", "how many the map of the footprints has"),
-    "given_year_built": Column("Year built", "", "as the map of the footprints has it"),
-    "given_use": Column("Use", "", "as the map of the footprints has it"),
-    "given_storeys": Column("Storeys on the map", "", "as the map of the footprints has them"),
+    "given_address": Column("Address", "", "as the map of the footprints has it", str),
+    "given_addresses": Column("Addresses", "", "how many the map of the footprints has", int),
+    "given_year_built": Column("Year built", "", "as the map of the footprints has it", int),
+    "given_use": Column("Use", "", "as the map of the footprints has it", str),
+    "given_storeys": Column("Storeys on the map", "", "as the map of the footprints has them", int),
     "given_map_height_m": Column("Height on the map", "m", "as the map of the footprints has it"),
-    "tile": Column("Tile", "", "the tile of the run that holds the building"),
+    "tile": Column("Tile", "", "the tile of the run that holds the building", str),
 }
+
+LAYERS: dict[str, tuple[str, ...]] = {
+    "footprints": (
+        *("id", "number", "score", "area_m2", "lod", "failure_code", "failure_reason", "method"),
+        *("roof_type", "roofType", "roof_share_flat", "roof_share_pitched", "h_eaves", "h_ridge", "h_max"),
+        *("measuredHeight", "ridge_direction_deg", "roof_slope_deg", "storeysAboveGround"),
+        *("storeys_source", "roof_area_flat_m2", "roof_area_n_m2", "roof_area_e_m2", "roof_area_s_m2"),
+        *("roof_area_w_m2", "h_ground", "h_50p", "h_70p", "volume_m3", "wall_area_m2", "roof_area_m2"),
+        *("roof_projected_m2", "roof_face_count", "rmse_m", "rmse95_m", "points", "density"),
+        *("share_no_data", "supported_share", "installation_count", "block_id", "wall_certainty", "trust"),
+        *("review_reason", "party_wall_area_m2"),
+    ),
+    "roof_planes": (
+        *("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2", "projected_m2", "rmse_m", "points"),
+        *("share_no_data", "no_data", "h_low", "h_high", "h_ground", "inlier_share", "density", "coverage"),
+        "weak",
+    ),
+}
+"""The columns of a run's layers, in their order: also those of a layer without rows."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 from eaves.formats.qgis.styles import styles_of
 from eaves.model import CoordinateSystem
 from eaves.model.columns import COLUMNS
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 TABLES = """
 CREATE TABLE layer_styles (
@@ -27,14 +29,50 @@ CREATE TABLE IF NOT EXISTS gpkg_extensions (
     table_name TEXT, column_name TEXT, extension_name TEXT NOT NULL, definition TEXT NOT NULL,
     scope TEXT NOT NULL, CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name));
 """
+STANDARD = "https://json-schema.org/"
+"""What the metadata is written after; there is no standard for so little."""
 SCHEMA_EXTENSION = ("gpkg_schema", "http://www.geopackage.org/spec121/#extension_schema", "read-write")
 
 
-def describe_layers(path: Path, system: CoordinateSystem) -> None:
-    """Add to a GeoPackage the styles of its layers and title, unit and meaning of their columns."""
+METADATA_TABLES = """
+CREATE TABLE IF NOT EXISTS gpkg_metadata (
+    id INTEGER CONSTRAINT m_pk PRIMARY KEY ASC NOT NULL, md_scope TEXT NOT NULL DEFAULT 'dataset',
+    md_standard_uri TEXT NOT NULL, mime_type TEXT NOT NULL DEFAULT 'text/xml',
+    metadata TEXT NOT NULL DEFAULT '');
+CREATE TABLE IF NOT EXISTS gpkg_metadata_reference (
+    reference_scope TEXT NOT NULL, table_name TEXT, column_name TEXT, row_id_value INTEGER,
+    timestamp DATETIME NOT NULL DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')),
+    md_file_id INTEGER NOT NULL, md_parent_id INTEGER,
+    CONSTRAINT crmr_mfi_fk FOREIGN KEY (md_file_id) REFERENCES gpkg_metadata(id),
+    CONSTRAINT crmr_mpi_fk FOREIGN KEY (md_parent_id) REFERENCES gpkg_metadata(id));
+"""
+METADATA_EXTENSION = (
+    "gpkg_metadata",
+    "http://www.geopackage.org/spec121/#extension_metadata",
+    "read-write",
+)
+
+
+def describe_layers(path: Path, system: CoordinateSystem, provenance: Provenance = NOTHING_KNOWN) -> None:
+    """Add to a GeoPackage the styles of its layers, title, unit and meaning of their columns, and what it is
+    made from, as JSON: of GDAL's own kind of metadata a reader of its would leave a file beside it."""
     with closing(sqlite3.connect(path)) as database, database:
+        if provenance:
+            database.executescript(METADATA_TABLES)
+            told = json.dumps(provenance.members)
+            database.execute(
+                "INSERT INTO gpkg_metadata VALUES (1, 'dataset', ?, 'application/json', ?)", (STANDARD, told)
+            )
+            database.execute(
+                "INSERT INTO gpkg_metadata_reference SELECT 'geopackage', NULL, NULL, NULL, "
+                "MIN(last_change), 1, NULL FROM gpkg_contents"
+            )
         layers = database.execute("SELECT table_name, column_name FROM gpkg_geometry_columns").fetchall()
         database.executescript(TABLES)
+        for table in ("gpkg_metadata", "gpkg_metadata_reference") if provenance else ():
+            database.execute(
+                "INSERT INTO gpkg_extensions VALUES (?, NULL, ?, ?, ?)", (table, *METADATA_EXTENSION)
+            )
         described = False
         for layer, geometry in layers:
             names = [row[1] for row in database.execute(f'PRAGMA table_info("{layer}")')]
