@@ -103,7 +103,10 @@ COLUMNS: dict[str, Column] = {
         for number, month in enumerate(MONTHS, 1)
     },
     "given_attribution": Column(
-        "Attribution of the footprint", "", "whose map it is from, under which licence; name it with the data", str
+        "Attribution of the footprint",
+        "",
+        "whose map it is from, under which licence; name it with the data",
+        str,
     ),
     "given_address": Column("Address", "", "as the map of the footprints has it", str),
     "given_addresses": Column("Addresses", "", "how many the map of the footprints has", int),
