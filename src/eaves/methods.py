@@ -368,14 +368,14 @@ def emitter(debug: str | Path | Emit | None) -> Emit:
             np.savez(stem, values=value.values, west=value.west, north=value.north, cell=value.cell)
             return
         try:
-            np.save(stem, without_objects(value))
+            np.save(stem, _without_objects(value))
         except ValueError:  # arrays of several shapes
-            np.savez(stem, *map(without_objects, value))
+            np.savez(stem, *map(_without_objects, value))
 
     return save
 
 
-def without_objects(value: Any) -> NDArray[Any]:
+def _without_objects(value: Any) -> NDArray[Any]:
     """A value as an array of numbers or texts; ValueError for arrays of several shapes."""
     array = np.asarray(value)
     if not array.dtype.hasobject:

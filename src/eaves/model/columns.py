@@ -105,7 +105,7 @@ COLUMNS: dict[str, Column] = {
     "given_attribution": Column(
         "Attribution of the footprint",
         "",
-        "whose map it is from, under which licence; name it with the data",
+        "whose map it is from, under which licence; to be named",
         str,
     ),
     "given_address": Column("Address", "", "as the map of the footprints has it", str),
