@@ -21,6 +21,7 @@ from eaves.cli.runs import (
     report_error,
 )
 from eaves.cli.scenes import demo, simulate
+from eaves.cli.time import compare
 
 app = typer.Typer(
     name="eaves",
@@ -69,7 +70,7 @@ def methods(
 
 for command in (
     *(build, ground, detect, reconstruct, sweep, check, validate, evaluate, simulate, view, plot),
-    *(load, solar, methods, doctor, demo),
+    *(compare, load, solar, methods, doctor, demo),
 ):
     app.command()(command)
 

@@ -28,16 +28,30 @@ def simulate(
     model: Annotated[
         Path | None, typer.Option(help="Scan the buildings of this CityJSON file instead.")
     ] = None,
+    epochs: Annotated[
+        bool, typer.Option("--epochs", help="The town at two times, flown by two scanners: OUT/old, OUT/new.")
+    ] = False,
+    changed: Annotated[
+        float, typer.Option(help="With --epochs: share of the buildings that change.", min=0, max=1)
+    ] = 0.25,
+    new_density: Annotated[
+        float | None,
+        typer.Option(help="With --epochs: points a square metre of the second.", min=0.1, max=100),
+    ] = None,
     crs: Crs = None,
     quiet: Quiet = False,
 ) -> None:
     """A town of which everything is known, and its scan. Every plane, corner and point label."""
-    from eaves.cli.simulation import run_simulation
+    from eaves.cli.simulation import run_epochs, run_simulation
 
     start_log(quiet)
     town: dict[str, object] = {"area_km2": area, "buildings": buildings, "terrain": terrain, "trees": trees}
     town |= {"style": style, "clutter": clutter, "model": model}
-    message = run_simulation(out, town, {"density": density, "noise": noise, "pattern": pattern}, seed, crs)
+    scan = {"density": density, "noise": noise, "pattern": pattern}
+    if epochs:
+        message = run_epochs(out, town, scan, changed, new_density or density, seed, crs)
+    else:
+        message = run_simulation(out, town, scan, seed, crs)
     if not quiet:
         typer.echo(message)
 

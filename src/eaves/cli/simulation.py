@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, get_args
 
-from eaves.simulate import scan_town, simulate_town, town_of_model, write_simulation
+from eaves.simulate import (
+    Survey,
+    later_survey,
+    scan_town,
+    simulate_epochs,
+    simulate_town,
+    town_of_model,
+    write_changes,
+    write_simulation,
+)
 from eaves.simulate.flight import Pattern
 from eaves.simulate.streets import TownStyle
 from eaves.simulate.terrain import TerrainKind
@@ -23,11 +33,7 @@ def run_simulation(
     `town` holds the arguments of `simulate_town`, and `model`: a CityJSON file to scan instead, or None.
     `scan` holds those of `scan_town`; the pattern `scan` is another word for `lines`.
     """
-    scan = {**scan, "pattern": "lines" if scan["pattern"] == "scan" else scan["pattern"]}
-    for name, choices in CHOICES.items():
-        value = {**town, **scan}[name]
-        if value not in choices:
-            raise ValueError(f"--{name} {value}: unknown; choose one of: {', '.join(choices)}")
+    scan = checked_words(town, scan)
     model = town["model"]
     if model is not None:
         drawn = town_of_model(model, trees=town["trees"], seed=seed, crs=crs)
@@ -40,3 +46,47 @@ def run_simulation(
     settings["noise_m"] = settings.pop("noise")
     files = write_simulation(scene, out, settings)
     return f"{len(scene.cloud):,} points, {len(scene.buildings)} buildings; {files['points']}"
+
+
+def checked_words(town: Mapping[str, Any], scan: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of the scan, when all words are known; ValueError names one that is not."""
+    scan = {**scan, "pattern": "lines" if scan["pattern"] == "scan" else scan["pattern"]}
+    for name, choices in CHOICES.items():
+        value = {**town, **scan}[name]
+        if value not in choices:
+            raise ValueError(f"--{name} {value}: unknown; choose one of: {', '.join(choices)}")
+    return scan
+
+
+def run_epochs(
+    out: Path,
+    town: Mapping[str, Any],
+    scan: Mapping[str, Any],
+    changed: float,
+    new_density: float,
+    seed: int = 0,
+    crs: str | None = None,
+) -> str:
+    """Write a town at two times to the folders `old` and `new`, with what became of each building."""
+    scan = checked_words(town, scan)
+    for name in ("model", "buildings"):
+        if town[name] is not None:
+            raise ValueError(f"--{name}: a town at two times is drawn, on all its plots; leave it out")
+    drawn = {name: value for name, value in town.items() if name not in ("model", "buildings")}
+    epochs = simulate_epochs(**drawn, seed=seed, changed=changed)
+    surveys = Survey(**scan), later_survey(new_density, scan["noise"])
+    told = []
+    for name, survey, there, own in zip(
+        ("old", "new"), surveys, (epochs.old, epochs.new), (seed, seed + NEXT_SEED), strict=True
+    ):
+        scene = survey.scan(there, own)
+        scene = scene if crs is None else scene.placed(crs)
+        settings = {**drawn, "epoch": name, "changed": changed, "seed": seed, "survey": asdict(survey)}
+        files = write_simulation(scene, out / name, settings)
+        told.append(f"{len(scene.cloud):,} points, {len(scene.buildings)} buildings; {files['points']}")
+    files = write_changes(epochs.changes, scene, out, {**drawn, "changed": changed, "seed": seed})
+    return "\n".join([*told, f"what changed: {files['layer']}"])
+
+
+NEXT_SEED = 1_000_003
+"""The second flight is not the first one again."""

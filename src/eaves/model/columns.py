@@ -115,6 +115,24 @@ COLUMNS: dict[str, Column] = {
     "given_storeys": Column("Storeys on the map", "", "as the map of the footprints has them", int),
     "given_map_height_m": Column("Height on the map", "m", "as the map of the footprints has it"),
     "tile": Column("Tile", "", "the tile of the run that holds the building", str),
+    "change": Column("Change", "", "what became of the building between two epochs", str),
+    "also": Column("Also", "", "what else became of it", str),
+    "height_difference_m": Column("Height difference", "m", "of the roof where it moved, median; up is more"),
+    "volume_difference_m3": Column("Volume difference", "m³", "from the points of both epochs"),
+    "model_volume_difference_m3": Column("Difference of the models' volumes", "m³", "new minus old"),
+    "built_m2": Column("Built", "m²", "roof that stands where the old epoch shows none"),
+    "gone_m2": Column("Gone", "m²", "roof that the new epoch shows no more"),
+    "moved_m2": Column("Moved", "m²", "roof that lies higher or lower"),
+    "points_old": Column("Roof points, old", "", "that decide, in the old epoch", int),
+    "points_new": Column("Roof points, new", "", "that decide, in the new epoch", int),
+    "share_seen": Column(
+        "Share seen", "", "of the roof points at whose place the other epoch shows something"
+    ),
+    "share_same": Column(
+        "Share unchanged", "", "of the roof points with the same surface in the other epoch"
+    ),
+    "ids_old": Column("Ids, old", "", "of the buildings of the old epoch at this place", str),
+    "ids_new": Column("Ids, new", "", "of the buildings of the new epoch at this place", str),
 }
 
 LAYERS: dict[str, tuple[str, ...]] = {

@@ -1,4 +1,10 @@
 from .city_model import town_of_model as town_of_model
+from .epochs import Change as Change
+from .epochs import Epochs as Epochs
+from .epochs import Survey as Survey
+from .epochs import later_survey as later_survey
+from .epochs import simulate_epochs as simulate_epochs
+from .epochs import write_changes as write_changes
 from .exact import ExactBuilding as ExactBuilding
 from .exact import ExactFace as ExactFace
 from .exact import ExactScene as ExactScene

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -72,14 +74,8 @@ def write_simulation(
     origin = scene.cloud.origin
     models = [building.model(origin) for building in scene.buildings]
     write_cityjson(paths[MODELS], models, scene.cloud.system)
-    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": GEOPACKAGE_DATE})
-    try:
-        with warnings.catch_warnings():  # a random town has no place on Earth
-            warnings.filterwarnings("ignore", message="'crs' was not provided")
-            write_geopackage(paths[VECTORS], *_rows(scene), scene.cloud.system)
-    finally:
-        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
+    with undated():
+        write_geopackage(paths[VECTORS], *_rows(scene), scene.cloud.system)
     with atomic(paths[SUMMARY]) as temporary:
         temporary.write_text(
             json.dumps({**(settings or {}), **_counts(scene)}, indent=1, sort_keys=True) + "\n",
@@ -91,6 +87,19 @@ def write_simulation(
         "vectors": paths[VECTORS],
         "summary": paths[SUMMARY],
     }
+
+
+@contextmanager
+def undated() -> Iterator[None]:
+    """Write GeoPackages with the date of `GEOPACKAGE_DATE`: the same content is the same bytes."""
+    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": GEOPACKAGE_DATE})
+    try:
+        with warnings.catch_warnings():  # a random town has no place on Earth
+            warnings.filterwarnings("ignore", message="'crs' was not provided")
+            yield
+    finally:
+        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
 
 def _write_points(scene: ExactScene, path: Path) -> None:

@@ -16,7 +16,7 @@ from eaves.model.coordinates import LOCAL_METRES
 from eaves.simulate.clutter import install
 from eaves.simulate.exact import ExactBuilding
 from eaves.simulate.furniture import hang_power_line, park_car, put_fence, span_bridge
-from eaves.simulate.masses import Plane
+from eaves.simulate.masses import Mass, Plane
 from eaves.simulate.ray_grid import RayGrid, index_town
 from eaves.simulate.roofs import make_building
 from eaves.simulate.streets import Block, Placement, Plot, TownStyle, draw_block, lay_streets
@@ -149,22 +149,8 @@ def simulate_town(
     >>> len(town.buildings) > 0
     True
     """
-    if area_km2 < 0.01:
-        raise ValueError(f"area_km2 must be at least 0.01 (100 m by 100 m), not {area_km2}")
-    if buildings is not None and buildings < 0:
-        raise ValueError(f"buildings must be at least 0, not {buildings}")
-    side = float(np.round(np.sqrt(area_km2 * 1e6)))
-    bounds = Bounds(0.0, 0.0, side, side)
-    corridor = (
-        _draw_corridor(terrain, np.random.default_rng([seed, 33])) if side >= SHORTEST_CORRIDOR else None
-    )
-    gap = 0.0 if corridor is None else 2 * corridor.reach
-    plots, strip = lay_streets(bounds, style, gap, np.random.default_rng([seed, 31]))
-    ground = make_terrain(terrain, bounds, np.random.default_rng([seed, 32]))
-    if corridor is not None:
-        corridor = replace(corridor, x=strip.x, y=strip.y, angle=strip.angle)
-        ground = cut_corridor(ground, corridor)
-    built = _Site(bounds, ground)
+    built, plots, corridor = lay_site(area_km2, buildings, terrain, seed, style)
+    bounds, ground = built.bounds, built.terrain
     limit = len(plots) * 1000 if buildings is None else buildings
     for number, plot in enumerate(plots):
         room = len(built.buildings) < limit
@@ -183,7 +169,7 @@ def simulate_town(
             buildings,
             area_km2,
         )
-    extras = _extras(bounds, ground, corridor, np.random.default_rng([seed, 36]))
+    extras = put_extras(bounds, ground, corridor, np.random.default_rng([seed, 36]))
     return Town(
         bounds,
         ground,
@@ -193,13 +179,35 @@ def simulate_town(
     )
 
 
+def lay_site(
+    area_km2: float, buildings: int | None, terrain: TerrainKind, seed: int, style: TownStyle
+) -> tuple[Site, list[Plot], Corridor | None]:
+    """The empty ground of a town, its plots, and its canal or embankment where it has one."""
+    if area_km2 < 0.01:
+        raise ValueError(f"area_km2 must be at least 0.01 (100 m by 100 m), not {area_km2}")
+    if buildings is not None and buildings < 0:
+        raise ValueError(f"buildings must be at least 0, not {buildings}")
+    side = float(np.round(np.sqrt(area_km2 * 1e6)))
+    bounds = Bounds(0.0, 0.0, side, side)
+    corridor = (
+        _draw_corridor(terrain, np.random.default_rng([seed, 33])) if side >= SHORTEST_CORRIDOR else None
+    )
+    gap = 0.0 if corridor is None else 2 * corridor.reach
+    plots, strip = lay_streets(bounds, style, gap, np.random.default_rng([seed, 31]))
+    ground = make_terrain(terrain, bounds, np.random.default_rng([seed, 32]))
+    if corridor is not None:
+        corridor = replace(corridor, x=strip.x, y=strip.y, angle=strip.angle)
+        ground = cut_corridor(ground, corridor)
+    return Site(bounds, ground), plots, corridor
+
+
 def _draw_corridor(kind: TerrainKind, rng: np.random.Generator) -> Corridor:
     """A canal in flat towns, an embankment in others; its place is yet to be found."""
     height = -rng.uniform(1.2, 2.0) if kind == "flat" else rng.uniform(2.5, 4.5)
     return Corridor(0.0, 0.0, 0.0, rng.uniform(4.0, 7.0), height)
 
 
-def _extras(
+def put_extras(
     bounds: Bounds, terrain: Terrain, corridor: Corridor | None, rng: np.random.Generator
 ) -> list[Surfaces]:
     """Bridges over the canal every 70 m, and in a town wide enough a power line along one side."""
@@ -227,12 +235,14 @@ def _squares(extent: Bounds) -> list[tuple[int, int]]:
     return [(column, row) for column in columns for row in rows]
 
 
-class _Site:
+class Site:
     """The town while it is being built."""
 
     def __init__(self, bounds: Bounds, terrain: Terrain) -> None:
-        self.area, self.terrain = bounds.buffered(-RIM), terrain
+        self.bounds, self.area, self.terrain = bounds, bounds.buffered(-RIM), terrain
         self.buildings: list[ExactBuilding] = []
+        self.masses: list[tuple[Mass, ...]] = []
+        self.overhangs: list[float] = []
         self.surfaces: list[Surfaces] = []
         self.leaves: list[Foliage] = []
         self.outlines: list[Polygon] = []
@@ -260,11 +270,23 @@ class _Site:
         except ValueError as reason:
             logger.info("a %s is left out: %s", design.kind, reason)
             return
+        self.masses.append(tuple(masses))
+        self.overhangs.append(design.overhang)
+        self.add(building)
+
+    def add(self, building: ExactBuilding) -> None:
+        """Put up a building that is drawn, where it stands."""
         self.buildings.append(building)
-        for square in _squares(Bounds(*building.footprint.bounds)):
-            self.at.setdefault(square, []).append(len(self.outlines))
         self.outlines.append(building.footprint)
+        self.locate(len(self.outlines) - 1)
         self.faces += len(building.faces)
+
+    def locate(self, k: int) -> None:
+        """Note in which squares the k-th outline lies."""
+        for square in _squares(Bounds(*self.outlines[k].bounds)):
+            there = self.at.setdefault(square, [])
+            if k not in there:
+                there.append(k)
 
     def overlaps(self, outline: Polygon) -> bool:
         """Whether the outline stands in a building that is there."""
@@ -276,6 +298,12 @@ class _Site:
         numbers = sorted({k for square in _squares(extent) for k in self.at.get(square, ())})
         some = [self.outlines[k] for k in numbers]
         return [outline for outline in some if Bounds(*outline.bounds).intersects(extent)]
+
+    def near_but(self, k: int, plan: Polygon) -> list[Polygon]:
+        """The outlines of other buildings than the k-th whose bounds come near a plan."""
+        extent = Bounds(*plan.bounds).buffered(APART)
+        numbers = sorted({n for square in _squares(extent) for n in self.at.get(square, ())} - {k})
+        return [self.outlines[n] for n in numbers]
 
     def install(self, seed: int) -> None:
         """Put on the buildings what no reference model has."""

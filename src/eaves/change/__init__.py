@@ -1,0 +1,1 @@
+"""What time does to results: two epochs compared, results updated, corrected, and learned from."""

@@ -1,0 +1,231 @@
+"""One epoch of a comparison: the buildings and the classified points of a run's folder, block by block."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
+
+from eaves.footprints.read import in_metres
+from eaves.formats import InputError, read_polygons
+from eaves.formats.crs import horizontal_crs
+from eaves.model import Block, Bounds, CoordinateSystem, PointCloud
+from eaves.run.index import Index, index_inputs
+from eaves.run.manifest import MANIFEST, read_manifest
+from eaves.run.partition import Window, file_slices, partition_slice
+from eaves.run.store import Store
+
+log = logging.getLogger("eaves")
+
+TURNED = 0.05
+"""Two plane systems turn and stretch by so much at the most: blocks are looked up with this margin."""
+
+
+@dataclass(frozen=True, eq=False)
+class Building:
+    """A building of one epoch: its id, its outline (world metres of the comparison), its attributes."""
+
+    id: str
+    polygon: Polygon | MultiPolygon
+    row: dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Epoch:
+    """One epoch: where its results are, its buildings, and its points in a store of its own."""
+
+    folder: Path
+    system: CoordinateSystem
+    """Of the comparison, which the outlines are in."""
+    buildings: tuple[Building, ...]
+    index: Index
+    store: Store
+    side: float
+
+    @property
+    def name(self) -> str:
+        """The folder's name, for messages."""
+        return str(self.folder)
+
+    @cached_property
+    def _move(self) -> tuple[Callable[..., Any], Callable[..., Any]] | None:
+        """From the files' plane coordinates (metres) to the comparison's, and back; None where they agree."""
+        mine, wanted = horizontal_crs(self.store.system), horizontal_crs(self.system)
+        if mine is None or wanted is None or mine.equals(wanted, ignore_axis_order=True):
+            return None
+        from pyproj import Transformer
+
+        return (
+            Transformer.from_crs(mine, wanted, always_xy=True).transform,
+            Transformer.from_crs(wanted, mine, always_xy=True).transform,
+        )
+
+    def blocks(self) -> list[Block]:
+        """The blocks of the comparison's system that may have points."""
+        own = self.store.blocks(self.side)
+        if self._move is None:
+            return own
+        found: set[Block] = set()
+        for block in own:
+            found |= set(blocks_meeting(self._moved(block.bounds, 0), self.side))
+        return sorted(found)
+
+    def points(self, block: Block, reach: float) -> PointCloud:
+        """The points of a block of the comparison's system, and of its surroundings up to `reach` (m), about
+        its corner, in canonical order."""
+        if self._move is None:
+            return self.store.load_cloud(block, reach).in_canonical_order()
+        wanted = block.bounds.buffered(reach)
+        pieces = []
+        for own in blocks_meeting(self._moved(wanted, 1), self.side):
+            cloud = self.store.load_cloud(own, 0.0)
+            if len(cloud):
+                world = cloud.xyz + np.array([*own.origin, 0.0])
+                there = self._plane(world[:, :2], 0)
+                world[:, :2] = there
+                inside = np.flatnonzero(wanted.contains(world))
+                pieces.append((cloud, world, inside))
+        if not pieces:
+            return self.store.load_cloud(Block(block.column, block.row, self.side), 0.0).take(
+                np.zeros(0, np.int64)
+            )
+        arrays = {
+            name: np.concatenate([getattr(cloud, name)[inside] for cloud, _, inside in pieces])
+            for name in ("return_number", "number_of_returns", "classification", "point_id")
+            if getattr(pieces[0][0], name) is not None
+        }
+        xyz = np.concatenate([world[inside] for _, world, inside in pieces])
+        return PointCloud.from_world(xyz, block.origin, **arrays).in_canonical_order()
+
+    def _plane(self, xy: NDArray[np.float64], way: int) -> NDArray[np.float64]:
+        """Plane coordinates (N, 2) in metres taken to the comparison's system (0), or back (1)."""
+        assert self._move is not None
+        units = self.store.system.horizontal_unit_m, self.system.horizontal_unit_m
+        x, y = self._move[way](*(xy / units[way]).T)
+        return np.column_stack([x, y]) * units[1 - way]
+
+    def _moved(self, bounds: Bounds, way: int) -> Bounds:
+        """A rectangle that holds another in the other system."""
+        west, south, east, north = vars(bounds).values()
+        corners = np.array([[west, south], [west, north], [east, south], [east, north]])
+        return Bounds.of(self._plane(corners, way)).buffered(TURNED * max(bounds.width, bounds.height))
+
+
+def blocks_meeting(bounds: Bounds, side: float) -> list[Block]:
+    """The blocks that a rectangle meets."""
+    first, last = Block.at(bounds.west, bounds.south, side), Block.at(bounds.east, bounds.north, side)
+    return [
+        Block(column, row, side)
+        for column in range(first.column, last.column + 1)
+        for row in range(first.row, last.row + 1)
+    ]
+
+
+def open_epoch(
+    folder: Path,
+    work: Path,
+    target: CoordinateSystem | None,
+    side: float,
+    progress: Callable[[int, int], None],
+) -> Epoch:
+    """The epoch in a run's folder, its points brought to blocks under `work`.
+
+    Parameters
+    ----------
+    folder
+        What `eaves build` wrote.
+    work
+        Folder for the points by block; the caller removes it.
+    target
+        The system of the comparison; None for the folder's own.
+    side
+        Side of a block (m).
+    progress
+        Called with the number of points read, and of all.
+
+    Raises
+    ------
+    InputError
+        When the folder holds no complete run, or not what a comparison needs.
+    """
+    points = run_points(folder)
+    failed: list[str] = []
+    index = index_inputs(points, None, failed, crs_force=True)
+    if failed:
+        raise InputError(failed[0])
+    polygons, _, rows, _ = read_polygons(folder / "footprints.gpkg", "footprints", target=target)
+    target = index.system if target is None else target
+    if (index.system.wkt is None) != (target.wkt is None):
+        raise InputError.about(
+            folder,
+            "has no reference system and the other epoch has one, or the other way round",
+            "build it again with --crs",
+        )
+    buildings = tuple(
+        Building(str(row["id"]), shapely.make_valid(polygon), row)
+        for polygon, row in zip(polygons, rows, strict=True)
+    )
+    has = index.has_field
+    store = Store(work, has_returns=has("return_number"), has_classes=True, system=index.system)
+    store.prepare()
+    read = 0
+
+    def count(points: int) -> None:
+        nonlocal read
+        read += points
+        progress(read, index.points)
+
+    window = window_of(folder, index.system)
+    for part in file_slices(index):
+        done = partition_slice(part, store, side, window, count)
+        if done.unread is not None:
+            raise InputError(done.unread)
+    return Epoch(folder, target, buildings, index, store, side)
+
+
+def run_points(folder: Path) -> list[Path]:
+    """The classified points of a run's folder.
+
+    Raises
+    ------
+    InputError
+        When it is no run's, the run did not end, or it wrote no points.
+    """
+    if not folder.is_dir() or not (folder / MANIFEST).exists():
+        raise InputError.about(folder, "is no folder of a run", "give what `eaves build` wrote, or a scan")
+    told = read_manifest(folder)
+    if told.get("complete") is not True:
+        raise InputError.about(folder, "holds a run that did not end", "run it again with --resume")
+    names = sorted(name for name in told["files"] if is_points(name))
+    if not names or "footprints.gpkg" not in told["files"]:
+        tiles = any(name.startswith("tiles/") for name in told["files"])
+        remedy = "build parts of it with --bounds and compare these" if tiles else "build it again with both"
+        raise InputError.about(folder, "lacks footprints.gpkg or classified points", remedy)
+    missing = [name for name in (*names, "footprints.gpkg") if not (folder / name).exists()]
+    if missing:
+        raise InputError.about(folder / missing[0], "is missing", "run again")
+    return [folder / name for name in names]
+
+
+def window_of(folder: Path, system: CoordinateSystem) -> Window:
+    """The points that a run used: those in its bounds. Its classified points hold the others, too."""
+    path = folder / "run.json"
+    run = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    if run.get("clip"):
+        log.warning("%s: built with --clip; what lies outside counts as seen, without buildings", folder)
+    bounds = run.get("bounds")
+    return Window(None if bounds is None else in_metres(Bounds(*bounds), system))
+
+
+def is_points(name: str) -> bool:
+    """Whether a file of a run holds its classified points."""
+    return "/" not in name and name.startswith("classified") and name.endswith((".laz", ".las"))

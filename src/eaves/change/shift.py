@@ -1,0 +1,76 @@
+"""How far one epoch lies beside and over the other, from ground and roofs that are the same in both.
+
+A point p of the old epoch on a plane of slopes a, b and the new epoch's point beside it differ along the
+plane's vertical by d. Where nothing changed, d = dz − a·dx − b·dy: ground and flat roofs give dz, slopes to
+all sides give dx and dy. What changed are outliers, and are trimmed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.model import Values
+
+TRIM = 3.0
+"""Pairs farther off than so many robust standard deviations are taken for changes."""
+
+ROUNDS = 8
+"""Rounds of trimming and fitting; they settle after three or four."""
+
+FEWEST = 30
+"""Fewer pairs give no shift."""
+
+SPREAD = 0.05
+"""Mean square of the slopes' smaller axis under which dx and dy cannot be known: a town of flat roofs."""
+
+
+@dataclass(frozen=True)
+class Shift:
+    """The new epoch's place against the old one's (m), the pairs' robust spread (m), and their number."""
+
+    east: float = 0.0
+    north: float = 0.0
+    up: float = 0.0
+    noise: float = 0.0
+    pairs: int = 0
+
+    @property
+    def vector(self) -> NDArray[np.float64]:
+        """East, north, up (3,)."""
+        return np.array([self.east, self.north, self.up])
+
+
+def robust_spread(values: Values) -> float:
+    """1.4826 times the median distance from the median: the standard deviation of what has no outliers."""
+    return float(1.4826 * np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
+
+
+def fit_shift(slope: NDArray[np.float64], distance: Values, most: float = 0.0) -> Shift:
+    """The shift of pairs with slopes (N, 2) and vertical distances (N,); `most` bounds it in plan (m)."""
+    known = np.isfinite(distance)
+    slope, distance = slope[known], distance[known]
+    if len(distance) < FEWEST:
+        return Shift(pairs=len(distance))
+    steepness = np.sqrt(1.0 + (slope**2).sum(axis=1))
+    up, plan = float(np.median(distance)), np.zeros(2)
+    spread = robust_spread(distance / steepness)
+    kept = np.abs(distance - up) / steepness <= TRIM * max(spread, 0.01)
+    for _ in range(ROUNDS):
+        a = slope[kept]
+        centred = a - a.mean(axis=0)
+        if most > 0 and np.linalg.eigvalsh(centred.T @ centred / len(a))[0] >= SPREAD**2:
+            columns = np.column_stack([-a, np.ones(len(a))])
+            solved = np.linalg.lstsq(columns, distance[kept], rcond=None)[0]
+            plan, up = np.clip(solved[:2], -most, most), float(solved[2])
+        else:
+            up = float(np.median(distance[kept]))
+        left = (distance - (up - slope @ plan)) / steepness
+        spread = robust_spread(left[kept])
+        fresh = np.abs(left) <= TRIM * max(spread, 0.01)
+        if bool((fresh == kept).all()) or int(fresh.sum()) < FEWEST:
+            break
+        kept = fresh
+    return Shift(float(plan[0]), float(plan[1]), up, spread, int(kept.sum()))

@@ -1,0 +1,287 @@
+"""What became of one building, from what each epoch shows at the other's roof points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from eaves.change.surface import (
+    GROUND_BELOW,
+    HIDDEN,
+    OTHER_BELOW,
+    ROOF_ABOVE,
+    ROOF_BELOW,
+    SAME,
+    UNSEEN,
+)
+from eaves.model import Mask, Points, Values
+
+UNCHANGED, NEW, DEMOLISHED, RAISED, LOWERED, EXTENDED = (
+    "unchanged",
+    "new",
+    "demolished",
+    "raised",
+    "lowered",
+    "extended",
+)
+PARTLY_DEMOLISHED, ROOF_REPLACED, UNCLEAR, NOT_COVERED = (
+    "partly demolished",
+    "roof replaced",
+    "unclear",
+    "not covered",
+)
+ONE_WAY = 0.9
+"""Of a roof that was raised as a whole at least this share of the points lies higher."""
+
+VERDICTS = (
+    *(UNCHANGED, NEW, DEMOLISHED, RAISED, LOWERED, EXTENDED, PARTLY_DEMOLISHED, ROOF_REPLACED),
+    *(UNCLEAR, NOT_COVERED),
+)
+"""All that can be said of a building."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """From what size on a difference is a change."""
+
+    smallest_m2: float = 2.5
+    """A patch of roof that came or went is at least so large; half of an annex of 4 m² lies too near to the
+    house to be seen apart from it."""
+    smallest_beside_m2: float = 5.0
+    """The same for a patch that most of its run did not take for a building: a hedge, a stack."""
+    narrowest: float = 0.8
+    """A patch is as wide as this (m) somewhere: balconies and eaves are seen from one side only."""
+    smallest_alone_m2: float = 25.0
+    """The same for a surface that stands alone and is in no run's footprints: larger than a lorry."""
+    smallest_height: float = 0.35
+    """A roof that was raised or lowered lies at least so far off (m): between noise and half a metre."""
+    flat: float = 0.5
+    """Share of a patch's points that lie on planes: crowns have fewer."""
+    crown: float = 0.3
+    """What the detector took for a building and has fewer points on planes than this share may be a crown."""
+    most: float = 0.5
+    """Share of a building's points that decides on the whole of it."""
+    least_seen: float = 0.3
+    """A building is unclear when the other epoch shows less than this share of its roof."""
+    least_points: int = 4
+    """Fewer points decide nothing."""
+    uniform: float = 0.25
+    """A roof was moved as a whole when the middle half of its points moved alike to so much (m), and else
+    replaced by another."""
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """The roof points of one epoch that belong to a building, and what the other shows there.
+
+    `flat` (N,) are those on a plane, `known` those that the run took for a building; `size` (N,) is the area
+    (m²) that each stands for.
+    """
+
+    xyz: Points
+    state: NDArray[np.uint8]
+    distance: Values
+    flat: Mask
+    known: Mask
+    size: Values
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+    @property
+    def area(self) -> float:
+        """The area (m²) of all points."""
+        return float(self.size.sum())
+
+    def share(self, *states: int) -> float:
+        """The share of the points that have one of some states."""
+        return float(np.isin(self.state, states).mean()) if len(self) else 0.0
+
+    def area_of(self, mask: Mask) -> float:
+        """The area (m²) of some points."""
+        return float(self.size[mask].sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What became of a building: the change, others it underwent beside, the figures, and why."""
+
+    change: str
+    also: tuple[str, ...] = ()
+    height_m: float = 0.0
+    """How much higher the roof lies where it moved."""
+    built_m2: float = 0.0
+    gone_m2: float = 0.0
+    moved_m2: float = 0.0
+    """Areas where a roof came, went, was raised or lowered."""
+    volume_m3: float = 0.0
+    reason: str = ""
+    figures: dict[str, Any] = field(default_factory=dict)
+    patches: tuple[NDArray[np.float64], ...] = ()
+    """Places (K, 2) of the points of each part that changed."""
+
+
+def judge_building(old: Side, new: Side, rules: Rules, covered: tuple[bool, bool], link: float) -> Verdict:
+    """What became of a building that is in the new epoch, in the old one, or in both.
+
+    Parameters
+    ----------
+    old, new
+        Its roof points in each epoch, and what the other shows there.
+    rules
+        From what size on a difference is a change.
+    covered
+        Whether the old and the new epoch have points at its place.
+    link
+        Points of a patch lie at most so far apart (m).
+    """
+    if not all(covered):
+        which = "old" if not covered[0] else "new"
+        return Verdict(NOT_COVERED, reason=f"the {which} epoch has no points here")
+    built, gone = came(new), came(old)
+    seen_new, seen_old = 1.0 - new.share(UNSEEN, HIDDEN), 1.0 - old.share(UNSEEN, HIDDEN)
+    same = max(new.share(SAME), old.share(SAME))
+    volume = volume_of(old, new)
+    if len(new) + len(old) < rules.least_points:
+        return Verdict(UNCLEAR, reason=f"only {len(new) + len(old)} roof points in both epochs")
+    seen = seen_new if len(new) >= len(old) else seen_old
+    if seen < rules.least_seen:
+        return Verdict(UNCLEAR, reason=f"{1 - seen:.0%} of the roof is hidden or not seen in the other epoch")
+    figures = {"seen": round(seen, 3), "same": round(same, 3)}
+    stands_new = built.sum() >= max(rules.most * len(new) * seen_new, rules.least_points)
+    if stands_new and gone_all(old, new, rules):
+        if new.flat[built].mean() < rules.crown:
+            return Verdict(UNCLEAR, reason="what is new here is not flat: a crown, perhaps", figures=figures)
+        return Verdict(
+            NEW,
+            height_m=float(-np.median(new.distance[built])),
+            built_m2=new.area_of(built),
+            volume_m3=volume,
+            reason=f"{new.share(GROUND_BELOW, OTHER_BELOW):.0%} of its roof stands where no roof was",
+            figures=figures,
+            patches=(new.xyz[built, :2],),
+        )
+    if not len(new) and gone.sum() >= rules.most * len(old) * seen_old:
+        return Verdict(
+            DEMOLISHED,
+            height_m=float(np.median(old.distance[gone])),
+            gone_m2=old.area_of(gone),
+            volume_m3=volume,
+            reason=f"{old.share(GROUND_BELOW, OTHER_BELOW):.0%} of its roof is gone down to the ground",
+            figures=figures,
+            patches=(old.xyz[gone, :2],),
+        )
+    return judge_parts(old, new, rules, link, volume, figures)
+
+
+def gone_all(old: Side, new: Side, rules: Rules) -> bool:
+    """Whether nothing that matters of the old roof is left."""
+    left = old.area_of(old.state == SAME)
+    return left < rules.smallest_m2 or (left < rules.most * new.area and old.share(SAME) < 1.0 - rules.most)
+
+
+def came(side: Side) -> Mask:
+    """The points of a roof under which the other epoch shows the ground, or what is no roof."""
+    return np.asarray(np.isin(side.state, (GROUND_BELOW, OTHER_BELOW)))
+
+
+def judge_parts(
+    old: Side, new: Side, rules: Rules, link: float, volume: float, figures: dict[str, Any]
+) -> Verdict:
+    """What became of a building that stands in both epochs."""
+    built = patches_of(new, came(new), rules, link)
+    gone = patches_of(old, came(old), rules, link)
+    found: list[tuple[float, str]] = []
+    for patches, side, kind in ((built, new, EXTENDED), (gone, old, PARTLY_DEMOLISHED)):
+        if patches:
+            found.append((sum(side.area_of(patch) for patch in patches), kind))
+    side, rise = max(
+        ((new, moved(new, -1.0, rules)), (old, moved(old, 1.0, rules))),
+        key=lambda pair: pair[0].area_of(np.isfinite(pair[1])),
+    )
+    lifted = patches_of(side, np.isfinite(rise), rules, link)
+    height = float(np.median(rise[lifted[0]])) if lifted else 0.0
+    if lifted:
+        found.append((sum(side.area_of(patch) for patch in lifted), kind_of_move(rise, lifted, rules)))
+    if not found:
+        reason = f"{figures['same']:.0%} of the roof is where it was"
+        return Verdict(UNCHANGED, reason=reason, figures=figures)
+    found.sort(key=lambda one: -one[0])
+    sizes = {kind: size for size, kind in found}
+    return Verdict(
+        found[0][1],
+        tuple(kind for _, kind in found[1:]),
+        height,
+        sizes.get(EXTENDED, 0.0),
+        sizes.get(PARTLY_DEMOLISHED, 0.0),
+        max(sizes.get(kind, 0.0) for kind in (RAISED, LOWERED, ROOF_REPLACED)),
+        volume,
+        ", ".join(f"{kind} over {size:.1f} m²" for size, kind in found),
+        figures,
+        tuple(new.xyz[patch, :2] for patch in built)
+        + tuple(old.xyz[patch, :2] for patch in gone)
+        + tuple(side.xyz[patch, :2] for patch in lifted),
+    )
+
+
+def kind_of_move(rise: Values, patches: Sequence[Mask], rules: Rules) -> str:
+    """Raised or lowered when each patch moved alike and all the same way, else replaced."""
+    for patch in patches:
+        low, middle, high = (float(v) for v in np.percentile(rise[patch], (25, 50, 75)))
+        if high - low > max(rules.uniform, 0.3 * abs(middle)):
+            return ROOF_REPLACED
+    all_rises = np.concatenate([rise[patch] for patch in patches])
+    up = float((all_rises > 0).mean())
+    return RAISED if up >= ONE_WAY else LOWERED if up <= 1 - ONE_WAY else ROOF_REPLACED
+
+
+def moved(side: Side, way: float, rules: Rules) -> Values:
+    """How much higher the new roof lies at each point (m); NaN where it is the same, or no roof."""
+    rise = np.where(np.isin(side.state, (ROOF_ABOVE, ROOF_BELOW)), way * side.distance, np.nan)
+    return np.where(np.abs(rise) >= rules.smallest_height, rise, np.nan)
+
+
+def patches_of(side: Side, mask: Mask, rules: Rules, link: float) -> list[Mask]:
+    """The groups of some points, each linked to the next (m): those large enough, largest first."""
+    some = np.flatnonzero(mask)
+    if len(some) < rules.least_points:
+        return []
+    pairs = cKDTree(side.xyz[some, :2]).query_pairs(link, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(some),) * 2)
+    _, group = connected_components(graph, directed=False)
+    patches = []
+    for number, count in enumerate(np.bincount(group)):
+        if count < rules.least_points:
+            continue
+        patch = np.zeros(len(mask), bool)
+        patch[some[group == number]] = True
+        known = side.known[patch].mean() >= rules.most
+        smallest = rules.smallest_m2 if known else max(rules.smallest_m2, rules.smallest_beside_m2)
+        large = side.area_of(patch) >= smallest and side.flat[patch].mean() >= rules.flat
+        if large and is_wide(side.xyz[patch, :2], rules.narrowest, link / 2):
+            patches.append(patch)
+    return sorted(patches, key=lambda patch: (-int(patch.sum()), int(np.argmax(patch))))
+
+
+def is_wide(xy: NDArray[np.float64], width: float, reach: float) -> bool:
+    """Whether points (N, 2), each of which covers what lies within its `reach` (m), cover a disc of some
+    diameter (m) between them: strips along edges do not."""
+    covered = shapely.union_all(shapely.buffer(shapely.points(xy), reach, quad_segs=2))
+    return not shapely.buffer(covered, -reach - width / 2, quad_segs=2).is_empty
+
+
+def volume_of(old: Side, new: Side) -> float:
+    """How much larger the building is (m³): each point of a roof stands for a column down to the other
+    epoch's surface; of a roof that both have, the new one's count."""
+    here = np.isfinite(new.distance) & (new.state != SAME) & (new.state != HIDDEN)
+    lost = came(old)
+    more = float(-(new.distance * new.size)[here].sum())
+    return more + float((old.distance * old.size)[lost].sum())

@@ -1,0 +1,36 @@
+"""The commands about time: compare, and what goes on after the first run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eaves.cli.options import Crs, Jobs, Out, Quiet
+from eaves.cli.runs import COMPLETE, INCOMPLETE, progress_display, start_log
+
+
+def compare(
+    old: Annotated[Path, typer.Argument(help="What `eaves build` wrote for the first epoch, or its scan.")],
+    new: Annotated[Path, typer.Argument(help="The same for the second epoch.")],
+    out: Out,
+    crs: Crs = None,
+    jobs: Jobs = 0,
+    quiet: Quiet = False,
+) -> None:
+    """What was built, raised, extended or taken down between two epochs. A layer, a table, a page.
+
+    Scans that were not built yet are built first, into OUT/old and OUT/new:
+
+      eaves compare run-2018 run-2024 -o changes
+      eaves compare ahn3.laz ahn5.laz -o changes
+    """
+    from eaves.cli.comparison import run_comparison
+
+    start_log(quiet)
+    with progress_display(quiet) as progress:
+        text, whole = run_comparison(old, new, out, crs, jobs, progress)
+    if not quiet:
+        typer.echo(text)
+    raise typer.Exit(COMPLETE if whole else INCOMPLETE)

@@ -1,0 +1,162 @@
+"""Two epochs built and compared: the nine roofs, one of them gone, one raised, the second scan 10 cm off."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyogrio
+import pytest
+
+from eaves.cli import app as cli
+from eaves.formats.crs import parse_crs, system_of
+from eaves.pipeline import build
+from eaves.simulate import ExactBuilding, ExactFace, nine_roofs_on_a_slope, write_simulation
+from eaves.simulate.roofs import PITCH, sample_from_above
+
+GONE, RAISED = 2, 7
+SHIFT = 0.06, -0.05, 0.10
+
+
+def raised(building: ExactBuilding, way: float) -> ExactBuilding:
+    """A building with its roof higher by `way` (m)."""
+    faces = tuple(
+        ExactFace(face.polygon, (*face.coefficients[:2], face.coefficients[2] + way), face.number)
+        for face in building.faces
+    )
+    return replace(building, faces=faces)
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The runs of both epochs."""
+    place = tmp_path_factory.mktemp("epochs")
+    first = nine_roofs_on_a_slope(density=8.0, seed=1)
+    later = [raised(b, 0.8) if b.number == RAISED else b for b in first.buildings if b.number != GONE]
+    second = sample_from_above(tuple(later), 3 * PITCH, 5.0, 0.03, seed=2)
+    moved = second.cloud.with_(xyz=second.cloud.xyz + np.array(SHIFT))
+    scenes = {"old": first, "new": replace(second, cloud=moved)}
+    runs = []
+    for name, scene in scenes.items():
+        files = write_simulation(scene, place / name)
+        out = place / f"{name}-run"
+        build(files["points"], out, lod="0", outputs=("footprints", "rasters", "classified"))
+        runs.append(out)
+    return runs[0], runs[1]
+
+
+def compared(*words: object) -> int:
+    """The exit status of `eaves compare`."""
+    return int(cli.app(["compare", *map(str, words), "-q"], standalone_mode=False) or 0)
+
+
+def changes(out: Path) -> dict[str, dict[str, object]]:
+    told = json.loads((out / "changes.json").read_text(encoding="utf-8"))
+    return {row["id"]: row for row in told["buildings"]}
+
+
+def test_what_changed_is_found__and_nothing_else(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    old, new = folders
+    assert compared(old, new, "-o", tmp_path / "out") == 0
+    rows = list(changes(tmp_path / "out").values())
+    kinds = sorted(row["change"] for row in rows)
+    assert kinds == sorted(["unchanged"] * 7 + ["demolished", "raised"])
+    moved = next(row for row in rows if row["change"] == "raised")
+    assert moved["height_difference_m"] == pytest.approx(0.8, abs=0.05)
+    told = json.loads((tmp_path / "out" / "changes.json").read_text(encoding="utf-8"))
+    shift = [told["new_against_old_m"][way] for way in ("east", "north", "up")]
+    assert shift == pytest.approx(SHIFT, abs=0.02)
+
+
+def test_ids_are_those_of_the_old_epoch(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    old, new = folders
+    assert compared(old, new, "-o", tmp_path / "out") == 0
+    before = pyogrio.read_dataframe(old / "footprints.gpkg", layer="footprints")
+    assert set(changes(tmp_path / "out")) == set(before["id"])
+
+
+def test_the_layer_the_table_and_the_page_say_the_same(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert compared(*folders, "-o", out) == 0
+    layer = pyogrio.read_dataframe(out / "changes.gpkg", layer="changes")
+    with (out / "changes.csv").open(encoding="utf-8", newline="") as file:
+        table = {row["id"]: row["change"] for row in csv.DictReader(file)}
+    assert dict(zip(layer["id"], layer["change"], strict=True)) == table
+    parts = pyogrio.read_dataframe(out / "changes.gpkg", layer="parts")
+    assert set(parts["change"]) == {"demolished", "raised"}
+    page = (out / "changes.html").read_text(encoding="utf-8")
+    assert all(name in page for name in table)
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert cli.app(["check", str(out)], standalone_mode=False) in (0, None)
+
+
+def test_backwards_it_is_the_opposite(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    old, new = folders
+    assert compared(new, old, "-o", tmp_path / "out") == 0
+    kinds = sorted(row["change"] for row in changes(tmp_path / "out").values())
+    assert kinds == sorted(["unchanged"] * 7 + ["new", "lowered"])
+
+
+def test_beyond_the_common_area_nothing_is_demolished(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    old, new = folders
+    points = new.parent / "new" / "points.laz"
+    half = tmp_path / "half"
+    build(
+        points,
+        half,
+        lod="0",
+        outputs=("footprints", "classified"),
+        bounds=(2400, 4800, 2400 + 1.5 * PITCH, 4902),
+    )
+    assert compared(old, half, "-o", tmp_path / "out") == 0
+    rows = changes(tmp_path / "out").values()
+    kinds = [row["change"] for row in rows]
+    assert kinds.count("demolished") <= 1
+    assert kinds.count("not covered") == 3
+
+
+def test_epochs_in_two_systems_are_brought_together(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    from pyproj import Transformer
+
+    one = system_of(parse_crs("EPSG:32632"), "--crs", (740000.0, 5500000.0))
+    far = system_of(parse_crs("EPSG:32633"), "--crs", (310000.0, 5500000.0))
+    move = Transformer.from_crs("EPSG:32632", "EPSG:32633", always_xy=True).transform
+    runs = []
+    for name, system in (("old", one), ("new", far)):
+        scene = nine_roofs_on_a_slope(density=8.0, seed=1)
+        if name == "new":
+            scene = sample_from_above(scene.buildings, 3 * PITCH, 5.0, 0.03, seed=2)
+        world = scene.cloud.xyz + np.array([740000.0, 5500000.0, 0.0])
+        if system is far:
+            world[:, :2] = np.column_stack(move(world[:, 0], world[:, 1]))
+        cloud = type(scene.cloud).from_world(
+            world,
+            return_number=scene.cloud.return_number,
+            number_of_returns=scene.cloud.number_of_returns,
+            classification=scene.cloud.classification,
+            point_id=scene.cloud.point_id,
+            system=system,
+        )
+        files = write_simulation(replace(scene, cloud=cloud), tmp_path / name)
+        build(
+            files["points"],
+            tmp_path / f"{name}-run",
+            lod="0",
+            outputs=("footprints", "rasters", "classified"),
+        )
+        runs.append(tmp_path / f"{name}-run")
+    assert compared(*runs, "-o", tmp_path / "out") == 0
+    assert [row["change"] for row in changes(tmp_path / "out").values()] == ["unchanged"] * 9
+
+
+@pytest.mark.parametrize("which", ["missing", "same", "empty"])
+def test_bad_input_is_one_line(which: str, folders: tuple[Path, Path], tmp_path: Path) -> None:
+    old, _ = folders
+    (tmp_path / "empty").mkdir()
+    words = {"missing": (old, tmp_path / "none"), "same": (old, old), "empty": (old, tmp_path / "empty")}[
+        which
+    ]
+    with pytest.raises(ValueError, match=";") as error:
+        compared(*words, "-o", tmp_path / "out")
+    assert "\n" not in str(error.value)
