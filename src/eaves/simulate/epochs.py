@@ -15,6 +15,7 @@ from shapely.affinity import affine_transform
 
 from eaves.formats.atomic import atomic
 from eaves.formats.geopackage import Row, write_polygons
+from eaves.model.checks import check_positive
 from eaves.model.cloud import snap
 from eaves.simulate.exact import ExactBuilding, ExactScene
 from eaves.simulate.files import undated
@@ -124,12 +125,22 @@ def simulate_epochs(
 
     Parameters
     ----------
-    area_km2, terrain, trees, seed, style, clutter
-        As in `simulate_town`.
+    area_km2 : float
+        Area of the square (km²), at least 0.01.
+    terrain : str
+        `flat`, `slope`, `hilly` or `terraced`.
+    trees : float
+        Share of the trees of an ordinary town (≥ 0).
+    seed : int
+        The same seed gives the same towns.
+    style : str
+        `suburb`, `centre` or `mixed`.
+    clutter : bool
+        Whether buildings have vents, skylights, solar panels and balconies.
     changed : float
         Share of the buildings of 10 m² and more that change (0 to 1); the kinds of change take turns. Raised
         and lowered roofs lie 0.5 to 3.2 m higher or lower, annexes have 4 m² and more.
-    leaf_loss : (float, float)
+    leaf_loss : tuple of float
         Loss of a pulse's energy per metre of crown (1/m) at the two times.
 
     Returns
@@ -360,13 +371,17 @@ class Survey:
 
     Parameters
     ----------
-    density, noise, pattern
-        As in `scan_town`.
+    density : float
+        Pulses per square metre (> 0).
+    noise : float
+        Standard deviation of a range (m).
+    pattern : str
+        `lines`, `zigzag`, `ellipse` or `random`.
     flight : Flight
         Height, opening angle, overlap, heading.
     scanner : Scanner
         Beam, errors of strips.
-    shift : (float, float, float)
+    shift : tuple of float
         Error of the whole survey's position (m): east, north, up.
 
     Examples
@@ -427,12 +442,18 @@ def later_survey(density: float = 10.0, noise: float = 0.02) -> Survey:
     Survey
         Of the second time.
 
+    Raises
+    ------
+    TypeError, ValueError
+        When `density` is no number above 0.
+
     Examples
     --------
     >>> from eaves.simulate import later_survey
     >>> later_survey(4.0).pattern
     'zigzag'
     """
+    check_positive(density, "density", "points per m²")
     return Survey(
         density,
         1.5 * noise,
