@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from eaves.formats.geopackage import read_polygons
+from eaves.ground import classify_ground
 from eaves.model import Block
 from eaves.model.doubt import Doubt
 from eaves.model.summary import Summary
@@ -29,7 +30,7 @@ def test_a_doubt_is_kept_by_the_block_it_lies_in(tmp_path: Path) -> None:
     middle = truth.cloud.xyz[:, 0].mean()
     cut = truth.cloud.take(truth.cloud.xyz[:, 0] < middle)  # the rim of the data runs through three roofs
     block = Block.at(*cut.origin, 240.0)
-    result = block_pass(cut, block, make_recipe())
+    result = block_pass(classify_ground(cut), block, make_recipe())
     assert {doubt.stage for doubt in result.doubts} == {"detect"}
     assert any("rim of the data" in doubt.reason for doubt in result.doubts)
     save_block(tmp_path / "block.npz", result)

@@ -1,4 +1,4 @@
-"""The block pass: ground, rasters and regions of one block."""
+"""The block pass: rasters and regions of one block."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.detect import detect_buildings
-from eaves.ground import classify_ground
 from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, Mask, PointCloud, Raster, Regions
-from eaves.model.cloud import BRIDGE_DECK, GROUND, UNCLASSIFIED
+from eaves.model.cloud import BRIDGE_DECK, GROUND
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import scene_of
@@ -19,6 +18,7 @@ from eaves.run.clock import Clock
 from eaves.run.decks import Decks, wet_or_bridged
 from eaves.run.recipe import SEAM, Recipe
 from eaves.run.vegetation import vegetation_classes
+from eaves.run.world_squares import GROUND_SQUARE, around_squares, within
 
 
 def block_pass(
@@ -28,21 +28,17 @@ def block_pass(
     wide: WideObjects | None = None,
     decks: Sequence[Decks] = (),
 ) -> BlockResult:
-    """Ground, rasters and regions of one block.
+    """Rasters and regions of one block.
 
-    `cloud` must hold the points of the block and of its surroundings up to `recipe.buffer`, and no others:
-    then the result does not depend on the files or tiles they came from. `wide` is what a look at more than
-    them has found; by default it is looked for in the cloud. `decks` are those of bridges: ground to
-    stand on for the detector, and no terrain.
+    `cloud` bears the classes of the ground stage. It must hold the points of the block and of its
+    surroundings up to `recipe.scene_buffer`, and no others: then the result does not depend on the files or
+    tiles they came from. `wide` is what stands over the terrain, where that was looked for. `decks` are
+    those of bridges: ground to stand on for the detector, and no terrain.
     """
     clock = Clock()
     cloud = cloud.about(block.origin).in_canonical_order()
-    if recipe.use_classes:
-        cloud = with_ground_classes(cloud, recipe.ground_classes)
-    cloud = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide)
-    clock.lap("ground")
     core = Bounds(0.0, 0.0, block.side, block.side)
-    seen = core.buffered(recipe.scene_buffer)
+    seen = held(cloud, core).buffered(recipe.scene_buffer)
     cloud = cloud.take(seen.contains(cloud.xyz))
     beneath = None if wide is None else wide.terrain_beneath(seen, block.origin)
     other = wet_or_bridged(cloud, decks)
@@ -79,8 +75,8 @@ def block_pass(
         vegetation=vegetation[inside],
         height=scene.height[inside].astype(np.float32),
         score=regions.score,
-        dtm=crop(scene.dtm, core),
-        dsm=crop(scene.dsm, core),
+        dtm=crop(scene.dtm, seen.buffered(-recipe.scene_buffer)),
+        dsm=crop(scene.dsm, seen.buffered(-recipe.scene_buffer)),
         spacing=scene.spacing,
         seam_id=cloud.point_id[seam],
         seam_label=regions.label[seam],
@@ -102,14 +98,16 @@ def with_classes(cloud: PointCloud, classes: NDArray[np.uint8]) -> PointCloud:
     )
 
 
-def with_ground_classes(cloud: PointCloud, numbers: tuple[int, ...]) -> PointCloud:
-    """The cloud whose file means ground by these classes: they become 2, and a 2 that is none of them 1."""
-    given = cloud.classification
-    if given is None or numbers == (GROUND,):
-        return cloud
-    classes = np.where(given == GROUND, np.uint8(UNCLASSIFIED), given)
-    classes[np.isin(given, numbers)] = GROUND
-    return cloud.with_(classification=classes)
+def held(cloud: PointCloud, core: Bounds) -> Bounds:
+    """The part of a block (local metres) that is worth rasters: all of it, or of a wide one the squares of
+    the world that hold its points.
+    """
+    inside = np.flatnonzero(core.contains(cloud.xyz))
+    if core.width <= GROUND_SQUARE or len(inside) == 0:
+        return core
+    extent = Bounds.of(cloud.xyz[inside]).translated(*cloud.origin)
+    around = around_squares(extent, GROUND_SQUARE).translated(-cloud.origin[0], -cloud.origin[1])
+    return within(core, around)
 
 
 def holds(bounds: Bounds, doubt: Doubt) -> bool:

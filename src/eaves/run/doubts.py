@@ -13,7 +13,7 @@ import shapely
 from eaves.formats.geopackage import Row
 from eaves.model import Block
 from eaves.model.doubt import Doubt
-from eaves.run.wide import SQUARE
+from eaves.run.world_squares import WIDE_SQUARE
 
 LEAST_SIDE = 1.0
 """Side (m) of the square that shows a doubt of less area: it must be seen on a map."""
@@ -40,7 +40,7 @@ def without_repeated(doubts: Sequence[Doubt], side: float) -> list[Doubt]:
     squares = [square_of(doubt) for doubt in doubts]
     larger, smaller = shapely.STRtree(squares).query(squares, predicate="intersects")
     keys = [(one.stage, one.reason.split(":")[0]) for one in doubts]
-    homes = [Block.at(one.x, one.y, SQUARE if one.stage == "ground" else side) for one in doubts]
+    homes = [Block.at(one.x, one.y, WIDE_SQUARE if one.stage == "ground" else side) for one in doubts]
     dropped = np.zeros(len(doubts), bool)
     for k, n in zip(larger.tolist(), smaller.tolist(), strict=True):
         dropped[n] |= k < n and keys[k] == keys[n] and homes[k] != homes[n]

@@ -18,6 +18,7 @@ from eaves.raster.rasterize import rasterize
 from eaves.raster.surfaces import CELL
 from eaves.run.block_file import BlockMetadata
 from eaves.run.store import Store
+from eaves.run.world_squares import within
 
 
 def extent_of(notes: Sequence[BlockMetadata]) -> Bounds:
@@ -63,5 +64,6 @@ def write_mask(
     with MosaicWriter(path, extent, CELL, system, mask=True, provenance=provenance) as mosaic:
         for block in blocks:
             near = [polygons[i] for i in np.sort(tree.query(as_box(block.bounds)))]
-            mosaic.write(rasterize(near, block.bounds, CELL), block.bounds)
+            part = within(block.bounds, extent)  # a block may be far wider than its points
+            mosaic.write(rasterize(near, part, CELL), block.bounds)
     return [path, path.with_suffix(".tfw")]

@@ -21,6 +21,7 @@ from eaves.run.block import block_pass
 from eaves.run.building import broken_result, building_pass, draw_footprints
 from eaves.run.clock import Budget, Clock
 from eaves.run.gather import Gatherer
+from eaves.run.ground_squares import classify_squares, group_squares
 from eaves.run.index import Index
 from eaves.run.join import (
     OwnedBuildings,
@@ -34,9 +35,10 @@ from eaves.run.join import (
 from eaves.run.partition import FileSlice, earlier, file_slices, find_isolated_blocks, partition_slice
 from eaves.run.recipe import Recipe
 from eaves.run.run import Progress, Run
-from eaves.run.store import Store
-from eaves.run.wide import keep_floor, keep_square, load_decks, load_wide, squares_of
+from eaves.run.store import COMPUTED, Store
+from eaves.run.wide import keep_floor, keep_square, load_decks, load_wide
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
+from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, squares_of
 
 log = logging.getLogger("eaves")
 
@@ -132,7 +134,7 @@ class Region:
             mine = [part.name for part in parts if part.number == number]
             self.points -= self.run.index.count(number) - sum(records.get(name, 0) for name in mine)
         if changed:  # what was computed of fewer points no longer holds
-            for kind in ("floors", "squares", "blocks", "buildings"):
+            for kind in COMPUTED:
                 self.store.forget(kind)
         if unread and len(unread) == len(self.run.index):
             self.refuse(next(iter(unread.values())))
@@ -217,7 +219,7 @@ class Region:
         left = [block for block in blocks if not self.store.has("blocks", block)]
         if left:  # what was joined without them no longer holds
             self.store.forget("buildings")
-        self.find_wide(left)
+        self.find_ground(left)
         left = self.workers.heaviest_first(left, self.store.count_points)
         work = partial(compute_block, store=self.store, recipe=self.run.recipe)
         for done, outcome in enumerate(self.workers.run(work, left), 1):
@@ -225,12 +227,35 @@ class Region:
             self.budget.add("blocks", outcome.cpu)
             self.progress("blocks", done, len(left))
 
-    def find_wide(self, blocks: Sequence[Block]) -> None:
-        """What stands over the terrain of some blocks, in squares that have not been looked at."""
+    def find_ground(self, blocks: Sequence[Block]) -> None:
+        """The ground of some blocks and of what the detector sees around them, in squares not yet done."""
+        recipe, store, side = self.run.recipe, self.store, self.run.side
+        seen = [bounds.buffered(recipe.scene_buffer) for bounds in self.extents(blocks)]
+        held = set(squares_of(self.extents(store.blocks(side)), GROUND_SQUARE))
+        squares = [square for square in squares_of(seen, GROUND_SQUARE) if square in held]
+        squares = [square for square in squares if not store.has("ground", square)]
+        self.find_wide(squares)
+        groups = group_squares(squares, side)
+        work = partial(classify_squares, store=store, recipe=recipe, side=side)
+        for outcome in self.workers.run(work, groups):
+            self.note(outcome, f"ground of square {groups[outcome.index][0].name}")
+            self.budget.add("blocks", outcome.cpu)
+
+    def extents(self, blocks: Sequence[Block]) -> list[Bounds]:
+        """World metres of some blocks, or of a wide one of its points: it may be nearly empty."""
+        if self.run.side <= GROUND_SQUARE:
+            return [block.bounds for block in blocks]
+        return [extent for block in blocks if (extent := self.store.extent(block)) is not None]
+
+    def find_wide(self, grounds: Sequence[Block]) -> None:
+        """What stands over the terrain of some squares of the ground, in squares that have not been looked
+        at.
+        """
         recipe, store, side = self.run.recipe, self.store, self.run.side
         if not recipe.sees_wide:
             return
-        squares = squares_of([block.bounds.buffered(recipe.buffer) for block in blocks])
+        near_grounds = [square.bounds.buffered(recipe.ground.buffer) for square in grounds]
+        squares = squares_of(near_grounds, WIDE_SQUARE)
         squares = [square for square in squares if not store.has("squares", square)]
         seen = [square.bounds.buffered(recipe.ground.wide_buffer) for square in squares]
         near = [block for block in self.blocks if any(map(block.bounds.intersects, seen))]
@@ -289,10 +314,13 @@ def import_methods(recipe: Recipe) -> None:
 
 def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
     """The block pass for one block, kept in the store."""
-    seen = block.bounds.buffered(recipe.buffer)
+    seen = block.bounds.buffered(recipe.scene_buffer)
     wide = load_wide(store, seen) if recipe.sees_wide else None
     decks = load_decks(store, seen) if recipe.sees_wide and recipe.marks_others else ()
-    store.save_block(block_pass(store.load_cloud(block, recipe.buffer), block, recipe, wide, decks))
+    cloud, _ = store.load_points(seen, block.origin, block.side, classified=True)
+    result = block_pass(cloud, block, recipe, wide, decks)
+    result.seconds["ground"] = store.ground_seconds(block)
+    store.save_block(result)
 
 
 def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: bool = False) -> None:

@@ -16,12 +16,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
-from eaves.model import Block, BuildingModel, CoordinateSystem, Failure, PointCloud, Points
+from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
 from eaves.model.results import BlockResult, BuildingResult
 from eaves.run.block_file import BlockFile, save_block
 from eaves.run.part_file import is_sound, open_part, pack, save_part, unpack
 from eaves.run.rows import BuildingRow
+from eaves.run.world_squares import GROUND_SQUARE, squares_of
 
 log = logging.getLogger("eaves")
 
@@ -35,13 +36,34 @@ RECORD = np.dtype(
     ]
 )
 """A point between reading and the block pass: coordinates in quanta about its block's corner."""
+COMPUTED = ("floors", "squares", "decks", "ground", "blocks", "buildings")
+"""Folders of what was computed of the points."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Some points of a block: their numbers `which` (K,) among the `count` that it has."""
+
+    block: Block
+    which: NDArray[np.int64]
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class GroundPiece:
+    """What the ground stage says of some points (K,) of a block, which has them by these numbers."""
+
+    block: Block
+    number: NDArray[np.int64]
+    classification: NDArray[np.uint8]
+    part: NDArray[np.uint8] | None
 
 
 @dataclass(frozen=True)
 class Store:
     """A folder with `points/` (a folder a block, a file in it a part of an input), `parts/` (a file for every
-    part of an input that is in place), `floors/`, `blocks/`, `buildings/` (a file a block each), `squares/`
-    (a file a square), and `plan.json`."""
+    part of an input that is in place), `floors/`, `blocks/`, `buildings/` (a file a block each), `squares/`,
+    `decks/`, `ground/` (a file a square of their own size), and `plan.json`."""
 
     folder: Path
     has_returns: bool = True
@@ -50,7 +72,7 @@ class Store:
 
     def prepare(self) -> None:
         """Make the folders."""
-        for name in ("points", "parts", "floors", "squares", "blocks", "buildings"):
+        for name in ("points", "parts", *COMPUTED):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
 
     def discard(self) -> None:
@@ -81,46 +103,94 @@ class Store:
                 file.readinto(records[start:end].view(np.uint8).data)
         return records
 
-    def load_cloud(self, block: Block, reach: float) -> PointCloud:
-        """The points of a block and of its surroundings up to `reach` (m), about the block's corner."""
-        steps = int(np.ceil(reach / block.side))
-        west, south, east, north = (
-            round(side / GRID_STEP)
-            for side in vars(
-                block.bounds.buffered(reach).translated(-block.origin[0], -block.origin[1])
-            ).values()
-        )
-        pieces = []
-        for column in range(block.column - steps, block.column + steps + 1):
-            for row in range(block.row - steps, block.row + steps + 1):
-                near = Block(column, row, block.side)
+    def extent(self, block: Block) -> Bounds | None:
+        """World metres of the points in a block; None where there are none."""
+        return extent_of(self.read_points(block)["xyz"], block)
+
+    def load_points(
+        self, bounds: Bounds, origin: tuple[float, float], side: float, classified: bool = False
+    ) -> tuple[PointCloud, list[Piece]]:
+        """The points within `bounds` (world metres) about `origin`, from blocks of a side (m), and where in
+        the blocks they are. With `classified` they bear the classes that `save_ground` kept.
+        """
+        west, south, east, north = (round(value / GRID_STEP) for value in vars(bounds).values())
+        first, last = Block.at(bounds.west, bounds.south, side), Block.at(bounds.east, bounds.north, side)
+        pieces, taken = [], []
+        for column in range(first.column, last.column + 1):
+            for row in range(first.row, last.row + 1):
+                near = Block(column, row, side)
                 records = self.read_points(near)
-                right, up = (round(way / GRID_STEP) for way in np.subtract(near.origin, block.origin))
+                right, up = (round(way / GRID_STEP) for way in near.origin)
                 quanta = records["xyz"]
                 which = within_kernel(quanta, west - right, south - up, east - right, north - up)
                 if len(which):  # of the neighbours only the rim is kept while the others are read
-                    records = records if len(which) == len(records) else records.take(which)
-                    pieces.append((records, right, up))
-        ends = np.cumsum([0, *(len(records) for records, _, _ in pieces)])
+                    whole = len(which) == len(records)
+                    pieces.append(Piece(near, which, len(records)))
+                    taken.append(records if whole else records.take(which))
+        ends = np.cumsum([0, *map(len, taken)])
         xyz = np.empty((ends[-1], 3))
-        for start, (records, right, up) in zip(ends[:-1], pieces, strict=True):
+        for start, records, piece in zip(ends[:-1], taken, pieces, strict=True):
+            right, up = (round(way / GRID_STEP) for way in np.subtract(piece.block.origin, origin))
             metres_kernel(records["xyz"], right, up, GRID_STEP, xyz[start : start + len(records)])
 
         def joined(name: str) -> NDArray[Any]:
-            return np.concatenate([np.zeros(0, RECORD[name]), *(records[name] for records, _, _ in pieces)])
+            return np.concatenate([np.zeros(0, RECORD[name]), *(records[name] for records in taken)])
 
-        return PointCloud(
+        cloud = PointCloud(
             xyz=xyz,
-            origin=block.origin,
+            origin=origin,
             return_number=joined("return_number") if self.has_returns else None,
             number_of_returns=joined("number_of_returns") if self.has_returns else None,
             classification=joined("classification") if self.has_classes else None,
             point_id=joined("point_id"),
             system=self.system,
         )
+        return (self._with_ground(cloud, pieces) if classified else cloud), pieces
+
+    def save_ground(self, square: Block, ground: Sequence[GroundPiece], about: dict[str, Any]) -> None:
+        """Keep the classes that the ground stage gave to the points in a square, block by block."""
+        arrays: dict[str, NDArray[Any]] = {"about": np.frombuffer(json.dumps(about).encode(), np.uint8)}
+        for one in ground:
+            arrays[f"number-{one.block.name}"] = one.number.astype(np.int32)
+            arrays[f"class-{one.block.name}"] = one.classification
+            if one.part is not None:
+                arrays[f"part-{one.block.name}"] = one.part
+        save_part(self.path("ground", square), arrays)
+
+    def ground_seconds(self, block: Block) -> float:
+        """CPU seconds of the ground stage in the squares whose south-west corner a block holds."""
+        total = 0.0
+        for square in squares_of([block.bounds], GROUND_SQUARE):
+            if Block.at(*square.origin, block.side) == block and self.has("ground", square):
+                with open_part(self.path("ground", square)) as file:
+                    total += json.loads(file["about"].tobytes())["seconds"]
+        return total
+
+    def _with_ground(self, cloud: PointCloud, pieces: Sequence[Piece]) -> PointCloud:
+        classes = [np.zeros(0, np.uint8)]
+        parts = [np.zeros(0, np.uint8)]
+        for piece in pieces:
+            of_all, part = np.zeros(piece.count, np.uint8), np.zeros(piece.count, np.uint8)
+            told = np.zeros(piece.count, bool)
+            for square in squares_of([piece.block.bounds], GROUND_SQUARE):
+                path = self.path("ground", square)
+                if not path.exists():
+                    continue
+                with open_part(path) as file:
+                    if f"class-{piece.block.name}" in file.files:
+                        number = file[f"number-{piece.block.name}"]
+                        of_all[number], told[number] = file[f"class-{piece.block.name}"], True
+                        if f"part-{piece.block.name}" in file.files:
+                            part[number] = file[f"part-{piece.block.name}"]
+            if not told[piece.which].all():
+                raise RuntimeError("the ground under some of its points could not be found")
+            classes.append(of_all[piece.which])
+            parts.append(part[piece.which])
+        found = np.concatenate(parts)
+        return cloud.with_(classification=np.concatenate(classes), part=found if found.any() else None)
 
     def path(self, kind: str, block: Block) -> Path:
-        """The file of a block's result: `kind` is `floors`, `squares`, `blocks` or `buildings`."""
+        """The file of a block's or a square's result: `kind` is one of `COMPUTED`."""
         return self.folder / kind / f"{block.name}.npz"
 
     def has(self, kind: str, block: Block) -> bool:
@@ -182,7 +252,7 @@ class Store:
     def drop_damaged(self) -> None:
         """Remove the parts that are not as they were written, with a warning for each: they are computed
         again."""
-        for kind in ("floors", "squares", "blocks", "buildings"):
+        for kind in COMPUTED:
             for path in sorted((self.folder / kind).glob("*.npz")):
                 if not is_sound(path):
                     log.warning("%s: the part is damaged; it is computed again", path)
@@ -203,6 +273,14 @@ class Store:
         """Write the plan that everything in the folder belongs to."""
         with atomic(self.folder / "plan.json") as temporary:
             temporary.write_text(json.dumps(plan), encoding="utf-8")
+
+
+def extent_of(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
+    """World metres (half-open) of points (N, 3) in quanta about a block's corner; None for no points."""
+    if len(quanta) == 0:
+        return None
+    low, high = quanta[:, :2].min(axis=0) * GRID_STEP, (quanta[:, :2].max(axis=0) + 1) * GRID_STEP
+    return Bounds(*map(float, (*low, *high))).translated(*block.origin)
 
 
 @njit(cache=True)

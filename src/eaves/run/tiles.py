@@ -21,6 +21,7 @@ from eaves.formats import InputError
 from eaves.formats.atomic import DiskFullError
 from eaves.model import Block, Bounds, Footprint
 from eaves.model.summary import Summary
+from eaves.run.ground_squares import seen_from
 from eaves.run.index import Index
 from eaves.run.join import assign_footprints
 from eaves.run.manifest import MANIFEST, begin_manifest, check_folder, end_manifest
@@ -30,8 +31,8 @@ from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.region import Core, Region, TooNarrowError, warn_of_wrong_boxes
 from eaves.run.rows import BuildingRow
 from eaves.run.run import Progress, Run, no_progress
-from eaves.run.wide import seen_from
 from eaves.run.workers import Workers, peak_memory_mb
+from eaves.run.world_squares import within
 
 log = logging.getLogger("eaves")
 
@@ -170,8 +171,8 @@ def loaded_with(tile: Tile, ring: int, reach: float) -> Bounds:
 
 
 def seen_with(loaded: Bounds, run: Run) -> Bounds:
-    """World metres of the points that are read for it: what is wide is looked for farther away."""
-    return seen_from(loaded, run.recipe.ground) if run.recipe.sees_wide else loaded
+    """World metres of the points that are read for it: the ground is found in squares, from farther away."""
+    return seen_from(loaded, run.recipe)
 
 
 def compute_tile(task: TileTask, folder: Path, build_region: BuildRegion) -> TileDone:
@@ -216,14 +217,6 @@ def is_whole(place: Path) -> bool:
     for reason in wrong:
         log.warning("%s; the tile is computed again", reason)
     return not wrong
-
-
-def within(one: Bounds, other: Bounds | None) -> Bounds:
-    """What two rectangles share; empty, where they share nothing."""
-    if other is None:
-        return one
-    west, south = max(one.west, other.west), max(one.south, other.south)
-    return Bounds(west, south, max(west, min(one.east, other.east)), max(south, min(one.north, other.north)))
 
 
 def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: BuildRegion) -> Summary:

@@ -2,43 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from eaves.ground import GroundMethod
-from eaves.ground.toolkit.floor import Floor
+from eaves.ground.toolkit.floor import COARSEST_M, Floor
 from eaves.ground.toolkit.wide_objects import Patch, WideObjects
 from eaves.model import Block, Bounds
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
 from eaves.model.doubt import Doubt
 from eaves.run.decks import Decks, decks_of
 from eaves.run.part_file import load_value, save_value
-from eaves.run.store import Store
+from eaves.run.store import Store, extent_of
+from eaves.run.world_squares import WIDE_SQUARE, squares_of, within
 
-SQUARE = 480.0
-"""Side of a square (m), a whole multiple of all cells. What is found in it, with `GroundMethod.wide_buffer`
-around it in view, is the same whatever the blocks, tiles and files are."""
 TYPES = {cls.__name__: cls for cls in (Floor, Patch, Doubt, Decks)}
 """The classes of the parts kept here."""
-
-
-def squares_of(bounds: Sequence[Bounds]) -> list[Block]:
-    """The squares that meet some bounds (world metres), in order."""
-    found = set()
-    for one in bounds:
-        first, last = Block.at(one.west, one.south, SQUARE), Block.at(one.east, one.north, SQUARE)
-        for column in range(first.column, last.column + 1):
-            found |= {Block(column, row, SQUARE) for row in range(first.row, last.row + 1)}
-    return sorted(found)
-
-
-def seen_from(bounds: Bounds, ground: GroundMethod) -> Bounds:
-    """World metres of the points that decide what is wide within `bounds`."""
-    if not ground.wide_buffer:
-        return bounds
-    squares = squares_of([bounds])
-    return squares[0].bounds.union(squares[-1].bounds).buffered(ground.wide_buffer)
+EMPTY_RIM = 24 * COARSEST_M
+"""So much (m) is looked at around the data, as far as decks are followed: more, being empty, changes
+nothing."""
 
 
 def keep_floor(block: Block, store: Store) -> None:
@@ -46,7 +27,7 @@ def keep_floor(block: Block, store: Store) -> None:
     records = store.read_points(block)
     if store.has_classes:
         records = records[~np.isin(records["classification"], NOISE_CLASSES)]
-    floor = Floor.empty(block.bounds)
+    floor = Floor.empty(extent_of(records["xyz"], block) or Bounds(*block.origin, *block.origin))
     floor.add(records["xyz"], 1.0, [round(value / GRID_STEP) for value in block.origin])
     save_value(store.path("floors", block), floor)
 
@@ -54,23 +35,26 @@ def keep_floor(block: Block, store: Store) -> None:
 def keep_square(square: Block, store: Store, side: float, ground: GroundMethod) -> None:
     """What stands over the terrain in a square, kept in the store; `side` is that of the blocks."""
     seen = square.bounds.buffered(ground.wide_buffer)
-    floor = Floor.empty(seen)
-    first, last = Block.at(seen.west, seen.south, side), Block.at(seen.east, seen.north, side)
-    for column in range(first.column, last.column + 1):
-        for row in range(first.row, last.row + 1):
-            path = store.path("floors", Block(column, row, side))
-            if path.exists():
-                floor.merge(load_value(path, TYPES))
-    patch = ground.find_wide_objects(floor)
-    patches = () if patch is None else (patch.cropped(square.bounds),)
-    save_value(store.path("decks", square), decks_of(floor, square.bounds, patch))
+    blocks = (block for block in squares_of([seen], side) if store.has("floors", block))
+    floors = [load_value(store.path("floors", block), TYPES) for block in blocks]
+    patches: tuple[Patch, ...] = ()
+    if floors:
+        extent = floors[0].bounds
+        for one in floors[1:]:
+            extent = extent.union(one.bounds)
+        floor = Floor.empty(within(seen, extent.buffered(EMPTY_RIM)))  # cost follows the data's area
+        for one in floors:
+            floor.merge(one)
+        patch = ground.find_wide_objects(floor)
+        patches = () if patch is None else (patch.cropped(square.bounds),)
+        save_value(store.path("decks", square), decks_of(floor, square.bounds, patch))
     save_value(store.path("squares", square), patches)
 
 
 def load_wide(store: Store, bounds: Bounds) -> WideObjects:
     """What stands over the terrain within `bounds`, world metres."""
     patches = []
-    for square in squares_of([bounds]):
+    for square in squares_of([bounds], WIDE_SQUARE):
         path = store.path("squares", square)
         if path.exists():
             patches += load_value(path, TYPES)
@@ -79,5 +63,5 @@ def load_wide(store: Store, bounds: Bounds) -> WideObjects:
 
 def load_decks(store: Store, bounds: Bounds) -> tuple[Decks, ...]:
     """The decks of bridges within `bounds`, world metres."""
-    paths = [store.path("decks", square) for square in squares_of([bounds])]
+    paths = [store.path("decks", square) for square in squares_of([bounds], WIDE_SQUARE)]
     return tuple(load_value(path, TYPES) for path in paths if path.exists())

@@ -41,6 +41,15 @@ class Floor:
         """Rows and columns."""
         return self.lowest.shape[0], self.lowest.shape[1]
 
+    @property
+    def bounds(self) -> Bounds:
+        """World metres of the cells."""
+        rows, columns = self.shape
+        south, west = self.north + 1 - rows, self.west
+        return Bounds(
+            west * self.cell, south * self.cell, (west + columns) * self.cell, (self.north + 1) * self.cell
+        )
+
     def heights(self, stray_depth: float, stray_points: int) -> Grid:
         """The height (H, W) of each cell: its lowest, or the second where the lowest of at least
         `stray_points` lies more than `stray_depth` (m) under it: an echo gone astray.

@@ -1,0 +1,40 @@
+"""Squares fixed to the world: what is found in them is the same whatever the blocks, tiles and files are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil
+
+from eaves.model import Block, Bounds
+
+WIDE_SQUARE = 480.0
+"""Side of the squares (m) in which what is wide is looked for: a whole multiple of all cells."""
+GROUND_SQUARE = 240.0
+"""Side of the squares (m) in which the ground is found."""
+
+
+def squares_of(bounds: Sequence[Bounds], side: float) -> list[Block]:
+    """The squares of a side (m) that meet some bounds (world metres, half-open), in order."""
+    found = set()
+    for one in bounds:
+        first = Block.at(one.west, one.south, side)
+        for column in range(first.column, max(first.column + 1, ceil(one.east / side))):
+            found |= {
+                Block(column, row, side)
+                for row in range(first.row, max(first.row + 1, ceil(one.north / side)))
+            }
+    return sorted(found)
+
+
+def around_squares(bounds: Bounds, side: float) -> Bounds:
+    """World metres of the squares of a side (m) that meet bounds (world metres)."""
+    first, last = Block.at(bounds.west, bounds.south, side), Block.at(bounds.east, bounds.north, side)
+    return first.bounds.union(last.bounds)
+
+
+def within(one: Bounds, other: Bounds | None) -> Bounds:
+    """What two rectangles share; empty, where they share nothing."""
+    if other is None:
+        return one
+    west, south = max(one.west, other.west), max(one.south, other.south)
+    return Bounds(west, south, max(west, min(one.east, other.east)), max(south, min(one.north, other.north)))
