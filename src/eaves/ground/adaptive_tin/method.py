@@ -84,8 +84,9 @@ class AdaptiveTin(GroundMethod):
 
     The reach of a window of `window` is its width, and a chain of joining points adds little: 60 m.
     The roughness and the spacing are measured over the whole cloud that is given, which in a run is a square
-    of 240 m fixed to the world, whatever the blocks are, + reach. What is wide is looked for within `wide_around`, 600 m, in squares of 480 m that are fixed
-    to the world: a point farther than 1,080 m has no say.
+    of 240 m fixed to the world, whatever the blocks are, + reach. What is wide is looked for within
+    `wide_around`, 600 m, in squares of 480 m that are fixed to the world: a point farther than 1,080 m has
+    no say.
 
     Fails where
     -----------
