@@ -9,7 +9,8 @@ import shapely
 from eaves.model import BuildingModel, Footprint, RoofPlane
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.prism import Prism
-from eaves.run.party_wall_areas import party_wall_area
+from eaves.run.party_wall_areas import Walls, party_wall_area
+from eaves.run.stock import stock_figures, wall_figures
 
 
 def block(west: float, south: float, east: float, north: float, height: float) -> BuildingModel:
@@ -46,3 +47,25 @@ def test_two_neighbours_at_one_wall_are_added_and_counted_once() -> None:
 
 def test_a_house_alone_shares_nothing() -> None:
     assert party_wall_area(block(0, 0, 10, 6, 5.0), []) == 0.0
+
+
+def test_free_walls_are_known_by_the_way_they_look() -> None:
+    """A house of 10 × 6 × 5 m; one of 8 m depth and 9 m height stands at its east wall."""
+    low, high = (Walls.of(one) for one in (block(0, 0, 10, 6, 5.0), block(10, 0, 16, 8, 9.0)))
+    mine, theirs = wall_figures(low, [high]), wall_figures(high, [low])
+    free = {"n": 50.0, "e": 0.0, "s": 50.0, "w": 30.0}
+    assert {side: mine[f"free_wall_{side}_m2"] for side in free} == pytest.approx(free, abs=0.01)
+    free = {"n": 54.0, "e": 72.0, "s": 54.0, "w": 72.0 - 30.0}
+    assert {side: theirs[f"free_wall_{side}_m2"] for side in free} == pytest.approx(free, abs=0.01)
+    assert mine["party_wall_area_m2"] == theirs["party_wall_area_m2"] == pytest.approx(30.0, abs=0.01)
+    assert mine["free_wall_area_m2"] == pytest.approx(130.0, abs=0.01)
+
+
+def test_floors_and_envelope_are_those_of_the_box__storeys_of_the_map_go_first() -> None:
+    walls = wall_figures(Walls.of(block(0, 0, 10, 6, 5.0)), [])
+    known = {"storeysAboveGround": 2, "roof_area_m2": 60.0, "volume_m3": 300.0}
+    figures = stock_figures(walls, known, 60.0)
+    assert (figures["floor_area_m2"], figures["envelope_m2"]) == (120.0, 280.0)
+    assert figures["envelope_per_volume"] == pytest.approx(280.0 / 300.0, abs=1e-3)
+    assert stock_figures(walls, known, 60.0, 3)["floor_area_m2"] == 180.0
+    assert "floor_area_m2" not in stock_figures(walls, {}, 60.0)

@@ -45,6 +45,15 @@ COLUMNS: dict[str, Column] = {
     "party_wall_area_m2": Column(
         "Party wall area", "m²", "the part of the walls that a neighbour stands against"
     ),
+    "free_wall_area_m2": Column("Wall area in the open", "m²", "the walls less their party walls"),
+    "free_wall_n_m2": Column("Wall to the north", "m²", "in the open, looking that way"),
+    "free_wall_e_m2": Column("Wall to the east", "m²", "in the open, looking that way"),
+    "free_wall_s_m2": Column("Wall to the south", "m²", "in the open, looking that way"),
+    "free_wall_w_m2": Column("Wall to the west", "m²", "in the open, looking that way"),
+    "floor_storeys": Column("Storeys of the floor area", "", "the map's, else estimated"),
+    "floor_area_m2": Column("Floor area", "m²", "gross: the footprint times its storeys"),
+    "envelope_m2": Column("Envelope", "m²", "walls in the open, roof along its slopes, ground"),
+    "envelope_per_volume": Column("Envelope over volume", "1/m", "small is compact"),
     "roof_area_m2": Column("Roof area", "m²", "along the slopes"),
     "roof_projected_m2": Column("Roof area in plan", "m²", "projected to the horizontal"),
     "roof_face_count": Column("Roof faces", "", "of the finest level", int),

@@ -9,15 +9,16 @@ import numpy as np
 import shapely
 
 from eaves.model import Block, BuildingModel, Failure
-from eaves.run.party_wall_areas import PARTY_GAP, Walls, shared_area
+from eaves.run.party_wall_areas import PARTY_GAP, Walls
+from eaves.run.stock import wall_figures
 from eaves.run.store import Store
 
 HOMES_IN_MEMORY = 16
 """Home blocks whose buildings are kept while those around them are looked at."""
 
 
-def party_walls(store: Store, owners: Sequence[Block]) -> list[float | None]:
-    """The area (m²) of the walls each building shares with others, in the order of the store's results;
+def party_walls(store: Store, owners: Sequence[Block]) -> list[dict[str, float] | None]:
+    """The walls each building shares with others, and its free ones, in the order of the store's results;
     None for a building without solids.
     """
 
@@ -50,10 +51,10 @@ def walls_of(answer: BuildingModel | Failure) -> Walls | None:
 
 def shared_by(
     place: tuple[int, int], near: Sequence[tuple[int, int]], load: Callable[[int], list[Walls | None]]
-) -> float | None:
-    """The party walls (m²) of the building at `place`, a owner and a number in it, with those `near` it."""
+) -> dict[str, float] | None:
+    """The walls (m², `wall_figures`) of the building at `place`, an owner and a number in it."""
     mine = load(place[0])[place[1]]
     if mine is None:
         return None
     others = [load(owner)[number] for owner, number in near if (owner, number) != place]
-    return round(shared_area(mine, [walls for walls in others if walls is not None]), 2)
+    return wall_figures(mine, [walls for walls in others if walls is not None])

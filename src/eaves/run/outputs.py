@@ -29,8 +29,8 @@ from eaves.run.neighbours import party_walls
 from eaves.run.rasters import extent_of, write_mask, write_surfaces
 from eaves.run.region import Region
 from eaves.run.review import review_rows
-from eaves.run.rows import PARTY_WALLS
 from eaves.run.run import EVERYTHING, Run
+from eaves.run.stock import stock_figures
 from eaves.run.store import Store
 from eaves.run.workers import peak_memory_mb
 
@@ -43,8 +43,8 @@ class BuildingRows:
 
     store: Store
     owners: Sequence[Block]
-    shared: Sequence[float | None] = ()
-    """The party walls (m²) of the buildings, where known."""
+    shared: Sequence[dict[str, float] | None] = ()
+    """The walls of the buildings (`wall_figures`), where known."""
     faces: bool = False
 
     def __iter__(self) -> Iterator[Row]:
@@ -69,17 +69,19 @@ class Results:
     blocks: Sequence[Block]
     owners: Sequence[Block]
     extent: Bounds
-    shared: Sequence[float | None]
-    """The party walls (m²) of the buildings, where known."""
+    shared: Sequence[dict[str, float] | None]
+    """The walls of the buildings (`wall_figures`), where known."""
     doubts: Sequence[Row] = ()
 
     def answers(self) -> Iterator[BuildingModel | Failure]:
         """All models and failures, owner block by owner block, the models with their party walls."""
         areas = iter(self.shared)
         for answer in self.store.answers(self.owners):
-            area = next(areas, None)
-            if isinstance(answer, BuildingModel) and area is not None:
-                answer = answer.with_(attributes={**answer.attributes, PARTY_WALLS: area})
+            walls = next(areas, None)
+            if isinstance(answer, BuildingModel) and walls is not None:
+                own, storeys = answer.attributes, answer.footprint.attributes.get("storeys")
+                stock = stock_figures(walls, own, answer.footprint.polygon.area, storeys)
+                answer = answer.with_(attributes={**own, **stock})
             yield answer
 
 

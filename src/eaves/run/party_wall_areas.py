@@ -56,6 +56,14 @@ class Walls:
         moved = tuple(places + shift for places in self.corners)
         return Walls(origin, self.start + shift[:2], self.end + shift[:2], self.outward, moved)
 
+    def areas(self) -> NDArray[np.float64]:
+        """Area (m², W) of each wall."""
+        faces = [
+            upright(corners, start, end)
+            for corners, start, end in zip(self.corners, self.start, self.end, strict=True)
+        ]
+        return np.asarray(shapely.area(faces), np.float64) if faces else np.zeros(0)
+
     def lines(self) -> NDArray[np.object_]:
         """The walls in plan (W,)."""
         return np.asarray(shapely.linestrings(np.stack([self.start, self.end], axis=1)), object)
@@ -72,14 +80,20 @@ def party_wall_area(model: BuildingModel, neighbours: Sequence[BuildingModel]) -
 
 
 def shared_area(mine: Walls, others: Sequence[Walls]) -> float:
-    """Area (m²) of walls that others stand against.
+    """Area (m²) of all walls that others stand against."""
+    return float(shared_areas(mine, others).sum())
+
+
+def shared_areas(mine: Walls, others: Sequence[Walls]) -> NDArray[np.float64]:
+    """Area (m², W) of each wall that others stand against.
 
     Two walls stand against each other where they face each other at most `PARTY_GAP` apart; what of one
     rises above the other is not shared.
     """
     covers: list[list[BaseGeometry]] = [[] for _ in mine.corners]
+    area = np.zeros(len(covers))
     if not covers:
-        return 0.0
+        return area
     tree = shapely.STRtree(mine.lines())
     for neighbour in others:
         walls = neighbour.about(mine.origin)
@@ -90,11 +104,10 @@ def shared_area(mine: Walls, others: Sequence[Walls]) -> float:
         facing = facing < -np.cos(np.radians(MOST_TURN_DEG))
         for other, wall in zip(theirs[facing].tolist(), own[facing].tolist(), strict=True):
             covers[wall].append(upright(walls.corners[other], mine.start[wall], mine.end[wall]))
-    area = 0.0
     for wall, found in enumerate(covers):
         if found:
             own_face = upright(mine.corners[wall], mine.start[wall], mine.end[wall])
-            area += float(shapely.intersection(own_face, shapely.union_all(found)).area)
+            area[wall] = float(shapely.intersection(own_face, shapely.union_all(found)).area)
     return area
 
 

@@ -14,9 +14,8 @@ from eaves.geometry.rings import area_vector
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Failure, Footprint, Points
 from eaves.model.building import ROOF_SURFACE
+from eaves.run.stock import stock_figures
 from eaves.run.trust import judge
-
-PARTY_WALLS = "party_wall_area_m2"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +52,13 @@ class BuildingRow:
             seconds,
         )
 
-    def numbered(self, number: int, shared: float | None) -> dict[str, Any]:
-        """The whole row; `number` is what `building_id` says in the classified points, `shared` the party
-        walls (m²), where known."""
-        walls = {} if shared is None else {PARTY_WALLS: shared}
-        return {**self.values, "number": number, **walls, **self.given}
+    def numbered(self, number: int, walls: Mapping[str, float] | None) -> dict[str, Any]:
+        """The whole row; `number` is what `building_id` says in the classified points, `walls` the building's
+        (`wall_figures`), where known."""
+        stock: Mapping[str, Any] = {}
+        if walls is not None:
+            stock = stock_figures(walls, self.values, self.polygon.area, self.given.get("given_storeys"))
+        return {**self.values, "number": number, **stock, **self.given}
 
 
 def world_polygon(footprint: Footprint) -> Polygon:
