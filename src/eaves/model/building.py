@@ -89,6 +89,18 @@ class Footprint:
             free = shapely.set_precision(self.polygon, 0.0, mode="pointwise")
             object.__setattr__(self, "polygon", free)
 
+    def _repr_svg_(self) -> str:
+        from eaves.model.pictures import polygon_svg
+
+        return polygon_svg(self.polygon)
+
+    def _repr_html_(self) -> str:
+        from eaves.model.pictures import as_html
+
+        facts: dict[str, Any] = {"id": self.id or None, "area": f"{self.polygon.area:,.1f} m²"}
+        facts |= {"corners": len(self.polygon.exterior.coords) - 1, "score": f"{self.score:.2f}"}
+        return as_html("Footprint", facts, self._repr_svg_())
+
     def with_(self, **changes: Any) -> Footprint:
         """A copy with some fields replaced."""
         return replace(self, **changes)
@@ -274,6 +286,28 @@ class BuildingModel:
     def lod(self) -> str:
         """The finest level reached."""
         return max(self.solids, default="0")
+
+    def _repr_svg_(self) -> str:
+        from eaves.model.pictures import polygon_svg, solids_svg
+
+        return solids_svg(self.solids[self.lod]) if self.solids else polygon_svg(self.footprint.polygon)
+
+    def _repr_html_(self) -> str:
+        from eaves.model.pictures import as_html
+
+        shown = {
+            "roof": "roof_type",
+            "eaves (m)": "h_eaves",
+            "ridge (m)": "h_ridge",
+            "volume (m³)": "volume_m3",
+        }
+        shown |= {"RMSE (m)": "rmse_m", "points": "points"}
+        known = {words: self.attributes.get(name) for words, name in shown.items()}
+        facts: dict[str, Any] = {"id": self.footprint.id or None, "level of detail": self.lod}
+        facts |= {
+            words: f"{value:,.2f}" if isinstance(value, float) else value for words, value in known.items()
+        }
+        return as_html("BuildingModel", facts, self._repr_svg_())
 
     def with_(self, **changes: Any) -> BuildingModel:
         """A copy with some fields replaced."""

@@ -111,6 +111,26 @@ class PointCloud:
         """Whether the scanner recorded several returns of a pulse."""
         return self.number_of_returns is not None and bool(np.any(self.number_of_returns > 1))
 
+    def _repr_png_(self) -> bytes:
+        from eaves.model.pictures import cloud_picture, png_bytes
+
+        return png_bytes(cloud_picture(self.xyz, self.classification))
+
+    def _repr_html_(self) -> str:
+        from eaves.model.pictures import as_html, cloud_picture
+
+        known = np.isfinite(self.xyz).all(axis=1)
+        box = np.ptp(self.xyz[known], axis=0) if known.any() else np.zeros(3)
+        facts = {
+            "points": f"{len(self):,}",
+            "extent": f"{box[0]:,.0f} × {box[1]:,.0f} m, {box[2]:,.0f} m high",
+            "density": f"{len(self) / max(box[0] * box[1], 1.0):,.1f} points/m²",
+            "classes": None if self.classification is None else np.unique(self.classification).tolist(),
+            "several returns": "yes" if self.has_returns else "no",
+            "system": self.system.code or ("local" if self.system.wkt is None else "without a code"),
+        }
+        return as_html("PointCloud", facts, cloud_picture(self.xyz, self.classification))
+
     def with_(self, **changes: object) -> PointCloud:
         """A copy with some arrays replaced."""
         if not changes.keys().isdisjoint(("xyz", "return_number")):

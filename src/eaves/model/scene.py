@@ -56,6 +56,22 @@ class Raster:
         rows, columns = self.shape
         return Bounds(self.west, self.north - rows * self.cell, self.west + columns * self.cell, self.north)
 
+    def _repr_png_(self) -> bytes:
+        from eaves.model.pictures import png_bytes, raster_picture
+
+        return png_bytes(raster_picture(self.values, self.cell))
+
+    def _repr_html_(self) -> str:
+        from eaves.model.pictures import as_html, raster_picture
+
+        known = self.values[np.isfinite(self.values)]
+        facts = {
+            "cells": f"{self.shape[0]:,} × {self.shape[1]:,} of {self.cell:g} m",
+            "heights": f"{known.min():.1f} to {known.max():.1f} m" if len(known) else "none",
+            "no data": f"{1.0 - len(known) / max(self.values.size, 1):.1%}",
+        }
+        return as_html("Raster", facts, raster_picture(self.values, self.cell))
+
     def with_(self, **changes: object) -> Raster:
         """A copy with some fields replaced."""
         return replace(self, **changes)  # type: ignore[arg-type]
@@ -104,6 +120,21 @@ class Scene:
     spacing: float
 
     height: Values = field(default_factory=lambda: np.zeros(0))
+
+    def _repr_png_(self) -> bytes:
+        return self.cloud._repr_png_()
+
+    def _repr_html_(self) -> str:
+        from eaves.model.pictures import as_html, raster_picture
+
+        ground = self.cloud.ground.mean() if len(self.cloud) else 0.0
+        facts = {
+            "points": f"{len(self.cloud):,}, {ground:.0%} of them ground",
+            "spacing": f"{self.spacing:.2f} m",
+            "rasters": "dtm and dsm",
+            "cells": f"{self.dsm.shape[0]:,} × {self.dsm.shape[1]:,} of {self.dsm.cell:g} m",
+        }
+        return as_html("Scene", facts, raster_picture(self.dsm.values, self.dsm.cell))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,6 @@ import base64
 import html
 import io
 from dataclasses import dataclass
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Self
@@ -17,6 +16,7 @@ from eaves.formats import iter_cityjson, read_polygons
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
+from eaves.report.convert import explore, library
 from eaves.report.sample import Sample, classified_files, sample_points
 from eaves.report.surfaces import CityFaces, cut_into_triangles, iter_city_faces
 
@@ -65,6 +65,10 @@ class Results(Summary):
     def _repr_html_(self) -> str:
         return summary_html(self)
 
+    def explore(self, **options: Any) -> Any:
+        """A map of the buildings, by geopandas and folium (`pip install eaves[notebook]`)."""
+        return explore(self, **options)
+
     def footprints(self) -> Any:
         """The footprints as a geopandas.GeoDataFrame (`pip install eaves[notebook]`)."""
         return footprint_frame(self.folder)
@@ -100,7 +104,7 @@ def summary_html(summary: Summary) -> str:
 
 def footprint_frame(folder: Path, layer: str = "footprints") -> Any:
     """A layer of footprints.gpkg as a geopandas.GeoDataFrame, in the run's reference system."""
-    return _optional("geopandas").read_file(folder / "footprints.gpkg", layer=layer)
+    return library("geopandas", "eaves[notebook]").read_file(folder / "footprints.gpkg", layer=layer)
 
 
 def point_arrays(folder: Path, building: int | None = None) -> Sample:
@@ -113,7 +117,7 @@ def point_arrays(folder: Path, building: int | None = None) -> Sample:
 def building_meshes(folder: Path) -> dict[str, Any]:
     """A trimesh.Trimesh of every building's finest model by id, in metres about the building's lowest corner,
     which `metadata["origin"]` holds."""
-    trimesh = _optional("trimesh")
+    trimesh = library("trimesh", "eaves[notebook]")
     _, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="footprints")
     ids = [str(row["id"]) for row in rows]
     models = iter_cityjson(folder / "buildings.city.jsonl")
@@ -132,10 +136,3 @@ def building_meshes(folder: Path) -> dict[str, Any]:
             process=True,
         )
     return meshes
-
-
-def _optional(name: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError:
-        raise ImportError(f"{name} is not installed; pip install eaves[notebook]") from None

@@ -1,0 +1,172 @@
+"""What points, rasters, outlines and models look like in a notebook: small pictures, by numpy alone."""
+
+from __future__ import annotations
+
+import base64
+import html
+import struct
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from shapely import Polygon
+
+    from eaves.model.building import Solid
+
+SIDE = 360
+"""Most dots along a side of a picture."""
+CLASS_COLOURS = {
+    2: (176, 152, 117), 3: (196, 205, 150), 4: (150, 179, 110), 5: (98, 140, 80), 6: (207, 96, 66),
+    7: (255, 0, 255), 9: (110, 160, 200), 18: (255, 0, 255),
+}  # fmt: skip
+"""By LAS class; others are grey."""
+LOW, MIDDLE, HIGH = (68, 90, 120), (150, 180, 150), (250, 240, 200)
+"""Colours of heights: the fifth percentile, the middle, the 95th."""
+SURFACE_COLOURS = {
+    "RoofSurface": (217, 122, 90),
+    "WallSurface": (235, 228, 214),
+    "GroundSurface": (141, 134, 125),
+}
+LIGHT = np.array([-0.45, -0.6, 0.66])
+"""Where light comes from in a picture of a solid: from before, left and above."""
+TURN, LEAN = np.radians(-30.0), np.radians(35.0)
+"""From where a solid is seen: degrees clockwise from the south, and over the horizon."""
+
+Image = NDArray[np.uint8]
+
+
+def png_bytes(image: Image) -> bytes:
+    """An image (H, W, 3) as a PNG file."""
+    rows, columns, _ = image.shape
+    lines = np.zeros((rows, 1 + 3 * columns), np.uint8)
+    lines[:, 1:] = image.reshape(rows, -1)
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", columns, rows, 8, 2, 0, 0, 0)
+    packed = zlib.compress(lines.tobytes(), 6)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", packed) + chunk(b"IEND", b"")
+
+
+def cloud_picture(xyz: NDArray[np.float64], classes: NDArray[np.uint8] | None) -> Image:
+    """Points (N, 3) from above: the highest of each dot, by class where there are classes, else by height."""
+    good = np.flatnonzero(np.isfinite(xyz).all(axis=1))
+    if not len(good):
+        return np.full((8, 8, 3), 255, np.uint8)
+    x, y, z = xyz[good].T
+    width, depth = float(np.ptp(x)), float(np.ptp(y))
+    # a dot holds about two points, or gaps would hide what is seen
+    fine = np.sqrt(max(width * depth, 1e-6) / len(good) * 2.0)
+    dot = max(fine, max(width, depth) / SIDE, 1e-6)
+    columns, rows = int(width / dot) + 1, int(depth / dot) + 1
+    place = ((y.max() - y) / dot).astype(np.int64) * columns + ((x - x.min()) / dot).astype(np.int64)
+    order = np.lexsort((z, place))
+    last = order[np.append(np.diff(place[order]) != 0, True)]
+    heights = np.full((rows, columns), np.nan)
+    heights.reshape(-1)[place[last]] = z[last]
+    colours = height_colours(heights)
+    if classes is not None:
+        table = np.full((256, 3), 150.0)
+        for code, colour in CLASS_COLOURS.items():
+            table[code] = colour
+        colours.reshape(-1, 3)[place[last]] = table[classes[good][last]]
+    return shaded(colours, heights, dot)
+
+
+def raster_picture(heights: NDArray[np.float32], cell: float) -> Image:
+    """Heights (H, W) coloured and shaded; no data is white."""
+    step = max(1, -(-max(heights.shape) // SIDE))
+    thin = np.asarray(heights[::step, ::step], np.float64)
+    return shaded(height_colours(thin), thin, cell * step)
+
+
+def height_colours(heights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Colours (H, W, 3) of heights."""
+    known = heights[np.isfinite(heights)]
+    low, high = np.percentile(known, [5.0, 95.0]) if len(known) else (0.0, 1.0)
+    share = np.clip((np.nan_to_num(heights, nan=low) - low) / max(high - low, 1e-9), 0.0, 1.0)
+    ramp = np.array([LOW, MIDDLE, HIGH], np.float64)
+    return np.stack([np.interp(share, [0.0, 0.5, 1.0], ramp[:, band]) for band in range(3)], axis=2)
+
+
+def shaded(colours: NDArray[np.float64], heights: NDArray[np.float64], cell: float) -> Image:
+    """Colours (H, W, 3) under light from the north-west; white where there is no height."""
+    padded = np.pad(heights, 1, mode="edge")
+    down, east = (np.gradient(padded, cell, axis=axis)[1:-1, 1:-1] for axis in (0, 1))
+    bright = (0.5 * east + -0.5 * -down + 0.7) / np.sqrt(1.0 + east**2 + down**2)
+    bright = np.where(np.isfinite(bright), 0.55 + 0.6 * np.clip(bright, 0.0, 1.0), 1.0)
+    image = np.clip(colours * bright[:, :, None], 0.0, 255.0)
+    image[~np.isfinite(heights)] = 255.0
+    return np.asarray(np.round(image), np.uint8)
+
+
+def polygon_svg(polygon: Polygon) -> str:
+    """A polygon in plan as SVG."""
+    rings = [
+        np.asarray(ring.coords)[:-1, :2] * [1.0, -1.0] for ring in (polygon.exterior, *polygon.interiors)
+    ]
+    return svg([(rings, (217, 122, 90))]) if len(rings[0]) else svg([])
+
+
+def solids_svg(solids: Iterable[Solid]) -> str:
+    """Solids seen obliquely as SVG, the farthest faces first."""
+    turn = np.array([[np.cos(TURN), -np.sin(TURN), 0], [np.sin(TURN), np.cos(TURN), 0], [0, 0, 1]])
+    lean = np.array([[1, 0, 0], [0, np.sin(LEAN), np.cos(LEAN)], [0, np.cos(LEAN), -np.sin(LEAN)]])
+    view = lean @ turn
+    faces = []
+    for solid in solids:
+        for face in solid.faces:
+            rings = [solid.vertices[list(ring)] for ring in face.rings]
+            ahead = np.roll(rings[0], -1, axis=0)
+            normal = np.cross(rings[0] - rings[0][0], ahead - rings[0][0]).sum(axis=0)
+            size = float(np.linalg.norm(normal))
+            if size == 0.0 or (view @ normal)[2] >= 0.0:
+                continue
+            bright = 0.72 + 0.28 * float(normal @ LIGHT) / size
+            colour = tuple(int(band * bright) for band in SURFACE_COLOURS.get(face.surface, (180, 180, 180)))
+            seen = [ring @ view.T for ring in rings]
+            faces.append((float(seen[0][:, 2].mean()), [ring[:, :2] * [1.0, -1.0] for ring in seen], colour))
+    faces.sort(key=lambda one: -one[0])
+    return svg([(rings, colour) for _, rings, colour in faces])
+
+
+def svg(faces: Sequence[tuple[list[NDArray[np.float64]], tuple[int, ...]]]) -> str:
+    """Faces of rings (M, 2), y downwards, each in a colour, in order, fitted into a picture."""
+    head = f"<svg xmlns='http://www.w3.org/2000/svg' width='{SIDE // 2}' height='{SIDE // 2}'"
+    if not faces:
+        return f"{head} viewBox='0 0 1 1'></svg>"
+    corners = np.concatenate([ring for rings, _ in faces for ring in rings])
+    low, size = corners.min(axis=0), float(np.ptp(corners, axis=0).max()) or 1.0
+    scale, margin = 0.96 * (SIDE // 2) / size, 0.02 * (SIDE // 2)
+    paths = []
+    for rings, colour in faces:
+        moved = [(ring - low) * scale + margin for ring in rings]
+        path = " ".join("M" + " L".join(f"{x:.1f},{y:.1f}" for x, y in ring) + "Z" for ring in moved)
+        paths.append(
+            f"<path d='{path}' fill='rgb{colour}' fill-rule='evenodd' stroke='#3d342e' stroke-width='0.7' "
+            "stroke-linejoin='round'/>"
+        )
+    side = SIDE // 2
+    return f"{head} viewBox='0 0 {side} {side}'>{''.join(paths)}</svg>"
+
+
+def as_html(title: str, facts: Mapping[str, Any], picture: Image | str) -> str:
+    """A picture (SVG or image) with what is known beside it."""
+    if not isinstance(picture, str):
+        encoded = base64.b64encode(png_bytes(picture)).decode("ascii")
+        picture = f"<img alt='{html.escape(title)}' src='data:image/png;base64,{encoded}'>"
+    rows = "".join(
+        f"<tr><td style='text-align:left'>{html.escape(str(name))}</td>"
+        f"<td style='text-align:left'>{html.escape(str(value))}</td></tr>"
+        for name, value in facts.items()
+        if value is not None
+    )
+    return (
+        "<div style='display:flex;gap:1em;align-items:flex-start'>"
+        f"{picture}<div><b>{html.escape(title)}</b><table>{rows}</table></div></div>"
+    )

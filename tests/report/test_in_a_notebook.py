@@ -1,0 +1,146 @@
+"""What things show by themselves are pictures, and what notebooks' libraries get is exact."""
+
+from __future__ import annotations
+
+import sys
+import xml.etree.ElementTree as ElementTree
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+import eaves
+from eaves.formats.crs import parse_crs, system_of
+from eaves.model import BuildingModel, Failure, Footprint, PointCloud, Raster, Scene
+from eaves.model.pictures import cloud_picture, png_bytes, raster_picture
+from eaves.simulate.roofs import ExactScene
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture(scope="module")
+def scene(nine_roofs: ExactScene) -> Scene:
+    cloud = nine_roofs.classified()
+    return eaves.make_scene(cloud, cloud.bounds)
+
+
+def dots_of(png: bytes) -> np.ndarray:
+    """The dots of one of our PNG files."""
+    columns, rows = int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")
+    start = png.index(b"IDAT") + 4
+    length = int.from_bytes(png[start - 8 : start - 4], "big")
+    lines = np.frombuffer(zlib.decompress(png[start : start + length]), np.uint8).reshape(rows, -1)
+    assert not lines[:, 0].any()
+    return lines[:, 1:].reshape(rows, columns, 3)
+
+
+def test_png_holds_the_image_dot_by_dot() -> None:
+    image = np.random.default_rng(1).integers(0, 256, (5, 7, 3)).astype(np.uint8)
+    png = png_bytes(image)
+    assert (dots_of(png) == image).all()
+    crc = zlib.crc32(png[12:29]).to_bytes(4, "big")
+    assert png.startswith(b"\x89PNG\r\n\x1a\n") and png[29:33] == crc
+
+
+def test_png_is_read_by_others() -> None:
+    pillow = pytest.importorskip("PIL.Image")
+    import io
+
+    image = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
+    assert (np.asarray(pillow.open(io.BytesIO(png_bytes(image)))) == image).all()
+
+
+def test_north_is_up_and_roofs_are_red(nine_roofs: ExactScene) -> None:
+    xyz = np.array([[0.0, 0.0, 1.0], [9.0, 9.0, 5.0], [0.0, 9.0, 1.0], [9.0, 0.0, 1.0]])
+    image = cloud_picture(xyz, np.array([2, 6, 2, 2], np.uint8))
+    top_right, low_left = image[0, -1].astype(int), image[-1, 0].astype(int)
+    assert top_right[0] > top_right[2] + 60 and abs(low_left - top_right).sum() > 60
+    cloud = nine_roofs.classified()
+    assert max(cloud_picture(cloud.xyz, None).shape[:2]) <= 361
+    assert (cloud_picture(np.full((3, 3), np.nan), None) == 255).all()
+
+
+def test_no_data_is_white_and_slopes_are_shaded() -> None:
+    heights = np.tile(np.abs(np.arange(40.0) - 20.0), (40, 1)).astype(np.float32)
+    heights[:5, :5] = np.nan
+    image = raster_picture(heights, 0.5)
+    assert (image[:5, :5] == 255).all()
+    assert abs(image[30, 10].astype(int) - image[30, 30].astype(int)).sum() > 20
+
+
+def test_each_thing_shows_a_picture_and_its_figures(scene: Scene, nine_roofs: ExactScene) -> None:
+    model = nine_roofs.buildings[0].model()
+    shown = {
+        "PointCloud": (scene.cloud, f"{len(scene.cloud):,}"),
+        "Raster": (scene.dtm, "of 0.5 m"),
+        "Scene": (scene, "of them ground"),
+        "Footprint": (model.footprint, f"{model.footprint.polygon.area:,.1f} m²"),
+        "BuildingModel": (model, "level of detail"),
+    }
+    for title, (thing, figure) in shown.items():
+        told = thing._repr_html_()
+        assert f"<b>{title}</b>" in told and figure in told
+        assert "data:image/png" in told or "<path d=" in told
+    assert dots_of(scene.cloud._repr_png_()).ndim == dots_of(scene._repr_png_()).ndim == 3
+    assert "PointCloud" in PointCloud(np.zeros((0, 3)))._repr_html_()
+    assert "&lt;b&gt;" in model.footprint.with_(id="<b>")._repr_html_()
+
+
+def test_solid_shows_the_faces_that_look_at_us(nine_roofs: ExactScene) -> None:
+    box = next(one.model() for one in nine_roofs.buildings if len(one.model().solids["2.2"][0].faces) == 6)
+    root = ElementTree.fromstring(box._repr_svg_())
+    assert 2 <= len(root.findall(f"{SVG}path")) <= 3  # of a roof, four walls and the ground
+    empty = BuildingModel(box.footprint, {})
+    assert len(ElementTree.fromstring(empty._repr_svg_()).findall(f"{SVG}path")) == 1
+
+
+def test_geopandas_gets_outlines_in_the_systems_unit(nine_roofs: ExactScene) -> None:
+    pytest.importorskip("geopandas")
+    feet = system_of(parse_crs("EPSG:3089"), "test", (5e6, 3.8e6))
+    footprint = Footprint(shapely.box(0, 0, 10, 8), (1000.0, 2000.0), "shed", attributes={"use": "barn"})
+    failure = Failure("no_plane", "too rough", "reconstruct", footprint.with_(id="b"))
+    table = eaves.to_geopandas([footprint, failure, Failure("x", "without outline")], feet)
+    assert list(table["id"]) == ["shed", "b"] and table["failure_code"].iloc[1] == "no_plane"
+    assert table.area.iloc[0] == pytest.approx(80.0 / feet.horizontal_unit_m**2) and table.crs is not None
+    models = [one.model(nine_roofs.cloud.origin) for one in nine_roofs.buildings]
+    assert set(eaves.to_geopandas(models)["lod"]) == {"2.2"}
+
+
+def test_trimesh_is_closed_and_has_the_volume(nine_roofs: ExactScene) -> None:
+    pytest.importorskip("trimesh")
+    from eaves.reconstruct.toolkit.attributes import measure_volume
+
+    for building in nine_roofs.buildings:
+        model = building.model()
+        mesh = eaves.to_trimesh(model)
+        assert mesh.is_watertight
+        assert mesh.volume == pytest.approx(measure_volume(model.solids["2.2"][0]), rel=1e-5)
+    with pytest.raises(ValueError, match="no solids"):
+        eaves.to_trimesh(BuildingModel(model.footprint, {}))
+
+
+def test_xarray_has_world_coordinates_of_the_middles() -> None:
+    pytest.importorskip("xarray")
+    raster = Raster(np.arange(6, dtype=np.float32).reshape(2, 3), 10.0, 20.0, 0.5)
+    table = eaves.to_xarray(raster, (100.0, 200.0))
+    assert table.sel(x=111.25, y=219.25, method="nearest").item() == 5.0
+    assert float(table.x[0]) == 110.25 and float(table.y[0]) == 219.75
+
+
+@pytest.mark.parametrize(
+    ("name", "library"), [("to_xarray", "xarray"), ("to_open3d", "open3d"), ("explore", "folium")]
+)
+def test_a_missing_library_is_one_line_with_the_remedy(
+    name: str, library: str, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ImportError, match=rf"^{library} is not installed; pip install '.*'$"):
+        getattr(eaves, name)(scene.cloud if name == "to_open3d" else scene.dtm)
+
+
+def test_explore_of_a_run_is_a_map(nine_roofs_file: Path, tmp_path: Path) -> None:
+    pytest.importorskip("folium")
+    results = eaves.build(nine_roofs_file, tmp_path / "out", jobs=1, lod="1.2", outputs=("footprints",))
+    assert "lod" in results.explore(tiles=None).get_root().render()
