@@ -142,5 +142,6 @@ def test_a_missing_library_is_one_line_with_the_remedy(
 
 def test_explore_of_a_run_is_a_map(nine_roofs_file: Path, tmp_path: Path) -> None:
     pytest.importorskip("folium")
+    pytest.importorskip("mapclassify")
     results = eaves.build(nine_roofs_file, tmp_path / "out", jobs=1, lod="1.2", outputs=("footprints",))
     assert "lod" in results.explore(tiles=None).get_root().render()

@@ -226,7 +226,7 @@ def explore(
     Raises
     ------
     ImportError
-        When geopandas or folium is not installed.
+        When geopandas, folium or mapclassify is not installed.
 
     Examples
     --------
@@ -234,10 +234,11 @@ def explore(
     >>> import eaves
     >>> from eaves.simulate import nine_roofs_on_a_slope
     >>> models = [building.model() for building in nine_roofs_on_a_slope(density=1.0).buildings]
-    >>> find_spec("folium") is None or "lod" in eaves.explore(models, tiles=None).get_root().render()
+    >>> find_spec("mapclassify") is None or "lod" in eaves.explore(models, tiles=None).get_root().render()
     True
     """
-    library("folium", EXTRA)
+    for name in ("folium", "mapclassify"):
+        library(name, EXTRA)
     table = to_geopandas(what, system)
     if "lod" in table.columns:
         options = {"column": "lod", "categorical": True, **options}
