@@ -260,3 +260,48 @@ def repeat_to(contents: Contents, count: int) -> Contents:
             for face in contents.faces
         ]
     return replace(contents, rows=rows, polygons=polygons, faces=CityFaces.of(faces), buildings=len(rows))
+
+
+PLACES = """
+const { seen } = sightOf(eaves.camera, eaves.canvas.clientWidth, eaves.canvas.clientHeight, 0, 0);
+const box = eaves.canvas.getBoundingClientRect();
+return ENDS.map(place => { const at = seen(...place); return [at.aside + box.left, at.down + box.top]; });
+"""
+
+
+def test_clicks_measure_between_corners_and_the_address_keeps_it(browser: Browser, nine_run: Summary) -> None:
+    browser.open(nine_run.folder / "report.html")
+    browser.run("document.getElementById('points-other').click(); eaves.view('above')")
+    browser.settle()
+    longest = """
+const { xyz, lod, count } = eaves.scene.edges; let best = [], size = 0;
+for (let k = 0; k < count; k++) {
+  const [one, two] = [0, 3].map(start => [...xyz.subarray(6 * k + start, 6 * k + start + 3)]);
+  const { straight, up } = Ruler.between(one, two);
+  const finest = lod[k] === page.lods.indexOf('2.2');
+  if (finest && straight > size && Math.abs(up) < 0.01) [best, size] = [[one, two], straight];
+}
+return [best, size];"""
+    ends, size = browser.run(longest)
+    browser.press("m")
+    if browser.run("return eaves.ruler.active") is False:  # the key went elsewhere: the button does it, too
+        browser.run("document.getElementById('measure').click()")
+    for place in browser.run(PLACES.replace("ENDS", str(ends))):
+        browser.click(*place)
+    assert browser.run("return eaves.ruler.places.length") == 2
+    told = browser.run("return document.querySelector('#ruler text').textContent")
+    assert float(told.split(" m")[0]) == pytest.approx(size, abs=0.02)
+    assert browser.run(CHOSEN) == "", "a click that measures chooses no building"
+    address = browser.run("return addressOf(eaves)")
+    browser.run("eaves.ruler.toggle(false)")
+    assert browser.run("return document.querySelectorAll('#ruler line').length") == 0
+    browser.run(f"history.replaceState(null, '', {address!r}); obeyAddress(eaves)")
+    browser.settle()
+    assert browser.run("return document.querySelector('#ruler text').textContent") == told
+    assert browser.errors() == []
+
+
+def test_ground_is_darker_beside_houses_than_in_the_open(browser: Browser, nine_run: Summary) -> None:
+    browser.open(nine_run.folder / "report.html")
+    low, high = browser.run("return [Math.min(...eaves.groundLight), Math.max(...eaves.groundLight)]")
+    assert 0.45 < low < 0.8 and high > 0.97

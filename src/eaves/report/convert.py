@@ -1,4 +1,4 @@
-"""Results handed to the libraries of notebooks: geopandas, xarray, trimesh, open3d, and a map to look around."""
+"""Results for the libraries of notebooks: geopandas, xarray, trimesh, open3d, and a map to look around."""
 
 from __future__ import annotations
 

@@ -30,7 +30,10 @@ from eaves.report.contents import Contents, local_rings, read_contents
 from eaves.report.sample import PointSample
 from eaves.report.surfaces import CityFace, cut_into_triangles, edges_of, in_pieces
 
-SCRIPTS = ("arrays", "camera", "draw", "pace", "pick", "colours", "table", "charts", "main", "events")
+SCRIPTS = (
+    *("arrays", "camera", "draw", "pace", "pick", "measure", "shade"),
+    *("colours", "table", "charts", "main", "events"),
+)
 COLUMNS = {
     "id": "id",
     "lod": "LoD",

@@ -23,13 +23,15 @@ function listenToCanvas(viewer) {
   const lift = event => {
     const box = canvas.getBoundingClientRect();
     if (down.delete(event.pointerId) && moved < 4 && event.type === 'pointerup' && event.button === 0) {
-      viewer.choose(pickBuilding(viewer, event.clientX - box.left, event.clientY - box.top) - 1, false);
+      const place = [event.clientX - box.left, event.clientY - box.top];
+      if (viewer.ruler.active) viewer.ruler.take(...place);
+      else viewer.choose(pickBuilding(viewer, ...place) - 1, false);
       viewer.ask();
     }
   };
   canvas.addEventListener('pointerup', lift);
   canvas.addEventListener('pointercancel', lift);
-  canvas.addEventListener('dblclick', () => viewer.look.chosen && viewer.choose(viewer.look.chosen - 1));
+  canvas.addEventListener('dblclick', () => !viewer.ruler.active && viewer.look.chosen && viewer.choose(viewer.look.chosen - 1));
   canvas.addEventListener('contextmenu', event => event.preventDefault());
   canvas.addEventListener('wheel', event => {
     event.preventDefault();
@@ -43,7 +45,9 @@ function listenToCanvas(viewer) {
     else if (arrows) camera.turn(-0.1 * arrows[0], 0.1 * arrows[1]);
     else if ('+='.includes(event.key)) camera.zoom(0.85);
     else if ('-_'.includes(event.key)) camera.zoom(1 / 0.85);
+    else if (event.key === 'Escape' && viewer.ruler.active) viewer.ruler.toggle(false);
     else if (event.key === 'Escape') viewer.choose(-1);
+    else if (event.key === 'm') viewer.ruler.toggle();
     else if ('nNpP'.includes(event.key) && count) viewer.choose((viewer.look.chosen - 1 + ('nN'.includes(event.key) ? 1 : -1) + count + (viewer.look.chosen ? 0 : 'nN'.includes(event.key) ? 0 : 1)) % count);
     else if ({ h: 1, a: 1, s: 1, o: 1 }[event.key]) viewer.view({ h: 'home', a: 'above', s: 'side', o: 'oblique' }[event.key]);
     else if (event.key === '/') byId('find').focus();
@@ -80,6 +84,11 @@ function obeyAddress(viewer) {
   viewer.refresh();
   if (given.has('id')) viewer.choose(viewer.all.findIndex(row => row.id === given.get('id')));
   for (const view of (given.get('view') || '').split(',')) if (view) viewer.view(view);
+  const measured = (given.get('measure') || '').split(',').map(Number);
+  if (measured.length > 2 && measured.length % 3 === 0 && measured.every(Number.isFinite)) {
+    viewer.ruler.toggle(true);
+    for (let place = 0; place < measured.length; place += 3) viewer.ruler.places.push(measured.slice(place, place + 3));
+  }
   const eye = (given.get('eye') || '').split(',').map(Number);
   if (eye.length === 7 && eye.every(Number.isFinite)) {
     const [azimuth, elevation, distance, flat, ...target] = eye;
@@ -99,6 +108,7 @@ function addressOf(viewer) {
     if (ids.length) settings.set(name, ids.join());
   }
   if (look.chosen) settings.set('id', all[look.chosen - 1].id);
+  if (viewer.ruler.places.length) settings.set('measure', viewer.ruler.places.flat().map(value => value.toFixed(3)).join());
   const numbers = [camera.azimuth, camera.elevation, camera.distance, camera.flat ? 1 : 0, ...camera.target];
   settings.set('eye', numbers.map((value, place) => Number(value.toFixed(place < 2 ? 4 : 2))).join());
   return `#${settings.toString().replaceAll('%2C', ',')}`;

@@ -108,6 +108,8 @@ class Viewer {
       this.finest.set(row, Math.max(this.finest.get(row) || 0, triangles.lod[number]));
     }
     this.measureBuildings();
+    this.groundLight = groundShade(scene.terrain, triangles);
+    this.ruler = new Ruler(this);
     new ResizeObserver(() => this.ask()).observe(canvas);
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.refresh());
   }
@@ -140,14 +142,16 @@ class Viewer {
     this.look.pointSize = 0.35 * size;
 
     // Colours the `count` things of a layer, `width` vertices each, and draws those that get a colour.
-    const dress = (layer, count, width, colour) => {
+    const dress = (layer, count, width, colour, bright = null) => {
       const colours = new Uint8Array(4 * count * width), list = new Uint32Array(count * width);
       let end = 0;
       for (let number = 0; number < count; number++) {
         const answer = colour(number);
         if (!answer) continue;
         for (let vertex = number * width; vertex < (number + 1) * width; vertex++) {
-          colours[4 * vertex] = answer[0]; colours[4 * vertex + 1] = answer[1]; colours[4 * vertex + 2] = answer[2]; colours[4 * vertex + 3] = 255;
+          const light = bright ? bright(vertex, number) : 1;
+          for (let band = 0; band < 3; band++) colours[4 * vertex + band] = light * answer[band];
+          colours[4 * vertex + 3] = 255;
           list[end++] = vertex;
         }
       }
@@ -155,7 +159,7 @@ class Viewer {
       painter.show(layer, list.slice(0, end));
     };
     const earth = shade('--earth'), line = shade('--line'), outline = shade('--outline');
-    dress(layers.ground, ground.position.length / 3, 1, () => earth);
+    dress(layers.ground, ground.position.length / 3, 1, () => earth, vertex => this.groundLight[vertex]);
     painter.show(layers.ground, ...(this.checked('ground') ? ground.details : [new Uint32Array(0)]));
 
     const pointWay = pointColours(byId('point-colour').value, scene), [on, under, other] = ['points-building', 'points-ground', 'points-other'].map(name => this.checked(name));
@@ -171,7 +175,7 @@ class Viewer {
       const row = triangles.building[number], kind = triangles.kind[number];
       if (!shown(triangles.lod[number], row) || !(kind === 1 ? walls : roofs)) return null;
       return this.finest.get(row) === 0 && wantedLod < 0 && page.modelled ? red : modelWay.at(number, row - 1);
-    });
+    }, (vertex, number) => triangles.kind[number] === 1 ? wallShade(triangles.xyz[3 * vertex + 2] - this.spots[triangles.building[number] - 1].low[2]) : 1);
     dress(layers.edges, edges.count, 2, number => (this.checked('edges') && edges.lod[number] > 0 && shown(edges.lod[number], edges.building[number]) ? line : null));
     dress(layers.prints, prints.count, 2, () => this.checked('prints') ? outline : null);
     legend(byId('point-legend'), layers.points.shown.length ? pointWay.legend : { text: 'no points are shown' });
@@ -201,6 +205,7 @@ class Viewer {
     const length = [5, 2, 1].map(times => times * power).find(value => value <= rough) || power;
     byId('scale').style.width = `${length / step}px`;
     byId('scale').textContent = `${length < 1 ? length.toFixed(1) : length} m`;
+    this.ruler.draw();
     byId('needle').style.transform = `rotate(${this.camera.azimuth}rad)`;
   }
 
