@@ -117,7 +117,7 @@ def test_lod_layers_hold_the_faces_of_their_level(
     path = tmp_path / "town.gpkg"
     assert write_lod_layers(path, iter(town), FEET) == 9
     layers = {name: kind for name, kind in pyogrio.list_layers(path) if kind}
-    assert layers == {f"lod_{lod}": "MultiPolygon Z" for lod in ("1_2", "1_3", "2_0", "2_2")}
+    assert layers == {f"lod_{lod}": "MultiPolygon Z" for lod in ("1_2", "1_3", "2_0", "2_2", "2_3")}
     meta, _, wkb, columns = pyogrio.raw.read(path, layer="lod_2_2")
     rows = dict(zip(meta["fields"], columns, strict=True))
     roof = rows["surface"] == "RoofSurface"

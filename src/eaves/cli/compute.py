@@ -44,7 +44,9 @@ def build(
     party_walls: PartyWalls = None,
     lod: Annotated[
         str | None,
-        typer.Option(help="Finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2, or what the source delivers."),
+        typer.Option(
+            help="Finest level of detail: 0, 1.2, 1.3, 2.0, 2.2 or 2.3, or what the source delivers."
+        ),
     ] = None,
     source: SourceName = None,
     ground_method: MethodName = None,

@@ -84,7 +84,7 @@ Profile = Annotated[bool, typer.Option("--profile", help="Also where the time we
 SourceName = Annotated[
     str | None, typer.Option(help="A published system, whole; see `eaves methods --sources`.")
 ]
-Lod = Annotated[str, typer.Option(help="Finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2.")]
+Lod = Annotated[str, typer.Option(help="Finest level of detail: 0, 1.2, 1.3, 2.0, 2.2 or 2.3.")]
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def evaluate(
         Path | None, typer.Option(help="For models: the polygons whose points count; else the models' own.")
     ] = None,
     lod: Annotated[
-        str | None, typer.Option(help="For models: 1.2, 1.3, 2.0 or 2.2; else each building's finest.")
+        str | None, typer.Option(help="For models: 1.2, 1.3, 2.0, 2.2 or 2.3; else each building's finest.")
     ] = None,
     quiet: Quiet = False,
 ) -> None:

@@ -1,8 +1,8 @@
 """Building models as CityGML 2.0 and 3.0, written building by building.
 
 CityGML counts levels by whole numbers: LoD 0 is the footprint, LoD 1 the finest of 1.3 and 1.2, LoD 2 that of
-2.2 and 2.0. A level of several solids becomes parts, as in CityJSON. The faces of LoD 2 stand once, as
-RoofSurface, WallSurface and GroundSurface; the solid refers to them. Attributes are generic ones, those that
+2.3, 2.2 and 2.0. A level of several solids becomes parts, as in CityJSON. The faces of LoD 2 stand once, as
+RoofSurface, WallSurface, GroundSurface and OuterCeilingSurface; the solid refers to them. Attributes are generic ones, those that
 the standard knows (`roofType`, `measuredHeight`, `storeysAboveGround`) its own.
 """
 
@@ -29,7 +29,7 @@ DECIMALS = 4
 """Of a coordinate: a tenth of a millimetre, or of a thousandth of a foot."""
 STANDARD = ("roofType", "measuredHeight", "storeysAboveGround")
 """Attributes of the standard's own."""
-LEVELS = {"1": ("1.3", "1.2"), "2": ("2.2", "2.0")}
+LEVELS = {"1": ("1.3", "1.2"), "2": ("2.3", "2.2", "2.0")}
 """CityGML's level → ours, the finest first."""
 
 Result = BuildingModel | Failure

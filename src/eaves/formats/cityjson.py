@@ -26,7 +26,7 @@ from shapely import Polygon
 
 from eaves.formats.atomic import atomic
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid
-from eaves.model.building import ROOF_SURFACE
+from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
@@ -36,6 +36,8 @@ STEP_M = 0.001
 CRS_URL = "https://www.opengis.net/def/crs/EPSG/0/"
 WKT_MEMBER = "coordinateSystemWkt"
 """Member of the metadata with the WKT of a system that no URL identifies (no code, separate heights)."""
+WALLS = "overhangs"
+"""The entry that holds those of the walls of LoD 2.3."""
 SURFACES = "surfaces"
 """The entry of `BuildingModel.attributes` that holds the attributes of the roof planes."""
 
@@ -211,7 +213,9 @@ def attributes_of(result: Result) -> Json:
     footprint = result.footprint
     attributes: Json = {} if footprint is None else {"score": footprint.score, **footprint.attributes}
     if isinstance(result, BuildingModel):
-        attributes |= {name: value for name, value in result.attributes.items() if name != SURFACES}
+        attributes |= {
+            name: value for name, value in result.attributes.items() if name not in (SURFACES, WALLS)
+        }
     else:
         attributes |= {"failure_code": result.code, "failure_reason": result.reason}
     return attributes
@@ -328,6 +332,7 @@ def _solid(
 ) -> Json:
     numbers = vertices.add(solid.vertices, origin)
     given: Sequence[Mapping[str, Any]] = model.attributes.get(SURFACES, ())
+    walls: Sequence[Mapping[str, Any]] = model.attributes.get(WALLS, ())
     surfaces: list[Json] = []
     number_of: dict[tuple[str, int | None], int] = {}
     shell, values = [], []
@@ -339,8 +344,9 @@ def _solid(
         if key not in number_of:
             number_of[key] = len(surfaces)
             about: Json = {"type": face.surface}
-            if face.surface == ROOF_SURFACE and face.plane is not None and 0 <= face.plane < len(given):
-                about |= clean(given[face.plane])
+            told = {ROOF_SURFACE: given, WALL_SURFACE: walls}.get(face.surface, ())
+            if face.plane is not None and 0 <= face.plane < len(told):
+                about |= clean(told[face.plane])
             surfaces.append(about)
         shell.append(boundary)
         values.append(number_of[key])

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from eaves.geometry.rings import area_vector
 from eaves.model import BuildingModel, Failure, Points, Solid
-from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
+from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
 
-SURFACES = (GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE)
+SURFACES = (GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE, OUTER_CEILING_SURFACE)
 COLOURS = {
     GROUND_SURFACE: (0.45, 0.42, 0.38),
     WALL_SURFACE: (0.86, 0.83, 0.76),
     ROOF_SURFACE: (0.72, 0.30, 0.22),
+    OUTER_CEILING_SURFACE: (0.62, 0.50, 0.38),
 }
 """Linear RGB of the materials."""
 AREA_SHARE = 1e-6

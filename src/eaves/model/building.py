@@ -14,10 +14,12 @@ from eaves.model.arrays import Points, Values
 if TYPE_CHECKING:
     from shapely import Polygon
 
-LODS = ("0", "1.2", "1.3", "2.0", "2.2")
+LODS = ("0", "1.2", "1.3", "2.0", "2.2", "2.3")
 """Levels of detail after Biljecki, Ledoux and Stoter 2016, coarse to fine."""
 
 GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE = "GroundSurface", "WallSurface", "RoofSurface"
+OUTER_CEILING_SURFACE = "OuterCeilingSurface"
+"""The underside of an overhang or of a roof without walls."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +169,7 @@ class Face:
     rings : tuple of tuple of int
         Vertex numbers of the outer ring, counter-clockwise seen from outside, then of the holes.
     surface : str
-        `GroundSurface`, `WallSurface` or `RoofSurface`.
+        `GroundSurface`, `WallSurface`, `RoofSurface` or `OuterCeilingSurface`.
     plane : int or None
         For roof faces: index of the roof plane.
 

@@ -71,7 +71,7 @@ COLUMNS: dict[str, Column] = {
     "projected_m2": Column("Area in plan", "m²", "projected to the horizontal"),
     "h_low": Column("Lowest corner", "m", "of the roof face"),
     "h_high": Column("Highest corner", "m", "of the roof face"),
-    "surface": Column("Surface", "", "RoofSurface, WallSurface or GroundSurface", str),
+    "surface": Column("Surface", "", "RoofSurface, WallSurface, GroundSurface or OuterCeilingSurface", str),
     "face_count": Column("Faces", "", "of this surface", int),
     "roofType": Column("Roof type, code", "", "the code of CityGML's list", str),
     "roof_share_flat": Column("Flat share of the roof", "", "of its area in plan"),
@@ -90,6 +90,12 @@ COLUMNS: dict[str, Column] = {
         "Supported share", "", "of the roof's plan, under faces that their points support"
     ),
     "installation_count": Column("Installations", "", "chimneys and the like that stand on the roof", int),
+    "overhang_m": Column("Overhang", "m", "mean over the edges of the roof whose walls are seen (LoD 2.3)"),
+    "overhang_known_share": Column(
+        "Share of known walls", "", "of the length of the roof's edges, where a wall is seen below"
+    ),
+    "open_share": Column("Open share", "", "of the length of the roof's edges, without a wall below"),
+    "stands_free": Column("Stands free", "", "the roof has open sides and no wall: a canopy, a carport", bool),
     "block_id": Column("Block", "", "id of the block of houses that the building is a part of", str),
     "wall_certainty": Column("Certainty of party walls", "", "of the least certain one, 0 to 1"),
     "trust": Column("Trust", "", "high, medium or low", str),

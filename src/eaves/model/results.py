@@ -40,6 +40,8 @@ class BlockResult:
     doubts: tuple[Doubt, ...] = ()
     """Places in the block, world metres, that the scan does not decide."""
     seconds: dict[str, float] = field(default_factory=dict)
+    keeps_low: bool = False
+    """Whether buildings are to know what lies below and around them: walls, ground."""
 
     @property
     def extent(self) -> Bounds:
@@ -67,6 +69,8 @@ class BuildingPoints:
     """Probability of the least sure party wall that was found on it, None where none was."""
     not_last: NDArray[np.bool_] | None = None
     """Points whose pulses came back once more from below."""
+    around: Points | None = None
+    """All points (K, 3) of the scan in and around the building, the ground's too; None where none asked."""
 
     @property
     def roof_not_last(self) -> NDArray[np.bool_] | None:

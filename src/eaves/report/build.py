@@ -50,7 +50,7 @@ def build(
     as_published : bool
         Methods given by name take the numbers that their papers print.
     lod : str or None
-        The finest level of detail: `0`, `1.2`, `1.3`, `2.0` or `2.2`; None is what the source
+        The finest level of detail: `0`, `1.2`, `1.3`, `2.0`, `2.2` or `2.3`; None is what the source
         delivers, or 2.2.
     crs : str or None
         EPSG code, compound code, or a file with WKT or PROJJSON; it overrides the files' own.

@@ -13,6 +13,7 @@ from eaves.model import BuildingModel, Points
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
 
 COLOURS = {ROOF_SURFACE: (0.80, 0.35, 0.25, 0.55), "WallSurface": (0.85, 0.85, 0.80, 0.35)}
+OTHER = (0.70, 0.60, 0.50, 0.35)
 
 
 def plot_models(
@@ -33,7 +34,10 @@ def plot_models(
                     ring = solid.vertices[list(face.rings[0])]
                     axes.add_collection3d(
                         Poly3DCollection(
-                            [ring], facecolors=COLOURS[face.surface], edgecolors="k", linewidths=0.5
+                            [ring],
+                            facecolors=COLOURS.get(face.surface, OTHER),
+                            edgecolors="k",
+                            linewidths=0.5,
                         )
                     )
         if len(points):

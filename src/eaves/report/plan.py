@@ -74,7 +74,13 @@ def draw_plan(axes: Axes, folder: Path, surface: str = "dsm") -> None:
         )
     prints, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="footprints")
     for polygon, row in zip(prints, rows, strict=True):
-        colour = "black" if row.get("lod") == "2.2" else "tab:red" if row.get("lod") is None else "tab:blue"
+        colour = (
+            "black"
+            if row.get("lod") in ("2.2", "2.3")
+            else "tab:red"
+            if row.get("lod") is None
+            else "tab:blue"
+        )
         for ring in local_rings(polygon):
             axes.plot(*np.vstack([ring, ring[:1]]).T, color=colour, linewidth=0.7)
     axes.set_aspect("equal")

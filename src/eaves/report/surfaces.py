@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from eaves.formats import CityObject
 from eaves.geometry.rings import following_places
 from eaves.model import Mask, Points
-from eaves.model.building import GROUND_SURFACE, LODS, ROOF_SURFACE, WALL_SURFACE
+from eaves.model.building import GROUND_SURFACE, LODS, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
 
-SURFACES = (GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE)
-"""Numbered 0, 1, 2 in `Surfaces.kind`."""
+SURFACES = (GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE, OUTER_CEILING_SURFACE)
+"""Numbered 0, 1, 2, 3 in `Surfaces.kind`."""
 PIECE_FACES = 4000
 """So many faces are cut into triangles at a time, which takes some 40 MB."""
 

@@ -14,6 +14,7 @@ from eaves.model.cloud import BRIDGE_DECK, GROUND
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import scene_of
+from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.run.clock import Clock
 from eaves.run.decks import Decks, wet_or_bridged
 from eaves.run.recipe import SEAM, Recipe
@@ -86,6 +87,7 @@ def block_pass(
             *(doubt for one in decks for doubt in one.cropped(block.bounds).doubts),
         ),
         seconds=clock.laps,
+        keeps_low=recipe.lod == OVERHANGS,
     )
 
 

@@ -25,7 +25,9 @@ the seam, the gap a detector bridges and the margin of terrain around a building
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The points (M,) of a block that can belong to a building, in its canonical order."""
+    """The points (M,) of a block that can belong to a building, in its canonical order; all but noise where
+    buildings are to know what lies below and around them.
+    """
 
     block: Block
     xyz: Points
@@ -55,7 +57,8 @@ class BlockMetadata:
 def save_block(path: Path, result: BlockResult) -> None:
     """Write a result, whole or not at all."""
     high = (result.height >= CANDIDATE_HEIGHT) & ~np.isin(result.classification, (GROUND, *NOISE_CLASSES))
-    some = np.flatnonzero((result.label > 0) | high)
+    low = result.keeps_low & ~np.isin(result.classification, NOISE_CLASSES)
+    some = np.flatnonzero((result.label > 0) | high | low)
     count = int(max(result.label.max(initial=0), result.seam_label.max(initial=0)))
     extent = result.extent
     about = {

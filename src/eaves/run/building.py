@@ -13,7 +13,8 @@ from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.raster.surfaces import CELL
-from eaves.reconstruct import reconstruct_building
+from eaves.reconstruct import add_overhangs, reconstruct_building
+from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.roof import segment_roof
 from eaves.run.clock import Clock
 from eaves.run.recipe import Recipe
@@ -80,6 +81,11 @@ def building_pass(
         )
     else:
         answer = reconstruct_building(points, footprint, planes, base, recipe.reconstruct)
+    if isinstance(answer, BuildingModel) and recipe.lod == OVERHANGS:
+        around = points if building.around is None else building.around
+        terrain_below = building.terrain.at(around)
+        over_ground = around[:, 2] - np.where(np.isfinite(terrain_below), terrain_below, base)
+        answer = add_overhangs(answer, around, over_ground, recipe.overhangs)
     clock.lap("reconstruct")
     if isinstance(answer, BuildingModel):
         answer = keep_valid(answer, recipe.lod, unit_m)

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from eaves.footprints.snap import snap_footprints
-from eaves.model import Block, Bounds, Failure, Footprint, Raster
+from eaves.model import Block, Bounds, Failure, Footprint, Points, Raster
 from eaves.model.cloud import snap
 from eaves.model.results import BuildingPoints
 from eaves.model.scene import WALL
@@ -19,6 +19,8 @@ from eaves.run.store import Store
 
 MARGIN = 2.0
 """Terrain is known this far (m) around a building's points."""
+AROUND = 2.0
+"""What lies this far (m) around a building's points is known where its walls are looked for."""
 TRUSTED_SHARE = 0.2
 """Under a given footprint the detector's points are taken if at least this share of the high points."""
 
@@ -26,8 +28,9 @@ TRUSTED_SHARE = 0.2
 class Gatherer:
     """Reads the results of blocks as buildings need them, and keeps the last few."""
 
-    def __init__(self, store: Store, keep: int = 4) -> None:
+    def __init__(self, store: Store, keep: int = 4, around: float | None = None) -> None:
         self._store = store
+        self._around = around
         self._keep = keep
         self._candidates: dict[Block, Candidates] = {}
         self._terrain: dict[Block, Raster] = {}
@@ -81,6 +84,9 @@ class Gatherer:
         reach = Bounds.of(points)
         if plan.given is not None:
             reach = reach.union(Bounds(*plan.given.polygon.bounds))
+        around = None
+        if self._around is not None:
+            around = self.points_around(owner, plan, reach.buffered(self._around))
         return BuildingPoints(
             owner_block=owner,
             xyz=points,
@@ -92,7 +98,19 @@ class Gatherer:
             number=plan.number,
             given=plan.given,
             not_last=np.concatenate(not_last),
+            around=around,
         )
+
+    def points_around(self, owner: Block, plan: BuildingPlan, reach: Bounds) -> Points:
+        """All points (K, 3) within `reach` in the blocks that the building lies in."""
+        found = []
+        for block in sorted({block for block, _ in plan.regions}):
+            result = self.candidates(block)
+            if result is not None:
+                shift = np.array([block.origin[0] - owner.origin[0], block.origin[1] - owner.origin[1], 0.0])
+                places = result.xyz + shift
+                found.append(places[reach.contains(places)])
+        return snap(np.concatenate(found))
 
     def snapped(self, plan: OwnedBuildings) -> OwnedBuildings:
         """The plan with its given footprints moved to the eaves in the points, neighbours together."""

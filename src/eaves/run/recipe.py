@@ -24,6 +24,7 @@ from eaves.model.cloud import (
 )
 from eaves.outline import OutlineMethod
 from eaves.reconstruct import Reconstructor
+from eaves.reconstruct.overhangs import OverhangRules
 from eaves.roof import RoofMethod
 from eaves.run.sources import find_source, with_source
 from eaves.run.vegetation import VegetationRules
@@ -58,13 +59,15 @@ class Recipe:
     use_classes : bool
         Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise.
     lod : str
-        The finest level of detail to keep: `0` (footprints alone), `1.2`, `1.3`, `2.0` or `2.2`.
+        The finest level of detail to keep: `0` (footprints alone), `1.2`, `1.3`, `2.0`, `2.2` or `2.3`.
     ground_classes : tuple of int
         What the files' classes of the ground are, with `use_classes`.
     vegetation : VegetationRules or None
         How low, medium and high vegetation (3, 4, 5) is told from the rest; None leaves it unclassified.
     others : bool
         Tell water (9) and decks of bridges (17) from the rest.
+    overhangs : OverhangRules
+        What shows a wall under a roof, at LoD 2.3.
 
     Examples
     --------
@@ -84,6 +87,7 @@ class Recipe:
     ground_classes: tuple[int, ...] = (GROUND,)
     vegetation: VegetationRules | None = VegetationRules()  # noqa: RUF009 (frozen)
     others: bool = True
+    overhangs: OverhangRules = OverhangRules()  # noqa: RUF009 (frozen)
 
     @property
     def buffer(self) -> float:
@@ -140,7 +144,7 @@ def make_recipe(
     use_classes : bool
         Use the classes of the files.
     lod : str or None
-        The finest level of detail: `0`, `1.2`, `1.3`, `2.0` or `2.2`; by default what the source delivers, or
+        The finest level of detail: `0`, `1.2`, `1.3`, `2.0`, `2.2` or `2.3`; by default what the source delivers, or
         2.2.
     building_classes, ground_classes : sequence of int or None
         The numbers by which the files' classes mean building and ground, with `use_classes`; by default 6 and

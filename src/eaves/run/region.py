@@ -17,10 +17,11 @@ from eaves.formats.atomic import DiskFullError
 from eaves.model import Block, Bounds, Failure, Footprint
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.raster.surfaces import CELL
+from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.run.block import block_pass
 from eaves.run.building import broken_result, building_pass, draw_footprints
 from eaves.run.clock import Budget, Clock
-from eaves.run.gather import Gatherer
+from eaves.run.gather import AROUND, Gatherer
 from eaves.run.ground_squares import classify_squares, group_squares
 from eaves.run.index import Index
 from eaves.run.join import (
@@ -325,7 +326,7 @@ def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
 
 def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: bool = False) -> None:
     """The building pass for the buildings owned by one block, kept in the store."""
-    gatherer = Gatherer(store)
+    gatherer = Gatherer(store, around=AROUND if recipe.lod == OVERHANGS else None)
     if snap:
         plan = gatherer.snapped(plan)
     gathered = [gatherer.gather(plan.owner_block, building) for building in plan.buildings]

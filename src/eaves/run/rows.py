@@ -14,6 +14,7 @@ from eaves.geometry.rings import area_vector
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Failure, Footprint, Points
 from eaves.model.building import ROOF_SURFACE
+from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.run.stock import stock_figures
 from eaves.run.trust import judge
 
@@ -91,7 +92,8 @@ def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
     if not isinstance(answer, BuildingModel) or not answer.solids:
         return
     origin = np.array([*answer.footprint.origin, 0.0])
-    known = iter(answer.attributes.get("roof_faces", ()))
+    records = answer.attributes.get("roof_faces", ())
+    known = iter(records)
     for solid in answer.solids[answer.lod]:
         for face in solid.faces:
             if face.surface != ROOF_SURFACE:
@@ -99,6 +101,8 @@ def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[s
             rings = [solid.vertices[list(ring)] for ring in face.rings]
             rmse = rmse_of(answer, face.plane)
             record: dict[str, Any] = next(known, {})
+            if answer.lod == OVERHANGS and face.plane is not None and face.plane < len(records):
+                record = records[face.plane]  # a slab for each level: the faces come in another order
             share = record.get("share_no_data")
             polygon = Polygon(rings[0] + origin, [ring + origin for ring in rings[1:]])
             yield (

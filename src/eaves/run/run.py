@@ -23,6 +23,7 @@ from eaves.methods import MethodChoice
 from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
 from eaves.model.checks import check_positive
 from eaves.model.provenance import Provenance
+from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.run.collisions import refuse_collisions
 from eaves.run.exports import check_formats
 from eaves.run.index import Index, index_inputs
@@ -74,7 +75,7 @@ class RunOptions(TypedDict, total=False):
     """Classes to write: `2, 3, 4, 5, 6, 9, 17`, or without the last two, or `2, 6` alone."""
     as_published: bool
     lod: str | None
-    """The finest level of detail: 0, 1.2, 1.3, 2.0 or 2.2; by default what the source delivers, or 2.2."""
+    """The finest level of detail: 0, 1.2, 1.3, 2.0, 2.2 or 2.3; by default what the source delivers, or 2.2."""
     crs: str | None
     crs_force: bool
     """Take `crs` for the system even where a file says another one, or its numbers do not fit it."""
@@ -423,6 +424,7 @@ def describe(
         if recipe.marks_vegetation and recipe.vegetation is not None
         else None,
         "lod": recipe.lod,
+        "overhangs": asdict(recipe.overhangs) if recipe.lod == OVERHANGS else None,
         "block": options["block"],
         "buffer": recipe.buffer,
         "wide_buffer": recipe.ground.wide_buffer if recipe.sees_wide else 0.0,

@@ -12,6 +12,10 @@ LEAST_SCORE, LEAST_WALL = 0.5, 0.6
 """A lower score of the detection, or certainty of a party wall, is a reason to look."""
 
 
+DETAILED = "2.2"
+"""At this level the whole roof is modelled; why there is no finer one says nothing of the roof."""
+
+
 def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     """The class of trust of a building (high, medium, low), how bad it is (0 to 2), and the reasons in words.
 
@@ -28,7 +32,7 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     if share is not None and share < HIGH:
         badness += (1.0 - share) if share >= LOW else 1.0 + (LOW - share)
         reasons.append(f"{1.0 - share:.0%} of the roof is not supported by its points")
-    if row.get("failure_code"):
+    if row.get("failure_code") and row.get("lod") < DETAILED:
         badness += 1.0
         reasons.append(f"coarser than LoD 2.2: {row.get('failure_reason')}")
     if row.get("score", 1.0) < LEAST_SCORE:

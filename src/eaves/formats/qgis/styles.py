@@ -23,6 +23,7 @@ VIEW_DIRECTION_DEG = 70.0
 FORESHORTENING = 0.6
 """Length of an upright metre in the oblique map."""
 LOD_COLOURS = {
+    "2.3": ("LoD 2.3, roof overhangs", "#2f6f78"),
     "2.2": ("LoD 2.2, detailed roof", "#5b8c85"),
     "2.0": ("LoD 2.0, main roof", "#a7c4a0"),
     "1.3": ("LoD 1.3, several heights", "#f2c14e"),
@@ -38,6 +39,7 @@ FLAT_COLOUR, UNKNOWN_COLOUR, WALL_COLOUR = "#c2bdb3", "#ffffff", "#e6e0d4"
 SURFACE_COLOURS = {
     "RoofSurface": ("roof", "#d98c6a"),
     "WallSurface": ("wall", WALL_COLOUR),
+    "OuterCeilingSurface": ("underside", "#b08968"),
     "GroundSurface": ("ground", "#8d8677"),
 }
 ROOF_TYPES = {

@@ -4,7 +4,7 @@ const CLASSES = {
   5: ['high vegetation', '#3f7f3f'], 6: ['building', '#8e1b2e'], 7: ['low noise', '#e03fd8'], 9: ['water', '#4f8fd0'], 18: ['high noise', '#e03fd8'],
 };
 const SET = ['#4e79a7', '#f28e2b', '#59a14f', '#b07aa1', '#76b7b2', '#edc948', '#9c755f', '#ff9da7', '#8cd17d', '#86bcb6'];
-const LOD_COLOURS = { '2.2': '#4c9f70', '2.0': '#9fb84a', '2.0': '#9fc24d', '1.3': '#e0b040', '1.2': '#e07b39', '0': '#8a8fa3', none: '#d23b3b' };
+const LOD_COLOURS = { '2.3': '#2f7f8f', '2.2': '#4c9f70', '2.0': '#9fb84a', '2.0': '#9fc24d', '1.3': '#e0b040', '1.2': '#e07b39', '0': '#8a8fa3', none: '#d23b3b' };
 const VIRIDIS = ['#440154', '#3b528b', '#21918c', '#5ec962', '#fde725'];
 const DIVERGING = ['#2f6fd6', '#7fb0d8', '#a9b5a4', '#e39a6b', '#d0302f'];
 const CYCLE = ['#e0524d', '#d9c23f', '#4dab5b', '#3f7fd0', '#e0524d'];
@@ -62,8 +62,8 @@ function pointColours(way, { points, rows }) {
 // Way of colouring models → function of (triangle's number, row's number) giving its colour, and a legend.
 function modelColours(way, { triangles, rows }) {
   if (way === 'surface') {
-    const scale = setOf(['roof', 'wall', 'ground'], { roof: '#cf6a50', wall: '#d9d3c5', ground: '#8a8fa3' });
-    return { at: number => scale.colour(['ground', 'wall', 'roof'][triangles.kind[number]]), legend: scale.legend };
+    const scale = setOf(['roof', 'wall', 'underside', 'ground'], { roof: '#cf6a50', wall: '#d9d3c5', underside: '#b08968', ground: '#8a8fa3' });
+    return { at: number => scale.colour(['ground', 'wall', 'roof', 'underside'][triangles.kind[number]]), legend: scale.legend };
   }
   if (way === 'slope') {
     const scale = scaleOf(VIRIDIS, 0, 60, '° of slope');

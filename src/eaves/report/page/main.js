@@ -173,7 +173,7 @@ class Viewer {
     const red = bytes(LOD_COLOURS.none);
     dress(layers.models, triangles.count, 3, number => {
       const row = triangles.building[number], kind = triangles.kind[number];
-      if (!shown(triangles.lod[number], row) || !(kind === 1 ? walls : roofs)) return null;
+      if (!shown(triangles.lod[number], row) || !(kind === 2 ? roofs : walls)) return null;
       return this.finest.get(row) === 0 && wantedLod < 0 && page.modelled ? red : modelWay.at(number, row - 1);
     }, (vertex, number) => triangles.kind[number] === 1 ? wallShade(triangles.xyz[3 * vertex + 2] - this.spots[triangles.building[number] - 1].low[2]) : 1);
     dress(layers.edges, edges.count, 2, number => (this.checked('edges') && edges.lod[number] > 0 && shown(edges.lod[number], edges.building[number]) ? line : null));

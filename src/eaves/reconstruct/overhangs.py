@@ -1,0 +1,487 @@
+"""LoD 2.3: where the walls stand under a roof, and the solid with its overhangs and undersides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.stats import binom
+from shapely import Polygon
+
+from eaves.geometry.neighbours import measure_spacing
+from eaves.model import Bounds, BuildingModel, Mask, Points, Solid, Values
+from eaves.model.building import WALL_SURFACE
+from eaves.model.checks import check_points, check_type
+from eaves.reconstruct.toolkit.attributes import surface_heights
+from eaves.reconstruct.toolkit.undersides import RoofPlan, build_overhanging, walls_inside
+
+LOD = "2.3"
+SOURCE = "2.2"
+"""The level that is given its overhangs."""
+WALL, OPEN, UNKNOWN = "seen", "open", "unknown"
+"""What is known of the building under an edge of its roof."""
+FEWEST_IN_STRIP = 4
+"""A strip that should hold fewer points says nothing."""
+POINTS_AROUND = 16.0
+"""Points of a roof that are counted around a place, about: their number is then known to a quarter."""
+ROUNDS = 12
+"""Times that overhangs are taken back where the solid would touch itself."""
+
+
+@dataclass(frozen=True)
+class OverhangRules:
+    """What shows a wall under a roof, and that there is none.
+
+    The limits are sizes of buildings and of the positions in a scan, not of one survey: overhangs of dwellings
+    are 0.2 to 1 m, of farms up to 1.5 m.
+    """
+
+    widest: float = 1.5
+    """Walls are looked for up to this far (m) inside the edge of the roof."""
+    outside: float = 0.3
+    """And this far (m) outside: outlines and wall points are both uncertain."""
+    window: float = 0.2
+    """Points of one wall lie in a strip this wide (m): relief of a wall, and noise of a scan in plan."""
+    thickness: float = 0.25
+    """Upright thickness (m) of a roof at its edge, which no scan from above shows: rafter, boards, tiles."""
+    clear: float = 0.15
+    """Points nearer than this (m) to the underside are of the roof's edge or gutter."""
+    above_ground: float = 0.4
+    """Points lower than this (m) over the terrain are ground, kerbs, low plants."""
+    points: int = 4
+    """Fewest points that show a wall or an open side: three lie in a strip by chance."""
+    certainty: float = 0.95
+    """Least certainty of a wall: one less the chance that as many of the points strewn there would lie in one
+    strip of three."""
+    spread: float = 0.25
+    """Share of an edge along which its wall's points lie, at least: a post or a shrub is no wall."""
+    least: float = 0.1
+    """Smaller overhangs (m) are not built."""
+    on_roof: float = 0.35
+    """Points nearer (m) to the roof lie on it."""
+    covered: float = 0.5
+    """Over an overhang there is roof, with this share of its points at least: beside the true edge of a roof,
+    where the outline only reaches too far, there are none."""
+    covered_around: float = 0.8
+    """The same around a place on open ground: at the true edge of a roof half of them are missing."""
+    under_roof: float = 0.7
+    """Least share of the ground seen so far inside an edge that lies under roof: else it is a court's, or a gap's
+    in the outline."""
+    open_spread: float = 0.5
+    """And it is seen along this share of the edge, at least: light wells and gaps are shorter."""
+    open_depth: float = 0.6
+    """Ground seen farther (m) than this inside an edge without a wall may lie under a roof without walls."""
+    open_slant: float = 0.2
+    """And farther than this share of the roof's height over it: walls stand back less, be the roof high or
+    low."""
+    open_widest: float = 1.0
+    """But not more than this (m): few walls of any house stand back farther."""
+    open_height: float = 1.5
+    """Roofs lower than this (m) over the ground have no room below."""
+
+
+@dataclass(frozen=True)
+class Overhang:
+    """What is known under one edge of a roof.
+
+    Parameters
+    ----------
+    start, end : (float, float)
+        The edge in plan (local m), the building to its left.
+    kind : str
+        `seen`, `open` or `unknown`.
+    width : float or None
+        How far (m) the roof reaches beyond the wall; None where no wall is seen.
+    certainty : float
+        Of the kind, 0 to 1.
+    points : int
+        Points that show it.
+
+    Examples
+    --------
+    >>> from eaves.reconstruct.overhangs import Overhang
+    >>> Overhang((0.0, 0.0), (8.0, 0.0), "seen", 0.52, 0.99, 14).length
+    8.0
+    """
+
+    start: tuple[float, float]
+    end: tuple[float, float]
+    kind: str
+    width: float | None
+    certainty: float
+    points: int
+
+    @property
+    def length(self) -> float:
+        """Of the edge (m)."""
+        return float(np.hypot(self.end[0] - self.start[0], self.end[1] - self.start[1]))
+
+
+def measure_overhangs(
+    solids: tuple[Solid, ...],
+    outline: Polygon,
+    points: Points,
+    over_ground: Values,
+    rules: OverhangRules | None = None,
+) -> list[Overhang]:
+    """What the points show under each edge of a roof's outline, in the order of its rings.
+
+    A wall is an upright strip of points below the roof and along its edge. Edges are taken from the surest
+    down; the points of a wall that is found are no longer evidence for its neighbours, whose strips it
+    crosses. An edge without a wall is open where the ground is seen under the roof, and else unknown.
+
+    Parameters
+    ----------
+    solids : tuple of Solid
+        The building with walls under the edges of its roof (LoD 2.2).
+    outline : shapely.Polygon
+        The outline of the roof, counter-clockwise.
+    points : ndarray (N, 3)
+        All points of the scan there, those below the roof as well.
+    over_ground : ndarray (N,)
+        Their heights (m) above the terrain.
+    rules : OverhangRules or None
+        The limits; None takes the defaults.
+
+    Returns
+    -------
+    list of Overhang
+        One for each edge.
+
+    Examples
+    --------
+    >>> import numpy as np, shapely
+    >>> from eaves.reconstruct.overhangs import measure_overhangs
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> house = nine_roofs_on_a_slope(density=1.0).buildings[0].model()
+    >>> none = measure_overhangs(house.solids["2.2"], house.footprint.polygon, np.zeros((0, 3)), np.zeros(0))
+    >>> {edge.kind for edge in none}
+    {'unknown'}
+    """
+    rules = rules or OverhangRules()
+    start, end = edges_inward(outline)
+    seen = Bounds(*outline.bounds).buffered(rules.outside + rules.window).contains(points)
+    points, over_ground = points[seen], over_ground[seen]
+    over, below = depth_below(solids, outline, points, rules)
+    upright = below & (over_ground > rules.above_ground)
+    low = below & (over_ground <= rules.above_ground) & (over > rules.open_height)
+    on_roof = shapely.contains_xy(outline, points[:, 0], points[:, 1]) & (np.abs(over) < rules.on_roof)
+    cover = Cover.of(points[on_roof])
+    wall, passing, room = points[upright], points[low], over[low]
+    along, inside, length = edge_frames(start, end, wall)
+    around = (along > 0.0) & (along < length[:, None])
+    near = around & (inside > -rules.outside) & (inside < rules.widest)
+    ends = [((x, y), (u, v)) for (x, y), (u, v) in zip(start.tolist(), end.tolist(), strict=True)]
+    found: dict[int, Overhang] = {}
+    left = set(range(len(start)))
+    while left:
+        strips = [
+            (edge, *find_strip(inside[edge], along[edge], near[edge], around[edge], length[edge], rules))
+            for edge in left
+        ]
+        edge, certainty, width, count = max(strips, key=lambda one: (one[1] * one[3], -one[0]))
+        if certainty < rules.certainty:
+            break
+        left.discard(edge)
+        if cover.share_of_strip(start[edge], end[edge], width) >= rules.covered:
+            found[edge] = Overhang(*ends[edge], WALL, max(width, 0.0), certainty, count)
+        else:  # the outline, not the roof, reaches beyond the wall
+            found[edge] = Overhang(*ends[edge], UNKNOWN, None, 0.0, count)
+        mine = near[edge] & (np.abs(inside[edge] - width) <= 0.5 * rules.window)
+        near[:, mine] = False
+        around[:, mine] = False
+    along, depth, _ = edge_frames(start, end, passing)
+    beneath = shapely.contains_xy(outline, passing[:, 0], passing[:, 1])
+    covered = cover.share_around(passing) >= rules.covered_around
+    edge_of = nearest_edge(start, end, passing)
+    limit = np.clip(rules.open_slant * room, rules.open_depth, rules.open_widest)
+    for edge in left:
+        seen_deep = beneath & (edge_of == edge) & (depth[edge] > limit)
+        deep = int((seen_deep & covered).sum())
+        extent = float(np.ptp(along[edge][seen_deep & covered])) if deep else 0.0
+        is_open = deep >= max(rules.points, rules.under_roof * seen_deep.sum())
+        is_open = is_open and extent >= rules.open_spread * length[edge]
+        found[edge] = Overhang(
+            *ends[edge],
+            OPEN if is_open else UNKNOWN,
+            None,
+            1.0 - 0.5**deep if is_open else 0.0,
+            deep,
+        )
+    return [found[edge] for edge in range(len(start))]
+
+
+@dataclass(frozen=True, eq=False)
+class Cover:
+    """The points on a roof (N, 3), of which `around` (median) lie within `reach` (m) of one: whether there is
+    roof over a place.
+    """
+
+    points: Points
+    reach: float
+    around: float
+
+    @classmethod
+    def of(cls, points: Points) -> Cover:
+        """The cover that points on a roof show."""
+        if len(points) < FEWEST_IN_STRIP:
+            return cls(points, 1.0, 0.0)
+        reach = measure_spacing(points) * float(np.sqrt(POINTS_AROUND / np.pi))
+        tree = cKDTree(points[:, :2])
+        others = tree.query_ball_point(points[:, :2], reach, return_length=True) - 1
+        return cls(points, reach, float(np.median(others)))
+
+    def share_of_strip(self, start: NDArray[np.float64], end: NDArray[np.float64], width: float) -> float:
+        """Points in the strip along an edge over those that its area should hold; 1 where it is too narrow to
+        hold several.
+        """
+        along, inside, length = edge_frames(start[None], end[None], self.points)
+        wanted = self.around / (np.pi * self.reach**2) * width * length[0]
+        if wanted < FEWEST_IN_STRIP:
+            return 1.0
+        mine = (along[0] > 0.0) & (along[0] < length[0]) & (inside[0] > 0.0) & (inside[0] < width)
+        return float(mine.sum()) / wanted
+
+    def share_around(self, places: Points) -> Values:
+        """Points around places (N, 3) over those around one of the roof."""
+        if self.around == 0.0 or len(places) == 0:
+            return np.zeros(len(places))
+        tree = cKDTree(self.points[:, :2])
+        return np.asarray(tree.query_ball_point(places[:, :2], self.reach, return_length=True)) / self.around
+
+
+def edges_inward(outline: Polygon) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where the edges of an outline start and end (E, 2), the inside to their left, ring by ring."""
+    starts, ends = [], []
+    for ring in [outline.exterior, *outline.interiors]:
+        places = shapely.get_coordinates(ring)
+        starts.append(places[:-1])
+        ends.append(places[1:])
+    return np.concatenate(starts), np.concatenate(ends)
+
+
+def depth_below(
+    solids: tuple[Solid, ...], outline: Polygon, points: Points, rules: OverhangRules
+) -> tuple[Values, Mask]:
+    """How far (m) points (N, 3) lie below the roof over or beside them, and which clearly lie below its
+    underside.
+    """
+    if len(points) == 0:
+        return np.zeros(0), np.zeros(0, bool)
+    places = points[:, :2].copy()
+    outer = ~shapely.contains_xy(outline, places[:, 0], places[:, 1])
+    if outer.any():  # the roof beside a point outside is that of the nearest place just inside
+        inner = shapely.buffer(outline, -0.02, join_style="mitre")
+        nearest = shapely.shortest_line(
+            shapely.points(places[outer]), inner if not inner.is_empty else outline
+        )
+        places[outer] = shapely.get_coordinates(shapely.get_point(nearest, 1))
+    below = np.nan_to_num(surface_heights(solids, places)[0] - points[:, 2])
+    return below, np.asarray(below > rules.thickness + rules.clear)
+
+
+def edge_frames(
+    start: NDArray[np.float64], end: NDArray[np.float64], points: Points
+) -> tuple[NDArray[np.float64], NDArray[np.float64], Values]:
+    """How far (E, N; m) points (N, 3) lie along and to the left of edges (E, 2), and the edges' lengths."""
+    step = end - start
+    length = np.hypot(step[:, 0], step[:, 1])
+    ways = step / length[:, None]
+    away = points[None, :, :2] - start[:, None]
+    along = away[..., 0] * ways[:, None, 0] + away[..., 1] * ways[:, None, 1]
+    inside = ways[:, None, 0] * away[..., 1] - ways[:, None, 1] * away[..., 0]
+    return along, inside, length
+
+
+def nearest_edge(start: NDArray[np.float64], end: NDArray[np.float64], points: Points) -> NDArray[np.int64]:
+    """The edge (N,) nearest to each point (N, 3) in plan."""
+    if len(points) == 0:
+        return np.zeros(0, np.int64)
+    lines = shapely.linestrings(np.stack([start, end], axis=1))
+    return np.asarray(shapely.STRtree(lines).nearest(shapely.points(points[:, :2])), np.int64)
+
+
+def find_strip(
+    inside: Values, along: Values, near: Mask, around: Mask, length: float, rules: OverhangRules
+) -> tuple[float, float, int]:
+    """Certainty, place (m inside the edge) and points of the fullest strip among those `near` (N,) an edge.
+
+    The certainty is one less the chance that so many of the points in the strip and in those beside it, some
+    of which may lie outside what is searched, fall into the strip: a crown fills all three.
+    """
+    places = np.sort(inside[near])
+    count = len(places)
+    if count < rules.points:
+        return 0.0, 0.0, 0
+    last = np.searchsorted(places, places + rules.window, side="right")
+    first = int(np.argmax(last - np.arange(count)))
+    inner = places[first : last[first]]
+    middle = float(np.median(inner))
+    mine = near & (np.abs(inside - middle) <= 0.5 * rules.window)
+    beside = around & (np.abs(inside - middle) <= 1.5 * rules.window)
+    places_tried = (rules.widest + rules.outside) / rules.window
+    chance = min(1.0, places_tried * float(binom.sf(mine.sum() - 1, beside.sum(), 1.0 / 3.0)))
+    extent = float(np.ptp(along[mine])) if mine.any() else 0.0
+    if len(inner) < rules.points or extent < rules.spread * length:
+        return 0.0, middle, len(inner)
+    return 1.0 - chance, middle, len(inner)
+
+
+def add_overhangs(
+    model: BuildingModel, points: Points, over_ground: Values, rules: OverhangRules | None = None
+) -> BuildingModel:
+    """The model with LoD 2.3 beside its coarser levels, where points show its walls or that it has none.
+
+    The solid of LoD 2.2 keeps its roof. Its walls move in by what they were measured to stand back, the rest
+    stay under the edge of the roof and are marked unknown. A free-standing roof becomes a slab. Where LoD 2.3
+    cannot be had the attributes `fallback_code` and `fallback_reason` say why.
+
+    Parameters
+    ----------
+    model : BuildingModel
+        With LoD 2.2.
+    points : ndarray (N, 3) of float64
+        All points of the scan in and around its footprint, in its local metres.
+    over_ground : ndarray (N,)
+        Their heights (m) above the terrain.
+    rules : OverhangRules or None
+        The limits; None takes the defaults.
+
+    Returns
+    -------
+    BuildingModel
+        With the attributes `overhang_m`, `overhang_known_share`, `open_share`, `stands_free` and `overhangs`,
+        one entry an edge.
+
+    Raises
+    ------
+    TypeError
+        When `model` is no BuildingModel, or `points` no float64 array.
+    ValueError
+        When `points` has another shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eaves.reconstruct import add_overhangs
+    >>> from eaves.simulate import nine_roofs_on_a_slope
+    >>> house = nine_roofs_on_a_slope(density=1.0).buildings[0].model()
+    >>> add_overhangs(house, np.zeros((0, 3)), np.zeros(0)).attributes["fallback_code"]
+    'walls_unseen'
+    """
+    check_type(model, BuildingModel, "model", "give the result of reconstruct_building that is no Failure")
+    check_points(points)
+    rules = rules or OverhangRules()
+    if SOURCE not in model.solids:
+        return model
+    built: list[Solid] = []
+    edges: list[Overhang] = []
+    for solid in model.solids[SOURCE]:
+        roof = RoofPlan.of(solid)
+        outline = roof.outline
+        if not isinstance(outline, Polygon):
+            return without_overhangs(model, edges, "not_closed", "its roof is no single area in plan")
+        mine = measure_overhangs((solid,), outline, points, over_ground, rules)
+        parts, mine = build_part(roof, outline, mine, rules)
+        if not parts:
+            return without_overhangs(model, edges, "not_closed", "LoD 2.3 cannot be drawn")
+        built += [number_walls(part, mine, len(edges), roof.base) for part in parts]
+        edges += mine
+    if all(edge.kind == UNKNOWN for edge in edges):
+        return without_overhangs(
+            model, edges, "walls_unseen", "no wall is seen under its roof, and no ground"
+        )
+    solids = {**model.solids, LOD: tuple(built)}
+    return model.with_(
+        solids=solids, attributes={**model.attributes, **describe_overhangs(edges), "lod": LOD}
+    )
+
+
+def build_part(
+    roof: RoofPlan, outline: Polygon, edges: list[Overhang], rules: OverhangRules
+) -> tuple[tuple[Solid, ...], list[Overhang]]:
+    """The solids of one roof over its walls, and what is known of its edges; where the solid would touch
+    itself the nearest wall stays under the edge.
+    """
+    if stands_free(edges):
+        parts, touching = build_overhanging(roof, Polygon(), rules.thickness)
+        return (parts, edges) if len(touching) == 0 else ((), edges)
+    width = np.array([edge.width if edge.width is not None else 0.0 for edge in edges])
+    width[width < rules.least] = 0.0
+    lines = shapely.linestrings([[edge.start, edge.end] for edge in edges])
+    for _ in range(ROUNDS):
+        walls = walls_inside(outline, width.tolist())
+        parts, touching = build_overhanging(roof, walls, rules.thickness)
+        if (parts and len(touching) == 0) or not width.any():
+            return parts, edges
+        moved = np.flatnonzero(width > 0.0)
+        if not parts:
+            width[moved[np.argmin(width[moved])]] = 0.0
+            continue
+        near = shapely.STRtree(lines[moved]).nearest(shapely.points(touching))
+        width[moved[np.unique(near)]] = 0.0
+    return (), edges
+
+
+def number_walls(solid: Solid, edges: list[Overhang], first: int, base: float) -> Solid:
+    """The solid whose walls on the `base` (m) refer to the edge they stand under, counted from `first`."""
+    start, end = (np.array([getattr(edge, side) for edge in edges]) for side in ("start", "end"))
+    width = np.array([edge.width or 0.0 for edge in edges])
+    numbers = [number for number, face in enumerate(solid.faces) if face.surface == WALL_SURFACE]
+    low = [
+        number for number in numbers if solid.vertices[list(solid.faces[number].rings[0]), 2].min() <= base
+    ]
+    middles = np.array([solid.vertices[list(solid.faces[number].rings[0])].mean(axis=0) for number in low])
+    if len(low) == 0:
+        return solid
+    along, inside, length = edge_frames(start, end, middles)
+    aside = np.minimum(np.abs(inside - width[:, None]), np.abs(inside))
+    aside += np.maximum(np.maximum(-along, along - length[:, None]), 0.0)
+    nearest = first + np.argmin(aside, axis=0)
+    faces = list(solid.faces)
+    for number, edge in zip(low, nearest.tolist(), strict=True):
+        faces[number] = replace(faces[number], plane=edge)
+    return replace(solid, faces=tuple(faces))
+
+
+def stands_free(edges: list[Overhang]) -> bool:
+    """Whether a roof has open sides and no wall at all."""
+    kinds = {edge.kind for edge in edges}
+    return OPEN in kinds and WALL not in kinds
+
+
+def describe_overhangs(edges: list[Overhang]) -> dict[str, Any]:
+    """The attributes that tell of the overhangs of a building."""
+    whole = sum(edge.length for edge in edges)
+    walls = [edge for edge in edges if edge.width is not None]
+    known = sum(edge.length for edge in walls)
+    mean = sum(edge.length * (edge.width or 0.0) for edge in walls) / known if known else None
+    records = [
+        {
+            "wall": edge.kind,
+            "overhang_m": None if edge.width is None else round(edge.width, 3),
+            "wall_certainty": round(edge.certainty, 3),
+            "wall_points": edge.points,
+        }
+        for edge in edges
+    ]
+    return {
+        "overhang_m": None if mean is None else round(mean, 3),
+        "overhang_known_share": round(known / whole, 3) if whole else 0.0,
+        "open_share": round(sum(edge.length for edge in edges if edge.kind == OPEN) / whole, 3)
+        if whole
+        else 0.0,
+        "stands_free": stands_free(edges),
+        "overhangs": records,
+    }
+
+
+def without_overhangs(model: BuildingModel, edges: list[Overhang], code: str, reason: str) -> BuildingModel:
+    """The model as it is, with the reason why it has no LoD 2.3."""
+    facts = describe_overhangs(edges) if edges else {}
+    why = {"fallback_code": code, "fallback_reason": reason}
+    return replace(model, attributes={**model.attributes, **facts, **why})
