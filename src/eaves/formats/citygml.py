@@ -2,8 +2,8 @@
 
 CityGML counts levels by whole numbers: LoD 0 is the footprint, LoD 1 the finest of 1.3 and 1.2, LoD 2 that of
 2.3, 2.2 and 2.0. A level of several solids becomes parts, as in CityJSON. The faces of LoD 2 stand once, as
-RoofSurface, WallSurface, GroundSurface and OuterCeilingSurface; the solid refers to them. Attributes are generic ones, those that
-the standard knows (`roofType`, `measuredHeight`, `storeysAboveGround`) its own.
+RoofSurface, WallSurface, GroundSurface and OuterCeilingSurface; the solid refers to them. Attributes are
+generic ones, those that the standard knows (`roofType`, `measuredHeight`, `storeysAboveGround`) its own.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Building models as a GeoPackage with a layer a level of detail: `lod_1_2`, `lod_1_3`, `lod_2_0`, `lod_2_2`, `lod_2_3`.
+"""Building models as a GeoPackage with a layer a level of detail: `lod_1_2`, …, `lod_2_2`, `lod_2_3`.
 
 A row is one kind of surface of one building (roofs, walls or ground) as a MultiPolygon at its own heights.
 """

@@ -36,8 +36,8 @@ ROUNDS = 12
 class OverhangRules:
     """What shows a wall under a roof, and that there is none.
 
-    The limits are sizes of buildings and of the positions in a scan, not of one survey: overhangs of dwellings
-    are 0.2 to 1 m, of farms up to 1.5 m.
+    The limits are sizes of buildings and of errors in a scan, not of one survey: dwellings overhang by 0.2 to
+    1 m, farms by up to 1.5 m.
     """
 
     widest: float = 1.5
@@ -69,8 +69,7 @@ class OverhangRules:
     covered_around: float = 0.8
     """The same around a place on open ground: at the true edge of a roof half of them are missing."""
     under_roof: float = 0.7
-    """Least share of the ground seen so far inside an edge that lies under roof: else it is a court's, or a gap's
-    in the outline."""
+    """Least share of the ground seen so far inside an edge that lies under roof: else it is a court's."""
     open_spread: float = 0.5
     """And it is seen along this share of the edge, at least: light wells and gaps are shorter."""
     open_depth: float = 0.6
@@ -240,7 +239,7 @@ class Cover:
         hold several.
         """
         along, inside, length = edge_frames(start[None], end[None], self.points)
-        wanted = self.around / (np.pi * self.reach**2) * width * length[0]
+        wanted = float(self.around / (np.pi * self.reach**2) * width * length[0])
         if wanted < FEWEST_IN_STRIP:
             return 1.0
         mine = (along[0] > 0.0) & (along[0] < length[0]) & (inside[0] > 0.0) & (inside[0] < width)

@@ -144,8 +144,8 @@ def make_recipe(
     use_classes : bool
         Use the classes of the files.
     lod : str or None
-        The finest level of detail: `0`, `1.2`, `1.3`, `2.0`, `2.2` or `2.3`; by default what the source delivers, or
-        2.2.
+        The finest level of detail: `0`, `1.2`, `1.3`, `2.0`, `2.2` or `2.3`; by default what the source
+        delivers, or 2.2.
     building_classes, ground_classes : sequence of int or None
         The numbers by which the files' classes mean building and ground, with `use_classes`; by default 6 and
         67, and 2.

@@ -75,7 +75,7 @@ class RunOptions(TypedDict, total=False):
     """Classes to write: `2, 3, 4, 5, 6, 9, 17`, or without the last two, or `2, 6` alone."""
     as_published: bool
     lod: str | None
-    """The finest level of detail: 0, 1.2, 1.3, 2.0, 2.2 or 2.3; by default what the source delivers, or 2.2."""
+    """The finest level: 0, 1.2, 1.3, 2.0, 2.2 or 2.3; by default what the source delivers, or 2.2."""
     crs: str | None
     crs_force: bool
     """Take `crs` for the system even where a file says another one, or its numbers do not fit it."""

@@ -32,7 +32,7 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     if share is not None and share < HIGH:
         badness += (1.0 - share) if share >= LOW else 1.0 + (LOW - share)
         reasons.append(f"{1.0 - share:.0%} of the roof is not supported by its points")
-    if row.get("failure_code") and row.get("lod") < DETAILED:
+    if row.get("failure_code") and str(row.get("lod")) < DETAILED:
         badness += 1.0
         reasons.append(f"coarser than LoD 2.2: {row.get('failure_reason')}")
     if row.get("score", 1.0) < LEAST_SCORE:

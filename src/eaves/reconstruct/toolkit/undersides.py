@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -125,8 +125,7 @@ def mitred(
 def build_overhanging(
     roof: RoofPlan, walls: BaseGeometry, thickness: float
 ) -> tuple[tuple[Solid, ...], NDArray[np.float64]]:
-    """The solids under a roof whose walls enclose `walls`, and the places (K, 2) where they touch themselves or
-    nearly so.
+    """The solids under a roof whose walls enclose `walls`, and the places (K, 2) where they touch themselves.
 
     Inside the walls the building stands on its base; outside them the roof is a slab of the `thickness` (m,
     upright). No solids when the plan cannot be drawn.
@@ -200,8 +199,8 @@ def wall_segments(walls: BaseGeometry, borders: NDArray[np.object_]) -> NDArray[
         nearest = shapely.shortest_line(shapely.points(places), goal)
         near = shapely.length(nearest) < NEAR_NODE
         places[near] = shapely.get_coordinates(shapely.get_point(nearest[near], 1))
-    goes_on = (ring[:-1] == ring[1:]) & (np.abs(np.diff(places, axis=0)).max(axis=1) > COORDINATE_STEP)
-    return np.column_stack([places[:-1], places[1:]])[goes_on]
+    goes_on = (ring[:-1] == ring[1:]) & (places[:-1] != places[1:]).any(axis=1)
+    return np.asarray(np.column_stack([places[:-1], places[1:]])[goes_on])
 
 
 def give_to_other_side(
@@ -233,7 +232,7 @@ def hanging_alone(
     group = joined_cells(plan, roof.planes[face], floors)
     held = np.zeros(int(group.max(initial=-1)) + 1, bool)
     held[group[stands]] = True
-    return ~held[group]
+    return np.asarray(~held[group])
 
 
 def ends_of(plan: Coverage, halves: Integers, planes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -256,7 +255,7 @@ def joined_cells(plan: Coverage, tops: NDArray[np.float64], floors: NDArray[np.f
     top = np.minimum(ends_of(plan, halves, tops[one]), ends_of(plan, halves, tops[other]))
     floor = np.maximum(ends_of(plan, halves, floors[one]), ends_of(plan, halves, floors[other]))
     joined = (top - floor).max(axis=1) > 2.0 * SAME_HEIGHT
-    return connected_groups_kernel(one[joined], other[joined], plan.count)
+    return np.asarray(connected_groups_kernel(one[joined], other[joined], plan.count))
 
 
 def crossings(
@@ -281,6 +280,10 @@ def crossings(
     clear = np.minimum(np.hypot(*(places - start[found]).T), np.hypot(*(places - end[found]).T))
     wide = clear > 1.5 * COORDINATE_STEP
     return halves[found][wide], places[wide]
+
+
+Span = tuple[int, int]
+"""Numbers of the lowest and the highest vertex of a cell over a node."""
 
 
 class Stacks:
@@ -336,22 +339,26 @@ def close_slab(
                 stacks.wanted[node] += spans[cell, node]
     stacks.close(plan.nodes)
 
-    def span(cell: int, node: int) -> tuple[int, int] | None:
+    def span(cell: int, node: int) -> Span:
         """Numbers of the vertices of a cell's floor and top over a node."""
-        if cell == OUTSIDE or not mine[cell]:
-            return None
         low, high = spans[cell, node]
         return stacks.number[node, low], stacks.number[node, high]
+
+    def over(cell: int, start: int, end: int) -> tuple[Span, Span] | None:
+        """The same over both ends of an edge; None where the cell is not of the solid."""
+        if cell == OUTSIDE or not mine[cell]:
+            return None
+        return span(cell, start), span(cell, end)
 
     walls: list[Face] = []
     used: dict[int, int] = defaultdict(int)
     for half in range(len(plan.start)):
         start, end = int(plan.start[half]), int(plan.end[half])
         cell, beyond = int(plan.cell[half]), int(plan.cell[plan.twin[half]])
-        here, there = span(cell, start), span(cell, end)
-        if here is None or there is None:
+        own = over(cell, start, end)
+        if own is None:
             continue
-        for low, high in uncovered((here, there), (span(beyond, start), span(beyond, end))):
+        for low, high in uncovered(own, over(beyond, start, end)):
             up = range(low[1], high[1] + 1)
             down = range(high[0], low[0] - 1, -1)
             walls.append(Face(((*up, *down),), WALL_SURFACE))
@@ -364,15 +371,12 @@ def close_slab(
     return without_unused(Solid(vertices, (*faces, *walls))), touching.reshape(-1, 2)
 
 
-Span = tuple[int, int]
-
-
-def uncovered(mine: tuple[Span, Span], theirs: tuple[Span | None, Span | None]) -> list[tuple[Span, Span]]:
+def uncovered(mine: tuple[Span, Span], theirs: tuple[Span, Span] | None) -> list[tuple[Span, Span]]:
     """The pieces of wall of a cell over an edge that the neighbour does not cover: numbers of the lower and
     the upper vertices over start and end.
     """
     (low0, high0), (low1, high1) = mine
-    if theirs[0] is None or theirs[1] is None:
+    if theirs is None:
         return [((low0, low1), (high0, high1))]
     (floor0, top0), (floor1, top1) = theirs
     above = ((max(top0, low0), max(top1, low1)), (high0, high1))
@@ -390,16 +394,14 @@ def level_faces(
     roof: RoofPlan,
     face: Integers,
     stands: NDArray[np.bool_],
-    span: object,
+    span: Callable[[int, int], Span],
 ) -> list[Face]:
     """Ground faces, roof faces in their order, undersides."""
-    assert callable(span)
     ground, tops, ceilings = [], [], []
     on_ground = np.where(mine & stands, 0, OUTSIDE)
-    for rings, cells in rings_of(plan, on_ground):
+    for rings, _ in rings_of(plan, on_ground):
         own = [[span(cell, node)[0] for cell, node in ring][::-1] for ring in rings]
         ground.append(Face(tuple(map(tuple, own)), GROUND_SURFACE))
-        del cells
     for rings, label in rings_of(plan, np.where(mine, face, OUTSIDE)):
         own = [[span(cell, node)[1] for cell, node in ring] for ring in rings]
         tops.append((label, Face(tuple(map(tuple, own)), ROOF_SURFACE, roof.numbers[label])))
