@@ -104,7 +104,7 @@ def test_roof_without_walls_is_a_slab() -> None:
 def scanned(
     over: dict[int, float], rng: np.random.Generator, ground_below: bool = False
 ) -> tuple[BuildingModel, np.ndarray, np.ndarray]:
-    """A flat roof of 12 by 8 m at 4 m whose edges have these overhangs, a point per m² on the wall of each; all
+    """A flat roof of 12 by 8 m at 4 m whose edges have these overhangs, a point per m² of wall; all
     points and their heights over the ground.
     """
     model = make_building(shifted(flat(12.0, 8.0), 0.0, 0.0, 4.0), 1, 1, "", 0.0, 0.0).model()
