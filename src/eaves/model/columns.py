@@ -95,7 +95,7 @@ COLUMNS: dict[str, Column] = {
         "Share of known walls", "", "of the length of the roof's edges, where a wall is seen below"
     ),
     "open_share": Column("Open share", "", "of the length of the roof's edges, without a wall below"),
-    "stands_free": Column("Stands free", "", "the roof has open sides and no wall: a canopy, a carport", bool),
+    "stands_free": Column("Stands free", "", "the roof has open sides and no wall: a canopy", bool),
     "block_id": Column("Block", "", "id of the block of houses that the building is a part of", str),
     "wall_certainty": Column("Certainty of party walls", "", "of the least certain one, 0 to 1"),
     "trust": Column("Trust", "", "high, medium or low", str),
