@@ -41,7 +41,7 @@ KINDS = {
     "crs": "crs", "bounds": "extent", "clip": "polygons", "footprints": "polygons",
     "party_walls": "polygons", "id_field": "field", "config": "file",
 }  # fmt: skip
-CHOICES = {"lod": ["0", "1.2", "1.3", "2.0", "2.2"]}
+CHOICES = {"lod": ["0", "1.2", "1.3", "2.0", "2.2", "2.3"]}
 LEFT_OUT = {"out", "inputs", "quiet", "verbose", "scheduler", "resume", "strict", "per_tile", "help"}
 """Options that a tool has no use for, or gives itself."""
 BASIC = {"footprints", "id_field", "crs", "bounds", "lod", "use_classes", "method"}
