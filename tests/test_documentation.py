@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import doctest
 import re
+import shlex
 from pathlib import Path
 
 import pytest
+import typer
 from docs.build import outdated
 
+from eaves.cli.app import app
 from tests.contracts.test_public_docstrings import PUBLIC
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -42,3 +45,29 @@ def test_examples_of_the_researchers_guide_run() -> None:
 def test_linked_files_exist(page: Path) -> None:
     for target in LINK.findall(page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), target
+
+
+COMMAND = re.compile(r"^eaves [^\n]*$", re.MULTILINE)
+PAGES = [
+    DOCS.parent / "README.md",
+    DOCS / "start.md",
+    DOCS / "scale.md",
+    *sorted((DOCS / "guides").glob("*.md")),
+]
+
+
+def commands_of(page: Path) -> list[str]:
+    """The `eaves …` lines of a page's code blocks, without their comments."""
+    blocks = re.findall(r"^```\w*\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    joined = "\n".join(blocks).replace("\\\n", " ")
+    return [line.split("  #")[0].split(" #")[0].strip() for line in COMMAND.findall(joined)]
+
+
+@pytest.mark.parametrize("line", sorted({line for page in PAGES for line in commands_of(page)}))
+def test_a_command_as_printed_is_one_that_is_understood(line: str) -> None:
+    """Every option exists and every value is of its kind; nothing is computed."""
+    name, *words = shlex.split(line)[1:]
+    group = typer.main.get_command(app)
+    command = group.commands[name]  # type: ignore[attr-defined]
+    with command.make_context(name, words) as context:
+        assert not context.args, f"left over: {context.args}"

@@ -273,6 +273,7 @@ def test_attribution_and_ids_are_in_all_that_is_written(
     line = "Kadaster (BAG), CC0 1.0"
     run = json.loads((tmp_path / "out" / "run.json").read_text())
     assert run["footprint_source"] == {"source": "bag", "layer": "footprints", "attribution": line}
+    assert line in (tmp_path / "out" / "report.html").read_text().split('id="shown"')[1][:300]
     for name in ("footprints.gpkg", "footprints.geojson"):
         path = tmp_path / "out" / name
         table = pyogrio.read_dataframe(path, layer="footprints", read_geometry=False)

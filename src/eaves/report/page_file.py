@@ -135,6 +135,8 @@ def say_shown(contents: Contents) -> str:
         if rows < contents.buildings
         else f"all {rows:,} buildings"
     )
+    source = contents.run.get("footprint_source")
+    parts += [f"footprints: {source['attribution']}"] if source else []
     return "; ".join(parts)
 
 
