@@ -11,6 +11,9 @@ from eaves.evaluate.ground import evaluate_ground
 from eaves.ground import classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.model import Mask, PointCloud
+from eaves.model.cloud import snap
+from eaves.simulate.scanner import scan_town
+from eaves.simulate.town import simulate_town
 
 
 def scene(
@@ -107,3 +110,18 @@ def test_isprs_samples_stay_as_good_as_they_are(data: Path, sample: str, most: f
     rows = np.loadtxt(data / "isprs_filter" / f"samp{sample}.txt")
     ground = classify_ground(PointCloud.from_world(rows[:, :3])).ground
     assert evaluate_ground(ground, rows[:, 3] == 0).total_error <= most
+
+
+def test_where_cells_fall_matters_less_when_several_sets_of_them_decide() -> None:
+    scene = scan_town(simulate_town(0.0225, terrain="terraced", seed=2), density=1.0, seed=2)
+    moved = scene.cloud.with_(xyz=snap(scene.cloud.xyz + [0.37, 0.61, 0.0]))
+
+    def changed(looks: int) -> float:
+        method = AdaptiveTin(looks=looks)
+        return float(
+            np.mean(classify_ground(scene.cloud, method).ground != classify_ground(moved, method).ground)
+        )
+
+    one, five = changed(1), changed(5)
+    assert one > 0.002
+    assert five < 0.75 * one

@@ -21,6 +21,7 @@ from eaves.ground.toolkit.terraces import TerraceRules
 from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, WideRules, find_wide_objects
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud, Points
+from eaves.model.cloud import snap
 
 Kind = TypeVar("Kind")
 
@@ -77,6 +78,9 @@ class AdaptiveTin(GroundMethod):
       size. A wide piece that is nowhere `roof_height` over the ground is terrain too: a terrace the rim of
       the data cuts; and a piece over `terrace_area` to which a way leads, as found above.
     - The larger the spacing, the larger the angle: the terrain bends more within a wide facet.
+    - Where the spacing is more than `cell_least` a cell holds one point, and where the borders of the cells
+      fall decides what is an object. So the ground is found in `looks` sets of cells, shifted against each
+      other by parts of a cell, and a point is what most of them make of it.
     - A seed or point within `noise`, or `noise_share` of t, of a facet is not inserted: the TIN stays small.
     - Points around the data, at heights that the seeds nearest to them foretell, keep the hull of the TIN
       away from roofs and crowns that the rim of the data cuts: its slivers are as steep as walls. Not with
@@ -101,8 +105,8 @@ class AdaptiveTin(GroundMethod):
     Complexity
     ----------
     O(N + C log C) with C cells of `cell_least` or one spacing: about 0.4 CPU seconds per million points at 15
-    points/m², 2 at 1 point/m², where every point has a cell of its own. What is wide costs 0.1 s per million
-    cells of 1.5 m, and 0.02 s per million points.
+    points/m², 2 for each of the `looks` at 1 point/m², where every point has a cell of its own. What is wide
+    costs 0.1 s per million cells of 1.5 m, and 0.02 s per million points.
 
     References
     ----------
@@ -322,6 +326,11 @@ class AdaptiveTin(GroundMethod):
     noise_share: float = parameter(
         0.2, "The same, as a part of the tolerance of the last step where that is more.", ge=0, le=1
     )
+    looks: int = parameter(
+        5,
+        "Sets of cells that are tried where the spacing is more than `cell_least`; most of them decide.",
+        ge=1,
+    )
     rounds: int = parameter(8, "Most rounds of densification.", ge=0)
     tolerance_gain: float = parameter(7.0, "Tolerance of the last step, in roughnesses.", symbol="t/ρ", ge=0)
     tolerance_least: float = parameter(0.1, "The same, at least.", unit="m", symbol="t", ge=0)
@@ -356,10 +365,23 @@ class AdaptiveTin(GroundMethod):
         return self.ground_mask_among(cloud, np.zeros(len(cloud), np.uint8), emit)
 
     def ground_mask_among(self, cloud: PointCloud, standing: Standing, emit: Emit = ignore) -> Mask:
+        if len(cloud) < 3:
+            return np.ones(len(cloud), bool)
+        spacing = measure_spacing(cloud.xyz)
+        if spacing <= self.cell_least or self.seed_cell is not None:
+            return self.ground_mask_in_cells(cloud, spacing, standing, emit)
+        votes = np.zeros(len(cloud), np.int64)
+        for k in range(self.looks):
+            shift = spacing * np.array([k / self.looks, (2 * k % self.looks) / self.looks, 0.0])
+            moved = cloud.with_(xyz=snap(cloud.xyz + shift))
+            votes += self.ground_mask_in_cells(moved, spacing, standing, ignore if k else emit)
+        return np.asarray(2 * votes > self.looks)
+
+    def ground_mask_in_cells(
+        self, cloud: PointCloud, spacing: float, standing: Standing, emit: Emit = ignore
+    ) -> Mask:
+        """The mask (N,) that the cells give as they lie about the local origin."""
         xyz = cloud.xyz
-        if len(xyz) < 3:
-            return np.ones(len(xyz), bool)
-        spacing = measure_spacing(xyz)
         cell = max(self.cell_least, spacing)
         bounds = Bounds.of(xyz)
         seeds = self.find_seeds(xyz, cell, bounds, standing)
