@@ -126,6 +126,9 @@ def build_region(region: Region, core: Core, sink: PointSink | None = None) -> S
     region.model(plans)
     region.budget.step("buildings")
     summary = write_outputs(region, [block for block in blocks if core.holds(block)], plans, sink)
-    if summary.complete:
+    if region.run.keep:
+        owners = [plan.owner_block for plan in plans]
+        region.store.keep_request({**region.run.request, "plan": region.run.plan}, blocks, owners)
+    elif summary.complete:
         region.store.discard()
     return summary

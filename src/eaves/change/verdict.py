@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -57,6 +57,10 @@ class Rules:
     house to be seen apart from it."""
     smallest_beside_m2: float = 5.0
     """The same for a patch that most of its run did not take for a building: a hedge, a stack."""
+    least_moved: float = 0.15
+    surely_moved_m2: float = 15.0
+    """A roof that moved does so over this share of its building or this area (m²): what is smaller is a
+    balcony, a dormer or plant, which one flight sees and the other does not."""
     narrowest: float = 0.8
     """A patch is as wide as this (m) somewhere: balconies and eaves are seen from one side only."""
     smallest_alone_m2: float = 25.0
@@ -207,7 +211,8 @@ def judge_parts(
         ((new, moved(new, -1.0, rules)), (old, moved(old, 1.0, rules))),
         key=lambda pair: pair[0].area_of(np.isfinite(pair[1])),
     )
-    lifted = patches_of(side, np.isfinite(rise), rules, link)
+    least = max(rules.smallest_m2, min(rules.surely_moved_m2, rules.least_moved * side.area))
+    lifted = patches_of(side, np.isfinite(rise), replace(rules, smallest_m2=least), link)
     height = float(np.median(rise[lifted[0]])) if lifted else 0.0
     if lifted:
         found.append((sum(side.area_of(patch) for patch in lifted), kind_of_move(rise, lifted, rules)))
@@ -265,8 +270,11 @@ def patches_of(side: Side, mask: Mask, rules: Rules, link: float) -> list[Mask]:
         patch[some[group == number]] = True
         known = side.known[patch].mean() >= rules.most
         smallest = rules.smallest_m2 if known else max(rules.smallest_m2, rules.smallest_beside_m2)
-        large = side.area_of(patch) >= smallest and side.flat[patch].mean() >= rules.flat
-        if large and is_wide(side.xyz[patch, :2], rules.narrowest, link / 2):
+        if side.area_of(patch) < smallest:
+            continue
+        whole = known and patch.sum() >= rules.most * len(side)  # a shed has few points off its rim
+        level = side.flat[patch].mean() >= rules.flat
+        if whole or (level and is_wide(side.xyz[patch, :2], rules.narrowest, link / 2)):
             patches.append(patch)
     return sorted(patches, key=lambda patch: (-int(patch.sum()), int(np.argmax(patch))))
 

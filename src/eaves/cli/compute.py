@@ -14,6 +14,7 @@ from eaves.cli.options import (
     IdField,
     Inputs,
     Jobs,
+    Keep,
     Lod,
     MethodName,
     Out,
@@ -59,6 +60,7 @@ def build(
     outputs: Outputs = "",
     profile: Profile = False,
     per_tile: PerTile = False,
+    keep: Keep = False,
     strict: Strict = False,
 ) -> None:
     """Points in; footprints, 3D buildings and a report out. Also rasters and the classified points."""
@@ -79,6 +81,7 @@ def build(
         formats=names_in(formats),
         outputs=names_in(outputs),
         per_tile=per_tile,
+        keep=keep,
     )
     if profile:
         typer.echo(summary.profile(), err=True)

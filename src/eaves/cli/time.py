@@ -34,3 +34,30 @@ def compare(
     if not quiet:
         typer.echo(text)
     raise typer.Exit(COMPLETE if whole else INCOMPLETE)
+
+
+def rebuild(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build --keep` wrote.", metavar="OUT")],
+    edits: Annotated[
+        Path | None, typer.Option(help="Polygons with a field verdict, and id where they are of a building.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Model buildings again that were corrected. Edits in OUT/footprints.gpkg, made in QGIS, or in a file.
+
+    A changed outline, a deleted or a new feature, several features of one id (party walls), and the verdicts
+    'no building', 'is a building', 'flat roof', 'footprint', 'party walls':
+
+      eaves rebuild out
+      eaves rebuild out --edits verdicts.gpkg
+    """
+    from eaves.change.rebuild import rebuild as run_rebuild
+
+    start_log(quiet)
+    with progress_display(quiet) as progress:
+        done = run_rebuild(folder, edits, progress)
+    if not quiet:
+        typer.echo(done.as_text())
+    for told in (*done.conflicts, *done.failed) if quiet else ():
+        typer.echo(told, err=True)
+    raise typer.Exit(COMPLETE if done.summary.complete and not done.failed else INCOMPLETE)

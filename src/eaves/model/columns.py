@@ -130,6 +130,8 @@ COLUMNS: dict[str, Column] = {
     "given_storeys": Column("Storeys on the map", "", "as the map of the footprints has them", int),
     "given_map_height_m": Column("Height on the map", "m", "as the map of the footprints has it"),
     "tile": Column("Tile", "", "the tile of the run that holds the building", str),
+    "edit": Column("Edit", "", "what a user said of the building", str),
+    "edit_source": Column("Source of the edit", "", "the file that holds it", str),
     "change": Column("Change", "", "what became of the building between two epochs", str),
     "also": Column("Also", "", "what else became of it", str),
     "height_difference_m": Column("Height difference", "m", "of the roof where it moved, median; up is more"),

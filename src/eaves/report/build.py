@@ -87,6 +87,8 @@ def build(
         Bound of the processes' memory together: `4G`, `1500M`.
     resume : bool
         Keep the parts of an earlier run that are done and match.
+    keep : bool
+        Keep the parts of the run in `out`, about 100 bytes a point, to correct or update it from.
     per_tile : bool
         Compute and write by tiles, each on its own, also where there are few points.
     classified : Path or None

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from eaves.geometry.tolerance import PLANARITY, SNAP
-from eaves.model import Block, Boundary, BuildingModel, Failure, Finding, Footprint, Points, Raster
+from eaves.model import Block, Boundary, BuildingModel, Failure, Finding, Footprint, Points, Raster, RoofPlane
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
 from eaves.outline import regularise_outlines, trace_outline
@@ -46,9 +46,16 @@ def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list
 
 
 def building_pass(
-    building: BuildingPoints, footprint: Footprint | Failure, recipe: Recipe, unit_m: float = 1.0
+    building: BuildingPoints,
+    footprint: Footprint | Failure,
+    recipe: Recipe,
+    unit_m: float = 1.0,
+    flat: bool = False,
 ) -> BuildingResult:
-    """Roof planes and solids of one building with its footprint; `unit_m` is the unit they are written in."""
+    """Roof planes and solids of one building with its footprint; `unit_m` is the unit they are written in.
+
+    `flat` states that the roof is one level plane, whatever its points look like.
+    """
     clock = Clock()
     roof = np.flatnonzero(building.part != WALL)
     points = building.roof_points
@@ -69,7 +76,7 @@ def building_pass(
     rng = np.random.default_rng(
         [building.owner_block.column & 0xFFFFFFFF, building.owner_block.row & 0xFFFFFFFF, building.number]
     )
-    planes = segment_roof(points, building.spacing, recipe.roof, rng=rng)
+    planes = [level_plane(points)] if flat else segment_roof(points, building.spacing, recipe.roof, rng=rng)
     for number, found in enumerate(planes, 1):
         plane[roof[found.members]] = number
     clock.lap("roof")
@@ -96,6 +103,13 @@ def building_pass(
         facts = {"h_ground": terrain, **unit_attributes(footprint, building)}
         answer = answer.with_(attributes={**answer.attributes, **facts})
     return BuildingResult(answer, building.point_id, plane, clock.laps)
+
+
+def level_plane(points: Points) -> RoofPlane:
+    """The level plane at the median height of roof points (N, 3), N > 0, with all of them."""
+    level = float(np.median(points[:, 2]))
+    rmse = float(np.sqrt(np.mean((points[:, 2] - level) ** 2)))
+    return RoofPlane((0.0, 0.0, level), np.arange(len(points)), rmse)
 
 
 def unit_attributes(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:

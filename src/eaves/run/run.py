@@ -9,7 +9,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from glob import escape
 from importlib.metadata import version
 from pathlib import Path
@@ -107,6 +107,8 @@ class RunOptions(TypedDict, total=False):
     """Bound of the processes' memory together: `4G`, `1500M`."""
     resume: bool
     """Keep the parts of an earlier run that are done and match."""
+    keep: bool
+    """Keep the parts of the run, from which it can be corrected and updated (`eaves rebuild`, `update`)."""
     per_tile: bool
     """Compute and write by tiles, each on its own, also where there are few points (`eaves.run.tiles`)."""
     classified: Path | None
@@ -124,6 +126,7 @@ DEFAULT_OPTIONS: RunOptions = {
     "block": 240.0,
     "jobs": 1,
     "resume": False,
+    "keep": False,
     "per_tile": False,
 }
 """What an option is when it is not given; None for those not named here."""
@@ -180,6 +183,9 @@ class Run:
     memory: int | None = None
     """Bytes, for all processes together."""
     resume: bool = False
+    keep: bool = False
+    request: dict[str, Any] = field(default_factory=dict)
+    """What `keep` writes beside the parts: the inputs and options to open the run with again."""
     by_tiles: bool = False
     failed: tuple[str, ...] = ()
     """Inputs that could not be opened, with the reason."""
@@ -294,6 +300,8 @@ def open_run(
     classified = options.get("classified")
     if classified is not None and len(index) > 1:
         raise InputError(f"{classified}: one file cannot hold {len(index)} inputs; give a folder with -o")
+    if options["keep"] and (options["per_tile"] or index.points > TILES_ABOVE or classified is not None):
+        raise InputError("--keep: a run by tiles keeps no parts; build a part of it with --bounds")
     warn_of_heights(index.system, formats)
     claim(folder)
     return Run(
@@ -314,10 +322,30 @@ def open_run(
         scheduler=options.get("scheduler"),
         memory=memory,
         resume=options["resume"],
+        keep=options["keep"],
+        request=request_of(paths, options),
         by_tiles=classified is None and (options["per_tile"] or index.points > TILES_ABOVE),
         failed=tuple(failed),
         started=started,
     )
+
+
+REPEATED = (
+    *("crs", "crs_force", "salvage", "bounds", "id_field", "footprint_source", "snap_footprints"),
+    *("formats", "outputs", "block"),
+)
+"""The options, beside the files of polygons, with which a kept run is opened again."""
+
+
+def request_of(paths: Sequence[str], options: RunOptions) -> dict[str, Any]:
+    """Inputs and options as JSON, with paths that hold from any folder."""
+    given: dict[str, Any] = {name: options.get(name) for name in REPEATED}
+    bounds = as_bounds(options.get("bounds"))
+    given["bounds"] = None if bounds is None else list(vars(bounds).values())
+    for name in POLYGONS:
+        path = options.get(name)
+        given[name] = None if path is None else str(Path(str(path)).resolve())
+    return {"inputs": [os.path.realpath(path) for path in paths], "options": given}
 
 
 NARROWEST, WIDEST = 6.0, 100_000.0

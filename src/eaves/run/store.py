@@ -26,6 +26,8 @@ from eaves.run.world_squares import GROUND_SQUARE, squares_of
 
 log = logging.getLogger("eaves")
 
+REQUEST = "request.json"
+"""Beside the parts of a run that keeps them: what it was asked for."""
 RECORD = np.dtype(
     [
         ("xyz", "<i4", 3),
@@ -272,6 +274,15 @@ class Store:
         except (ValueError, RecursionError):
             log.warning("%s: the plan of the earlier run is damaged; all is computed anew", path)
             return False
+
+    def keep_request(self, told: dict[str, Any], blocks: Sequence[Block], owners: Sequence[Block]) -> None:
+        """Write what the run was asked for, with the blocks it computed and those that own buildings."""
+        places = {
+            name: [[block.column, block.row] for block in some]
+            for name, some in (("blocks", blocks), ("owners", owners))
+        }
+        with atomic(self.folder / REQUEST) as temporary:
+            temporary.write_text(json.dumps({**told, **places}), encoding="utf-8")
 
     def keep_plan(self, plan: dict[str, Any]) -> None:
         """Write the plan that everything in the folder belongs to."""

@@ -1,0 +1,157 @@
+"""Two epochs compared against the exact list of changes: `python -m benchmarks.accuracy.change [FOLDER]`.
+
+The towns chose none of the constants: seeds from 9101 on, of other sizes and styles than those of the tests.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from eaves.change.compare import Change, compare_epochs
+from eaves.formats import read_polygons
+from eaves.pipeline import build
+from eaves.simulate import Survey, later_survey, simulate_epochs, write_changes, write_simulation
+
+TOWNS = (
+    ("mixed, slope, 10 and 6/m²", 9101, 0.06, 0.3, 10.0, 6.0, "mixed", "slope"),
+    ("suburb, hilly, 4 and 12/m², unchanged", 9102, 0.06, 0.0, 4.0, 12.0, "suburb", "hilly"),
+    ("suburb, flat, 25 and 8/m²", 9103, 0.06, 0.3, 25.0, 8.0, "suburb", "flat"),
+    ("centre, flat, 15 and 6/m², unchanged", 9104, 0.06, 0.0, 15.0, 6.0, "centre", "flat"),
+)
+"""Name, seed, area (km²), share that changes, densities of both, style, terrain."""
+SMALLEST_M2 = 10.0
+"""Buildings from this area on count."""
+GROUPS = {
+    "new": "came or went",
+    "demolished": "came or went",
+    "extended": "extended or raised",
+    "partly demolished": "extended or raised",
+    "raised": "extended or raised",
+    "lowered": "extended or raised",
+    "roof replaced": "extended or raised",
+}
+"""What of the target's rows a change is counted in."""
+SAME_SIGN = {
+    **dict.fromkeys(("new", "extended"), "came"),
+    **dict.fromkeys(("demolished", "partly demolished"), "went"),
+    **dict.fromkeys(("raised", "lowered", "roof replaced"), "moved"),
+}
+"""A house in a row whose outline two runs divide otherwise is as well an extension of its neighbour: what
+counts is where a roof came, went, or moved."""
+NEAR_M = {"partly demolished": 8.0}
+"""How far outside the new outline a change may lie: what went is outside."""
+
+
+@dataclass
+class Score:
+    """Counts of one town."""
+
+    found: Counter[str] = field(default_factory=Counter)
+    missed: Counter[str] = field(default_factory=Counter)
+    right: Counter[str] = field(default_factory=Counter)
+    false: Counter[str] = field(default_factory=Counter)
+    buildings: int = 0
+    unclear: int = 0
+
+    def __iadd__(self, other: Score) -> Score:
+        for name in ("found", "missed", "right", "false"):
+            getattr(self, name).update(getattr(other, name))
+        self.buildings += other.buildings
+        self.unclear += other.unclear
+        return self
+
+
+def score_town(folder: Path, old: Path, new: Path) -> Score:
+    """Compare two runs, and hold what is told against changes.gpkg of a folder."""
+    changes = compare_epochs(old, new, folder / "work").changes
+    truth, _, rows, _ = read_polygons(folder / "changes.gpkg")
+    told = [one for one in changes if one.verdict.patches]
+    score = Score(buildings=len(rows))
+    score.unclear = sum(one.verdict.change == "unclear" for one in changes)
+    explained: set[int] = set()
+    for polygon, row in zip(truth, rows, strict=True):
+        if row["change"] == "unchanged" or polygon.area < SMALLEST_M2:
+            continue
+        near = shapely.buffer(polygon, NEAR_M.get(row["change"], 0.5))
+        hits = [k for k, one in enumerate(told) if tells(one, row["change"], near)]
+        explained.update(hits)
+        (score.found if hits else score.missed)[GROUPS[row["change"]]] += 1
+    for k, one in enumerate(told):
+        (score.right if k in explained else score.false)[GROUPS[one.verdict.change]] += 1
+    return score
+
+
+def tells(one: Change, change: str, near: shapely.Polygon) -> bool:
+    """Whether a change that was told is of the kind and at the place of one that was made."""
+    kinds = {SAME_SIGN[kind] for kind in (one.verdict.change, *one.verdict.also)}
+    xy = np.concatenate(one.verdict.patches)
+    return SAME_SIGN[change] in kinds and int(shapely.contains_xy(near, xy[:, 0], xy[:, 1]).sum()) >= 4
+
+
+def make_town(folder: Path, town: Sequence[Any]) -> tuple[Path, Path]:
+    """Simulate and build a town's two epochs, where that was not done; the runs."""
+    _, seed, area, changed, first, second, style, terrain = town
+    runs = folder / "old-run", folder / "new-run"
+    if not all((run / "manifest.json").exists() for run in runs):
+        epochs = simulate_epochs(area, terrain, seed=seed, style=style, changed=changed)
+        surveys = (Survey(first), epochs.old, seed), (later_survey(second), epochs.new, seed + 1000)
+        for name, (survey, there, own), run in zip(("old", "new"), surveys, runs, strict=True):
+            scene = survey.scan(there, own)
+            build(write_simulation(scene, folder / name)["points"], run, jobs=1)
+        write_changes(epochs.changes, scene, folder)
+    return runs
+
+
+def main(place: Path) -> None:
+    """Print a row a town, and their sum."""
+    total, changed, quiet = Score(), Score(), Score()
+    print(
+        "| town | buildings | came or went | extended or raised | false | unclear |\n"
+        "|---|---|---|---|---|---|"
+    )
+    for number, town in enumerate(TOWNS, 1):
+        folder = place / f"j{number}"
+        score = score_town(folder, *make_town(folder, town))
+        print(row_of(str(town[0]), score), flush=True)
+        total += score
+        part = changed if town[3] else quiet
+        part += score
+    print(row_of("all", total))
+    for name in ("came or went", "extended or raised"):
+        found, missed = changed.found[name], changed.missed[name]
+        right, false = changed.right[name], changed.false[name]
+        print(
+            f"{name}: completeness {found / max(found + missed, 1):.3f} ({found} of {found + missed}), "
+            f"correctness {right / max(right + false, 1):.3f} ({right} of {right + false})"
+        )
+    wrong = sum(quiet.false.values()) + quiet.unclear
+    share = wrong / max(quiet.buildings, 1)
+    print(f"false changes in unchanged towns: {wrong} of {quiet.buildings} ({share:.2%})")
+    print(f"unclear: {total.unclear} of {total.buildings} ({total.unclear / max(total.buildings, 1):.2%})")
+
+
+def row_of(name: str, score: Score) -> str:
+    """A row of the table."""
+    cells = [
+        f"{score.found[group]} of {score.found[group] + score.missed[group]}"
+        for group in ("came or went", "extended or raised")
+    ]
+    wrong = sum(score.false.values())
+    return f"| {name} | {score.buildings} | {' | '.join(cells)} | {wrong} | {score.unclear} |"
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        main(Path(sys.argv[1]))
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            main(Path(folder))

@@ -1,0 +1,230 @@
+"""What a user says of buildings: a polygon with a verdict each, from an edited layer or a file of edits."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from eaves.formats import InputError, read_polygons
+from eaves.formats.geopackage import Row, write_polygons
+from eaves.geometry.rings import as_polygon
+from eaves.model import CoordinateSystem
+
+log = logging.getLogger("eaves")
+
+NO_BUILDING, IS_BUILDING, FLAT_ROOF, FOOTPRINT, PARTY_WALLS = (
+    "no building",
+    "is a building",
+    "flat roof",
+    "footprint",
+    "party walls",
+)
+VERDICTS = (NO_BUILDING, IS_BUILDING, FLAT_ROOF, FOOTPRINT, PARTY_WALLS)
+EDITS = "edits.gpkg"
+"""Name of the file in a run's folder that keeps all edits; a user may change it, too."""
+
+DIFFERENT_M2 = 0.05
+"""An outline was edited when it differs by more than this (m²): drivers round coordinates."""
+
+HALF = 0.5
+"""An edit without an id is of the building that shares this part of either outline."""
+
+
+@dataclass(frozen=True, eq=False)
+class Edit:
+    """One verdict.
+
+    `id` names the building it is of; for a building that was not found it is empty, or the new building's.
+    `polygon` (world metres) is the outline to use, one of the houses between party walls, or the place.
+    """
+
+    verdict: str
+    polygon: Polygon | MultiPolygon
+    id: str = ""
+    source: str = ""
+
+    @property
+    def row(self) -> Row:
+        """As the file of edits has it."""
+        return Row(self.polygon, {"verdict": self.verdict, "id": self.id or None, "source": self.source})
+
+
+def read_edits(path: Path, system: CoordinateSystem) -> list[Edit]:
+    """The edits of a file: polygons with a field `verdict`, and `id` where they are of a known building.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, has no such field, or a verdict that is not known.
+    """
+    polygons, _, rows, _ = read_polygons(path, target=system)
+    if rows and "verdict" not in rows[0]:
+        raise InputError.about(path, "has no field 'verdict'", f"add it, with one of: {', '.join(VERDICTS)}")
+    edits = []
+    for number, (polygon, row) in enumerate(zip(polygons, rows, strict=True), 1):
+        verdict = str(row["verdict"] or "").strip().lower()
+        if verdict not in VERDICTS:
+            raise InputError.about(
+                path,
+                f"feature {number} has the verdict '{row['verdict']}'",
+                f"use one of: {', '.join(VERDICTS)}",
+            )
+        told = str(row.get("source") or path.name)
+        edits.append(Edit(verdict, usable(polygon, path, number), str(row.get("id") or ""), told))
+    return edits
+
+
+def usable(polygon: Polygon | MultiPolygon, path: Path, number: int) -> Polygon:
+    """The polygon of a feature, repaired.
+
+    Raises
+    ------
+    InputError
+        When it has no area.
+    """
+    whole = as_polygon(polygon)
+    if whole is None:
+        raise InputError.about(path, f"feature {number} is no polygon with an area", "mend or delete it")
+    return whole
+
+
+def write_edits(path: Path, edits: Iterable[Edit], system: CoordinateSystem) -> None:
+    """Write edits in their order."""
+    write_polygons(path, [edit.row for edit in edits], system, "edits")
+
+
+def edits_of_layer(path: Path, system: CoordinateSystem, before: dict[str, Polygon]) -> list[Edit]:
+    """What a user changed in the layer `footprints` of a run: outlines, features added and deleted, several
+    features of one id (party walls), and a field `verdict`.
+
+    Parameters
+    ----------
+    path
+        The run's GeoPackage.
+    system
+        The run's reference system.
+    before
+        Id → outline (world metres), as the run wrote them.
+    """
+    polygons, _, rows, _ = read_polygons(path, "footprints", target=system)
+    there: dict[str, list[tuple[int, Polygon]]] = {}
+    edits: list[Edit] = []
+    for number, (polygon, row) in enumerate(zip(polygons, rows, strict=True), 1):
+        name, verdict = str(row.get("id") or ""), str(row.get("verdict") or "").strip().lower()
+        whole = usable(polygon, path, number)
+        if verdict and verdict not in VERDICTS:
+            raise InputError.about(
+                path, f"feature {number} has the verdict '{verdict}'", f"use one of: {', '.join(VERDICTS)}"
+            )
+        if name not in before:
+            edits.append(Edit(IS_BUILDING, whole, name, path.name))
+            continue
+        there.setdefault(name, []).append((number, whole))
+        if verdict:
+            edits.append(Edit(verdict, whole, name, path.name))
+    for name, outline in before.items():
+        parts = there.get(name, [])
+        if not parts:
+            edits.append(Edit(NO_BUILDING, outline, name, path.name))
+        elif len(parts) > 1:
+            edits += [Edit(PARTY_WALLS, part, name, path.name) for _, part in parts]
+        elif shapely.symmetric_difference(parts[0][1], outline).area > DIFFERENT_M2:
+            edits.append(Edit(FOOTPRINT, parts[0][1], name, path.name))
+    return edits
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """What is to be done with one building: its outlines (several between party walls, none for no building),
+    whether its roof is flat, and the edits that say so."""
+
+    id: str
+    outlines: tuple[Polygon, ...]
+    flat: bool
+    edits: tuple[Edit, ...]
+    known: bool = True
+    """Whether the run found the building."""
+
+    @property
+    def provenance(self) -> dict[str, str]:
+        """The attributes of an edited building."""
+        verdicts = dict.fromkeys(edit.verdict for edit in self.edits)
+        sources = dict.fromkeys(edit.source for edit in self.edits)
+        return {"edit": ", ".join(verdicts), "edit_source": ", ".join(sources)}
+
+
+def settle(edits: Sequence[Edit], outlines: dict[str, Polygon]) -> tuple[list[Order], list[str]]:
+    """What follows from all edits of a run, and the conflicts among them, in words.
+
+    Later edits go before earlier ones of the same building. `outlines` are the buildings that the run found
+    (world metres), by id.
+    """
+    conflicts: list[str] = []
+    names = list(outlines)
+    tree = shapely.STRtree([outlines[name] for name in names])
+    mine: dict[str, list[Edit]] = {}
+    fresh: dict[str, list[Edit]] = {}
+    for edit in edits:
+        name = edit.id if edit.id in outlines else located(edit, names, outlines, tree)
+        if name:
+            if edit.id and edit.id != name:
+                conflicts.append(
+                    f"{edit.verdict} of '{edit.id}', which is no more: taken for {name}, at its place"
+                )
+            mine.setdefault(name, []).append(edit)
+        elif edit.verdict == IS_BUILDING or (edit.id and edit.id in fresh):
+            place = edit.polygon.representative_point()
+            fresh.setdefault(edit.id or f"e{place.x:.0f}_{place.y:.0f}", []).append(edit)
+        else:
+            conflicts.append(
+                f"{edit.verdict} of '{edit.id}': there is no such building at its place; left out"
+            )
+    orders = [settled(name, some, outlines[name], conflicts) for name, some in mine.items()]
+    orders += [
+        replace(settled(name, some, some[0].polygon, conflicts), known=False) for name, some in fresh.items()
+    ]
+    return [order for order in orders if order is not None], conflicts
+
+
+def located(edit: Edit, names: Sequence[str], outlines: dict[str, Polygon], tree: shapely.STRtree) -> str:
+    """The building at the place of an edit that names none; empty where there is none."""
+    best, most = "", 0.0
+    for k in tree.query(edit.polygon, predicate="intersects"):
+        shared = shapely.intersection(outlines[names[k]], edit.polygon).area
+        if shared > most and shared >= HALF * min(edit.polygon.area, outlines[names[k]].area):
+            best, most = names[k], float(shared)
+    return best
+
+
+def settled(name: str, edits: Sequence[Edit], outline: Polygon, conflicts: list[str]) -> Order:
+    """What the edits of one building come to: the latest outline and the latest word on whether it is one."""
+    outlines: tuple[Polygon, ...] = (outline,)
+    flat, gone = False, False
+    used: list[Edit] = []
+    last = ""
+    for edit in edits:
+        if gone and edit.verdict != NO_BUILDING:
+            conflicts.append(f"{name}: '{edit.verdict}' after '{NO_BUILDING}': the later one holds")
+            gone, used = False, []
+        if edit.verdict == NO_BUILDING:
+            if used:
+                conflicts.append(f"{name}: '{NO_BUILDING}' after '{used[-1].verdict}': the later one holds")
+            gone, used = True, [edit]
+        elif edit.verdict == FLAT_ROOF:
+            flat = True
+            used.append(edit)
+        elif edit.verdict == PARTY_WALLS:
+            outlines = (*outlines, edit.polygon) if last == PARTY_WALLS else (edit.polygon,)
+            used.append(edit)
+        else:
+            if last in (FOOTPRINT, PARTY_WALLS):
+                conflicts.append(f"{name}: a second outline: the later one holds")
+            outlines = (edit.polygon,)
+            used.append(edit)
+        last = edit.verdict if edit.verdict != FLAT_ROOF else last
+    return Order(name, () if gone else outlines, flat, tuple(used))

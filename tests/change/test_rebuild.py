@@ -1,0 +1,167 @@
+"""Corrections of the nine roofs: each verdict is honoured, the others stay, and edits are kept."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pyogrio
+import pytest
+import shapely
+
+from eaves.change.edits import (
+    FLAT_ROOF,
+    FOOTPRINT,
+    IS_BUILDING,
+    NO_BUILDING,
+    PARTY_WALLS,
+    Edit,
+    read_edits,
+    settle,
+    write_edits,
+)
+from eaves.change.rebuild import Rebuilt, rebuild
+from eaves.formats import read_cityjson, read_polygons
+from eaves.formats.errors import InputError
+from eaves.model.coordinates import LOCAL_METRES
+from eaves.pipeline import build
+from eaves.run.manifest import check_folder
+from eaves.simulate import nine_roofs_on_a_slope, write_simulation
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that keeps its parts."""
+    place = tmp_path_factory.mktemp("kept")
+    files = write_simulation(nine_roofs_on_a_slope(density=8.0, seed=1), place / "nine")
+    build(files["points"], place / "out", keep=True, outputs=("footprints", "models", "classified"))
+    return place / "out"
+
+
+@pytest.fixture
+def out(kept: Path, tmp_path: Path) -> Path:
+    shutil.copytree(kept, tmp_path / "out")
+    return tmp_path / "out"
+
+
+def buildings(out: Path) -> dict[str, shapely.Polygon]:
+    polygons, _, rows, _ = read_polygons(out / "footprints.gpkg", "footprints")
+    return {row["id"]: polygon for polygon, row in zip(polygons, rows, strict=True)}
+
+
+def models(out: Path) -> dict[str, str]:
+    """The lines of the CityJSON sequence by building."""
+    lines = (out / "buildings.city.jsonl").read_text(encoding="utf-8").splitlines()[1:]
+    return {json.loads(line)["id"]: line for line in lines}
+
+
+def corrected(out: Path, *edits: Edit) -> Rebuilt:
+    path = out.parent / "verdicts.gpkg"
+    write_edits(path, edits, LOCAL_METRES)
+    return rebuild(out, path)
+
+
+def pitched(out: Path) -> str:
+    """A building whose roof is not flat."""
+    _, _, rows, _ = read_polygons(out / "footprints.gpkg", "footprints")
+    return next(row["id"] for row in rows if row["roof_type"] == "gable")
+
+
+def test_a_building_that_is_none_goes__and_no_other_line_changes(out: Path) -> None:
+    before, shapes = models(out), buildings(out)
+    gone = next(iter(before))
+    done = corrected(out, Edit(NO_BUILDING, shapes[gone], gone))
+    assert done.removed == (gone,)
+    after = models(out)
+    assert set(after) == set(before) - {gone}
+    assert all(after[name] == before[name] for name in after)
+    assert check_folder(out) == []
+
+
+def test_a_flat_roof_is_flat(out: Path) -> None:
+    name = pitched(out)
+    corrected(out, Edit(FLAT_ROOF, buildings(out)[name], name))
+    _, _, rows, _ = read_polygons(out / "footprints.gpkg", "footprints")
+    row = next(row for row in rows if row["id"] == name)
+    assert (row["roof_type"], row["roof_face_count"], row["edit"]) == ("flat", 1, FLAT_ROOF)
+
+
+def test_an_outline_is_used_as_it_is__and_says_so_in_the_cityjson(out: Path) -> None:
+    name, shape = next(iter(buildings(out).items()))
+    smaller = shapely.buffer(shape, -1.0, join_style="mitre")
+    corrected(out, Edit(FOOTPRINT, smaller, name))
+    assert (
+        shapely.symmetric_difference(buildings(out)[name], smaller).area < 0.05
+    )  # corners are whole millimetres
+    told = read_cityjson(out / "buildings.city.jsonl")[name].attributes
+    assert (told["edit"], told["edit_source"]) == (FOOTPRINT, "verdicts.gpkg")
+
+
+def test_a_building_between_party_walls_becomes_two(out: Path) -> None:
+    name, shape = next(iter(buildings(out).items()))
+    west, south, east, north = shape.bounds
+    middle = (west + east) / 2
+    halves = [
+        shapely.intersection(shape, shapely.box(a, south, b, north))
+        for a, b in ((west, middle), (middle, east))
+    ]
+    corrected(out, *(Edit(PARTY_WALLS, half, name) for half in halves))
+    after = buildings(out)
+    assert len(after) == 10
+    assert after[name].area + after[f"{name}-2"].area == pytest.approx(shape.area, rel=1e-4)
+
+
+def test_what_was_taken_away_comes_back_where_the_edit_is_taken_back(out: Path) -> None:
+    before, shapes = models(out), buildings(out)
+    gone = next(iter(before))
+    corrected(out, Edit(NO_BUILDING, shapes[gone], gone))
+    write_edits(out / "edits.gpkg", [], LOCAL_METRES)
+    rebuild(out)
+    assert models(out) == before
+
+
+def test_a_building_is_one_again_by_a_later_verdict__and_the_conflict_is_told(out: Path) -> None:
+    name, shape = next(iter(buildings(out).items()))
+    corrected(out, Edit(NO_BUILDING, shape, name))
+    done = corrected(out, Edit(IS_BUILDING, shape, name))
+    assert name in models(out)
+    assert any("later one holds" in told for told in done.conflicts)
+
+
+@pytest.mark.filterwarnings("ignore:'crs' was not provided")
+def test_edits_made_in_the_layer_itself(out: Path) -> None:
+    path = out / "footprints.gpkg"
+    frame = pyogrio.read_dataframe(path, layer="footprints")
+    names = list(frame["id"])
+    frame.loc[1, "geometry"] = frame.geometry[1].buffer(-0.5, join_style="mitre")
+    pyogrio.write_dataframe(frame.drop(index=0), path, layer="footprints")
+    done = rebuild(out)
+    assert done.removed == (names[0],)
+    assert done.modelled == (names[1],)
+    kept_edits = {(edit.id, edit.verdict) for edit in read_edits(out / "edits.gpkg", LOCAL_METRES)}
+    assert kept_edits == {(names[0], NO_BUILDING), (names[1], FOOTPRINT)}
+    again = rebuild(out)
+    assert len(again.edits) == 2
+    assert names[0] not in buildings(out)
+
+
+def test_without_kept_parts_the_remedy_is_told(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    with pytest.raises(InputError, match="build it again with --keep"):
+        rebuild(tmp_path / "out")
+
+
+def test_a_verdict_that_is_not_known_is_refused__and_nothing_changes(out: Path) -> None:
+    before = models(out)
+    with pytest.raises(InputError, match="verdict 'maybe'; use one of"):
+        corrected(out, Edit("maybe", shapely.box(0, 0, 1, 1), "x"))
+    assert models(out) == before
+
+
+def test_an_edit_without_an_id_is_of_the_building_at_its_place() -> None:
+    outlines = {"a": shapely.box(0, 0, 10, 10), "b": shapely.box(20, 0, 30, 10)}
+    orders, conflicts = settle([Edit(NO_BUILDING, shapely.box(21, 1, 29, 9))], outlines)
+    assert [(order.id, order.outlines) for order in orders] == [("b", ())]
+    assert conflicts == []
+    orders, conflicts = settle([Edit(FLAT_ROOF, shapely.box(50, 0, 60, 10))], outlines)
+    assert orders == []
+    assert "no such building" in conflicts[0]
