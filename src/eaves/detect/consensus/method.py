@@ -22,6 +22,7 @@ from eaves.detect.consensus.classifier import (
 from eaves.detect.consensus.doubts import DoubtLimits, region_doubts, void_doubts
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.hidden_roofs import HiddenLimits, find_hidden_roofs
+from eaves.detect.consensus.limbs import without_limbs
 from eaves.detect.consensus.members import part_of_points
 from eaves.detect.consensus.segments import Segments, find_segments, square_width
 from eaves.detect.consensus.vehicles import VehicleLimits, measure_tops
@@ -131,6 +132,12 @@ class Consensus(Detector):
         None, "File (JSON) with weights of the evidence; default: those fitted to all labelled surveys."
     )
     min_width: float = parameter(1.5, "Side of a square that fits into every building.", unit="m", ge=0.0)
+    limb_width: float = parameter(
+        2.5,
+        "Limbs of a building that no square so wide fits into are fences and hedges: a room is wider.",
+        unit="m",
+        ge=0.0,
+    )
     window_points: int = parameter(
         6,
         "Points of a window with a plane: three would always fit, six leave half for the residual.",
@@ -413,6 +420,7 @@ class Consensus(Detector):
         """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces; the
         share of each group's rim that continues the terrain; the groups (H, W) dropped for that alone, and
         not without doubt."""
+        building = without_limbs(building, evidence, self.limb_width)
         found, count = ndimage.label(building, np.ones((3, 3)))
         label: Labels = np.asarray(found, np.int32)
         # at one spacing a third of the cells is empty by chance: they narrow no building
