@@ -9,6 +9,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+import shapely
 
 from eaves.formats.geopackage import read_polygons
 from eaves.ground import classify_ground
@@ -20,8 +21,9 @@ from eaves.report.view import describe_run
 from eaves.run import tiles
 from eaves.run.block import block_pass
 from eaves.run.block_file import BlockFile, save_block
-from eaves.run.doubts import LAYER, describe_doubts, doubt_rows
+from eaves.run.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.run.recipe import make_recipe
+from eaves.run.rows import BuildingRow
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 
@@ -108,3 +110,22 @@ def test_without_a_file_that_tells_them_the_closing_lines_do(tmp_path: Path) -> 
     told = describe_doubts(doubt_rows([doubt], 240.0), 1.0, "")
     summary = Summary(tmp_path, 1, 0, 0, {}, {}, {}, {}, 1.0, (), run={"doubts": told})
     assert "doubts: 1, the largest at 10.0, 20.0: a plateau" in summary.as_text()
+
+
+def face(side: float, **told: object) -> tuple[shapely.Polygon, dict[str, object]]:
+    return shapely.box(100.0, 200.0, 100.0 + side, 200.0 + side), {"projected_m2": side * side, **told}
+
+
+def test_a_large_face_that_its_points_do_not_support_is_a_doubt_and_a_small_one_is_not() -> None:
+    faces = [
+        face(4.0, weak="30% of its points within 0.2 m, RMSE 0.61 m", no_data=False),
+        face(6.0, weak="70% of its plan without points", no_data=True),
+        face(2.0, weak="2 points", no_data=True),
+        face(9.0, weak=None, no_data=False),
+    ]
+    row = BuildingRow(faces[0][0], {}, {}, faces, True, None, {})
+    scattered, hole = face_doubts([row])
+    assert scattered.reason == "a face whose points scatter: 30% of its points within 0.2 m, RMSE 0.61 m"
+    assert (scattered.x, scattered.y, scattered.area_m2, scattered.stage) == (102.0, 202.0, 16.0, "roof")
+    assert hole.reason == "a hole where a roof should be: 70% of its plan without points"
+    assert len(doubt_rows([scattered, hole], 240.0)) == 2

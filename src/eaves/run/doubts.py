@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,11 +13,14 @@ import shapely
 from eaves.formats.geopackage import Row
 from eaves.model import Block
 from eaves.model.doubt import Doubt
+from eaves.run.rows import BuildingRow
 from eaves.run.world_squares import WIDE_SQUARE
 
 LEAST_SIDE = 1.0
 """Side (m) of the square that shows a doubt of less area: it must be seen on a map."""
 LAYER = "the layer doubts of footprints.gpkg"
+LEAST_FACE_M2 = 10.0
+"""A smaller face in doubt (m² in plan) is in the layer `roof_planes`, where `weak` says why."""
 MOST_TOLD = 100
 """Doubts listed in run.json, the largest; the layer holds all."""
 
@@ -30,6 +33,19 @@ def doubt_rows(doubts: Iterable[Doubt], side: float) -> list[Row]:
     """
     ordered = sorted(set(doubts), key=lambda one: (-one.area_m2, one.x, one.y, one.stage, one.reason))
     return [Row(square_of(one), told_of(one)) for one in without_repeated(ordered, side)]
+
+
+def face_doubts(rows: Iterable[BuildingRow]) -> Iterator[Doubt]:
+    """Doubts (world metres) about the larger roof faces that their points do not support."""
+    for row in rows:
+        for polygon, face in row.faces:
+            plan = face.get("projected_m2") or 0.0
+            weak = face.get("weak")
+            if weak is None or plan < LEAST_FACE_M2:
+                continue
+            kind = "a hole where a roof should be" if face.get("no_data") else "a face whose points scatter"
+            middle = shapely.force_2d(polygon).representative_point()
+            yield Doubt(round(middle.x, 2), round(middle.y, 2), float(plan), f"{kind}: {weak}", "roof")
 
 
 def without_repeated(doubts: Sequence[Doubt], side: float) -> list[Doubt]:

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from glob import escape
+from itertools import chain
 from pathlib import Path
 
 from eaves.formats import write_cityjson_seq
@@ -21,7 +22,7 @@ from eaves.model.summary import Summary
 from eaves.run.block_file import BlockMetadata
 from eaves.run.classified_points import PointSink, write_points
 from eaves.run.clock import Clock
-from eaves.run.doubts import LAYER, describe_doubts, doubt_rows
+from eaves.run.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.run.exports import export_footprints, export_models
 from eaves.run.join import OwnedBuildings
 from eaves.run.manifest import begin_manifest, note_files
@@ -121,7 +122,8 @@ def write_outputs(
     shared = party_walls(store, owners) if {"footprints", "models"} & set(steps) else []
     clock.lap("party walls")
     metadata = read_metadata(store, blocks)
-    doubts = doubt_rows((doubt for one in metadata for doubt in one.doubts), run.side)
+    places = (doubt for one in metadata for doubt in one.doubts)
+    doubts = doubt_rows(chain(places, face_doubts(store.building_rows(owners))), run.side)
     used = [one.block for one in metadata]
     results = Results(run, store, used, owners, extent_of(metadata), shared, doubts)
     if sink is not None:

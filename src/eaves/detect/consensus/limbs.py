@@ -8,6 +8,7 @@ from scipy import ndimage
 from eaves.detect.consensus.evidence import Evidence
 from eaves.model import Mask
 
+
 def without_limbs(building: Mask, evidence: Evidence, least: float) -> Mask:
     """The building cells (H, W) without limbs that no square of a side `least` (m) fits into.
 
