@@ -61,6 +61,12 @@ MOST_CELLS = 1100
 """A raster wider than that is thinned before it is drawn."""
 GREYS, COLOURS_KEPT, DOTS_AN_INCH = 12, 40, 95
 """Few, so that the pages stay small."""
+BRIDGES = {
+    "autzen": (193924.0, 258780.0, 194126.0, 259102.0),
+    "delft": (84925.0, 447445.0, 84950.0, 447475.0),
+}
+"""Where bridges are, m: west, south, east, north."""
+CLASS_COLOURS = {2: "#b4b4b4", 5: "#7fb77f", 6: "#0b3fb3", 9: "#50b0f0", 17: "#e07000"}
 FULL, LOWER, DOUBTED, FAILED = "#0b3fb3", "#008a5a", "#e07000", "#e00000"
 
 
@@ -189,6 +195,26 @@ def strip(folder: Path, names: tuple[str, ...], picture: Path) -> None:
     save(figure, picture)
 
 
+def bridges(folder: Path, picture: Path) -> None:
+    """The classes of points about bridges."""
+    figure, row = plt.subplots(1, len(BRIDGES), figsize=(8.0, 6.0), layout="constrained")
+    for axes, (name, (west, south, east, north)) in zip(row, BRIDGES.items(), strict=True):
+        las = laspy.read(next((folder / name).glob("classified*.laz")))
+        unit = read_raster(folder / name / "mask.tif")[1].horizontal_unit_m
+        xy = unit * np.column_stack([las.x, las.y])
+        classes = np.asarray(las.classification)
+        seen = ((xy > [west, south]) & (xy < [east, north])).all(axis=1)
+        for number in np.unique(classes[seen]):
+            mine = seen & (classes == number)
+            colour = CLASS_COLOURS.get(int(number), "#303030")
+            size = min(4.0, 40000.0 / seen.sum())
+            axes.scatter(*xy[mine].T, s=size, c=colour, linewidths=0, label=str(number))
+        axes.set(xticks=[], yticks=[], aspect="equal")
+        axes.set_title(name, size=8)
+        axes.legend(loc="upper left", markerscale=4.0, fontsize=6)
+    save(figure, picture)
+
+
 def samples(folder: Path, data: Path, picture: Path) -> None:
     """The ISPRS samples: ground taken for an object red, an object taken for ground blue."""
     figure, cells = plt.subplots(2, 4, figsize=(13, 7), layout="constrained")
@@ -242,6 +268,7 @@ def main() -> None:
         sheet(folder / name, name, PAGE / f"surveys-{name}.png")
     for name, members in SMALL.items():
         strip(folder, members, PAGE / f"surveys-{name}.png")
+    bridges(folder, PAGE / "surveys-bridges.png")
     samples(folder, data, PAGE / "surveys-isprs.png")
     for name in SURVEYS:
         sys.stdout.write(counts(folder / name) + "\n")
