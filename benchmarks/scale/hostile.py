@@ -465,6 +465,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=7200.0)
     parser.add_argument("--log", type=Path, default=Path(tempfile.gettempdir()) / "hostile.jsonl")
     parser.add_argument("--kind", default="", help="Only disturbances with this in their name.")
+    parser.add_argument("--first", type=int, default=0, help="Number of the first new case, at least.")
     parser.add_argument("--again", action="store_true", help="Try the cases again that went wrong.")
     asked = parser.parse_args()
     known = asked.log.read_text(encoding="utf-8").splitlines() if asked.log.exists() else []
@@ -473,7 +474,7 @@ def main() -> None:
         bench, end = prepare(Path(name)), time.monotonic() + asked.seconds
         last = {(one["case"], one["kind"]): one for one in tried}
         wrong = [one for one in last.values() if one["verdict"] not in GOOD]
-        first = max((number for number, _ in last), default=-1) + 1
+        first = max(asked.first, *(number + 1 for number, _ in last), 0)
         # A run that goes on has as many cases of every kind as one in one piece: the rarest comes next.
         counts = Counter({kind: 0 for kind in CASES if asked.kind in kind})
         counts.update(one["kind"] for one in last.values() if one["kind"] in counts)
