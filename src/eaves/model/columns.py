@@ -35,6 +35,10 @@ COLUMNS: dict[str, Column] = {
     "method": Column("Method", "", "what made the finest level", str),
     "roof_type": Column("Roof type", "", "flat, shed, gable, hip, pyramid or complex", str),
     "h_ground": Column("Ground height", "m", "5th percentile of the terrain on the outline"),
+    "ground_source": Column(
+        "Source of the base", "", "measured within 2 m of the outline, interpolated, or nearest ground", str
+    ),
+    "ground_distance_m": Column("Distance of the ground", "m", "the base is from, where none is near"),
     "h_eaves": Column("Eaves height", "m", "lowest corner of the main roof faces"),
     "h_ridge": Column("Ridge height", "m", "highest corner of the main roof faces"),
     "h_50p": Column("Median roof height", "m", "of the roof points"),
@@ -160,7 +164,8 @@ LAYERS: dict[str, tuple[str, ...]] = {
         *("storeys_source", "roof_area_flat_m2", "roof_area_n_m2", "roof_area_e_m2", "roof_area_s_m2"),
         *("roof_area_w_m2", "h_ground", "h_50p", "h_70p", "volume_m3", "wall_area_m2", "roof_area_m2"),
         *("roof_projected_m2", "roof_face_count", "rmse_m", "rmse95_m", "points", "density"),
-        *("share_no_data", "supported_share", "installation_count", "block_id", "wall_certainty", "trust"),
+        *("share_no_data", "supported_share", "installation_count", "block_id", "wall_certainty"),
+        *("ground_source", "trust"),
         *("review_reason", "party_wall_area_m2", "free_wall_area_m2", "free_wall_n_m2", "free_wall_e_m2"),
         *("free_wall_s_m2", "free_wall_w_m2", "floor_storeys", "floor_area_m2", "envelope_m2"),
         "envelope_per_volume",

@@ -67,6 +67,10 @@ class BuildingPoints:
     """The detected block that the building is a unit of; None for one that is a block of its own."""
     wall_certainty: float | None = None
     """Probability of the least sure party wall that was found on it, None where none was."""
+    ground_seen: Raster | None = None
+    """1 in the cells of the terrain that hold a ground point; None where that is not known."""
+    ground_nearest: Points | None = None
+    """The ground (K, 3) nearest to a given footprint where none was seen beside it."""
     not_last: NDArray[np.bool_] | None = None
     """Points whose pulses came back once more from below."""
     around: Points | None = None

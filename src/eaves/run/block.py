@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from eaves.detect import detect_buildings
 from eaves.ground.toolkit.wide_objects import WideObjects
-from eaves.model import Block, Bounds, Mask, PointCloud, Raster, Regions
+from eaves.model import Block, Bounds, Mask, PointCloud, Points, Raster, Regions
 from eaves.model.cloud import BRIDGE_DECK, GROUND
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
@@ -40,8 +40,10 @@ def block_pass(
     cloud = cloud.about(block.origin).in_canonical_order()
     core = Bounds(0.0, 0.0, block.side, block.side)
     seen = held(cloud, core).buffered(recipe.scene_buffer)
-    cloud = cloud.take(seen.contains(cloud.xyz))
+    whole, cloud = cloud, cloud.take(seen.contains(cloud.xyz))
     beneath = None if wide is None else wide.terrain_beneath(seen, block.origin)
+    if beneath is None or not len(beneath):
+        beneath = nearest_ground(whole, core) if not cloud.ground.any() else beneath
     other = wet_or_bridged(cloud, decks)
     on_deck = other == BRIDGE_DECK
     cloud = with_classes(cloud, other)
@@ -89,6 +91,15 @@ def block_pass(
         seconds=clock.laps,
         keeps_low=recipe.lod == OVERHANGS,
     )
+
+
+def nearest_ground(cloud: PointCloud, core: Bounds) -> Points:
+    """The ground point (1, 3) nearest to the middle of a block, (0, 3) when there is none: what the terrain
+    is taken from where the rasters' own surroundings show no ground."""
+    ground = cloud.xyz[cloud.ground]
+    middle = np.array([(core.west + core.east) / 2, (core.south + core.north) / 2])
+    order = np.argsort(((ground[:, :2] - middle) ** 2).sum(axis=1), kind="stable")
+    return np.asarray(ground[order[:1]])
 
 
 def with_classes(cloud: PointCloud, classes: NDArray[np.uint8]) -> PointCloud:

@@ -81,12 +81,23 @@ def save_block(path: Path, result: BlockResult) -> None:
         "not_last": result.not_last[some],
         "score": result.score,
         "dtm": result.dtm.values,
+        "ground": ground_cells(result),
         "dsm": result.dsm.values,
         "seam_id": result.seam_id,
         "seam_label": result.seam_label,
         "sides": sides_of(result, count),
     }
     save_part(path, arrays)
+
+
+def ground_cells(result: BlockResult) -> NDArray[np.uint8]:
+    """1 for the cells (H, W) of the terrain that hold a ground point: elsewhere it is interpolated."""
+    dtm, ground = result.dtm, result.xyz[result.classification == GROUND]
+    column = np.floor((ground[:, 0] - dtm.west) / dtm.cell).astype(np.int64)
+    row = np.floor((dtm.north - ground[:, 1]) / dtm.cell).astype(np.int64)
+    cells = np.zeros(dtm.shape, np.uint8)
+    cells[np.clip(row, 0, dtm.shape[0] - 1), np.clip(column, 0, dtm.shape[1] - 1)] = 1
+    return cells
 
 
 def sides_of(result: BlockResult, count: int) -> NDArray[np.uint8]:
@@ -128,7 +139,7 @@ class BlockFile:
         return BlockMetadata(self.block, Bounds(*self.about["extent"]), self.about["seconds"], doubts)
 
     def raster(self, name: str) -> Raster:
-        """`dtm` or `dsm` in metres about the block's corner."""
+        """`dtm`, `dsm` or `ground` (1 where a cell holds a ground point), about the block's corner."""
         return Raster(self[name], *self.about["corner"])
 
     def candidates(self) -> Candidates:

@@ -17,8 +17,12 @@ from eaves.reconstruct import add_overhangs, reconstruct_building
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.roof import segment_roof
 from eaves.run.clock import Clock
+from eaves.run.gather import is_seen_beside
 from eaves.run.recipe import Recipe
 from eaves.validate import Tolerances, validate_model
+
+MEASURED, INTERPOLATED, NEAREST = "measured", "interpolated", "nearest ground"
+"""Where the height of a base can be from; the column `ground_source` says it."""
 
 
 def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:
@@ -81,7 +85,7 @@ def building_pass(
         plane[roof[found.members]] = number
     clock.lap("roof")
 
-    base, terrain = heights_under(footprint, building.terrain)
+    base, terrain = heights_under(footprint, building.terrain, building.ground_nearest)
     if not np.isfinite(base):
         answer: BuildingModel | Failure = Failure(
             "no_ground", "no terrain under the footprint", "reconstruct"
@@ -101,6 +105,7 @@ def building_pass(
         answer = Failure(answer.code, answer.reason, answer.stage, footprint)
     else:
         facts = {"h_ground": terrain, **unit_attributes(footprint, building)}
+        facts |= ground_facts(footprint, building)
         answer = answer.with_(attributes={**answer.attributes, **facts})
     return BuildingResult(answer, building.point_id, plane, clock.laps)
 
@@ -138,14 +143,29 @@ def name_footprint(footprint: Footprint, building: BuildingPoints) -> Footprint:
     return footprint.with_(origin=owner.origin, score=building.score, id=name)
 
 
-def heights_under(footprint: Footprint, terrain: Raster) -> tuple[float, float]:
-    """The lowest terrain height on the outline, and its 5th percentile (m); NaN where no terrain is known."""
+def heights_under(
+    footprint: Footprint, terrain: Raster, nearest: Points | None = None
+) -> tuple[float, float]:
+    """The lowest terrain height on the outline, or of the nearest ground where that is given, and its 5th
+    percentile (m); NaN where no terrain is known."""
     rim = shapely.segmentize(footprint.polygon, terrain.cell)
-    heights = terrain.at(shapely.get_coordinates(rim))
+    heights = terrain.at(shapely.get_coordinates(rim)) if nearest is None else nearest[:, 2]
     heights = heights[np.isfinite(heights)]
     if len(heights) == 0:
         return float("nan"), float("nan")
     return float(heights.min()), float(np.percentile(heights, 5))
+
+
+def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
+    """Where the height of the base is from: `measured` where ground was seen beside the outline, else
+    `interpolated` by the terrain model; for a given footprint from the nearest ground, at a distance (m)."""
+    if building.ground_seen is None:
+        return {}
+    if building.ground_nearest is not None:
+        distance = shapely.distance(footprint.polygon, shapely.points(building.ground_nearest[:, :2])).min()
+        return {"ground_source": NEAREST, "ground_distance_m": round(float(distance), 1)}
+    beside = is_seen_beside(footprint.polygon, building.ground_seen)
+    return {"ground_source": MEASURED if beside else INTERPOLATED}
 
 
 def keep_valid(model: BuildingModel, finest: str, unit_m: float = 1.0) -> BuildingModel | Failure:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
+from shapely import Polygon
 
 from eaves.footprints.snap import snap_footprints
 from eaves.model import Block, Bounds, Failure, Footprint, Points, Raster
@@ -33,7 +34,7 @@ class Gatherer:
         self._around = around
         self._keep = keep
         self._candidates: dict[Block, Candidates] = {}
-        self._terrain: dict[Block, Raster] = {}
+        self._terrain: dict[tuple[Block, str], Raster] = {}
 
     def candidates(self, block: Block) -> Candidates | None:
         """The points of a block that can be a building's; None where it failed or has no points."""
@@ -46,16 +47,16 @@ class Gatherer:
                 self._candidates[block] = file.candidates()
         return self._candidates[block]
 
-    def terrain_of(self, block: Block) -> Raster | None:
-        """The terrain of a block; None where it failed or has no points."""
-        if block not in self._terrain:
+    def terrain_of(self, block: Block, name: str = "dtm") -> Raster | None:
+        """The terrain of a block, or where its ground was seen; None where it failed or has no points."""
+        if (block, name) not in self._terrain:
             if not self._store.has("blocks", block):
                 return None
-            while len(self._terrain) >= 2 * self._keep:
+            while len(self._terrain) >= 4 * self._keep:
                 self._terrain.pop(next(iter(self._terrain)))
             with self._store.open_block(block) as file:
-                self._terrain[block] = file.raster("dtm")
-        return self._terrain[block]
+                self._terrain[block, name] = file.raster(name)
+        return self._terrain[block, name]
 
     def gather(self, owner: Block, plan: BuildingPlan) -> BuildingPoints | Failure:
         """The building's points about the corner of its owner block, with the terrain around them."""
@@ -87,12 +88,18 @@ class Gatherer:
         around = None
         if self._around is not None:
             around = self.points_around(owner, plan, reach.buffered(self._around))
+        seen = self.terrain(owner, reach.buffered(MARGIN), "ground")
+        heights = None
+        if plan.given is not None and not is_seen_beside(plan.given.polygon, seen):
+            heights = self.nearest_ground(owner, plan)
         return BuildingPoints(
             owner_block=owner,
             xyz=points,
             point_id=np.concatenate(point_id),
             part=np.concatenate(part),
             terrain=self.terrain(owner, reach.buffered(MARGIN)),
+            ground_seen=seen,
+            ground_nearest=heights,
             spacing=spacing,
             score=score,
             number=plan.number,
@@ -111,6 +118,25 @@ class Gatherer:
                 places = result.xyz + shift
                 found.append(places[reach.contains(places)])
         return snap(np.concatenate(found))
+
+    def nearest_ground(self, owner: Block, plan: BuildingPlan) -> Points | None:
+        """The cells (K, 3) with ground that are nearest to a given footprint, and `MARGIN` farther, in the
+        blocks it lies in; None when there are none. What is called ground under the footprint itself is not
+        taken: without ground around it a roof is the lowest surface, and passes for it."""
+        assert plan.given is not None
+        polygon, found = plan.given.polygon, []
+        for block in sorted({block for block, _ in plan.regions}):
+            seen, terrain = self.terrain_of(block, "ground"), self.terrain_of(block)
+            if seen is None or terrain is None:
+                continue
+            xy = cells_of(seen) + np.subtract(block.origin, owner.origin)
+            found.append(np.column_stack([xy, terrain.values[seen.values == 1]]))
+        cells = np.concatenate([np.zeros((0, 3)), *found])
+        cells = cells[~shapely.contains_xy(polygon, cells[:, 0], cells[:, 1])]
+        if not len(cells):
+            return None
+        distance = shapely.distance(polygon, shapely.points(cells[:, :2]))
+        return np.asarray(cells[distance <= distance.min() + MARGIN])
 
     def snapped(self, plan: OwnedBuildings) -> OwnedBuildings:
         """The plan with its given footprints moved to the eaves in the points, neighbours together."""
@@ -139,8 +165,9 @@ class Gatherer:
         snapped = tuple(replace(building, given=given) for building, given in pairs)
         return replace(plan, buildings=snapped + others)
 
-    def terrain(self, owner: Block, bounds: Bounds) -> Raster:
-        """The terrain inside `bounds` (about the owner block's corner), NaN where no block knows it."""
+    def terrain(self, owner: Block, bounds: Bounds, name: str = "dtm") -> Raster:
+        """The terrain inside `bounds` (about the owner block's corner), or where ground was seen (`ground`);
+        NaN where no block knows it."""
         west, south = np.floor(bounds.west / CELL) * CELL, np.floor(bounds.south / CELL) * CELL
         columns, rows = int(np.ceil((bounds.east - west) / CELL)), int(np.ceil((bounds.north - south) / CELL))
         north = south + rows * CELL
@@ -150,7 +177,7 @@ class Gatherer:
         for column in range(first.column, last.column + 1):
             for row in range(first.row, last.row + 1):
                 block = Block(column, row, owner.side)
-                tile = self.terrain_of(block)
+                tile = self.terrain_of(block, name)
                 if tile is None:
                     continue
                 left = round((tile.west + block.origin[0] - owner.origin[0] - west) / CELL)
@@ -161,6 +188,18 @@ class Gatherer:
                 if r0 < r1 and c0 < c1:
                     values[r0:r1, c0:c1] = tile.values[r0 - top : r1 - top, c0 - left : c1 - left]
         return Raster(values, float(west), float(north), CELL)
+
+
+def cells_of(seen: Raster) -> Points:
+    """The centres (K, 2) of the cells that hold ground."""
+    rows, columns = np.nonzero(seen.values == 1)
+    return np.column_stack([seen.west + (columns + 0.5) * seen.cell, seen.north - (rows + 0.5) * seen.cell])
+
+
+def is_seen_beside(polygon: Polygon, seen: Raster) -> bool:
+    """Whether ground was seen outside an outline and within `MARGIN` of it."""
+    rim = polygon.buffer(MARGIN).difference(polygon)
+    return bool(shapely.contains_xy(rim, *cells_of(seen).T).any())
 
 
 def points_under(result: Candidates, given: Footprint, shift: np.ndarray) -> np.ndarray:

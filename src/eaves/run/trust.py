@@ -42,5 +42,10 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     if wall is not None and wall < LEAST_WALL:
         badness += 0.3
         reasons.append(f"a party wall of certainty {wall:.2f}")
+    if row.get("ground_source") in ("interpolated", "nearest ground"):
+        badness += 0.3
+        far = row.get("ground_distance_m")
+        base = "is interpolated" if far is None else f"is that of ground {far} m away"
+        reasons.append(f"no ground was seen beside it: its base {base}")
     badness = min(badness, 2.0)
     return ("low" if badness >= 1.0 else "medium" if badness > 0.0 else "high"), badness, "; ".join(reasons)
