@@ -145,8 +145,8 @@ def main() -> None:
     named = [f"{row['house']} ({row['method']})" for row in rows if row["method"]][:30]
     note = (
         "Density 1 to 20 points/m², noise 0 to 10 cm, footprints true, surveyed or of an old map. Invalid "
-        "from the method: before what is not valid is dropped, as a run does (`keep_valid`). Checked is the file "
-        "as written, schema included.\n\n"
+        "from the method: before what is not valid is dropped, as a run does (`keep_valid`). Checked is the "
+        "file as written, schema included.\n\n"
         f"Codes: {', '.join(f'{name}: {count}' for name, count in sorted(codes.items())) or 'none'}. "
         f"Houses: {', '.join(named) or 'none'}."
     )

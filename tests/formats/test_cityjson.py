@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
-from shapely import Polygon
+from shapely import Polygon, box
 
 from eaves.formats import InputError, read_cityjson, write_cityjson, write_cityjson_seq
+from eaves.formats.citygml import xml_name
 from eaves.formats.cityjson import SURFACES, WKT_MEMBER
 from eaves.formats.crs import parse_crs, system_of
 from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
+from eaves.validate import validate_file
 
 ORIGIN = (84960.0, 447120.0)
 MILLIMETRE = 0.001
@@ -214,3 +217,31 @@ def test_vertices_out_of_this_world_are_refused(tmp_path: Path, place: str, valu
     path.write_text(json.dumps(document))
     with pytest.raises(InputError, match="out of this world"):
         read_cityjson(path)
+
+
+def test_a_part_gives_way_to_a_building_of_its_id(tmp_path: Path) -> None:
+    square = box(0, 0, 4, 4)
+    parts = [gabled(), gabled(20.0)]
+    for order in (1, -1):
+        models = [
+            BuildingModel(Footprint(square, id="h"), {"2.2": parts}),
+            BuildingModel(Footprint(square, id="h-1"), {"2.2": [gabled(40.0)]}),
+        ][::order]
+        path = tmp_path / f"two{order}.city.json"
+        assert write_cityjson(path, models) == 2
+        objects = json.loads(path.read_text())["CityObjects"]
+        assert {name: one["type"] for name, one in objects.items()} == {
+            "h": "Building",
+            "h-1": "Building",
+            "h-1~2": "BuildingPart",
+            "h-2": "BuildingPart",
+        }
+        assert sorted(objects["h"]["children"]) == ["h-1~2", "h-2"]
+        assert not {finding.code for finding in validate_file(path)} - {601}
+
+
+@pytest.mark.parametrize("pair", [("a b", "a_b"), ("1", "_1"), ("a/b", "a_x2f_b"), ("ä", "_xe4_")])
+def test_two_ids_never_become_one_in_xml(pair: tuple[str, str]) -> None:
+    first, second = map(xml_name, pair)
+    assert first != second
+    assert re.fullmatch(r"[A-Za-z_][\w.-]*", first, flags=re.ASCII)

@@ -15,6 +15,7 @@ import pytest
 from eaves.formats import InputError
 from eaves.pipeline import build
 from eaves.run import run
+from eaves.run.classified_points import classified_name
 from eaves.run.lock import LOCK, describe_process, lock_folder
 from eaves.run.manifest import MANIFEST, check_folder, end_manifest, read_manifest
 from eaves.run.run import open_run
@@ -188,3 +189,14 @@ def test_footprints_that_change_as_they_are_read_are_refused(
     monkeypatch.setattr(run, "read_footprints", read_and_edit)
     with pytest.raises(InputError, match="changed while the run was reading it"):
         open_run(nine_roofs_file, tmp_path / "out", footprints=given)
+
+
+def test_names_that_differ_by_case_only_get_a_number_and_long_ones_are_cut() -> None:
+    taken: set[str] = set()
+    names = [
+        classified_name(Path(name), False, taken) for name in ("a/X.laz", "b/x.laz", "CON.laz", "x..laz")
+    ]
+    assert names == ["classified_X.laz", "classified_x-2.laz", "classified_CON.laz", "classified_x..laz"]
+    long = [classified_name(Path(f"{'é' * 110}{k}.laz"), False, taken) for k in range(2)]
+    assert len(set(long)) == 2
+    assert max(len(os.fsencode(name)) for name in long) < 220

@@ -174,9 +174,10 @@ def numbers(points: Points) -> str:
 
 
 def xml_name(text: str) -> str:
-    """An id as XML allows it."""
-    name = re.sub(r"[^\w.-]", "_", text, flags=re.ASCII)
-    return name if name[:1].isalpha() or name[:1] == "_" else f"_{name}"
+    """An id as XML allows it; two ids never become one: what is not allowed is written as its number."""
+    name = text.replace("_x", "_x5f_x")
+    name = re.sub(r"[^\w.-]", lambda found: f"_x{ord(found[0]):x}_", name, flags=re.ASCII)
+    return name if name[:1].isalpha() or name[:1] == "_" else f"_x_{name}"
 
 
 class _Building:

@@ -156,14 +156,15 @@ def write_cityjson(
     >>> write_cityjson("nine.city.json", models, title="nine roofs")
     9
     """
-    writer, objects, count = _Vertices(system), {}, 0
+    writer, count = _Vertices(system), 0
+    objects: dict[str, Json] = {}
     for model in models:
         if footprint_of(model) is None:
             continue
         if count == 0:
             writer = _Vertices(system, footprint_of(model))
         count += 1
-        objects.update(_city_objects(model, writer, f"building-{count}"))
+        _add_objects(objects, _city_objects(model, writer, f"building-{count}"))
     frame = _frame(writer, system, title, provenance)
     if writer.integers:
         corners = np.array(writer.integers) * writer.scale + writer.translate
@@ -307,6 +308,31 @@ def _city_objects(result: Result, vertices: _Vertices, name: str) -> dict[str, J
     building: Json = {"type": "Building", "attributes": clean(attributes)}
     building |= {"children": list(parts)} if parts else {}
     return {identifier: building | {"geometry": geometries}} | parts
+
+
+def _add_objects(objects: dict[str, Json], new: dict[str, Json]) -> None:
+    """Add the objects of one building. Where a part has the id of a building, the part gets another one."""
+    for name in list(new):
+        while name in objects:
+            theirs = objects if "parents" in objects[name] else new
+            if "parents" not in theirs[name]:
+                raise ValueError(f"two buildings have the id {name!r}")
+            _rename_part(theirs, name, {*objects, *new})
+            if theirs is new:
+                break
+    objects.update(new)
+
+
+def _rename_part(objects: dict[str, Json], name: str, taken: set[str]) -> None:
+    """Give a part of a building an id that no object has."""
+    number = 2
+    while (other := f"{name}~{number}") in taken:
+        number += 1
+    part = objects.pop(name)
+    objects[other] = part
+    for parent in part["parents"]:
+        children = objects[parent]["children"]
+        children[children.index(name)] = other
 
 
 def _footprint_surface(footprint: Footprint, base: float, vertices: _Vertices) -> Json:

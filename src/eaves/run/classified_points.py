@@ -93,7 +93,7 @@ def write_points(
             written.append(path)
         except InputError as error:  # a damaged file; scattering it has said so
             log.debug("%s", error)
-            names.discard(path.stem)
+            names.discard(path.stem.casefold())
         try:
             refuse_change(index.path(number), index.mark(number))
         except InputError:
@@ -143,10 +143,16 @@ def fill_file(path: Path, dtype: Any, count: int, value: int, piece: int = 1 << 
 
 
 def classified_name(path: Path, alone: bool, taken: set[str]) -> str:
-    """Name of the classified copy of an input; files of one name from two folders get a number behind."""
+    """Name of the classified copy of an input; files of one name from two folders get a number behind, also
+    where names differ by case only, which is none on many disks. A name too long for a disk is cut."""
     stem = "classified" if alone else f"classified_{path.stem}"
+    stem = os.fsdecode(os.fsencode(stem)[:LONGEST_NAME])
     number = 1
-    while (name := stem if number == 1 else f"{stem}-{number}") in taken:
+    while (name := stem if number == 1 else f"{stem}-{number}").casefold() in taken:
         number += 1
-    taken.add(name)
+    taken.add(name.casefold())
     return f"{name}.laz"
+
+
+LONGEST_NAME = 200
+"""Bytes of 255, so that a number, a suffix and the folder of the file in the making have room."""
