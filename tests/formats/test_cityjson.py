@@ -245,3 +245,10 @@ def test_two_ids_never_become_one_in_xml(pair: tuple[str, str]) -> None:
     first, second = map(xml_name, pair)
     assert first != second
     assert re.fullmatch(r"[A-Za-z_][\w.-]*", first, flags=re.ASCII)
+
+
+def test_corners_of_a_footprint_a_millimetre_apart_are_written_as_one(tmp_path: Path) -> None:
+    corners = [(0, 0), (5, 0), (5.001, 0.0004), (5, 5), (0, 5), (0.0005, 0.0009)]
+    footprint = Footprint(Polygon(corners), id="h")
+    write_cityjson(tmp_path / "a.city.json", [Failure("no_points", "none", "tiling", footprint)])
+    assert not validate_file(tmp_path / "a.city.json")

@@ -336,12 +336,24 @@ def _rename_part(objects: dict[str, Json], name: str, taken: set[str]) -> None:
 
 
 def _footprint_surface(footprint: Footprint, base: float, vertices: _Vertices) -> Json:
-    rings = list(_polygon_rings(footprint.polygon))
+    rings = [_spaced(ring) for ring in _polygon_rings(footprint.polygon)]
     numbers = [
         vertices.add(np.column_stack([ring, np.full(len(ring), base)]), footprint.origin) for ring in rings
     ]
     boundary = _distinct(numbers)
     return {"type": "MultiSurface", "lod": "0", "boundaries": [boundary] if boundary else []}
+
+
+def _spaced(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A ring (M, 2) without points that would be one with the point before them: validators snap at a step,
+    and rounding moves each point by up to a half."""
+    kept = [ring[0]]
+    for point in ring[1:]:
+        if np.hypot(*(point - kept[-1])) > 2 * STEP_M:
+            kept.append(point)
+    while len(kept) > 1 and np.hypot(*(kept[-1] - kept[0])) <= 2 * STEP_M:
+        kept.pop()
+    return np.array(kept)
 
 
 def _polygon_rings(polygon: Polygon) -> Iterator[NDArray[np.float64]]:
