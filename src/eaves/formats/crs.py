@@ -89,12 +89,18 @@ def _with_heights_in(horizontal: pyproj.CRS, unit: float) -> pyproj.CRS:
 
 
 @lru_cache(maxsize=32)
+def epsg_of(crs: pyproj.CRS) -> int | None:
+    """The system's EPSG code, None for one that is not registered; looked up once, for it takes a while."""
+    code: int | None = crs.to_epsg()
+    return code
+
+
 def code_of(crs: pyproj.CRS) -> str | None:
     """`EPSG:7415`, `EPSG:28992+5703` for an unregistered pair, the horizontal code alone, or None."""
-    whole = crs.to_epsg()
+    whole = epsg_of(crs)
     if whole is not None or not crs.is_compound:
         return None if whole is None else f"EPSG:{whole}"
-    codes = [part.to_epsg() for part in crs.sub_crs_list]
+    codes = [epsg_of(part) for part in crs.sub_crs_list]
     known = codes[: codes.index(None)] if None in codes else codes
     return "EPSG:" + "+".join(str(code) for code in known) if known else None
 
@@ -158,5 +164,5 @@ def _same_plane(one: CoordinateSystem, other: CoordinateSystem) -> bool:
     if first is None or second is None:
         return first is second
     return first.equals(second, ignore_axis_order=True) or (
-        first.to_epsg() is not None and first.to_epsg() == second.to_epsg()
+        epsg_of(first) is not None and epsg_of(first) == epsg_of(second)
     )

@@ -14,7 +14,7 @@ import numpy as np
 from pyproj.enums import WktVersion
 
 from eaves.formats.atomic import atomic
-from eaves.formats.crs import horizontal_crs
+from eaves.formats.crs import epsg_of, horizontal_crs
 from eaves.formats.qgis import symbols
 from eaves.formats.qgis.styles import VERSION, WALL_COLOUR, Style, styles_of, units_of
 from eaves.model import CoordinateSystem
@@ -193,7 +193,7 @@ def _reference(parent: Element, system: CoordinateSystem) -> None:
         return
     place = SubElement(parent, "spatialrefsys", nativeFormat="Wkt")
     SubElement(place, "wkt").text = crs.to_wkt(WktVersion.WKT2_2019)
-    code = crs.to_epsg()
+    code = epsg_of(crs)
     if code is not None:
         SubElement(place, "srid").text = str(code)
         SubElement(place, "authid").text = f"EPSG:{code}"
