@@ -124,6 +124,32 @@ def test_an_annex_belongs_to_the_house_it_stands_behind() -> None:
     assert right.contains(shapely.Point(9, DEPTH + 2))
 
 
+def test_each_wall_has_a_certainty__and_a_part_that_of_its_least_sure() -> None:
+    points = scanned_row([0.0, 0.6, 0.2, 0.9])
+    division = divide_block(points, points[:, 2], box(0, 0, 4 * HOUSE, DEPTH), 0.3)
+    assert [wall[:2] for wall in division.walls] == [(0, 1), (1, 2), (2, 3)]
+    assert all(0.5 < sure < 1.0 for _, _, sure in division.walls)
+    for number, least in enumerate(division.certainty):
+        assert least == min(sure for a, b, sure in division.walls if number in (a, b))
+
+
+def test_the_wall_between_rows_that_meet_at_a_corner_has_a_certainty() -> None:
+    rng = np.random.default_rng(6)
+    wing = rng.uniform((0.0, 0.0), (DEPTH, 24.0), (2160, 2))
+    heights = 6.0 + 1.5 * (wing[:, 1] // HOUSE % 2) + SLOPE * np.minimum(wing[:, 0], DEPTH - wing[:, 0])
+    row = scanned_row([0.0, 1.0, 0.2, 1.1]) + [DEPTH, 0.0, 0.0]
+    points = np.vstack([np.column_stack([wing, heights + rng.normal(0, 0.03, len(wing))]), row])
+    outline = shapely.union_all([box(0, 0, DEPTH, 24), box(DEPTH, 0, DEPTH + 4 * HOUSE, DEPTH)])
+    division = divide_block(points, points[:, 2], outline, 0.3)
+    borders = [
+        sure
+        for a, b, sure in division.walls
+        if division.parts[a].bounds[2] <= DEPTH + 0.5 <= division.parts[b].bounds[2] - 4.0
+        or division.parts[b].bounds[2] <= DEPTH + 0.5 <= division.parts[a].bounds[2] - 4.0
+    ]
+    assert borders and all(0.0 < sure < 1.0 for sure in borders)
+
+
 def test_the_division_does_not_depend_on_the_order_of_points() -> None:
     points = scanned_row([0.0, 0.4, 0.0])
     outline = box(0, 0, 3 * HOUSE, DEPTH)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,6 +23,15 @@ class Division:
 
     parts: tuple[Polygon, ...]
     certainty: tuple[float, ...]
+    walls: tuple[tuple[int, int, float], ...] = ()
+    """Two parts, by their places in `parts`, and the probability that a wall stands between them."""
+
+    @classmethod
+    def of(cls, parts: Sequence[Polygon], walls: Iterable[tuple[int, int, float]]) -> Division:
+        """The division with parts and walls."""
+        told = tuple(walls)
+        least = [min((sure for a, b, sure in told if k in (a, b)), default=1.0) for k in range(len(parts))]
+        return cls(tuple(parts), tuple(least), told)
 
 
 class UnitMethod(Method):

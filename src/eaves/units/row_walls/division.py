@@ -15,6 +15,9 @@ from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.outline.toolkit.shared_edges import welded
 from eaves.units.row_walls.rows import CELL_M, Plan, Row
 
+Walls = dict[tuple[int, int], float]
+"""The probability of a wall between two units, by their numbers from 1, the smaller first."""
+
 EVERY = 2
 """Every other cell of a line votes for the unit a piece belongs to."""
 
@@ -87,8 +90,9 @@ def wall_lines(
 
 def divide_outline(
     outline: Polygon, plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], farthest: float
-) -> tuple[list[Polygon], list[float]]:
-    """The parts of an outline, one for each unit that `label` (H, W) has cells of; they fill it.
+) -> tuple[list[Polygon], list[int]]:
+    """The parts of an outline, one for each unit that `label` (H, W) has cells of, and the units' numbers
+    from 1; the parts fill it.
 
     A wall is carried on through annexes by at most `farthest` (m).
     """
@@ -103,32 +107,13 @@ def divide_outline(
     count = int(label.max(initial=0))
     owner = owners_by_cells(pieces, plan, label, count)
     found = joined_pieces(pieces, owner, count)
-    sure = certainty_of_units(label, rows, plan, count)
     parts = [part for part in found if part is not None]
-    kept = [sure[k] for k, part in enumerate(found) if part is not None]
+    kept = [k + 1 for k, part in enumerate(found) if part is not None]
     whole = []
     for part in welded(parts):
         plain = shapely.remove_repeated_points(part, 3.0 * COORDINATE_STEP)
         whole.append(shapely.orient_polygons(plain if plain.is_valid else part))
     return whole, kept
-
-
-def certainty_of_units(
-    label: NDArray[np.int32], rows: Sequence[RowUnits], plan: Plan, count: int
-) -> list[float]:
-    """Of each unit the certainty of the least sure inner wall on it, 1 where there is none."""
-    sure = [1.0] * count
-    for units in rows:
-        row = units.row
-        for wall, chance in zip(units.walls.tolist(), units.certainty.tolist(), strict=True):
-            for step in (wall - 2, wall + 1):
-                step = min(max(step, 0), len(row.first) - 1)
-                middle = 0.5 * (row.first[step] + row.last[step])
-                place = row.place(np.array([(step + 0.5) * CELL_M]), np.array([middle]))
-                unit = int(label[plan.cells(place)][0])
-                if unit > 0:
-                    sure[unit - 1] = min(sure[unit - 1], chance)
-    return sure
 
 
 def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int32], count: int) -> list[int]:

@@ -106,20 +106,20 @@ def wall_signs(row: Row, points: Points, noise: float) -> NDArray[np.float64]:
 
 
 WEIGHTS = {
-    "one": -4.27,
-    "share": 8.11,
-    "step": 1.75,
-    "root": -4.51,
-    "valley": -10.3,
-    "ridge": -9.91,
-    "parapet": 1.53,
-    "depth": 0.45,
-    "lone": -2.29,
-    "rough": -1.8,
-    "rough share": -1.23,
-    "longest": -0.29,
-    "edge": 0.56,
-    "full valley": 11.14,
+    "one": -4.63,
+    "share": 8.68,
+    "step": 3.39,
+    "root": -5.49,
+    "valley": -7.0,
+    "ridge": -8.66,
+    "parapet": 2.79,
+    "depth": 0.33,
+    "lone": -0.81,
+    "rough": -0.66,
+    "rough share": -4.09,
+    "longest": 0.27,
+    "edge": -0.35,
+    "full valley": 9.37,
 }
 """Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.unit_weights`."""
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model import Points
-from eaves.units.row_walls.division import RowUnits
+from eaves.units.row_walls.certainty import sure_in_row, sure_on_border
+from eaves.units.row_walls.division import RowUnits, Walls
 from eaves.units.row_walls.evidence import wall_odds, wall_signs
 from eaves.units.row_walls.rows import CELL_M, Plan, Row
 
@@ -31,15 +32,16 @@ def merged_units(
     points: Points,
     noise: float,
     limits: MergeLimits,
-) -> tuple[NDArray[np.int32], list[RowUnits]]:
+) -> tuple[NDArray[np.int32], Walls]:
     """The labels with the units of later rows given to those of earlier ones where no wall is seen between
-    them, numbered without gaps.
+    them, numbered without gaps; and the walls between them.
     """
     count = int(label.max(initial=0))
     owner = np.repeat(np.arange(len(rows)), [len(row.walls) + 1 for row in rows])
     target = np.arange(count + 1)
     area = np.bincount(label.ravel(), minlength=count + 1) * CELL_M**2
     borders = borders_between(label)
+    seen: dict[tuple[int, int], float] = {}
     alone = np.repeat([len(row.walls) == 0 for row in rows], [len(row.walls) + 1 for row in rows])
     for unit in range(count, 0, -1):
         near = [
@@ -61,7 +63,8 @@ def merged_units(
                 break
             if target[unit] != unit and not (alone[unit - 1] and alone[other - 1]):
                 continue
-            if border_odds(plan, places, points, noise, limits.beside) < limits.odds:
+            seen[other, unit] = border_odds(plan, places, points, noise, limits.beside)
+            if seen[other, unit] < limits.odds:
                 one, two = sorted((head_of(target, unit), head_of(target, other)))
                 target[two] = one
     target = np.array([head_of(target, unit) for unit in range(count + 1)])
@@ -69,7 +72,23 @@ def merged_units(
     number = number.reshape(label.shape)
     if names[0] != 0:
         number = number + 1
-    return number.astype(np.int32), list(rows)
+    final = np.zeros(count + 1, np.int64)
+    final[label.ravel()] = number.ravel()
+    walls: Walls = {}
+    sure = np.concatenate([[0.0], *([*row.certainty, 0.0] for row in rows)])
+    for (a, b), places in sorted(borders.items(), key=lambda item: (-len(item[1]), item[0])):
+        one, two = sorted((int(final[a]), int(final[b])))
+        if one == two or (one, two) in walls:
+            continue
+        if owner[a - 1] == owner[b - 1]:
+            walls[one, two] = sure_in_row(float(sure[min(a, b)]))
+            continue
+        if len(places) * CELL_M < limits.shortest_border:
+            continue
+        if (a, b) not in seen:
+            seen[a, b] = border_odds(plan, places, points, noise, limits.beside)
+        walls[one, two] = sure_on_border(seen[a, b])
+    return number.astype(np.int32), walls
 
 
 def head_of(target: NDArray[np.int64], unit: int) -> int:
