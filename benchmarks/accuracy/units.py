@@ -164,8 +164,8 @@ def main() -> None:
         "The weights of signs were learned on `delfshaven` and five drawn towns (1, 2, 5, 6, 7), boldness "
         "and border odds chosen on four of them, so its rows are no left-out figures: the table of "
         "`python -m benchmarks.accuracy.unit_weights` has those. `delft` was looked at while the narrowest "
-        "width was set and the signs of a wall were chosen. The gain of edges was chosen on these very rows; on "
-        "rows of other seeds and as many signs F1 at .7 was .94 and .91 at 10 and 5/m².",
+        "width was set and the signs of a wall were chosen. The gain of edges was chosen on these very rows; "
+        "on rows of other seeds F1 at .7 was .94 and .91 at 10 and 5/m².",
     )
 
 
