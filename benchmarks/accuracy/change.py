@@ -56,6 +56,8 @@ class Score:
     """Counts of one town."""
 
     found: Counter[str] = field(default_factory=Counter)
+    named: Counter[str] = field(default_factory=Counter)
+    """Of those found, the ones a row calls by the very word."""
     missed: Counter[str] = field(default_factory=Counter)
     right: Counter[str] = field(default_factory=Counter)
     false: Counter[str] = field(default_factory=Counter)
@@ -63,7 +65,7 @@ class Score:
     unclear: int = 0
 
     def __iadd__(self, other: Score) -> Score:
-        for name in ("found", "missed", "right", "false"):
+        for name in ("found", "named", "missed", "right", "false"):
             getattr(self, name).update(getattr(other, name))
         self.buildings += other.buildings
         self.unclear += other.unclear
@@ -85,6 +87,8 @@ def score_town(folder: Path, old: Path, new: Path) -> Score:
         hits = [k for k, one in enumerate(told) if tells(one, row["change"], near)]
         explained.update(hits)
         (score.found if hits else score.missed)[GROUPS[row["change"]]] += 1
+        words = {word for k in hits for word in (told[k].verdict.change, *told[k].verdict.also)}
+        score.named[GROUPS[row["change"]]] += row["change"] in words
     for k, one in enumerate(told):
         (score.right if k in explained else score.false)[GROUPS[one.verdict.change]] += 1
     return score
@@ -130,7 +134,8 @@ def main(place: Path) -> None:
         found, missed = changed.found[name], changed.missed[name]
         right, false = changed.right[name], changed.false[name]
         print(
-            f"{name}: completeness {found / max(found + missed, 1):.3f} ({found} of {found + missed}), "
+            f"{name}: named {changed.named[name]} of {found + missed}, "
+            f"completeness {found / max(found + missed, 1):.3f} ({found} of {found + missed}), "
             f"correctness {right / max(right + false, 1):.3f} ({right} of {right + false})"
         )
     wrong = sum(quiet.false.values()) + quiet.unclear
@@ -142,7 +147,7 @@ def main(place: Path) -> None:
 def row_of(name: str, score: Score) -> str:
     """A row of the table."""
     cells = [
-        f"{score.found[group]} of {score.found[group] + score.missed[group]}"
+        f"{score.found[group]} of {score.found[group] + score.missed[group]}, {score.named[group]} named"
         for group in ("came or went", "extended or raised")
     ]
     wrong = sum(score.false.values())

@@ -242,7 +242,8 @@ class Comparer:
             before, after = sides[0][number], sides[1][number]
             enough = covered[number, :2] >= self.rules.least_seen * max(int(covered[number, 2]), 1)
             seen = bool(enough[0]), bool(enough[1])
-            verdict = judge_building(before, after, self.rules, seen, link)
+            outlined = bool(site.old), bool(site.new)
+            verdict = judge_building(before, after, self.rules, seen, link, outlined)
             changes.append(self.told(site, verdict, (len(before), len(after))))
         for faced, spacing, epoch in zip(whole, self.spacings, (0, 1), strict=True):
             changes += found_beside(faced, spacing, epoch, self.rules, link)

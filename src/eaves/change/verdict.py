@@ -133,7 +133,14 @@ class Verdict:
     """Places (K, 2) of the points of each part that changed."""
 
 
-def judge_building(old: Side, new: Side, rules: Rules, covered: tuple[bool, bool], link: float) -> Verdict:
+def judge_building(
+    old: Side,
+    new: Side,
+    rules: Rules,
+    covered: tuple[bool, bool],
+    link: float,
+    outlined: tuple[bool, bool] = (True, True),
+) -> Verdict:
     """What became of a building that is in the new epoch, in the old one, or in both.
 
     Parameters
@@ -146,6 +153,9 @@ def judge_building(old: Side, new: Side, rules: Rules, covered: tuple[bool, bool
         Whether the old and the new epoch have points at its place.
     link
         Points of a patch lie at most so far apart (m).
+    outlined
+        Whether the old and the new run have a building at its place; points of a run that has none are its
+        neighbours'.
     """
     if not all(covered):
         which = "old" if not covered[0] else "new"
@@ -161,7 +171,7 @@ def judge_building(old: Side, new: Side, rules: Rules, covered: tuple[bool, bool
         return Verdict(UNCLEAR, reason=f"{1 - seen:.0%} of the roof is hidden or not seen in the other epoch")
     figures = {"seen": round(seen, 3), "same": round(same, 3)}
     stands_new = built.sum() >= max(rules.most * len(new) * seen_new, rules.least_points)
-    if stands_new and gone_all(old, new, rules):
+    if stands_new and (not outlined[0] or gone_all(old, new, rules)):
         if new.flat[built].mean() < rules.crown:
             return Verdict(UNCLEAR, reason="what is new here is not flat: a crown, perhaps", figures=figures)
         return Verdict(
@@ -173,7 +183,8 @@ def judge_building(old: Side, new: Side, rules: Rules, covered: tuple[bool, bool
             figures=figures,
             patches=(new.xyz[built, :2],),
         )
-    if not len(new) and gone.sum() >= rules.most * len(old) * seen_old:
+    stood_old = gone.sum() >= max(rules.most * len(old), rules.least_points)  # what is hidden is not gone
+    if stood_old and (not outlined[1] or gone_all(new, old, rules)):
         return Verdict(
             DEMOLISHED,
             height_m=float(np.median(old.distance[gone])),
@@ -186,10 +197,10 @@ def judge_building(old: Side, new: Side, rules: Rules, covered: tuple[bool, bool
     return judge_parts(old, new, rules, link, volume, figures)
 
 
-def gone_all(old: Side, new: Side, rules: Rules) -> bool:
-    """Whether nothing that matters of the old roof is left."""
-    left = old.area_of(old.state == SAME)
-    return left < rules.smallest_m2 or (left < rules.most * new.area and old.share(SAME) < 1.0 - rules.most)
+def gone_all(one: Side, other: Side, rules: Rules) -> bool:
+    """Whether nothing that matters of one epoch's roof is left in the other."""
+    left = one.area_of(one.state == SAME)
+    return left < rules.smallest_m2 or (left < rules.most * other.area and one.share(SAME) < 1.0 - rules.most)
 
 
 def came(side: Side) -> Mask:
