@@ -39,7 +39,7 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("method", ["adaptive_tin", "smooth_region"])
+@pytest.mark.parametrize("method", ["adaptive_tin", pytest.param("smooth_region", marks=pytest.mark.slow)])
 def test_the_ground_of_a_town_is_the_same_in_all_blocks(town: Path, tmp_path: Path, method: str) -> None:
     expected = ground_of(town, tmp_path, 240.0, method)
     assert 0.3 < (expected == 2).mean() < 0.8

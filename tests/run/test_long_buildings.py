@@ -92,6 +92,7 @@ def test_blocks_larger_than_the_buildings_find_the_same_two(
         assert max(polygon.intersection(p).area / polygon.union(p).area for p in other) > 0.97
 
 
+@pytest.mark.slow  # tests/run/test_tiles.py holds the same law on smaller scenes
 def test_tile_by_tile_gives_what_the_whole_run_gives(
     points: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
