@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from eaves.geometry.neighbours import measure_spacing
@@ -166,6 +168,11 @@ def scene_of(cloud: PointCloud, bounds: Bounds, cell: float = CELL, beneath: Poi
     """
     dtm, dsm = terrain_of(cloud, bounds, cell, beneath), make_dsm(cloud, bounds, cell)
     return Scene(cloud, dtm, dsm, measure_spacing(cloud.xyz), cloud.xyz[:, 2] - dtm.at(cloud.xyz))
+
+
+def on_terrain(scene: Scene, cloud: PointCloud, dtm: Raster) -> Scene:
+    """The scene with its points in other classes and over another terrain; its surface is what it was."""
+    return replace(scene, cloud=cloud, dtm=dtm, height=cloud.xyz[:, 2] - dtm.at(cloud.xyz))
 
 
 def check_request(cloud: PointCloud, bounds: Bounds, cell: float) -> None:

@@ -13,7 +13,7 @@ from eaves.model import Block, Bounds, Mask, PointCloud, Points, Raster, Regions
 from eaves.model.cloud import BRIDGE_DECK, GROUND
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
-from eaves.raster.surfaces import scene_of
+from eaves.raster.surfaces import on_terrain, scene_of, terrain_of
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.run.clock import Clock
 from eaves.run.decks import Decks, wet_or_bridged
@@ -52,9 +52,8 @@ def block_pass(
     nothing = Regions(np.zeros(len(cloud), np.int32))
     trodden = scene
     if on_deck.any() and recipe.detect:
-        trodden = scene_of(
-            with_classes(cloud, np.where(on_deck, np.uint8(GROUND), np.uint8(0))), seen, beneath=beneath
-        )
+        stood = with_classes(cloud, np.where(on_deck, np.uint8(GROUND), np.uint8(0)))
+        trodden = on_terrain(scene, stood, terrain_of(stood, seen, beneath=beneath))
     regions = detect_buildings(trodden, recipe.detect) if recipe.detect else nothing
     clock.lap("detect")
 

@@ -76,6 +76,7 @@ class Region:
         self.budget = Budget()
         self.wrong_boxes: dict[int, Bounds] = {}
         self.blocks: Sequence[Block] = ()
+        self._extents: dict[Block, Bounds | None] = {}
         self.points = run.index.points
         """Of the inputs, without those that could not be read."""
         self.store = Store(
@@ -246,7 +247,10 @@ class Region:
         """World metres of some blocks, or of a wide one of its points: it may be nearly empty."""
         if self.run.side <= GROUND_SQUARE:
             return [block.bounds for block in blocks]
-        return [extent for block in blocks if (extent := self.store.extent(block)) is not None]
+        for block in blocks:
+            if block not in self._extents:  # all points of the block are read for it
+                self._extents[block] = self.store.extent(block)
+        return [extent for block in blocks if (extent := self._extents[block]) is not None]
 
     def find_wide(self, grounds: Sequence[Block]) -> None:
         """What stands over the terrain of some squares of the ground, in squares that have not been looked
