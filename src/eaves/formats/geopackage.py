@@ -19,7 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.formats.atomic import atomic
 from eaves.formats.chunk import FARTHEST
-from eaves.formats.crs import describe, horizontal_crs, parse_crs, pyproj_crs, system_of
+from eaves.formats.crs import describe, horizontal_crs, parse_crs, system_of
 from eaves.formats.errors import InputError
 from eaves.formats.qgis.tables import describe_layers
 from eaves.formats.vector_files import OFFLINE, REMEDY, checked_vector
@@ -374,14 +374,13 @@ def _box_in(
         return None
     unit = 1.0 if target is None else target.horizontal_unit_m
     box = (within.west / unit, within.south / unit, within.east / unit, within.north / unit)
-    wanted = None if target is None else pyproj_crs(target)
+    wanted = None if target is None else horizontal_crs(target)
     if crs is None or wanted is None:
         return box
     from pyproj import Transformer
 
     source = parse_crs(crs, path)
-    flat = wanted.sub_crs_list[0] if wanted.is_compound else wanted
-    west, south, east, north = Transformer.from_crs(flat, source, always_xy=True).transform_bounds(*box)
+    west, south, east, north = Transformer.from_crs(wanted, source, always_xy=True).transform_bounds(*box)
     margin = BOX_MARGIN * max(east - west, north - south)
     return west - margin, south - margin, east + margin, north + margin
 
@@ -411,13 +410,12 @@ def _in_metres(
     path: Path, shapes: NDArray[np.object_], crs: str | None, target: CoordinateSystem | None
 ) -> tuple[list[Polygon | MultiPolygon], CoordinateSystem]:
     source = parse_crs(crs, path) if crs else None
-    wanted = pyproj_crs(target) if target is not None else None
+    wanted = horizontal_crs(target) if target is not None else None
     if source is not None and wanted is not None:
         from pyproj import Transformer
 
-        flat = wanted.sub_crs_list[0] if wanted.is_compound else wanted
-        if not source.equals(flat, ignore_axis_order=True):
-            move = Transformer.from_crs(source, flat, always_xy=True).transform
+        if not source.equals(wanted, ignore_axis_order=True):
+            move = Transformer.from_crs(source, wanted, always_xy=True).transform
             shapes = shapely.transform(shapes, lambda xy: np.column_stack(move(xy[:, 0], xy[:, 1])))
             if not np.isfinite(shapely.get_coordinates(shapes)).all():
                 assert target is not None

@@ -152,7 +152,7 @@ def write_world_file(path: Path, transform: Affine) -> None:
 
 
 class RasterWindow:
-    """A raster file held open, of which parts are read in metres; a context manager.
+    """A raster file held open, of which all or parts are read in metres; a context manager.
 
     Parameters
     ----------
@@ -169,36 +169,44 @@ class RasterWindow:
             try:
                 self.image = rasterio.open(self.path)
             except RasterioError:
-                raise InputError.about(
-                    self.path, "is not a raster that can be read", "give a GeoTIFF"
-                ) from None
-        self.system = _system_of(self.path, self.image)
+                raise _unreadable(self.path) from None
+        try:
+            self.system = _system_of(self.path, self.image)
+        except InputError:
+            self.image.close()
+            raise
         return self
 
     def __exit__(self, *error: object) -> None:
         self.image.close()
 
-    def read(self, bounds: Bounds, origin: tuple[float, float] = (0.0, 0.0)) -> Raster:
-        """The cells of the file that meet `bounds` (world metres), placed in metres about `origin`."""
+    def read(self, bounds: Bounds | None = None, origin: tuple[float, float] = (0.0, 0.0)) -> Raster:
+        """The cells that meet `bounds` (world metres), or all of them, in metres about `origin`."""
         unit, transform = self.system.horizontal_unit_m, self.image.transform
         cell = transform.a * unit
-        left = int(np.floor((bounds.west - transform.c * unit) / cell))
-        right = int(np.ceil((bounds.east - transform.c * unit) / cell))
-        top = int(np.floor((transform.f * unit - bounds.north) / cell))
-        low = int(np.ceil((transform.f * unit - bounds.south) / cell))
-        left, right = max(left, 0), min(right, self.image.width)
-        top, low = max(top, 0), min(low, self.image.height)
-        shape = (max(low - top, 1), max(right - left, 1))
-        values = np.full(shape, np.nan, np.float32)
+        left, right, top, low = 0, self.image.width, 0, self.image.height
+        if bounds is not None:
+            left = max(int(np.floor((bounds.west - transform.c * unit) / cell)), 0)
+            right = min(int(np.ceil((bounds.east - transform.c * unit) / cell)), self.image.width)
+            top = max(int(np.floor((transform.f * unit - bounds.north) / cell)), 0)
+            low = min(int(np.ceil((transform.f * unit - bounds.south) / cell)), self.image.height)
+        values = np.full((max(low - top, 1), max(right - left, 1)), np.nan, np.float32)
         if right > left and low > top:
             window = ((top, low), (left, right))
-            values = self.image.read(1, window=window, masked=True).astype(np.float32).filled(np.nan)
+            try:
+                values = self.image.read(1, window=window, masked=True).astype(np.float32).filled(np.nan)
+            except RasterioError:
+                raise _unreadable(self.path) from None
         return Raster(
             values * np.float32(self.system.vertical_unit_m),
             transform.c * unit + left * cell - origin[0],
             transform.f * unit - top * cell - origin[1],
             cell,
         )
+
+
+def _unreadable(path: Path) -> InputError:
+    return InputError.about(path, "is not a raster that can be read", "give a GeoTIFF")
 
 
 def _system_of(path: str | Path, image: Any) -> CoordinateSystem:
@@ -250,19 +258,5 @@ def read_raster(
     >>> raster.values.shape, raster.west, raster.cell
     ((2, 3), 10.0, 0.5)
     """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            with rasterio.open(path) as image:
-                values = image.read(1, masked=True).astype(np.float32).filled(np.nan)
-                transform, system = image.transform, _system_of(path, image)
-    except RasterioError:
-        raise InputError.about(path, "is not a raster that can be read", "give a GeoTIFF") from None
-    unit = system.horizontal_unit_m
-    raster = Raster(
-        values * np.float32(system.vertical_unit_m),
-        transform.c * unit - origin[0],
-        transform.f * unit - origin[1],
-        transform.a * unit,
-    )
-    return raster, system
+    with RasterWindow(Path(path)) as window:
+        return window.read(None, origin), window.system

@@ -71,11 +71,16 @@ def cloud_picture(xyz: NDArray[np.float64], classes: NDArray[np.uint8] | None) -
     heights.reshape(-1)[place[last]] = z[last]
     colours = height_colours(heights)
     if classes is not None:
-        table = np.full((256, 3), 150.0)
-        for code, colour in CLASS_COLOURS.items():
-            table[code] = colour
-        colours.reshape(-1, 3)[place[last]] = table[classes[good][last]]
+        colours.reshape(-1, 3)[place[last]] = class_colours(classes[good][last])
     return shaded(colours, heights, dot)
+
+
+def class_colours(classes: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Colours (N, 3), 0 to 255, of LAS classes (N,)."""
+    table = np.full((256, 3), 150.0)
+    for code, colour in CLASS_COLOURS.items():
+        table[code] = colour
+    return table[classes]
 
 
 def raster_picture(heights: NDArray[np.float32], cell: float) -> Image:

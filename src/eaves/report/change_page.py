@@ -26,7 +26,7 @@ from eaves.change.epoch import Epoch
 from eaves.change.output import as_text
 from eaves.change.verdict import UNCHANGED, VERDICTS
 from eaves.formats.atomic import atomic
-from eaves.formats.crs import pyproj_crs
+from eaves.formats.crs import horizontal_crs
 from eaves.model import Bounds
 from eaves.model.columns import COLUMNS
 from eaves.report.page_file import as_json
@@ -152,13 +152,12 @@ def read_heights(
     """Heights (H, W) over the bounds, in the comparison's system; NaN where there are none."""
     unit = comparison.old.system.horizontal_unit_m
     sides = tuple(side / unit for side in (bounds.west, bounds.south, bounds.east, bounds.north))
-    target = pyproj_crs(comparison.old.system)
+    target = horizontal_crs(comparison.old.system)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         with rasterio.open(path) as image:
             if image.crs is not None and target is not None:
-                wkt = (target.sub_crs_list[0] if target.is_compound else target).to_wkt()
-                with WarpedVRT(image, crs=wkt, nodata=np.nan) as warped:
+                with WarpedVRT(image, crs=target.to_wkt(), nodata=np.nan) as warped:
                     return padded(warped, sides, shape)
             return padded(image, sides, shape)
 

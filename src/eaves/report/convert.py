@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from eaves.formats.crs import horizontal_crs
-from eaves.formats.meshes import mesh_of
+from eaves.formats.meshes import Mesh, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, PointCloud, Raster, Scene
 from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.pictures import CLASS_COLOURS
+from eaves.model.pictures import class_colours
 from eaves.model.summary import Summary
 from eaves.run.rows import building_row, world_polygon
 
@@ -148,9 +148,7 @@ def to_trimesh(model: BuildingModel) -> Any:
     True
     """
     trimesh = library("trimesh", EXTRA)
-    mesh = mesh_of(model)
-    if mesh is None:
-        raise ValueError("the model has no solids; a failure or a model at LoD 0 has no mesh")
+    mesh = solid_mesh(model)
     about = {"id": model.footprint.id, "lod": model.lod, "origin": model.footprint.origin}
     return trimesh.Trimesh(mesh.vertices, mesh.triangles, metadata=about, process=False)
 
@@ -188,20 +186,24 @@ def to_open3d(what: PointCloud | BuildingModel) -> Any:
     if isinstance(what, PointCloud):
         points = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(what.xyz))
         if what.classification is not None:
-            table = np.full((256, 3), 150.0)
-            for code, colour in CLASS_COLOURS.items():
-                table[code] = colour
-            points.colors = open3d.utility.Vector3dVector(table[what.classification] / 255.0)
+            colours = class_colours(what.classification) / 255.0
+            points.colors = open3d.utility.Vector3dVector(colours)
         return points
-    mesh = mesh_of(what)
-    if mesh is None:
-        raise ValueError("the model has no solids; a failure or a model at LoD 0 has no mesh")
+    mesh = solid_mesh(what)
     made = open3d.geometry.TriangleMesh(
         open3d.utility.Vector3dVector(mesh.vertices),
         open3d.utility.Vector3iVector(mesh.triangles.astype(np.int32)),
     )
     made.compute_triangle_normals()
     return made
+
+
+def solid_mesh(model: BuildingModel) -> Mesh:
+    """The triangles of a model; ValueError where it has no solids."""
+    mesh = mesh_of(model)
+    if mesh is None:
+        raise ValueError("the model has no solids; a failure or a model at LoD 0 has no mesh")
+    return mesh
 
 
 def explore(

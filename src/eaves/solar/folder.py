@@ -14,7 +14,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from eaves.formats import InputError, read_polygons
-from eaves.formats.crs import pyproj_crs
+from eaves.formats.crs import horizontal_crs
 from eaves.formats.geopackage import Row, read_upright, write_layers
 from eaves.formats.geotiff import RasterWindow
 from eaves.model import Bounds, CoordinateSystem
@@ -198,16 +198,15 @@ def site_of(system: CoordinateSystem, xy: tuple[float, float], place: tuple[floa
     InputError
         When the system has no place on Earth and none is given.
     """
-    crs = pyproj_crs(system)
+    crs = horizontal_crs(system)
     if place is not None:
         return Site(place[0], place[1], 0.0 if crs is None else convergence_of(crs, *place))
     if crs is None:
         raise InputError("the data have no reference system, so the sun's way is unknown; give --latitude")
     from pyproj import Transformer
 
-    flat = crs.sub_crs_list[0] if crs.is_compound else crs
     unit = system.horizontal_unit_m
-    to_degrees = Transformer.from_crs(flat, "OGC:CRS84", always_xy=True)
+    to_degrees = Transformer.from_crs(crs, "OGC:CRS84", always_xy=True)
     longitude, latitude = to_degrees.transform(xy[0] / unit, xy[1] / unit)
     if not (math.isfinite(latitude) and math.isfinite(longitude)):
         raise InputError("the roofs lie outside their reference system; check --crs, or give --latitude")
@@ -219,11 +218,10 @@ NORTHWARDS = 100.0
 
 
 def convergence_of(crs: Any, latitude: float, longitude: float) -> float:
-    """Degrees by which grid north lies clockwise of true north at a place."""
+    """Degrees by which grid north of a plane system lies clockwise of true north at a place."""
     from pyproj import Geod, Transformer
 
-    flat = crs.sub_crs_list[0] if crs.is_compound else crs
-    to_grid = Transformer.from_crs("OGC:CRS84", flat, always_xy=True)
+    to_grid = Transformer.from_crs("OGC:CRS84", crs, always_xy=True)
     x, y = to_grid.transform(longitude, latitude)
     east, north = to_grid.transform(x, y + NORTHWARDS, direction="INVERSE")
     turn, _, _ = Geod(ellps="WGS84").inv(longitude, latitude, east, north)
