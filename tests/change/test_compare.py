@@ -160,3 +160,12 @@ def test_bad_input_is_one_line(which: str, folders: tuple[Path, Path], tmp_path:
     with pytest.raises(ValueError, match=";") as error:
         compared(*words, "-o", tmp_path / "out")
     assert "\n" not in str(error.value)
+
+
+def test_epochs_of_two_places_share_nothing(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    scene = nine_roofs_on_a_slope(density=4.0, seed=3)
+    far = scene.cloud.with_(xyz=scene.cloud.xyz + np.array([5000.0, 0.0, 0.0]))
+    files = write_simulation(replace(scene, cloud=far), tmp_path / "far")
+    build(files["points"], tmp_path / "far-run", lod="0", outputs=("footprints", "rasters", "classified"))
+    assert compared(folders[0], tmp_path / "far-run", "-o", tmp_path / "out") == 0
+    assert {row["change"] for row in changes(tmp_path / "out").values()} == {"not covered"}

@@ -252,11 +252,8 @@ class Comparer:
 
     def measure(self) -> None:
         """Spacings, and the new epoch's shift, from blocks spread evenly over what both cover."""
-        some = [
-            self.blocks[k]
-            for k in np.unique(np.linspace(0, len(self.blocks) - 1, BLOCKS_FOR_SHIFT).astype(int))
-        ]
-        some = some if self.blocks else []
+        evenly = np.unique(np.linspace(0, len(self.blocks) - 1, BLOCKS_FOR_SHIFT).astype(int))
+        some = [self.blocks[k] for k in evenly] if self.blocks else []  # none where nothing is in both
         spacings: list[list[float]] = [[], []]
         coarse: list[NDArray[np.float64]] = [np.zeros(0)]
         for block in some:
@@ -272,7 +269,6 @@ class Comparer:
         differences = np.concatenate(coarse)
         if len(differences) >= FEWEST:
             first = Shift(up=float(np.median(differences)), pairs=len(differences))
-        self.shift, self.noises = first, (0.0, 0.0)
         slopes, distances, roughness = [np.zeros((0, 2))], [np.zeros(0)], [np.zeros(0)]
         for done, block in enumerate(some, 1):
             before, after = self.old.points(block, 0.0), self.new.points(block, REACH)

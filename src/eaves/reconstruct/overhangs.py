@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.stats import binom
+from scipy.special import bdtrc
 from shapely import Polygon
 
 from eaves.geometry.neighbours import measure_spacing
@@ -323,7 +323,7 @@ def find_strip(
     mine = near & (np.abs(inside - middle) <= 0.5 * rules.window)
     beside = around & (np.abs(inside - middle) <= 1.5 * rules.window)
     places_tried = (rules.widest + rules.outside) / rules.window
-    chance = min(1.0, places_tried * float(binom.sf(mine.sum() - 1, beside.sum(), 1.0 / 3.0)))
+    chance = min(1.0, places_tried * float(bdtrc(mine.sum() - 1, beside.sum(), 1.0 / 3.0)))
     extent = float(np.ptp(along[mine])) if mine.any() else 0.0
     if len(inner) < rules.points or extent < rules.spread * length:
         return 0.0, middle, len(inner)
