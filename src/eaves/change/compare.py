@@ -218,6 +218,7 @@ class Comparer:
         self.old, self.new, self.rules, self.progress = old, new, rules, progress
         self.blocks = sorted(set(old.blocks()) & set(new.blocks()))
         self.all_blocks = sorted(set(old.blocks()) | set(new.blocks()))
+        self.trees = [shapely.STRtree([one.polygon for one in epoch.buildings]) for epoch in (old, new)]
 
     def compare(self) -> Comparison:
         """All steps."""
@@ -401,9 +402,8 @@ class Comparer:
         west, south, east, north = vars(block.bounds.buffered(REACH)).values()
         buildings = (self.old, self.new)[epoch].buildings
         box = shapely.box(west, south, east, north)
-        for number, building in enumerate(buildings):
-            if not shapely.intersects(box, building.polygon):
-                continue
+        for number in np.sort(self.trees[epoch].query(box, predicate="intersects")).tolist():
+            building = buildings[number]
             mine = shapely.transform(building.polygon, lambda xy: xy - np.array(block.origin)).buffer(
                 self.spacings[epoch] / 2
             )

@@ -23,6 +23,7 @@ from eaves.run.index import Index, index_inputs
 from eaves.run.manifest import MANIFEST, read_manifest
 from eaves.run.partition import Window, file_slices, partition_slice
 from eaves.run.store import Store
+from eaves.run.world_squares import squares_of
 
 log = logging.getLogger("eaves")
 
@@ -76,7 +77,7 @@ class Epoch:
             return own
         found: set[Block] = set()
         for block in own:
-            found |= set(blocks_meeting(self._moved(block.bounds, 0), self.side))
+            found |= set(squares_of([self._moved(block.bounds, 0)], self.side))
         return sorted(found)
 
     def points(self, block: Block, reach: float) -> PointCloud:
@@ -86,7 +87,7 @@ class Epoch:
             return self.store.load_cloud(block, reach).in_canonical_order()
         wanted = block.bounds.buffered(reach)
         pieces = []
-        for own in blocks_meeting(self._moved(wanted, 1), self.side):
+        for own in squares_of([self._moved(wanted, 1)], self.side):
             cloud = self.store.load_cloud(own, 0.0)
             if len(cloud):
                 world = cloud.xyz + np.array([*own.origin, 0.0])
@@ -118,16 +119,6 @@ class Epoch:
         west, south, east, north = vars(bounds).values()
         corners = np.array([[west, south], [west, north], [east, south], [east, north]])
         return Bounds.of(self._plane(corners, way)).buffered(TURNED * max(bounds.width, bounds.height))
-
-
-def blocks_meeting(bounds: Bounds, side: float) -> list[Block]:
-    """The blocks that a rectangle meets."""
-    first, last = Block.at(bounds.west, bounds.south, side), Block.at(bounds.east, bounds.north, side)
-    return [
-        Block(column, row, side)
-        for column in range(first.column, last.column + 1)
-        for row in range(first.row, last.row + 1)
-    ]
 
 
 def open_epoch(
