@@ -76,12 +76,7 @@ def pairs(rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 def party_wall_area(model: BuildingModel, neighbours: Sequence[BuildingModel]) -> float:
     """Area (m²) of the model's walls that walls of its `neighbours` stand against, at their finest levels."""
-    return shared_area(Walls.of(model), [Walls.of(neighbour) for neighbour in neighbours])
-
-
-def shared_area(mine: Walls, others: Sequence[Walls]) -> float:
-    """Area (m²) of all walls that others stand against."""
-    return float(shared_areas(mine, others).sum())
+    return float(shared_areas(Walls.of(model), [Walls.of(neighbour) for neighbour in neighbours]).sum())
 
 
 def shared_areas(mine: Walls, others: Sequence[Walls]) -> NDArray[np.float64]:
