@@ -99,7 +99,8 @@ def test_error_of_the_command_is_the_error_of_the_tool(tmp_path: Path) -> None:
 
 def test_cancel_stops_the_command_as_ctrl_c_does(tmp_path: Path) -> None:
     script = (
-        "import time, sys\n"
+        "import signal, sys, time\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "try:\n    print('blocks: 1 of 2', flush=True)\n    time.sleep(60)\n"
         "except KeyboardInterrupt:\n    print('clean', flush=True); sys.exit(130)\n"
     )
