@@ -10,6 +10,7 @@ import pytest
 from eaves.evaluate import evaluate_files, evaluate_wireframe
 from eaves.evaluate.wireframes import Wireframe, read_wireframe
 from eaves.formats import InputError, write_obj_wireframe
+from eaves.formats.obj_wireframe import corner_groups, without_straight_corners
 from eaves.simulate import nine_roofs_on_a_slope
 
 SQUARE = np.array([[0, 0, 5], [10, 0, 5], [10, 10, 5], [0, 10, 5]], float)
@@ -91,3 +92,23 @@ def test_a_mesh_and_a_folder_are_told_apart(tmp_path: Path) -> None:
     (tmp_path / "roofs").mkdir()
     with pytest.raises(InputError, match="holds no wireframe"):
         evaluate_files("wireframe", tmp_path, tmp_path / "roofs")
+
+
+def test_low_step_and_small_jog_are_drawn_as_one_corner() -> None:
+    low = np.array([[0.0, 0, 5], [5, 0, 5], [5, 8, 5], [0, 8, 5]])
+    step = low[1:3] + [0, 0, 0.4]
+    group = corner_groups(np.vstack([low, step, [[9, 0, 5.4], [9, 0.3, 5.4]]]), 0.7)
+    assert group[4] == group[1] and group[5] == group[2] and group[6] == group[7]
+    assert len(set(group.tolist())) == 5
+
+
+def test_no_two_corners_of_a_group_are_further_apart_than_the_detail__a_row_of_them() -> None:
+    row = np.column_stack([0.5 * np.arange(7.0), np.zeros(7), np.zeros(7)])
+    group = corner_groups(row, 0.7)
+    assert max(np.ptp(row[group == one, 0]) for one in set(group.tolist())) <= 0.7
+
+
+def test_corner_beside_the_line_of_its_neighbours_goes_and_one_away_from_it_stays() -> None:
+    corners = np.array([[0.0, 0, 5], [5, 0.2, 5], [10, 0, 5], [10, 8, 5], [5, 8.5, 5], [0, 8, 5]])
+    ring = {(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (0, 5)}
+    assert without_straight_corners(corners, ring, 0.35) == {(0, 2), (2, 3), (3, 4), (4, 5), (0, 5)}

@@ -6,41 +6,58 @@ World coordinates in the coordinate system's units, as Building3D's wireframes a
 from __future__ import annotations
 
 from collections.abc import Iterable
+from heapq import heapify, heappop, heappush
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial import cKDTree
 
 from eaves.formats.atomic import atomic
 from eaves.formats.cityjson import footprint_of
 from eaves.formats.crs import describe
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Points
+from eaves.geometry.components import connected_groups_kernel
+from eaves.model import BuildingModel, CoordinateSystem, Failure, Points, Solid
 from eaves.model.building import ROOF_SURFACE
+from eaves.model.checks import check_positive
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 CORNER_TURN_DEG = 10.0
 """A vertex of a roof face is a corner where its ring turns by more."""
 
-SAME_CORNER = 0.3
-"""Corners of one roof nearer than this (m) are one: the head and foot of a low step."""
+DRAWN_DETAIL = 0.7
+"""What is smaller than this (m) is drawn as one corner: head and foot of a low step, a parapet, a jog. Corners of
+Building3D are paired over 1 m."""
 
 DECIMALS = 3
 """Of a coordinate: a millimetre, or a thousandth of a foot."""
 
 
-def roof_wireframe(model: BuildingModel) -> tuple[Points, NDArray[np.int64]]:
+def roof_wireframe(
+    model: BuildingModel, detail: float = DRAWN_DETAIL
+) -> tuple[Points, NDArray[np.int64]]:
     """Corners (V, 3) about the footprint's origin and edges (E, 2) of the roof faces at the finest level.
 
     Parameters
     ----------
-    model
+    model : BuildingModel
         A building with at least one level that has roof faces.
+    detail : float
+        Size (m, > 0) of what is drawn as one corner: those of a group that are all nearer than this to one
+        another become their mean, and a corner of two edges is left out where the one line in their place
+        passes it nearer than half of this. As small as 1e-6 keeps every corner of the solid.
 
     Returns
     -------
-    Corners, where a ring of a face turns by more than 10°, those nearer than 0.3 m made one; and the pairs of
-    their numbers that a face's ring joins, each once.
+    Corners, where a ring of a face turns by more than 10°; and the pairs of their numbers that a face's ring
+    joins, each once.
+
+    Raises
+    ------
+    ValueError
+        When `detail` is not above 0.
 
     Examples
     --------
@@ -51,32 +68,91 @@ def roof_wireframe(model: BuildingModel) -> tuple[Points, NDArray[np.int64]]:
     >>> len(corners), len(edges)
     (4, 4)
     """
-    corners: list[NDArray[np.float64]] = []
-    edges: set[tuple[int, int]] = set()
-
-    def number_of(place: NDArray[np.float64]) -> int:
-        if corners:
-            away = np.linalg.norm(np.array(corners) - place, axis=1)
-            if away.min() <= SAME_CORNER:
-                return int(away.argmin())
-        corners.append(place)
-        return len(corners) - 1
-
+    check_positive(detail, "detail")
+    places: list[NDArray[np.float64]] = [np.zeros((0, 3))]
+    sides: list[NDArray[np.int64]] = [np.zeros((0, 2), np.int64)]
+    count = 0
     for solid in model.solids.get(model.lod, ()):
-        turning = np.zeros(len(solid.vertices), bool)
-        rings = [
-            np.array(ring) for face in solid.faces if face.surface == ROOF_SURFACE for ring in face.rings
-        ]
-        for ring in rings:
-            places = solid.vertices[ring]
-            into, out = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
-            size = np.linalg.norm(into, axis=1) * np.linalg.norm(out, axis=1)
-            turning[ring[(into * out).sum(axis=1) / size < np.cos(np.radians(CORNER_TURN_DEG))]] = True
-        for ring in rings:
-            kept = [number_of(solid.vertices[vertex]) for vertex in ring[turning[ring]]]
-            pairs = zip(kept, kept[1:] + kept[:1], strict=True)
-            edges |= {(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]}
-    return np.array(corners).reshape(-1, 3), np.array(sorted(edges), np.int64).reshape(-1, 2)
+        sides.append(roof_edges(solid) + count)
+        places.append(solid.vertices)
+        count += len(solid.vertices)
+    used, numbers = np.unique(np.vstack(sides), return_inverse=True)
+    corners, edges = np.vstack(places)[used], numbers.reshape(-1, 2)
+    group = corner_groups(corners, detail)
+    size = np.maximum(np.bincount(group), 1)
+    corners = np.column_stack([np.bincount(group, axis) / size for axis in corners.T])
+    drawn = {(min(pair), max(pair)) for pair in group[edges].tolist() if pair[0] != pair[1]}
+    kept = without_straight_corners(corners, drawn, 0.5 * detail)
+    used, numbers = np.unique(np.array(sorted(kept), np.int64).reshape(-1, 2), return_inverse=True)
+    return corners[used], numbers.reshape(-1, 2)
+
+
+def roof_edges(solid: Solid) -> NDArray[np.int64]:
+    """The pairs of vertices (E, 2) that the rings of a solid's roof faces join, over those where none turns."""
+    rings = [np.array(ring) for face in solid.faces if face.surface == ROOF_SURFACE for ring in face.rings]
+    turning = np.zeros(len(solid.vertices), bool)
+    for ring in rings:
+        places = solid.vertices[ring]
+        into, out = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
+        size = np.linalg.norm(into, axis=1) * np.linalg.norm(out, axis=1)
+        turning[ring[(into * out).sum(axis=1) / size < np.cos(np.radians(CORNER_TURN_DEG))]] = True
+    kept = [ring[turning[ring]] for ring in rings]
+    pairs = np.vstack([np.column_stack([ring, np.roll(ring, -1)]) for ring in kept] or [np.zeros((0, 2))])
+    return np.asarray(pairs[pairs[:, 0] != pairs[:, 1]], np.int64)
+
+
+def corner_groups(corners: Points, detail: float) -> NDArray[np.int64]:
+    """The group (V,) of each corner (V, 3), 0, 1, …: all of one group are within `detail` (m) of one another.
+
+    The two groups that lie nearest become one, again and again (complete linkage).
+    """
+    if len(corners) == 0:
+        return np.zeros(0, np.int64)
+    pairs = cKDTree(corners).query_pairs(detail, output_type="ndarray")
+    together = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(corners))
+    answer = np.zeros(len(corners), np.int64)
+    count = 0
+    order = np.argsort(together, kind="stable")
+    for mine in np.split(order, np.cumsum(np.bincount(together))[:-1]):
+        group = np.zeros(len(mine), np.int64)
+        if len(mine) > 1:
+            group = fcluster(linkage(corners[mine], "complete"), detail, "distance").astype(np.int64) - 1
+        answer[mine] = count + group
+        count += int(group.max()) + 1
+    return answer
+
+
+def without_straight_corners(
+    corners: Points, edges: set[tuple[int, int]], reach: float
+) -> set[tuple[int, int]]:
+    """The edges between corners (V, 3) without corners of two edges that lie within `reach` (m) of the line
+    between their neighbours; the one nearest to it goes first.
+    """
+    beside: dict[int, set[int]] = {}
+    for one, other in edges:
+        beside.setdefault(one, set()).add(other)
+        beside.setdefault(other, set()).add(one)
+
+    def away(corner: int) -> float:
+        if len(beside[corner]) != 2:
+            return np.inf
+        start, end = corners[sorted(beside[corner])]
+        chord, step = end - start, corners[corner] - start
+        share = float(step @ chord) / max(float(chord @ chord), 1e-12)
+        return float(np.linalg.norm(step - share * chord)) if 0.0 < share < 1.0 else np.inf
+
+    waiting = [(away(corner), corner) for corner in beside]
+    heapify(waiting)
+    while waiting and waiting[0][0] < reach:
+        distance, corner = heappop(waiting)
+        if corner not in beside or away(corner) != distance:
+            continue
+        one, other = sorted(beside.pop(corner))
+        for end, far in ((one, other), (other, one)):
+            beside[end].discard(corner)
+            beside[end].add(far)
+            heappush(waiting, (away(end), end))
+    return {(one, other) for one, ends in beside.items() for other in ends if one < other}
 
 
 def write_obj_wireframe(
