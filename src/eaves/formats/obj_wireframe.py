@@ -35,9 +35,7 @@ DECIMALS = 3
 """Of a coordinate: a millimetre, or a thousandth of a foot."""
 
 
-def roof_wireframe(
-    model: BuildingModel, detail: float = DRAWN_DETAIL
-) -> tuple[Points, NDArray[np.int64]]:
+def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[Points, NDArray[np.int64]]:
     """Corners (V, 3) about the footprint's origin and edges (E, 2) of the roof faces at the finest level.
 
     Parameters
