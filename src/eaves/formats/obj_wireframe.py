@@ -28,8 +28,8 @@ CORNER_TURN_DEG = 10.0
 """A vertex of a roof face is a corner where its ring turns by more."""
 
 DRAWN_DETAIL = 0.7
-"""What is smaller than this (m) is drawn as one corner: head and foot of a low step, a parapet, a jog. Corners of
-Building3D are paired over 1 m."""
+"""What is smaller than this (m) is drawn as one corner: head and foot of a low step, a parapet, a jog.
+Corners of Building3D are paired over 1 m."""
 
 DECIMALS = 3
 """Of a coordinate: a millimetre, or a thousandth of a foot."""
@@ -86,7 +86,7 @@ def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[
 
 
 def roof_edges(solid: Solid) -> NDArray[np.int64]:
-    """The pairs of vertices (E, 2) that the rings of a solid's roof faces join, over those where none turns."""
+    """The pairs of vertices (E, 2) that a solid's roof faces join, past those where none of them turns."""
     rings = [np.array(ring) for face in solid.faces if face.surface == ROOF_SURFACE for ring in face.rings]
     turning = np.zeros(len(solid.vertices), bool)
     for ring in rings:
