@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all bench lint wheels-check docs qgis-plugin site package clean
+.PHONY: demo test test-all bench lint wheels-check docs qgis-plugin site package viewer clean
 
 $(BIN)/eaves: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -43,6 +43,10 @@ package: $(BIN)/eaves
 
 qgis-plugin: $(BIN)/eaves
 	$(BIN)/python -m qgis.package dist
+
+# The viewer's two libraries in one file, which is kept in the sources; needs Node.js.
+viewer:
+	cd packaging/viewer && npm install --no-audit --no-fund --no-package-lock && npm run build
 
 wheels-check: $(BIN)/eaves
 	$(BIN)/python benchmarks/wheels_check.py

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from eaves.cli.compute import build, detect, ground, reconstruct, sweep
-from eaves.cli.results import check, evaluate, load, plot, solar, validate, view
+from eaves.cli.results import check, evaluate, load, plot, serve, solar, validate, view
 from eaves.cli.runs import (
     COMPLETE,
     INTERRUPTED,
@@ -69,7 +69,7 @@ def methods(
 
 
 for command in (
-    *(build, ground, detect, reconstruct, sweep, check, validate, evaluate, simulate, view, plot),
+    *(build, ground, detect, reconstruct, sweep, check, validate, evaluate, simulate, view, serve, plot),
     *(compare, rebuild, load, solar, methods, doctor, demo),
 ):
     app.command()(command)

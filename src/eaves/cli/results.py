@@ -1,4 +1,4 @@
-"""The commands that take results further: validate, evaluate, view, plot, load."""
+"""The commands that take results further: validate, evaluate, view, serve, plot, load."""
 
 from __future__ import annotations
 
@@ -88,6 +88,31 @@ def view(
     path = open_report(folder, browser, again, around)
     if not quiet:
         typer.echo(f"report: {path}")
+
+
+def serve(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
+    static: Annotated[
+        Path | None, typer.Option(help="Write a folder for any web server instead.", metavar="FOLDER")
+    ] = None,
+    port: Annotated[int, typer.Option(help="Of this computer; 0: any free one.", min=0, max=65535)] = 8017,
+    browser: Annotated[bool, typer.Option(help="Open it, or only serve.")] = True,
+    quiet: Quiet = False,
+) -> None:
+    """Show the 3D Tiles of a run of any size in a browser. To this computer only, until Ctrl-C."""
+    from eaves.report.serve import make_site, serve_run, write_site
+
+    start_log(quiet)
+    site = make_site(folder)
+    if static is not None:
+        path = write_site(site, static)
+        if not quiet:
+            typer.echo(f"page: {path}, to be opened from a web server")
+        return
+    try:
+        serve_run(site, port, browser, lambda words: None if quiet else typer.echo(words))
+    except KeyboardInterrupt:  # the way to end it
+        return
 
 
 def plot(

@@ -82,3 +82,22 @@ function modelColours(way, { triangles, rows }) {
   const scale = setOf(distinct(values), way === 'lod' ? LOD_COLOURS : { 'as asked for': '#7fa98f', none: LOD_COLOURS.none });
   return { at: (number, row) => scale.colour(values[row]), legend: scale.legend };
 }
+
+// Elements of the page, and the legend of a way of colouring.
+const element = (tag, attributes = {}, ...children) => {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  made.append(...children);
+  return made;
+};
+const figure = value => value === null || value === undefined ? '' : typeof value === 'number' && !Number.isInteger(value) ? value.toFixed(2).replace(/^-0\.00$/, '0.00') : String(value);
+
+function legend(box, { words, colours, low, high, unit, text, names, shift = 0 }) {
+  box.replaceChildren();
+  if (text) box.append(text);
+  for (const [word, colour] of words || []) box.append(element('span', { class: 'key' }, element('i', { style: `background:${colour}` }), word));
+  if (colours) {
+    const ends = names || [low, high].map(value => (value + shift).toFixed(Math.abs(high - low) < 2 ? 1 : 0).replace(/^-(0(\.0)?)$/, '$1'));
+    box.append(element('span', { class: 'ramp', style: `background:linear-gradient(90deg,${colours})` }), element('span', { class: 'ends' }, ...ends.map(end => element('span', {}, end))), unit || '');
+  }
+}

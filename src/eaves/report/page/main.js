@@ -241,13 +241,3 @@ class Viewer {
     this.ask();
   }
 }
-
-function legend(box, { words, colours, low, high, unit, text, names, shift = 0 }) {
-  box.replaceChildren();
-  if (text) box.append(text);
-  for (const [word, colour] of words || []) box.append(element('span', { class: 'key' }, element('i', { style: `background:${colour}` }), word));
-  if (colours) {
-    const ends = names || [low, high].map(value => (value + shift).toFixed(Math.abs(high - low) < 2 ? 1 : 0).replace(/^-(0(\.0)?)$/, '$1'));
-    box.append(element('span', { class: 'ramp', style: `background:linear-gradient(90deg,${colours})` }), element('span', { class: 'ends' }, ...ends.map(end => element('span', {}, end))), unit || '');
-  }
-}

@@ -1,12 +1,4 @@
 // The table of all buildings: only the lines in sight are in the page, so that a city's are no burden.
-const element = (tag, attributes = {}, ...children) => {
-  const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  made.append(...children);
-  return made;
-};
-const figure = value => value === null || value === undefined ? '' : typeof value === 'number' && !Number.isInteger(value) ? value.toFixed(2).replace(/^-0\.00$/, '0.00') : String(value);
-
 const LINES_MORE = 12;
 
 // Without a model, then coarser than asked for, then by falling distance of the points to the roof.
