@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import laspy
 import numpy as np
 import pytest
 
+from eaves.run import run
 from eaves.simulate.roofs import ExactScene, nine_roofs_on_a_slope
 
 
@@ -33,6 +36,21 @@ def nine_roofs_file(nine_roofs: ExactScene, tmp_path_factory: pytest.TempPathFac
     order = np.random.default_rng(5).permutation(len(nine_roofs.cloud))
     write_laz(path, (nine_roofs.cloud.xyz + [85000.0 - 85000.0 % 240, 447120.0, 0.0])[order])
     return path
+
+
+@contextmanager
+def blocks_of(side: float) -> Iterator[None]:
+    """Blocks of a side (m) that small scenes have several of."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(run, "BLOCK_SIDE", side)
+        yield
+
+
+@pytest.fixture(scope="module")
+def blocks_of_60() -> Iterator[None]:
+    """Blocks of 60 m in all runs of a module."""
+    with blocks_of(60.0):
+        yield
 
 
 def write_laz(path: Path, xyz: np.ndarray, epsg: int | None = 28992) -> None:

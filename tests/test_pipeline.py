@@ -17,7 +17,7 @@ import shapely
 import eaves
 from eaves.report.build import build
 from eaves.simulate.roofs import ExactScene
-from tests.conftest import write_laz
+from tests.conftest import blocks_of, write_laz
 
 
 def footprints(folder: Path) -> dict[str, shapely.Polygon]:
@@ -66,7 +66,8 @@ def test_files_cut_elsewhere_and_points_shuffled_change_nothing(
 
 
 def test_small_blocks_leave_no_seam(whole: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
-    assert build(nine_roofs_file, tmp_path, block=30.0).complete
+    with blocks_of(30.0):
+        assert build(nine_roofs_file, tmp_path).complete
     expected, got = list(footprints(whole).values()), list(footprints(tmp_path).values())
     assert len(expected) == len(got)
     for polygon in expected:
@@ -75,8 +76,9 @@ def test_small_blocks_leave_no_seam(whole: Path, nine_roofs_file: Path, tmp_path
 
 
 def test_processes_give_what_one_process_gives(whole: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
-    build(nine_roofs_file, tmp_path / "one", block=60.0)
-    build(nine_roofs_file, tmp_path / "two", block=60.0, jobs=2)
+    with blocks_of(60.0):
+        build(nine_roofs_file, tmp_path / "one")
+        build(nine_roofs_file, tmp_path / "two", jobs=2)
     one, two = footprints(tmp_path / "one"), footprints(tmp_path / "two")
     assert one.keys() == two.keys()
     assert all(one[name].equals(two[name]) for name in one)

@@ -1,4 +1,4 @@
-"""What follows from `--block`: classes, buildings and time of one survey in blocks of 120 to 5,000 m.
+"""What follows from `--block`: classes, buildings and time of one survey with 120 to 5,000 m loaded at once.
 
 usage: python -m benchmarks.scale.blocks [FILE]      (Delft's where none is given; needs EAVES_DATA then)
 """
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from benchmarks.table import keep
 
 SIDES = (240, 120, 480, 960, 5000)
-"""Sides of the blocks (m); the first is the default, against which the others are held."""
+"""Sides of what is loaded (m); the first is the default, against which the others are held."""
 
 
 def run(source: Path, side: int, out: Path) -> tuple[NDArray[np.uint8], dict[str, Any], float]:

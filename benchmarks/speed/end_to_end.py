@@ -21,7 +21,6 @@ RUNS: dict[str, tuple[str, list[str]]] = {
     "delft, classes believed": ("delft/ahn3.laz", ["--use-classes"]),
     "delft, both": ("delft/ahn3.laz", ["--use-classes", "--footprints", "{data}/delft/footprints.gpkg"]),
     "ign_urban, 4 tiles": ("ign_urban", []),
-    "ign_urban, blocks of 30 m": ("ign_urban", ["--block", "30"]),
     "lidR MixedConifer (no buildings)": ("misc/lidR_MixedConifer.laz", []),
     "lidR Topography (no buildings)": ("misc/lidR_Topography.laz", []),
     "autzen (feet)": ("autzen/autzen_full.laz", ["--crs", "{data}/autzen/srs.wkt"]),

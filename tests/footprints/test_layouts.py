@@ -267,7 +267,7 @@ def test_attribution_and_ids_are_in_all_that_is_written(
     ]
     write_polygons(tmp_path / "some.gpkg", rows, DUTCH)
     results = build(
-        nine_roofs_file, tmp_path / "out", footprints=tmp_path / "some.gpkg", formats=("geojson",), block=60.0
+        nine_roofs_file, tmp_path / "out", footprints=tmp_path / "some.gpkg", formats=("geojson",)
     )
     assert (results.found, results.modelled) == (5, 5)
     line = "Kadaster (BAG), CC0 1.0"
@@ -285,7 +285,6 @@ def test_attribution_and_ids_are_in_all_that_is_written(
         *(nine_roofs_file, tmp_path / "plain"),
         footprints=tmp_path / "some.gpkg",
         footprint_source="none",
-        block=60.0,
     )
     assert plain.run["footprint_source"] is None and plain.found == 5
 

@@ -21,7 +21,7 @@ from eaves.report.page_file import page_arrays, render
 from eaves.report.sample import PointSample
 from eaves.report.view import open_report
 
-from ..conftest import write_laz
+from ..conftest import blocks_of, write_laz
 
 
 def data_of(page: Path) -> dict:
@@ -78,8 +78,8 @@ def test_the_points_received_while_writing_are_those_read_afterwards(
 ) -> None:
     for limit, jobs in ((2000, 2), (10_000_000, 1)):
         received = PointSample(limit, 1000)
-        options = dict(jobs=jobs, block=60.0)
-        build_files(nine_roofs_file, tmp_path, **options, sink=received)
+        with blocks_of(60.0):
+            build_files(nine_roofs_file, tmp_path, jobs=jobs, sink=received)
         read = read_contents(tmp_path, points=limit).points
         assert len(read) > 0 and (len(read) < 6000) == (limit == 2000)
         with monkeypatch.context() as patched:

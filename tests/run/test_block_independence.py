@@ -1,4 +1,4 @@
-"""What is ground does not follow from the size of a block, and what a block costs follows from its points."""
+"""Nothing follows from how much is loaded at once, and that costs what its points cost."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from eaves.simulate.town import simulate_town
 
 SIDES = (120.0, 480.0, 960.0, 5000.0)
 PLACE = np.array([600_100.0, 5_000_150.0, 0.0])
-"""Corners of squares and blocks of any size run through the scene."""
+"""Corners of squares of any size run through the scene."""
 
 
 def ground_of(path: Path, folder: Path, side: float, method: MethodChoice = None) -> np.ndarray:
-    """Classes (N,) of the points as `eaves ground` finds them in blocks of a side (m)."""
+    """Classes (N,) of the points as `eaves ground` finds them where squares of a side (m) are loaded."""
     out = folder / f"{side:g}.laz"
     recipe = replace(make_recipe({"ground": method}, lod="0"), detect=None)
     build(path, folder, recipe, outputs=("classified",), classified=out, block=side)
@@ -54,6 +54,16 @@ def test_the_ground_of_a_survey_is_the_same_in_all_blocks(data: Path, tmp_path: 
     assert ((expected == 2) != (sample[:, 3] == 0)).mean() < 0.05
     for side in SIDES:
         assert np.array_equal(ground_of(tmp_path / "sample.laz", tmp_path, side), expected), side
+
+
+def test_what_is_written_of_a_town_is_the_same_for_all_blocks(town: Path, tmp_path: Path) -> None:
+    def written(side: float) -> list[bytes]:
+        folder, outputs = tmp_path / f"{side:g}", ("footprints", "models", "classified")
+        assert build(town, folder, make_recipe(lod="1.2"), outputs=outputs, block=side).found > 10
+        return [(folder / name).read_bytes() for name in ("buildings.city.jsonl", "classified.laz")]
+
+    expected = written(240.0)
+    assert all(written(side) == expected for side in (60.0, 5000.0))
 
 
 def test_a_wide_block_costs_what_its_points_cost(nine_roofs_file: Path, tmp_path: Path) -> None:

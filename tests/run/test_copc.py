@@ -15,8 +15,8 @@ from eaves.pipeline import build
 
 def test_copc_gives_what_laz_gives(nine_roofs_file: Path, tmp_path: Path) -> None:
     write_copc(tmp_path / "points.copc.laz", laspy.read(nine_roofs_file))
-    assert build(nine_roofs_file, tmp_path / "laz", block=60.0).complete
-    assert build(tmp_path / "points.copc.laz", tmp_path / "copc", block=60.0).complete
+    assert build(nine_roofs_file, tmp_path / "laz").complete
+    assert build(tmp_path / "points.copc.laz", tmp_path / "copc").complete
     one, other = (features([tmp_path / name / "buildings.city.jsonl"]) for name in ("laz", "copc"))
     assert one == other
 

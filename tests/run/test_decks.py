@@ -7,6 +7,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+from tests.conftest import blocks_of
 
 import eaves
 from eaves.model import Grid, Mask
@@ -95,7 +96,8 @@ def test_a_footbridge_is_no_building_whatever_the_blocks_are(survey: Path, tmp_p
     found = []
     for block in (60.0, 240.0):
         folder = tmp_path / f"{block:.0f}"
-        summary = eaves.build(survey, folder, eaves.make_recipe(lod="0"), crs="EPSG:32631", block=block)
+        with blocks_of(block):
+            summary = eaves.build(survey, folder, eaves.make_recipe(lod="0"), crs="EPSG:32631")
         assert summary.found == 1
         found.append(np.asarray(laspy.read(folder / "classified.laz").classification))
     assert (found[0] == found[1]).mean() > 0.999

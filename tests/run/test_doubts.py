@@ -26,6 +26,8 @@ from eaves.run.recipe import make_recipe
 from eaves.run.rows import BuildingRow
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
+pytestmark = pytest.mark.usefixtures("blocks_of_60")
+
 
 def test_a_doubt_is_kept_by_the_block_it_lies_in(tmp_path: Path) -> None:
     truth = nine_roofs_on_a_slope(density=4.0)
@@ -64,7 +66,7 @@ def layer_of(folder: Path) -> list[tuple[object, ...]]:
 def test_doubts_are_told_in_all_files_and_once_also_by_tiles(
     cut_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = build(cut_file, tmp_path / "whole", block=60.0)
+    whole = build(cut_file, tmp_path / "whole")
     told = json.loads((tmp_path / "whole" / "run.json").read_text())["doubts"]
     found = layer_of(tmp_path / "whole")
     assert told["count"] == len(found) == sum(told["by_stage"].values()) > 0
@@ -74,7 +76,7 @@ def test_doubts_are_told_in_all_files_and_once_also_by_tiles(
     assert line in whole.as_text().splitlines()
     assert line in describe_run(tmp_path / "whole")
     monkeypatch.setattr(tiles, "TILE_BLOCKS", 1)
-    tiled = build(cut_file, tmp_path / "tiled", block=60.0, per_tile=True)
+    tiled = build(cut_file, tmp_path / "tiled", per_tile=True)
     assert layer_of(tmp_path / "tiled") == found
     assert tiled.run["doubts"] == whole.run["doubts"]
     assert line in tiled.as_text()

@@ -18,6 +18,8 @@ from eaves.pipeline import build
 from eaves.run import outputs, partition
 from eaves.run.store import Store
 
+pytestmark = pytest.mark.usefixtures("blocks_of_60")
+
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 SQLITE_FULL = RuntimeError("failed to execute insert : database or disk is full")
 """What the GeoPackage driver says."""
@@ -26,7 +28,7 @@ SQLITE_FULL = RuntimeError("failed to execute insert : database or disk is full"
 @pytest.fixture(scope="module")
 def right(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     out = tmp_path_factory.mktemp("right")
-    build(nine_roofs_file, out, block=60.0)
+    build(nine_roofs_file, out)
     return features([out / "buildings.city.jsonl"])
 
 
@@ -60,7 +62,7 @@ def test_a_run_on_a_full_disk_is_finished_by_the_next(
     }[stage]
     monkeypatch.setattr(place, name, full_from(call, getattr(place, name), error))
     with pytest.raises(DiskFullError, match=r"the disk is full.*--resume") as told:
-        build(nine_roofs_file, tmp_path, block=60.0)
+        build(nine_roofs_file, tmp_path)
     assert "\n" not in str(told.value)
     assert not list(tmp_path.glob("*.laz")) and not (tmp_path / "run.json").exists()
     assert not [
@@ -69,7 +71,7 @@ def test_a_run_on_a_full_disk_is_finished_by_the_next(
     monkeypatch.undo()
     done = list((tmp_path / ".eaves-work" / "blocks").iterdir())
     computed = count_blocks(monkeypatch)
-    assert build(nine_roofs_file, tmp_path, block=60.0, resume=True).complete
+    assert build(nine_roofs_file, tmp_path, resume=True).complete
     assert features([tmp_path / "buildings.city.jsonl"]) == right
     assert bool(done) == (stage not in ("points",))
     if stage not in ("points", "blocks"):

@@ -20,6 +20,8 @@ from eaves.run.manifest import check_folder
 from eaves.simulate.roofs import ExactScene
 from eaves.validate import validate_file
 
+pytestmark = pytest.mark.usefixtures("blocks_of_60")
+
 PLACE = np.array([84960.0, 447120.0])
 
 
@@ -52,7 +54,7 @@ EXPECTED |= {"other side": "outside"}
 def test_each_has_one_row_and_the_rest_stays_building(
     given: Path, nine_roofs_file: Path, tmp_path: Path
 ) -> None:
-    summary = build(nine_roofs_file, tmp_path / "given", footprints=given, id_field="name", block=60.0)
+    summary = build(nine_roofs_file, tmp_path / "given", footprints=given, id_field="name")
     assert (summary.found, summary.modelled) == (10, 5)
     rows = rows_of(tmp_path / "given")
     assert {name: row["failure_code"] for name, row in rows.items() if row["failure_code"]} == EXPECTED
@@ -60,7 +62,7 @@ def test_each_has_one_row_and_the_rest_stays_building(
     assert all(row["failure_reason"] for name, row in rows.items() if name in EXPECTED)
     assert validate_file(tmp_path / "given" / "buildings.city.jsonl") == []
     assert check_folder(tmp_path / "given") == []
-    assert build(nine_roofs_file, tmp_path / "own", block=60.0).complete
+    assert build(nine_roofs_file, tmp_path / "own").complete
     classes = [laspy.read(tmp_path / name / "classified.laz") for name in ("given", "own")]
     ours = [np.asarray(one.classification) == 6 for one in classes]
     assert ours[0].sum() >= 0.99 * ours[1].sum()
@@ -71,7 +73,7 @@ def test_tile_by_tile_too(
     given: Path, nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tiles, "TILE_BLOCKS", 1)
-    summary = build(nine_roofs_file, tmp_path, footprints=given, id_field="name", block=60.0, per_tile=True)
+    summary = build(nine_roofs_file, tmp_path, footprints=given, id_field="name", per_tile=True)
     assert (summary.found, summary.modelled) == (10, 5)
     assert summary.failures == {"no_area": 3, "outside": 2}
     rows = rows_of(tmp_path)

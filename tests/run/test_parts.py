@@ -18,6 +18,8 @@ from eaves import pipeline
 from eaves.model import Failure, Footprint
 from eaves.run.part_file import decode, encode, is_sound, open_part, save_part
 
+pytestmark = pytest.mark.usefixtures("blocks_of_60")
+
 Break = Callable[[Path], object]
 
 
@@ -89,7 +91,7 @@ def test_a_damaged_part_is_named_and_computed_again(
     broken = next((out / ".eaves-work").glob(what))
     damage(broken)
     with caplog.at_level(logging.WARNING, "eaves"):
-        assert pipeline.build(source, out, resume=True, block=60.0).complete
+        assert pipeline.build(source, out, resume=True).complete
     assert any(str(broken) in record.getMessage() for record in caplog.records)
     assert (out / "buildings.city.jsonl").read_text() == expected
 
@@ -99,11 +101,11 @@ def interrupted(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[Path, Path, str]:
     """A folder with all parts of a run that did not write its outputs, its input, the models of another."""
-    assert pipeline.build(nine_roofs_file, tmp_path / "whole", block=60.0).complete
+    assert pipeline.build(nine_roofs_file, tmp_path / "whole").complete
     with monkeypatch.context() as change:
         change.setattr(pipeline, "write_outputs", lambda *args, **kwargs: 1 / 0)
         with pytest.raises(ZeroDivisionError):
-            pipeline.build(nine_roofs_file, tmp_path / "out", block=60.0)
+            pipeline.build(nine_roofs_file, tmp_path / "out")
     return tmp_path / "out", nine_roofs_file, (tmp_path / "whole" / "buildings.city.jsonl").read_text()
 
 

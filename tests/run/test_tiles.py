@@ -17,8 +17,9 @@ from eaves.pipeline import build
 from eaves.run import tiles
 from eaves.simulate.roofs import ExactScene
 
+pytestmark = pytest.mark.usefixtures("blocks_of_60")
+
 PLACE = np.array([84960.0, 447120.0])
-BLOCK = 60.0
 
 
 @pytest.fixture
@@ -37,7 +38,7 @@ def test_given_footprints_are_modelled_once_each(
     polygons = [shapely.transform(one.footprint, lambda xy: xy + PLACE) for one in nine_roofs.buildings]
     rows = [Row(polygon, {"name": f"house {k}"}) for k, polygon in enumerate(polygons)]
     write_geopackage(tmp_path / "given.gpkg", rows, (), CoordinateSystem())
-    options = {"block": BLOCK, "footprints": tmp_path / "given.gpkg", "id_field": "name"}
+    options = {"footprints": tmp_path / "given.gpkg", "id_field": "name"}
     assert build(nine_roofs_file, tmp_path / "whole", **options).found == 9
     summary = build(nine_roofs_file, tmp_path / "tiled", **options, per_tile=True)
     assert summary.found == 9
@@ -55,7 +56,7 @@ def test_a_given_footprint_on_the_border_of_two_files_stays_whole(
         part = laspy.LasData(las.header)
         part.points = las.points[which]
         part.write(tmp_path / f"{name}.laz")
-    options = dict(block=BLOCK, footprints=tmp_path / "given.gpkg")
+    options = dict(footprints=tmp_path / "given.gpkg")
     build(nine_roofs_file, tmp_path / "whole", **options)
     build([tmp_path / "east.laz", tmp_path / "west.laz"], tmp_path / "cut", **options)
     models = [features([tmp_path / name / "buildings.city.jsonl"]) for name in ("whole", "cut")]
@@ -75,7 +76,7 @@ def test_a_second_run_computes_only_the_tile_that_failed(
         return real(*words, **named)  # type: ignore[arg-type]
 
     monkeypatch.setattr(pipeline, "write_outputs", fails_once)
-    options = dict(block=BLOCK, per_tile=True, resume=True)
+    options = dict(per_tile=True, resume=True)
     first = build(nine_roofs_file, tmp_path, **options)
     assert not first.complete
     assert "on purpose" in first.failed[0]

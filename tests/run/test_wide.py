@@ -7,6 +7,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+from tests.conftest import blocks_of
 
 import eaves
 
@@ -34,7 +35,8 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("block", [60.0, 240.0])
 def test_a_hall_wider_than_a_block_is_one_building(survey: Path, tmp_path: Path, block: float) -> None:
-    summary = eaves.build(survey, tmp_path, eaves.make_recipe(lod="0"), crs="EPSG:32631", block=block)
+    with blocks_of(block):
+        summary = eaves.build(survey, tmp_path, eaves.make_recipe(lod="0"), crs="EPSG:32631")
     assert summary.found == 1
     las = laspy.read(tmp_path / "classified.laz")
     hall, classes = np.asarray(las.user_data) == 1, np.asarray(las.classification)

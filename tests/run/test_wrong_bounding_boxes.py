@@ -17,6 +17,8 @@ from eaves.run.index import index_inputs
 from eaves.run.tiles import plan_tiles
 from eaves.simulate.roofs import ExactScene
 
+pytestmark = pytest.mark.usefixtures("blocks_of_60")
+
 PLACE = np.array([84960.0, 447120.0, 0.0])
 BOX = 179
 """Where a LAS header states the largest x, the smallest x, the largest y, … (LAS 1.4, table 3)."""
@@ -50,11 +52,11 @@ def test_points_outside_the_box_are_used_where_they_are(
     halves(nine_roofs, tmp_path / "in")
     monkeypatch.setattr(tiles, "TILE_BLOCKS", 1)
     with caplog.at_level(logging.WARNING, "eaves"):
-        assert build(tmp_path / "in", tmp_path / "tiled", block=60.0, per_tile=True).complete
+        assert build(tmp_path / "in", tmp_path / "tiled", per_tile=True).complete
     told = [record.message for record in caplog.records if "bounding box" in record.message]
     assert len(told) == 1
     assert "b.laz" in told[0]
-    assert build(tmp_path / "in", tmp_path / "whole", block=60.0).found == 9
+    assert build(tmp_path / "in", tmp_path / "whole").found == 9
     one = features([tmp_path / "whole" / "buildings.city.jsonl"])
     assert one == features(sorted((tmp_path / "tiled" / "tiles").glob("*/buildings.city.jsonl")))
 

@@ -19,7 +19,7 @@ from eaves.solar.folder import convergence_of, measure_solar
 @pytest.fixture(scope="module")
 def nine(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("solar") / "out"
-    assert build(nine_roofs_file, out, block=60.0).complete
+    assert build(nine_roofs_file, out).complete
     return out
 
 

@@ -46,10 +46,8 @@ def read_request(folder: Path) -> Request:
         raise InputError.about(folder, "does not exist", "give what `eaves build --keep` wrote")
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
-        side = float(told["options"]["block"])
         blocks, owners = (
-            tuple(Block(int(column), int(row), side) for column, row in told[name])
-            for name in ("blocks", "owners")
+            tuple(Block(int(column), int(row)) for column, row in told[name]) for name in ("blocks", "owners")
         )
         return Request(tuple(told["inputs"]), told["options"], told["plan"], blocks, owners)
     except FileNotFoundError:

@@ -68,7 +68,9 @@ Snap = Annotated[
 PartyWalls = Annotated[
     Path | None, typer.Option(help="Polygons of addresses that detected blocks are split into.")
 ]
-BlockSide = Annotated[float, typer.Option("--block", help="Side of a block (m).")]
+BlockSide = Annotated[
+    float, typer.Option("--block", help="Side of what is loaded at once to find its ground (m).")
+]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
 Units = Annotated[
     str | None, typer.Option(help="How blocks are divided into houses: a method's name, or off.")

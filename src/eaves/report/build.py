@@ -78,7 +78,8 @@ def build(
     outputs : sequence of str
         Outputs to write, of `footprints`, `models`, `mask`, `rasters`, `classified`, `report`; all for none.
     block : float
-        Side of a block (m, ≥ 6).
+        Side (m, ≥ 6) of the area whose points are loaded at once to find its ground, at least that of a
+        block, 240 m. The result is the same.
     jobs : int
         Processes (≥ 1).
     scheduler : str or None

@@ -19,7 +19,6 @@ from eaves.run.clock import Clock
 from eaves.run.decks import Decks, wet_or_bridged
 from eaves.run.recipe import SEAM, Recipe
 from eaves.run.vegetation import vegetation_classes
-from eaves.run.world_squares import GROUND_SQUARE, around_squares, within
 
 
 def block_pass(
@@ -39,7 +38,7 @@ def block_pass(
     clock = Clock()
     cloud = cloud.about(block.origin).in_canonical_order()
     core = Bounds(0.0, 0.0, block.side, block.side)
-    seen = held(cloud, core).buffered(recipe.scene_buffer)
+    seen = core.buffered(recipe.scene_buffer)
     whole, cloud = cloud, cloud.take(seen.contains(cloud.xyz))
     beneath = None if wide is None else wide.terrain_beneath(seen, block.origin)
     if beneath is None or not len(beneath):
@@ -108,18 +107,6 @@ def with_classes(cloud: PointCloud, classes: NDArray[np.uint8]) -> PointCloud:
     return (
         cloud.with_(classification=np.where(given, classes, cloud.classification)) if given.any() else cloud
     )
-
-
-def held(cloud: PointCloud, core: Bounds) -> Bounds:
-    """The part of a block (local metres) that is worth rasters: all of it, or of a wide one the squares of
-    the world that hold its points.
-    """
-    inside = np.flatnonzero(core.contains(cloud.xyz))
-    if core.width <= GROUND_SQUARE or len(inside) == 0:
-        return core
-    extent = Bounds.of(cloud.xyz[inside]).translated(*cloud.origin)
-    around = around_squares(extent, GROUND_SQUARE).translated(-cloud.origin[0], -cloud.origin[1])
-    return within(core, around)
 
 
 def holds(bounds: Bounds, doubt: Doubt) -> bool:

@@ -76,7 +76,6 @@ class Region:
         self.budget = Budget()
         self.wrong_boxes: dict[int, Bounds] = {}
         self.blocks: Sequence[Block] = ()
-        self._extents: dict[Block, Bounds | None] = {}
         self.points = run.index.points
         """Of the inputs, without those that could not be read."""
         self.store = Store(
@@ -232,25 +231,16 @@ class Region:
     def find_ground(self, blocks: Sequence[Block]) -> None:
         """The ground of some blocks and of what the detector sees around them, in squares not yet done."""
         recipe, store, side = self.run.recipe, self.store, self.run.side
-        seen = [bounds.buffered(recipe.scene_buffer) for bounds in self.extents(blocks)]
-        held = set(squares_of(self.extents(store.blocks(side)), GROUND_SQUARE))
+        seen = [block.bounds.buffered(recipe.scene_buffer) for block in blocks]
+        held = set(squares_of([block.bounds for block in store.blocks(side)], GROUND_SQUARE))
         squares = [square for square in squares_of(seen, GROUND_SQUARE) if square in held]
         squares = [square for square in squares if not store.has("ground", square)]
         self.find_wide(squares)
-        groups = group_squares(squares, side)
+        groups = group_squares(squares, self.run.loaded_side)
         work = partial(classify_squares, store=store, recipe=recipe, side=side)
         for outcome in self.workers.run(work, groups):
             self.note(outcome, f"ground of square {groups[outcome.index][0].name}")
             self.budget.add("blocks", outcome.cpu)
-
-    def extents(self, blocks: Sequence[Block]) -> list[Bounds]:
-        """World metres of some blocks, or of a wide one of its points: it may be nearly empty."""
-        if self.run.side <= GROUND_SQUARE:
-            return [block.bounds for block in blocks]
-        for block in blocks:
-            if block not in self._extents:  # all points of the block are read for it
-                self._extents[block] = self.store.extent(block)
-        return [extent for block in blocks if (extent := self._extents[block]) is not None]
 
     def find_wide(self, grounds: Sequence[Block]) -> None:
         """What stands over the terrain of some squares of the ground, in squares that have not been looked

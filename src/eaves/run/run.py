@@ -20,7 +20,7 @@ from eaves.formats import InputError
 from eaves.formats.crs_check import vertical_datum
 from eaves.formats.inputs import list_inputs
 from eaves.methods import MethodChoice
-from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
+from eaves.model import BLOCK_SIDE, Bounds, CoordinateSystem, Failure, Footprint
 from eaves.model.checks import check_positive
 from eaves.model.provenance import Provenance
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
@@ -98,7 +98,7 @@ class RunOptions(TypedDict, total=False):
     outputs: Sequence[str]
     """Names of the outputs to write (`EVERYTHING`); all for none. What only others need is not computed."""
     block: float
-    """Side of a block (m)."""
+    """Side (m) of the area whose points are loaded at once to find its ground; the result is the same."""
     jobs: int
     """Processes; 0 is one a core where there are more than `PROCESSES_ABOVE` points, and else one."""
     scheduler: str | None
@@ -123,7 +123,7 @@ DEFAULT_OPTIONS: RunOptions = {
     "snap_footprints": False,
     "formats": (),
     "outputs": EVERYTHING,
-    "block": 240.0,
+    "block": BLOCK_SIDE,
     "jobs": 1,
     "resume": False,
     "keep": False,
@@ -167,8 +167,10 @@ class Run:
     window: Window
     plan: dict[str, Any]
     """What decides the result (`describe`)."""
-    side: float = 240.0
-    """Side of a block (m)."""
+    side: float = BLOCK_SIDE
+    """Side of a block (m): what is measured in a block and its surroundings must not follow from a choice."""
+    loaded_side: float = BLOCK_SIDE
+    """Side (m) of the area whose points are loaded at once to find its ground."""
     given: Sequence[Footprint] | None = None
     lost: tuple[Failure, ...] = ()
     """Given polygons that cannot be modelled, with the reason: each has its row all the same."""
@@ -310,7 +312,8 @@ def open_run(
         index=index,
         window=window,
         plan=describe(index, recipe, options, map_, hashes),
-        side=options["block"],
+        side=BLOCK_SIDE,
+        loaded_side=options["block"],
         given=None if footprints is None else known_polygons,
         lost=() if footprints is None else tuple(lost),
         snap_footprints=options["snap_footprints"],
@@ -434,7 +437,7 @@ def describe(
     known: Map | None,
     hashes: Mapping[str, str | None],
 ) -> dict[str, Any]:
-    """What decides the result, as JSON: inputs with their hashes, methods with parameters, block, version."""
+    """What decides the result, as JSON: inputs with their hashes, methods with parameters, version."""
     methods = {
         stage: method and {"method": method.name, **method.model_dump(mode="json")}
         for stage in METHOD_OPTIONS
@@ -453,7 +456,6 @@ def describe(
         else None,
         "lod": recipe.lod,
         "overhangs": asdict(recipe.overhangs) if recipe.lod == OVERHANGS else None,
-        "block": options["block"],
         "buffer": recipe.buffer,
         "wide_buffer": recipe.ground.wide_buffer if recipe.sees_wide else 0.0,
         "bounds": None if bounds is None else list(vars(bounds).values()),

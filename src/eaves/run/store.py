@@ -105,10 +105,6 @@ class Store:
                 file.readinto(records[start:end].view(np.uint8).data)
         return records
 
-    def extent(self, block: Block) -> Bounds | None:
-        """World metres of the points in a block; None where there are none."""
-        return extent_of(self.read_points(block)["xyz"], block)
-
     def load_cloud(self, block: Block, reach: float) -> PointCloud:
         """The points of a block and of its surroundings up to `reach` (m), about the block's corner."""
         return self.load_points(block.bounds.buffered(reach), block.origin, block.side)[0]

@@ -81,8 +81,7 @@ class Consensus(Detector):
     containers and site huts are buildings when wider than a vehicle; sheds narrower than three cells at 1
     point/m². Without returns crowns that touch a roof at its height, or stand in a court, may be taken for
     part of it. A scene that is all forest has no roofs to compare its crowns with: shape alone judges it. The
-    means are those of a block with its surroundings, so blocks of another size judge borders a little
-    otherwise.
+    means are those of a block of 240 m with 30 m around it: what stands farther away changes nothing.
 
     Complexity
     ----------
