@@ -1,7 +1,7 @@
 """Detection on surveys that chose nothing: every labelled survey, every transformation, by the command.
 
 Run `EAVES_DATA=... python -m benchmarks.accuracy.unseen [--rows TEXT...] [--columns TEXT...]`.
-Each cell of the table is one run of `eaves detect` on a bare file, in blocks. The default is shown twice:
+Each cell of the table is what `eaves detect` finds in a bare file, in blocks. The default is shown twice:
 with the weights fitted to everything, and with those fitted with the row's place and its variants left out
 (`benchmarks.accuracy.detection_fit` makes both). What was run is kept in EAVES_CACHE (default:
 ~/.cache/eaves/unseen) and not run again while the code that decides it is the same. Cells that are not run
@@ -15,17 +15,12 @@ import functools
 import hashlib
 import json
 import os
-import subprocess
-import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import laspy
 import numpy as np
-import pyogrio
-from scipy.spatial import cKDTree
 
 from benchmarks.accuracy.detection import CELL, TOWNS, TownScan, rates, scan_of
 from benchmarks.survey_variants import (
@@ -37,19 +32,27 @@ from benchmarks.survey_variants import (
     labelled_surveys,
     survey_of,
 )
-from benchmarks.table import keep, kept_rows
+from benchmarks.table import commit_now, keep, kept_rows
 from eaves.model import Mask
 from eaves.model.cloud import BUILDING
+from eaves.run.recipe import Recipe, make_recipe
+from eaves.run.region import Core, Region
+from eaves.run.run import no_progress, open_run
+from eaves.run.workers import Workers
 
 COMMAND = "python -m benchmarks.accuracy.unseen"
 PUBLISHED = ("planar_patches", "normal_echo", "contours", "roof_attributes", "height_texture")
 ALL_IN, LEFT_OUT = "consensus, all in", "consensus, left out"
 COLUMNS = (*PUBLISHED, ALL_IN, LEFT_OUT)
+COMMIT = "commit"
+SHOWN = (*COLUMNS, "ahead of the best", "all in less left out", COMMIT)
+DECIDING = ("ground", "detect", "raster", "geometry")
+RUN_STEPS = ("block", "decks", "wide", "ground_squares", "world_squares")
+"""Folders and steps of a run whose sources decide what is found."""
 WEIGHTS = Path(__file__).with_name("detection_weights.json")
 SOURCES = Path(__file__).parents[2] / "src/eaves"
-NOT_RUN = "–"
-SAME_POINT_M = 0.02
-"""Points of the result are those of the survey up to the rounding of the file."""
+NOT_RUN, NO_VARIANT = "–", "none"
+"""Cells that were not run; those of variants that leave the survey as it is."""
 
 
 @dataclass(frozen=True)
@@ -66,46 +69,62 @@ class Figures:
 
 @functools.cache
 def code_of(method: str) -> str:
-    """A hash of the sources that decide a method's result."""
+    """A hash of the sources that decide a method's result: not those of other methods."""
     digest = hashlib.sha256()
-    for folder in ("ground", "detect", "raster", "geometry"):
-        for path in sorted((SOURCES / folder).rglob("*.py")):
-            if method in PUBLISHED and "consensus" in path.parts:
-                continue
+    ground = make_recipe({"detect": detector_of(method)}).ground.name
+    others = {"adaptive_tin", "contours", "smooth_region"} - {ground}
+    others |= {"consensus"} if method in PUBLISHED else set()
+    paths = [path for folder in DECIDING for path in sorted((SOURCES / folder).rglob("*.py"))]
+    for path in [*paths, *(SOURCES / "run" / f"{name}.py" for name in RUN_STEPS)]:
+        if not others & {*path.relative_to(SOURCES).parts[1:-1], path.stem if "ground" in path.parts else ""}:
             digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 
 
-def weights_of(place: str, folder: Path) -> Path:
-    """A configuration that takes the weights fitted without a place."""
-    kept = json.loads(WEIGHTS.read_text(encoding="utf-8"))
-    weights, config = folder / "weights.json", folder / "config.toml"
-    weights.write_text(json.dumps(kept.get(place, kept["all"])), encoding="utf-8")
-    config.write_text(f'[detect]\nmethod = "consensus"\nweights = "{weights}"\n', encoding="utf-8")
-    return config
+def detector_of(column: str) -> str:
+    """The detector that a column is about."""
+    return column if column in PUBLISHED else "consensus"
 
 
-def run(survey: Survey, column: str, place: str) -> Figures:
-    """One run of the command on the bare file of a survey."""
+def recipe_for(column: str, place: str, folder: Path) -> Recipe:
+    """The recipe of `eaves detect --method`, in the last column with the weights fitted without a place."""
+    if column != LEFT_OUT:
+        return make_recipe({"detect": detector_of(column)}, lod="0")
+    fitted, weights = json.loads(WEIGHTS.read_text(encoding="utf-8")), folder / "weights.json"
+    weights.write_text(json.dumps(fitted.get(place, fitted["all"])), encoding="utf-8")
+    return make_recipe({"detect": {"method": "consensus", "weights": str(weights)}}, lod="0")
+
+
+def run(survey: Survey, columns: Sequence[str], place: str) -> Iterator[tuple[str, Figures]]:
+    """What the command finds in the bare file of a survey, for some columns, one after the other.
+
+    The steps are those of `eaves detect`, up to the classes of the points and the regions joined over the
+    borders of blocks. The ground is found once for all methods that stand on the same.
+    """
+    known, want = judged(survey), survey.truth == BUILDING
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        bare, out = folder / "bare.laz", folder / "out"
+        bare = folder / "bare.laz"
         survey.write(bare)
-        words = ["--method", column] if column in PUBLISHED else []
-        if column == LEFT_OUT:
-            words = ["--config", str(weights_of(place, folder))]
-        command = [sys.executable, "-m", "eaves", "detect", str(bare), "-o", str(out), "--jobs", "1", "-q"]
-        subprocess.run([*command, *words], check=True)
-        found = laspy.read(next(out.glob("classified*.la[sz]")))
-        buildings = len(
-            pyogrio.read_dataframe(out / "footprints.gpkg", layer="footprints", read_geometry=False)
-        )
-        xyz = np.column_stack([found.x, found.y, np.asarray(found.z) * survey.height_unit])
-        called = np.asarray(found.classification) == BUILDING
-    near = cKDTree(xyz).query(survey.xyz, distance_upper_bound=SAME_POINT_M)[1]
-    got = np.r_[called, False][np.asarray(near)]
-    keep_ = judged(survey)
-    return compared(survey.xyz[keep_], got[keep_], survey.truth[keep_] == BUILDING, buildings)
+        for column in columns:
+            recipe = recipe_for(column, place, folder)
+            job = open_run(bare, folder / "out", recipe, outputs=("footprints", "classified"))
+            region = Region(job, folder / recipe.ground.name, Workers(), no_progress)
+            if region.store.folder.exists():
+                region.store.forget("blocks")
+            else:
+                region.open_store()
+                region.partition()
+            blocks = region.used_blocks()
+            plans = region.join(blocks, Core(holds=lambda block: True))
+            if region.failed:
+                raise RuntimeError(region.failed[0])
+            got = np.zeros(len(survey.xyz), bool)
+            for block in blocks:
+                with region.store.open_block(block) as file:
+                    got[file["point_id"][file["candidate"][file["label"] > 0]]] = True
+            found = sum(len(plan.buildings) for plan in plans)
+            yield column, compared(survey.xyz[known], got[known], want[known], found)
 
 
 def compared(xyz: np.ndarray, got: Mask, want: Mask, buildings: int) -> Figures:
@@ -118,21 +137,33 @@ def compared(xyz: np.ndarray, got: Mask, want: Mask, buildings: int) -> Figures:
     return Figures(iou, precision, recall, buildings, int(want.sum()), int((got & ~want).sum()))
 
 
-def figures(survey: Survey, name: str, variant: str, column: str, cache: Path, kept: bool) -> Figures | None:
-    """The figures of a run, from the cache where it was made before; None where `kept` forbids to make it."""
-    place = PLACES.get(name, name)
-    fitted = json.loads(WEIGHTS.read_text(encoding="utf-8"))
+def cell_of(name: str, variant: str, column: str, cache: Path) -> Path:
+    """Where the figures of a cell of the table are kept."""
+    place, fitted = PLACES.get(name, name), json.loads(WEIGHTS.read_text(encoding="utf-8"))
     weights = fitted.get(place, fitted["all"]) if column == LEFT_OUT else None
-    key = hashlib.sha256(f"{name}/{variant}/{column}/{code_of(column)}/{weights}".encode()).hexdigest()[:16]
-    path = cache / f"{key}.json"
+    key = hashlib.sha256(f"{name}/{variant}/{column}/{code_of(column)}/{weights}".encode()).hexdigest()
+    return cache / f"{key[:16]}.json"
+
+
+def kept_cell(path: Path) -> tuple[str, str] | None:
+    """What the table shows of a cell, and the commit it was computed at; None where it was not."""
     if not path.exists():
-        if kept:
-            return None
-        answer = run(VARIANTS[variant](survey), column, place)
-        record = {"row": f"{name}, {variant}", "column": column, **answer.__dict__}
-        path.write_text(json.dumps(record), encoding="utf-8")
+        return None
     record = json.loads(path.read_text(encoding="utf-8"))
-    return Figures(*(record[field] for field in Figures.__dataclass_fields__))
+    return shown(Figures(*(record[field] for field in Figures.__dataclass_fields__))), record["commit"]
+
+
+def fill_row(survey: Survey, variant: str, columns: Sequence[str], cache: Path) -> None:
+    """Compute the cells of a row that are not kept."""
+    name = survey.name
+    todo = [column for column in columns if not cell_of(name, variant, column, cache).exists()]
+    if not todo:
+        return
+    todo.sort(key=lambda column: detector_of(column) == "consensus")
+    place, commit = PLACES.get(name, name), commit_now()
+    for column, answer in run(VARIANTS[variant](survey), todo, place):
+        record = {"row": f"{name}, {variant}", "column": column, "commit": commit, **answer.__dict__}
+        cell_of(name, variant, column, cache).write_text(json.dumps(record), encoding="utf-8")
 
 
 def wanted(text: str, words: Sequence[str] | None) -> bool:
@@ -156,17 +187,25 @@ def main() -> None:
         variants = [variant for variant in VARIANTS if wanted(f"{name}, {variant}", chosen.rows)]
         survey = read() if variants else None
         for variant in VARIANTS:
-            row = dict.fromkeys(COLUMNS, NOT_RUN) | {
+            row = dict.fromkeys((*COLUMNS, COMMIT), NOT_RUN) | {
                 column: str(cell) for column, cell in before.get((name, variant), {}).items()
             }
-            if survey is not None and variant in variants and applies(variant, survey):
-                for column in columns:
-                    answer = figures(survey, name, variant, column, cache, chosen.kept)
-                    row[column] = row[column] if answer is None else shown(answer)
+            if survey is not None and variant in variants:
+                if not applies(variant, survey):
+                    table.append({"survey": name, "variant": variant, **dict.fromkeys(SHOWN, NO_VARIANT)})
+                    continue
+                if not chosen.kept:
+                    fill_row(replace(survey, name=name), variant, columns, cache)
+                there = {one: kept_cell(cell_of(name, variant, one, cache)) for one in columns}
+                told = {one: cell for one, cell in there.items() if cell is not None}
+                row |= {one: cell[0] for one, cell in told.items()}
+                if told:
+                    row[COMMIT] = ", ".join(sorted({cell[1] for cell in told.values()}))
                 print(name, variant, *(f"{column}: {row[column]}" for column in columns), flush=True)
             if any(row[column] != NOT_RUN for column in COLUMNS):
                 cells = {column: row[column] for column in COLUMNS}
-                table.append({"survey": name, "variant": variant, **cells, **verdict(cells)})
+                shown_cells = {**cells, **verdict(cells), COMMIT: row[COMMIT]}
+                table.append({"survey": name, "variant": variant, **shown_cells})
     keep("unseen", "Detection on surveys left out, by the command", table, COMMAND, NOTE)
 
 
@@ -206,8 +245,9 @@ found, and how many of their points are known to be none. Left out: the weights 
 without the row's place and all its variants; california and the towns fitted none, so both columns are
 left out there. The other constants of all methods are the same in all columns.
 Ahead of the best: IoU of the left-out default less that of the best of the five published methods with
-derived defaults, where all were run. Each is one run of `eaves detect` on a bare file in blocks of 240 m.
-–: not run, or no other survey than the whole one."""
+derived defaults, where all were run. Each is what `eaves detect` finds in a bare file in blocks of 240 m.
+–: not run. none: the file has no strips, or no returns, that could be changed: no other survey than the whole
+one. Commit: what stood when the row was measured."""
 
 
 if __name__ == "__main__":
