@@ -119,6 +119,28 @@ def test_cells_grow_with_the_spacing() -> None:
     assert cells == [FINEST_M, 2 * FINEST_M, 4 * FINEST_M]
 
 
+def test_in_thin_data_what_stands_moves_with_the_data() -> None:
+    points = scatter(180.0, 0.3)
+    points[box(points, 50, 50, 130, 130), 2] += 6.0
+    here, there = (
+        find_wide_objects(
+            Floor.of(PointCloud.from_world(points + [k * FINEST_M, k * FINEST_M, 0.0])), RULES, WIDE
+        )
+        for k in (4, 5)
+    )
+    assert (there.west, there.north) == (here.west + 1, here.north + 1)
+    assert np.isfinite(here.ceiling).any() and not np.isfinite(here.ceiling).all()
+    for name in ("ceiling", "terrain", "reached"):
+        np.testing.assert_allclose(getattr(there, name), getattr(here, name), atol=1e-4)
+
+
+def test_a_doubt_in_thin_data_is_said_once() -> None:
+    points = scatter(200.0, 0.6)
+    points[points[:, 0] > 150.0, 2] += 5.0
+    patch = find_wide_objects(Floor.of(PointCloud.from_world(points)), RULES, WIDE)
+    assert len(patch.doubts) == 1 and 150.0 < patch.doubts[0].x < 200.0
+
+
 def test_a_cropped_patch_says_the_same_of_what_it_holds() -> None:
     points = scatter()
     points[box(points, 50, 50, 150, 150), 2] += 6.0

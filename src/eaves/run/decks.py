@@ -114,16 +114,26 @@ def decks_of(floor: Floor, bounds: Bounds, raised: Patch | None, rules: DeckRule
     heights = floor.heights(rules.stray_depth, rules.stray_points)
     seen = Decks(floor.west, floor.north, floor.cell, heights, heights, floor.count.astype(np.float32))
     seen = seen.cropped(bounds.buffered(rules.around))
-    roofs = np.zeros(seen.level.shape, bool)
-    if raised is not None and raised.cell == floor.cell:
-        over = Decks(raised.west, raised.north, raised.cell, *3 * (raised.ceiling,))
-        over = over.cropped(bounds.buffered(rules.around))
-        if (over.west, over.north, over.level.shape) == (seen.west, seen.north, seen.level.shape):
-            roofs = np.isfinite(over.level)
+    roofs = raised_in(seen, raised)
     level, base, doubts = find_decks(seen.level, seen.cell, roofs, rules)
     placed = tuple(one.translated(seen.west * seen.cell, (seen.north + 1) * seen.cell) for one in doubts)
     wet = water_heights(seen.level, seen.water, seen.cell, rules)
     return Decks(seen.west, seen.north, seen.cell, level, base, wet, placed).cropped(bounds)
+
+
+def raised_in(seen: Decks, raised: Patch | None) -> Mask:
+    """The cells (H, W) in which something stands over the terrain."""
+    roofs = np.zeros(seen.level.shape, bool)
+    if raised is None:
+        return roofs
+    rows, columns = np.nonzero(np.isfinite(raised.ceiling))
+    north, east = (raised.north - rows + 0.5) * raised.cell, (raised.west + columns + 0.5) * raised.cell
+    row = seen.north - np.floor(north / seen.cell).astype(np.int64)
+    column = np.floor(east / seen.cell).astype(np.int64) - seen.west
+    height, width = seen.level.shape
+    inside = (row >= 0) & (column >= 0) & (row < height) & (column < width)
+    roofs[row[inside], column[inside]] = True
+    return roofs
 
 
 def wet_or_bridged(cloud: PointCloud, decks: Sequence[Decks], rules: DeckRules = RULES) -> Classes:

@@ -138,6 +138,15 @@ class Floor:
             floor = floor.doubled()
         return floor
 
+    def in_shifted_cells(self, times: int, right: int, up: int) -> Floor:
+        """The same in cells `times` (1, 2 or 4) as wide, their borders `right` and `up` cells to the west and
+        south of where they are else: they are counted as if the origin of the world lay there.
+        """
+        floor = self.with_(west=self.west + right, north=self.north + up)
+        for _ in range(times.bit_length() - 1):
+            floor = floor.doubled()
+        return floor
+
     def with_(self, **changes: object) -> Floor:
         """A copy with some fields replaced."""
         return replace(self, **changes)  # type: ignore[arg-type]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +31,10 @@ DOUBT_M2, DOUBT_MOST_M2, DOUBT_SHARE = 500.0, 250_000.0, 0.6
 known rim steps down. They decide what is said, no result."""
 
 
+BAND_ROWS = 128
+"""Rows of cells for which the patches are compared at once; it bounds memory and decides no result."""
+Integers = NDArray[np.int64]
+Place = tuple[Integers, ...]
 Standing = NDArray[np.uint8]
 """(N,) `OVER` or `REACHED`; 0 where nothing is said."""
 OVER, REACHED = 1, 2
@@ -74,6 +79,15 @@ class Patch:
     reached: Grid
     clear: float
     doubts: tuple[Doubt, ...] = ()
+
+    def cells_at(self, floor: Floor, rows: Integers, columns: Integers, right: int, up: int) -> Place:
+        """Where the cells of a floor in some rows and columns lie among these, which are several times as
+        wide and counted `right` and `up` of the floor's cells too far.
+        """
+        times = round(self.cell / floor.cell)
+        top = (self.north + 1) * times - 1 - up - floor.north
+        left = floor.west + right - self.west * times
+        return np.ix_((rows + top) // times, (columns + left) // times)
 
     def cropped(self, bounds: Bounds) -> Patch:
         """The cells within `bounds` (world metres, whole cells)."""
@@ -131,8 +145,57 @@ class WideObjects:
 
 
 def find_wide_objects(floor: Floor, rules: Rules, wide: WideRules) -> Patch:
-    """What stands over the terrain on a floor."""
-    floor = floor.in_wide_cells(wide.cell_points)
+    """What stands over the terrain on a floor, in its cells.
+
+    Where they hold too few points wider ones are looked at, in all places that their borders can have on
+    those of the floor, and most of these places decide: a wide cell at a wall shows what is lower, and where
+    it lies decides how much of a lane or a yard between buildings is seen. That costs what one look at the
+    floor's own cells does.
+    """
+    times = round(floor.in_wide_cells(wide.cell_points).cell / floor.cell)
+    if times == 1:
+        return find_in_cells(floor, rules, wide)
+    places = [(right, up) for right in range(times) for up in range(times)]
+    return most_of(
+        floor,
+        [find_in_cells(floor.in_shifted_cells(times, *place), rules, wide) for place in places],
+        places,
+    )
+
+
+def most_of(floor: Floor, patches: Sequence[Patch], places: Sequence[tuple[int, int]]) -> Patch:
+    """What most patches say, in the cells of a floor, of which they hold several, counted so many to the
+    right and up too far; a doubt is said once, and of nothing that is raised.
+    """
+    rows, columns = floor.shape
+    ceiling, terrain, reached = (np.empty(floor.shape, np.float32) for _ in range(3))
+    for top in range(0, rows, BAND_ROWS):
+        here = np.s_[top : top + BAND_ROWS]
+        cells = [
+            patch.cells_at(floor, np.arange(rows)[here], np.arange(columns), *place)
+            for patch, place in zip(patches, places, strict=True)
+        ]
+        pairs = list(zip(patches, cells, strict=True))
+        ceiling[here] = middle_kernel(np.stack([patch.ceiling[at] for patch, at in pairs]))
+        terrain[here] = middle_kernel(np.stack([patch.terrain[at] for patch, at in pairs]))
+        reached[here] = -middle_kernel(np.stack([-patch.reached[at] for patch, at in pairs]))
+    doubts: list[Doubt] = []
+    for patch, (right, up) in zip(patches, places, strict=True):
+        for one in patch.doubts:
+            doubt = one.translated(-right * floor.cell, -up * floor.cell)
+            row = floor.north - int(np.floor(doubt.y / floor.cell))
+            column = int(np.floor(doubt.x / floor.cell)) - floor.west
+            row, column = min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)
+            apart = float(np.sqrt(doubt.area_m2))
+            said = any(np.hypot(doubt.x - other.x, doubt.y - other.y) < apart for other in doubts)
+            if not said and not np.isfinite(ceiling[row, column]):
+                doubts.append(doubt)
+    clear = patches[0].clear
+    return Patch(floor.west, floor.north, floor.cell, ceiling, terrain, reached, clear, tuple(doubts))
+
+
+def find_in_cells(floor: Floor, rules: Rules, wide: WideRules) -> Patch:
+    """What stands over the terrain on a floor, seen in its cells as they are."""
     surfaces = find_surfaces(floor.heights(wide.echo_depth, wide.echo_points), floor.cell, rules)
     verdict = judge_surfaces(surfaces, rules)
     terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
@@ -242,3 +305,21 @@ def place_kernel(
             standing[i] = OVER
         elif xyz[i, 2] <= reached[row, column] + clear:
             standing[i] = REACHED
+
+
+@njit(cache=True)
+def middle_kernel(values: NDArray[np.float32]) -> Grid:
+    """The middle (H, W) of some values (K, H, W), the upper one of two; NaN is more than any."""
+    looks, rows, columns = values.shape
+    middle = np.empty((rows, columns), np.float32)
+    one = np.empty(looks, np.float32)
+    for row in range(rows):
+        for column in range(columns):
+            for k in range(looks):
+                value, place = values[k, row, column], k
+                while place > 0 and (np.isnan(one[place - 1]) or one[place - 1] > value):
+                    one[place] = one[place - 1]
+                    place -= 1
+                one[place] = value
+            middle[row, column] = one[looks // 2]
+    return middle
