@@ -272,8 +272,8 @@ def judge_command(data: Path) -> None:
     )
     note = (
         f"Mean {np.mean(here):.2f} % where the samples lie; {np.mean(places):.2f} % over {PLACES} random "
-        f"places (each sample moved by up to 240 m, the same moves for all), at most {max(worst):.2f} %. Where "
-        "borders of cells fall decides thin samples, so the mean over places is the figure to quote."
+        f"places (each sample moved by up to 240 m, the same moves for all), at most {max(worst):.2f} %. "
+        "Where borders of cells fall decides thin samples, so the mean over places is the figure to quote."
     )
     keep("ground-command", "Ground: by the command", rows, f"{COMMAND} --command", note)
 
