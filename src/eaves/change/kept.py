@@ -7,13 +7,18 @@ a point.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from eaves.formats import InputError
 from eaves.methods import resolve_method
 from eaves.model import Block
+from eaves.model.results import BuildingResult
 from eaves.run.recipe import Recipe
 from eaves.run.run import METHOD_OPTIONS, WORK, Run, open_run
 from eaves.run.store import REQUEST, Store
@@ -77,6 +82,7 @@ def open_kept(folder: Path) -> Run:
     run = open_run(
         list(request.inputs), folder, recipe_of(request.plan), keep=True, resume=True, **request.options
     )
+    run = replace(ordered(run, request.inputs), translate=frame_of(folder))
     for key in ("version", "methods", "use_classes", "lod", "clip", "footprints", "party_walls"):
         if run.plan.get(key) != request.plan.get(key):
             raise InputError.about(
@@ -85,6 +91,28 @@ def open_kept(folder: Path) -> Run:
     if marks_of(run.plan) != marks_of(request.plan):
         raise InputError.about(folder, "keeps parts of inputs that have changed since", REMEDY)
     return run
+
+
+def ordered(run: Run, inputs: Sequence[str]) -> Run:
+    """The run with its inputs in an order of their true paths: that in which points were given their ids."""
+    places = {path: k for k, path in enumerate(inputs)}
+    order = sorted(
+        range(len(run.index)), key=lambda k: places.get(os.path.realpath(run.index.path(k)), len(places))
+    )
+    index = run.index.subset(np.array(order, np.int64))
+    return replace(run, index=index, plan={**run.plan, **index.describe()})
+
+
+def frame_of(folder: Path) -> tuple[float, ...] | None:
+    """What the coordinates of a run's models count from; None where it wrote none."""
+    path = folder / "buildings.city.jsonl"
+    try:
+        with path.open(encoding="utf-8") as file:
+            return tuple(map(float, json.loads(file.readline())["transform"]["translate"]))
+    except FileNotFoundError:
+        return None
+    except (ValueError, KeyError, TypeError):
+        raise InputError.about(path, "is damaged", REMEDY) from None
 
 
 def marks_of(plan: dict[str, Any]) -> list[tuple[int, str]]:
@@ -108,3 +136,15 @@ def recipe_of(plan: dict[str, Any]) -> Recipe:
         ground_classes=tuple(plan.get("ground_classes") or (2,)),
         vegetation=None if vegetation is None else VegetationRules(**vegetation),
     )
+
+
+def load_results(store: Store, owner: Block) -> list[BuildingResult]:
+    """The results of an owner block's buildings, as they were saved."""
+    if not store.has("buildings", owner):
+        return []
+    rows = store.building_rows([owner])
+    answers = store.answers([owner])
+    return [
+        BuildingResult(answer, point_id, plane, dict(row.seconds))
+        for answer, row, (point_id, plane) in zip(answers, rows, store.planes(owner), strict=True)
+    ]

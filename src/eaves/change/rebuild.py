@@ -13,7 +13,7 @@ import shapely
 from shapely import Polygon
 
 from eaves.change.edits import EDITS, Edit, Order, edits_of_layer, read_edits, settle, write_edits
-from eaves.change.kept import open_kept, read_request, write_request
+from eaves.change.kept import load_results, open_kept, read_request, write_request
 from eaves.formats.atomic import report_full_disk
 from eaves.model import Block, BuildingModel, Failure, Footprint
 from eaves.model.results import BuildingResult
@@ -281,15 +281,3 @@ class State:
                 if area > OVERLAP_M2:
                     told.append(f"{name}: its outline covers {area:.1f} m² of {other}")
         return told
-
-
-def load_results(store: Store, owner: Block) -> list[BuildingResult]:
-    """The results of an owner block's buildings, as they were saved."""
-    if not store.has("buildings", owner):
-        return []
-    rows = store.building_rows([owner])
-    answers = store.answers([owner])
-    return [
-        BuildingResult(answer, point_id, plane, dict(row.seconds))
-        for answer, row, (point_id, plane) in zip(answers, rows, store.planes(owner), strict=True)
-    ]

@@ -42,7 +42,10 @@ PerTile = Annotated[
     bool, typer.Option("--per-tile", help="Compute and write tile by tile, as for over 2 billion points.")
 ]
 Keep = Annotated[
-    bool, typer.Option("--keep", help="Keep what `eaves rebuild` needs, about 100 bytes a point.")
+    bool,
+    typer.Option(
+        "--keep", help="Keep what `eaves update` and `eaves rebuild` need, about 100 bytes a point."
+    ),
 ]
 Published = Annotated[
     bool, typer.Option("--as-published", help="Every method with the numbers its paper prints.")

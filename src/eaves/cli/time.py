@@ -61,3 +61,36 @@ def rebuild(
     for told in (*done.conflicts, *done.failed) if quiet else ():
         typer.echo(told, err=True)
     raise typer.Exit(COMPLETE if done.summary.complete and not done.failed else INCOMPLETE)
+
+
+def update(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build --keep` wrote.", metavar="OUT")],
+    inputs: Annotated[
+        list[str], typer.Argument(help="The new points: files, folders or globs.", metavar="INPUTS...")
+    ],
+    out: Out,
+    date: Annotated[
+        str | None, typer.Option(help="Of the new scan, 2026-05-31; else the latest in the files' headers.")
+    ] = None,
+    jobs: Jobs = 0,
+    quiet: Quiet = False,
+) -> None:
+    """A later scan of a part of a run's area. Only what its points change is computed again.
+
+    Everything else is taken over, models byte for byte; ids and edits are kept:
+
+      eaves update out new_tiles/ -o out2
+    """
+    from eaves.change.update import update as run_update
+
+    start_log(quiet)
+    with progress_display(quiet) as progress:
+        done = run_update(folder, inputs, out, date, jobs, progress)
+    if not quiet:
+        typer.echo(done.as_text())
+        typer.echo(f"results in {out}")
+    for told in done.conflicts if quiet else ():
+        typer.echo(told, err=True)
+    for reason in done.summary.failed:
+        typer.echo(f"incomplete: {reason}", err=True)
+    raise typer.Exit(COMPLETE if done.summary.complete else INCOMPLETE)

@@ -51,6 +51,7 @@ def write_cityjson_seq(
     system: CoordinateSystem = LOCAL_METRES,
     title: str = "",
     provenance: Provenance = NOTHING_KNOWN,
+    translate: Sequence[float] | None = None,
 ) -> int:
     """Write one line of metadata and one line a building.
 
@@ -69,6 +70,9 @@ def write_cityjson_seq(
         Title in the metadata, if any.
     provenance : Provenance
         What the models are made from, which the file then says.
+    translate : sequence of float, or None
+        What all coordinates count from (x, y, z in the system's units); None for the corner of the first
+        building's block. A file that follows another keeps its lines by keeping this.
 
     Returns
     -------
@@ -96,7 +100,7 @@ def write_cityjson_seq(
             if footprint_of(model) is None:
                 continue
             if writer is None:
-                writer = _Vertices(system, footprint_of(model))
+                writer = _Vertices(system, footprint_of(model), translate)
                 file.write(
                     _line(_frame(writer, system, title, provenance) | {"CityObjects": {}, "vertices": []})
                 )
@@ -108,7 +112,8 @@ def write_cityjson_seq(
         if writer is None:
             file.write(
                 _line(
-                    _frame(_Vertices(system), system, title, provenance) | {"CityObjects": {}, "vertices": []}
+                    _frame(_Vertices(system, None, translate), system, title, provenance)
+                    | {"CityObjects": {}, "vertices": []}
                 )
             )
     return count
@@ -225,11 +230,18 @@ def attributes_of(result: Result) -> Json:
 class _Vertices:
     """The vertex list of one feature, or of one file: coordinates to whole steps, each once."""
 
-    def __init__(self, system: CoordinateSystem, near: Footprint | None = None) -> None:
+    def __init__(
+        self,
+        system: CoordinateSystem,
+        near: Footprint | None = None,
+        translate: Sequence[float] | None = None,
+    ) -> None:
         self.unit = np.array(system.unit_m)
         self.scale = 10.0 ** np.floor(np.log10(STEP_M / self.unit) + 1e-9)
         start = near.origin if near is not None else (0.0, 0.0)
         self.translate = np.floor(np.array([*start, 0.0]) / self.unit)
+        if translate is not None:
+            self.translate = np.array(translate, np.float64)
         self.integers: list[list[int]] = []
         self._number: dict[tuple[int, ...], int] = {}
 

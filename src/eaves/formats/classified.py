@@ -33,6 +33,8 @@ OWNER = "eaves"
 """Of our variable-length record."""
 UNCHANGED = 255
 """In place of a class: the point was not used, keep the values of the file."""
+SUPERSEDED = 254
+"""In place of a class: a later scan has taken the point's place; it keeps its values, and is withheld."""
 
 
 class Values(Protocol):
@@ -66,7 +68,8 @@ def write_classified(
     path : str or Path
         The LAZ file to write; it appears when it is whole.
     classification : ndarray (count,) of uint8
-        LAS class of every record of the file, or `UNCHANGED`; a memory-mapped array is read piece by piece.
+        LAS class of every record of the file, `UNCHANGED` or `SUPERSEDED`; a memory-mapped array is read
+        piece by piece.
     extra : mapping of str to ndarray (count,), or None
         Dimension name → values: `building_id`, `plane_id`, `part`. One that the input has is replaced.
     chunk_points : int
@@ -222,11 +225,16 @@ def _add_dimensions(header: laspy.LasHeader, arrays: Mapping[str, Values]) -> No
 def _set_classes(
     points: laspy.ScaleAwarePointRecord, header: laspy.LasHeader, classes: NDArray[np.uint8]
 ) -> None:
-    """Replace every class but those of withheld points (LAS 1.4, tables 8 and 16) and where `UNCHANGED`."""
+    """Replace every class but those of withheld points (LAS 1.4, tables 8 and 16) and where `UNCHANGED`;
+    withhold what is `SUPERSEDED`."""
+    gone = classes == SUPERSEDED
+    classes = np.where(gone, np.uint8(UNCHANGED), classes)
     if header.point_format.id >= FIRST_LAYERED_FORMAT:
         kept = ((points.array["classification_flags"] & 4) != 0) | (classes == UNCHANGED)
         points.array["classification"] = np.where(kept, points.array["classification"], classes)
+        points.array["classification_flags"] |= np.where(gone, np.uint8(4), np.uint8(0))
     else:
         raw = points.array["raw_classification"]
         kept = ((raw & 128) != 0) | (classes == UNCHANGED)
-        points.array["raw_classification"] = np.where(kept, raw, (raw & 0xE0) | (classes & 31))
+        classes = np.where(kept, raw, (raw & 0xE0) | (classes & 31))
+        points.array["raw_classification"] = np.where(gone, classes | 128, classes)

@@ -27,6 +27,8 @@ MONTHS = (
 COLUMNS: dict[str, Column] = {
     "id": Column("Building", "", "id of the building, the same in every run", str),
     "number": Column("Number", "", "what building_id says in the classified points", int),
+    "version": Column("Version", "", "how often an update has modelled the building; empty for once", int),
+    "creationDate": Column("Creation date", "", "of the version, by the update that made it", str),
     "score": Column("Detection score", "", "how sure the detection is, 0 to 1"),
     "area_m2": Column("Area", "m²", "of a footprint in plan, of a roof face along its slope"),
     "lod": Column("Level of detail", "", "the finest level that was reached", str),

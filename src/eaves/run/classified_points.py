@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats import InputError, write_classified
-from eaves.formats.classified import UNCHANGED
+from eaves.formats.classified import SUPERSEDED, UNCHANGED
 from eaves.formats.fingerprint import refuse_change
 from eaves.model import Block
 from eaves.model.cloud import BUILDING
@@ -129,6 +129,7 @@ def gather_labels(store: Store, index: Index, blocks: Sequence[Block], owners: S
         classes[opened("building_id")[point_id] > 0] = BUILDING
         opened("classes")[point_id] = classes
         opened("part")[point_id] = part
+    opened("classes")[store.superseded()] = SUPERSEDED
 
 
 def fill_file(path: Path, dtype: Any, count: int, value: int, piece: int = 1 << 20) -> None:

@@ -97,7 +97,8 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
         return files + export_footprints(folder, rows, roofs, system, run.formats, made_from), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]
-        write_cityjson_seq(files[0], results.answers(), system, provenance=made_from)
+        lines = results.answers()
+        write_cityjson_seq(files[0], lines, system, provenance=made_from, translate=run.translate)
         return files + export_models(folder, results.answers, system, run.formats, made_from), None
     if step == "mask":
         polygons = [row.polygon for row in store.building_rows(owners)]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, Protocol
 
 import numpy as np
 
@@ -318,20 +318,51 @@ def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
     store.save_block(result)
 
 
-def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: bool = False) -> None:
-    """The building pass for the buildings owned by one block, kept in the store."""
+class Earlier(Protocol):
+    """What an earlier run found of the buildings of one owner block."""
+
+    def take(
+        self, buildings: Sequence[BuildingPoints]
+    ) -> tuple[list[BuildingResult], list[BuildingPoints], list[bool]]:
+        """The results that stay as they are, the gathered buildings to draw, and which of these to model."""
+
+    def result_of(self, building: BuildingPoints, footprint: Footprint | Failure) -> BuildingResult | None:
+        """The earlier result of a building with its footprint; None where there is none of just that."""
+
+
+def compute_buildings(
+    plan: OwnedBuildings,
+    store: Store,
+    recipe: Recipe,
+    snap: bool = False,
+    earlier: Earlier | None = None,
+) -> list[bool]:
+    """The building pass for the buildings owned by one block, kept in the store; which were `earlier`'s."""
     gatherer = Gatherer(store, around=AROUND if recipe.lod == OVERHANGS else None)
     if snap:
         plan = gatherer.snapped(plan)
     gathered = [gatherer.gather(plan.owner_block, building) for building in plan.buildings]
     results = [BuildingResult.without_points(none) for none in gathered if isinstance(none, Failure)]
     buildings = [building for building in gathered if not isinstance(building, Failure)]
+    known = [False] * len(results)
+    if earlier is not None:
+        kept, buildings, wanted = earlier.take(buildings)
+        results += kept
+        known += [True] * len(kept)
     clock = Clock()
     footprints = draw_all(buildings, recipe)
     clock.lap("outline")
+    if earlier is not None:
+        footprints = [one for one, is_wanted in zip(footprints, wanted, strict=True) if is_wanted]
+        buildings = [one for one, is_wanted in zip(buildings, wanted, strict=True) if is_wanted]
     buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
     clock.lap("units")
     for building, footprint in zip(buildings, footprints, strict=True):
+        found = None if earlier is None else earlier.result_of(building, footprint)
+        known.append(found is not None)
+        if found is not None:
+            results.append(found)
+            continue
         try:
             results.append(building_pass(building, footprint, recipe, store.system.horizontal_unit_m))
         except Exception as error:  # one building must not take the others of its block with it
@@ -340,9 +371,10 @@ def compute_buildings(plan: OwnedBuildings, store: Store, recipe: Recipe, snap: 
             )
             log.debug("traceback", exc_info=True)
             results.append(broken_result(building, error))
-    if results:
+    if results and not known[0]:
         results[0].seconds.update(clock.laps)
     store.save_buildings(plan.owner_block, results)
+    return known
 
 
 def draw_all(buildings: list[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:

@@ -191,6 +191,8 @@ class Run:
     by_tiles: bool = False
     failed: tuple[str, ...] = ()
     """Inputs that could not be opened, with the reason."""
+    translate: tuple[float, ...] | None = None
+    """What the coordinates of the models count from, where an earlier run's lines are to stay."""
     started: float = 0.0
 
     @property

@@ -28,6 +28,8 @@ log = logging.getLogger("eaves")
 
 REQUEST = "request.json"
 """Beside the parts of a run that keeps them: what it was asked for."""
+SUPERSEDED = "superseded.npy"
+"""Beside the parts of an updated run: the ids of the points that others have taken the place of."""
 RECORD = np.dtype(
     [
         ("xyz", "<i4", 3),
@@ -104,6 +106,11 @@ class Store:
             with path.open("rb") as file:  # numpy joins records field by field, many times as slowly
                 file.readinto(records[start:end].view(np.uint8).data)
         return records
+
+    def superseded(self) -> NDArray[np.int64]:
+        """Ids (K,) of the points that an update has put others in the place of."""
+        path = self.folder / SUPERSEDED
+        return np.load(path, allow_pickle=False) if path.exists() else np.zeros(0, np.int64)
 
     def load_cloud(self, block: Block, reach: float) -> PointCloud:
         """The points of a block and of its surroundings up to `reach` (m), about the block's corner."""

@@ -1,0 +1,271 @@
+"""The buildings of an owner block after an update: those that are as they were keep their results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
+
+from eaves.change.kept import load_results
+from eaves.change.points import COVER_CELL
+from eaves.model import Block, Failure, Footprint, Mask, Points
+from eaves.model.results import BuildingPoints, BuildingResult
+from eaves.run.gather import MARGIN, Gatherer
+from eaves.run.join import BuildingPlan, OwnedBuildings
+from eaves.run.recipe import Recipe
+from eaves.run.region import compute_buildings
+from eaves.run.rows import world_polygon
+from eaves.run.store import Store
+
+REACH = MARGIN + COVER_CELL
+"""Points that come or go so near (m) to a building's own touch it: its terrain is known so far around."""
+
+MOVED = 0.05
+"""The outline of a neighbour has moved when a corner lies farther (m) from where it was."""
+
+BESIDE = 3.0
+"""Buildings so near (m) may share edges: more than twice the spacing of the sparsest scan."""
+
+
+@dataclass(frozen=True, eq=False)
+class Owned:
+    """The buildings of one owner block as they are planned now, and what lies across its border."""
+
+    now: OwnedBuildings
+    around: tuple[tuple[Block, BuildingPlan], ...]
+    """Buildings in several blocks that other owner blocks have now."""
+    neighbours: tuple[Block, ...]
+    """The owner blocks around it that the earlier run had."""
+
+
+def plans_to_model(
+    now: Sequence[OwnedBuildings],
+    before: Sequence[OwnedBuildings],
+    owners: Sequence[Block],
+    differing: set[Block],
+) -> list[Owned]:
+    """The owner blocks whose buildings may be others than they were, those that own none now among them.
+
+    Parameters
+    ----------
+    now, before
+        The buildings as the regions are joined now, and as those of the earlier run are.
+    owners
+        The owner blocks of the earlier run that have results.
+    differing
+        The blocks whose own result is another; points and terrain of a building lie in its blocks and those
+        around them.
+    """
+    earlier = {plan.owner_block: plan for plan in before}
+    wide = {block for one in differing for block in ring(one)}
+    spanning = [
+        (plan.owner_block, one)
+        for plan in now
+        for one in plan.buildings
+        if len({block for block, _ in one.regions}) > 1
+    ]
+    known = {plan.owner_block for plan in now}
+    plans = [*now, *(OwnedBuildings(owner, ()) for owner in owners if owner not in known)]
+    todo = []
+    for plan in sorted(plans, key=lambda plan: plan.owner_block):
+        owner = plan.owner_block
+        old = earlier.get(owner)
+        blocks = {owner, *(block for one in plan.buildings for block, _ in one.regions)}
+        if old is None or blocks & wide or not same_plans(plan, old):
+            near = ring(owner)
+            across = tuple(
+                (other, one)
+                for other, one in spanning
+                if other != owner and any(block in near for block, _ in one.regions)
+            )
+            todo.append(Owned(plan, across, tuple(one for one in owners if one != owner and one in near)))
+    return todo
+
+
+def ring(block: Block) -> set[Block]:
+    """A block and the eight around it."""
+    steps = (-1, 0, 1)
+    return {Block(block.column + right, block.row + up, block.side) for right in steps for up in steps}
+
+
+def same_plans(now: OwnedBuildings, before: OwnedBuildings) -> bool:
+    """Whether an owner block's buildings are made of the same regions, outlines and addresses."""
+    same = [plan_key(one) for one in now.buildings] == [plan_key(one) for one in before.buildings]
+    return same and [outline_key(one) for one in now.addresses] == [
+        outline_key(one) for one in before.addresses
+    ]
+
+
+def plan_key(plan: BuildingPlan) -> tuple[Any, ...]:
+    """What decides which points a building gets."""
+    return plan.number, plan.regions, outline_key(plan.given), plan.failure and plan.failure.reason
+
+
+def outline_key(footprint: Footprint | None) -> tuple[str, bytes] | None:
+    """Id and shape of a given footprint."""
+    return None if footprint is None else (footprint.id, shapely.to_wkb(footprint.polygon))
+
+
+def model_again(
+    owned: Owned, store: Store, before: Store, recipe: Recipe, snap: bool, changed: NDArray[np.int64]
+) -> list[bool]:
+    """Model an owner block's buildings into `store`; which of its results are those of `before`.
+
+    `changed` are the cells around points that came or went (`changed_keys`).
+    """
+    return compute_buildings(owned.now, store, recipe, snap, Known(owned, store, before, changed))
+
+
+class Known:
+    """The earlier results of an owner block, and which of them stay.
+
+    A building is touched when points within `REACH` of it came or went: then it is modelled as a build of all
+    points would. Any other stays as it is, though what is measured over a whole block, the spacing of its
+    points, may have changed in the last digit, and with it which points a detector takes. Neighbours of a
+    touched building are drawn with it, for they share edges, and modelled again where that moves their
+    outline.
+    """
+
+    def __init__(self, owned: Owned, store: Store, before: Store, changed: NDArray[np.int64]) -> None:
+        self._changed = changed
+        self._results = [one for one in load_results(before, owned.now.owner_block) if len(one.point_id)]
+        gatherer = Gatherer(store)
+        found = [gatherer.gather(owner, plan) for owner, plan in owned.around]
+        self._around = [one for one in found if isinstance(one, BuildingPoints)]
+        self._beyond: list[tuple[NDArray[np.int64], Polygon]] = []
+        for owner in owned.neighbours:
+            rows = before.building_rows([owner])
+            self._beyond += [
+                (point_id, row.polygon)
+                for row, (point_id, _) in zip(rows, before.planes(owner), strict=True)
+                if len(point_id)
+            ]
+        self._beside: list[BuildingResult] = []
+
+    def take(
+        self, buildings: Sequence[BuildingPoints]
+    ) -> tuple[list[BuildingResult], list[BuildingPoints], list[bool]]:
+        """The results that stay, the buildings to draw, and which of these to model."""
+        mine = np.arange(len(buildings) + len(self._around)) < len(buildings)
+        now = [*buildings, *self._around]
+        outlines = [*(outline_of(one) for one in self._results), *(outline for _, outline in self._beyond)]
+        touched = np.array([self._touches(one) for one in now], bool)
+        lost = np.array([self._meets(outline) for outline in outlines], bool)
+        points = Owners([one.point_id for one in now])
+        old = Owners([*(one.point_id for one in self._results), *(ids for ids, _ in self._beyond)])
+        while True:  # one that takes points of a touched building, or gives it some, is touched, too
+            more = lost | old.sharing(points, touched)
+            also = touched | points.sharing(old, more)
+            if (more == lost).all() and (also == touched).all():
+                break
+            lost, touched = more, also
+        fresh = ~points.sharing(old, np.ones(len(lost), bool))
+        drawn = (touched | fresh)[mine]
+        places = [one.xyz for one in buildings]
+        context = hanging_with(places, drawn)
+        near = next_to(places, drawn) & ~drawn
+        moves = old.sharing(points, np.concatenate([near, np.zeros((~mine).sum(), bool)]))
+        kept = []
+        for one, is_lost, moved in zip(self._results, lost, moves, strict=False):
+            if moved and not is_lost:
+                self._beside.append(one)
+            elif not is_lost:
+                kept.append(one)
+        some = np.flatnonzero(context)
+        return kept, [buildings[int(k)] for k in some], [bool(drawn[k] or near[k]) for k in some]
+
+    def result_of(self, building: BuildingPoints, footprint: Footprint | Failure) -> BuildingResult | None:
+        """The earlier result of a building beside a touched one, where its outline has not moved."""
+        if isinstance(footprint, Failure):
+            return None
+        for found in self._beside:
+            old = found.outcome.footprint
+            if old is not None and not isinstance(found.outcome, Failure):
+                apart = shapely.hausdorff_distance(old.polygon, footprint.polygon)
+                if apart <= MOVED and building.given is None:
+                    return found
+        return None
+
+    def _touches(self, building: BuildingPoints) -> bool:
+        """Whether points near those of a building came or went."""
+        place = np.floor((building.xyz[:, :2] + building.owner_block.origin) / COVER_CELL)
+        keys = cell_keys(np.unique(place.astype(np.int64), axis=0))
+        return bool(np.isin(keys, self._changed).any())
+
+    def _meets(self, outline: Polygon) -> bool:
+        """Whether points near an outline (world metres) came or went."""
+        if outline.is_empty:
+            return False
+        west, south, east, north = (int(value) for value in np.floor(np.array(outline.bounds) / COVER_CELL))
+        columns, rows = np.meshgrid(np.arange(west, east + 1), np.arange(south, north + 1))
+        place = np.column_stack([columns.ravel(), rows.ravel()])
+        place = place[np.isin(cell_keys(place), self._changed)]
+        cells = shapely.box(*(place * COVER_CELL).T, *((place + 1) * COVER_CELL).T)
+        return bool(shapely.intersects(outline, cells).any())
+
+
+def outline_of(result: BuildingResult) -> Polygon:
+    """The outline of a result in world metres."""
+    footprint = result.outcome.footprint
+    return Polygon() if footprint is None else world_polygon(footprint)
+
+
+class Owners:
+    """Which of some buildings has a point."""
+
+    def __init__(self, point_ids: Sequence[NDArray[np.int64]]) -> None:
+        self.count = len(point_ids)
+        self._id = np.concatenate([np.zeros(0, np.int64), *point_ids])
+        self._owner = np.repeat(np.arange(self.count), [len(one) for one in point_ids])
+
+    def sharing(self, other: Owners, some: Mask) -> Mask:
+        """Which buildings (B,) have points of some of the others."""
+        found = np.zeros(self.count, bool)
+        found[self._owner[np.isin(self._id, other._id[some[other._owner]])]] = True
+        return found
+
+
+def cell_keys(place: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Cells (N, 2; column, row) as one number each."""
+    return np.asarray(place[:, 0] * 2**32 + place[:, 1])
+
+
+def changed_keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The cells within `REACH` of some (N, 2; column, row), in order, as `cell_keys`."""
+    reach = int(np.ceil(REACH / COVER_CELL))
+    steps = range(-reach, reach + 1)
+    near = [cell_keys(cells + np.array([right, up])) for right in steps for up in steps]
+    return np.unique(np.concatenate([np.zeros(0, np.int64), *near]))
+
+
+def hulls_of(places: Sequence[Points]) -> list[BaseGeometry]:
+    """The convex hulls of groups of points."""
+    return [shapely.convex_hull(shapely.multipoints(xyz[:, :2])) for xyz in places]
+
+
+def next_to(places: Sequence[Points], some: Mask) -> Mask:
+    """Which of some points' groups (G,) lie within `BESIDE` of `some`, or are of them."""
+    hulls = hulls_of(places)
+    one, other = shapely.STRtree(hulls).query(hulls, predicate="dwithin", distance=BESIDE)
+    found = some.copy()
+    found[one[some[other]]] = True
+    return found
+
+
+def hanging_with(places: Sequence[Points], some: Mask) -> Mask:
+    """Which of some points' groups (G,) are `some`, or hang together with one over gaps of `BESIDE`."""
+    hulls = hulls_of(places)
+    one, other = shapely.STRtree(hulls).query(hulls, predicate="dwithin", distance=BESIDE)
+    graph = coo_array((np.ones(len(one), bool), (one, other)), shape=(len(hulls), len(hulls)))
+    if not len(hulls):
+        return some
+    _, group = connected_components(graph, directed=False)
+    return np.asarray(np.isin(group, group[some]))

@@ -1,0 +1,279 @@
+"""Ids over time: what stays keeps its id, what is modelled again is its next version, what went has a date.
+
+`creationDate` and `terminationDate` are CityGML's: when a version of a building came into the model, and when
+it left it. A building that no update has touched has neither, and is version 1.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from eaves.change.edits import HALF
+from eaves.change.kept import load_results
+from eaves.formats.atomic import atomic
+from eaves.model import Block, BuildingModel, Failure
+from eaves.model.results import BuildingResult
+from eaves.run.part_file import pack
+from eaves.run.rows import world_polygon
+from eaves.run.store import Store
+
+HISTORY = "history.city.jsonl"
+"""File of the versions that are no more: a line each, with `terminationDate`."""
+
+VERSION, CREATED, TERMINATED, IDENTIFIER = "version", "creationDate", "terminationDate", "identifier"
+"""Attributes of versions; `identifier` is the building's id, which its versions share."""
+
+
+@dataclass(frozen=True, eq=False)
+class Versions:
+    """Ids of the buildings that an update found new, modelled otherwise than before, and no more."""
+
+    new: list[str] = field(default_factory=list)
+    remodelled: list[str] = field(default_factory=list)
+    gone: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A result with its place: the owner block, the number in it, the outline in world metres."""
+
+    owner: Block
+    number: int
+    result: BuildingResult
+    polygon: Polygon
+
+    @property
+    def id(self) -> str:
+        """The id it bears now."""
+        footprint = self.result.outcome.footprint
+        return "" if footprint is None else footprint.id
+
+
+def name_versions(
+    after: Store,
+    before: Store,
+    modelled: Mapping[Block, Sequence[bool]],
+    taken: set[str],
+    date: str,
+) -> Versions:
+    """Give the buildings of the owner blocks that were computed again their ids and versions, in `after`.
+
+    Parameters
+    ----------
+    after, before
+        What was found now, and by the earlier run.
+    modelled
+        Owner block → which of its results are the earlier ones.
+    taken
+        Ids that no new building may get: those of other blocks, and of what is no more.
+    date
+        Of the update, as `YYYY-MM-DD`.
+    """
+    results = {owner: load_results(after, owner) for owner in modelled}
+    kept = {
+        one.outcome.footprint.id
+        for owner, same in modelled.items()
+        for one, known in zip(results[owner], same, strict=True)
+        if known and one.outcome.footprint is not None
+    }
+    fresh = [
+        one
+        for owner, same in modelled.items()
+        for one, known in zip(placed(owner, results[owner]), same, strict=True)
+        if not known
+    ]
+    earlier = [
+        one for owner in modelled for one in placed(owner, load_results(before, owner)) if one.id not in kept
+    ]
+    partners = match(earlier, fresh)
+    told = Versions()
+    used = {*taken, *kept, *(one.id for one in earlier)}
+    names: dict[int, str] = {}
+    for k, one in enumerate(fresh):
+        names[k] = earlier[partners[k]].id if k in partners else unused(one.id, used)
+        used.add(names[k])
+    blocks = block_names(fresh, earlier, partners, names)
+    for k, one in enumerate(fresh):
+        old = earlier[partners[k]].result if k in partners else None
+        result, same = versioned(one.result, names[k], blocks, old, date)
+        results[one.owner][one.number] = result
+        if old is None:
+            told.new.append(names[k])
+        elif not same:
+            told.remodelled.append(names[k])
+    matched = set(partners.values())
+    told.gone.extend(one.id for k, one in enumerate(earlier) if k not in matched)
+    for owner in {one.owner for one in fresh}:
+        after.save_buildings(owner, results[owner])
+    return told
+
+
+def placed(owner: Block, results: Sequence[BuildingResult]) -> list[Placed]:
+    """Results with their places."""
+    some = []
+    for number, result in enumerate(results):
+        footprint = result.outcome.footprint
+        some.append(
+            Placed(owner, number, result, Polygon() if footprint is None else world_polygon(footprint))
+        )
+    return some
+
+
+def match(earlier: Sequence[Placed], fresh: Sequence[Placed]) -> dict[int, int]:
+    """Number among `fresh` → number among `earlier` of the same building: the same id of a given footprint,
+    or half of either outline in common, those with most in common first."""
+    by_id = {one.id: k for k, one in enumerate(earlier)}
+    partners = {
+        k: by_id[one.id]
+        for k, one in enumerate(fresh)
+        if one.id in by_id
+        and shapely.intersects(one.polygon, earlier[by_id[one.id]].polygon)
+        and is_given(one)
+    }
+    tree = shapely.STRtree([one.polygon for one in earlier])
+    shared = []
+    for k, j in tree.query([one.polygon for one in fresh], predicate="intersects").T if len(fresh) else ():
+        area = shapely.intersection(fresh[k].polygon, earlier[j].polygon).area
+        if area >= HALF * min(fresh[k].polygon.area, earlier[j].polygon.area) and area > 0:
+            shared.append((-float(area), earlier[j].id, int(k), int(j)))
+    used = set(partners.values())
+    for _, _, k, j in sorted(shared):
+        if k not in partners and j not in used and not is_given(fresh[k]):
+            partners[k] = j
+            used.add(j)
+    return partners
+
+
+def is_given(one: Placed) -> bool:
+    """Whether a map gave the outline, and with it the id."""
+    footprint = one.result.outcome.footprint
+    return footprint is not None and bool(footprint.attributes)
+
+
+def unused(name: str, used: set[str]) -> str:
+    """A name that no building has or had: the name itself, or with a number behind it."""
+    number = 2
+    free = name
+    while free in used:
+        free, number = f"{name}_{number}", number + 1
+    return free
+
+
+def block_names(
+    fresh: Sequence[Placed], earlier: Sequence[Placed], partners: Mapping[int, int], names: Mapping[int, str]
+) -> dict[str, str]:
+    """Name of a detected block now → the name it keeps: that of the earlier block it shares most with."""
+    shared: dict[tuple[str, str], float] = {}
+    for k, one in enumerate(fresh):
+        now = block_id(one)
+        if now == one.id:
+            shared[now, names[k]] = np.inf
+        elif now and k in partners and (old := block_id(earlier[partners[k]])):
+            area = one.polygon.area
+            shared[now, old] = shared.get((now, old), 0.0) + area
+    kept: dict[str, str] = {}
+    for (now, old), _ in sorted(shared.items(), key=lambda item: (-item[1], item[0])):
+        if now not in kept and old not in kept.values():
+            kept[now] = old
+    return kept
+
+
+def block_id(one: Placed) -> str:
+    """The detected block that a building is of."""
+    outcome = one.result.outcome
+    return str(outcome.attributes.get("block_id") or "") if isinstance(outcome, BuildingModel) else ""
+
+
+def versioned(
+    result: BuildingResult, name: str, blocks: Mapping[str, str], old: BuildingResult | None, date: str
+) -> tuple[BuildingResult, bool]:
+    """A result with its name and version, and whether its model is the earlier one."""
+    outcome = result.outcome
+    assert outcome.footprint is not None
+    outcome = replace(outcome, footprint=outcome.footprint.with_(id=name))
+    before: dict[str, Any] = {}
+    if old is not None and isinstance(old.outcome, BuildingModel):
+        before = {key: value for key, value in old.outcome.attributes.items() if key in (VERSION, CREATED)}
+    if isinstance(outcome, BuildingModel):
+        attributes = dict(outcome.attributes)
+        if "block_id" in attributes:
+            attributes["block_id"] = blocks.get(str(attributes["block_id"]), attributes["block_id"])
+        outcome = outcome.with_(attributes={**attributes, **before})
+    if old is not None and same_outcome(outcome, old.outcome):
+        return replace(result, outcome=old.outcome), True
+    if isinstance(outcome, BuildingModel):
+        number = 1 if old is None else int(before.get(VERSION, 1)) + 1
+        outcome = outcome.with_(attributes={**outcome.attributes, VERSION: number, CREATED: date})
+    return replace(result, outcome=outcome), False
+
+
+def same_outcome(one: BuildingModel | Failure, other: BuildingModel | Failure) -> bool:
+    """Whether two results are alike to the last bit."""
+    a, b = pack("one", one), pack("one", other)
+    return a.keys() == b.keys() and all(a[name].tobytes() == b[name].tobytes() for name in a)
+
+
+def lines_of(path: Path) -> dict[str, str]:
+    """Id → line of a CityJSONSeq, without its first; nothing where there is no such file."""
+    if not path.exists():
+        return {}
+    with path.open(encoding="utf-8") as file:
+        next(file, None)
+        return {json.loads(line)["id"]: line for line in file}
+
+
+def known_ids(folder: Path) -> set[str]:
+    """Ids of all buildings that are no more."""
+    ids = set()
+    for line in lines_of(folder / HISTORY).values():
+        feature = json.loads(line)
+        ids.add(str(feature["CityObjects"][feature["id"]]["attributes"][IDENTIFIER]))
+    return ids
+
+
+def write_history(folder: Path, out: Path, models: str, ended: Iterable[str], date: str) -> list[Path]:
+    """Write the versions that are no more: those of `folder`, and of `ended` as its file `models` had them.
+
+    Nothing is written where there are none.
+    """
+    lines = list(lines_of(folder / HISTORY).values())
+    path = folder / models
+    current = lines_of(path)
+    lines += [terminated(current[name], date) for name in sorted(set(ended)) if name in current]
+    if not lines:
+        return []
+    with path.open(encoding="utf-8") as file:
+        header = next(file)
+    with atomic(out / HISTORY) as temporary:
+        temporary.write_text(header + "".join(lines), encoding="utf-8", newline="\n")
+    return [out / HISTORY]
+
+
+def terminated(line: str, date: str) -> str:
+    """The line of a version that ended: its id with its number, its building's id, its date."""
+    feature = json.loads(line)
+    old = feature["id"]
+    attributes = feature["CityObjects"][old]["attributes"]
+    number = int(attributes.get(VERSION, 1))
+    new = f"{old}@{number}"
+    names = {
+        name: new + name[len(old) :] if name.startswith(old) else f"{name}@{number}"
+        for name in feature["CityObjects"]
+    }
+    feature["id"] = new
+    objects = {names[name]: value for name, value in feature["CityObjects"].items()}
+    for value in objects.values():
+        for link in ("children", "parents"):
+            if link in value:
+                value[link] = [names[name] for name in value[link]]
+    attributes |= {IDENTIFIER: old, VERSION: number, TERMINATED: date}
+    feature["CityObjects"] = objects
+    return json.dumps(feature, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"

@@ -1,0 +1,273 @@
+"""A later scan of a part of the nine roofs: what changed is modelled as a full build would, others stay."""
+
+import json
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pyogrio
+import pytest
+import shapely
+from pyproj import CRS
+
+from eaves.change.edits import NO_BUILDING, Edit, write_edits
+from eaves.change.kept import open_kept
+from eaves.change.points import GAP_CELLS, pair_same, replace_points
+from eaves.change.rebuild import rebuild
+from eaves.change.update import Updated, date_of, update
+from eaves.change.versions import lines_of, terminated
+from eaves.formats import InputError, read_polygons
+from eaves.model import Block
+from eaves.model.coordinates import LOCAL_METRES
+from eaves.pipeline import build
+from eaves.run.manifest import check_folder
+from eaves.run.store import RECORD, Store
+from eaves.simulate import ExactFace, nine_roofs_on_a_slope, write_simulation
+from eaves.simulate.roofs import PITCH, sample_from_above
+
+GONE, RAISED = 2, 7
+OUTPUTS = ("footprints", "models", "classified")
+HOME = Block(0, 0, 240.0)
+
+
+def points_at(*places: Sequence[float]) -> np.ndarray:
+    """Points (N,) of the block at the corner of the world, with their numbers."""
+    records = np.zeros(len(places), RECORD)
+    records["xyz"] = np.round(np.reshape(np.array(places, float), (-1, 3)) / 1e-4)
+    records["point_id"] = np.arange(len(places))
+    return records
+
+
+def store_with(folder: Path, old: np.ndarray, *new: np.ndarray) -> Store:
+    """A store with a file of earlier points and files of new ones."""
+    store = Store(folder)
+    store.prepare()
+    store.points_path(HOME).mkdir()
+    for number, records in enumerate((old, *new)):
+        records = records.copy()
+        records["point_id"] += 1000 * number
+        (store.points_path(HOME) / f"{number:07d}-0000.bin").write_bytes(records.tobytes())
+    return store
+
+
+def test_points_alike_are_paired_one_to_one() -> None:
+    old = points_at((1, 1, 0), (1, 1, 0), (2, 2, 0))
+    new = points_at((2, 2, 0), (1, 1, 0), (2, 2, 0), (3, 3, 0))
+    same, again = pair_same(old, new)
+    assert same.sum() == 2 and same[2]
+    assert again.sum() == 2 and again[1] and not again[3]
+
+
+@pytest.mark.parametrize(("gap", "stays"), [(2 * GAP_CELLS, 0), (2 * GAP_CELLS + 1, 1)])
+def test_earlier_points_give_way_in_gaps_up_to_their_width_alone(
+    tmp_path: Path, gap: int, stays: int
+) -> None:
+    west = [(x + 0.5, y + 0.5, 0.0) for x in range(5) for y in range(9)]
+    new = points_at(*west, *((x + 5 + gap, y, z) for x, y, z in west))
+    store = store_with(tmp_path, points_at((6.5, 4.5, 1.0), (30.5, 4.5, 1.0)), new)
+    done = replace_points(store, 1, HOME.side)
+    assert store.superseded().tolist() == ([] if stays else [0])
+    assert (done.came, done.went) == (len(new), 1 - stays)
+    assert store.count_points(HOME) == len(new) + 1 + stays
+
+
+def test_what_is_covered_does_not_depend_on_the_tiles__nor_on_their_order(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    old = points_at(*(rng.random((400, 3)) * [40, 40, 5]))
+    new = points_at(*(rng.random((300, 3)) * [40, 20, 5]))
+    cut = new["xyz"][:, 0] < 173000
+    left = []
+    for k, tiles in enumerate(((new,), (new[cut], new[~cut]), (new[~cut], new[cut]))):
+        store = store_with(tmp_path / str(k), old, *tiles)
+        replace_points(store, 1, HOME.side)
+        left.append(sorted(map(tuple, store.read_points(HOME)["xyz"].tolist())))
+    assert left[0] == left[1] == left[2]
+    assert len(new) < len(left[0]) < len(old) + len(new)
+
+
+def test_a_tile_delivered_again_changes_nothing(tmp_path: Path) -> None:
+    old = points_at(*(np.random.default_rng(6).random((200, 3)) * 20))
+    store = store_with(tmp_path, old, old[::-1])
+    done = replace_points(store, 1, HOME.side)
+    assert not done.places
+    assert np.array_equal(store.read_points(HOME), old)
+
+
+def test_a_version_that_ended_has_an_id_of_its_own__and_its_parts_too() -> None:
+    objects = {
+        "b1": {"type": "Building", "attributes": {"version": 2}, "children": ["b1-1"], "geometry": []},
+        "b1-1": {"type": "BuildingPart", "parents": ["b1"], "geometry": []},
+    }
+    told = json.loads(
+        terminated(json.dumps({"id": "b1", "CityObjects": objects, "vertices": []}), "2026-05-01")
+    )
+    assert told["id"] == "b1@2"
+    assert list(told["CityObjects"]) == ["b1@2", "b1@2-1"]
+    assert told["CityObjects"]["b1@2-1"]["parents"] == ["b1@2"]
+    about = told["CityObjects"]["b1@2"]["attributes"]
+    assert (about["identifier"], about["terminationDate"]) == ("b1", "2026-05-01")
+
+
+def test_a_date_is_checked() -> None:
+    assert date_of([], "2026-05-01") == "2026-05-01"
+    with pytest.raises(InputError, match="write it as 2026-05-31"):
+        date_of([], "May 2026")
+
+
+def test_without_kept_parts_the_remedy_is_told(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    with pytest.raises(InputError, match="build it again with --keep"):
+        update(tmp_path / "out", tmp_path, tmp_path / "out2")
+    assert not (tmp_path / "out2").exists()
+
+
+@pytest.fixture(scope="module")
+def epochs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`out`, a run of the nine roofs that keeps its parts; `tiles`, a later scan of a part, in two files."""
+    place = tmp_path_factory.mktemp("update")
+    first = nine_roofs_on_a_slope(density=8.0, seed=1)
+    build(write_simulation(first, place / "old")["points"], place / "out", keep=True, outputs=OUTPUTS)
+    later = []
+    for building in first.buildings:
+        if building.number == RAISED:
+            faces = [
+                ExactFace(one.polygon, (*one.coefficients[:2], one.coefficients[2] + 0.8), one.number)
+                for one in building.faces
+            ]
+            building = replace(building, faces=tuple(faces))
+        if building.number != GONE:
+            later.append(building)
+    second = sample_from_above(tuple(later), 3 * PITCH, 8.0, 0.03, seed=2)
+    las = laspy.read(write_simulation(second, place / "new")["points"])
+    (place / "tiles").mkdir()
+    for number in (GONE, RAISED):
+        footprint = next(one.footprint for one in first.buildings if one.number == number)
+        west, south, east, north = footprint.buffer(4.0).bounds
+        xy = np.column_stack([las.x, las.y]) - first.cloud.origin
+        inside = (xy[:, 0] >= west) & (xy[:, 0] < east) & (xy[:, 1] >= south) & (xy[:, 1] < north)
+        tile = laspy.LasData(las.header)
+        tile.points = las.points[inside].copy()
+        tile.write(place / "tiles" / f"{number}.laz")
+    return place
+
+
+@pytest.fixture(scope="module")
+def updated(epochs: Path) -> Updated:
+    return update(epochs / "out", epochs / "tiles", epochs / "out2", date="2026-05-01")
+
+
+def shapes(folder: Path) -> dict[str, tuple[str, list[list[int]]]]:
+    """Geometry of each building, whatever it is called."""
+    told = {}
+    for name, line in lines_of(folder / "buildings.city.jsonl").items():
+        feature = json.loads(line)
+        geometries = [one.get("geometry") for one in feature["CityObjects"].values()]
+        told[name] = (
+            json.dumps([[(g["lod"], g["boundaries"]) for g in some] for some in geometries]),
+            feature["vertices"],
+        )
+    return told
+
+
+@pytest.mark.slow
+def test_one_goes_and_one_is_modelled_again__the_others_keep_their_lines(
+    epochs: Path, updated: Updated
+) -> None:
+    before, after = (lines_of(epochs / name / "buildings.city.jsonl") for name in ("out", "out2"))
+    versions = updated.versions
+    assert (len(versions.new), len(versions.remodelled), len(versions.gone)) == (0, 1, 1)
+    assert set(after) == set(before) - set(versions.gone)
+    assert all(after[name] == before[name] for name in after if name not in versions.remodelled)
+    feature = json.loads(after[versions.remodelled[0]])
+    about = feature["CityObjects"][feature["id"]]["attributes"]
+    assert (about["version"], about["creationDate"]) == (2, "2026-05-01")
+    history = lines_of(epochs / "out2" / "history.city.jsonl")
+    assert set(history) == {f"{name}@1" for name in (*versions.gone, *versions.remodelled)}
+    assert check_folder(epochs / "out2") == check_folder(epochs / "out") == []
+
+
+@pytest.mark.slow
+def test_what_is_modelled_again_is_as_a_full_build_models_it(epochs: Path, updated: Updated) -> None:
+    run = open_kept(epochs / "out2")
+    store = Store(run.work_folder)
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.scales, places, records = [1e-4] * 3, [], []
+    for block in store.blocks(run.side):
+        records.append(store.read_points(block))
+        places.append(records[-1]["xyz"] * 1e-4 + np.array([*block.origin, 0.0]))
+    xyz, known = np.concatenate(places), np.concatenate(records)
+    header.offsets = np.floor(xyz.min(axis=0))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = xyz.T
+    for name in ("return_number", "number_of_returns", "classification"):
+        las[name] = known[name]
+    las.write(epochs / "merged.laz")
+    build(epochs / "merged.laz", epochs / "whole", outputs=("footprints", "models"))
+    whole = list(shapes(epochs / "whole").values())
+    mine = shapes(epochs / "out2")
+    assert len(whole) == len(mine) == 8
+    assert all(mine[name] in whole for name in updated.versions.remodelled)
+
+
+@pytest.mark.slow
+def test_the_classified_points_withhold_what_gave_way(epochs: Path, updated: Updated) -> None:
+    las = laspy.read(epochs / "out2" / "classified_points.laz")
+    assert int(np.sum(las.withheld)) == updated.points[1] > 0
+
+
+@pytest.mark.slow
+def test_edits_are_kept__and_an_update_follows_an_update(epochs: Path, updated: Updated) -> None:
+    polygons, _, rows, _ = read_polygons(epochs / "out2" / "footprints.gpkg", "footprints")
+    outlines = {row["id"]: polygon for polygon, row in zip(polygons, rows, strict=True)}
+    kept = next(name for name in outlines if name not in updated.versions.remodelled)
+    write_edits(epochs / "edit.gpkg", [Edit(NO_BUILDING, outlines[kept], kept)], LOCAL_METRES)
+    rebuild(epochs / "out2", epochs / "edit.gpkg")
+    before = lines_of(epochs / "out2" / "buildings.city.jsonl")
+    (epochs / "back").mkdir()
+    las = laspy.read(epochs / "old" / "points.laz")
+    inside = shapely.contains_xy(outlines[updated.versions.remodelled[0]].buffer(5.0), las.x, las.y)
+    tile = laspy.LasData(las.header)
+    tile.points = las.points[inside].copy()
+    tile.write(epochs / "back" / "back.laz")
+    done = update(epochs / "out2", epochs / "back", epochs / "out3", date="2027-05-01")
+    after = lines_of(epochs / "out3" / "buildings.city.jsonl")
+    assert done.versions.remodelled == updated.versions.remodelled
+    assert set(after) == set(before)
+    assert kept not in after
+    assert {name for name in after if after[name] != before[name]} == set(done.versions.remodelled)
+    again = rebuild(epochs / "out3")
+    assert again.removed == (kept,)
+    assert lines_of(epochs / "out3" / "buildings.city.jsonl") == after
+
+
+@pytest.mark.slow
+def test_what_cannot_be_updated_is_told(epochs: Path, tmp_path: Path) -> None:
+    tile = epochs / "tiles" / f"{RAISED}.laz"
+    with pytest.raises(InputError, match="choose another with -o"):
+        update(epochs / "out", tile, epochs / "out", date="2026-05-01")
+    with pytest.raises(InputError, match="is an input of"):
+        update(epochs / "out", epochs / "old" / "points.laz", tmp_path / "o", date="2026-05-01")
+    las = laspy.read(tile)
+    las.x = np.asarray(las.x) + 5000.0
+    las.write(tmp_path / "far.laz")
+    with pytest.raises(InputError, match="km from all points of the run"):
+        update(epochs / "out", tmp_path / "far.laz", tmp_path / "o", date="2026-05-01")
+    las = laspy.read(tile)
+    las.header.add_crs(CRS("EPSG:28992"))
+    las.write(tmp_path / "other.laz")
+    with pytest.raises(InputError, match="system"):
+        update(epochs / "out", tmp_path / "other.laz", tmp_path / "o", date="2026-05-01")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:'crs' was not provided")
+def test_edits_that_wait_are_rebuilt_first(epochs: Path, tmp_path: Path) -> None:
+    shutil.copytree(epochs / "out", tmp_path / "out")
+    path = tmp_path / "out" / "footprints.gpkg"
+    frame = pyogrio.read_dataframe(path, layer="footprints")
+    pyogrio.write_dataframe(frame.drop(index=0), path, layer="footprints")
+    with pytest.raises(InputError, match="run eaves rebuild"):
+        update(tmp_path / "out", epochs / "tiles", tmp_path / "out2", date="2026-05-01")
