@@ -19,8 +19,8 @@ import shapely
 from scipy.spatial import cKDTree
 
 from benchmarks.table import keep
-from eaves.evaluate.wireframes import Wireframe, evaluate_wireframe, read_wireframe, sum_scores
-from eaves.formats.obj_wireframe import roof_wireframe
+from eaves.evaluate.wireframes import NOTHING, Wireframe, evaluate_wireframe, read_wireframe, sum_scores
+from eaves.formats.obj_wireframe import DRAWN_DETAIL, roof_wireframe
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import fit_roof, roof_point_mask
 from eaves.model import BuildingModel, Footprint, Points, RoofPlane
@@ -42,6 +42,9 @@ from eaves.validate.models import validate_model
 
 COMMAND = "python -m benchmarks.accuracy.models"
 METHODS: tuple[Reconstructor, ...] = (Arrangement(), PlaneIntersection(), Moments(), Prism())
+
+LOWEST_EAVES = 2.5
+"""A base among the roof points is put this far (m) under the lowest of them, which is where eaves begin."""
 
 CORNER_RADII = (0.5, 1.0)
 """Corners of model and reference nearer than this (m) are the same; the second is Building3D's."""
@@ -104,8 +107,12 @@ def town(density: float) -> list[Case]:
     return cases
 
 
-def city3d(data: Path) -> list[Case]:
-    """The 150 single buildings of City3D: footprint and base from its own model."""
+def city3d(data: Path, lowered: bool = True) -> list[Case]:
+    """The 150 single buildings of City3D: footprint and base from its own model.
+
+    There is no terrain, and its base lies among the roof points of 21 buildings: `lowered` puts it under
+    them.
+    """
     cases = []
     for path in sorted((data / "city3d_ahn3").glob("*.ply")):
         head, _, body = path.read_bytes().partition(b"end_header\n")
@@ -128,6 +135,8 @@ def city3d(data: Path) -> list[Case]:
         case = Case(path.stem, points - centre, Footprint(polygon), float(corners[:, 2].min()))
         inside = shapely.contains_xy(polygon, case.points[:, 0], case.points[:, 1])
         case.roof = case.points[inside & roof_point_mask(case.points)]
+        if lowered:
+            case.ground = min(case.ground, float(np.percentile(case.roof[:, 2], 1.0)) - LOWEST_EAVES)
         cases.append(segmented(case))
     return cases
 
@@ -201,46 +210,77 @@ def eaves_of(model: BuildingModel) -> float:
     return eaves
 
 
-def building3d(data: Path, method: Reconstructor, radius: float) -> dict[str, object]:
-    """Corners and edges of the Building3D roofs; nothing given but the points."""
-    scores, roofs = [], 0
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A roof of Building3D as reconstructed, and the wireframe that people drew."""
+
+    name: str
+    model: BuildingModel | None
+    reference: Wireframe
+
+
+def building3d(data: Path, method: Reconstructor) -> list[Drawn]:
+    """The Building3D roofs by a method; nothing given but the points."""
+    answer = []
     for path in sorted((data / "building3d" / "xyz").glob("*.xyz")):
         points = np.loadtxt(path)[:, :3]
         truth = read_wireframe(path.parents[1] / "wireframe" / f"{path.stem}.obj")
         centre = np.append(np.floor(points.mean(axis=0))[:2], 0.0)
         points = points - centre
-        roofs += 1
         reference = Wireframe(truth.corners - centre, truth.edges)
-        result = Wireframe(np.zeros((0, 3)), np.zeros((0, 2), np.int64))
         boundary = trace_outline(points, measure_spacing(points), GlobalFit())
         footprint = regularise_outlines([boundary], GlobalFit())[0] if boundary else boundary
+        model = None
         if isinstance(footprint, Footprint):
             planes = segment_roof(points, measure_spacing(points), GlobalRefinement())
             base = float(np.percentile(points[:, 2], 1.0)) - 4.0
-            model = reconstruct_building(points, footprint, planes, base, method)
-            if isinstance(model, BuildingModel):
-                result = Wireframe(*roof_wireframe(model))
-        scores.append(evaluate_wireframe(result, reference, radius))
-    total = sum_scores(scores)
-    return {
-        "data": "building3d",
-        "method": method.name,
-        "within m": radius,
-        "roofs": roofs,
-        "corner precision": total.corners.correctness,
-        "corner recall": total.corners.completeness,
-        "edge precision": total.edges.correctness,
-        "edge recall": total.edges.completeness,
-        "edge F1": total.edges.f1,
-        "offset m": total.corner_offset_m,
-    }
+            result = reconstruct_building(points, footprint, planes, base, method)
+            model = result if isinstance(result, BuildingModel) else None
+        answer.append(Drawn(path.stem, model, reference))
+    return answer
+
+
+def corners(method: Reconstructor, roofs: list[Drawn]) -> Iterator[dict[str, object]]:
+    """Corners and edges of Building3D's roofs, as exported and of the solids as they are, by halves."""
+    halves = {"even number": (0,), "odd number": (1,), "all": (0, 1)}
+    for radius in CORNER_RADII:
+        for drawn, detail in (("exported", DRAWN_DETAIL), ("every corner over 5 cm", 0.05)):
+            for half, numbers in halves.items():
+                some = [roof for roof in roofs if int(roof.name) % 2 in numbers]
+                total = sum_scores(
+                    [
+                        evaluate_wireframe(
+                            Wireframe(*roof_wireframe(roof.model, detail)) if roof.model else NOTHING,
+                            roof.reference,
+                            radius,
+                        )
+                        for roof in some
+                    ]
+                )
+                yield {
+                    "method": method.name,
+                    "drawn": drawn,
+                    "within m": radius,
+                    "roofs of": half,
+                    "roofs": len(some),
+                    "corner precision": total.corners.correctness,
+                    "corner recall": total.corners.completeness,
+                    "edge precision": total.edges.correctness,
+                    "edge recall": total.edges.completeness,
+                    "edge F1": total.edges.f1,
+                    "offset m": total.corner_offset_m,
+                }
 
 
 def rows(data: Path) -> Iterator[dict[str, object]]:
     """Every method on every data set with points to fit."""
+    roofs = city3d(data)
     for name, cases in (
         ("delft, footprints and class 6 given", delft(data)),
-        ("city3d_ahn3", city3d(data)),
+        ("city3d_ahn3", roofs),
+        ("city3d_ahn3, even places", roofs[::2]),
+        ("city3d_ahn3, odd places", roofs[1::2]),
+        ("city3d_ahn3, City3D's base", city3d(data, lowered=False)),
         ("town, 2/m²", town(2.0)),
         ("town, 10/m²", town(10.0)),
     ):
@@ -271,17 +311,18 @@ def main() -> None:
         "against the shares, and a building with no face counts 1 m. Validity by `eaves.validate`."
     )
     keep("models-fit", "Building models by reconstructor", list(rows(data)), COMMAND, note)
-    corners = [
-        building3d(data, method, radius)
-        for radius in CORNER_RADII
-        for method in (Arrangement(), PlaneIntersection())
-    ]
     keep(
         "models-corners",
         "Corners and edges of roofs, Building3D, nothing given",
-        corners,
+        [
+            row
+            for method in (Arrangement(), PlaneIntersection())
+            for row in corners(method, building3d(data, method))
+        ],
         COMMAND,
-        "Corners are paired one to one; 1 m is Building3D's own measure.",
+        "Corners are paired one to one; 1 m is Building3D's own measure. To reach there: precision and "
+        "recall 0.90, F1 of edges 0.78, offset 0.17 m. What is drawn as one corner (0.8 m, faces within 0.2 m "
+        "of one plane) was chosen on the roofs of even number; those of odd number were left out.",
     )
 
 

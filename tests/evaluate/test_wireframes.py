@@ -10,7 +10,7 @@ import pytest
 from eaves.evaluate import evaluate_files, evaluate_wireframe
 from eaves.evaluate.wireframes import Wireframe, read_wireframe
 from eaves.formats import InputError, write_obj_wireframe
-from eaves.formats.obj_wireframe import corner_groups, without_straight_corners
+from eaves.formats.obj_wireframe import corner_groups, joined_faces, without_straight_corners
 from eaves.simulate import nine_roofs_on_a_slope
 
 SQUARE = np.array([[0, 0, 5], [10, 0, 5], [10, 10, 5], [0, 10, 5]], float)
@@ -112,3 +112,11 @@ def test_corner_beside_the_line_of_its_neighbours_goes_and_one_away_from_it_stay
     corners = np.array([[0.0, 0, 5], [5, 0.2, 5], [10, 0, 5], [10, 8, 5], [5, 8.5, 5], [0, 8, 5]])
     ring = {(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (0, 5)}
     assert without_straight_corners(corners, ring, 0.35) == {(0, 2), (2, 3), (3, 4), (4, 5), (0, 5)}
+
+
+def test_faces_of_nearly_one_plane_are_drawn_as_one_and_those_of_a_ridge_are_not() -> None:
+    square = np.array([[0.0, 0, 0], [5, 0, 0], [5, 5, 0], [0, 5, 0]])
+    low, high = square + [0, 0, 5.0], square + [5, 0, 5.3]
+    slope = square * [1, 1, 0] + [10, 0, 5.3] - [0, 0, 1] * square[:, :1] * 0.5
+    assert joined_faces([[low], [high], [slope]], 0.2) == [[0, 1], [2]]
+    assert joined_faces([[low], [high], [slope]], 0.05) == [[0], [1], [2]]

@@ -10,6 +10,7 @@ from heapq import heapify, heappop, heappush
 from pathlib import Path
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial import cKDTree
@@ -18,6 +19,7 @@ from eaves.formats.atomic import atomic
 from eaves.formats.cityjson import footprint_of
 from eaves.formats.crs import describe
 from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Points, Solid
 from eaves.model.building import ROOF_SURFACE
 from eaves.model.checks import check_positive
@@ -27,7 +29,7 @@ from eaves.model.provenance import NOTHING_KNOWN, Provenance
 CORNER_TURN_DEG = 10.0
 """A vertex of a roof face is a corner where its ring turns by more."""
 
-DRAWN_DETAIL = 0.7
+DRAWN_DETAIL = 0.8
 """What is smaller than this (m) is drawn as one corner: head and foot of a low step, a parapet, a jog.
 Corners of Building3D are paired over 1 m."""
 
@@ -43,9 +45,10 @@ def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[
     model : BuildingModel
         A building with at least one level that has roof faces.
     detail : float
-        Size (m, > 0) of what is drawn as one corner: those of a group that are all nearer than this to one
-        another become their mean, and a corner of two edges is left out where the one line in their place
-        passes it nearer than half of this. As small as 1e-6 keeps every corner of the solid.
+        Size (m, > 0) of what is drawn as one. Faces beside each other whose corners lie within a quarter of
+        it of one plane are one face. Corners of a group that are all nearer than it to one another become
+        their mean, and a corner of two edges is left out where the one line in their place passes it nearer
+        than half of it. As small as 1e-6 keeps every corner of the solid.
 
     Returns
     -------
@@ -67,17 +70,11 @@ def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[
     (4, 4)
     """
     check_positive(detail, "detail")
-    places: list[NDArray[np.float64]] = [np.zeros((0, 3))]
-    sides: list[NDArray[np.int64]] = [np.zeros((0, 2), np.int64)]
-    count = 0
-    for solid in model.solids.get(model.lod, ()):
-        sides.append(roof_edges(solid) + count)
-        places.append(solid.vertices)
-        count += len(solid.vertices)
-    used, numbers = np.unique(np.vstack(sides), return_inverse=True)
-    corners, edges = np.vstack(places)[used], numbers.reshape(-1, 2)
+    solids = model.solids.get(model.lod, ())
+    rings = [ring for solid in solids for ring in drawn_rings(solid, 0.25 * detail)]
+    corners, edges = turning_corners(rings)
     group = corner_groups(corners, detail)
-    size = np.maximum(np.bincount(group), 1)
+    size = np.bincount(group)
     corners = np.column_stack([np.bincount(group, axis) / size for axis in corners.T])
     drawn = {(min(pair), max(pair)) for pair in group[edges].tolist() if pair[0] != pair[1]}
     kept = without_straight_corners(corners, drawn, 0.5 * detail)
@@ -85,18 +82,95 @@ def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[
     return corners[used], numbers.reshape(-1, 2)
 
 
-def roof_edges(solid: Solid) -> NDArray[np.int64]:
-    """The pairs of vertices (E, 2) that a solid's roof faces join, past those where none of them turns."""
-    rings = [np.array(ring) for face in solid.faces if face.surface == ROOF_SURFACE for ring in face.rings]
-    turning = np.zeros(len(solid.vertices), bool)
+def drawn_rings(solid: Solid, reach: float) -> list[Points]:
+    """The rings, each (N, 3), of a solid's roof faces, those that nearly lie on one plane made one.
+
+    Neighbours become one when the corners of both lie within `reach` (m) of their plane of least squares, the
+    pair that does so best first.
+    """
+    faces = [face for face in solid.faces if face.surface == ROOF_SURFACE]
+    rings = [[solid.vertices[list(ring)] for ring in face.rings] for face in faces]
+    together = joined_faces(rings, reach)
+    answer: list[Points] = []
+    for one in together:
+        if len(one) == 1:
+            answer += rings[one[0]]
+            continue
+        corners = np.vstack([ring for face in one for ring in rings[face]])
+        polygons = [shapely.Polygon(rings[face][0], rings[face][1:]) for face in one]
+        whole = shapely.union_all(shapely.force_2d(polygons), grid_size=COORDINATE_STEP)
+        for part in shapely.get_parts(whole):
+            for boundary in (part.exterior, *part.interiors):
+                places = shapely.get_coordinates(boundary)[:-1]
+                near = np.abs(places[:, None, :] - corners[None, :, :2]).max(axis=2) < COORDINATE_STEP
+                count = near.sum(axis=1)
+                height = (near @ corners[:, 2])[count > 0] / count[count > 0]
+                answer.append(np.column_stack([places[count > 0], height]))
+    return answer
+
+
+def joined_faces(rings: list[list[Points]], reach: float) -> list[list[int]]:
+    """The numbers of the faces, given by their rings, in groups that lie within `reach` (m) of one plane."""
+    beside: dict[tuple[tuple[float, float], ...], set[int]] = {}
+    for face, own in enumerate(rings):
+        for ring in own:
+            places = [(x, y) for x, y, _ in np.round(ring / COORDINATE_STEP).tolist()]
+            for start, end in zip(places, places[1:] + places[:1], strict=True):
+                beside.setdefault((min(start, end), max(start, end)), set()).add(face)
+    corners = {face: np.vstack(own) for face, own in enumerate(rings)}
+    members = {face: [face] for face in corners}
+    near: dict[int, set[int]] = {face: set() for face in corners}
+    waiting: list[tuple[float, int, int, int, int]] = []
+
+    def offer(first: int, second: int) -> None:
+        one, other = min(first, second), max(first, second)
+        places = np.vstack([corners[one], corners[other]])
+        centred = places - places.mean(axis=0)
+        columns = np.column_stack([centred[:, :2], np.ones(len(centred))])
+        slope = np.linalg.lstsq(columns, centred[:, 2], rcond=None)[0]
+        away = float(np.abs(columns @ slope - centred[:, 2]).max())
+        if away <= reach:
+            heappush(waiting, (away, one, other, len(members[one]), len(members[other])))
+
+    for one, other in sorted({(min(pair), max(pair)) for pair in beside.values() if len(pair) == 2}):
+        near[one].add(other)
+        near[other].add(one)
+        offer(one, other)
+    while waiting:
+        _, one, other, *sizes = heappop(waiting)
+        if [len(members.get(face, ())) for face in (one, other)] != sizes:
+            continue
+        members[one] += members.pop(other)
+        corners[one] = np.vstack([corners[one], corners.pop(other)])
+        for face in near.pop(other):
+            near[face].discard(other)
+            if face != one:
+                near[face].add(one)
+                near[one].add(face)
+        for face in sorted(near[one]):
+            offer(one, face)
+    return list(members.values())
+
+
+def turning_corners(rings: list[Points]) -> tuple[Points, NDArray[np.int64]]:
+    """The corners (V, 3) where one of the rings turns, and the pairs of them (E, 2) that rings join."""
+    number: dict[tuple[float, ...], int] = {}
+    chains = []
     for ring in rings:
-        places = solid.vertices[ring]
-        into, out = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
+        into, out = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
         size = np.linalg.norm(into, axis=1) * np.linalg.norm(out, axis=1)
-        turning[ring[(into * out).sum(axis=1) / size < np.cos(np.radians(CORNER_TURN_DEG))]] = True
-    kept = [ring[turning[ring]] for ring in rings]
-    pairs = np.vstack([np.column_stack([ring, np.roll(ring, -1)]) for ring in kept] or [np.zeros((0, 2))])
-    return np.asarray(pairs[pairs[:, 0] != pairs[:, 1]], np.int64)
+        turns = (into * out).sum(axis=1) < size * np.cos(np.radians(CORNER_TURN_DEG))
+        chain = [tuple(place) for place in np.round(ring, DECIMALS).tolist()]
+        chains.append(chain)
+        for place, corner in zip(chain, turns.tolist(), strict=True):
+            if corner:
+                number.setdefault(place, len(number))
+    edges = set()
+    for chain in chains:
+        kept = [number[place] for place in chain if place in number]
+        pairs = zip(kept, kept[1:] + kept[:1], strict=True)
+        edges |= {(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]}
+    return np.array(list(number)).reshape(-1, 3), np.array(sorted(edges), np.int64).reshape(-1, 2)
 
 
 def corner_groups(corners: Points, detail: float) -> NDArray[np.int64]:
