@@ -321,8 +321,8 @@ def main() -> None:
         ],
         COMMAND,
         "Corners are paired one to one; 1 m is Building3D's own measure. To reach there: precision and "
-        "recall 0.90, F1 of edges 0.78, offset 0.17 m. What is drawn as one corner (0.8 m, faces within 0.2 m "
-        "of one plane) was chosen on the roofs of even number; those of odd number were left out.",
+        "recall 0.90, F1 of edges 0.78, offset 0.17 m. What is drawn as one (0.8 m, faces within 0.2 m of "
+        "one plane) was chosen on the roofs of even number; those of odd number were left out.",
     )
 
 
