@@ -12,6 +12,7 @@ import pytest
 import shapely
 from matplotlib.image import imread
 
+from eaves.model import Bounds
 from eaves.model.summary import Summary
 from eaves.report.build import build
 from eaves.report.contents import Contents, read_contents
@@ -20,6 +21,7 @@ from eaves.report.surfaces import CityFace, CityFaces
 from eaves.simulate import scan_town, simulate_town, write_simulation
 
 from .browser import Browser, missing
+from .test_basemap import write_image
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason=missing())
 
@@ -305,3 +307,92 @@ def test_ground_is_darker_beside_houses_than_in_the_open(browser: Browser, nine_
     browser.open(nine_run.folder / "report.html")
     low, high = browser.run("return [Math.min(...eaves.groundLight), Math.max(...eaves.groundLight)]")
     assert 0.45 < low < 0.8 and high > 0.97
+
+
+HEIGHTS_BY_RAY = """
+const { profile, ruler, layers, scene } = eaves, [one, two] = ruler.places, answers = [];
+const top = (xyz, list, x, y) => {
+  let best = null;
+  for (let place = 0; place < list.length; place += 3) {
+    const corners = new Float64Array(9);
+    for (let k = 0; k < 9; k++) corners[k] = xyz[3 * list[place + Math.floor(k / 3)] + k % 3];
+    const far = hitTriangle(corners, 0, [x, y, 1000], [0, 0, -1]);
+    if (Number.isFinite(far)) best = Math.max(best ?? -1e9, 1000 - far);
+  }
+  return best;
+};
+for (let part = 0.5; part < 40; part += 2) {
+  const [x, y] = [0, 1].map(axis => one[axis] + part / 40 * (two[axis] - one[axis]));
+  const found = profile.at(part / 40 * profile.whole), { position, details } = scene.ground;
+  const model = top(scene.triangles.xyz, layers.models.shown, x, y), ground = top(position, details[0], x, y);
+  answers.push([found.model, model, found.ground, ground]);
+}
+return answers;"""
+
+
+def test_the_profile_has_the_heights_of_what_it_cuts(browser: Browser, nine_run: Summary) -> None:
+    browser.open(nine_run.folder / "report.html", "measure=-40,-31,0,43,37,0&profile=1")
+    answers = browser.run(HEIGHTS_BY_RAY)
+    models = [(model, ray) for model, ray, _, _ in answers]
+    assert sum(ray is not None for _, ray in models) > 2, "the line crosses houses"
+    assert all((model is None) == (ray is None) for model, ray in models)
+    assert all(model == pytest.approx(ray, abs=0.002) for model, ray in models if ray is not None)
+    assert all(ground == pytest.approx(ray, abs=0.002) for _, _, ground, ray in answers)
+    length = browser.run("return eaves.profile.whole")
+    assert length == pytest.approx(np.hypot(83, 68), abs=1e-6)
+    told = browser.run(
+        "eaves.profile.point(400); return [...document.querySelectorAll('#profile text')].pop().textContent"
+    )
+    assert "m along, height" in told and "profile=1" in browser.run("return addressOf(eaves)")
+    assert browser.errors() == []
+
+
+def test_other_points_are_translucent_and_never_over_roofs(
+    browser: Browser, nine_run: Summary, tmp_path: Path
+) -> None:
+    contents = read_contents(nine_run.folder)
+    trees = contents.points.with_(
+        building=np.zeros_like(contents.points.building),
+        classification=np.full_like(contents.points.classification, 5),
+    )
+    page = tmp_path / "report.html"
+    page.write_text(render(replace(contents, points=trees), "all is trees"), encoding="utf-8")
+    browser.open(page)
+    opacity, *shown = browser.run(
+        "const { other } = eaves.layers, { xyz } = eaves.scene.points;"
+        "return [other.opacity, ...[...other.shown].map(k => [xyz[3 * k], xyz[3 * k + 1]])]"
+    )
+    assert 0 < opacity < 1
+    inner, outer = (
+        shapely.union_all([shapely.buffer(shape, far) for shape in contents.polygons])
+        for far in (-0.75, 0.75)
+    )
+    assert not shapely.contains_xy(inner, np.array(shown)).any()
+    assert len(shown) >= np.count_nonzero(~shapely.contains_xy(outer, trees.xyz[:, :2]))
+
+
+def test_an_aerial_image_lies_over_the_terrain(
+    browser: Browser, nine_run: Summary, tmp_path: Path, artefacts: Path
+) -> None:
+    contents = read_contents(nine_run.folder)
+    rows, columns = contents.terrain.shape
+    west, north = (one + two for one, two in zip(contents.corner, contents.origin, strict=True))
+    place = Bounds(west, north - rows * contents.cell, west + columns * contents.cell, north)
+    colours = np.zeros((3, 100, 100), np.uint8)
+    colours[0, :, :50], colours[2, :, 50:] = 255, 255  # red in the west, blue in the east
+    path = write_image(tmp_path / "image.tif", colours, place, "EPSG:28992")
+    page = tmp_path / "report.html"
+    found = read_contents(nine_run.folder, basemap=path)
+    page.write_text(render(found, "with an image"), encoding="utf-8")
+    state = "view=above&off=roofs,walls,edges,prints,points-other"
+    browser.open(page, state)
+    seen = imread(browser.picture(artefacts / "nine-basemap.png"))[300:450, 100:1000, :3]
+    red, blue = (seen[..., band] > 0.5 for band in (0, 2))
+    assert (
+        red[:, 300:400].mean() > 0.9 and blue[:, 500:600].mean() > 0.9 and not (red & blue)[:, 300:400].any()
+    )
+    assert "aerial image: image.tif" in browser.run("return document.getElementById('shown').textContent")
+    browser.open(page, f"{state},basemap")
+    plain = imread(browser.picture(artefacts / "nine-no-basemap.png"))[300:450, 300:400, :3]
+    assert np.ptp(plain, axis=2).max() < 0.2, "switched off it is the colour of earth"
+    assert browser.errors() == []

@@ -51,6 +51,7 @@ Published = Annotated[
     bool, typer.Option("--as-published", help="Every method with the numbers its paper prints.")
 ]
 Config = Annotated[Path | None, typer.Option(help="TOML with a table per stage: method and parameters.")]
+Basemap = Annotated[Path | None, typer.Option(help="Aerial image (GeoTIFF) to lay over the terrain.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also what happens inside.")]
 Footprints = Annotated[

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from eaves.cli.options import Quiet
+from eaves.cli.options import Basemap, Quiet
 from eaves.cli.runs import COMPLETE, INCOMPLETE, start_log
 
 
@@ -79,13 +79,14 @@ def view(
     browser: Annotated[bool, typer.Option(help="Open it, or only make it.")] = True,
     again: Annotated[bool, typer.Option("--again", help="Make the page anew.")] = False,
     around: Annotated[str | None, typer.Option(help="Of a large run, draw what is around this id.")] = None,
+    basemap: Basemap = None,
     quiet: Quiet = False,
 ) -> None:
     """Open the 3D page of a run; it is made when it is missing."""
     from eaves.report.view import open_report
 
     start_log(quiet)
-    path = open_report(folder, browser, again, around)
+    path = open_report(folder, browser, again, around, basemap)
     if not quiet:
         typer.echo(f"report: {path}")
 
@@ -97,13 +98,14 @@ def serve(
     ] = None,
     port: Annotated[int, typer.Option(help="Of this computer; 0: any free one.", min=0, max=65535)] = 8017,
     browser: Annotated[bool, typer.Option(help="Open it, or only serve.")] = True,
+    basemap: Basemap = None,
     quiet: Quiet = False,
 ) -> None:
     """Show the 3D Tiles of a run of any size in a browser. To this computer only, until Ctrl-C."""
     from eaves.report.serve import make_site, serve_run, write_site
 
     start_log(quiet)
-    site = make_site(folder)
+    site = make_site(folder, basemap)
     if static is not None:
         path = write_site(site, static)
         if not quiet:

@@ -24,6 +24,7 @@ from eaves.model import Bounds, CoordinateSystem, Mask, Points, Raster, Values
 from eaves.model.building import LODS
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.scene import ROOF
+from eaves.report.basemap import Basemap, read_basemap
 from eaves.report.sample import PointSample, Sample, classified_files, sample_points
 from eaves.report.surfaces import SURFACES, CityFaces, in_pieces, iter_city_faces
 
@@ -36,6 +37,8 @@ TERRAIN_CELLS = 250
 """The terrain is drawn with at most this many cells a side."""
 ROOFS_AT_ONCE = 400
 """The points are held against so many roof faces at a time, which takes some 20 MB."""
+EDGE = 0.01
+"""Points on the rim of the terrain (m) belong to it, however they were rounded."""
 MARGIN = 30.0
 """Surroundings (m) shown around the buildings where only some of them are."""
 
@@ -66,6 +69,8 @@ class Contents:
     run: dict[str, Any] = field(default_factory=dict)
     others: list[dict[str, Any]] = field(default_factory=list)
     """Rows of the buildings not shown."""
+    basemap: Basemap | None = None
+    """An aerial image over the terrain."""
 
 
 def read_contents(
@@ -74,16 +79,19 @@ def read_contents(
     buildings: int = BUILDINGS_SHOWN,
     around: str | None = None,
     received: PointSample | None = None,
+    basemap: str | Path | None = None,
 ) -> Contents:
     """The contents of a run's folder; what a run did not write is empty.
 
     Of more than `buildings` those nearest to the building of the id `around` are shown, or nearest to the
-    middle of all. `received` holds the sample of points, when the run has just written them.
+    middle of all. `received` holds the sample of points, when the run has just written them; `basemap` is an
+    aerial image to lay over the terrain.
 
     Raises
     ------
     InputError
-        When the folder holds no footprints, or none of the id `around`, or a file of it is damaged.
+        When the folder holds no footprints, or none of the id `around`, or a file of it is damaged, or the
+        image cannot be laid over it.
     """
     folder = Path(folder)
     polygons, _, rows, system = read_polygons(folder / "footprints.gpkg", layer="footprints")
@@ -94,6 +102,7 @@ def read_contents(
     polygons, rows = [polygons[k] for k in shown], [rows[k] for k in shown]
     window = window_of(polygons) if len(shown) < found else None
     terrain, bounds = read_terrain(folder / "dtm.tif", system, window)
+    image = None if basemap is None else lay_image(folder, basemap, system, bounds)
     sample = sample_points(
         classified_files(folder), system, points, window, expected=points_of(rows), received=received
     )
@@ -107,6 +116,9 @@ def read_contents(
     faces = replace(faces, corners=faces.corners - shift)
     sample = sample.with_(xyz=sample.xyz - shift)
     sample = sample.take(np.asarray((np.abs(sample.xyz) < FARTHEST).all(axis=1)))
+    if bounds is not None:  # what lies outside of the run's --bounds is of no use
+        local = bounds.translated(-centre[0], -centre[1]).buffered(EDGE)
+        sample = sample.take(np.asarray(local.contains(sample.xyz)))
     run = folder / "run.json"
     west, north = (bounds.west, bounds.north) if bounds else centre
     return Contents(
@@ -124,8 +136,16 @@ def read_contents(
         cell=bounds.width / terrain.shape[1] if bounds else 1.0,
         buildings=found,
         others=others,
+        basemap=image,
         run=json.loads(run.read_text(encoding="utf-8")) if run.exists() else {},
     )
+
+
+def lay_image(folder: Path, path: str | Path, system: CoordinateSystem, bounds: Bounds | None) -> Basemap:
+    """An aerial image over the terrain of a run, which lies in `bounds`."""
+    if bounds is None:
+        raise InputError.about(folder, "has no terrain to lay an image on", "build it with its rasters")
+    return read_basemap(path, system, bounds)
 
 
 def import_libraries() -> None:

@@ -31,7 +31,7 @@ from eaves.report.sample import PointSample
 from eaves.report.surfaces import CityFace, cut_into_triangles, edges_of, in_pieces
 
 SCRIPTS = (
-    *("arrays", "camera", "draw", "pace", "pick", "measure", "shade"),
+    *("arrays", "camera", "draw", "pace", "pick", "measure", "profile", "shade"),
     *("colours", "table", "charts", "main", "events"),
 )
 COLUMNS = {
@@ -137,6 +137,7 @@ def say_shown(contents: Contents) -> str:
     )
     source = contents.run.get("footprint_source")
     parts += [f"footprints: {source['attribution']}"] if source else []
+    parts += [f"aerial image: {contents.basemap.name}"] if contents.basemap else []
     return "; ".join(parts)
 
 
@@ -159,6 +160,8 @@ def page_data(contents: Contents) -> dict[str, Any]:
         "lods": LODS,
         "base": contents.base,
         "modelled": len(contents.faces) > 0,
+        "origin": [*contents.origin, contents.base],
+        "basemap": contents.basemap.address if contents.basemap else None,
         "terrain": {
             "rows": rows_high,
             "columns": columns,

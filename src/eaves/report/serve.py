@@ -23,16 +23,17 @@ from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from eaves.formats import CityObject, InputError, iter_cityjson, write_3dtiles
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe
 from eaves.formats.tiles3d import Earth
-from eaves.model import BuildingModel, CoordinateSystem, Footprint, Points
+from eaves.model import Bounds, BuildingModel, CoordinateSystem, Footprint, Points
 from eaves.model.building import LODS
 from eaves.model.columns import COLUMNS
 from eaves.model.coordinates import LOCAL_METRES
-from eaves.report.contents import read_terrain, system_of_folder
+from eaves.report.contents import lay_image, read_terrain, system_of_folder
 from eaves.report.page_file import MILLIMETRES, UNKNOWN_HEIGHT, pack
 from eaves.run.manifest import add_to_manifest
 
@@ -43,10 +44,12 @@ TILES = "3dtiles"
 TILE_SIDE = 240.0
 """Side (m) of the tiles that are made of a run without any, as of its blocks."""
 PAGE = "report.html"
+IMAGE = "basemap.jpg"
 KINDS = {
     ".css": "text/css; charset=utf-8",
     ".glb": "model/gltf-binary",
     ".html": "text/html; charset=utf-8",
+    ".jpg": "image/jpeg",
     ".js": "text/javascript; charset=utf-8",
     ".json": "application/json",
     ".txt": "text/plain; charset=utf-8",
@@ -80,13 +83,13 @@ class Site:
             return None
 
 
-def make_site(folder: str | Path) -> Site:
-    """The site of a run's folder; its tiles are made when they are missing.
+def make_site(folder: str | Path, basemap: str | Path | None = None) -> Site:
+    """The site of a run's folder, with an aerial image; its tiles are made when they are missing.
 
     Raises
     ------
     InputError
-        When the folder holds no models of a run.
+        When the folder holds no models of a run, or the image is none of it.
     """
     folder = Path(folder)
     system = system_of_folder(folder)
@@ -97,7 +100,12 @@ def make_site(folder: str | Path) -> Site:
     }
     system = make_tiles(folder, system)
     made["about.json"] = as_bytes(describe_run(folder, system))
-    made["ground.json"] = as_bytes(describe_ground(folder, system))
+    heights, bounds = read_terrain(folder / "dtm.tif", system, None)
+    image = None if basemap is None else lay_image(folder, basemap, system, bounds)
+    if image is not None:
+        made[IMAGE] = image.jpeg
+    ground = describe_ground(heights, bounds, system)
+    made["ground.json"] = as_bytes(ground | {"image": IMAGE if image else ""})
     return Site(folder, made)
 
 
@@ -172,9 +180,10 @@ def describe_run(folder: Path, system: CoordinateSystem) -> dict[str, Any]:
     }
 
 
-def describe_ground(folder: Path, system: CoordinateSystem) -> dict[str, Any]:
+def describe_ground(
+    heights: NDArray[np.float32], bounds: Bounds | None, system: CoordinateSystem
+) -> dict[str, Any]:
     """The terrain where the tiles have it: a grid of places, row 0 north, in millimetres from `centre`."""
-    heights, bounds = read_terrain(folder / "dtm.tif", system, None)
     rows, columns = heights.shape
     known = np.isfinite(heights)
     if bounds is None or not known.any():

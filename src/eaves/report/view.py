@@ -16,23 +16,28 @@ log = logging.getLogger("eaves")
 
 
 def open_report(
-    folder: str | Path, show: bool = True, again: bool = False, around: str | None = None
+    folder: str | Path,
+    show: bool = True,
+    again: bool = False,
+    around: str | None = None,
+    basemap: str | Path | None = None,
 ) -> Path:
     """The report.html of a run's folder, opened in the browser if `show`; made when missing, older than the
-    run, `again`, or `around` a building of a large run that the page does not draw.
+    run, `again`, `around` a building of a large run that the page does not draw, or with an aerial image.
 
     Raises
     ------
     InputError
-        When the folder holds no run.
+        When the folder holds no run, or the image is none of it.
     """
     folder = Path(folder)
     record, path = folder / "run.json", folder / "report.html"
     if not (folder / "footprints.gpkg").exists():
         raise InputError.about(folder, "holds no footprints.gpkg", "give the folder of a run of eaves build")
     newest = record if record.exists() else folder / "footprints.gpkg"
-    if again or around is not None or not path.exists() or path.stat().st_mtime < newest.stat().st_mtime:
-        written = write_page(read_contents(folder, around=around), describe_run(folder))
+    wanted = again or around is not None or basemap is not None
+    if wanted or not path.exists() or path.stat().st_mtime < newest.stat().st_mtime:
+        written = write_page(read_contents(folder, around=around, basemap=basemap), describe_run(folder))
         add_to_manifest(folder, [written])
     if show and not webbrowser.open(path.resolve().as_uri()):
         log.warning("no browser could be started; open %s", path)

@@ -16,7 +16,7 @@ void main() {
 const FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 place; in vec4 tint;
-uniform float shaded, points; uniform vec3 eye;
+uniform float shaded, points, pictured; uniform vec3 eye; uniform vec4 extent; uniform sampler2D image;
 out vec4 result;
 void main() {
   float light = 1.0;
@@ -25,9 +25,14 @@ void main() {
     if (dot(normal, eye - place) < 0.0) normal = -normal;
     light = 0.62 + 0.3 * max(0.0, dot(normal, normalize(vec3(-0.6, 0.5, 0.65)))) + 0.14 * max(0.0, normal.z);
   } else if (points != 0.0 && distance(gl_PointCoord, vec2(0.5)) > 0.5) discard;
-  result = vec4(tint.rgb * light, tint.a);
+  vec3 own = tint.rgb;
+  if (pictured > 0.5) {
+    own *= texture(image, vec2(place.x - extent.x, extent.y - place.y) / extent.zw).rgb;
+    light = mix(light, 1.0, 0.6);
+  }
+  result = vec4(own * light, tint.a);
 }`;
-const UNIFORMS = ['view', 'chosen', 'only', 'points', 'strength', 'fade', 'mark', 'shaded', 'eye'];
+const UNIFORMS = ['view', 'chosen', 'only', 'points', 'strength', 'fade', 'mark', 'shaded', 'eye', 'pictured', 'extent'];
 // Vertices drawn in one call when a picture may be given up half-way.
 const PIECE = 90000;
 
@@ -54,7 +59,7 @@ class Painter {
   }
 
   // kind: 'points', 'triangles' or 'lines'; building holds a number for each vertex, 0 for none.
-  add(kind, position, building, { shaded = false, strength = 0, minor = false, fades = false } = {}) {
+  add(kind, position, building, { shaded = false, strength = 0, minor = false, fades = false, opacity = 1 } = {}) {
     const gl = this.gl, vao = gl.createVertexArray();
     gl.bindVertexArray(vao);
     const fill = (place, data, size, type, normalised) => {
@@ -70,9 +75,20 @@ class Painter {
     fill(2, building, 1, gl.UNSIGNED_INT, false);
     gl.bindVertexArray(null);
     const mode = { points: gl.POINTS, triangles: gl.TRIANGLES, lines: gl.LINES }[kind];
-    const layer = { kind, mode, vao, colour, shaded, strength, minor, fades, drawn: [] };
+    const layer = { kind, mode, vao, colour, shaded, strength, minor, fades, opacity, pictured: false, drawn: [] };
     this.layers.push(layer);
     return layer;
+  }
+
+  // An image over a rectangle: west, north, width and height. Layers that are `pictured` are drawn with it.
+  picture(image, extent) {
+    const gl = this.gl;
+    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, image);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    this.extent = extent;
   }
 
   recolour(layer, colours) {
@@ -113,6 +129,7 @@ class Painter {
     this.target = this.targetOf(width, height, smooth ? this.samples : 0);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target.frame);
     gl.viewport(0, 0, width, height);
+    gl.depthMask(true);
     gl.clearColor(...look.background, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
@@ -134,8 +151,11 @@ class Painter {
     gl.uniform1f(uniform.points, points);
     gl.uniform1f(uniform.shaded, layer.shaded ? 1 : 0);
     gl.uniform1f(uniform.strength, layer.strength);
-    gl.uniform1f(uniform.fade, layer.fades ? this.fade : 1);
-    if (layer.fades) {
+    gl.uniform1f(uniform.fade, layer.fades ? this.fade : layer.opacity);
+    gl.uniform1f(uniform.pictured, layer.pictured ? 1 : 0);
+    if (layer.pictured) gl.uniform4fv(uniform.extent, this.extent);
+    gl.depthMask(layer.opacity === 1);
+    if (layer.fades || layer.opacity < 1) {
       gl.enable(gl.BLEND);
       gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     } else gl.disable(gl.BLEND);

@@ -48,6 +48,7 @@ function listenToCanvas(viewer) {
     else if (event.key === 'Escape' && viewer.ruler.active) viewer.ruler.toggle(false);
     else if (event.key === 'Escape') viewer.choose(-1);
     else if (event.key === 'm') viewer.ruler.toggle();
+    else if (event.key === 'l') viewer.profile.toggle();
     else if ('nNpP'.includes(event.key) && count) viewer.choose((viewer.look.chosen - 1 + ('nN'.includes(event.key) ? 1 : -1) + count + (viewer.look.chosen ? 0 : 'nN'.includes(event.key) ? 0 : 1)) % count);
     else if ({ h: 1, a: 1, s: 1, o: 1 }[event.key]) viewer.view({ h: 'home', a: 'above', s: 'side', o: 'oblique' }[event.key]);
     else if (event.key === '/') byId('find').focus();
@@ -88,6 +89,7 @@ function obeyAddress(viewer) {
   if (measured.length > 2 && measured.length % 3 === 0 && measured.every(Number.isFinite)) {
     viewer.ruler.toggle(true);
     for (let place = 0; place < measured.length; place += 3) viewer.ruler.places.push(measured.slice(place, place + 3));
+    viewer.profile.toggle(given.has('profile'));
   }
   const eye = (given.get('eye') || '').split(',').map(Number);
   if (eye.length === 7 && eye.every(Number.isFinite)) {
@@ -109,6 +111,7 @@ function addressOf(viewer) {
   }
   if (look.chosen) settings.set('id', all[look.chosen - 1].id);
   if (viewer.ruler.places.length) settings.set('measure', viewer.ruler.places.flat().map(value => value.toFixed(3)).join());
+  if (viewer.profile.on) settings.set('profile', '1');
   const numbers = [camera.azimuth, camera.elevation, camera.distance, camera.flat ? 1 : 0, ...camera.target];
   settings.set('eye', numbers.map((value, place) => Number(value.toFixed(place < 2 ? 4 : 2))).join());
   return `#${settings.toString().replaceAll('%2C', ',')}`;
@@ -141,6 +144,7 @@ async function start() {
   byId('ids').append(...rows.map(row => element('option', { value: row.id })));
   try {
     viewer = new Viewer(readData(await unpackAll(page.arrays)), all, table);
+    if (page.basemap) await viewer.addImage(page.basemap);
     listenToCanvas(viewer);
     listenToControls(viewer);
     keepAddress(viewer);

@@ -85,6 +85,9 @@ function boxOf(scene) {
   return Number.isFinite(low[0]) ? { low, high } : { low: [-5, -5, -5], high: [5, 5, 5] };
 }
 
+// What is neither ground nor building, mostly trees, lets what stands behind it through.
+const OTHER_OPACITY = 0.45;
+
 class Viewer {
   constructor(scene, all, table) {
     Object.assign(this, { scene, all, table });
@@ -99,6 +102,7 @@ class Viewer {
       edges: painter.add('lines', edges.xyz, repeated(edges.building, 2), { strength: 1, minor: true, fades: true }),
       prints: painter.add('lines', prints.xyz, repeated(prints.building, 2), { strength: 1, minor: true }),
       points: painter.add('points', points.xyz, Uint32Array.from(points.building)),
+      other: painter.add('points', points.xyz, new Uint32Array(points.count), { opacity: OTHER_OPACITY }),
     };
     this.pace = new Pace(painter, () => this.before(), quality => this.after(quality));
     this.look = { background: [1, 1, 1], mark: [1, 0.6, 0], chosen: 0, only: false, pointSize: 0.35 };
@@ -109,7 +113,9 @@ class Viewer {
     }
     this.measureBuildings();
     this.groundLight = groundShade(scene.terrain, triangles);
+    this.overRoof = pointsOverRoofs(points, triangles);
     this.ruler = new Ruler(this);
+    this.profile = new Profile(this);
     new ResizeObserver(() => this.ask()).observe(canvas);
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.refresh());
   }
@@ -127,6 +133,15 @@ class Viewer {
     };
     grow(prints.xyz, prints.building, 6);
     grow(triangles.xyz, triangles.building, 9);
+  }
+
+  // The aerial image of the page over the terrain.
+  async addImage(address) {
+    const image = new Image(), { rows, columns, cell, west, north } = this.scene.terrain;
+    image.src = address;
+    await image.decode();
+    this.painter.picture(image, [west, north, columns * cell, rows * cell]);
+    byId('basemap').parentElement.hidden = false;
   }
 
   checked(name) { return byId(name).checked; }
@@ -159,14 +174,14 @@ class Viewer {
       painter.show(layer, list.slice(0, end));
     };
     const earth = shade('--earth'), line = shade('--line'), outline = shade('--outline');
-    dress(layers.ground, ground.position.length / 3, 1, () => earth, vertex => this.groundLight[vertex]);
+    layers.ground.pictured = !!painter.extent && this.checked('basemap');
+    dress(layers.ground, ground.position.length / 3, 1, () => layers.ground.pictured ? [255, 255, 255] : earth, vertex => this.groundLight[vertex]);
     painter.show(layers.ground, ...(this.checked('ground') ? ground.details : [new Uint32Array(0)]));
 
     const pointWay = pointColours(byId('point-colour').value, scene), [on, under, other] = ['points-building', 'points-ground', 'points-other'].map(name => this.checked(name));
-    dress(layers.points, points.count, 1, number => {
-      const wanted = points.building[number] ? on : points.classification[number] === 2 ? under : other;
-      return wanted ? pointWay.at(number) : null;
-    });
+    const foreign = number => !points.building[number] && points.classification[number] !== 2;
+    dress(layers.points, points.count, 1, number => !foreign(number) && (points.building[number] ? on : under) ? pointWay.at(number) : null);
+    dress(layers.other, points.count, 1, number => foreign(number) && other && !this.overRoof[number] ? pointWay.at(number) : null);
 
     const wantedLod = page.lods.indexOf(byId('lod').value), shown = (lod, row) => wantedLod < 0 ? lod === this.finest.get(row) : lod === wantedLod;
     const modelWay = modelColours(byId('model-colour').value, scene), [roofs, walls] = [this.checked('roofs'), this.checked('walls')];
@@ -178,7 +193,7 @@ class Viewer {
     }, (vertex, number) => triangles.kind[number] === 1 ? wallShade(triangles.xyz[3 * vertex + 2] - this.spots[triangles.building[number] - 1].low[2]) : 1);
     dress(layers.edges, edges.count, 2, number => (this.checked('edges') && edges.lod[number] > 0 && shown(edges.lod[number], edges.building[number]) ? line : null));
     dress(layers.prints, prints.count, 2, () => this.checked('prints') ? outline : null);
-    legend(byId('point-legend'), layers.points.shown.length ? pointWay.legend : { text: 'no points are shown' });
+    legend(byId('point-legend'), layers.points.shown.length + layers.other.shown.length ? pointWay.legend : { text: 'no points are shown' });
     legend(byId('model-legend'), modelWay.legend);
     this.ask();
   }
@@ -193,7 +208,8 @@ class Viewer {
 
   // Says what the picture leaves out.
   after(quality) {
-    const here = this.layers.points.shown.length, drawn = Math.min(here, QUALITIES[quality].points);
+    const counts = [this.layers.points, this.layers.other].map(layer => layer.shown.length), sum = (one, two) => one + two;
+    const here = counts.reduce(sum), drawn = counts.map(count => Math.min(count, QUALITIES[quality].points)).reduce(sum);
     byId('moving').hidden = !quality;
     if (quality) byId('moving').textContent = `While it moves: ${drawn < here ? `${drawn.toLocaleString('en')} of ${here.toLocaleString('en')} points, ` : ''}coarser ground${QUALITIES[quality].lines ? '' : ', no lines'}, lower resolution`;
     this.measure();

@@ -22,7 +22,7 @@ function pickPlace(viewer, x, y) {
     if (ahead && far <= limit && away < nearest) [best, nearest] = [place, away];
   };
   for (const vertex of layers.edges.shown) offer([...scene.edges.xyz.subarray(3 * vertex, 3 * vertex + 3)]);
-  if (nearest === SNAP) for (const point of layers.points.shown) offer([...scene.points.xyz.subarray(3 * point, 3 * point + 3)]);
+  if (nearest === SNAP) for (const layer of [layers.points, layers.other]) for (const point of layer.shown) offer([...scene.points.xyz.subarray(3 * point, 3 * point + 3)]);
   return best;
 }
 
@@ -41,6 +41,7 @@ class Ruler {
     byId('measure').setAttribute('aria-pressed', on);
     byId('status').textContent = on ? 'measuring: click on places; Escape ends it' : 'measuring ended';
     this.viewer.canvas.style.cursor = on ? 'crosshair' : '';
+    if (!on) this.viewer.profile.toggle(false);
     this.draw();
   }
 
@@ -48,6 +49,7 @@ class Ruler {
     const place = pickPlace(this.viewer, x, y);
     if (place) this.places.push(place);
     this.draw();
+    this.viewer.profile.draw();
   }
 
   // Metres along the ground, up, and straight, between two places.

@@ -1,5 +1,5 @@
 // Soft shade, once for a scene: ground near what rises is darker, and walls are towards their foot.
-const DARKEST_GROUND = 0.5, FOOT = 0.74, FOOT_HEIGHT = 6;
+const DARKEST_GROUND = 0.5, FOOT = 0.74, FOOT_HEIGHT = 6, PLAN_CELLS = 4e6;
 
 // Heights of the models' upward faces over the cells of the terrain; −Infinity where there are none.
 function roofHeights({ rows, columns, cell, west, north }, { xyz, kind, count }) {
@@ -43,6 +43,26 @@ function groundShade(terrain, triangles) {
     }
   }
   return bright;
+}
+
+// Which points (1 or 0) lie in the plan of a roof: of what is no building, they would hide it.
+function pointsOverRoofs({ xyz, count }, triangles) {
+  const low = [Infinity, Infinity], high = [-Infinity, -Infinity], over = new Uint8Array(count);
+  for (let place = 0; place < triangles.xyz.length; place += 3) {
+    for (const axis of [0, 1]) {
+      low[axis] = Math.min(low[axis], triangles.xyz[place + axis]);
+      high[axis] = Math.max(high[axis], triangles.xyz[place + axis]);
+    }
+  }
+  if (!(high[0] > low[0] && high[1] > low[1])) return over;
+  const cell = Math.max(0.5, Math.sqrt((high[0] - low[0]) * (high[1] - low[1]) / PLAN_CELLS)), [west, north] = [low[0], high[1]];
+  const columns = Math.ceil((high[0] - low[0]) / cell), rows = Math.ceil((high[1] - low[1]) / cell);
+  const tops = roofHeights({ rows, columns, cell, west, north }, triangles);
+  for (let number = 0; number < count; number++) {
+    const column = Math.floor((xyz[3 * number] - west) / cell), row = Math.floor((north - xyz[3 * number + 1]) / cell);
+    over[number] = column >= 0 && row >= 0 && column < columns && row < rows && tops[row * columns + column] > -Infinity ? 1 : 0;
+  }
+  return over;
 }
 
 // How bright a corner of a wall is, by its height over the building's lowest place.
