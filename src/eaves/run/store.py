@@ -8,6 +8,7 @@ import os
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,8 @@ RECORD = np.dtype(
     ]
 )
 """A point between reading and the block pass: coordinates in quanta about its block's corner."""
+SMALL_PART, SMALL_PARTS = 1 << 21, 8
+"""Parts of buildings up to this size (bytes), and how many of them, are kept in memory once they were read."""
 COMPUTED = ("floors", "squares", "decks", "ground", "blocks", "buildings")
 """Folders of what was computed of the points."""
 
@@ -255,8 +258,10 @@ class Store:
     def _sections(self, owners: Sequence[Block], name: str) -> Iterator[list[Any]]:
         for owner in owners:
             if self.has("buildings", owner):
-                with open_part(self.path("buildings", owner)) as file:
-                    yield unpack(file, name)
+                path = self.path("buildings", owner)
+                state = path.stat()
+                read = read_section if state.st_size <= SMALL_PART else read_section.__wrapped__
+                yield read(path, name, (state.st_mtime_ns, state.st_size))
 
     def drop_damaged(self) -> None:
         """Remove the parts that are not as they were written, with a warning for each: they are computed
@@ -291,6 +296,15 @@ class Store:
         """Write the plan that everything in the folder belongs to."""
         with atomic(self.folder / "plan.json") as temporary:
             temporary.write_text(json.dumps(plan), encoding="utf-8")
+
+
+@lru_cache(maxsize=SMALL_PARTS)
+def read_section(path: Path, name: str, mark: tuple[int, int]) -> list[Any]:
+    """A list that `Store.save_buildings` packed, from the file that bears the `mark`. The outputs ask for
+    those of a small run a dozen times."""
+    with open_part(path) as file:
+        values: list[Any] = unpack(file, name)
+        return values
 
 
 def extent_of(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
