@@ -276,9 +276,12 @@ class Arrangement(LineReconstructor):
             plan, chosen, coefficients, ground, *limits, lambda tidied, kept: hold_down(tidied, kept, *known)
         )
         solids = coarse_solids(plan, roof, ground, self.level_jump, limits)
-        errors = {
-            lod: self.errors(surface_heights(parts, roof[:, :2]), roof) for lod, parts in solids.items()
-        }
+        errors: dict[str, Values] = {}
+        for lod, parts in solids.items():
+            alike = next((other for other in errors if solids[other] is parts), None)
+            errors[lod] = (
+                self.errors(surface_heights(parts, roof[:, :2]), roof) if alike is None else errors[alike]
+            )
         if planes and plan.count > 1:
             higher = self.simple_costs(costs)
             smallest = (self.simple_smallest, limits[1])

@@ -176,7 +176,8 @@ def keep_valid(model: BuildingModel, finest: str, unit_m: float = 1.0) -> Buildi
     limits = Tolerances(snap=SNAP * min(1.0, unit_m), planarity=PLANARITY * min(1.0, unit_m))
     wanted = {lod: solids for lod, solids in model.solids.items() if lod <= finest}
     bad: dict[str, Finding] = {}
-    if validate_model(model.with_(solids=wanted), limits):
+    different = {id(solids): lod for lod, solids in wanted.items()}  # levels may be the same solids
+    if validate_model(model.with_(solids={lod: wanted[lod] for lod in different.values()}), limits):
         for lod, solids in wanted.items():
             found = validate_model(model.with_(solids={lod: solids}), limits)
             if found:

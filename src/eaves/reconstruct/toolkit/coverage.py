@@ -14,11 +14,14 @@ from shapely import Polygon
 from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.inside import points_in_polygons
 from eaves.model import Points, Values
-
-Integers = NDArray[np.int64]
-
-OUTSIDE = -1
-"""The cell number of everything that is not covered."""
+from eaves.reconstruct.toolkit.half_edges import (
+    OUTSIDE,
+    Integers,
+    compact_kernel,
+    follow_kernel,
+    merge_kernel,
+    regions_kernel,
+)
 
 PAIRWISE = 8
 """Rings of this many edges and more are summed pairwise, which keeps more digits."""
@@ -43,39 +46,28 @@ class Coverage:
         return int(self.cell.max(initial=-1)) + 1
 
     @cached_property
+    def neighbours(self) -> tuple[Integers, Integers]:
+        """`twin` and `following`."""
+        return follow_kernel(self.nodes, self.start, self.end, self.cell)
+
+    @property
     def twin(self) -> Integers:
         """Number of the half-edge that goes the other way (H,)."""
-        size = len(self.nodes)
-        there, back = self.start * size + self.end, self.end * size + self.start
-        order = np.argsort(there, kind="stable")
-        return np.asarray(order[np.searchsorted(there[order], back)])
+        return self.neighbours[0]
+
+    @property
+    def following(self) -> Integers:
+        """The half-edge (H,) that comes next on the ring around the cell to the left.
+
+        Where a cell touches itself in a node, the ring follows what lies between, so every ring is simple.
+        """
+        return self.neighbours[1]
 
     @cached_property
     def length(self) -> Values:
         """Length (H,) of every half-edge (m)."""
         step = self.nodes[self.end] - self.nodes[self.start]
         return np.asarray(np.hypot(step[:, 0], step[:, 1]))
-
-    @cached_property
-    def following(self) -> Integers:
-        """The half-edge (H,) that comes next on the ring around the cell to the left.
-
-        Where a cell touches itself in a node, the ring follows what lies between, so every ring is simple.
-        """
-        size = self.count + 1
-        leaving, arriving = self.start * size + self.cell + 1, self.end * size + self.cell + 1
-        step = self.nodes[self.end] - self.nodes[self.start]
-        angle = np.arctan2(step[:, 1], step[:, 0])
-        order = np.lexsort((angle, leaving))
-        first = np.searchsorted(leaving[order], arriving, side="left")
-        last = np.searchsorted(leaving[order], arriving, side="right")
-        answer = order[np.minimum(first, len(order) - 1)]
-        for half in np.flatnonzero(last - first > 1):
-            choices = order[first[half] : last[half]]
-            back = np.arctan2(-step[half, 1], -step[half, 0])
-            turn = np.mod(angle[choices] - back, 2.0 * np.pi)
-            answer[half] = choices[np.argmin(np.where(turn > 0.0, turn, 2.0 * np.pi))]
-        return np.asarray(answer)
 
     @cached_property
     def ring_order(self) -> tuple[Integers, Integers]:
@@ -163,12 +155,9 @@ class Coverage:
 
         Cells with label `OUTSIDE` leave the coverage.
         """
-        region, first = self.regions(label)
-        region = np.append(region, OUTSIDE)
-        new_left = region[self.cell]
-        stays = new_left != new_left[self.twin]
-        answer = Coverage(self.nodes, self.start[stays], self.end[stays], new_left[stays]).compact()
-        return answer, np.asarray(label[first])
+        label = np.ascontiguousarray(label, np.int64)
+        *parts, first = merge_kernel(self.nodes, self.start, self.end, self.cell, self.twin, label)
+        return Coverage(*parts), label[first]
 
     def regions(self, label: Integers) -> tuple[Integers, Integers]:
         """The number (C,) of the connected region of like label that each cell is in, and the first cell of
@@ -176,26 +165,11 @@ class Coverage:
 
         Cells with label `OUTSIDE` have that number.
         """
-        padded = np.append(label, OUTSIDE)
-        left, right = padded[self.cell], padded[self.cell[self.twin]]
-        inner = (left == right) & (left != OUTSIDE) & (self.cell != OUTSIDE)
-        pairs = (self.cell[inner], self.cell[self.twin][inner])
-        group = connected_groups_kernel(*pairs, self.count)
-        kept = np.flatnonzero(label != OUTSIDE)
-        first = np.full(int(group.max(initial=-1)) + 1, self.count)
-        np.minimum.at(first, group[kept], kept)
-        order = np.argsort(first, kind="stable")
-        used = int((first < self.count).sum())
-        number = np.full(len(first) + 1, OUTSIDE)
-        number[order[:used]] = np.arange(used)
-        region = np.where(label == OUTSIDE, OUTSIDE, number[group])
-        return np.asarray(region, np.int64), first[order[:used]]
+        return regions_kernel(self.cell, self.twin, np.ascontiguousarray(label, np.int64))
 
     def compact(self) -> Coverage:
         """The same coverage without the nodes that no edge uses."""
-        used, numbers = np.unique(np.concatenate([self.start, self.end]), return_inverse=True)
-        half = len(self.start)
-        return Coverage(self.nodes[used], numbers[:half], numbers[half:], self.cell)
+        return Coverage(*compact_kernel(self.nodes, self.start, self.end, self.cell))
 
     def parts(self) -> list[tuple[Coverage, Integers]]:
         """The connected pieces of the coverage, each with the cells it is made of."""

@@ -71,9 +71,13 @@ def coarse_solids(
     """
     point, cell = plan.cells_of(roof)
     heights = roof[point, 2]
-    groups = {"1.2": np.zeros(plan.count, np.int64), "1.3": group_levels(plan, cell, heights, jump)}
-    answer = {}
-    for lod, group in groups.items():
+    whole, levels = np.zeros(plan.count, np.int64), group_levels(plan, cell, heights, jump)
+    answer: dict[str, tuple[Solid, ...]] = {}
+    for lod, group in (("1.2", whole), ("1.3", levels)):
+        if group is levels and np.array_equal(plan.regions(levels)[0], plan.regions(whole)[0]):
+            if "1.2" in answer:
+                answer[lod] = answer["1.2"]
+            continue
         level, planes = flat_plan(plan, group, cell, heights, ground)
         raised = extrude_plan(level, np.arange(level.count), planes, ground, *limits)
         if raised.solids:

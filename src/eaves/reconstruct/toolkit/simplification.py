@@ -6,7 +6,14 @@ import numpy as np
 import shapely
 
 from eaves.model import Mask, Values
-from eaves.reconstruct.toolkit.coverage import OUTSIDE, Coverage, Integers
+from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.reconstruct.toolkit.half_edges import (
+    OUTSIDE,
+    Integers,
+    contract_kernel,
+    corner_rank_kernel,
+    straighten_kernel,
+)
 
 STRAIGHT = 0.005
 """A node this near (m) to the line between its neighbours is not needed."""
@@ -27,22 +34,9 @@ def contract(coverage: Coverage, target: Integers) -> tuple[Coverage, Integers] 
     Cells that lose their area vanish and their neighbours close up. None where edges would fall together
     otherwise.
     """
-    start, end, cell = target[coverage.start], target[coverage.end], coverage.cell
-    stays = start != end
-    start, end, cell = start[stays], end[stays], cell[stays]
-    size, cells = len(coverage.nodes), coverage.count + 1
-    there, back = (start * size + end) * cells + cell + 1, (end * size + start) * cells + cell + 1
-    stays = ~np.isin(there, back)
-    start, end, cell = start[stays], end[stays], cell[stays]
-    there, back = np.sort(start * size + end), np.sort(end * size + start)
-    if len(there) == 0 or np.any(np.diff(there) == 0) or not np.array_equal(there, back):
-        return None
-    kept = np.unique(cell[cell != OUTSIDE])
-    if len(kept) == 0:
-        return None
-    number = np.full(coverage.count + 1, OUTSIDE)
-    number[kept] = np.arange(len(kept))
-    return Coverage(coverage.nodes, start, end, number[cell]).compact(), kept
+    known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.count)
+    *parts, kept = contract_kernel(*known, target)
+    return (Coverage(*parts), kept) if len(kept) else None
 
 
 def is_sound(coverage: Coverage) -> bool:
@@ -62,36 +56,11 @@ def drop_straight_nodes(
 
     Nodes inside the coverage may be `inner` (m) away from that line, those on the outline `STRAIGHT`.
     """
-    for _ in range(ROUNDS):
-        degree = np.bincount(coverage.start, minlength=len(coverage.nodes))
-        last = np.zeros(len(coverage.nodes), np.int64)
-        last[coverage.start] = np.arange(len(coverage.start))
-        first = np.zeros(len(coverage.nodes), np.int64)
-        first[coverage.start[::-1]] = np.arange(len(coverage.start))[::-1]
-        node = np.flatnonzero(degree == 2)
-        on_outline = np.zeros(len(coverage.nodes), bool)
-        on_outline[coverage.start[coverage.cell == OUTSIDE]] = True
-        one, other = coverage.end[first[node]], coverage.end[last[node]]
-        place, a, b = coverage.nodes[node], coverage.nodes[one], coverage.nodes[other]
-        chord = b - a
-        length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-9)
-        away = np.abs(chord[:, 0] * (place - a)[:, 1] - chord[:, 1] * (place - a)[:, 0]) / length
-        along = ((place - a) * chord).sum(axis=1) / length**2
-        reach = np.where(on_outline[node], STRAIGHT, inner)
-        needless = (away <= reach) & (along > 0.0) & (along < 1.0)
-        chosen = np.zeros(len(coverage.nodes), bool)
-        target = np.arange(len(coverage.nodes))
-        for number in np.flatnonzero(needless).tolist():
-            if not chosen[one[number]] and not chosen[other[number]]:
-                chosen[node[number]] = True
-                target[node[number]] = one[number]
-        if not chosen.any():
-            break
-        simpler = contract(coverage, target)
-        if simpler is None:
-            break
-        coverage, labels = simpler[0], labels[simpler[1]]
-    return coverage, labels
+    known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.count)
+    *parts, kept = straighten_kernel(*known, STRAIGHT, inner, ROUNDS)
+    if len(parts[1]) == len(coverage.start):
+        return coverage, labels
+    return Coverage(*parts), labels[kept]
 
 
 def merge_short_edges(
@@ -148,16 +117,8 @@ def short_edges(coverage: Coverage, shortest: float) -> tuple[Integers, Integers
 
 def corner_rank(coverage: Coverage) -> Integers:
     """2 for corners of the outline, 1 for other nodes on it, 0 for nodes inside (V,)."""
-    rank = np.zeros(len(coverage.nodes), np.int64)
-    border = np.flatnonzero(coverage.cell == OUTSIDE)
-    node = coverage.end[border]
-    after = coverage.nodes[coverage.end[coverage.following[border]]] - coverage.nodes[node]
-    before = coverage.nodes[node] - coverage.nodes[coverage.start[border]]
-    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    size = np.maximum(np.hypot(*before.T) * np.hypot(*after.T), 1e-9)
-    straight = (np.abs(cross) / size < 0.02) & ((before * after).sum(axis=1) > 0.0)
-    np.maximum.at(rank, node, np.where(straight, 1, 2))
-    return rank
+    following = coverage.following
+    return corner_rank_kernel(coverage.nodes, coverage.start, coverage.end, coverage.cell, following)
 
 
 def absorb_slivers(

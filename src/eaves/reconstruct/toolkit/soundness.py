@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -42,7 +44,7 @@ def find_defect(solid: Solid) -> str:
     flat = {
         number: on_own_plane(solid, face.rings)
         for number, face in enumerate(solid.faces)
-        if face.surface != WALL_SURFACE and sum(map(len, face.rings)) > 3
+        if face.surface != WALL_SURFACE and sum(map(len, face.rings)) > 3 and not is_level(solid, face.rings)
     }
     if any(np.abs(places[:, 2]).max() > FLATTEST_SHARE * PLANARITY for places in flat.values()):
         return "a roof face that is not planar"
@@ -51,6 +53,12 @@ def find_defect(solid: Solid) -> str:
     if solid.vertices[list(roof), 2].min() < ground + LOWEST_WALL:
         return "a roof that reaches the ground"
     return plan_defect(solid) or fold_defect(solid, flat)
+
+
+def is_level(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> bool:
+    """Whether a face's vertices are at one height: it is planar, has no fold, and its plane is the plan."""
+    heights = solid.vertices[[vertex for ring in rings for vertex in ring], 2]
+    return bool((heights == heights[0]).all())
 
 
 def on_own_plane(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> NDArray[np.float64]:
@@ -74,31 +82,37 @@ def plan_defect(solid: Solid) -> str:
 
 
 def plan_polygons(solid: Solid) -> NDArray[np.object_]:
-    """The faces that are not walls (F,) as polygons with heights, in plan."""
-    places = solid.vertices
-    shapes = [
-        shapely.Polygon(places[list(face.rings[0])], [places[list(hole)] for hole in face.rings[1:]])
-        for face in solid.faces
-        if face.surface != WALL_SURFACE
-    ]
-    return np.array(shapes, object)
+    """The faces that are not walls (F,) as polygons in plan."""
+    faces = [face.rings for face in solid.faces if face.surface != WALL_SURFACE]
+    return as_polygons([solid.vertices[list(ring), :2] for rings in faces for ring in rings], faces)
+
+
+def as_polygons(
+    places: Sequence[NDArray[np.float64]], faces: Sequence[tuple[tuple[int, ...], ...]]
+) -> NDArray[np.object_]:
+    """Polygons (F,) of faces whose rings lie at `places`, (M, 2 or 3) each, the rings of a face together."""
+    size = [len(ring) for ring in places]
+    rings = shapely.linearrings(np.concatenate(places), indices=np.repeat(np.arange(len(size)), size))
+    owner = np.repeat(np.arange(len(faces)), [len(face) for face in faces])
+    return np.asarray(shapely.polygons(rings, indices=owner), object)
 
 
 def fold_defect(solid: Solid, flat: dict[int, NDArray[np.float64]]) -> str:
     """Whether a triangle of a face leans away from the others, as thin ones do once heights are rounded.
 
-    `flat` are the vertices (V, 3) of faces of more than three, by number, on their own planes: there are the
-    triangles of Delaunay by which validators define folds.
+    `flat` are the vertices (V, 3) of sloped faces of more than three, by number, on their own planes: there are
+    the triangles of Delaunay by which validators define folds.
     """
-    shapes = []
-    for number, places in flat.items():
-        face = solid.faces[number]
-        if face.surface == ROOF_SURFACE:
-            outer, *holes = np.split(places, np.cumsum([len(ring) for ring in face.rings])[:-1])
-            shapes.append(shapely.Polygon(outer, holes))
-    if not shapes:
+    roofs = [number for number in flat if solid.faces[number].surface == ROOF_SURFACE]
+    if not roofs:
         return ""
-    polygons = np.array(shapes, object)
+    faces = [solid.faces[number].rings for number in roofs]
+    places = [
+        ring
+        for number, face in zip(roofs, faces, strict=True)
+        for ring in np.split(flat[number], np.cumsum([len(ring) for ring in face])[:-1])
+    ]
+    polygons = as_polygons(places, faces)
     if not shapely.is_valid(polygons).all():
         return "a face whose rings cross on its plane"
     pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)

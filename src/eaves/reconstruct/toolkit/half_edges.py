@@ -1,0 +1,249 @@
+"""The half-edges of a plan as compiled loops: a plan has so few that each pass of arrays over them costs more to
+call than to do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from eaves.geometry.components import unite_kernel
+
+Integers = NDArray[np.int64]
+
+OUTSIDE = -1
+"""The cell number of everything that is not covered."""
+
+
+@njit(cache=True)
+def leaving_kernel(start: Integers, size: int) -> tuple[Integers, Integers]:
+    """The half-edges (H,) by the node they leave, in order, and where those of each of `size` nodes begin."""
+    first = np.zeros(size + 1, np.int64)
+    for node in start:
+        first[node + 1] += 1
+    for node in range(size):
+        first[node + 1] += first[node]
+    place, leaving = first[:-1].copy(), np.empty(len(start), np.int64)
+    for half in range(len(start)):
+        leaving[place[start[half]]] = half
+        place[start[half]] += 1
+    return leaving, first
+
+
+@njit(cache=True)
+def follow_kernel(
+    nodes: NDArray[np.float64], start: Integers, end: Integers, cell: Integers
+) -> tuple[Integers, Integers]:
+    """The half-edge (H,) that goes the other way, and the one (H,) that comes next on the ring around the cell
+    to the left.
+
+    Where a cell touches itself in a node, the ring follows what lies between, so every ring is simple.
+    """
+    leaving, first = leaving_kernel(start, len(nodes))
+    twin, following = np.full(len(start), -1), np.full(len(start), -1)
+    for half in range(len(start)):
+        node, least = end[half], np.inf
+        for place in range(first[node], first[node + 1]):
+            other = leaving[place]
+            if twin[half] < 0 and end[other] == start[half]:
+                twin[half] = other
+            if cell[other] != cell[half]:
+                continue
+            if following[half] < 0:
+                following[half] = other
+                continue
+            back = np.arctan2(nodes[start[half], 1] - nodes[node, 1], nodes[start[half], 0] - nodes[node, 0])
+            if least == np.inf:
+                least = turn_from(back, nodes, node, end[following[half]])
+            turn = turn_from(back, nodes, node, end[other])
+            if turn < least:
+                least, following[half] = turn, other
+    return twin, following
+
+
+@njit(cache=True, inline="always")
+def turn_from(back: float, nodes: NDArray[np.float64], node: int, to: int) -> Any:
+    """The angle (radians, over 0) to the left from the direction `back` to that from one node to another."""
+    angle = np.arctan2(nodes[to, 1] - nodes[node, 1], nodes[to, 0] - nodes[node, 0])
+    turn = np.mod(angle - back, 2.0 * np.pi)
+    return turn if turn > 0.0 else 2.0 * np.pi
+
+
+@njit(cache=True)
+def compact_kernel(
+    nodes: NDArray[np.float64], start: Integers, end: Integers, cell: Integers
+) -> tuple[NDArray[np.float64], Integers, Integers, Integers]:
+    """Nodes, starts, ends and cells without the nodes that no half-edge uses."""
+    number = np.full(len(nodes), -1)
+    for half in range(len(start)):
+        number[start[half]] = number[end[half]] = 0
+    count = 0
+    for node in range(len(nodes)):
+        if number[node] == 0:
+            number[node] = count
+            count += 1
+    kept = np.empty((count, 2))
+    for node in range(len(nodes)):
+        if number[node] >= 0:
+            kept[number[node], 0], kept[number[node], 1] = nodes[node, 0], nodes[node, 1]
+    return kept, number[start], number[end], cell
+
+
+@njit(cache=True)
+def contract_kernel(
+    nodes: NDArray[np.float64],
+    start: Integers,
+    end: Integers,
+    cell: Integers,
+    count: int,
+    target: Integers,
+) -> tuple[NDArray[np.float64], Integers, Integers, Integers, Integers]:
+    """Nodes, starts, ends and cells with every node moved into node `target` (V,), and which of `count` cells are
+    kept; no cell where edges would fall together otherwise than by closing a cell up."""
+    none = np.zeros(0, np.int64)
+    start, end = target[start], target[end]
+    leaving, first = leaving_kernel(start, len(nodes))
+    stays = start != end
+    for half in range(len(start)):
+        for place in range(first[end[half]], first[end[half] + 1]):
+            other = leaving[place]
+            if end[other] == start[half] and cell[other] == cell[half]:
+                stays[half] = False
+    start, end, cell = start[stays], end[stays], cell[stays]
+    leaving, first = leaving_kernel(start, len(nodes))
+    for half in range(len(start)):
+        alike, back = 0, 0
+        for place in range(first[start[half]], first[start[half] + 1]):
+            alike += end[leaving[place]] == end[half]
+        for place in range(first[end[half]], first[end[half] + 1]):
+            back += end[leaving[place]] == start[half]
+        if alike != 1 or back != 1:
+            return nodes, start, end, cell, none
+    number = np.full(count + 1, OUTSIDE)
+    for one in cell:
+        if one != OUTSIDE:
+            number[one] = 0
+    kept = np.flatnonzero(number[:count] == 0)
+    for new in range(len(kept)):
+        number[kept[new]] = new
+    nodes, start, end, cell = compact_kernel(nodes, start, end, number[cell])
+    return nodes, start, end, cell, kept
+
+
+@njit(cache=True)
+def straighten_kernel(
+    nodes: NDArray[np.float64],
+    start: Integers,
+    end: Integers,
+    cell: Integers,
+    count: int,
+    reach: float,
+    inner: float,
+    rounds: int,
+) -> tuple[NDArray[np.float64], Integers, Integers, Integers, Integers]:
+    """Nodes, starts, ends and cells without nodes of two edges on the line of their neighbours, and which of
+    `count` cells are kept.
+
+    Nodes inside may be `inner` (m) away from that line, those on the outline `reach`. Nodes side by side go in
+    different rounds.
+    """
+    kept = np.arange(count)
+    for _ in range(rounds):
+        size = len(nodes)
+        degree, one, other = np.zeros(size, np.int64), np.full(size, -1), np.full(size, -1)
+        on_outline = np.zeros(size, np.bool_)
+        for half in range(len(start)):
+            node = start[half]
+            degree[node] += 1
+            if one[node] < 0:
+                one[node] = end[half]
+            other[node] = end[half]
+            on_outline[node] |= cell[half] == OUTSIDE
+        chosen, target, found = np.zeros(size, np.bool_), np.arange(size), False
+        for node in range(size):
+            if degree[node] != 2:
+                continue
+            a, b = one[node], other[node]
+            chord_x, chord_y = nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1]
+            x, y = nodes[node, 0] - nodes[a, 0], nodes[node, 1] - nodes[a, 1]
+            length = max(np.hypot(chord_x, chord_y), 1e-9)
+            away = abs(chord_x * y - chord_y * x) / length
+            along = (x * chord_x + y * chord_y) / (length * length)
+            needless = away <= (reach if on_outline[node] else inner) and 0.0 < along < 1.0
+            if needless and not chosen[a] and not chosen[b]:
+                chosen[node], target[node], found = True, a, True
+        if not found:
+            break
+        simpler = contract_kernel(nodes, start, end, cell, len(kept), target)
+        if len(simpler[4]) == 0:
+            break
+        nodes, start, end, cell = simpler[0], simpler[1], simpler[2], simpler[3]
+        kept = kept[simpler[4]]
+    return nodes, start, end, cell, kept
+
+
+@njit(cache=True)
+def regions_kernel(cell: Integers, twin: Integers, label: Integers) -> tuple[Integers, Integers]:
+    """The number (C,) of the connected region of like `label` (C,) that each cell is in, and the first cell of
+    each region; regions are counted in the order of their first cells. Cells labelled `OUTSIDE` keep that.
+    """
+    head = np.arange(len(label))
+    for half in range(len(cell)):
+        left, right = cell[half], cell[twin[half]]
+        if left != OUTSIDE and right != OUTSIDE and label[left] == label[right] != OUTSIDE:
+            unite_kernel(head, left, right)
+    region, number = np.full(len(label), OUTSIDE), np.full(len(label), OUTSIDE)
+    first, count = np.empty(len(label), np.int64), 0
+    for one in range(len(label)):
+        if label[one] == OUTSIDE:
+            continue
+        top = one
+        while head[top] != top:
+            top = head[top]
+        if number[top] == OUTSIDE:
+            number[top], first[count] = count, one
+            count += 1
+        region[one] = number[top]
+    return region, first[:count]
+
+
+@njit(cache=True)
+def merge_kernel(
+    nodes: NDArray[np.float64],
+    start: Integers,
+    end: Integers,
+    cell: Integers,
+    twin: Integers,
+    label: Integers,
+) -> tuple[NDArray[np.float64], Integers, Integers, Integers, Integers]:
+    """Nodes, starts, ends and cells with neighbouring cells of like `label` (C,) made one, and the first of the
+    cells that each new one is made of. Cells labelled `OUTSIDE` are left out."""
+    region, first = regions_kernel(cell, twin, label)
+    new = np.full(len(cell), OUTSIDE)
+    for half in range(len(cell)):
+        if cell[half] != OUTSIDE:
+            new[half] = region[cell[half]]
+    stays = new != new[twin]
+    nodes, start, end, cell = compact_kernel(nodes, start[stays], end[stays], new[stays])
+    return nodes, start, end, cell, first
+
+
+@njit(cache=True)
+def corner_rank_kernel(
+    nodes: NDArray[np.float64], start: Integers, end: Integers, cell: Integers, following: Integers
+) -> Integers:
+    """2 for corners of the outline, 1 for other nodes on it, 0 for nodes inside (V,)."""
+    rank = np.zeros(len(nodes), np.int64)
+    for half in range(len(start)):
+        if cell[half] != OUTSIDE:
+            continue
+        a, b, c = start[half], end[half], end[following[half]]
+        after_x, after_y = nodes[c, 0] - nodes[b, 0], nodes[c, 1] - nodes[b, 1]
+        before_x, before_y = nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1]
+        cross = before_x * after_y - before_y * after_x
+        size = max(np.hypot(before_x, before_y) * np.hypot(after_x, after_y), 1e-9)
+        straight = abs(cross) / size < 0.02 and before_x * after_x + before_y * after_y > 0.0
+        rank[b] = max(rank[b], 1 if straight else 2)
+    return rank
