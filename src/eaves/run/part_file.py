@@ -105,7 +105,7 @@ def decode(
     text: NDArray[np.uint8], arrays: list[NDArray[Any]], types: Mapping[str, type[Any]] = TYPES
 ) -> Any:
     """What `encode` was given."""
-    # the parser itself hands over each object, its members done: a walk over all values takes five times as long
+    # the parser itself hands over each object, its members done: a walk over all takes five times as long
     return json.loads(text.tobytes(), object_hook=partial(restored, arrays=arrays, types=types))
 
 

@@ -42,7 +42,7 @@ RECORD = np.dtype(
 )
 """A point between reading and the block pass: coordinates in quanta about its block's corner."""
 SMALL_PART, SMALL_PARTS = 1 << 21, 8
-"""Parts of buildings up to this size (bytes), and how many of them, are kept in memory once they were read."""
+"""Parts of buildings up to this size (bytes), and how many of them, stay in memory once they were read."""
 COMPUTED = ("floors", "squares", "decks", "ground", "blocks", "buildings")
 """Folders of what was computed of the points."""
 

@@ -1,4 +1,4 @@
-"""The half-edges of a plan as compiled loops: a plan has so few that each pass of arrays over them costs more to
+"""The half-edges of a plan as compiled loops: a plan has so few that a pass of arrays over them costs more to
 call than to do."""
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def leaving_kernel(start: Integers, size: int) -> tuple[Integers, Integers]:
 def follow_kernel(
     nodes: NDArray[np.float64], start: Integers, end: Integers, cell: Integers
 ) -> tuple[Integers, Integers]:
-    """The half-edge (H,) that goes the other way, and the one (H,) that comes next on the ring around the cell
-    to the left.
+    """The half-edge (H,) that goes the other way, and the one (H,) that comes next on the ring around the
+    cell to the left.
 
     Where a cell touches itself in a node, the ring follows what lies between, so every ring is simple.
     """
@@ -100,8 +100,8 @@ def contract_kernel(
     count: int,
     target: Integers,
 ) -> tuple[NDArray[np.float64], Integers, Integers, Integers, Integers]:
-    """Nodes, starts, ends and cells with every node moved into node `target` (V,), and which of `count` cells are
-    kept; no cell where edges would fall together otherwise than by closing a cell up."""
+    """Nodes, starts, ends and cells with every node moved into node `target` (V,), and which of `count` cells
+    are kept; no cell where edges would fall together otherwise than by closing a cell up."""
     none = np.zeros(0, np.int64)
     start, end = target[start], target[end]
     leaving, first = leaving_kernel(start, len(nodes))
@@ -146,8 +146,8 @@ def straighten_kernel(
     """Nodes, starts, ends and cells without nodes of two edges on the line of their neighbours, and which of
     `count` cells are kept.
 
-    Nodes inside may be `inner` (m) away from that line, those on the outline `reach`. Nodes side by side go in
-    different rounds.
+    Nodes inside may be `inner` (m) away from that line, those on the outline `reach`. Nodes side by side go
+    in different rounds.
     """
     kept = np.arange(count)
     for _ in range(rounds):
@@ -186,8 +186,8 @@ def straighten_kernel(
 
 @njit(cache=True)
 def regions_kernel(cell: Integers, twin: Integers, label: Integers) -> tuple[Integers, Integers]:
-    """The number (C,) of the connected region of like `label` (C,) that each cell is in, and the first cell of
-    each region; regions are counted in the order of their first cells. Cells labelled `OUTSIDE` keep that.
+    """The number (C,) of the connected region of like `label` (C,) that each cell is in, and the first cell
+    of each region; regions are counted in the order of their first cells. Cells labelled `OUTSIDE` keep that.
     """
     head = np.arange(len(label))
     for half in range(len(cell)):
@@ -218,8 +218,8 @@ def merge_kernel(
     twin: Integers,
     label: Integers,
 ) -> tuple[NDArray[np.float64], Integers, Integers, Integers, Integers]:
-    """Nodes, starts, ends and cells with neighbouring cells of like `label` (C,) made one, and the first of the
-    cells that each new one is made of. Cells labelled `OUTSIDE` are left out."""
+    """Nodes, starts, ends and cells with neighbouring cells of like `label` (C,) made one, and the first of
+    the cells that each new one is made of. Cells labelled `OUTSIDE` are left out."""
     region, first = regions_kernel(cell, twin, label)
     new = np.full(len(cell), OUTSIDE)
     for half in range(len(cell)):

@@ -100,8 +100,8 @@ def as_polygons(
 def fold_defect(solid: Solid, flat: dict[int, NDArray[np.float64]]) -> str:
     """Whether a triangle of a face leans away from the others, as thin ones do once heights are rounded.
 
-    `flat` are the vertices (V, 3) of sloped faces of more than three, by number, on their own planes: there are
-    the triangles of Delaunay by which validators define folds.
+    `flat` are the vertices (V, 3) of sloped faces of more than three, by number, on their own planes: there
+    are the triangles of Delaunay by which validators define folds.
     """
     roofs = [number for number in flat if solid.faces[number].surface == ROOF_SURFACE]
     if not roofs:
