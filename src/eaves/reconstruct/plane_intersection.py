@@ -11,7 +11,7 @@ from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
 from eaves.reconstruct.toolkit.attributes import describe
-from eaves.reconstruct.toolkit.coverage import Coverage, Integers
+from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
     faces_as_planes,
@@ -19,6 +19,7 @@ from eaves.reconstruct.toolkit.evidence import (
     support_of,
 )
 from eaves.reconstruct.toolkit.extrude import extrude_plan
+from eaves.reconstruct.toolkit.half_edges import Integers
 from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.line_limits import LineReconstructor
 from eaves.reconstruct.toolkit.overlay import arrange

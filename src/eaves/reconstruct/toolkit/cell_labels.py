@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from eaves.model import Labels, Points, Values
 from eaves.reconstruct.toolkit.alpha_expansion import LARGEST, HeightSteps, alpha_expansion
-from eaves.reconstruct.toolkit.coverage import OUTSIDE, Coverage, Integers
+from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF
+from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
 from eaves.reconstruct.toolkit.percentiles import group_percentiles
 
 RUNAWAY = 1e3

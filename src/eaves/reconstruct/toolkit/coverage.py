@@ -48,7 +48,8 @@ class Coverage:
     @cached_property
     def neighbours(self) -> tuple[Integers, Integers]:
         """`twin` and `following`."""
-        return follow_kernel(self.nodes, self.start, self.end, self.cell)
+        twin, following = follow_kernel(self.nodes, self.start, self.end, self.cell)
+        return twin, following
 
     @property
     def twin(self) -> Integers:
@@ -165,7 +166,8 @@ class Coverage:
 
         Cells with label `OUTSIDE` have that number.
         """
-        return regions_kernel(self.cell, self.twin, np.ascontiguousarray(label, np.int64))
+        region, first = regions_kernel(self.cell, self.twin, np.ascontiguousarray(label, np.int64))
+        return region, first
 
     def compact(self) -> Coverage:
         """The same coverage without the nodes that no edge uses."""

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.model import Face, Mask, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
-from eaves.reconstruct.toolkit.coverage import OUTSIDE, Coverage, Integers
+from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
 from eaves.reconstruct.toolkit.simplification import (
     SHORTEST_BORDER,
     SHORTEST_EDGE,

@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from eaves.model import Labels, Points, Solid, Values
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts, hold_down, label_cells
-from eaves.reconstruct.toolkit.coverage import Coverage, Integers
+from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF, PRISM_PERCENTILE
 from eaves.reconstruct.toolkit.extrude import extrude_plan, without_numbers
+from eaves.reconstruct.toolkit.half_edges import Integers
 from eaves.reconstruct.toolkit.percentiles import group_percentiles
 
 MOST_WORK = 50_000_000

@@ -117,8 +117,8 @@ def short_edges(coverage: Coverage, shortest: float) -> tuple[Integers, Integers
 
 def corner_rank(coverage: Coverage) -> Integers:
     """2 for corners of the outline, 1 for other nodes on it, 0 for nodes inside (V,)."""
-    following = coverage.following
-    return corner_rank_kernel(coverage.nodes, coverage.start, coverage.end, coverage.cell, following)
+    known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.following)
+    return np.asarray(corner_rank_kernel(*known))
 
 
 def absorb_slivers(
