@@ -17,6 +17,13 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon, STRtree
 
+from benchmarks.accuracy.drawn_blocks import (
+    SORTS,
+    detached_house,
+    drawn_row,
+    large_building,
+    single_buildings,
+)
 from benchmarks.accuracy.units import footprints_in, map_row
 from benchmarks.table import as_markdown, keep
 from eaves.detect import detect_buildings
@@ -32,15 +39,18 @@ from eaves.simulate.exact import ExactScene
 from eaves.units import divide_block
 from eaves.units.row_walls import certainty, evidence
 from eaves.units.row_walls.division import RowUnits, label_cells
-from eaves.units.row_walls.edges import edge_gains
-from eaves.units.row_walls.evidence import WEIGHTS, roof_noise, traits_of, wall_signs
+from eaves.units.row_walls.evidence import WEIGHTS, roof_noise, traits_of, wall_odds, wall_signs
 from eaves.units.row_walls.merging import border_odds, borders_between
 from eaves.units.row_walls.method import RowWalls, directions_of
 from eaves.units.row_walls.rows import CELL_M, Plan, Row, rows_of
+from eaves.units.row_walls.several import WEIGHTS as SEVERAL
+from eaves.units.row_walls.several import odds_of_several, traits_of_block
 from eaves.units.row_walls.volumes import main_volumes, of_main_volume
 
 DATA = Path(os.environ.get("EAVES_DATA", "data"))
-DENSITY, NOISE = 10.0, 0.03
+DENSITY, SPARSE, NOISE = 10.0, 3.0, 0.03
+LEAST_HOUSE_M2 = 25.0
+"""Smaller true buildings are sheds and do not make a block several."""
 DRAWN = (
     (1, "centre", 0.06),
     (2, "centre", 0.06),
@@ -161,11 +171,9 @@ def found_walls(blocks: Sequence[Detected], scene: ExactScene) -> tuple[Sure, Su
     for block, tree in asked(blocks, scene):
         plan, rows, noise = divided(block)
         high = block.points[of_main_volume(block.height, method.volume_limits())]
-        found = [
-            method.walls_of(row, block.points, noise, edge_gains(row, plan, high, method.edge_limits()))
-            for row in rows
-        ]
-        if 1.0 - np.prod([1.0 - sure for row in found for sure in row.certainty]) < method.least_sure:
+        odds = [wall_odds(wall_signs(row, block.points, noise)) for row in rows]
+        found = method.divided_rows(rows, odds, plan, high)
+        if not found or odds_of_several(found, odds, len(block.points), block.outline.area) < 0.0:
             continue
         for units in found:
             walls += walls_in_row(units, tree)
@@ -206,6 +214,53 @@ def border_is_wall(plan: Plan, places: NDArray[np.float64], tree: STRtree) -> bo
     one, two = owners_of(xy + aside, tree), owners_of(xy - aside, tree)
     known = (one >= 0) & (two >= 0)
     return bool((one != two)[known].mean() > WALL_SHARE) if known.mean() >= 0.5 else None
+
+
+def blocks_known(
+    towns: dict[str, ExactScene], blocks: dict[str, list[Detected]]
+) -> tuple[NDArray[np.float64], Mask]:
+    """Traits (N, 5) of blocks in which walls are found, and whether they are several buildings (N,): the
+    blocks of towns, and drawn rows, houses and large buildings, as many as towns have of each.
+    """
+    traits, several = [], []
+    for name, scene in towns.items():
+        for block, tree in asked(blocks[name], scene):
+            within = [
+                one
+                for one in tree.geometries[tree.query(block.outline, predicate="intersects")]
+                if one.area > LEAST_HOUSE_M2 and one.intersection(block.outline).area > 0.5 * one.area
+            ]
+            traits.append(block_traits(block))
+            several.append(len(within) > 1)
+    for density in (10.0, 5.0, 3.0, 1.5):
+        for draw, count in ((detached_house, 300), (large_building, 100 if density in (10.0, 3.0) else 0)):
+            for one in single_buildings(draw, density, count, seed=9):
+                drawn = Detected(one.points, one.points[:, 2], one.outline, one.spacing)
+                traits.append(block_traits(drawn))
+                several.append(False)
+    for density in (10.0, 5.0):
+        for place, sort in enumerate(SORTS[:-1]):
+            for seed in range(100, 110):
+                points, houses = drawn_row(sort, density, np.random.default_rng([seed, place]))
+                row = Detected(points, points[:, 2], shapely.union_all(houses), density**-0.5)
+                traits.append(block_traits(row))
+                several.append(True)
+    there = [k for k, one in enumerate(traits) if one is not None]
+    return np.array([traits[k] for k in there]), np.array(several)[there]
+
+
+def block_traits(block: Detected) -> NDArray[np.float64] | None:
+    """The traits (5,) that tell one building from several, None for a block in which no wall is found."""
+    method = RowWalls()
+    if block.outline.area < method.smallest_block:
+        return None
+    plan, rows, noise = divided(block)
+    high = block.points[of_main_volume(block.height, method.volume_limits())]
+    odds = [wall_odds(wall_signs(row, block.points, noise)) for row in rows]
+    found = method.divided_rows(rows, odds, plan, high)
+    if not any(len(units.walls) for units in found):
+        return None
+    return traits_of_block(found, odds, len(block.points), block.outline.area)
 
 
 def logistic(traits: NDArray[np.float64], truth: Mask) -> NDArray[np.float64]:
@@ -251,6 +306,23 @@ def main() -> None:
         towns[f"{style} {seed}"] = scan_town(town, DENSITY, NOISE, seed=seed)
     blocks = {name: blocks_of(scene.cloud) for name, scene in towns.items()}
     known = {name: samples(blocks[name], towns[name]) for name in towns}
+    sparse = {"delfshaven, sparse": scan_town(model, SPARSE, NOISE)}
+    for seed, style, area in DRAWN:
+        town = simulate_town(area, style=style, seed=seed)  # type: ignore[arg-type]
+        sparse[f"{style} {seed}, sparse"] = scan_town(town, SPARSE, NOISE, seed=seed)
+    both = {**towns, **sparse}
+    known_blocks = blocks_known(
+        both, {**blocks, **{name: blocks_of(scene.cloud) for name, scene in sparse.items()}}
+    )
+    learned = logistic(*known_blocks)
+    print(
+        as_markdown(
+            [
+                {"block": trait, "in use": used, "learned": round(float(one), 2)}
+                for (trait, used), one in zip(SEVERAL.items(), learned, strict=True)
+            ]
+        )
+    )
     cloud = read(DATA / "delft" / "ahn3.laz")
     blocks["delft"] = blocks_of(cloud)
     there = np.array(cloud.origin)

@@ -10,48 +10,34 @@ from pathlib import Path
 import numpy as np
 import pyogrio
 import shapely
-from numpy.typing import NDArray
-from shapely import Polygon, box
+from shapely import Polygon
 
+from benchmarks.accuracy.drawn_blocks import (
+    NOISE,
+    SORTS,
+    detached_house,
+    drawn_row,
+    large_building,
+    single_buildings,
+)
 from benchmarks.table import keep
 from eaves.pipeline import build
 from eaves.simulate import scan_town, simulate_town, town_of_model, write_simulation
 from eaves.units import divide_block
 
 DATA = Path(os.environ.get("EAVES_DATA", "data"))
-DEPTH, SLOPE, NOISE = 9.0, 0.8, 0.03
-"""Of the rows (m; rise per metre; m)."""
 ROWS = 30
 """Rows of each sort and density."""
-SORTS = ("eaves and ridge", "ridge", "depth", "fire walls", "no sign")
-"""What tells two neighbours apart: by 0.3 m, or a wall 0.3 m over the roof."""
+SINGLE = 100
+"""Single buildings of each kind and density."""
 SEEDS = (21, 22)
 """Towns that chose nothing."""
 ALONE_M = 0.2
 """A building further (m) from all others stands alone."""
+WOODFORD, FOOT_M = "EPSG:3089", 1200.0 / 3937.0
+"""Its reference system and the US survey foot (m)."""
 CUT_SHARE = 0.12
 """A building is cut when its second largest part has more than this share of it."""
-
-
-def drawn_row(
-    sort: str, density: float, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], list[Polygon]]:
-    """Points (N, 3) and houses of a row of four to nine gables of 5 to 7 m that differ by 0.3 m."""
-    count, width = int(rng.integers(4, 10)), float(rng.uniform(5.0, 7.0))
-    turn = 0.3 * (np.arange(count) % 2)
-    push = turn if sort == "depth" else np.zeros(count)
-    houses = [box(k * width, -push[k], (k + 1) * width, DEPTH + push[k]) for k in range(count)]
-    total = int(count * width * (DEPTH + 0.6) * density)
-    xy = np.column_stack([rng.uniform(0.0, count * width, total), rng.uniform(-0.3, DEPTH + 0.3, total)])
-    house = np.minimum((xy[:, 0] / width).astype(np.int64), count - 1)
-    inside = (xy[:, 1] >= -push[house]) & (xy[:, 1] <= DEPTH + push[house])
-    xy, house = xy[inside], house[inside]
-    run = np.minimum(xy[:, 1], DEPTH - xy[:, 1])
-    steeper = 0.3 / (0.5 * DEPTH) * (house % 2) if sort == "ridge" else 0.0
-    z = 6.0 + (turn[house] if sort == "eaves and ridge" else 0.0) + (SLOPE + steeper) * run
-    if sort == "fire walls":
-        z[np.abs(xy[:, 0] - np.round(xy[:, 0] / width) * width) < 0.2] += 0.3
-    return np.column_stack([xy, z + rng.normal(0.0, NOISE, len(xy))]), houses
 
 
 def matched(found: Sequence[Polygon], wanted: Sequence[Polygon], least: float) -> int:
@@ -94,6 +80,41 @@ def row_rows(density: float) -> Iterator[dict[str, object]]:
         }
 
 
+def single_rows() -> Iterator[dict[str, object]]:
+    """How many single buildings of many wings are cut, of seeds that chose nothing."""
+    kinds = {"detached houses": detached_house, "halls, churches, schools": large_building}
+    for kind, draw in kinds.items():
+        for density in (10.0, 3.0, 1.5):
+            blocks = list(single_buildings(draw, density, SINGLE, seed=21))
+            cut = sum(
+                len(divide_block(one.points, one.points[:, 2], one.outline, one.spacing).parts) > 1
+                for one in blocks
+            )
+            share = cut / len(blocks)
+            name = f"{kind}, {density:g}/m²"
+            yield {"data": name, "wanted": len(blocks), "cut": cut, "cut share": round(share, 4)}
+
+
+def woodford_row(folder: Path) -> dict[str, object]:
+    """How many houses of a suburb are cut: buildings of one outline without units, divided with them."""
+    source, houses = DATA / "woodford" / "woodford.laz", (80.0, 300.0)
+    whole = built(source, folder / "woodford off", "off", crs=WOODFORD)
+    found = np.array(built(source, folder / "woodford", None, crs=WOODFORD), object)
+    tree = shapely.STRtree(found)
+    alone = [one for one in whole if houses[0] <= one.area * FOOT_M**2 <= houses[1]]
+    cut = 0
+    for one in alone:
+        near = found[tree.query(one, predicate="intersects")]
+        parts = np.sort(shapely.area(shapely.intersection(near, one)))[::-1]
+        cut += bool(len(parts) > 1 and parts[1] > CUT_SHARE * one.area)
+    return {
+        "data": "woodford: blocks of 80 to 300 m²",
+        "wanted": len(alone),
+        "cut": cut,
+        "cut share": round(cut / len(alone), 4),
+    }
+
+
 def footprints_in(path: Path) -> list[Polygon]:
     """The footprints of a GeoPackage."""
     _, _, shapes, _ = pyogrio.raw.read(path, layer="footprints", columns=[])
@@ -115,9 +136,9 @@ def map_row(name: str, found: list[Polygon], wanted: list[Polygon]) -> dict[str,
     }
 
 
-def built(inputs: Path, out: Path, units: str | None = None) -> list[Polygon]:
+def built(inputs: Path, out: Path, units: str | None = None, crs: str | None = None) -> list[Polygon]:
     """The footprints that `eaves build` makes of bare points."""
-    build([str(inputs)], out, units=units, outputs=("footprints",), lod="0")
+    build([str(inputs)], out, units=units, outputs=("footprints",), lod="0", crs=crs)
     return footprints_in(out / "footprints.gpkg")
 
 
@@ -142,10 +163,11 @@ def alone_row(folder: Path, seed: int) -> dict[str, object]:
 
 def main() -> None:
     """Write the table."""
-    rows = [*row_rows(10.0), *row_rows(5.0)]
+    rows = [*row_rows(10.0), *row_rows(5.0), *single_rows()]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         rows += [alone_row(folder, seed) for seed in SEEDS]
+        rows.append(woodford_row(folder))
         scene = scan_town(town_of_model(DATA / "towns" / "delfshaven.city.json"), 10.0, NOISE)
         files = write_simulation(scene, folder / "delfshaven")
         truth = footprints_in(files["vectors"])

@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 from shapely import box
 
 from eaves.units import divide_block
+from eaves.units.row_walls.division import RowUnits
 from eaves.units.row_walls.evidence import USUAL_NOISE_M, roof_noise
+from eaves.units.row_walls.rows import Row
+from eaves.units.row_walls.several import odds_of_several
 
 HOUSE, DEPTH, SLOPE = 6.0, 9.0, 0.8
 
@@ -113,15 +116,43 @@ def test_a_large_hall_of_one_gable_stays_whole() -> None:
 
 
 def test_an_annex_belongs_to_the_house_it_stands_behind() -> None:
-    points = scanned_row([0.0, 1.0])
+    points = scanned_row([0.0, 1.0, 0.0])
     rng = np.random.default_rng(3)
     annex = np.column_stack([rng.uniform(7, 11, 120), rng.uniform(DEPTH, DEPTH + 3, 120), np.full(120, 3.0)])
     both = np.vstack([points, annex])
-    outline = shapely.union_all([box(0, 0, 2 * HOUSE, DEPTH), box(7, DEPTH, 11, DEPTH + 3)])
+    outline = shapely.union_all([box(0, 0, 3 * HOUSE, DEPTH), box(7, DEPTH, 11, DEPTH + 3)])
     parts = divide_block(both, both[:, 2], outline, 0.3).parts
-    assert len(parts) == 2
-    right = max(parts, key=lambda part: part.bounds[2])
-    assert right.contains(shapely.Point(9, DEPTH + 2))
+    assert len(parts) == 3
+    middle = min(parts, key=lambda part: abs(part.centroid.x - 1.5 * HOUSE))
+    assert middle.contains(shapely.Point(9, DEPTH + 2))
+
+
+@pytest.mark.parametrize(("steps", "parts"), [([0.0, 2.5], 1), ([0.0, 2.5, 0.0], 3)])
+def test_a_house_with_a_lower_wing_stays_whole__a_row_of_three_is_divided(
+    steps: list[float], parts: int
+) -> None:
+    points = scanned_row(steps)
+    outline = box(0, 0, len(steps) * HOUSE, DEPTH)
+    assert len(divide_block(points, points[:, 2], outline, 0.3).parts) == parts
+
+
+def test_walls_that_a_sparse_scan_shows_prove_less() -> None:
+    outline, told = box(0, 0, 3 * HOUSE, DEPTH), []
+    row = Row(np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(72), np.full(72, DEPTH))
+    units = RowUnits(row, np.array([24, 48]), np.array([0.9, 0.9]))
+    odds = np.full(73, 2.0)
+    for density in (1.0, 10.0):
+        told.append(odds_of_several([units], [odds], round(density * outline.area), outline.area))
+    assert told[0] < 0.0 < told[1]
+
+
+def test_a_deep_hall_of_as_many_bays_is_less_likely_several_than_a_row() -> None:
+    told = []
+    for depth in (9.0, 25.0):
+        row = Row(np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(96), np.full(96, depth))
+        units = RowUnits(row, np.array([24, 48, 72]), np.full(3, 0.9))
+        told.append(odds_of_several([units], [np.full(97, 2.0)], round(240 * depth), 24 * depth))
+    assert told[1] < 0.0 < told[0]
 
 
 def test_each_wall_has_a_certainty__and_a_part_that_of_its_least_sure() -> None:

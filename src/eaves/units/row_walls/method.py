@@ -18,6 +18,7 @@ from eaves.units.row_walls.edges import EdgeLimits, edge_gains
 from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
 from eaves.units.row_walls.merging import MergeLimits, merged_units
 from eaves.units.row_walls.rows import CELL_M, Plan, Row, RowLimits, rows_of
+from eaves.units.row_walls.several import odds_of_several
 from eaves.units.row_walls.volumes import VolumeLimits, main_volumes, of_main_volume
 from eaves.units.stage import Division, UnitMethod
 
@@ -51,14 +52,15 @@ class RowWalls(UnitMethod):
     weights of the signs, and how sure walls are, were learned on six towns
     (`benchmarks/accuracy/unit_weights.py`): a real town's models of 853 buildings and five drawn at random,
     scanned at 10/m²; boldness and border odds were chosen on four of them. The gain of edges was chosen on
-    drawn rows.
+    drawn rows. Whether a block is several buildings at all was learned on these towns at 10 and 3/m² and on
+    drawn houses with wings, halls and rows.
 
     Fails where
     -----------
-    Neighbours with one roof and nothing on it are one unit. Detached houses of many wings, scanned at 3/m²,
-    come out as two or more: one in ten of a suburb in Kentucky. A house whose two halves differ in height may
-    be two. Houses back to back under one roof, and rows that turn by less than a right angle at each house,
-    are seen as one depth. Under about 3 points/m² steps below 0.2 m are lost.
+    Neighbours with one roof and nothing on it are one unit. So are two houses that stand together alone, even
+    if their roofs differ: a house and its wing look the same. Houses back to back under one roof, and rows
+    that turn by less than a right angle at each house, are seen as one depth. Under about 3 points/m² steps
+    below 0.2 m are lost.
 
     Complexity
     ----------
@@ -122,8 +124,8 @@ class RowWalls(UnitMethod):
     )
     deepest: float = parameter(30.0, "Greatest depth of a row.", unit="m", gt=0.0)
     least_sure: float = parameter(
-        0.9,
-        "Least probability that a block has any wall; under it a detached house of wings stays one.",
+        0.5,
+        "Least probability that a block is several buildings; under it a detached house of wings stays one.",
         ge=0.0,
         le=1.0,
     )
@@ -228,10 +230,12 @@ class RowWalls(UnitMethod):
         if not rows:
             return whole
         high = points[of_main_volume(height, self.volume_limits())]
-        limits, noise = self.edge_limits(), roof_noise(points)
-        found = [self.walls_of(row, points, noise, edge_gains(row, plan, high, limits)) for row in rows]
+        noise = roof_noise(points)
+        odds = [wall_odds(wall_signs(row, points, noise)) for row in rows]
+        found = self.divided_rows(rows, odds, plan, high)
         emit("rows", rows)
-        if 1.0 - np.prod([1.0 - sure for row in found for sure in row.certainty]) < self.least_sure:
+        several = odds_of_several(found, odds, len(points), outline.area)
+        if 1.0 / (1.0 + np.exp(-several)) < self.least_sure:
             return whole
         label = np.zeros(plan.main.shape, np.int32)
         label_cells(plan, label, found, 1)
@@ -277,11 +281,23 @@ class RowWalls(UnitMethod):
         """What keeps two units apart."""
         return MergeLimits(self.border_odds, self.smallest_unit, self.beside, self.shortest_border)
 
-    def walls_of(
-        self, row: Row, points: Points, noise: float, edges: Sequence[NDArray[np.float64]]
-    ) -> RowUnits:
-        """The inner walls of one row; `edges` says how well straight edges between walls explain its own."""
-        odds = np.exp(wall_odds(wall_signs(row, points, noise)) + self.boldness)
+    def divided_rows(
+        self, rows: Sequence[Row], log_odds: Sequence[Values], plan: Plan, points: Points
+    ) -> list[RowUnits]:
+        """The rows with their inner walls, from the log-odds of a wall at each step of each row, and the
+        points (N, 3) of the main volume.
+        """
+        limits = self.edge_limits()
+        return [
+            self.walls_of(row, odds, edge_gains(row, plan, points, limits))
+            for row, odds in zip(rows, log_odds, strict=True)
+        ]
+
+    def walls_of(self, row: Row, log_odds: Values, edges: Sequence[NDArray[np.float64]]) -> RowUnits:
+        """The inner walls of one row, from the log-odds (S + 1,) of a wall at each step; `edges` says how
+        well straight edges between walls explain its own.
+        """
+        odds = np.exp(log_odds + self.boldness)
         width = np.maximum(np.arange(len(odds)), 1) * CELL_M
         broad = np.exp(-0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / self.spread) ** 2)
         free = no_edges(odds)
@@ -300,7 +316,7 @@ class RowWalls(UnitMethod):
                 total = total_of(odds, regular, tied)
                 if total > best:
                     best, chosen = total, (regular, tied)
-        return RowUnits(row, *best_walls(odds, *chosen))
+        return RowUnits(row, *best_walls(odds, *chosen), by_edges=chosen[1] is not free)
 
     def usual_widths(self, row: Row) -> list[float]:
         """The widths (m) that most units of a regular row may have; three at least stand in it."""
