@@ -43,10 +43,11 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask,
     """The object cells (H, W) that are terrain.
 
     Object cells that continue each other smoothly make a piece. Its rim is counted where it meets the ground:
-    level, or as a step down. A roof meets the ground by steps on nearly all sides, also when it is flush with
-    the ground uphill; a spur, a terrace, or a high field at the rim of the data does not. A piece is terrain
-    when more than `level_share` of its counted rim is level. So is a wide one that is lower than any roof: a
-    strip of a terrace that the rim of the data cuts off; and a wide one whose cells are `reached` by a way.
+    level, or as a step down; both cells must hold a point, for one interpolated between them makes a slope
+    of a low wall. A roof meets the ground by steps on nearly all sides, also when it is flush with the ground
+    uphill; a spur, a terrace, or a high field at the rim of the data does not. A piece is terrain when more
+    than `level_share` of its counted rim is level. So is a wide one that is lower than any roof: a strip of a
+    terrace that the rim of the data cuts off; and a wide one whose cells are `reached` by a way.
     """
     z = surface.values.astype(np.float64)
     cell = surface.cell
@@ -55,10 +56,10 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask,
     left = objects.copy()
     for _ in range(rules.terrace_rounds):
         piece, count = pieces_kernel(left, residual, step)
-        # cells without a point of their own kind beside them were interpolated, and say nothing of steps
+        # cells without a point of their own kind beside them were interpolated, and have no area
         near = [near_cells(occupied & kind, ADJOINING) for kind in (left, ~left)]
         known = np.where(left, *near)
-        level, down, high = rim_kernel(left, piece, count, residual, z, step, known, rules.roof_height)
+        level, down, high = rim_kernel(left, piece, count, residual, z, step, occupied, rules.roof_height)
         area = np.bincount(piece[known], minlength=count + 1) * cell * cell
         wide = area >= rules.terrace_area
         terrain = level > np.where(wide, 1.0, 2.0) * rules.level_share * (level + down)

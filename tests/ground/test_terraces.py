@@ -1,0 +1,37 @@
+"""Which wide pieces that an opening took are terrain after all."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eaves.ground.adaptive_tin import AdaptiveTin
+from eaves.ground.toolkit.terraces import TerraceRules, find_terraces
+from eaves.model import Mask, Raster
+from eaves.raster.interpolate import fill_linear
+
+RULES = AdaptiveTin().rules_of(TerraceRules)
+CELL = 1.8
+"""Side (m) of cells that hold one point each at 0.3 points/m²."""
+PIECE = np.s_[12:28, 12:18]
+
+
+def surface(occupied: Mask, spur: bool) -> Raster:
+    """A plateau of 3 m on level ground, known where `occupied` (H, W); a spur goes on to the west."""
+    z = np.zeros(occupied.shape, np.float32)
+    z[PIECE] = 3.0
+    if spur:
+        z[:, :12] = 3.0
+    z[~occupied] = np.nan
+    return fill_linear(Raster(z, 0.0, 0.0, CELL))
+
+
+@pytest.mark.parametrize("spur", [False, True])
+@pytest.mark.parametrize("share", [0.4, 0.65, 1.0])
+def test_a_low_roof_steps_down_however_few_of_its_cells_hold_a_point(share: float, spur: bool) -> None:
+    """Cells between a roof and the ground that hold no point were interpolated and make a wall a slope."""
+    occupied = np.random.default_rng(3).random((40, 40)) < share
+    objects = np.zeros((40, 40), bool)
+    objects[PIECE] = True
+    terrain = find_terraces(surface(occupied, spur), objects, occupied, np.zeros_like(objects), RULES)
+    assert (terrain == (objects & spur))[occupied].all()
