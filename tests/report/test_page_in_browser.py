@@ -14,6 +14,7 @@ from matplotlib.image import imread
 
 from eaves.model import Bounds
 from eaves.model.summary import Summary
+from eaves.report.beside import render_beside
 from eaves.report.build import build
 from eaves.report.contents import Contents, read_contents
 from eaves.report.page_file import render
@@ -347,6 +348,7 @@ def test_the_profile_has_the_heights_of_what_it_cuts(browser: Browser, nine_run:
     assert browser.errors() == []
 
 
+@pytest.mark.slow
 def test_other_points_are_translucent_and_never_over_roofs(
     browser: Browser, nine_run: Summary, tmp_path: Path
 ) -> None:
@@ -371,6 +373,7 @@ def test_other_points_are_translucent_and_never_over_roofs(
     assert len(shown) >= np.count_nonzero(~shapely.contains_xy(outer, trees.xyz[:, :2]))
 
 
+@pytest.mark.slow
 def test_an_aerial_image_lies_over_the_terrain(
     browser: Browser, nine_run: Summary, tmp_path: Path, artefacts: Path
 ) -> None:
@@ -395,4 +398,46 @@ def test_an_aerial_image_lies_over_the_terrain(
     browser.open(page, f"{state},basemap")
     plain = imread(browser.picture(artefacts / "nine-no-basemap.png"))[300:450, 300:400, :3]
     assert np.ptp(plain, axis=2).max() < 0.2, "switched off it is the colour of earth"
+    assert browser.errors() == []
+
+
+@pytest.mark.slow
+def test_two_runs_side_by_side_turn_together(browser: Browser, nine_run: Summary, tmp_path: Path) -> None:
+    left = read_contents(nine_run.folder)
+    # the other run's frame lies elsewhere, as that of other bounds would
+    away = np.array([7.0, -3.0])
+    right = replace(
+        left,
+        folder=tmp_path / "other",
+        origin=(left.origin[0] - away[0], left.origin[1] - away[1]),
+        rows=left.rows[::-1],
+        polygons=[shapely.transform(shape, lambda xy: xy + away) for shape in left.polygons[::-1]],
+        faces=CityFaces.of(
+            CityFace(
+                tuple(ring + [*away, 0.0] for ring in face.rings),
+                len(left.rows) - 1 - face.building,
+                face.lod,
+                face.kind,
+            )
+            for face in left.faces
+        ),
+    )
+    page = tmp_path / "beside.html"
+    page.write_text(render_beside(left, right), encoding="utf-8")
+    browser.open(page)
+    frame = "document.querySelectorAll('iframe')[{}].contentWindow"
+    one, two = (f"{frame.format(k)}.eaves" for k in (0, 1))
+    state = "const c = {}.camera; return [c.azimuth, c.distance, ...c.target]"
+    browser.run(f"{one}.camera.turn(0.3, 0.1); {one}.camera.zoom(0.7); {one}.ask()")
+    wait_for(browser, f"return Math.abs({two}.camera.azimuth - {one}.camera.azimuth) < 1e-9")
+    mine, other = (np.array(browser.run(state.format(viewer))) for viewer in (one, two))
+    assert np.allclose(other - mine, [0, 0, 7, -3, 0], atol=1e-6)
+    browser.run(f"{two}.camera.turn(-0.2, 0); {two}.ask()")
+    wait_for(browser, f"return Math.abs({one}.camera.azimuth - {two}.camera.azimuth) < 1e-9")
+    browser.run(f"{one}.choose(2, false)")
+    chosen = "return {}.document.documentElement.dataset.chosen"
+    wait_for(browser, f"return {frame.format(1)}.document.documentElement.dataset.chosen !== undefined")
+    wait_for(browser, f"return {two}.look.chosen > 0")
+    assert browser.run(chosen.format(frame.format(1))) == left.rows[2]["id"]
+    assert "eye=" in browser.run("return location.hash")
     assert browser.errors() == []

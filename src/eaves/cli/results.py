@@ -80,13 +80,22 @@ def view(
     again: Annotated[bool, typer.Option("--again", help="Make the page anew.")] = False,
     around: Annotated[str | None, typer.Option(help="Of a large run, draw what is around this id.")] = None,
     basemap: Basemap = None,
+    beside: Annotated[
+        Path | None, typer.Option(help="Another run, side by side: both turn together.", metavar="OUT2")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Open the 3D page of a run; it is made when it is missing."""
+    from eaves.report.beside import open_beside
     from eaves.report.view import open_report
 
     start_log(quiet)
-    path = open_report(folder, browser, again, around, basemap)
+    if beside is None:
+        path = open_report(folder, browser, again, around, basemap)
+    elif around is not None:
+        raise ValueError(f"--around {around}: not together with --beside; give one of them")
+    else:
+        path = open_beside(folder, beside, browser, basemap)
     if not quiet:
         typer.echo(f"report: {path}")
 

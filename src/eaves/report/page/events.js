@@ -77,8 +77,8 @@ function listenToControls(viewer) {
 }
 
 // The settings of the address behind '#': id=…&view=above&theme=dark&lod=1.2&points=distance&models=fit&off=ground,walls
-function obeyAddress(viewer) {
-  const given = new URLSearchParams(location.hash.slice(1));
+function obeyAddress(viewer, hash = location.hash) {
+  const given = new URLSearchParams(hash.slice(1));
   if (given.has('theme')) document.documentElement.dataset.theme = given.get('theme');
   for (const [name, control] of [['lod', 'lod'], ['points', 'point-colour'], ['models', 'model-colour'], ['size', 'size']]) if (given.has(name)) byId(control).value = given.get(name);
   for (const [name, on] of [['on', true], ['off', false]]) for (const box of (given.get(name) || '').split(',')) if (byId(box)) byId(box).checked = on;
@@ -122,6 +122,7 @@ const initial = {};
 // Keeps the address up to date once a person has touched the page; not while it moves.
 function keepAddress(viewer) {
   for (const control of ['lod', 'point-colour', 'model-colour', 'size']) initial[control] = byId(control).value;
+  if (location.protocol === 'about:') return; // within another page, which has the address
   let waiting = 0;
   const later = () => {
     clearTimeout(waiting);

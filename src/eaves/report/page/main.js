@@ -90,7 +90,7 @@ const OTHER_OPACITY = 0.45;
 
 class Viewer {
   constructor(scene, all, table) {
-    Object.assign(this, { scene, all, table });
+    Object.assign(this, { scene, all, table, origin: page.origin });
     scene.ground = terrainMesh(scene.terrain);
     const canvas = this.canvas = byId('scene');
     this.camera = new Camera(boxOf(scene), canvas.clientWidth / Math.max(1, canvas.clientHeight));
