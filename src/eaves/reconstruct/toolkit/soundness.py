@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import shapely
@@ -21,6 +21,9 @@ CLOSEST = 2.0 * COORDINATE_STEP
 
 LOWEST_WALL = 0.05
 """A roof is at least this high (m) above the base of the solid, everywhere."""
+
+MOST_BEND = 1.2
+"""Steps of written coordinates by which such a corner may lie off its border: rounding explains no more."""
 
 MOST_FOLD_DEG = 9.0
 """Angle (degrees) between triangles of one face; under half of val3dity's 20, as any two may be compared."""
@@ -52,7 +55,7 @@ def find_defect(solid: Solid) -> str:
     roof = {v for face in solid.faces if face.surface == ROOF_SURFACE for v in face.rings[0]}
     if solid.vertices[list(roof), 2].min() < ground + LOWEST_WALL:
         return "a roof that reaches the ground"
-    return plan_defect(solid) or fold_defect(solid, flat)
+    return plan_defect(solid) or bend_defect(solid, flat) or fold_defect(solid, flat)
 
 
 def is_level(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> bool:
@@ -78,6 +81,33 @@ def plan_defect(solid: Solid) -> str:
     areas = shapely.area(polygons)
     if abs(areas[0] - areas[1:].sum()) > COORDINATE_STEP * shapely.length(polygons[0]):
         return "roof faces that do not cover the ground face"
+    return ""
+
+
+def bend_defect(solid: Solid, numbers: Iterable[int]) -> str:
+    """Whether a corner of a roof face bends one way in plan and the other way seen from the side.
+
+    Only faces steeper than 45° among those `numbers` can: they are cut into triangles as seen from the side. A
+    corner on a straight border does once heights of two planes are made one; it then lies on the other side
+    of its border than the wall that stands on it.
+    """
+    for number in numbers:
+        face = solid.faces[number]
+        outer = solid.vertices[list(face.rings[0])]
+        area = np.abs(np.cross(outer - outer[0], np.roll(outer, -1, axis=0) - outer[0]).sum(axis=0))
+        side = int(np.argmax(area))
+        if side == 2:
+            continue
+        for ring in face.rings:
+            places = np.round(solid.vertices[list(ring)] / COORDINATE_STEP)
+            into, out = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
+            turn = np.cross(into, out)
+            plan, seen = turn[:, 2], turn[:, side]
+            same = np.sign((np.sign(plan) * np.sign(seen)).sum())
+            chord = np.delete(into + out, side, axis=1)
+            away = np.abs(seen) / np.maximum(np.hypot(*chord.T), 1.0)
+            if np.any((plan * seen * same < 0.0) & (away > MOST_BEND)):
+                return "a corner that bends otherwise in plan than from the side"
     return ""
 
 
