@@ -87,9 +87,9 @@ def plan_defect(solid: Solid) -> str:
 def bend_defect(solid: Solid, numbers: Iterable[int]) -> str:
     """Whether a corner of a roof face bends one way in plan and the other way seen from the side.
 
-    Only faces steeper than 45° among those `numbers` can: they are cut into triangles as seen from the side. A
-    corner on a straight border does once heights of two planes are made one; it then lies on the other side
-    of its border than the wall that stands on it.
+    Only faces steeper than 45° among those `numbers` can: they are cut into triangles as seen from the
+    side. A corner on a straight border does once heights of two planes are made one; it then lies on the
+    other side of its border than the wall that stands on it.
     """
     for number in numbers:
         face = solid.faces[number]
