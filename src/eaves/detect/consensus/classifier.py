@@ -206,6 +206,7 @@ def measured_terms(
     inner_multi_return_share = least_around(evidence.multi_return_share, seen)
     inner_penetration_share = least_around(evidence.penetration, seen)
     echoes = penetration = inner_echoes = inner_penetration = NOTHING
+    of_seen, several, through = of_cells[seen], evidence.multi_return_share[seen], evidence.penetration[seen]
     for rounds_left in range(by.rounds, -1, -1):
         surface = with_echoes(
             of_surfaces,
@@ -215,22 +216,18 @@ def measured_terms(
             inner_penetration,
             by.most_log_ratio,
         )
-        cell = with_echoes(
-            of_cells,
-            evidence.multi_return_share,
-            evidence.penetration,
-            echoes,
-            penetration,
-            by.most_log_ratio,
-        )
-        if rounds_left:
-            of_surface = np.r_[0.0, segment_odds(segments, surface, weights, by.low_odds)][segments.label]
-            odds = np.where(large, of_surface, cell_odds(cell, weights))[seen]
-            likely = 1.0 / (1.0 + np.exp(-odds))
-            echoes = separate(evidence.multi_return_share[seen], likely, by.least_spread)
-            penetration = separate(evidence.penetration[seen], likely, by.least_spread)
-            inner_echoes = separate(inner_multi_return_share[seen], likely, by.least_spread)
-            inner_penetration = separate(inner_penetration_share[seen], likely, by.least_spread)
+        if not rounds_left:
+            break
+        of_surface = np.r_[0.0, segment_odds(segments, surface, weights, by.low_odds)][segments.label[seen]]
+        cell = with_echoes(of_seen, several, through, echoes, penetration, by.most_log_ratio)
+        odds = np.where(large[seen], of_surface, cell_odds(cell, weights))
+        likely = 1.0 / (1.0 + np.exp(-odds))
+        echoes = separate(several, likely, by.least_spread)
+        penetration = separate(through, likely, by.least_spread)
+        inner_echoes = separate(inner_multi_return_share[seen], likely, by.least_spread)
+        inner_penetration = separate(inner_penetration_share[seen], likely, by.least_spread)
+    shares = evidence.multi_return_share, evidence.penetration
+    cell = with_echoes(of_cells, *shares, echoes, penetration, by.most_log_ratio)
     return Terms(surface, cell, large, echoes, penetration)
 
 
