@@ -176,16 +176,39 @@ def with_echoes(
     return np.concatenate([shape, echoes.power * shape, *said], axis=-1)
 
 
+ROWS_AT_ONCE = 64
+"""Rows of cells whose terms are in memory at a time."""
+
+
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """What the odds of surfaces (K, T) and of cells (H, W, T) are made of; `large` (H, W) marks the cells
-    that their surface speaks for."""
+    """What the odds of surfaces (K, T) and of cells are made of; `large` (H, W) marks the cells that their
+    surface speaks for, `shape` (H, W, S) is that of `cell_shape`."""
 
     surface: Values
-    cell: Values
+    shape: Values
+    evidence: Evidence
+    most_log_ratio: float
     large: Mask
     echoes: Separation
     penetration: Separation
+
+    @property
+    def cell(self) -> Values:
+        """The terms (H, W, T) of the cells."""
+        return self.cells_in(slice(None))
+
+    def cells_in(self, rows: slice) -> Values:
+        """The terms (R, W, T) of the cells in some rows."""
+        several, through = self.evidence.multi_return_share[rows], self.evidence.penetration[rows]
+        measured = (self.echoes, self.penetration, self.most_log_ratio)
+        return with_echoes(self.shape[rows], several, through, *measured)
+
+    def cell_odds(self, weights: Weights) -> Values:
+        """Log odds (H, W) of cells in no surface; a few rows at a time, for the terms would fill memory."""
+        count = len(self.shape)
+        pieces = [slice(first, first + ROWS_AT_ONCE) for first in range(0, count, ROWS_AT_ONCE)]
+        return np.concatenate([cell_odds(self.cells_in(rows), weights) for rows in pieces])
 
 
 def measured_terms(
@@ -226,9 +249,7 @@ def measured_terms(
         penetration = separate(through, likely, by.least_spread)
         inner_echoes = separate(inner_multi_return_share[seen], likely, by.least_spread)
         inner_penetration = separate(inner_penetration_share[seen], likely, by.least_spread)
-    shares = evidence.multi_return_share, evidence.penetration
-    cell = with_echoes(of_cells, *shares, echoes, penetration, by.most_log_ratio)
-    return Terms(surface, cell, large, echoes, penetration)
+    return Terms(surface, of_cells, evidence, by.most_log_ratio, large, echoes, penetration)
 
 
 def segment_odds(segments: Segments, terms: Values, weights: Weights, low_odds: float) -> Values:

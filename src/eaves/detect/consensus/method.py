@@ -13,7 +13,6 @@ from eaves.detect.consensus.classifier import (
     FITTED,
     Judgement,
     Weights,
-    cell_odds,
     measured_terms,
     read_weights,
     score_regions,
@@ -400,7 +399,7 @@ class Consensus(Detector):
         cell; (H, W) each."""
         terms = measured_terms(evidence, segments, tolerance, weights, self.judgement)
         emitted = np.r_[0.0, segment_odds(segments, terms.surface, weights, self.low_odds)][segments.label]
-        odds = np.where(terms.large, emitted, cell_odds(terms.cell, weights))
+        odds = np.where(terms.large, emitted, terms.cell_odds(weights))
         emit("odds", odds)
         void, rims = find_roof_voids(evidence, self.void_limits)
         odds, roof = raise_rims(odds, rims, self.rim_odds), (emitted > 0.0) | void
