@@ -20,6 +20,7 @@ from eaves.run.clock import Clock
 from eaves.run.gather import is_seen_beside
 from eaves.run.recipe import Recipe
 from eaves.validate import Tolerances, validate_model
+from eaves.validate.models import find_invalid
 
 MEASURED, INTERPOLATED, NEAREST = "measured", "interpolated", "nearest ground"
 """Where the height of a base can be from; the column `ground_source` says it."""
@@ -55,10 +56,12 @@ def building_pass(
     recipe: Recipe,
     unit_m: float = 1.0,
     flat: bool = False,
+    check: bool = True,
 ) -> BuildingResult:
     """Roof planes and solids of one building with its footprint; `unit_m` is the unit they are written in.
 
-    `flat` states that the roof is one level plane, whatever its points look like.
+    `flat` states that the roof is one level plane, whatever its points look like. Without `check` the model
+    may have levels that are not valid, or not asked for.
     """
     clock = Clock()
     roof = np.flatnonzero(building.part != WALL)
@@ -98,7 +101,7 @@ def building_pass(
         over_ground = around[:, 2] - np.where(np.isfinite(terrain_below), terrain_below, base)
         answer = add_overhangs(answer, around, over_ground, recipe.overhangs)
     clock.lap("reconstruct")
-    if isinstance(answer, BuildingModel):
+    if isinstance(answer, BuildingModel) and check:
         answer = keep_valid(answer, recipe.lod, unit_m)
     clock.lap("validate")
     if isinstance(answer, Failure):
@@ -173,11 +176,10 @@ def keep_valid(model: BuildingModel, finest: str, unit_m: float = 1.0) -> Buildi
 
     Other validators take their limits in the unit of the file: in feet they are a third of those in metres.
     """
-    limits = Tolerances(snap=SNAP * min(1.0, unit_m), planarity=PLANARITY * min(1.0, unit_m))
+    limits = limits_in(unit_m)
     wanted = {lod: solids for lod, solids in model.solids.items() if lod <= finest}
     bad: dict[str, Finding] = {}
-    different = {id(solids): lod for lod, solids in wanted.items()}  # levels may be the same solids
-    if validate_model(model.with_(solids={lod: wanted[lod] for lod in different.values()}), limits):
+    if validate_model(different_levels(model.with_(solids=wanted)), limits):
         for lod, solids in wanted.items():
             found = validate_model(model.with_(solids={lod: solids}), limits)
             if found:
@@ -191,6 +193,31 @@ def keep_valid(model: BuildingModel, finest: str, unit_m: float = 1.0) -> Buildi
     if bad and max(bad) > kept.lod:
         attributes |= {"fallback_code": "invalid_solid", "fallback_reason": reasons}
     return kept.with_(attributes=attributes)
+
+
+def limits_in(unit_m: float) -> Tolerances:
+    """The tolerances for models that are written in a unit (m)."""
+    return Tolerances(snap=SNAP * min(1.0, unit_m), planarity=PLANARITY * min(1.0, unit_m))
+
+
+def different_levels(model: BuildingModel) -> BuildingModel:
+    """The model with one level of those that are the same solids."""
+    different = {id(solids): lod for lod, solids in model.solids.items()}
+    return model.with_(solids={lod: model.solids[lod] for lod in different.values()})
+
+
+def find_doubtful(results: Sequence[BuildingResult], finest: str, unit_m: float) -> list[int]:
+    """The numbers of results of `building_pass` without `check` that it would have changed: those with no
+    level, and with levels that are not valid, or finer than asked for."""
+    models = [
+        (number, result.outcome)
+        for number, result in enumerate(results)
+        if isinstance(result.outcome, BuildingModel)
+    ]
+    odd = {number for number, model in models if not model.solids or max(model.solids) > finest}
+    rest = [(number, model) for number, model in models if number not in odd]
+    bad = find_invalid([different_levels(model) for _, model in rest], limits_in(unit_m))
+    return sorted(odd | {rest[place][0] for place in bad})
 
 
 def broken_result(building: BuildingPoints, error: Exception) -> BuildingResult:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,7 @@ from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.raster.surfaces import CELL
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.run.block import block_pass
-from eaves.run.building import broken_result, building_pass, draw_footprints
+from eaves.run.building import broken_result, building_pass, draw_footprints, find_doubtful
 from eaves.run.clock import Budget, Clock
 from eaves.run.gather import AROUND, Gatherer
 from eaves.run.ground_squares import classify_squares, group_squares
@@ -357,24 +357,49 @@ def compute_buildings(
         buildings = [one for one, is_wanted in zip(buildings, wanted, strict=True) if is_wanted]
     buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
     clock.lap("units")
-    for building, footprint in zip(buildings, footprints, strict=True):
+    todo: list[int] = []
+    for number, (building, footprint) in enumerate(zip(buildings, footprints, strict=True)):
         found = None if earlier is None else earlier.result_of(building, footprint)
         known.append(found is not None)
-        if found is not None:
+        if found is None:
+            todo.append(number)
+            results.append(try_building(building, footprint, recipe, store, check=False))
+        else:
             results.append(found)
-            continue
-        try:
-            results.append(building_pass(building, footprint, recipe, store.system.horizontal_unit_m))
-        except Exception as error:  # one building must not take the others of its block with it
-            log.warning(
-                "a building of block %s failed: %s: %s", plan.owner_block.name, type(error).__name__, error
-            )
-            log.debug("traceback", exc_info=True)
-            results.append(broken_result(building, error))
+    checking = Clock()
+    before = len(results) - len(buildings)
+    for number in recheck([results[before + number] for number in todo], recipe, store):
+        place = todo[number]
+        results[before + place] = try_building(buildings[place], footprints[place], recipe, store)
+    checking.lap("validate")
     if results and not known[0]:
-        results[0].seconds.update(clock.laps)
+        spent = results[0].seconds
+        spent.update(clock.laps, validate=spent.get("validate", 0.0) + checking.laps["validate"])
     store.save_buildings(plan.owner_block, results)
     return known
+
+
+def try_building(
+    building: BuildingPoints, footprint: Footprint | Failure, recipe: Recipe, store: Store, check: bool = True
+) -> BuildingResult:
+    """What `building_pass` answers, or what is left of a building where it raises: one must not take the
+    others of its block with it."""
+    try:
+        return building_pass(building, footprint, recipe, store.system.horizontal_unit_m, False, check)
+    except Exception as error:
+        name = building.owner_block.name
+        log.warning("a building of block %s failed: %s: %s", name, type(error).__name__, error)
+        log.debug("traceback", exc_info=True)
+        return broken_result(building, error)
+
+
+def recheck(results: list[BuildingResult], recipe: Recipe, store: Store) -> Iterable[int]:
+    """The numbers of unchecked results to be made again with a check; all where one of them breaks it."""
+    try:
+        return find_doubtful(results, recipe.lod, store.system.horizontal_unit_m)
+    except Exception:  # as in try_building
+        log.debug("traceback", exc_info=True)
+        return range(len(results))
 
 
 def draw_all(buildings: list[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
+from numpy.typing import NDArray
 
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import BuildingModel, Finding
 from eaves.model.checks import check_type
 from eaves.validate.boundaries import to_grid
-from eaves.validate.primitives import Primitive, Tolerances, check_primitives
+from eaves.validate.primitives import Primitive, Tolerances, check_primitives, find_defects
 
 
 def validate_model(model: BuildingModel, tolerances: Tolerances | None = None) -> list[Finding]:
@@ -45,7 +49,28 @@ def validate_model(model: BuildingModel, tolerances: Tolerances | None = None) -
     []
     """
     check_type(model, BuildingModel, "model", "give the result of reconstruct_building that is no Failure")
-    primitives, vertices, count = [], [np.zeros((0, 3), np.int64)], 0
+    primitives, vertices = primitives_of(model)
+    return check_primitives(primitives, vertices, COORDINATE_STEP, tolerances)
+
+
+def find_invalid(models: Sequence[BuildingModel], tolerances: Tolerances | None = None) -> list[int]:
+    """The numbers of the models that `validate_model` has findings of, all checked together: that takes half
+    the time."""
+    primitives: list[Primitive] = []
+    vertices = [np.zeros((0, 3), np.int64)]
+    count = 0
+    for number, model in enumerate(models):
+        own, places = primitives_of(model, count)
+        primitives += [replace(one, family=str(number)) for one in own]
+        vertices.append(places)
+        count += len(places)
+    defects = find_defects(primitives, np.concatenate(vertices), COORDINATE_STEP, tolerances)
+    return sorted({int(primitives[number].family) for number, _ in defects})
+
+
+def primitives_of(model: BuildingModel, first: int = 0) -> tuple[list[Primitive], NDArray[np.int64]]:
+    """The solids of a model, and their vertices (V, 3) in whole steps, which are counted from `first`."""
+    primitives, vertices, count = [], [np.zeros((0, 3), np.int64)], first
     for lod, parts in sorted(model.solids.items()):
         for number, solid in enumerate(parts):
             name = model.footprint.id if len(parts) == 1 else f"{model.footprint.id}/{number}"
@@ -55,4 +80,4 @@ def validate_model(model: BuildingModel, tolerances: Tolerances | None = None) -
             primitives.append(Primitive(name, model.footprint.id, lod, "Solid", [[shell]]))
             vertices.append(to_grid(solid.vertices, COORDINATE_STEP))
             count += len(solid.vertices)
-    return check_primitives(primitives, np.concatenate(vertices), COORDINATE_STEP, tolerances)
+    return primitives, np.concatenate(vertices)

@@ -90,6 +90,13 @@ def check_primitives(
     primitives: list[Primitive], vertices: Integers, step: float, tolerances: Tolerances | None = None
 ) -> list[Finding]:
     """All findings of primitives on integer vertices (V, 3) of `step` metres, in the primitives' order."""
+    return [finding for _, finding in find_defects(primitives, vertices, step, tolerances)]
+
+
+def find_defects(
+    primitives: list[Primitive], vertices: Integers, step: float, tolerances: Tolerances | None = None
+) -> list[tuple[int, Finding]]:
+    """The findings of `check_primitives`, each with the number of its primitive."""
     limits = tolerances or Tolerances()
     findings = [
         (number, make_finding(902, p.building, f"lod {p.lod}", f"a {p.type} without surfaces"))
@@ -107,8 +114,7 @@ def check_primitives(
     if owners:
         boundaries = lay_flat([primitives[n].solids[o][s] for n, o, s in owners], vertices, step, limits.snap)
         findings += _check(primitives, owners, boundaries, limits)
-    order = sorted(range(len(findings)), key=lambda k: findings[k][0])
-    return [findings[k][1] for k in order]
+    return sorted(findings, key=lambda found: found[0])
 
 
 def _check(
