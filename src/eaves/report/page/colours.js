@@ -79,7 +79,9 @@ function modelColours(way, { triangles, rows }) {
   }
   const name = { lod: 'lod', type: 'roof_type', failure: 'failure_code' }[way];
   const values = words(rows, name, way === 'failure' ? 'as asked for' : 'none');
-  const scale = setOf(distinct(values), way === 'lod' ? LOD_COLOURS : { 'as asked for': '#7fa98f', none: LOD_COLOURS.none });
+  const known = { 'as asked for': '#7fa98f', none: LOD_COLOURS.none };
+  for (const { lod, failure_code: code } of rows) if (way === 'failure' && code && (!lod || lod === '0')) known[code] = LOD_COLOURS.none; // as its footprint is drawn
+  const scale = setOf(distinct(values), way === 'lod' ? LOD_COLOURS : known);
   return { at: (number, row) => scale.colour(values[row]), legend: scale.legend };
 }
 
