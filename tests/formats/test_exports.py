@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 import struct
+import subprocess
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
@@ -141,6 +143,32 @@ def test_glb_normals_are_those_of_the_faces(tmp_path: Path) -> None:
         name = document["materials"][primitive["material"]]["name"]
         up = {ROOF_SURFACE: 1.0, GROUND_SURFACE: -1.0, WALL_SURFACE: 0.0}[name]
         assert np.allclose(raw[:, 1], up)
+
+
+KHRONOS = """
+const validator = require('gltf-validator'), { readFileSync } = require('fs');
+Promise.all(process.argv.slice(1).map(path => validator.validateBytes(new Uint8Array(readFileSync(path)))))
+  .then(reports => console.log(JSON.stringify(reports.map(report => report.issues))));
+"""
+
+
+def test_the_validator_of_khronos_finds_nothing(tmp_path: Path, town: list[BuildingModel | Failure]) -> None:
+    """Needs Node.js and, where NODE_PATH leads, the package gltf-validator."""
+    node = shutil.which("node")
+    asked = [node or "", "-e", "require.resolve('gltf-validator')"]
+    if node is None or subprocess.run(asked, capture_output=True).returncode:
+        pytest.skip("node finds no gltf-validator")
+    write_glb(tmp_path / "town.glb", iter(town), DUTCH)
+    write_3dtiles(tmp_path / "tiles", iter(town), DUTCH)
+    files = [tmp_path / "town.glb", *sorted((tmp_path / "tiles" / "content").glob("*.glb"))]
+    done = subprocess.run([node, "-e", KHRONOS, *map(str, files)], capture_output=True, text=True, check=True)
+    alone, *tiles = json.loads(done.stdout)
+    assert alone["messages"] == [] and len(tiles) == 2
+    for issues in tiles:  # it does not know what the extensions are for, nor their buffers
+        assert issues["numErrors"] == issues["numWarnings"] == 0
+        assert {one["code"] for one in issues["messages"]} <= {"UNSUPPORTED_EXTENSION", "UNUSED_OBJECT"}
+        unused = [one["pointer"] for one in issues["messages"] if one["code"] == "UNUSED_OBJECT"]
+        assert all(pointer.startswith("/bufferViews/") for pointer in unused)
 
 
 @pytest.mark.parametrize("system", [DUTCH, OREGON_FEET], ids=["metres", "feet"])

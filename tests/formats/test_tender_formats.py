@@ -20,6 +20,7 @@ from shapely import Polygon
 
 from eaves.formats import (
     InputError,
+    read_cityjson,
     write_citygml,
     write_cityjson,
     write_cityjson_seq,
@@ -34,6 +35,7 @@ from eaves.formats.geopackage import Row, write_polygons
 from eaves.formats.postgis import hidden
 from eaves.model import BuildingModel, Failure, Footprint, Solid
 from eaves.simulate import nine_roofs_on_a_slope
+from eaves.validate import validate_file
 
 DUTCH = system_of(parse_crs("28992+5709"), "test", (0.0, 0.0))
 FEET = system_of(parse_crs("EPSG:2994"), "test", (0.0, 0.0))
@@ -180,6 +182,30 @@ def test_cjio_takes_the_file_and_knows_system_and_extent(
         assert "EPSG = 7415" in done.stdout and "Building (10)" in done.stdout
     extent = json.loads((tmp_path / "town.city.json").read_text())["metadata"]["geographicalExtent"]
     assert extent[0] == pytest.approx(PLACE[0], abs=300) and extent[2] < extent[5]
+
+
+@pytest.mark.slow
+def test_what_cjio_makes_of_it_is_whole_and_valid(
+    tmp_path: Path, town: list[BuildingModel | Failure], cjio: ModuleType
+) -> None:
+    """A subset, its merger with the whole, an attribute less, a level, a sequence."""
+    whole = tmp_path / "town.city.json"
+    write_cityjson(whole, town, DUTCH)
+    part = tmp_path / "part.city.json"
+    buildings = {name for name, one in read_cityjson(whole).items() if one.type == "Building"}
+    for words, count in (
+        (["subset", "--random", "3", "save", part], 3),
+        (["merge", part, "save", tmp_path / "merged.city.json"], len(buildings)),
+        (["attribute_remove", "roof_type", "save", tmp_path / "less.city.json"], len(buildings)),
+        (["lod_filter", "2.2", "save", tmp_path / "level.city.json"], len(buildings)),
+        (["export", "jsonl", tmp_path / "town.city.jsonl"], len(buildings)),
+    ):
+        command = [Path(sys.executable).with_name("cjio"), whole, *words]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0, done.stderr
+        made = Path(words[-1])
+        assert sum(one.type == "Building" for one in read_cityjson(made).values()) == count
+        assert validate_file(made) == []
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import shutil
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
@@ -201,7 +201,11 @@ class GlbParts:
         asset = {"version": "2.0", "generator": f"eaves {version('eaves')}", "extras": extras}
         document: Json = {"asset": asset, "scene": 0, **scene}
         if binary:
-            document |= self.lists | {"materials": materials(), "buffers": [{"byteLength": binary}]}
+            primitives = [one for mesh in self.lists["meshes"] for one in mesh["primitives"]]
+            used = sorted({one["material"] for one in primitives})
+            for one in primitives:
+                one["material"] = used.index(one["material"])
+            document |= self.lists | {"materials": materials(used), "buffers": [{"byteLength": binary}]}
             document["bufferViews"] = views
         text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
         text += b" " * (-len(text) % ALIGNMENT)
@@ -218,8 +222,8 @@ class GlbParts:
                 shutil.copyfileobj(file, target)
 
 
-def materials() -> list[Json]:
-    """One matt material for every kind of surface."""
+def materials(kinds: Sequence[int]) -> list[Json]:
+    """One matt material for every kind of surface, by their numbers in `SURFACES`."""
     return [
         {
             "name": name,
@@ -229,5 +233,5 @@ def materials() -> list[Json]:
                 "roughnessFactor": 1.0,
             },
         }
-        for name in SURFACES
+        for name in (SURFACES[kind] for kind in kinds)
     ]
