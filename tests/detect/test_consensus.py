@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -70,6 +72,38 @@ def test_a_chimney_is_part_of_its_roof() -> None:
     scene, what = made.scene()
     found = detect_buildings(scene, Consensus())
     assert (found.label[what == 3] > 0).all()
+
+
+def test_a_large_even_roof_that_splits_every_pulse_is_found() -> None:
+    made = two_houses_and_a_tree(12.0)
+    slats = made.scatter(10.0, 25.0, 22.0, 33.0)
+    one = np.ones(len(slats), np.uint8)
+    made.add(slats, np.full(len(slats), 3.0), 3, one, 2 * one)
+    made.add(slats, np.zeros(len(slats)), 0, 2 * one, 2 * one)
+    made.taken.append((10.0, 25.0, 22.0, 33.0))
+    scene, what = made.scene()
+    assert (detect_buildings(scene, Consensus()).label[what == 3] > 0).mean() > 0.9
+    blind = Consensus(even_area=1e9)
+    assert (detect_buildings(scene, blind).label[what == 3] > 0).mean() < 0.1, (
+        "so that the rule is what does it"
+    )
+
+
+def test_a_ship_and_containers_are_buildings_with_a_doubt() -> None:
+    made = MadeScene(density=16.0)
+    made.box(10.0, 10.0, 22.19, 14.88, 2.9, 1)
+    made.box(35.0, 35.0, 55.0, 40.0, 4.0, 2)
+    made.box(10.0, 35.0, 22.0, 45.0, 6.0, 3)
+    scene, what = made.scene()
+    assert scene.cloud.classification is not None
+    x, y = scene.cloud.xyz[:, 0], scene.cloud.xyz[:, 1]
+    classes = np.where((what == 0) & (x > 30.0) & (y > 30.0), 9, scene.cloud.classification).astype(np.uint8)
+    scene = replace(scene, cloud=scene.cloud.with_(classification=classes))
+    doubts = detect_buildings(scene, Consensus()).doubts
+    places = {one.reason.split(":")[0]: (one.x, one.y) for one in doubts}
+    assert places["a building or containers"] == pytest.approx((16.0, 12.4), abs=1.0)
+    assert places["a building or a ship"] == pytest.approx((45.0, 37.5), abs=1.0)
+    assert len(doubts) == 2
 
 
 def test_a_flat_hedge_beside_a_house_is_not_of_it__under_two_metres() -> None:

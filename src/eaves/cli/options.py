@@ -30,7 +30,8 @@ GroundClasses = Annotated[
     str | None, typer.Option(help="With --use-classes: the file's classes of the ground, 2 if not given.")
 ]
 Classes = Annotated[
-    str | None, typer.Option(help="Classes to write: 2,3,4,5,6,9,17 if not given, or 2,3,4,5,6, or 2,6.")
+    str | None,
+    typer.Option(help="Classes to write: 2,3,4,5,6,9,14,15,17 if not given, or 2,3,4,5,6, or 2,6."),
 ]
 Jobs = Annotated[int, typer.Option(help="Processes; 0: one a core, one for small data.", min=0)]
 Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]

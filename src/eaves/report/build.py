@@ -45,8 +45,8 @@ def build(
     building_classes, ground_classes : sequence of int or None
         What the files' classes of buildings and ground are, with `use_classes`; None is 6 and 67, and 2.
     classes : sequence of int or None
-        The classes to write: None is `2, 3, 4, 5, 6, 9, 17`; `2, 3, 4, 5, 6` leaves water and
-        bridges what they would be otherwise, `2, 6` vegetation, too.
+        The classes to write: None is `2, 3, 4, 5, 6, 9, 14, 15, 17`; `2, 3, 4, 5, 6` leaves water,
+        wires and bridges what they would be otherwise, `2, 6` vegetation, too.
     as_published : bool
         Methods given by name take the numbers that their papers print.
     lod : str or None

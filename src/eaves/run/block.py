@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from eaves.detect import detect_buildings
 from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, Mask, PointCloud, Points, Raster, Regions
-from eaves.model.cloud import BRIDGE_DECK, GROUND
+from eaves.model.cloud import BRIDGE_DECK, GROUND, HIGH_NOISE, WIRE, WIRE_TOWER
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import on_terrain, scene_of, terrain_of
@@ -19,6 +20,7 @@ from eaves.run.clock import Clock
 from eaves.run.decks import Decks, wet_or_bridged
 from eaves.run.recipe import SEAM, Recipe
 from eaves.run.vegetation import vegetation_classes
+from eaves.run.wires import find_towers, find_wires
 
 
 def block_pass(
@@ -53,6 +55,11 @@ def block_pass(
     if on_deck.any() and recipe.detect:
         stood = with_classes(cloud, np.where(on_deck, np.uint8(GROUND), np.uint8(0)))
         trodden = on_terrain(scene, stood, terrain_of(stood, seen, beneath=beneath))
+    wires = np.zeros(len(cloud), bool)
+    if recipe.marks_others:
+        wires = find_wires(cloud, scene.height, scene.spacing)
+        hidden = with_classes(trodden.cloud, np.where(wires, np.uint8(HIGH_NOISE), np.uint8(0)))
+        trodden = replace(trodden, cloud=hidden)
     regions = detect_buildings(trodden, recipe.detect) if recipe.detect else nothing
     clock.lap("detect")
 
@@ -64,6 +71,8 @@ def block_pass(
     vegetation = np.zeros(len(cloud), np.uint8)
     if recipe.marks_vegetation and recipe.vegetation is not None:
         vegetation = vegetation_classes(cloud, regions.label, regions.part, trodden.height, recipe.vegetation)
+    vegetation[wires] = WIRE
+    vegetation[find_towers(cloud, wires, regions.label > 0, trodden.height)] = WIRE_TOWER
     assert cloud.classification is not None and cloud.point_id is not None
     return BlockResult(
         block=block,

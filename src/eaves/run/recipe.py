@@ -21,6 +21,8 @@ from eaves.model.cloud import (
     MEDIUM_VEGETATION,
     NOISE_CLASSES,
     WATER,
+    WIRE,
+    WIRE_TOWER,
 )
 from eaves.outline import OutlineMethod
 from eaves.reconstruct import Reconstructor
@@ -33,7 +35,7 @@ from eaves.units import UnitMethod
 LARGEST_CLASS = 255
 """One byte holds a class."""
 VEGETATION = LOW_VEGETATION, MEDIUM_VEGETATION, HIGH_VEGETATION
-OTHERS = WATER, BRIDGE_DECK
+OTHERS = WATER, WIRE, WIRE_TOWER, BRIDGE_DECK
 SEAM = 1.5
 """Points this near (m) to a block's border are labelled by both blocks; shared labels join regions."""
 
@@ -65,7 +67,7 @@ class Recipe:
     vegetation : VegetationRules or None
         How low, medium and high vegetation (3, 4, 5) is told from the rest; None leaves it unclassified.
     others : bool
-        Tell water (9) and decks of bridges (17) from the rest.
+        Tell water (9), wires (14), their towers (15) and decks of bridges (17) from the rest.
     overhangs : OverhangRules
         What shows a wall under a roof, at LoD 2.3.
 
@@ -106,7 +108,7 @@ class Recipe:
 
     @property
     def marks_others(self) -> bool:
-        """Whether water and decks of bridges are told from the rest."""
+        """Whether water, wires and decks of bridges are told from the rest."""
         return self.others and self.marks_vegetation
 
     @property
@@ -150,8 +152,8 @@ def make_recipe(
         The numbers by which the files' classes mean building and ground, with `use_classes`; by default 6 and
         67, and 2.
     classes : sequence of int or None
-        The classes that are written: `2, 3, 4, 5, 6, 9, 17` by default; `2, 3, 4, 5, 6` leaves water
-        and decks of bridges what they would be otherwise, `2, 6` vegetation, too.
+        The classes that are written: `2, 3, 4, 5, 6, 9, 14, 15, 17` by default; `2, 3, 4, 5, 6` leaves
+        water, wires and decks of bridges what they would be otherwise, `2, 6` vegetation, too.
 
     Returns
     -------

@@ -72,7 +72,7 @@ class RunOptions(TypedDict, total=False):
     ground_classes: Sequence[int] | None
     """Classes of the files that mean ground, with `use_classes`; None for 2."""
     classes: Sequence[int] | None
-    """Classes to write: `2, 3, 4, 5, 6, 9, 17`, or without the last two, or `2, 6` alone."""
+    """Classes to write: `2, 3, 4, 5, 6, 9, 14, 15, 17`, or without the last four, or `2, 6` alone."""
     as_published: bool
     lod: str | None
     """The finest level: 0, 1.2, 1.3, 2.0, 2.2 or 2.3; by default what the source delivers, or 2.2."""

@@ -106,6 +106,10 @@ class Judgement:
     """A measure's spread below this is chance."""
     most_log_ratio: float
     """Log likelihood ratio, at most, of one measure."""
+    even_area: float
+    """No crown has a surface as large (m²) and as even."""
+    even_residual: float
+    """The residual of such a surface, at most, in largest residuals."""
 
 
 def smooth_share(candidate: Mask, smooth: Mask, size: int) -> Values:
@@ -228,6 +232,7 @@ def measured_terms(
     of_cells = cell_shape(evidence, company, enclosed, max_residual)
     inner_multi_return_share = least_around(evidence.multi_return_share, seen)
     inner_penetration_share = least_around(evidence.penetration, seen)
+    even = (segments.area >= by.even_area) & (segments.residual <= by.even_residual * max_residual)
     echoes = penetration = inner_echoes = inner_penetration = NOTHING
     of_seen, several, through = of_cells[seen], evidence.multi_return_share[seen], evidence.penetration[seen]
     for rounds_left in range(by.rounds, -1, -1):
@@ -239,6 +244,7 @@ def measured_terms(
             inner_penetration,
             by.most_log_ratio,
         )
+        surface = without_objections(surface, even, weights)
         if not rounds_left:
             break
         of_surface = np.r_[0.0, segment_odds(segments, surface, weights, by.low_odds)][segments.label[seen]]
@@ -250,6 +256,16 @@ def measured_terms(
         inner_echoes = separate(inner_multi_return_share[seen], likely, by.least_spread)
         inner_penetration = separate(inner_penetration_share[seen], likely, by.least_spread)
     return Terms(surface, of_cells, evidence, by.most_log_ratio, large, echoes, penetration)
+
+
+def without_objections(terms: Values, even: Mask, weights: Weights) -> Values:
+    """Terms (K, T) of surfaces, by shape alone for those of `even` (K,) that echoes speak against: roofs of
+    glass, slats and grids split pulses and let them through as crowns do, but no crown is large and even."""
+    shape = len(SURFACE_SHAPE)
+    against = even & (terms[:, shape:] @ np.array(weights.surface[shape:]) < 0.0)
+    answer = terms.copy()
+    answer[against, shape:] = 0.0
+    return answer
 
 
 def segment_odds(segments: Segments, terms: Values, weights: Weights, low_odds: float) -> Values:

@@ -25,10 +25,12 @@ class DoubtLimits:
     """Share of the rim that continues the terrain."""
     on_rim: float
     """Share of the rim that lies on the rim of the data."""
+    afloat: float
+    """Share of the rim that is water, or where nothing returned beside water."""
 
 
 def region_doubts(
-    evidence: Evidence, region: Labels, score: Values, attached: Values, limits: DoubtLimits
+    evidence: Evidence, region: Labels, score: Values, attached: Values, water: Mask, limits: DoubtLimits
 ) -> list[Doubt]:
     """Doubts about regions 1…K of cells (H, W).
 
@@ -38,6 +40,7 @@ def region_doubts(
     region : number of each cell's region, 0 for none.
     score : how sure each region is, (K,).
     attached : share of the rim that continues the terrain, (K + 1,).
+    water : cells with a point of water, (H, W).
     limits : from where on there is doubt.
 
     Returns
@@ -77,8 +80,23 @@ def region_doubts(
         if attached[number] > limits.attached:
             share = round(100 * attached[number])
             found.append(doubt(mine, f"a roof or a rock: {share} % of its rim continues the terrain"))
+        wet = rim & water[around]
+        if wet.any() and (wet | (rim & empty[around])).sum() > limits.afloat * rim.sum():
+            found.append(doubt(mine, "a building or a ship: there is water all round"))
         if open_rim.sum() > limits.on_rim * rim.sum():
             found.append(doubt(open_rim, "a building on the rim of the data"))
+    return found
+
+
+def container_doubts(region: Labels, evidence: Evidence, containers: Mask) -> list[Doubt]:
+    """Doubts about the regions 1…K of cells (H, W) whose tops are those of stacked containers, (K + 1,)."""
+    found = []
+    for number in np.flatnonzero(containers[1:]) + 1:
+        mine = region == number
+        size = float(mine.sum()) * evidence.cells.side**2
+        found.append(
+            doubt_at(evidence, mine, (0, 0), size, "a building or containers: as long, wide and high")
+        )
     return found
 
 

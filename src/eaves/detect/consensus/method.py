@@ -12,13 +12,14 @@ from eaves.detect.consensus.borders import cut_cells
 from eaves.detect.consensus.classifier import (
     FITTED,
     Judgement,
+    Terms,
     Weights,
     measured_terms,
     read_weights,
     score_regions,
     segment_odds,
 )
-from eaves.detect.consensus.doubts import DoubtLimits, region_doubts, void_doubts
+from eaves.detect.consensus.doubts import DoubtLimits, container_doubts, region_doubts, void_doubts
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.hidden_roofs import HiddenLimits, find_hidden_roofs
 from eaves.detect.consensus.limbs import without_limbs
@@ -31,6 +32,7 @@ from eaves.detect.stage import MIN_HEIGHT_M, Detector
 from eaves.detect.toolkit.cells import side_near
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, Regions, Scene, Values
+from eaves.model.cloud import WATER
 from eaves.model.scene import ROOF
 from eaves.raster.nearest import near_cells
 
@@ -52,7 +54,8 @@ class Consensus(Detector):
     pulses with several echoes, the share of points that reach the ground through it. Cells in no surface
     (walls, chimneys, machinery, crowns) are judged by what applies to them. How much echoes and penetration
     count is measured in the scan itself, by how far they lie apart on its own roofs and crowns: a scan that
-    does not split pulses is judged by shape, and nothing jumps in between. A hole in the data with a level,
+    does not split pulses is judged by shape, and nothing jumps in between. No crown is large and even: there
+    echoes do not speak against a roof of glass or slats. A hole in the data with a level,
     raised rim is a roof of glass or water. A graph cut then finds the labelling of least energy, in which
     neighbours whose surfaces continue each other want the same label and a jump in height lets them part.
     Connected cells with a core of roof surfaces are buildings, unless most of their rim goes on in the
@@ -77,7 +80,8 @@ class Consensus(Detector):
     Fails where
     -----------
     Dense clipped hedges over 2 m high and wide; roofs wholly covered by crowns; glass roofs seen through;
-    containers and site huts are buildings when wider than a vehicle; sheds narrower than three cells at 1
+    containers and site huts are buildings when wider than a vehicle, with a doubt where length, width and
+    height agree; so are ships with water all round; sheds narrower than three cells at 1
     point/m². Without returns crowns that touch a roof at its height, or stand in a court, may be taken for
     part of it. A scene that is all forest has no roofs to compare its crowns with: shape alone judges it. The
     means are those of a block of 240 m with 30 m around it: what stands farther away changes nothing.
@@ -180,6 +184,15 @@ class Consensus(Detector):
     most_log_ratio: float = parameter(
         4.0, "Log likelihood ratio, at most, of echoes or penetration: fifty to one.", gt=0.0
     )
+    even_area: float = parameter(
+        20.0,
+        "No crown has a surface as large and even: there echoes tell nothing against glass or slats.",
+        unit="m²",
+        ge=0.0,
+    )
+    even_residual: float = parameter(
+        0.25, "The residual of such a surface is at most so many times `max_residual`.", ge=0.0
+    )
     rim_odds: float = parameter(3.0, "Log odds of the rim of a roof that swallows the beam.", ge=0.0)
     void_area: float = parameter(
         6.0,
@@ -208,6 +221,12 @@ class Consensus(Detector):
         le=1.0,
     )
     core_share: float = parameter(0.4, "Least share of roof surfaces in a building.", ge=0.0, le=1.0)
+    core_share_echoes: float = parameter(
+        0.2,
+        "The same where echoes tell roofs from crowns for certain: dormers and chimneys break up a roof.",
+        ge=0.0,
+        le=1.0,
+    )
     core_share_side: float = parameter(
         0.18,
         "The same times a cell's side, if less: windows fit into less of a face the wider cells are.",
@@ -270,6 +289,16 @@ class Consensus(Detector):
         unit="m",
         ge=0.0,
     )
+    container_short: float = parameter(
+        0.4,
+        "Points fall short of the length, width and height of containers by so much, at most; what agrees in "
+        "all three is doubtful.",
+        unit="m",
+        ge=0.0,
+    )
+    container_area: float = parameter(
+        200.0, "Larger regions are no stack of containers: three by six of the long ones.", unit="m²", ge=0.0
+    )
     vehicle_points: int = parameter(20, "Fewer points on top tell nothing of a pitched roof.", ge=0)
     doubt_score: float = parameter(
         0.2, "A region with a score between this and one less this is doubtful.", ge=0.0, le=0.5
@@ -284,6 +313,14 @@ class Consensus(Detector):
     doubt_rim: float = parameter(
         0.1,
         "A region with more of its rim on the rim of the data is doubtful: chance gaps touch less.",
+        ge=0.0,
+        le=1.0,
+    )
+
+    doubt_afloat: float = parameter(
+        0.6,
+        "A region with water, or nothing, along more of its rim is doubtful: a house by a canal has land on "
+        "three sides.",
         ge=0.0,
         le=1.0,
     )
@@ -308,6 +345,8 @@ class Consensus(Detector):
             low_odds=self.low_odds,
             least_spread=self.least_spread,
             most_log_ratio=self.most_log_ratio,
+            even_area=self.even_area,
+            even_residual=self.even_residual,
         )
 
     @property
@@ -340,12 +379,13 @@ class Consensus(Detector):
             tilt=self.vehicle_tilt,
             uneven=self.vehicle_uneven,
             points=self.vehicle_points,
+            short=self.container_short,
         )
 
     @property
     def doubt_limits(self) -> DoubtLimits:
         """When a region is doubtful."""
-        return DoubtLimits(self.doubt_score, self.doubt_attached, self.doubt_rim)
+        return DoubtLimits(self.doubt_score, self.doubt_attached, self.doubt_rim, self.doubt_afloat)
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
         candidate = self.candidates(scene)
@@ -354,18 +394,22 @@ class Consensus(Detector):
         xyz, evidence, segments = self.find_surfaces(scene, candidate)
         emit("residual", evidence.residual)
         emit("segments", segments.label)
-        building, roof, void, odds = self.settle(
-            evidence, segments, self.tolerance(scene.spacing), self.judged_by, emit
+        terms = measured_terms(
+            evidence, segments, self.tolerance(scene.spacing), self.judged_by, self.judgement
         )
-        region, attached, rocks = self.keep_buildings(building, roof, evidence)
+        building, roof, void, odds = self.settle(evidence, segments, terms, emit)
+        region, attached, rocks = self.keep_buildings(building, roof, evidence, terms.echoes.power)
         emit("regions", region)
         surface = roof & (segments.label > 0)
         hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface, self.hidden_limits)
         emit("hidden", hidden)
-        regions = self.regions_of(scene, xyz, evidence, region, hidden, odds)
+        regions, containers = self.regions_of(scene, xyz, evidence, region, hidden, odds)
+        water = wet_cells(scene, evidence)
+        none = np.zeros(rocks.max(initial=0))
         doubts = [
-            *region_doubts(evidence, region, regions.score, attached, self.doubt_limits),
-            *region_doubts(evidence, rocks, np.zeros(rocks.max(initial=0)), attached, self.doubt_limits),
+            *region_doubts(evidence, region, regions.score, attached, water, self.doubt_limits),
+            *region_doubts(evidence, rocks, none, attached, water, self.doubt_limits),
+            *container_doubts(region, evidence, containers),
             *void_doubts(evidence, void & (region > 0)),
         ]
         return regions.with_doubts(doubts)
@@ -391,13 +435,12 @@ class Consensus(Detector):
         self,
         evidence: Evidence,
         segments: Segments,
-        tolerance: float,
-        weights: Weights,
+        terms: Terms,
         emit: Emit = ignore,
     ) -> tuple[Mask, Mask, Mask, Values]:
         """The building cells, those of roof surfaces, those of roofs without points, the log odds of every
         cell; (H, W) each."""
-        terms = measured_terms(evidence, segments, tolerance, weights, self.judgement)
+        weights = self.judged_by
         emitted = np.r_[0.0, segment_odds(segments, terms.surface, weights, self.low_odds)][segments.label]
         odds = np.where(terms.large, emitted, terms.cell_odds(weights))
         emit("odds", odds)
@@ -414,10 +457,12 @@ class Consensus(Detector):
         """The weights of the evidence."""
         return FITTED if self.weights is None else read_weights(self.weights)
 
-    def keep_buildings(self, building: Mask, roof: Mask, evidence: Evidence) -> tuple[Labels, Values, Labels]:
+    def keep_buildings(
+        self, building: Mask, roof: Mask, evidence: Evidence, echoes: float
+    ) -> tuple[Labels, Values, Labels]:
         """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces; the
         share of each group's rim that continues the terrain; the groups (H, W) dropped for that alone, and
-        not without doubt."""
+        not without doubt. Where echoes tell roofs from crowns, 0 to 1, less of a core is enough."""
         building = without_limbs(building, evidence, self.limb_width)
         found, count = ndimage.label(building, np.ones((3, 3)))
         label: Labels = np.asarray(found, np.int32)
@@ -434,6 +479,7 @@ class Consensus(Detector):
         core = np.bincount(label.ravel(), weights=roof.ravel(), minlength=count + 1) * side * side
         width *= side
         share = min(self.core_share, self.core_share_side / side)
+        share -= echoes * max(0.0, share - self.core_share_echoes)
         good = (core >= self.min_core) & (core >= share * area) & (width >= self.min_width)
         good[0] = False
         attached = attached_share(evidence, label, count, self.continues)
@@ -447,8 +493,9 @@ class Consensus(Detector):
 
     def regions_of(
         self, scene: Scene, xyz: Points, evidence: Evidence, region: Labels, hidden: Labels, odds: Values
-    ) -> Regions:
-        """The points of the buildings' cells, without vehicles, their parts, and the buildings' scores."""
+    ) -> tuple[Regions, Mask]:
+        """The points of the buildings' cells, without vehicles, their parts, and the buildings' scores; which
+        of the regions 0…K look like containers (K + 1,)."""
         above = ~scene.cloud.ground & ~scene.cloud.noise & (scene.height > 0.5)
         number = np.where(above, region.ravel()[evidence.cells.cell], 0).astype(np.int32)
         part = part_of_points(
@@ -463,10 +510,24 @@ class Consensus(Detector):
         number = np.where(hidden > 0, hidden, number)
         part[hidden > 0] = ROOF
         size = np.bincount(region.ravel()) * evidence.cells.side**2
-        small = np.where(size[number] <= self.vehicle_area, number, 0)
+        vehicle_size = size <= self.vehicle_area
+        small = np.where(size[number] <= max(self.vehicle_area, self.container_area), number, 0)
         tops = measure_tops(
             xyz, scene.height, np.where(part == ROOF, small, 0), len(size), self.vehicle_limits
         )
-        part[tops.vehicle[number]] = 0
-        number[tops.vehicle[number]] = 0
-        return Regions(number, score_regions(region, odds, tops.width[1:], tops.low[1:]), part)
+        vehicle = tops.vehicle & vehicle_size
+        part[vehicle[number]] = 0
+        number[vehicle[number]] = 0
+        width, low = (np.where(vehicle_size, one, np.inf) for one in (tops.width, tops.low))
+        return Regions(
+            number, score_regions(region, odds, width[1:], low[1:]), part
+        ), tops.containers & ~vehicle
+
+
+def wet_cells(scene: Scene, evidence: Evidence) -> Mask:
+    """The cells (H, W) with a point that the scene calls water."""
+    water = np.zeros(evidence.cells.size, bool)
+    classes = scene.cloud.classification
+    if classes is not None:
+        water[evidence.cells.cell[classes == WATER]] = True
+    return water.reshape(evidence.shape)

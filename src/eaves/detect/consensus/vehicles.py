@@ -12,6 +12,13 @@ LEAST_VARIANCE_M2 = 1e-6
 """Of the coordinates across a region: narrower ones have no slope (m², a tolerance)."""
 
 
+CONTAINER_LENGTHS_M: Values = np.array([6.06, 12.19])
+CONTAINER_WIDTH_M = 2.44
+CONTAINER_HEIGHTS_M: Values = np.array([2.59, 2.90])
+MOST_CONTAINERS = 6
+"""Freight containers (ISO 668), and so many side by side or stacked (definitions)."""
+
+
 @dataclass(frozen=True)
 class VehicleLimits:
     """What road vehicles and containers are like."""
@@ -32,6 +39,8 @@ class VehicleLimits:
     """Half their points at that level lie closer (m) to one plane."""
     points: int
     """Fewer points on top tell nothing of a pitched roof."""
+    short: float
+    """So much (m) the points may fall short of the length, width and height of containers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +53,8 @@ class Tops:
     """Width (m) of the rectangle with the same second moments as the points near the middle height."""
     vehicle: Mask
     """Whether it is as long, narrow, low and level as a van, a lorry or a container."""
+    containers: Mask
+    """Whether it is as long, wide, high and level as containers side by side or stacked."""
 
 
 def measure_tops(xyz: Points, height: Values, number: Labels, count: int, limits: VehicleLimits) -> Tops:
@@ -83,7 +94,19 @@ def measure_tops(xyz: Points, height: Values, number: Labels, count: int, limits
     pitched = (np.abs(tilt) > np.tan(np.radians(limits.tilt))) | (rest > limits.uneven)
     vehicle = narrow & flat & ~(pitched & (size >= limits.points))
     some = size > 0
-    return Tops(np.where(some, low, np.inf), np.where(some, width, np.inf), vehicle)
+    boxes = flat & ~pitched & (size >= limits.points)
+    boxes &= falls_short(length, CONTAINER_LENGTHS_M, limits.short)
+    beside: Values = CONTAINER_WIDTH_M * np.arange(1.0, MOST_CONTAINERS + 1)
+    boxes &= falls_short(width, beside, limits.short)
+    stacked: Values = np.outer(CONTAINER_HEIGHTS_M, np.arange(1, MOST_CONTAINERS + 1)).ravel()
+    boxes &= falls_short(low, stacked, limits.short)
+    return Tops(np.where(some, low, np.inf), np.where(some, width, np.inf), vehicle, boxes)
+
+
+def falls_short(values: Values, of: Values, most: float) -> Mask:
+    """Which values (K,) are no larger than one of some (M,), and short of it by so much at most."""
+    short = of[None, :] - values[:, None]
+    return np.asarray(((short >= -0.25 * most) & (short <= most)).any(axis=1), np.bool_)
 
 
 def middle_of_groups(values: Values, which: Labels, count: int) -> Values:
