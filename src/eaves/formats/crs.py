@@ -44,12 +44,16 @@ def parse_crs(text: str, path: str | Path = "--crs") -> pyproj.CRS:
 
 
 def system_of(
-    crs: pyproj.CRS, path: str | Path, centre: tuple[float, float], vertical_unit: float | None = None
+    crs: pyproj.CRS,
+    path: str | Path,
+    centre: tuple[float, float],
+    vertical_unit: float | None = None,
+    named: bool = True,
 ) -> CoordinateSystem:
     """The system of data whose middle is `centre` (in the system's own units).
 
     A system without heights is taken to measure them in its horizontal unit, unless `vertical_unit` (m) is
-    known.
+    known. Unless it is to be `named` it has no code, which PROJ may have to look for in its whole registry.
 
     Raises
     ------
@@ -76,7 +80,8 @@ def system_of(
     height_unit = upright[0] if upright else unit
     if vertical_unit is not None and abs(vertical_unit - height_unit) > SAME_UNIT * height_unit:
         height_unit, plain = vertical_unit, _with_heights_in(horizontal, vertical_unit)
-    return CoordinateSystem(plain.to_wkt(WktVersion.WKT2_2019), unit, height_unit, code_of(plain))
+    code = code_of(plain) if named else None
+    return CoordinateSystem(plain.to_wkt(WktVersion.WKT2_2019), unit, height_unit, code)
 
 
 def _with_heights_in(horizontal: pyproj.CRS, unit: float) -> pyproj.CRS:

@@ -95,7 +95,7 @@ def read_contents(
     """
     folder = Path(folder)
     polygons, _, rows, system = read_polygons(folder / "footprints.gpkg", layer="footprints")
-    system = system_of_folder(folder) or system
+    system = system_of_folder(folder, named=False) or system
     found = len(rows)
     shown = nearest_buildings(polygons, buildings, None if around is None else place_of(around, rows, folder))
     others = [rows[k] for k in sorted(set(range(found)).difference(shown.tolist()))]
@@ -162,8 +162,9 @@ def points_of(rows: list[dict[str, Any]]) -> int:
     return sum(int(row.get("points") or 0) for row in rows)
 
 
-def system_of_folder(folder: Path) -> CoordinateSystem | None:
-    """The reference system of a run, with its vertical unit, as its terrain has it; None without one."""
+def system_of_folder(folder: Path, named: bool = True) -> CoordinateSystem | None:
+    """The reference system of a run, with its vertical unit, as its terrain has it; None without one. It
+    has no code where it need not be `named` (`system_of`)."""
     path = folder / "dtm.tif"
     if not path.exists():
         return None
@@ -174,7 +175,7 @@ def system_of_folder(folder: Path) -> CoordinateSystem | None:
                 return LOCAL_METRES
             bounds = image.bounds
             centre = (bounds.left + bounds.right) / 2, (bounds.bottom + bounds.top) / 2
-            return system_of(parse_crs(image.crs.to_wkt(), path), path, centre)
+            return system_of(parse_crs(image.crs.to_wkt(), path), path, centre, named=named)
 
 
 def place_of(building: str, rows: list[dict[str, Any]], folder: Path) -> int:

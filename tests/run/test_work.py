@@ -1,0 +1,57 @@
+"""How much work common things take, counted in calls: a bar for what time on a shared machine cannot show."""
+
+from __future__ import annotations
+
+import cProfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import eaves
+from eaves import pipeline
+from eaves.formats import laz
+from eaves.model import BuildingModel, Footprint
+from eaves.run import store
+from eaves.simulate.roofs import ExactScene
+from eaves.validate import validate_model
+
+MODELLING, CHECKING = 12_900, 4_700
+"""Calls of functions, Python's and libraries', for one gabled house; a tenth over what they were."""
+
+
+def calls_of(work: Callable[[], object]) -> int:
+    """How many functions are called in some work that was done once before."""
+    work()
+    counter = cProfile.Profile()
+    counter.runcall(work)
+    return sum(entry.callcount for entry in counter.getstats())
+
+
+def test_a_house_is_modelled_in_few_calls(nine_roofs: ExactScene) -> None:
+    truth = nine_roofs.buildings[1]
+    points = nine_roofs.cloud.xyz[nine_roofs.building == 2]
+    footprint = Footprint(truth.footprint)
+
+    def model() -> BuildingModel:
+        planes = eaves.segment_roof(points, 0.4)
+        answer = eaves.reconstruct_building(points, footprint, planes, truth.base)
+        assert isinstance(answer, BuildingModel)
+        return answer
+
+    assert calls_of(model) <= MODELLING
+    house = model()
+    assert calls_of(lambda: validate_model(house)) <= CHECKING
+
+
+@pytest.mark.slow
+def test_a_run_decodes_its_input_twice_and_its_models_once(
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decoded, unpacked = [], []
+    decompress, unpack = laz.decompress, store.unpack
+    monkeypatch.setattr("eaves.formats.las.decompress", lambda *a: decoded.append(1) or decompress(*a))
+    monkeypatch.setattr(store, "unpack", lambda file, name: unpacked.append(name) or unpack(file, name))
+    assert pipeline.build(nine_roofs_file, tmp_path).complete
+    assert len(decoded) == 2  # to scatter the points, and to copy what else the records hold
+    assert sorted(unpacked) == ["answers", "rows"]
