@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
 from eaves.cli import app as cli
-from eaves.cli import progress, runs
+from eaves.cli import first_run, progress, runs
 from eaves.model.summary import Summary
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
@@ -79,3 +80,20 @@ def test_nothing_is_foreseen_from_reading_alone(monkeypatch: pytest.MonkeyPatch)
 def test_summary_of_a_build_counts_buildings() -> None:
     summary = Summary(Path("out"), 10, 2, 1, {"2.2": 1}, {"no_plane": 1}, {}, {}, 1.0, ())
     assert "2 buildings found = 1 modelled + 1 failed" in summary.as_text()
+
+
+def test_what_compiles_beside_ends_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+    begin = subprocess.Popen
+
+    def start(words: list[str], **streams: int) -> subprocess.Popen[bytes]:
+        assert words[1:] == ["-m", "eaves.cli.first_run"]
+        started.append(begin([words[0], "-c", "import time; time.sleep(60)"], **streams))  # type: ignore[call-overload]
+        return started[0]
+
+    monkeypatch.setattr(first_run.subprocess, "Popen", start)
+    with first_run.compiling_beside(False):
+        assert not started
+    with first_run.compiling_beside(True):
+        assert started[0].poll() is None
+    assert started[0].returncode is not None

@@ -154,8 +154,10 @@ def run_build(
     **options: Any,
 ) -> Summary:
     """Build with progress on screen; the methods of the command line go before the configuration file's."""
+    import os
     from dataclasses import replace
 
+    from eaves.cli.first_run import compiling_beside
     from eaves.pipeline import build as build_files
     from eaves.report.build import build as build_with_report
     from eaves.run.recipe import make_recipe
@@ -178,9 +180,10 @@ def run_build(
     start_log(words.quiet, words.verbose)
     compiling = not compiled_pieces()
     if compiling and not words.quiet:
-        typer.echo("compiling for this machine, only now: a minute or two before points are read", err=True)
+        typer.echo("compiling for this machine: this first run takes a minute or so longer", err=True)
     reported = "report" in (options.get("outputs") or EVERYTHING)
-    with progress_display(words.quiet, compiling) as progress:
+    beside = compiling and words.jobs != 1 and words.scheduler is None and (os.cpu_count() or 1) > 1
+    with compiling_beside(beside), progress_display(words.quiet, compiling) as progress:
         return (build_with_report if reported else build_files)(
             inputs,
             out,
