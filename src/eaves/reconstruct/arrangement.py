@@ -46,7 +46,7 @@ class Arrangement(LineReconstructor):
     min Σ_cells Σ_points a² [min((d/τ)², 1) + min(d/g, 1)] + β Σ_borders length · s(jump) + γ · planes in use,
 
     d the distance of a roof point from the cell's plane, less 3 cm of noise, a the spacing, τ, g the
-    limits, β, γ the prices; s grows with the height of the jump from 0.3 where the planes meet to 1 where
+    limits, β, γ the prices; s grows with the height of the jump from 0.2 where the planes meet to 1 where
     they are half a metre apart. γ counts in points where these are dense: what a part must show to be worth
     its description is a number of points, not an area. Solved by expansion moves [boykov2001], and
     planes that cost more than they save are given up.
@@ -96,7 +96,7 @@ class Arrangement(LineReconstructor):
         0.8, "Highest price of a plane in use, in square metres of residual.", unit="m2", symbol="γ", ge=0.0
     )
     plane_points: float = parameter(
-        6.5,
+        4.0,
         "The same as points: a plane, three numbers and the corners around it, is worth stating when it "
         "explains so many.",
         ge=0.0,
@@ -112,7 +112,7 @@ class Arrangement(LineReconstructor):
     )
     narrowest: float = parameter(0.5, "Width of the narrowest roof face, in spacings.", ge=0.0)
     smallest: float = parameter(
-        0.5, "Area of the smallest roof face where points are not dense.", unit="m2", ge=0.0
+        0.3, "Area of the smallest roof face where points are not dense.", unit="m2", ge=0.0
     )
     smallest_points: float = parameter(4.0, "Points on the smallest roof face where they are dense.", ge=0.0)
     farthest: float = parameter(
@@ -146,7 +146,7 @@ class Arrangement(LineReconstructor):
         ge=0.0,
     )
     meeting_share: float = parameter(
-        0.3,
+        0.2,
         "Share of the price of a border that is due where the two planes meet: ridges and valleys are cheap.",
         ge=0.0,
         le=1.0,
