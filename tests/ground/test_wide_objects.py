@@ -134,6 +134,16 @@ def test_in_thin_data_what_stands_moves_with_the_data() -> None:
         np.testing.assert_allclose(getattr(there, name), getattr(here, name), atol=1e-4)
 
 
+def test_an_island_of_data_as_large_as_a_roof_is_a_doubt() -> None:
+    points = scatter(60.0, 4.0)
+    roof, rest = box(points, 40, 40, 55, 55), box(points, 0, 0, 60, 30)
+    points[roof, 2] += 6.0 + 0.5 * np.abs(points[roof, 0] - 47.5)
+    patch = find_wide_objects(Floor.of(PointCloud.from_world(points[roof | rest])), RULES, WIDE)
+    (doubt,) = (one for one in patch.doubts if one.y > 30.0)
+    assert doubt.reason.endswith("with nothing measured around, which may be a roof")
+    assert 40.0 < doubt.x < 55.0 and 200.0 < doubt.area_m2 < 300.0
+
+
 def test_a_doubt_in_thin_data_is_said_once() -> None:
     points = scatter(200.0, 0.6)
     points[points[:, 0] > 150.0, 2] += 5.0

@@ -132,7 +132,7 @@ class AdaptiveTin(GroundMethod):
     wall_share: float = parameter(
         0.85, "Share of its rim to the terrain that must be walls, where it is known.", gt=0, le=1
     )
-    rim_known: float = parameter(0.2, "Least share of its rim that must face terrain.", ge=0, le=1)
+    rim_known: float = parameter(0.3, "Least share of its rim that must face terrain.", ge=0, le=1)
     rim_void: float = parameter(
         0.4, "Largest share of its rim beyond which nothing was measured.", ge=0, le=1
     )

@@ -29,8 +29,8 @@ from eaves.raster.nearest import ADJOINING, near_cells
 DOUBT_M2, DOUBT_MOST_M2, DOUBT_SHARE = 500.0, 250_000.0, 0.6
 """Word is given of surfaces of 500 m² to 500 by 500 m that were left in the terrain though so much of their
 known rim steps down. They decide what is said, no result."""
-
-
+ISLAND_M2, ISLAND_MOST_M2 = 50.0, 2_500.0
+"""... and of islands of data from 50 m² to 50 by 50 m: nothing lower beside tells terrain from a roof."""
 BAND_ROWS = 128
 """Rows of cells for which the patches are compared at once; it bounds memory and decides no result."""
 Integers = NDArray[np.int64]
@@ -250,7 +250,8 @@ def rise_within(ground: Grid, cell: float) -> Grid:
 
 
 def find_doubts(floor: Floor, surfaces: Surfaces, verdict: Verdict, rules: Rules) -> tuple[Doubt, ...]:
-    """The large surfaces left in the terrain though much of their rim steps down.
+    """The large surfaces left in the terrain though much of their rim steps down, and islands of data as
+    large as a roof: clips of a scan may hold a roof and nothing else.
 
     The place of each is that of its cell nearest to its centre.
     """
@@ -262,21 +263,35 @@ def find_doubts(floor: Floor, surfaces: Surfaces, verdict: Verdict, rules: Rules
     doubtful[np.argmax(surfaces.area)] = False
     doubts = []
     for k in np.flatnonzero(doubtful):
-        rows, columns = np.nonzero(surfaces.label == k)
-        away = (rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2
-        middle = int(np.argmin(away))
         cut = everything[k, VOID] > rules.rim_void * rim[k]
-        doubts.append(
-            Doubt(
-                x=float((floor.west + columns[middle] + 0.5) * floor.cell),
-                y=float((floor.north - rows[middle] + 0.5) * floor.cell),
-                area_m2=float(surfaces.area[k]),
-                stage="ground",
-                reason=f"left in the terrain: a surface of {surfaces.area[k]:.0f} m² that steps down on "
-                f"{100 * share[k]:.0f} % of its known rim" + (", cut by the rim of the data" if cut else ""),
-            )
+        reason = (
+            f"left in the terrain: a surface of {surfaces.area[k]:.0f} m² that steps down on "
+            f"{100 * share[k]:.0f} % of its known rim" + (", cut by the rim of the data" if cut else "")
         )
+        doubts.append(doubt_at(floor, surfaces.label == k, reason))
+    island, count = ndimage.label(np.isfinite(floor.lowest), np.ones((3, 3)))
+    area = np.bincount(island.ravel(), minlength=count + 1) * floor.cell**2
+    stands = np.bincount(island[verdict.raised[surfaces.label]], minlength=count + 1) > 0
+    least = max(ISLAND_M2, rules.scrap_cells * floor.cell**2)
+    alone = ~stands & (area >= least) & (area <= ISLAND_MOST_M2)
+    alone[0] = False
+    for k in np.flatnonzero(alone):
+        reason = f"left in the terrain: {area[k]:.0f} m² with nothing measured around, which may be a roof"
+        doubts.append(doubt_at(floor, island == k, reason))
     return tuple(doubts)
+
+
+def doubt_at(floor: Floor, mask: Mask, reason: str) -> Doubt:
+    """A doubt at the cell of a mask (H, W) nearest to its centre."""
+    rows, columns = np.nonzero(mask)
+    middle = int(np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2))
+    return Doubt(
+        x=float((floor.west + columns[middle] + 0.5) * floor.cell),
+        y=float((floor.north - rows[middle] + 0.5) * floor.cell),
+        area_m2=float(len(rows) * floor.cell**2),
+        stage="ground",
+        reason=reason,
+    )
 
 
 @njit(cache=True)
