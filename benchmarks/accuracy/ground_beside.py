@@ -98,8 +98,8 @@ def judge_beside(data: Path) -> None:
     better = sum(gain > 0.0 for gain in fours)
     note = (
         "Mean total error of the eight ISPRS samples; left out: each sample with the set of numbers chosen "
-        f"on the other seven. Of {len(fours)} choices of four samples of the eight SMRF is better on {better}; "
-        f"on the one that suits it best eaves has {-max(fours):.2f} % of the points fewer wrong."
+        f"on the other seven. Of {len(fours)} choices of four samples SMRF is better on {better}; on the one "
+        f"that suits it best eaves has {-max(fours):.2f} % of the points fewer wrong."
     )
     keep("ground-beside", "Ground: beside SMRF", rows, COMMAND, note)
 
