@@ -24,6 +24,9 @@ from eaves.run.run import METHOD_OPTIONS, WORK, Run, open_run
 from eaves.run.store import REQUEST, Store
 from eaves.run.vegetation import VegetationRules
 
+MODELS = "buildings.city.jsonl"
+"""The file of a run's models."""
+
 REMEDY = "build it again with --keep"
 
 
@@ -105,7 +108,7 @@ def ordered(run: Run, inputs: Sequence[str]) -> Run:
 
 def frame_of(folder: Path) -> tuple[float, ...] | None:
     """What the coordinates of a run's models count from; None where it wrote none."""
-    path = folder / "buildings.city.jsonl"
+    path = folder / MODELS
     try:
         with path.open(encoding="utf-8") as file:
             return tuple(map(float, json.loads(file.readline())["transform"]["translate"]))

@@ -13,12 +13,13 @@ import shapely
 from shapely import Polygon
 
 from eaves.change.edits import EDITS, Edit, Order, edits_of_layer, read_edits, settle, write_edits
-from eaves.change.kept import load_results, open_kept, read_request, write_request
+from eaves.change.kept import MODELS, load_results, open_kept, read_request, write_request
 from eaves.formats.atomic import report_full_disk
 from eaves.model import Block, BuildingModel, Failure, Footprint
 from eaves.model.results import BuildingResult
 from eaves.model.summary import Summary
 from eaves.run.building import building_pass
+from eaves.run.earlier_lines import EarlierLines
 from eaves.run.gather import Gatherer
 from eaves.run.join import BuildingPlan, OwnedBuildings, about, block_of
 from eaves.run.lock import lock_folder
@@ -113,20 +114,27 @@ def rebuild(folder: Path, file: Path | None = None, progress: Progress = no_prog
         request = read_request(folder)
         region.store = RememberingStore(**vars(region.store))
         state = State(region.store, request.blocks, request.owners, run.recipe)
+        before = state.shown()
         edits = list(read_edits(folder / EDITS, region.store.system)) if (folder / EDITS).exists() else []
-        edits += changed_in_layer(folder, region.store, state.shown())
+        edits += changed_in_layer(folder, region.store, before)
         if file is not None:
             edits += read_edits(file, region.store.system)
-        orders, conflicts = settle(edits, state.found())
+        found = state.found()
+        others = {*state.edited(), *(found.keys() - before.keys())}
+        orders, conflicts = settle(edits, found)
         modelled, removed, failed = state.apply(orders, progress)
         conflicts += state.overlaps(orders)
         owners = state.owners
+        others |= {*modelled, *removed, *(order.id for order in orders)}
+        places = [one[name] for one in (before, state.shown()) for name in others if name in one]
+        lines = EarlierLines.read(folder / MODELS, others, places)
         earlier = known_files(folder)
         outputs = tuple(
             name for name in ("footprints", "models", "mask", "classified") if name in run.outputs
         )
         region.run = replace(run, outputs=outputs)
-        summary = write_outputs(region, request.blocks, [OwnedBuildings(owner, ()) for owner in owners])
+        plans = [OwnedBuildings(owner, ()) for owner in owners]
+        summary = write_outputs(region, request.blocks, plans, earlier=lines)
         write_edits(folder / EDITS, edits, region.store.system)
         write_request(region.store, replace(request, owners=tuple(owners)))
         kept = [folder / name for name in earlier if name.endswith(".tif") and (folder / name).exists()]
@@ -161,6 +169,11 @@ class State:
     def shown(self) -> dict[str, Polygon]:
         """Id → outline (world metres) of the buildings as the files show them."""
         return {str(row.values["id"]): row.polygon for row in self.store.building_rows(self.owners)}
+
+    def edited(self) -> set[str]:
+        """Ids of the buildings that bear an edit."""
+        rows = self.store.building_rows(self.owners)
+        return {str(row.values["id"]) for row in rows if row.values.get("edit")}
 
     def as_found(self, owner: Block) -> Store:
         """The store that holds an owner block's buildings as the run found them."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import shapely
@@ -50,9 +49,9 @@ def plans_to_model(
     now: Sequence[OwnedBuildings],
     before: Sequence[OwnedBuildings],
     owners: Sequence[Block],
-    differing: set[Block],
+    changed: Iterable[Block],
 ) -> list[Owned]:
-    """The owner blocks whose buildings may be others than they were, those that own none now among them.
+    """The owner blocks whose buildings may be touched by points that came or went, also if they own none now.
 
     Parameters
     ----------
@@ -60,33 +59,33 @@ def plans_to_model(
         The buildings as the regions are joined now, and as those of the earlier run are.
     owners
         The owner blocks of the earlier run that have results.
-    differing
-        The blocks whose own result is another; points and terrain of a building lie in its blocks and those
-        around them.
+    changed
+        The blocks in which points came or went.
     """
-    earlier = {plan.owner_block: plan for plan in before}
-    wide = {block for one in differing for block in ring(one)}
+    near = {block for one in changed for block in ring(one)}
+    mine: dict[Block, set[Block]] = {}
+    for plan in (*now, *before):
+        blocks = mine.setdefault(plan.owner_block, {plan.owner_block})
+        blocks.update(block for one in plan.buildings for block, _ in one.regions)
     spanning = [
         (plan.owner_block, one)
         for plan in now
         for one in plan.buildings
         if len({block for block, _ in one.regions}) > 1
     ]
-    known = {plan.owner_block for plan in now}
-    plans = [*now, *(OwnedBuildings(owner, ()) for owner in owners if owner not in known)]
+    plans = {plan.owner_block: plan for plan in now}
     todo = []
-    for plan in sorted(plans, key=lambda plan: plan.owner_block):
-        owner = plan.owner_block
-        old = earlier.get(owner)
-        blocks = {owner, *(block for one in plan.buildings for block, _ in one.regions)}
-        if old is None or blocks & wide or not same_plans(plan, old):
-            near = ring(owner)
-            across = tuple(
-                (other, one)
-                for other, one in spanning
-                if other != owner and any(block in near for block, _ in one.regions)
-            )
-            todo.append(Owned(plan, across, tuple(one for one in owners if one != owner and one in near)))
+    for owner in sorted({*plans, *owners}):
+        if near.isdisjoint(mine.get(owner, {owner})):
+            continue
+        around = ring(owner)
+        across = tuple(
+            (other, one)
+            for other, one in spanning
+            if other != owner and any(block in around for block, _ in one.regions)
+        )
+        neighbours = tuple(one for one in owners if one != owner and one in around)
+        todo.append(Owned(plans.get(owner, OwnedBuildings(owner, ())), across, neighbours))
     return todo
 
 
@@ -94,24 +93,6 @@ def ring(block: Block) -> set[Block]:
     """A block and the eight around it."""
     steps = (-1, 0, 1)
     return {Block(block.column + right, block.row + up, block.side) for right in steps for up in steps}
-
-
-def same_plans(now: OwnedBuildings, before: OwnedBuildings) -> bool:
-    """Whether an owner block's buildings are made of the same regions, outlines and addresses."""
-    same = [plan_key(one) for one in now.buildings] == [plan_key(one) for one in before.buildings]
-    return same and [outline_key(one) for one in now.addresses] == [
-        outline_key(one) for one in before.addresses
-    ]
-
-
-def plan_key(plan: BuildingPlan) -> tuple[Any, ...]:
-    """What decides which points a building gets."""
-    return plan.number, plan.regions, outline_key(plan.given), plan.failure and plan.failure.reason
-
-
-def outline_key(footprint: Footprint | None) -> tuple[str, bytes] | None:
-    """Id and shape of a given footprint."""
-    return None if footprint is None else (footprint.id, shapely.to_wkb(footprint.polygon))
 
 
 def model_again(
@@ -167,8 +148,7 @@ class Known:
             if (more == lost).all() and (also == touched).all():
                 break
             lost, touched = more, also
-        fresh = ~points.sharing(old, np.ones(len(lost), bool))
-        drawn = (touched | fresh)[mine]
+        drawn = touched[mine]
         places = [one.xyz for one in buildings]
         context = hanging_with(places, drawn)
         near = next_to(places, drawn) & ~drawn
@@ -198,7 +178,7 @@ class Known:
         """Whether points near those of a building came or went."""
         place = np.floor((building.xyz[:, :2] + building.owner_block.origin) / COVER_CELL)
         keys = cell_keys(np.unique(place.astype(np.int64), axis=0))
-        return bool(np.isin(keys, self._changed).any())
+        return bool(is_among(keys, self._changed).any())
 
     def _meets(self, outline: Polygon) -> bool:
         """Whether points near an outline (world metres) came or went."""
@@ -207,7 +187,7 @@ class Known:
         west, south, east, north = (int(value) for value in np.floor(np.array(outline.bounds) / COVER_CELL))
         columns, rows = np.meshgrid(np.arange(west, east + 1), np.arange(south, north + 1))
         place = np.column_stack([columns.ravel(), rows.ravel()])
-        place = place[np.isin(cell_keys(place), self._changed)]
+        place = place[is_among(cell_keys(place), self._changed)]
         cells = shapely.box(*(place * COVER_CELL).T, *((place + 1) * COVER_CELL).T)
         return bool(shapely.intersects(outline, cells).any())
 
@@ -236,6 +216,14 @@ class Owners:
 def cell_keys(place: NDArray[np.int64]) -> NDArray[np.int64]:
     """Cells (N, 2; column, row) as one number each."""
     return np.asarray(place[:, 0] * 2**32 + place[:, 1])
+
+
+def is_among(keys: NDArray[np.int64], some: NDArray[np.int64]) -> Mask:
+    """Which numbers (N,) are among some in rising order."""
+    if not len(some):
+        return np.zeros(len(keys), bool)
+    place = np.minimum(np.searchsorted(some, keys), len(some) - 1)
+    return np.asarray(some[place] == keys)
 
 
 def changed_keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:

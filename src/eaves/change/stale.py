@@ -52,8 +52,8 @@ def link_file(source: Path, target: Path) -> None:
 
 def compute_stale(
     region: Region, before: Store, places: Mapping[Block, Bounds], blocks: Sequence[Block]
-) -> set[Block]:
-    """Compute again what follows from changed points, and nothing else; the blocks whose result is another.
+) -> int:
+    """Compute again what follows from changed points, and nothing else; how many blocks were.
 
     Parameters
     ----------
@@ -82,8 +82,7 @@ def compute_stale(
     again = near(blocks, changed, recipe.scene_buffer) | touched
     remove(store, "blocks", again)
     region.compute_blocks(blocks)
-    fresh = {block for block in blocks if not before.has("blocks", block)}
-    return fresh | {block for block in again & set(blocks) if not same_block(before, store, block)}
+    return len(again & set(blocks))
 
 
 def renew_wide(region: Region, before: Store, places: Sequence[Bounds]) -> list[Bounds]:
@@ -174,22 +173,3 @@ def ground_of(store: Store, square: Block, block: Block) -> tuple[NDArray[Any], 
             part = file[parts] if parts in file.files else np.zeros(len(some), np.uint8)
             return some, np.column_stack([file[f"class-{block.name}"], part])
     return records[:0], np.zeros((0, 2), np.uint8)
-
-
-def same_block(before: Store, after: Store, block: Block) -> bool:
-    """Whether a block's result is what it was, but for the time it took."""
-    if not (before.has("blocks", block) and after.has("blocks", block)):
-        return False
-    with before.open_block(block) as old, after.open_block(block) as new:
-        if {**old.about, "seconds": 0} != {**new.about, "seconds": 0}:
-            return False
-        return all(
-            np.array_equal(old[name], new[name], equal_nan=old[name].dtype.kind == "f") for name in NAMES
-        )
-
-
-NAMES = (
-    *("point_id", "classification", "vegetation", "part", "candidate", "quanta", "label", "high"),
-    *("not_last", "score", "dtm", "ground", "dsm", "seam_id", "seam_label", "sides"),
-)
-"""The arrays of a block's file (`eaves.run.block_file.save_block`)."""

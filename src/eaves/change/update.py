@@ -13,10 +13,9 @@ from pathlib import Path
 
 import laspy
 import numpy as np
-from numpy.typing import NDArray
 
-from eaves.change.edits import EDITS, read_edits, settle, write_edits
-from eaves.change.kept import Request, frame_of, open_kept, read_request, write_request
+from eaves.change.edits import EDITS, Order, read_edits, settle, write_edits
+from eaves.change.kept import MODELS, Request, frame_of, open_kept, read_request, write_request
 from eaves.change.points import Replacement, replace_points
 from eaves.change.rebuild import ORIGINALS, RememberingStore, State, changed_in_layer
 from eaves.change.reuse import changed_keys, model_again, plans_to_model
@@ -28,6 +27,7 @@ from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
 from eaves.model import Block
 from eaves.model.summary import Summary
 from eaves.run.collisions import is_same_place
+from eaves.run.earlier_lines import EarlierLines
 from eaves.run.join import OwnedBuildings
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
@@ -43,7 +43,10 @@ log = logging.getLogger("eaves")
 EARLIER = "earlier"
 """Folder, within the parts of an update under way, of those of the run that it goes on from."""
 
-MODELS = "buildings.city.jsonl"
+REMEMBERED = 1000
+"""The buildings of so many owner blocks are kept in memory while their files are written; of more they are
+read again for each."""
+
 FIELDS = "return_number", "classification"
 """Where the new files have one of these and the earlier ones had not, or the other way round, every block is
 computed otherwise."""
@@ -61,7 +64,7 @@ class Updated:
     points: tuple[int, int]
     """How many came, and how many went."""
     blocks: tuple[int, int]
-    """How many blocks were computed again and came out otherwise, of how many."""
+    """How many blocks were computed again, of how many."""
     versions: Versions
     conflicts: tuple[str, ...] = ()
     """Among the edits, and edits whose building is no more."""
@@ -73,7 +76,7 @@ class Updated:
         new, again, gone = len(named.new), len(named.remodelled), len(named.gone)
         lines = [
             f"{came:,} points came, {went:,} gave way; "
-            f"{self.blocks[0]:,} of {self.blocks[1]:,} blocks are others",
+            f"{self.blocks[0]:,} of {self.blocks[1]:,} blocks were computed again",
             f"{found:,} buildings: {found - new - again:,} as they were, {again:,} modelled again, "
             f"{new:,} new; {gone:,} are no more",
         ]
@@ -136,17 +139,23 @@ def update(
         begin_manifest(out)
         blocks = region.used_blocks()
         region.check_rasters(blocks)
-        differing = compute_stale(region, before, changed.places, blocks)
+        computed = compute_stale(region, before, changed.places, blocks)
         plans = region.join(blocks, Core(holds=lambda block: True))
         old = planned(request, before, run, workers)
-        cells = changed_keys(np.concatenate(changed.cells))
         versions, owners = model_changed(
-            region, before, plans, old, request, differing, cells, known_ids(folder), when
+            region, before, plans, old, request, changed, known_ids(folder), when
         )
-        edits, conflicts, owners = edit_again(folder, region, blocks, owners, progress)
+        if len(owners) <= REMEMBERED:
+            region.store = RememberingStore(**vars(region.store))
+        edits, orders, conflicts, owners = edit_again(folder, region, blocks, owners, progress)
         outputs = tuple(name for name in run.outputs if name != "report")
         region.run = replace(run, outputs=outputs)
-        summary = write_outputs(region, blocks, [OwnedBuildings(owner, ()) for owner in owners])
+        others = {*versions.new, *versions.remodelled, *versions.gone, *(order.id for order in orders)}
+        places = [*versions.outlines, *(one for order in orders for one in order.outlines)]
+        lines = EarlierLines.read(folder / MODELS, others, places)
+        summary = write_outputs(
+            region, blocks, [OwnedBuildings(owner, ()) for owner in owners], earlier=lines
+        )
         told = {
             "date": when,
             "inputs": [Path(path).name for path in new],
@@ -164,7 +173,7 @@ def update(
         )
         region.store.keep_plan(plan)
         end_manifest(out, files, summary.about, summary.complete)
-        counts = (changed.came, changed.went), (len(differing), len(blocks))
+        counts = (changed.came, changed.went), (computed, len(blocks))
         return Updated(replace(summary, files=tuple(files)), when, *counts, versions, tuple(conflicts))
 
 
@@ -347,15 +356,15 @@ def model_changed(
     plans: Sequence[OwnedBuildings],
     old: Sequence[OwnedBuildings],
     request: Request,
-    differing: set[Block],
-    cells: NDArray[np.int64],
+    changed: Replacement,
     ended: set[str],
     date: str,
 ) -> tuple[Versions, list[Block]]:
     """Model the buildings of the owner blocks that may be others now, and take over those of all others; the
     versions, and the blocks that own buildings."""
     store, run = region.store, region.run
-    todo = plans_to_model(plans, old, request.owners, differing)
+    todo = plans_to_model(plans, old, request.owners, changed.places)
+    cells = changed_keys(np.concatenate(changed.cells))
     again = {one.now.owner_block for one in todo}
     for plan in plans:
         if plan.owner_block not in again and before.has("buildings", plan.owner_block):
@@ -388,10 +397,10 @@ def model_changed(
 
 def edit_again(
     folder: Path, region: Region, blocks: Sequence[Block], owners: Sequence[Block], progress: Progress
-) -> tuple[list[Path], list[str], list[Block]]:
-    """Carry out the edits of the earlier run: their file, the conflicts among them, the owner blocks."""
+) -> tuple[list[Path], list[Order], list[str], list[Block]]:
+    """Carry out the edits of the earlier run: their file, what they ask for, conflicts, the owner blocks."""
     if not (folder / EDITS).exists():
-        return [], [], list(owners)
+        return [], [], [], list(owners)
     run = region.run
     store = RememberingStore(**vars(region.store))
     edits = read_edits(folder / EDITS, store.system)
@@ -400,4 +409,4 @@ def edit_again(
     _, _, failed = state.apply(orders, progress)
     path = run.folder / EDITS
     write_edits(path, edits, store.system)
-    return [path], [*conflicts, *(f"no model: {told}" for told in failed)], state.owners
+    return [path], orders, [*conflicts, *(f"no model: {told}" for told in failed)], state.owners

@@ -39,6 +39,8 @@ class Versions:
     new: list[str] = field(default_factory=list)
     remodelled: list[str] = field(default_factory=list)
     gone: list[str] = field(default_factory=list)
+    outlines: list[Polygon] = field(default_factory=list)
+    """Of all of them (world metres), as they were and as they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +109,14 @@ def name_versions(
         results[one.owner][one.number] = result
         if old is None:
             told.new.append(names[k])
+            told.outlines.append(one.polygon)
         elif not same:
             told.remodelled.append(names[k])
+            told.outlines.extend([one.polygon, earlier[partners[k]].polygon])
     matched = set(partners.values())
-    told.gone.extend(one.id for k, one in enumerate(earlier) if k not in matched)
+    ended = [one for k, one in enumerate(earlier) if k not in matched]
+    told.gone.extend(one.id for one in ended)
+    told.outlines.extend(one.polygon for one in ended)
     for owner in {one.owner for one in fresh}:
         after.save_buildings(owner, results[owner])
     return told

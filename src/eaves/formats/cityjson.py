@@ -47,7 +47,7 @@ Result = BuildingModel | Failure
 
 def write_cityjson_seq(
     path: str | Path,
-    models: Iterable[Result],
+    models: Iterable[Result | str],
     system: CoordinateSystem = LOCAL_METRES,
     title: str = "",
     provenance: Provenance = NOTHING_KNOWN,
@@ -62,8 +62,9 @@ def write_cityjson_seq(
     ----------
     path : str or Path
         The file (`.city.jsonl`); it appears when it is whole.
-    models : iterable of BuildingModel or Failure
-        Buildings in metres about their footprint's origin.
+    models : iterable of BuildingModel, Failure or str
+        Buildings in metres about their footprint's origin, or their lines, written with the same system and
+        `translate` before.
     system : CoordinateSystem
         Coordinate system the coordinates are written in.
     title : str
@@ -97,14 +98,18 @@ def write_cityjson_seq(
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         writer: _Vertices | None = None
         for model in models:
-            if footprint_of(model) is None:
+            footprint = None if isinstance(model, str) else model.footprint
+            if footprint is None and not isinstance(model, str):
                 continue
             if writer is None:
-                writer = _Vertices(system, footprint_of(model), translate)
+                writer = _Vertices(system, footprint, translate)
                 file.write(
                     _line(_frame(writer, system, title, provenance) | {"CityObjects": {}, "vertices": []})
                 )
             count += 1
+            if isinstance(model, str):
+                file.write(model)
+                continue
             writer = writer.emptied()
             objects = _city_objects(model, writer, f"building-{count}")
             feature = {"type": "CityJSONFeature", "id": next(iter(objects))}

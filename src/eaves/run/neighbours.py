@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 
 from eaves.model import Block, BuildingModel, Failure
+from eaves.run.earlier_lines import EarlierLines
 from eaves.run.party_wall_areas import PARTY_GAP, Walls
 from eaves.run.stock import wall_figures
 from eaves.run.store import Store
@@ -17,9 +18,13 @@ HOMES_IN_MEMORY = 16
 """Home blocks whose buildings are kept while those around them are looked at."""
 
 
-def party_walls(store: Store, owners: Sequence[Block]) -> list[dict[str, float] | None]:
+def party_walls(
+    store: Store, owners: Sequence[Block], earlier: EarlierLines | None = None
+) -> list[dict[str, float] | None]:
     """The walls each building shares with others, and its free ones, in the order of the store's results;
     None for a building without solids.
+
+    Those of `earlier` that hold are taken from there; a line of it that tells of other walls is dropped.
     """
 
     @lru_cache(maxsize=HOMES_IN_MEMORY)
@@ -28,20 +33,28 @@ def party_walls(store: Store, owners: Sequence[Block]) -> list[dict[str, float] 
         return [walls_of(answer) for answer in store.answers([owners[owner]])]
 
     places: list[tuple[int, int]] = []
-    polygons = []
+    polygons, names = [], []
     for owner in range(len(owners)):
         for number, row in enumerate(store.building_rows([owners[owner]])):
             places.append((owner, number))
             polygons.append(row.polygon)
+            names.append(str(row.values["id"]))
     shapes = np.array(polygons, object)
     one, other = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=PARTY_GAP)
     order = np.lexsort((other, one))
     one, other = one[order], other[order]
     first = np.searchsorted(one, np.arange(len(places) + 1))
-    return [
-        shared_by(places[number], [places[near] for near in other[first[number] : first[number + 1]]], load)
-        for number in range(len(places))
-    ]
+    known = np.zeros(len(places), bool) if earlier is None else earlier.holds(names, shapes)
+    found = []
+    for number, name in enumerate(names):
+        if earlier is not None and known[number]:
+            found.append(earlier.walls[name])
+            continue
+        near = [places[k] for k in other[first[number] : first[number + 1]]]
+        found.append(shared_by(places[number], near, load))
+        if earlier is not None and name in earlier.places and earlier.walls[name] != found[-1]:
+            del earlier.places[name]
+    return found
 
 
 def walls_of(answer: BuildingModel | Failure) -> Walls | None:

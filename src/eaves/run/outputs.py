@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from glob import escape
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
 from eaves.formats import write_cityjson_seq
@@ -23,6 +23,7 @@ from eaves.run.block_file import BlockMetadata
 from eaves.run.classified_points import PointSink, write_points
 from eaves.run.clock import Clock
 from eaves.run.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
+from eaves.run.earlier_lines import EarlierLines
 from eaves.run.exports import export_footprints, export_models
 from eaves.run.join import OwnedBuildings
 from eaves.run.manifest import begin_manifest, note_files
@@ -73,6 +74,25 @@ class Results:
     shared: Sequence[dict[str, float] | None]
     """The walls of the buildings (`wall_figures`), where known."""
     doubts: Sequence[Row] = ()
+    earlier: EarlierLines | None = None
+    """Models that an earlier run wrote, to be written again as they are."""
+
+    def lines(self) -> Iterator[BuildingModel | Failure | str]:
+        """All models and failures, or their earlier lines; what only these are needed of is not decoded."""
+        if self.earlier is None or not self.earlier.places:
+            yield from self.answers()
+            return
+        areas = iter(self.shared)
+        for owner in self.owners:
+            names = [str(row.values["id"]) for row in self.store.building_rows([owner])]
+            own = list(islice(areas, len(names)))
+            known = self.earlier.read_lines(names)
+            if all(line is not None for line in known):
+                yield from (line for line in known if line is not None)
+                continue
+            answers = replace(self, owners=[owner], shared=own).answers()
+            for answer, line in zip(answers, known, strict=True):
+                yield answer if line is None else line
 
     def answers(self) -> Iterator[BuildingModel | Failure]:
         """All models and failures, owner block by owner block, the models with their party walls."""
@@ -97,7 +117,7 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
         return files + export_footprints(folder, rows, roofs, system, run.formats, made_from), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]
-        lines = results.answers()
+        lines = results.lines()
         write_cityjson_seq(files[0], lines, system, provenance=made_from, translate=run.translate)
         return files + export_models(folder, results.answers, system, run.formats, made_from), None
     if step == "mask":
@@ -110,23 +130,28 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
 
 
 def write_outputs(
-    region: Region, blocks: Sequence[Block], plans: Sequence[OwnedBuildings], sink: PointSink | None = None
+    region: Region,
+    blocks: Sequence[Block],
+    plans: Sequence[OwnedBuildings],
+    sink: PointSink | None = None,
+    earlier: EarlierLines | None = None,
 ) -> Summary:
     """Write what is wanted of a region, each file whole or not at all; what came out.
 
-    `blocks` and `plans` are those the files are to show; blocks that failed are left out.
+    `blocks` and `plans` are those the files are to show; blocks that failed are left out. `earlier` are the
+    models that are written as they were.
     """
     run, store, workers, progress = region.run, region.store, region.workers, region.progress
     owners = [plan.owner_block for plan in plans]
     steps = [name for name in EVERYTHING if name in run.outputs and name != "report"]
     clock = Clock()
-    shared = party_walls(store, owners) if {"footprints", "models"} & set(steps) else []
+    shared = party_walls(store, owners, earlier) if {"footprints", "models"} & set(steps) else []
     clock.lap("party walls")
     metadata = read_metadata(store, blocks)
     places = (doubt for one in metadata for doubt in one.doubts)
     doubts = doubt_rows(chain(places, face_doubts(store.building_rows(owners))), run.side)
     used = [one.block for one in metadata]
-    results = Results(run, store, used, owners, extent_of(metadata), shared, doubts)
+    results = Results(run, store, used, owners, extent_of(metadata), shared, doubts, earlier)
     if sink is not None:
         sizes = [int(row.values.get("points") or 0) for row in store.building_rows(owners)]
         sink.start(run.index.points, len(sizes), sum(sizes))
