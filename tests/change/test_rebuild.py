@@ -77,6 +77,16 @@ def test_a_building_that_is_none_goes__and_no_other_line_changes(out: Path) -> N
     assert check_folder(out) == []
 
 
+def test_verdicts_that_the_page_saved_are_honoured(out: Path) -> None:
+    gone = next(iter(models(out)))
+    table = out.parent / "verdicts.csv"
+    table.write_text(f'id,verdict\r\n"{gone}","no building"\r\n', encoding="utf-8")
+    assert rebuild(out, table).removed == (gone,)
+    table.write_text("id,verdict\nb0,no building\n", encoding="utf-8")
+    with pytest.raises(InputError, match="row 1 names the building 'b0'"):
+        rebuild(out, table)
+
+
 def test_a_flat_roof_is_flat(out: Path) -> None:
     name = pitched(out)
     corrected(out, Edit(FLAT_ROOF, buildings(out)[name], name))

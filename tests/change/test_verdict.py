@@ -87,6 +87,23 @@ def test_the_same_house_is_unchanged() -> None:
     assert judge(scan, scan).change == UNCHANGED
 
 
+@pytest.mark.parametrize(
+    ("wide", "high", "change"),
+    [(2.5, 3.8, UNCHANGED), (3.5, 3.8, NEW), (2.5, 4.5, NEW)],
+    ids=["a lorry", "a garage", "a narrow house"],
+)
+def test_what_no_run_had_there_and_is_narrow_and_low_is_a_lorry(
+    wide: float, high: float, change: str
+) -> None:
+    where = (5.0, 5.0, 17.0, 5.0 + wide)
+    before, after = epoch(garden()), epoch(garden(where), house(high, where))
+    sides = side(before, after, NEAR), side(after, before, NEAR)
+    for forward in (True, False):
+        pair = sides if forward else sides[::-1]
+        told = judge_building(*pair, Rules(), (True, True), 1.5, (not forward, forward))
+        assert told.change == (change if forward or change == UNCHANGED else DEMOLISHED)
+
+
 def test_a_house_where_the_ground_was_is_new__and_the_other_way_round_demolished() -> None:
     empty, built = epoch(garden()), epoch(garden(HOUSE), house())
     new, gone = judge(empty, built), judge(built, empty)

@@ -58,8 +58,15 @@ def test_the_page_loads_selects_and_toggles(browser: Browser, nine_run: Summary,
     browser.click(*browser.run(MIDDLE_OF.replace("ROW", str(row))))
     assert browser.run(CHOSEN) == ids[row], "a click on a roof chooses its building"
     assert ids[row] in browser.run("return document.getElementById('building').textContent")
+    browser.run(
+        "const box = document.getElementById('verdict'); box.value = 'no building';"
+        "box.dispatchEvent(new Event('change'))"
+    )
+    assert browser.run("return eaves.verdicts.text()") == f'id,verdict\r\n"{ids[row]}","no building"\r\n'
+    assert browser.run("return document.getElementById('verdicts').hidden") is False
     browser.press("\ue00c")
     assert browser.run(CHOSEN) == "", "escape lets go"
+    assert browser.run("return document.getElementById('judge').hidden") is True
 
     browser.run("for (const name of ['roofs', 'walls', 'edges']) document.getElementById(name).click()")
     browser.settle()

@@ -45,6 +45,7 @@ from eaves.change.verdict import (
     Side,
     Verdict,
     came,
+    is_vehicle,
     judge_building,
     patches_of,
 )
@@ -501,6 +502,8 @@ def found_beside(faced: _Faced, spacing: float, epoch: int, rules: Rules, link: 
         xy = side.xyz[patch, :2]
         outline = outline_of(xy, spacing)
         if side.area_of(patch) < COMPACT * shapely.convex_hull(outline).area:
+            continue
+        if is_vehicle(side, patch, rules, link):
             continue
         height = float(abs(np.median(side.distance[patch])))
         kind = (DEMOLISHED, NEW)[epoch]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import shapely
 from shapely import MultiPolygon, Polygon
@@ -54,15 +56,24 @@ class Edit:
         return Row(self.polygon, {"verdict": self.verdict, "id": self.id or None, "source": self.source})
 
 
-def read_edits(path: Path, system: CoordinateSystem) -> list[Edit]:
+def read_edits(
+    path: Path, system: CoordinateSystem, outlines: Mapping[str, Polygon] | None = None
+) -> list[Edit]:
     """The edits of a file: polygons with a field `verdict`, and `id` where they are of a known building.
+
+    A CSV file, as the page of a run saves it, has these two fields alone; `outlines` (id → world metres) are
+    the run's buildings, whose outlines it means.
 
     Raises
     ------
     InputError
-        When the file cannot be read, has no such field, or a verdict that is not known.
+        When the file cannot be read, has no such field, or a verdict or an id that is not known.
     """
-    polygons, _, rows, _ = read_polygons(path, target=system)
+    polygons: Sequence[Polygon | MultiPolygon]
+    if path.suffix.lower() == ".csv":
+        polygons, rows = read_table(path, outlines or {})
+    else:
+        polygons, _, rows, _ = read_polygons(path, target=system)
     if rows and "verdict" not in rows[0]:
         raise InputError.about(path, "has no field 'verdict'", f"add it, with one of: {', '.join(VERDICTS)}")
     edits = []
@@ -77,6 +88,32 @@ def read_edits(path: Path, system: CoordinateSystem) -> list[Edit]:
         told = str(row.get("source") or path.name)
         edits.append(Edit(verdict, usable(polygon, path, number), str(row.get("id") or ""), told))
     return edits
+
+
+def read_table(path: Path, outlines: Mapping[str, Polygon]) -> tuple[list[Polygon], list[dict[str, Any]]]:
+    """The outlines and the rows of a table of ids and verdicts.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or names a building that is not there.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows: list[dict[str, Any]] = list(csv.DictReader(file))
+    except FileNotFoundError:
+        raise InputError.about(path, "does not exist", "check the path") from None
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError.about(path, f"is no table ({error})", "save it as CSV in UTF-8") from None
+    polygons = []
+    for number, row in enumerate(rows, 1):
+        name = str(row.get("id") or "")
+        if name not in outlines:
+            raise InputError.about(
+                path, f"row {number} names the building '{name}', which the run has not", "use the run's ids"
+            )
+        polygons.append(outlines[name])
+    return polygons, rows
 
 
 def usable(polygon: Polygon | MultiPolygon, path: Path, number: int) -> Polygon:

@@ -27,6 +27,7 @@ from eaves.run.manifest import end_manifest, entry_of, known_files
 from eaves.run.outputs import write_outputs
 from eaves.run.recipe import Recipe
 from eaves.run.region import Region
+from eaves.run.rows import BuildingRow
 from eaves.run.run import Progress, no_progress
 from eaves.run.store import Store
 from eaves.run.workers import Workers
@@ -114,12 +115,11 @@ def rebuild(folder: Path, file: Path | None = None, progress: Progress = no_prog
         request = read_request(folder)
         region.store = RememberingStore(**vars(region.store))
         state = State(region.store, request.blocks, request.owners, run.recipe)
-        before = state.shown()
+        before, found = state.shown(), state.found()
         edits = list(read_edits(folder / EDITS, region.store.system)) if (folder / EDITS).exists() else []
         edits += changed_in_layer(folder, region.store, before)
         if file is not None:
-            edits += read_edits(file, region.store.system)
-        found = state.found()
+            edits += read_edits(file, region.store.system, {**found, **before})
         others = {*state.edited(), *(found.keys() - before.keys())}
         orders, conflicts = settle(edits, found)
         modelled, removed, failed = state.apply(orders, progress)
@@ -178,6 +178,12 @@ class State:
     def as_found(self, owner: Block) -> Store:
         """The store that holds an owner block's buildings as the run found them."""
         return self.originals if self.originals.has("buildings", owner) else self.store
+
+    def as_found_rows(self) -> Iterator[BuildingRow]:
+        """What is told of the buildings as the run found them."""
+        for owner in self.owners:
+            if self.originals.has("buildings", owner) or not self.is_added(owner):
+                yield from self.as_found(owner).building_rows([owner])
 
     def found(self) -> dict[str, Polygon]:
         """Id → outline (world metres) of the buildings as the run found them, failures among them."""

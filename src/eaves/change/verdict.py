@@ -65,6 +65,11 @@ class Rules:
     """A patch is as wide as this (m) somewhere: balconies and eaves are seen from one side only."""
     smallest_alone_m2: float = 25.0
     """The same for a surface that stands alone and is in no run's footprints: larger than a lorry."""
+    vehicle_width: float = 2.7
+    """What stands alone and is nowhere so wide (m) is a lorry, a trailer or a container where it is also low:
+    the legal limit is 2.55 m, a garage is wider."""
+    vehicle_height: float = 4.2
+    """The highest of them (m)."""
     smallest_height: float = 0.35
     """A roof that was raised or lowered lies at least so far off (m): between noise and half a metre."""
     flat: float = 0.5
@@ -172,6 +177,8 @@ def judge_building(
     figures = {"seen": round(seen, 3), "same": round(same, 3)}
     stands_new = built.sum() >= max(rules.most * len(new) * seen_new, rules.least_points)
     if stands_new and (not outlined[0] or gone_all(old, new, rules)):
+        if not outlined[0] and is_vehicle(new, built, rules, link):
+            return Verdict(UNCHANGED, reason="as narrow and low as a lorry", figures=figures)
         if new.flat[built].mean() < rules.crown:
             return Verdict(UNCLEAR, reason="what is new here is not flat: a crown, perhaps", figures=figures)
         return Verdict(
@@ -185,6 +192,8 @@ def judge_building(
         )
     stood_old = gone.sum() >= max(rules.most * len(old), rules.least_points)  # what is hidden is not gone
     if stood_old and (not outlined[1] or gone_all(new, old, rules)):
+        if not outlined[1] and is_vehicle(old, gone, rules, link):
+            return Verdict(UNCHANGED, reason="as narrow and low as a lorry", figures=figures)
         return Verdict(
             DEMOLISHED,
             height_m=float(np.median(old.distance[gone])),
@@ -295,6 +304,14 @@ def is_wide(xy: NDArray[np.float64], width: float, reach: float) -> bool:
     diameter (m) between them: strips along edges do not."""
     covered = shapely.union_all(shapely.buffer(shapely.points(xy), reach, quad_segs=2))
     return not shapely.buffer(covered, -reach - width / 2, quad_segs=2).is_empty
+
+
+def is_vehicle(side: Side, patch: Mask, rules: Rules, link: float) -> bool:
+    """Whether some points of a roof are as low and as narrow as a lorry's."""
+    height = float(np.abs(np.median(side.distance[patch])))
+    margin = float(np.sqrt(np.median(side.size[patch]))) / 2  # the outermost points lie within the sides
+    width = rules.vehicle_width - margin
+    return height <= rules.vehicle_height and not is_wide(side.xyz[patch, :2], width, link / 2)
 
 
 def volume_of(old: Side, new: Side) -> float:

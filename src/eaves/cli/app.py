@@ -21,7 +21,7 @@ from eaves.cli.runs import (
     report_error,
 )
 from eaves.cli.scenes import demo, simulate
-from eaves.cli.time import compare, rebuild, update
+from eaves.cli.time import calibrate, compare, rebuild, update
 
 app = typer.Typer(
     name="eaves",
@@ -70,7 +70,7 @@ def methods(
 
 for command in (
     *(build, ground, detect, reconstruct, sweep, check, validate, evaluate, simulate, view, serve, plot),
-    *(compare, update, rebuild, load, solar, methods, doctor, demo),
+    *(compare, update, rebuild, calibrate, load, solar, methods, doctor, demo),
 ):
     app.command()(command)
 

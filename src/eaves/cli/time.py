@@ -39,7 +39,10 @@ def compare(
 def rebuild(
     folder: Annotated[Path, typer.Argument(help="What `eaves build --keep` wrote.", metavar="OUT")],
     edits: Annotated[
-        Path | None, typer.Option(help="Polygons with a field verdict, and id where they are of a building.")
+        Path | None,
+        typer.Option(
+            help="Polygons with a field verdict, and id where they are of a building; or a CSV of both."
+        ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
@@ -94,3 +97,29 @@ def update(
     for reason in done.summary.failed:
         typer.echo(f"incomplete: {reason}", err=True)
     raise typer.Exit(COMPLETE if done.summary.complete else INCOMPLETE)
+
+
+def calibrate(
+    folder: Annotated[Path, typer.Argument(help="What `eaves build --keep` wrote.", metavar="OUT")],
+    edits: Annotated[
+        Path | None, typer.Argument(help="Verdicts, as `eaves rebuild --edits` takes them.", metavar="EDITS")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="The configuration; else OUT/calibration.toml.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """The detector fitted to a survey by verdicts. Written only where it is better on those left out.
+
+    At least 20 verdicts; those of OUT/edits.gpkg count, too:
+
+      eaves calibrate out verdicts.gpkg
+      eaves build tiles/ -o out2 --config out/calibration.toml
+    """
+    from eaves.change.calibrate import calibrate as run_calibrate
+
+    start_log(quiet)
+    with progress_display(quiet) as progress:
+        done = run_calibrate(folder, edits, out, progress)
+    if not quiet:
+        typer.echo(done.as_text())

@@ -32,7 +32,7 @@ from eaves.report.surfaces import CityFace, cut_into_triangles, edges_of, in_pie
 
 SCRIPTS = (
     *("arrays", "camera", "draw", "pace", "pick", "measure", "profile", "shade"),
-    *("colours", "table", "charts", "main", "events"),
+    *("colours", "table", "charts", "verdicts", "main", "events"),
 )
 COLUMNS = {
     "id": "id",

@@ -14,6 +14,7 @@ from eaves.model import Block, Bounds, Mask, PointCloud, Points, Raster, Regions
 from eaves.model.cloud import BRIDGE_DECK, GROUND, HIGH_NOISE, WIRE, WIRE_TOWER
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
+from eaves.model.scene import Scene
 from eaves.raster.surfaces import on_terrain, scene_of, terrain_of
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.run.clock import Clock
@@ -38,28 +39,12 @@ def block_pass(
     those of bridges: ground to stand on for the detector, and no terrain.
     """
     clock = Clock()
-    cloud = cloud.about(block.origin).in_canonical_order()
     core = Bounds(0.0, 0.0, block.side, block.side)
     seen = core.buffered(recipe.scene_buffer)
-    whole, cloud = cloud, cloud.take(seen.contains(cloud.xyz))
-    beneath = None if wide is None else wide.terrain_beneath(seen, block.origin)
-    if beneath is None or not len(beneath):
-        beneath = nearest_ground(whole, core) if not cloud.ground.any() else beneath
-    other = wet_or_bridged(cloud, decks)
-    on_deck = other == BRIDGE_DECK
-    cloud = with_classes(cloud, other)
-    scene = scene_of(cloud, seen, beneath=beneath)
+    scene, trodden, wires = see_block(cloud, block, recipe, wide, decks)
+    cloud = scene.cloud
     clock.lap("rasters")
     nothing = Regions(np.zeros(len(cloud), np.int32))
-    trodden = scene
-    if on_deck.any() and recipe.detect:
-        stood = with_classes(cloud, np.where(on_deck, np.uint8(GROUND), np.uint8(0)))
-        trodden = on_terrain(scene, stood, terrain_of(stood, seen, beneath=beneath))
-    wires = np.zeros(len(cloud), bool)
-    if recipe.marks_others:
-        wires = find_wires(cloud, scene.height, scene.spacing)
-        hidden = with_classes(trodden.cloud, np.where(wires, np.uint8(HIGH_NOISE), np.uint8(0)))
-        trodden = replace(trodden, cloud=hidden)
     regions = detect_buildings(trodden, recipe.detect) if recipe.detect else nothing
     clock.lap("detect")
 
@@ -98,6 +83,41 @@ def block_pass(
         seconds=clock.laps,
         keeps_low=recipe.lod == OVERHANGS,
     )
+
+
+def see_block(
+    cloud: PointCloud,
+    block: Block,
+    recipe: Recipe,
+    wide: WideObjects | None = None,
+    decks: Sequence[Decks] = (),
+) -> tuple[Scene, Scene, Mask]:
+    """The scene of a block; the one that the detector sees, on the decks of bridges and without wires; the
+    points (N,) of wires.
+
+    The arguments are those of `block_pass`.
+    """
+    cloud = cloud.about(block.origin).in_canonical_order()
+    core = Bounds(0.0, 0.0, block.side, block.side)
+    seen = core.buffered(recipe.scene_buffer)
+    whole, cloud = cloud, cloud.take(seen.contains(cloud.xyz))
+    beneath = None if wide is None else wide.terrain_beneath(seen, block.origin)
+    if beneath is None or not len(beneath):
+        beneath = nearest_ground(whole, core) if not cloud.ground.any() else beneath
+    other = wet_or_bridged(cloud, decks)
+    on_deck = other == BRIDGE_DECK
+    cloud = with_classes(cloud, other)
+    scene = scene_of(cloud, seen, beneath=beneath)
+    trodden = scene
+    if on_deck.any() and recipe.detect:
+        stood = with_classes(cloud, np.where(on_deck, np.uint8(GROUND), np.uint8(0)))
+        trodden = on_terrain(scene, stood, terrain_of(stood, seen, beneath=beneath))
+    wires = np.zeros(len(cloud), bool)
+    if recipe.marks_others:
+        wires = find_wires(cloud, scene.height, scene.spacing)
+        hidden = with_classes(trodden.cloud, np.where(wires, np.uint8(HIGH_NOISE), np.uint8(0)))
+        trodden = replace(trodden, cloud=hidden)
+    return scene, trodden, wires
 
 
 def nearest_ground(cloud: PointCloud, core: Bounds) -> Points:

@@ -14,13 +14,15 @@ import numpy as np
 from eaves.footprints.addresses import split_buildings
 from eaves.formats import InputError
 from eaves.formats.atomic import DiskFullError
-from eaves.model import Block, Bounds, Failure, Footprint
+from eaves.ground.toolkit.wide_objects import WideObjects
+from eaves.model import Block, Bounds, Failure, Footprint, PointCloud
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.raster.surfaces import CELL
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.run.block import block_pass
 from eaves.run.building import broken_result, building_pass, draw_footprints, find_doubtful
 from eaves.run.clock import Budget, Clock
+from eaves.run.decks import Decks
 from eaves.run.gather import AROUND, Gatherer
 from eaves.run.ground_squares import classify_squares, group_squares
 from eaves.run.index import Index
@@ -309,13 +311,20 @@ def import_methods(recipe: Recipe) -> None:
 
 def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
     """The block pass for one block, kept in the store."""
+    result = block_pass(*load_block(block, store, recipe))
+    result.seconds["ground"] = store.ground_seconds(block)
+    store.save_block(result)
+
+
+def load_block(
+    block: Block, store: Store, recipe: Recipe
+) -> tuple[PointCloud, Block, Recipe, WideObjects | None, tuple[Decks, ...]]:
+    """What `block_pass` takes, from the store."""
     seen = block.bounds.buffered(recipe.scene_buffer)
     wide = load_wide(store, seen) if recipe.sees_wide else None
     decks = load_decks(store, seen) if recipe.sees_wide and recipe.marks_others else ()
     cloud, _ = store.load_points(seen, block.origin, block.side, classified=True)
-    result = block_pass(cloud, block, recipe, wide, decks)
-    result.seconds["ground"] = store.ground_seconds(block)
-    store.save_block(result)
+    return cloud, block, recipe, wide, decks
 
 
 class Earlier(Protocol):

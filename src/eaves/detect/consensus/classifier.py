@@ -29,17 +29,45 @@ SURFACE_TERMS, CELL_TERMS = terms_from(SURFACE_SHAPE), terms_from(CELL_SHAPE)
 
 
 @dataclass(frozen=True)
+class ScoreWeights:
+    """Log odds that a region is a building for each unit of the terms of `score_regions`."""
+
+    constant: float
+    odds: float
+    height: float
+    width: float
+
+
+SCORE = ScoreWeights(1.4, odds=0.3, height=4.8, width=6.2)
+"""Logistic regression over 3950 regions, 85 of them false, of 86 simulated towns (seeds 7300 to 7386, 1.5 to
+18 points/m², a third of them wooded, a quarter without returns). The weight of the odds was given, not
+fitted: nearly all that is false there is a van, and elsewhere it is not. The benchmark
+`benchmarks.accuracy.detection_scores` judges the score on other towns."""
+
+
+@dataclass(frozen=True)
 class Weights:
-    """Log odds for each unit of the terms of surfaces and of cells in no surface."""
+    """Log odds for each unit of the terms of surfaces and of cells in no surface; those of the score."""
 
     surface: tuple[float, ...]
     cell: tuple[float, ...]
+    score: ScoreWeights = SCORE
 
 
-def read_weights(path: str | Path) -> Weights:
-    """The weights in a JSON file: an object with lists `surface` and `cell`."""
-    found = json.loads(Path(path).read_text(encoding="utf-8"))
-    return Weights(tuple(map(float, found["surface"])), tuple(map(float, found["cell"])))
+def read_weights(given: str) -> Weights:
+    """The weights in a JSON file, or in the JSON itself: an object with lists `surface` and `cell`, and where
+    the score is weighed otherwise, too, a list `score` of the fields of `ScoreWeights`."""
+    text = given if given.lstrip().startswith("{") else Path(given).read_text(encoding="utf-8")
+    found = json.loads(text)
+    score = ScoreWeights(*map(float, found["score"])) if "score" in found else SCORE
+    return Weights(tuple(map(float, found["surface"])), tuple(map(float, found["cell"])), score)
+
+
+def write_weights(weights: Weights) -> str:
+    """Weights as JSON that `read_weights` takes."""
+    return json.dumps(
+        {"surface": weights.surface, "cell": weights.cell, "score": list(vars(weights.score).values())}
+    )
 
 
 # fmt: off
@@ -61,21 +89,6 @@ simulated towns (0.3 to 30 points/m², all, few or no echoes) and the labelled s
 `benchmarks.accuracy.detection_fit`, which also keeps what each survey left out gives."""
 
 
-@dataclass(frozen=True)
-class ScoreWeights:
-    """Log odds that a region is a building for each unit of the terms of `score_regions`."""
-
-    constant: float
-    odds: float
-    height: float
-    width: float
-
-
-SCORE = ScoreWeights(1.4, odds=0.3, height=4.8, width=6.2)
-"""Logistic regression over 3950 regions, 85 of them false, of 86 simulated towns (seeds 7300 to 7386, 1.5 to
-18 points/m², a third of them wooded, a quarter without returns). The weight of the odds was given, not
-fitted: nearly all that is false there is a van, and elsewhere it is not. The benchmark
-`benchmarks.accuracy.detection_scores` judges the score on other towns."""
 VAN_WIDTH_M, VAN_HEIGHT_M, NEAR_M = 2.5, 2.5, 0.5
 """Where the terms of the score are zero, as it was fitted: about the width and height of vans (m); and how
 far (m) from them a region's own say more."""
@@ -281,7 +294,9 @@ def cell_odds(terms: Values, weights: Weights) -> Values:
     return np.asarray(terms @ np.array(weights.cell), np.float64)
 
 
-def score_regions(region: Labels, odds: Values, width: Values, height: Values) -> Values:
+def score_regions(
+    region: Labels, odds: Values, width: Values, height: Values, weight: ScoreWeights = SCORE
+) -> Values:
     """How sure each region 1…K of (H, W) is, 0 to 1, from its cells' mean odds and its top.
 
     `width` and `height` (m, (K,)) are those of the top, inf where it is larger than any vehicle. Of the
@@ -290,7 +305,6 @@ def score_regions(region: Labels, odds: Values, width: Values, height: Values) -
     count = len(width)
     size = np.bincount(region.ravel(), minlength=count + 1)[1:]
     total = np.bincount(region.ravel(), weights=np.clip(odds, -8.0, 8.0).ravel(), minlength=count + 1)[1:]
-    weight = SCORE
     sure = (
         weight.constant
         + weight.odds * total / np.maximum(size, 1)

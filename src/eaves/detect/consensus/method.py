@@ -131,7 +131,9 @@ class Consensus(Detector):
         0.5, "A region that goes on in the terrain along a larger share of its rim is rock.", ge=0.0, le=1.0
     )
     weights: str | None = parameter(
-        None, "File (JSON) with weights of the evidence; default: those fitted to all labelled surveys."
+        None,
+        "Weights of the evidence, a file (JSON) or the JSON itself; default: those fitted to all labelled "
+        "surveys.",
     )
     min_width: float = parameter(1.5, "Side of a square that fits into every building.", unit="m", ge=0.0)
     limb_width: float = parameter(
@@ -519,9 +521,8 @@ class Consensus(Detector):
         part[vehicle[number]] = 0
         number[vehicle[number]] = 0
         width, low = (np.where(vehicle_size, one, np.inf) for one in (tops.width, tops.low))
-        return Regions(
-            number, score_regions(region, odds, width[1:], low[1:]), part
-        ), tops.containers & ~vehicle
+        score = score_regions(region, odds, width[1:], low[1:], self.judged_by.score)
+        return Regions(number, score, part), tops.containers & ~vehicle
 
 
 def wet_cells(scene: Scene, evidence: Evidence) -> Mask:

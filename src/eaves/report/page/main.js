@@ -116,6 +116,7 @@ class Viewer {
     this.overRoof = pointsOverRoofs(points, triangles);
     this.ruler = new Ruler(this);
     this.profile = new Profile(this);
+    this.verdicts = new Verdicts();
     new ResizeObserver(() => this.ask()).observe(canvas);
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.refresh());
   }
@@ -230,6 +231,7 @@ class Viewer {
     const row = this.all[number], spot = this.spots[number];
     this.look.chosen = spot ? number + 1 : 0;
     byId('building').hidden = !row;
+    this.verdicts.choose(row);
     byId('find').value = row ? row.id : '';
     document.documentElement.dataset.chosen = row ? row.id : '';
     if (row) {

@@ -1,0 +1,355 @@
+"""The detector fitted to one survey, its weights and its score, from what a user says is a building or not.
+
+A verdict is one observation: the mean, over the cells at its place, of the terms that the detector weighs.
+Logistic regression moves the shipped weights as far as the verdicts demand; what the detector says of all
+other surfaces around holds it back, and so do the shipped weights themselves. Each verdict is judged once by
+the weights that the others give (leave-one-out): where that is no better than the shipped ones, they stay.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from eaves.change.edits import EDITS, read_edits, settle
+from eaves.change.kept import open_kept, read_request
+from eaves.change.rebuild import State
+from eaves.detect.consensus.classifier import ScoreWeights, Weights, measured_terms, write_weights
+from eaves.detect.consensus.method import Consensus
+from eaves.formats import InputError
+from eaves.formats.atomic import atomic
+from eaves.model import Block, Values
+from eaves.run.block import see_block
+from eaves.run.recipe import Recipe
+from eaves.run.region import load_block
+from eaves.run.run import Progress, no_progress
+from eaves.run.store import Store
+
+log = logging.getLogger("eaves")
+
+LEAST, LEAST_EACH = 20, 5
+"""Fewer verdicts fit nothing: 28 weights would follow chance. Nothing else holds the score, so it needs so many
+of each kind."""
+
+RIDGE = 1.0
+"""Precision of each weight about the shipped one: unit terms then move the odds by a factor of e at the most
+that is usual."""
+
+ANCHOR = 5.0
+"""What the surfaces and cells of no verdict weigh together, in verdicts for each verdict: with 1 a simulated
+town (seed 11, not scored) found more and invented more, with 25 it hardly moved."""
+
+HELD_CELLS = 2000
+"""So many cells of no verdict in a block stand for all."""
+
+CLIP = 8.0
+"""Odds (log) beyond which a place is sure either way."""
+
+SCORE_RIDGE = 4.0
+"""Precision of the shift and the scale of the score's odds about 0 and 1."""
+
+Sample = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """What the detector weighs: mean terms (N, T) of places, what is said of each (N,), and its weight."""
+
+    terms: Values
+    truth: Values
+    weight: Values
+
+
+@dataclass(frozen=True)
+class Check:
+    """How verdicts are judged by weights that have not seen them, and by the shipped ones: how many are
+    right, and the mean log loss."""
+
+    count: int
+    right: tuple[int, int]
+    loss: tuple[float, float]
+    error: float
+    """Standard error of the difference of the losses."""
+
+    @property
+    def better(self) -> bool:
+        """Whether the fitted weights are, by more than chance gives."""
+        gain = self.loss[1] - self.loss[0]
+        return gain > self.error and self.right[0] >= self.right[1]
+
+    @property
+    def told(self) -> str:
+        """In words."""
+        return (
+            f"left out one by one, {self.right[0]} of {self.count} are right (shipped: {self.right[1]}), "
+            f"log loss {self.loss[0]:.3f} (shipped: {self.loss[1]:.3f})"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """What a calibration found."""
+
+    buildings: int
+    others: int
+    detector: Check | None
+    score: Check | None
+    weights: Weights | None
+    """None where the shipped ones stay."""
+    path: Path
+
+    def as_text(self) -> str:
+        """The closing lines."""
+        count = self.buildings + self.others
+        lines = [f"{count} verdicts: {self.buildings} buildings, {self.others} that are none"]
+        if self.detector is None:
+            return f"{lines[0]}\ntoo few, {LEAST} are needed: the shipped weights stay, nothing is written"
+        for name, check in (("detector", self.detector), ("score", self.score)):
+            if check is not None:
+                lines.append(
+                    f"{name}: {check.told}" + ("" if check.better else "; no better, the shipped one stays")
+                )
+        if self.weights is None:
+            lines.append("nothing is written")
+        else:
+            lines.append(f"eaves build … --config {self.path}")
+        return "\n".join(lines)
+
+
+def calibrate(
+    folder: Path, file: Path | None = None, out: Path | None = None, progress: Progress = no_progress
+) -> Calibrated:
+    """The detector of a run fitted to the user's verdicts; its configuration for `eaves build --config`.
+
+    Parameters
+    ----------
+    folder
+        What `eaves build --keep` wrote; the verdicts in its edits.gpkg count.
+    file
+        More edits, as `eaves rebuild` takes them. 'no building' says that there is none; every other verdict
+        that there is one.
+    out
+        The configuration; by default calibration.toml in the folder. It is written only where it is better.
+    progress
+        Called with the step, how much of it is done, and how much there is.
+
+    Raises
+    ------
+    InputError
+        When the folder keeps no parts, its detector has no weights, or an edit cannot be read.
+    """
+    folder = Path(folder)
+    run, request = open_kept(folder), read_request(folder)
+    method = run.recipe.detect
+    if not isinstance(method, Consensus):
+        raise InputError.about(folder, "was built with a detector that has no weights", "use consensus")
+    store = Store(
+        run.work_folder,
+        has_returns=run.index.has_field("return_number"),
+        has_classes=run.index.has_field("classification"),
+        system=run.index.system,
+    )
+    state = State(store, request.blocks, request.owners, run.recipe)
+    found = state.found()
+    edits = list(read_edits(folder / EDITS, store.system)) if (folder / EDITS).exists() else []
+    if file is not None:
+        edits += read_edits(file, store.system, {**found, **state.shown()})
+    orders, _ = settle(edits, found)
+    truths = np.array([bool(order.outlines) for order in orders], bool)
+    outlines = [shapely.union_all(order.outlines) if order.outlines else found[order.id] for order in orders]
+    path = out or folder / "calibration.toml"
+    counts = int(truths.sum()), int((~truths).sum())
+    if sum(counts) < LEAST:
+        return Calibrated(*counts, None, None, None, path)
+    judged, held = gather(store, run.recipe, method, outlines, truths, progress)
+    shipped = method.judged_by
+    start = np.array([*shipped.surface, *shipped.cell])
+    detector = leave_one_out(judged, held, start)
+    scores = {str(row.values["id"]): float(row.values["score"]) for row in state.as_found_rows()}
+    known = [k for k, order in enumerate(orders) if order.known and order.id in scores]
+    score_check, scale = check_score(np.array([scores[orders[k].id] for k in known]), truths[known])
+    weights = shipped
+    if detector.better:
+        fit = regress(judged, held, start)
+        count = len(shipped.surface)
+        weights = replace(weights, surface=rounded(fit[:count]), cell=rounded(fit[count:]))
+    if score_check is not None and score_check.better:
+        weights = replace(weights, score=scaled(weights.score, *scale))
+    if weights == shipped:
+        return Calibrated(*counts, detector, score_check, None, path)
+    given = {**method.model_dump(mode="json", exclude_defaults=True), "weights": write_weights(weights)}
+    lines = [f"# fitted by eaves calibrate to {sum(counts)} verdicts on {folder.resolve().name}"]
+    lines += [
+        "[detect]",
+        'method = "consensus"',
+        *(f"{name} = {toml(value)}" for name, value in given.items()),
+    ]
+    with atomic(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return Calibrated(*counts, detector, score_check, weights, path)
+
+
+def toml(value: object) -> str:
+    """A value as TOML has it."""
+    return f"'{value}'" if isinstance(value, str) and '"' in value else json.dumps(value)
+
+
+def rounded(values: Values) -> tuple[float, ...]:
+    """To three places: more is chance."""
+    return tuple(round(float(value), 3) for value in values)
+
+
+def gather(
+    store: Store,
+    recipe: Recipe,
+    method: Consensus,
+    outlines: Sequence[BaseGeometry],
+    truths: NDArray[np.bool_],
+    progress: Progress,
+) -> tuple[Places, Places]:
+    """What the detector weighs at the places of verdicts, and elsewhere in their blocks; the truth of the
+    latter is what it says itself."""
+    by_block: dict[Block, list[int]] = {}
+    for k, outline in enumerate(outlines):
+        point = outline.representative_point()
+        by_block.setdefault(Block.at(point.x, point.y), []).append(k)
+    judged: list[tuple[Values, float]] = []
+    held: list[Places] = []
+    everything = shapely.STRtree(list(outlines))
+    for done, (block, mine) in enumerate(sorted(by_block.items()), 1):
+        if store.has("blocks", block):
+            seen = See(store, recipe, method, block)
+            for k in mine:
+                terms = seen.mean_terms(outlines[k])
+                if terms is not None:
+                    judged.append((terms, float(truths[k])))
+            others = [outlines[k] for k in everything.query(shapely.box(*vars(block.bounds).values()))]
+            held.append(seen.elsewhere(shapely.union_all(others)))
+        progress("verdicts", done, len(by_block))
+    terms = np.array([terms for terms, _ in judged]).reshape(len(judged), -1)
+    places = Places(terms, np.array([truth for _, truth in judged]), np.ones(len(judged)))
+    names = ("terms", "truth", "weight")
+    rest = Places(*(np.concatenate([getattr(one, name) for one in held]) for name in names))
+    whole = ANCHOR * len(judged) / max(float(rest.weight.sum()), 1e-9)
+    return places, replace(rest, weight=rest.weight * whole)
+
+
+class See:
+    """A block as the detector sees it: the terms of its surfaces and cells, by the shipped weights."""
+
+    def __init__(self, store: Store, recipe: Recipe, method: Consensus, block: Block) -> None:
+        _, scene, _ = see_block(*load_block(block, store, recipe))
+        candidate = method.candidates(scene)
+        _, self.evidence, self.segments = method.find_surfaces(scene, candidate)
+        self.weights, self.origin = method.judged_by, block.origin
+        self.terms = measured_terms(
+            self.evidence, self.segments, method.tolerance(scene.spacing), self.weights, method.judgement
+        )
+        self.seen = self.evidence.candidate.ravel()
+        self.large = self.terms.large.ravel()
+        self.label = self.segments.label.ravel()
+        self.cells = self.terms.cell.reshape(self.large.size, -1)
+        self.xy = self.evidence.cells.centres(np.arange(self.evidence.cells.size)) + np.array(block.origin)
+
+    def mean_terms(self, outline: BaseGeometry) -> Values | None:
+        """The mean terms (T,) over the cells in an outline; None where nothing stands there."""
+        west, south, east, north = outline.bounds
+        x, y = self.xy.T
+        near = np.flatnonzero(self.seen & (x >= west) & (x <= east) & (y >= south) & (y <= north))
+        near = near[shapely.contains_xy(outline, self.xy[near])]
+        if not len(near):
+            return None
+        large = near[self.large[near]]
+        surface = self.terms.surface[self.label[large] - 1].sum(axis=0)
+        cell = self.cells[near[~self.large[near]]].sum(axis=0)
+        return np.asarray(np.r_[surface, cell] / len(near))
+
+    def elsewhere(self, outlines: BaseGeometry) -> Places:
+        """The surfaces that no outline meets, and some of the other cells; each counts by its area's root,
+        fifty cells as one surface."""
+        inside = shapely.contains_xy(outlines, self.xy)
+        met = np.bincount(self.label[inside], minlength=len(self.terms.surface) + 1)[1:] > 0
+        free = np.flatnonzero(~met & np.isin(np.arange(1, len(met) + 1), self.label[self.large]))
+        cells = np.flatnonzero(self.seen & ~self.large & ~inside)
+        chosen = cells[:: max(1, len(cells) // HELD_CELLS)]
+        surface, cell = self.terms.surface[free], self.cells[chosen]
+        count = surface.shape[1]
+        terms = np.zeros((len(free) + len(chosen), count + cell.shape[1]))
+        terms[: len(free), :count], terms[len(free) :, count:] = surface, cell
+        share = len(cells) / max(len(chosen), 1) / 50.0
+        weight = np.r_[np.sqrt(self.segments.area[free]), np.full(len(chosen), share)]
+        odds = terms @ np.array([*self.weights.surface, *self.weights.cell])
+        return Places(terms, sigmoid(odds), weight)
+
+
+def sigmoid(odds: Values) -> Values:
+    """Probabilities (N,) of log odds."""
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(odds, -30.0, 30.0))))
+
+
+def regress(judged: Places, held: Places, start: Values, ridge: float = RIDGE) -> Values:
+    """Weights (T,) that fit the verdicts and hold to what was said elsewhere, near `start` (Newton)."""
+    terms = np.concatenate([judged.terms, held.terms])
+    truth, weight = np.r_[judged.truth, held.truth], np.r_[judged.weight, held.weight]
+    found = start.copy()
+    for _ in range(30):
+        likely = sigmoid(terms @ found)
+        slope = terms.T @ (weight * (truth - likely)) - ridge * (found - start)
+        curve = (terms * (weight * likely * (1 - likely))[:, None]).T @ terms + ridge * np.eye(len(start))
+        step = np.clip(np.linalg.solve(curve, slope), -2.0, 2.0)
+        found = found + step
+        if np.abs(step).max() < 1e-4:
+            break
+    return np.asarray(found)
+
+
+def leave_one_out(judged: Places, held: Places, start: Values, ridge: float = RIDGE) -> Check:
+    """How each verdict is judged by the weights that all others give."""
+    odds = np.zeros(len(judged.truth))
+    for k in range(len(odds)):
+        others = np.arange(len(odds)) != k
+        some = Places(judged.terms[others], judged.truth[others], judged.weight[others])
+        odds[k] = judged.terms[k] @ regress(some, held, start, ridge)
+    return compare(odds, judged.terms @ start, judged.truth > 0.5)
+
+
+def compare(fitted: Values, shipped: Values, truth: NDArray[np.bool_]) -> Check:
+    """Two ways to judge (log odds, (N,)) held against the truth."""
+    losses = []
+    for odds in (fitted, shipped):
+        likely = sigmoid(np.clip(odds, -CLIP, CLIP))
+        losses.append(-np.log(np.where(truth, likely, 1.0 - likely)))
+    apart = losses[0] - losses[1]
+    error = float(apart.std(ddof=1) / np.sqrt(len(apart))) if len(apart) > 1 else np.inf
+    right = int(((fitted > 0) == truth).sum()), int(((shipped > 0) == truth).sum())
+    return Check(len(truth), right, (float(losses[0].mean()), float(losses[1].mean())), error)
+
+
+def check_score(scores: Values, truth: NDArray[np.bool_]) -> tuple[Check | None, tuple[float, float]]:
+    """The score's odds shifted and scaled to the verdicts on detected buildings, left out one by one; the
+    shift and the scale of all. None where there are too few."""
+    if len(truth) < LEAST or min(int(truth.sum()), int((~truth).sum())) < LEAST_EACH:
+        return None, (0.0, 1.0)
+    clipped = np.clip(scores, 1e-3, 1.0 - 1e-3)
+    odds = np.log(clipped / (1.0 - clipped))
+    terms, start = np.column_stack([np.ones(len(odds)), odds]), np.array([0.0, 1.0])
+    judged = Places(terms, truth.astype(float), np.ones(len(odds)))
+    none = Places(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    shift, scale = regress(judged, none, start, SCORE_RIDGE)
+    return leave_one_out(judged, none, start, SCORE_RIDGE), (float(shift), float(scale))
+
+
+def scaled(score: ScoreWeights, shift: float, scale: float) -> ScoreWeights:
+    """The weights of a score whose odds are shifted and scaled."""
+    constant, *others = rounded(
+        np.array([score.constant * scale + shift, *(np.array(list(vars(score).values())[1:]) * scale)])
+    )
+    return ScoreWeights(constant, *others)
