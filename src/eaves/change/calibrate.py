@@ -36,7 +36,7 @@ from eaves.run.store import Store
 log = logging.getLogger("eaves")
 
 LEAST, LEAST_EACH = 20, 5
-"""Fewer verdicts fit nothing: 28 weights would follow chance. Nothing else holds the score, so it needs so many
+"""Fewer verdicts fit nothing: 28 weights would follow chance. Nothing else holds the score: it needs so many
 of each kind."""
 
 RIDGE = 1.0

@@ -138,6 +138,7 @@ def recipe_of(plan: dict[str, Any]) -> Recipe:
         lod=plan["lod"],
         ground_classes=tuple(plan.get("ground_classes") or (2,)),
         vegetation=None if vegetation is None else VegetationRules(**vegetation),
+        others=plan.get("others", True),
     )
 
 

@@ -456,6 +456,7 @@ def describe(
         "vegetation": asdict(recipe.vegetation)
         if recipe.marks_vegetation and recipe.vegetation is not None
         else None,
+        "others": recipe.others,
         "lod": recipe.lod,
         "overhangs": asdict(recipe.overhangs) if recipe.lod == OVERHANGS else None,
         "buffer": recipe.buffer,
