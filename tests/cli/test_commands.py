@@ -20,6 +20,7 @@ from eaves.cli import app as cli
 
 OUTPUTS = {
     "footprints.gpkg",
+    "review.csv",
     "buildings.city.jsonl",
     "buildings.qgz",
     "mask.tif",
@@ -313,7 +314,15 @@ def test_only_the_outputs_asked_for_are_written_and_the_time_is_shown(
     done = eaves("build", nine_roofs_file, "-o", out, "-q", "--outputs", "footprints,rasters", "--profile")
     assert done.returncode == 0
     there = {path.name for path in out.iterdir()}
-    assert there == {"footprints.gpkg", "buildings.qgz", "dtm.tif", "dsm.tif", "run.json", "manifest.json"}
+    assert there == {
+        "footprints.gpkg",
+        "review.csv",
+        "buildings.qgz",
+        "dtm.tif",
+        "dsm.tif",
+        "run.json",
+        "manifest.json",
+    }
     assert "write rasters" in done.stderr and "write models" not in done.stderr
     kept = json.loads((out / "run.json").read_text("utf-8"))
     assert set(kept["step_wall_seconds"]) == {"read", "blocks", "buildings", "write"}

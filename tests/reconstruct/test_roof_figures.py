@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 
 from eaves import reconstruct_building, segment_roof
 from eaves.model import BuildingModel, Footprint
@@ -11,6 +12,18 @@ from eaves.reconstruct.toolkit.face_quality import grade_faces, supported_share
 from eaves.reconstruct.toolkit.roof_figures import ridge_direction, roof_figures, roof_type
 from eaves.run.trust import judge
 from eaves.simulate import nine_roofs_on_a_slope
+from eaves.simulate.exact import ExactBuilding
+from eaves.simulate.roofs import (
+    Masses,
+    chimney,
+    flat,
+    gable,
+    hip,
+    make_building,
+    mansard,
+    pyramid,
+    wing,
+)
 
 
 def face(plan: float, slope: float, azimuth: float | None, low: float = 5.0, high: float = 8.0) -> dict:
@@ -99,3 +112,43 @@ def test_no_roof_rises_over_the_highest_of_its_points_across_gaps() -> None:
         assert isinstance(answer, BuildingModel), building.kind
         highest = max(solid.vertices[:, 2].max() for solid in answer.solids[answer.lod])
         assert highest <= points[:, 2].max() + 0.3, building.kind
+
+
+def modelled(masses: Masses) -> dict:
+    """The attributes of a model of masses on walls of 5 m, from points at random, 10/m²."""
+    rng = np.random.default_rng(3)
+    building = make_building([mass.translated(0.3, 0.0, 0.0, 5.0) for mass in masses], 1, 1, "", 0.0, 0.0)
+    west, south, east, north = building.footprint.bounds
+    xy = rng.uniform((west, south), (east, north), (int(10 * (east - west) * (north - south)), 2))
+    z = roof_heights(building, xy)
+    points = np.column_stack([xy, z + rng.normal(0.0, 0.03, len(xy))])[np.isfinite(z)]
+    answer = reconstruct_building(points, Footprint(building.footprint), segment_roof(points, 0.316), 0.0)
+    assert isinstance(answer, BuildingModel)
+    return dict(answer.attributes)
+
+
+def roof_heights(building: ExactBuilding, xy: np.ndarray) -> np.ndarray:
+    z = np.full(len(xy), np.nan)
+    for part in building.faces:
+        inside = shapely.contains_xy(part.polygon, xy)
+        z[inside] = part.height_at(xy[inside])
+    return z
+
+
+@pytest.mark.parametrize(
+    ("masses", "kind", "ridge"),
+    [
+        (flat(14, 10, 0.8), "flat", 5.0),
+        (gable(14, 9, 0.8) + (chimney(2.0, 0.2, 4.6),), "gable", 8.6),
+        (hip(14, 9, 0.8), "hip", 8.6),
+        (pyramid(10, 0.7) + (chimney(0.4, 0.3, 4.4),), "pyramid", 8.5),
+        (gable(14, 8, 0.8) + wing(10, 6, 0.8, 3.0, 1.0), "complex", 8.2),
+        (mansard(11, 11, 1.7, 0.4, 1.2), "hip", None),
+    ],
+)
+def test_type_and_heights_of_exact_roofs(masses: Masses, kind: str, ridge: float | None) -> None:
+    told = modelled(masses)
+    assert told["roof_type"] == kind
+    assert told["h_eaves"] == pytest.approx(5.0, abs=0.1)
+    assert ridge is None or told["h_ridge"] == pytest.approx(ridge, abs=0.1)
+    assert told["storeysAboveGround"] == 2

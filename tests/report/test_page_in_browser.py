@@ -77,8 +77,8 @@ def test_the_page_loads_selects_and_toggles(browser: Browser, nine_run: Summary,
     browser.press("\ue007")
     third = int(browser.run("return document.querySelectorAll('#buildings tbody tr')[2].dataset.row"))
     assert browser.run(CHOSEN) == ids[third], "enter on a row flies to its building"
-    fits = browser.run("return eaves.table.order.map(number => eaves.all[number].rmse_m)")
-    assert fits == sorted(fits, reverse=True), "the worst building stands first"
+    trust = browser.run("return eaves.table.order.map(number => eaves.all[number].trust_score)")
+    assert trust == sorted(trust), "the worst building stands first"
     assert browser.errors() == []
 
 
@@ -102,6 +102,18 @@ def test_the_address_shows_the_same_view_again(browser: Browser, nine_run: Summa
     wait_for(browser, "return document.documentElement.dataset.ready === 'yes' && !!window.eaves")
     assert np.allclose(browser.run(state), seen, atol=0.01) and browser.run(CHOSEN) == chosen
     assert browser.run("return document.getElementById('walls').checked") is False
+
+
+def test_an_address_opens_the_worst_or_a_named_building(browser: Browser, nine_run: Summary) -> None:
+    browser.open(nine_run.folder / "report.html")
+    ids = browser.run("return eaves.table.order.map(number => eaves.all[number].id)")
+    for asked, chosen in (("worst", ids[0]), (ids[4], ids[4])):
+        browser.run(f"location.hash = 'building={asked}'")
+        wait_for(browser, f"return document.documentElement.dataset.chosen === {chosen!r}")
+    browser.run("location.hash = 'models=fit'")
+    wait_for(browser, "return document.getElementById('model-colour').value === 'fit'")
+    assert "each roof face" in browser.run("return document.getElementById('model-legend').textContent")
+    assert browser.errors() == []
 
 
 def test_the_table_sorts_up_and_down__numbers_as_numbers(browser: Browser, nine_run: Summary) -> None:
@@ -198,7 +210,8 @@ def test_ten_thousand_rows_scroll_sort_and_are_found(
 ) -> None:
     contents = read_contents(nine_run.folder)
     others = [
-        {**contents.rows[0], "id": f"far-{k}", "area_m2": 500.0 + k, "rmse_m": 0.0} for k in range(10_000)
+        {**contents.rows[0], "id": f"far-{k}", "area_m2": 500.0 + k, "trust_score": 1.0}
+        for k in range(10_000)
     ]
     found = len(contents.rows) + len(others)
     page = tmp_path / "report.html"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import base64
+import csv
 import json
 import re
 import zlib
 from pathlib import Path
 
 import numpy as np
+import pyogrio.raw
 import pytest
 
 from eaves.formats import InputError
@@ -19,6 +21,7 @@ from eaves.report.build import build
 from eaves.report.contents import read_contents
 from eaves.report.page_file import page_arrays, render
 from eaves.report.sample import PointSample
+from eaves.report.surfaces import SURFACES, UNKNOWN_ERROR
 from eaves.report.view import open_report
 
 from ..conftest import blocks_of, write_laz
@@ -50,6 +53,24 @@ def test_the_page_holds_every_building_and_asks_for_no_network(nine_run: Summary
     assert set(unpacked(arrays["outline_building"])) == set(range(1, nine_run.found + 1))
     contents = read_contents(nine_run.folder)
     assert np.array_equal(unpacked(arrays["point_xyz"]), page_arrays(contents)["point_xyz"].ravel())
+
+
+def test_every_roof_face_has_its_own_error(nine_run: Summary) -> None:
+    arrays = page_arrays(read_contents(nine_run.folder))
+    finest = arrays["triangle_lod"] == arrays["triangle_lod"].max()
+    roof = finest & (arrays["triangle_kind"] == SURFACES.index("RoofSurface"))
+    assert (arrays["triangle_error"][roof] < 200).all() and len(set(arrays["triangle_error"][roof])) > 5
+    assert (arrays["triangle_error"][finest & ~roof] == UNKNOWN_ERROR).all()
+
+
+def test_the_review_of_a_run_says_the_same_in_layer_and_table(nine_run: Summary) -> None:
+    with (nine_run.folder / "review.csv").open(newline="", encoding="utf-8") as file:
+        table = [(row["id"], row["link"]) for row in csv.DictReader(file)]
+    layer: list[tuple[str, str]] = []
+    if "review" in pyogrio.list_layers(nine_run.folder / "footprints.gpkg")[:, 0]:
+        read = pyogrio.raw.read(nine_run.folder / "footprints.gpkg", layer="review", columns=["id", "link"])
+        layer = list(zip(*(column.tolist() for column in read[3]), strict=True))
+    assert table == layer
 
 
 def test_roof_points_lie_on_the_models(nine_run: Summary) -> None:

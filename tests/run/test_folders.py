@@ -103,7 +103,7 @@ def test_a_rerun_removes_its_own_old_files_and_nothing_else(nine_roofs_file: Pat
     ]
     assert build(nine_roofs_file, tmp_path, lod="0", outputs=("footprints",)).complete
     assert {path.name for path in tmp_path.iterdir()} == {
-        *("footprints.gpkg", "buildings.qgz", "run.json", MANIFEST),
+        *("footprints.gpkg", "review.csv", "buildings.qgz", "run.json", MANIFEST),
         *("notes.txt", "footprints.geojson"),
     }
     assert check_folder(tmp_path) == []

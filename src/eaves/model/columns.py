@@ -105,7 +105,13 @@ COLUMNS: dict[str, Column] = {
     "block_id": Column("Block", "", "id of the block of houses that the building is a part of", str),
     "wall_certainty": Column("Certainty of party walls", "", "of the least certain one, 0 to 1"),
     "trust": Column("Trust", "", "high, medium or low", str),
+    "trust_score": Column(
+        "Trust score", "", "probability that nine tenths of its plan lie within 0.2 m of the true roof"
+    ),
     "review_reason": Column("Why to review", "", "what lowers the trust, in words", str),
+    "rank": Column("Rank", "", "1 is the building to look at first", int),
+    "badness": Column("Badness", "", "probability that the building is wrong, 0 to 1"),
+    "link": Column("On the page", "", "the building in report.html beside the file", str),
     "stage": Column("Step", "", "the step of the computation that could not decide", str),
     "reason": Column("Reason", "", "why the place or the building deserves a look, in words", str),
     "inlier_share": Column("Share of points on the face", "", "within 0.2 m"),
@@ -167,7 +173,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         *("roof_area_w_m2", "h_ground", "h_50p", "h_70p", "volume_m3", "wall_area_m2", "roof_area_m2"),
         *("roof_projected_m2", "roof_face_count", "rmse_m", "rmse95_m", "points", "density"),
         *("share_no_data", "supported_share", "installation_count", "block_id", "wall_certainty"),
-        *("ground_source", "trust"),
+        *("ground_source", "trust", "trust_score"),
         *("review_reason", "party_wall_area_m2", "free_wall_area_m2", "free_wall_n_m2", "free_wall_e_m2"),
         *("free_wall_s_m2", "free_wall_w_m2", "floor_storeys", "floor_area_m2", "envelope_m2"),
         "envelope_per_volume",

@@ -36,6 +36,7 @@ SCRIPTS = (
 )
 COLUMNS = {
     "id": "id",
+    "trust": "trust",
     "lod": "LoD",
     "roof_type": "roof",
     "score": "score",
@@ -47,12 +48,20 @@ COLUMNS = {
     "volume_m3": "volume (m³)",
     "points": "points",
     "rmse_m": "RMSE (m)",
+    "review_reason": "why to review",
     "failure_code": "failure",
     "failure_reason": "reason",
 }
 """Columns of the table, where a run has them."""
-CHARTED = ("rmse95_m",)
-"""Attributes that the page's histograms show beside those of the table."""
+CHARTED = ("rmse95_m", "trust_score")
+"""Attributes that the page's histograms and its order show beside those of the table."""
+KINDS: dict[str, type[np.unsignedinteger[Any]]] = {
+    "building": np.uint32,
+    "lod": np.uint8,
+    "kind": np.uint8,
+    "error": np.uint16,
+}
+"""What the page knows of a triangle."""
 MILLIMETRES = 1000.0
 UNKNOWN_DISTANCE = 32767
 UNKNOWN_HEIGHT = 2_000_000_000
@@ -211,18 +220,18 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     """The arrays (T,) of the triangles: those of the models, then those of the footprints, lying flat."""
     flat = [CityFace(rings, number, 0, 0) for number, rings in enumerate(flat_footprints(contents))]
     corners = [np.zeros((0, 3, 3), np.int32)]
-    figures: dict[str, list[NDArray[Any]]] = {name: [] for name in ("building", "lod", "kind")}
+    figures: dict[str, list[NDArray[Any]]] = {name: [] for name in KINDS}
     for piece in chain(in_pieces(contents.faces), in_pieces(flat)):
         surfaces = cut_into_triangles(piece)
         corners.append(millimetres(surfaces.corners))
         for name, values in figures.items():
-            values.append(surfaces.figure(name).astype(np.uint32 if name == "building" else np.uint8))
+            values.append(surfaces.figure(name).astype(KINDS[name]))
     whole = np.concatenate(corners)
     corners.clear()
     yield "triangle_xyz", whole
     yield "triangle_building", np.concatenate([np.zeros(0, np.uint32), *figures["building"]]) + np.uint32(1)
-    for name in ("lod", "kind"):
-        yield f"triangle_{name}", np.concatenate([np.zeros(0, np.uint8), *figures[name]])
+    for name in ("lod", "kind", "error"):
+        yield f"triangle_{name}", np.concatenate([np.zeros(0, KINDS[name]), *figures[name]])
 
 
 def millimetres(xyz: Points) -> NDArray[np.int32]:

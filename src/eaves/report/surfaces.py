@@ -19,6 +19,8 @@ from eaves.model.building import GROUND_SURFACE, LODS, OUTER_CEILING_SURFACE, RO
 
 SURFACES = (GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE, OUTER_CEILING_SURFACE)
 """Numbered 0, 1, 2, 3 in `Surfaces.kind`."""
+UNKNOWN_ERROR = 65535
+"""RMSE (mm) of a face that no points are known of: the largest whole number of two bytes."""
 PIECE_FACES = 4000
 """So many faces are cut into triangles at a time, which takes some 40 MB."""
 
@@ -26,13 +28,14 @@ PIECE_FACES = 4000
 @dataclass(frozen=True, eq=False)
 class CityFace:
     """A face: its rings (M, 3), outer first, the building's number among those given, its level of detail and
-    its kind as numbers in `LODS` and `SURFACES`.
+    its kind as numbers in `LODS` and `SURFACES`, and the RMSE (mm) of its points, `UNKNOWN_ERROR` without.
     """
 
     rings: tuple[Points, ...]
     building: int
     lod: int
     kind: int
+    error: int = UNKNOWN_ERROR
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +43,8 @@ class CityFaces(Sequence[CityFace]):
     """Many faces in a few arrays, a tenth of what they take as objects.
 
     `corners` (V, 3) are those of all rings, one behind the other; `ring_start` (R + 1,) is where in them
-    each ring starts, `face_start` (F + 1,) where in the rings each face does; `building`, `lod` and `kind`
-    (F,) are as in `CityFace`.
+    each ring starts, `face_start` (F + 1,) where in the rings each face does; `building`, `lod`,
+    `kind` and `error` (F,) are as in `CityFace`.
     """
 
     corners: Points
@@ -50,6 +53,7 @@ class CityFaces(Sequence[CityFace]):
     building: NDArray[np.int64]
     lod: NDArray[np.int64]
     kind: NDArray[np.int64]
+    error: NDArray[np.int64]
 
     @classmethod
     def of(cls, faces: Iterable[CityFace]) -> CityFaces:
@@ -60,10 +64,10 @@ class CityFaces(Sequence[CityFace]):
                 corners.frombytes(np.asarray(ring, np.float64).tobytes())
                 rings.append(len(ring))
             counts.append(len(face.rings))
-            figures.extend((face.building, face.lod, face.kind))
-        building, lod, kind = np.array(figures, np.int64).reshape(-1, 3).T.copy()
+            figures.extend((face.building, face.lod, face.kind, face.error))
+        building, lod, kind, error = np.array(figures, np.int64).reshape(-1, 4).T.copy()
         xyz = np.array(corners, np.float64).reshape(-1, 3)
-        return cls(xyz, np.cumsum(rings), np.cumsum(counts), building, lod, kind)
+        return cls(xyz, np.cumsum(rings), np.cumsum(counts), building, lod, kind, error)
 
     def __len__(self) -> int:
         return len(self.building)
@@ -78,7 +82,8 @@ class CityFaces(Sequence[CityFace]):
         number = range(len(self))[k]
         cuts = self.ring_start[self.face_start[number] : self.face_start[number + 1] + 1].tolist()
         rings = tuple(self.corners[one:two] for one, two in pairwise(cuts))
-        return CityFace(rings, int(self.building[number]), int(self.lod[number]), int(self.kind[number]))
+        figures = (self.building, self.lod, self.kind, self.error)
+        return CityFace(rings, *(int(values[number]) for values in figures))
 
     def take(self, which: Mask) -> list[CityFace]:
         """The faces where the mask (F,) is true."""
@@ -101,7 +106,7 @@ class Surfaces:
     faces: tuple[CityFace, ...]
 
     def figure(self, name: str) -> NDArray[np.int64]:
-        """`building`, `lod` or `kind` of every triangle (T,)."""
+        """`building`, `lod`, `kind` or `error` of every triangle (T,)."""
         return np.array([getattr(face, name) for face in self.faces], np.int64)[self.face]
 
 
@@ -118,7 +123,13 @@ def iter_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -> I
             for face in (face for solid in geometry.solids for shell in solid for face in shell):
                 kind = SURFACES.index(face.surface) if face.surface in SURFACES else 0
                 rings = tuple(item.vertices[list(ring)] for ring in face.rings)
-                yield CityFace(rings, building, lod, kind)
+                about = {} if face.plane is None else geometry.surfaces[face.plane]
+                yield CityFace(rings, building, lod, kind, whole_millimetres(about.get("rmse_m")))
+
+
+def whole_millimetres(error: float | None) -> int:
+    """An RMSE (m) as `CityFace` has it."""
+    return UNKNOWN_ERROR if error is None else min(round(1000.0 * error), UNKNOWN_ERROR - 1)
 
 
 def cut_into_triangles(faces: Sequence[CityFace]) -> Surfaces:

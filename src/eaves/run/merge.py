@@ -20,6 +20,7 @@ from eaves.raster.surfaces import CELL
 from eaves.run.doubts import LAYER, describe_doubts, doubt_of, doubt_rows
 from eaves.run.manifest import add_to_manifest
 from eaves.run.rasters import write_mask
+from eaves.run.review import REVIEW, write_review
 from eaves.run.rows import BuildingRow
 from eaves.run.workers import Workers
 
@@ -66,7 +67,8 @@ def merge_footprints(
     provenance: Provenance = NOTHING_KNOWN,
 ) -> dict[str, Any]:
     """Write the footprints and roof planes of all tiles into one GeoPackage, piece by piece, and behind them
-    what no tile holds; what run.json says of the doubts. `side` is that of the blocks."""
+    what no tile holds, and review.csv beside it; what run.json says of the doubts. `side` is that of the
+    blocks."""
     unit = system.horizontal_unit_m
     more = [
         Row(
@@ -80,7 +82,9 @@ def merge_footprints(
     doubts = doubt_rows([doubt_of(row, unit) for row in TileRows(having(places, "doubts"), "doubts")], side)
     told = describe_doubts(doubts, unit, LAYER)
     doubts = [Row(shapely.transform(row.geometry, lambda xy: xy / unit), row.attributes) for row in doubts]
-    write_geopackage(path, footprints, roof_planes, as_it_is, review_of_tiles(places), doubts, provenance)
+    review = review_of_tiles(places)
+    write_geopackage(path, footprints, roof_planes, as_it_is, review, doubts, provenance)
+    write_review(path.with_name(REVIEW), review, as_it_is)
     return told
 
 

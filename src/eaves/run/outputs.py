@@ -30,7 +30,7 @@ from eaves.run.manifest import begin_manifest, note_files
 from eaves.run.neighbours import party_walls
 from eaves.run.rasters import extent_of, write_mask, write_surfaces
 from eaves.run.region import Region
-from eaves.run.review import review_rows
+from eaves.run.review import REVIEW, review_rows, write_review
 from eaves.run.run import EVERYTHING, Run
 from eaves.run.stock import stock_figures
 from eaves.run.store import Store
@@ -114,6 +114,7 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
         files, rows = [folder / "footprints.gpkg"], BuildingRows(store, owners, results.shared)
         roofs, review = BuildingRows(store, owners, faces=True), review_rows(store.building_rows(owners))
         write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from)
+        files.append(write_review(folder / REVIEW, review, system))
         return files + export_footprints(folder, rows, roofs, system, run.formats, made_from), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]

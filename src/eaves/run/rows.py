@@ -83,8 +83,8 @@ def building_row(answer: BuildingModel | Failure) -> dict[str, Any]:
     row |= {key: value for key, value in answer.attributes.items() if not isinstance(value, list | dict)}
     row["failure_code"] = row.pop("fallback_code", None)
     row["failure_reason"] = row.pop("fallback_reason", None)
-    row["trust"], _, row["review_reason"] = judge(row)
-    return row
+    trust, badness, reason = judge(row)
+    return row | {"trust": trust, "trust_score": round(1.0 - badness, 3), "review_reason": reason}
 
 
 def roof_rows(answer: BuildingModel | Failure) -> Iterator[tuple[Polygon, dict[str, Any]]]:

@@ -29,6 +29,7 @@ from eaves.run.merge import merge_footprints, merge_masks, merge_rasters
 from eaves.run.outputs import write_map, write_run
 from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.region import Core, Region, TooNarrowError, warn_of_wrong_boxes
+from eaves.run.review import REVIEW
 from eaves.run.rows import BuildingRow
 from eaves.run.run import Progress, Run, no_progress
 from eaves.run.workers import Workers, peak_memory_mb
@@ -259,7 +260,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
     warn_of_wrong_boxes(run.index, wrong_boxes)
     tiles = [tile for tile in sorted(done) if (folder / TILES_FOLDER / tile.name / "dtm.tif").exists()]
     places = [folder / TILES_FOLDER / tile.name for tile in tiles]
-    files = [folder / "footprints.gpkg"]
+    files = [folder / "footprints.gpkg", folder / REVIEW]
     lost = rows_of_no_tile(run, {*done, *failed})
     doubts = merge_footprints(files[0], places, run.index.system, lost, run.side, run.provenance)
     progress("merge", 1, 3)

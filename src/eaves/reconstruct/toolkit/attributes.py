@@ -14,7 +14,7 @@ from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Mask, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
 from eaves.reconstruct.toolkit.face_quality import grade_faces, supported_share
-from eaves.reconstruct.toolkit.roof_figures import roof_figures
+from eaves.reconstruct.toolkit.roof_figures import face_shapes, roof_figures
 
 EMPTY_CELL = 1.0
 """Side of the cells (m) in which the share of roof without points is counted."""
@@ -100,7 +100,7 @@ def describe(
     kept = squared[: max(1, int(TRIMMED_SHARE * len(squared)))]
     low, middle = np.percentile((own if len(own) else roof)[:, 2], [50.0, 70.0])
     return {
-        **roof_figures(roof_faces, ground),
+        **roof_figures(roof_faces, ground, face_shapes(solids)),
         "h_ground": ground,
         "h_50p": float(low),
         "h_70p": float(middle),

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
+from shapely import Polygon
+
+from eaves.model import Solid
+from eaves.model.building import ROOF_SURFACE
 
 MAIN_SHARE = 0.9
 """The largest faces that cover so much of the plan are the main ones: dormers and chimneys decide nothing."""
@@ -24,8 +31,28 @@ LEAST_SIDE = 0.06
 OPPOSITE_DEG = 20.0
 """Azimuths this near are one side of a roof; this near to opposite they face each other across a ridge."""
 
-PYRAMID_LIKENESS = 0.7
+PYRAMID_LIKENESS = 0.85
 """The smallest side of a pyramid has at least this share of the largest's plan."""
+
+ONE_SLOPE_DEG = 10.0
+"""Slopes of one side that differ by more break it, as those of a mansard: no pyramid."""
+
+FULL_SHARE = 0.9
+"""Four sides are a hip only where they fill this share of the rectangle around them: two gables that cross
+have four sides, too.
+"""
+
+NARROWEST_M = 0.5
+"""Faces narrower than this are parapets: no main faces."""
+
+LONG_M = 1.5
+"""A level edge this long is a ridge; chimneys are shorter."""
+
+LEVEL_M = 0.15
+"""The ends of a level edge differ by no more in height."""
+
+CHIMNEY_M = 1.2
+"""A face that alone, and without a ridge there, rises this much over all others runs on under a chimney."""
 
 STOREY_M = 2.9
 """Height of a storey with its floor, from floor to floor (m), as dwellings in Europe have it."""
@@ -39,17 +66,49 @@ QUARTERS = ("n", "e", "s", "w")
 Record = dict[str, Any]
 
 
-def roof_figures(faces: list[Record], ground: float) -> Record:
-    """Attributes from the records of the roof faces; `ground` (m) is the base of the building.
+@dataclass(frozen=True, eq=False)
+class FaceShape:
+    """A roof face in plan, and the height (m) of its highest long level edge, None without one."""
+
+    plan: Polygon
+    level_top: float | None
+
+    @property
+    def width(self) -> float:
+        """Twice its area over its perimeter (m): the width of a long strip."""
+        return float(2.0 * self.plan.area / self.plan.length) if self.plan.length > 0.0 else 0.0
+
+
+def face_shapes(solids: Sequence[Solid]) -> list[FaceShape]:
+    """The shapes of all roof faces, in order."""
+    found = []
+    for solid in solids:
+        for face in solid.faces:
+            if face.surface != ROOF_SURFACE:
+                continue
+            rings = [solid.vertices[list(ring)] for ring in face.rings]
+            ends = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
+            step = ends[:, 1] - ends[:, 0]
+            level = (np.hypot(step[:, 0], step[:, 1]) >= LONG_M) & (np.abs(step[:, 2]) <= LEVEL_M)
+            top = float(ends[level, :, 2].mean(axis=1).max()) if level.any() else None
+            found.append(FaceShape(Polygon(rings[0][:, :2], [ring[:, :2] for ring in rings[1:]]), top))
+    return found
+
+
+def roof_figures(faces: list[Record], ground: float, shapes: Sequence[FaceShape] | None = None) -> Record:
+    """Attributes from the records of the roof faces, and their shapes in plan; `ground` (m) is the base of
+    the building.
 
     Heights are those of the roof's own surface; the eaves are the lowest, the ridge the highest edge of the
     main faces, annexes left out. Storeys are counted from the ground to the eaves.
     """
     if not faces:
         return {"roof_type": "flat", "h_eaves": None, "h_ridge": None, "h_max": None}
+    if shapes is not None:
+        faces = [{**face, "shape": shape} for face, shape in zip(faces, shapes, strict=True)]
     main = main_faces(faces)
     kind = roof_type(faces)
-    ridge, top = max(face["h_high"] for face in main), max(face["h_high"] for face in faces)
+    ridge, top = ridge_height(main), max(face["h_high"] for face in faces)
     high = [face for face in main if face["h_high"] - ground > ANNEX_SHARE * (ridge - ground)]
     eaves = min(face["h_low"] for face in high or main)
     plan = sum(face["projected_m2"] for face in faces)
@@ -76,9 +135,23 @@ def roof_figures(faces: list[Record], ground: float) -> Record:
     return answer | {f"roof_area_{side}_m2": area for side, area in areas.items()}
 
 
+def ridge_height(main: list[Record]) -> float:
+    """The highest place (m) of the main faces: of a ridge, or where two of them meet; a face that runs on
+    under a chimney does not raise it.
+    """
+    tops = sorted((face["h_high"] for face in main), reverse=True)
+    if len(tops) == 1 or tops[0] - tops[1] > CHIMNEY_M:
+        return float(tops[0])
+    levels = [face["shape"].level_top for face in main if face.get("shape") is not None]
+    if not levels:
+        return float(tops[0])
+    return float(max([tops[1], *(level for level in levels if level is not None)]))
+
+
 def main_faces(faces: list[Record]) -> list[Record]:
-    """The largest faces in plan that together cover `MAIN_SHARE` of it."""
-    order = sorted(faces, key=lambda face: -face["projected_m2"])
+    """The largest faces in plan that together cover `MAIN_SHARE` of it, parapets left out."""
+    wide = [face for face in faces if face.get("shape") is None or face["shape"].width >= NARROWEST_M]
+    order = sorted(wide or faces, key=lambda face: -face["projected_m2"])
     plan = np.cumsum([face["projected_m2"] for face in order])
     return order[: int(np.searchsorted(plan, MAIN_SHARE * plan[-1])) + 1]
 
@@ -101,9 +174,26 @@ def roof_type(faces: list[Record]) -> str:
         return "gable"
     quarter = np.diff(np.append(azimuths, azimuths[0] + 360.0))
     if len(sides) == 4 and np.all(np.abs(quarter - 90.0) <= OPPOSITE_DEG):
+        if not fills_rectangle(pitched):
+            return "complex"
         areas = sorted(area for _, area in sides)
-        return "pyramid" if areas[0] > PYRAMID_LIKENESS * areas[-1] else "hip"
+        return "pyramid" if areas[0] > PYRAMID_LIKENESS * areas[-1] and not is_broken(pitched) else "hip"
     return "complex"
+
+
+def fills_rectangle(pitched: list[Record]) -> bool:
+    """Whether pitched faces fill the rectangle around them."""
+    plans = [face["shape"].plan.buffer(0.0) for face in pitched if face.get("shape") is not None]
+    if not plans:
+        return True
+    whole = shapely.union_all(plans)
+    return bool(whole.area >= FULL_SHARE * shapely.minimum_rotated_rectangle(whole).area)
+
+
+def is_broken(pitched: list[Record]) -> bool:
+    """Whether the sides have several slopes."""
+    slopes = [face["slope_deg"] for face in pitched]
+    return bool(max(slopes) - min(slopes) > ONE_SLOPE_DEG)
 
 
 def sides_of(pitched: list[Record]) -> list[tuple[float, float]]:

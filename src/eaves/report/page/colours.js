@@ -5,6 +5,7 @@ const CLASSES = {
 };
 const SET = ['#4e79a7', '#f28e2b', '#59a14f', '#b07aa1', '#76b7b2', '#edc948', '#9c755f', '#ff9da7', '#8cd17d', '#86bcb6'];
 const LOD_COLOURS = { '2.3': '#2f7f8f', '2.2': '#4c9f70', '2.0': '#9fb84a', '2.0': '#9fc24d', '1.3': '#e0b040', '1.2': '#e07b39', '0': '#8a8fa3', none: '#d23b3b' };
+const TRUST_COLOURS = { high: '#5b8c85', medium: '#f2c14e', low: '#c8102e', none: '#8b8b8b' };
 const VIRIDIS = ['#440154', '#3b528b', '#21918c', '#5ec962', '#fde725'];
 const DIVERGING = ['#2f6fd6', '#7fb0d8', '#a9b5a4', '#e39a6b', '#d0302f'];
 const CYCLE = ['#e0524d', '#d9c23f', '#4dab5b', '#3f7fd0', '#e0524d'];
@@ -74,14 +75,14 @@ function modelColours(way, { triangles, rows }) {
     return { at: number => triangles.kind[number] === 2 && triangles.slope[number] >= 2 ? scale.colour(triangles.azimuth[number]) : bytes('#f4f1ea'), legend: scale.legend };
   }
   if (way === 'fit') {
-    const fit = column(rows, 'rmse_m'), scale = scaleOf(['#3f9b6a', '#e7d04a', '#d23b3b'], 0, 0.5, 'm RMSE');
-    return { at: (number, row) => scale.colour(fit[row]), legend: scale.legend };
+    const scale = scaleOf(['#3f9b6a', '#e7d04a', '#d23b3b'], 0, 0.5, 'm RMSE of each roof face; grey: no points'), side = bytes('#f4f1ea');
+    return { at: number => triangles.kind[number] === 2 ? scale.colour(triangles.error[number] === 65535 ? NaN : triangles.error[number] / 1000) : side, legend: scale.legend };
   }
-  const name = { lod: 'lod', type: 'roof_type', failure: 'failure_code' }[way];
+  const name = { lod: 'lod', type: 'roof_type', failure: 'failure_code', trust: 'trust' }[way];
   const values = words(rows, name, way === 'failure' ? 'as asked for' : 'none');
   const known = { 'as asked for': '#7fa98f', none: LOD_COLOURS.none };
   for (const { lod, failure_code: code } of rows) if (way === 'failure' && code && (!lod || lod === '0')) known[code] = LOD_COLOURS.none; // as its footprint is drawn
-  const scale = setOf(distinct(values), way === 'lod' ? LOD_COLOURS : known);
+  const scale = setOf(distinct(values), way === 'lod' ? LOD_COLOURS : way === 'trust' ? TRUST_COLOURS : known);
   return { at: (number, row) => scale.colour(values[row]), legend: scale.legend };
 }
 

@@ -76,14 +76,16 @@ function listenToControls(viewer) {
   });
 }
 
-// The settings of the address behind '#': id=…&view=above&theme=dark&lod=1.2&points=distance&models=fit&off=ground,walls
+// The settings of the address behind '#': building=… (or id=…; building=worst is the one to look at first)&view=above&theme=dark&lod=1.2&points=distance&models=fit&off=ground,walls
 function obeyAddress(viewer, hash = location.hash) {
   const given = new URLSearchParams(hash.slice(1));
   if (given.has('theme')) document.documentElement.dataset.theme = given.get('theme');
   for (const [name, control] of [['lod', 'lod'], ['points', 'point-colour'], ['models', 'model-colour'], ['size', 'size']]) if (given.has(name)) byId(control).value = given.get(name);
   for (const [name, on] of [['on', true], ['off', false]]) for (const box of (given.get(name) || '').split(',')) if (byId(box)) byId(box).checked = on;
   viewer.refresh();
-  if (given.has('id')) viewer.choose(viewer.all.findIndex(row => row.id === given.get('id')));
+  const wanted = given.get('building') ?? given.get('id');
+  if (wanted === 'worst') viewer.choose(worstFirst(viewer.all)[0] ?? -1);
+  else if (wanted !== null) viewer.choose(viewer.all.findIndex(row => row.id === wanted));
   for (const view of (given.get('view') || '').split(',')) if (view) viewer.view(view);
   const measured = (given.get('measure') || '').split(',').map(Number);
   if (measured.length > 2 && measured.length % 3 === 0 && measured.every(Number.isFinite)) {

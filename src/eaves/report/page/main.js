@@ -10,7 +10,7 @@ function readData(arrays) {
   };
   const triangles = {
     xyz: metres(arrays.triangle_xyz), building: arrays.triangle_building, lod: arrays.triangle_lod,
-    kind: arrays.triangle_kind, count: arrays.triangle_lod.length,
+    kind: arrays.triangle_kind, error: arrays.triangle_error, count: arrays.triangle_lod.length,
   };
   Object.assign(triangles, slopes(triangles));
   const edges = { xyz: metres(arrays.edge_xyz), building: arrays.edge_building, lod: arrays.edge_lod, count: arrays.edge_lod.length };

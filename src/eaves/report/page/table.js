@@ -1,10 +1,11 @@
 // The table of all buildings: only the lines in sight are in the page, so that a city's are no burden.
 const LINES_MORE = 12;
 
-// Without a model, then coarser than asked for, then by falling distance of the points to the roof.
+// Without a model, then by rising probability of being right, as the layer review has them; where a run does not say it, coarser than asked for and by falling distance of the points to the roof.
 function worstFirst(rows) {
-  const rank = row => (row.lod === null || row.lod === undefined ? 2 : row.failure_code ? 1 : 0), fit = row => row.rmse_m ?? 0;
-  return rows.map((_, number) => number).sort((one, two) => rank(rows[two]) - rank(rows[one]) || fit(rows[two]) - fit(rows[one]) || one - two);
+  const without = row => row.lod === null || row.lod === undefined, rank = row => (without(row) ? 2 : row.failure_code ? 1 : 0), fit = row => row.rmse_m ?? 0;
+  const right = row => (without(row) ? 0 : row.trust_score ?? 1);
+  return rows.map((_, number) => number).sort((one, two) => right(rows[one]) - right(rows[two]) || rank(rows[two]) - rank(rows[one]) || fit(rows[two]) - fit(rows[one]) || one - two);
 }
 
 class Table {

@@ -1,0 +1,67 @@
+"""The buildings to look at first: their order, their reasons, their place on the page."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+import shapely
+
+from eaves.formats.geopackage import Row
+from eaves.model.coordinates import LOCAL_METRES
+from eaves.run.review import review_rows, write_review
+from eaves.run.rows import BuildingRow
+from eaves.run.trust import HIGH, LOW, judge
+
+GOOD = {"id": "good", "lod": "2.2", "score": 0.99, "supported_share": 1.0, "rmse95_m": 0.03, "density": 12.0}
+
+
+def building(**values: object) -> BuildingRow:
+    return BuildingRow(shapely.box(0, 0, 10, 8), {**GOOD, **values}, {}, [], True, None, {})
+
+
+def test_the_worst_stands_first_with_its_reason_and_a_link() -> None:
+    rows = review_rows(
+        [
+            building(),
+            building(id="b 2", supported_share=0.4),
+            building(id="b3", lod=None, failure_code="no_ground", failure_reason="no terrain"),
+        ]
+    )
+    assert [row.attributes["id"] for row in rows] == ["b3", "b 2"]
+    assert [row.attributes["rank"] for row in rows] == [1, 2]
+    assert rows[0].attributes["reason"] == "no model: no terrain"
+    assert rows[1].attributes["reason"].startswith("60% of the roof is not supported by its points")
+    assert rows[1].attributes["link"] == "report.html#building=b%202"
+
+
+@pytest.mark.parametrize(
+    ("worse", "word"),
+    [
+        ({"supported_share": 0.3}, "supported"),
+        ({"rmse95_m": 0.6}, "RMSE"),
+        ({"share_no_data": 0.98}, "has no points"),
+    ],
+)
+def test_each_fault_lowers_the_trust_and_is_said(worse: dict[str, float], word: str) -> None:
+    good, bad = judge(GOOD), judge({**GOOD, **worse})
+    assert good[0] == "high" and good[2] == "" and good[1] < 1.0 - HIGH
+    assert bad[0] != "high" and word in bad[2] and bad[1] > good[1]
+
+
+def test_a_base_that_no_ground_shows_is_never_of_high_trust() -> None:
+    assert judge({**GOOD, "ground_source": "interpolated"})[0] == "medium"
+    assert 0.0 < LOW < HIGH < 1.0
+
+
+def test_the_table_has_a_place_inside_each_building_and_its_head_where_there_is_none(tmp_path: Path) -> None:
+    told = {"rank": 1, "id": "b1", "trust": "low", "badness": 0.9, "reason": "a, b; c", "link": "r#b1"}
+    path = write_review(tmp_path / "review.csv", [Row(shapely.box(0, 0, 10, 8), told)], LOCAL_METRES)
+    with path.open(newline="", encoding="utf-8") as file:
+        (row,) = csv.DictReader(file)
+    assert row["reason"] == "a, b; c" and shapely.box(0, 0, 10, 8).contains(
+        shapely.Point(float(row["x"]), float(row["y"]))
+    )
+    write_review(path, [], LOCAL_METRES)
+    assert path.read_text("utf-8").splitlines() == ["rank,id,trust,badness,reason,link,x,y"]
