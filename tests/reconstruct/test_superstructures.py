@@ -12,6 +12,7 @@ from eaves.evaluate.city import read_buildings
 from eaves.formats import write_cityjson
 from eaves.model import BuildingModel, Footprint
 from eaves.reconstruct import reconstruct_building
+from eaves.reconstruct.arrangement import Arrangement
 from eaves.roof import segment_roof
 from eaves.simulate.roofs import Masses, chimney, gable, make_building
 from eaves.validate import validate_file
@@ -19,7 +20,7 @@ from eaves.validate import validate_file
 GABLE = gable(14, 9, 0.8)
 
 
-def modelled(masses: Masses, density: float, seed: int = 3) -> BuildingModel:
+def modelled(masses: Masses, density: float, seed: int = 3, least: float = 0.0) -> BuildingModel:
     building = make_building(masses, 1, 1, "", -5.0, 0.0)
     xy = np.random.default_rng(seed).uniform([-7, -4.5], [7, 4.5], (int(126 * density), 2))
     z = np.zeros(len(xy))
@@ -29,7 +30,8 @@ def modelled(masses: Masses, density: float, seed: int = 3) -> BuildingModel:
     points = np.column_stack([xy, z + np.random.default_rng(1).normal(0.0, 0.02, len(xy))])
     planes = segment_roof(points, density**-0.5)
     footprint = Footprint(shapely.orient_polygons(building.footprint), id="house")
-    model = reconstruct_building(points, footprint, planes, -5.0)
+    method = Arrangement(superstructure_least=least)
+    model = reconstruct_building(points, footprint, planes, -5.0, method)
     assert isinstance(model, BuildingModel)
     return model
 
@@ -43,6 +45,13 @@ def test_chimney_of_0_36_m2_is_an_object_in_its_place(density: float) -> None:
     assert one.polygon.area == pytest.approx(0.36, abs=0.25)
     assert one.top == pytest.approx(3.6, abs=0.06)
     assert model.attributes["installation_count"] == 1
+
+
+def test_objects_smaller_than_asked_for_are_left_out() -> None:
+    roof = (*GABLE, chimney(3.0, 1.5, 3.6, side=0.6))
+    small, wanted = modelled(roof, 60.0, least=0.0), modelled(roof, 60.0, least=1.0)
+    assert len(small.installations) == 1 and wanted.installations == ()
+    assert wanted.attributes["installation_count"] == 0
 
 
 def test_bare_roof_has_no_object() -> None:

@@ -25,6 +25,7 @@ class ObjectLimits:
     level: float
     inside: float
     on_top: float
+    least: float
     largest: float
     highest: float
     beside: float
@@ -63,7 +64,9 @@ def find_superstructures(
     for number in np.flatnonzero(sizes >= limits.points).tolist():
         mine = high[group == number]
         one = describe_object(solids, roof[mine], over[mine], float(main[0]), spacing, limits)
-        if one is not None and one.polygon.intersection(polygon).area > limits.inside * one.polygon.area:
+        if one is None or one.polygon.area < limits.least:
+            continue
+        if one.polygon.intersection(polygon).area > limits.inside * one.polygon.area:
             found.append(one)
     return tuple(sorted(found, key=lambda one: (-one.polygon.area, one.polygon.centroid.x)))
 
