@@ -12,6 +12,7 @@ from shapely import Polygon
 from eaves.model import BuildingModel, Footprint, Points, RoofPlane
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
+from eaves.reconstruct.toolkit.attributes import surface_heights
 from eaves.reconstruct.toolkit.evidence import MOST_PLANES, largest_only
 from eaves.reconstruct.toolkit.height_steps import MOST_TOGETHER, divide, strongest_strip_kernel
 from eaves.reconstruct.toolkit.line import Line
@@ -23,6 +24,7 @@ from eaves.reconstruct.toolkit.plan_lines import (
     border_samples,
     extend,
 )
+from eaves.roof import segment_roof
 from eaves.validate.models import validate_model
 
 SIDE, WIDTH = 10, 6.0
@@ -166,3 +168,26 @@ def test_border_samples_of_few_or_collinear_points_are_none() -> None:
         labels = (np.arange(len(points)) % 2).astype(np.int32)
         pairs, places, weights = border_samples(points, labels, square, 0.5, Arrangement().line_limits())
         assert len(pairs) == len(places) == len(weights) == 0
+
+
+def test_dome_becomes_facets_within_a_hand_of_it() -> None:
+    rng = np.random.default_rng(4)
+    disc = shapely.Point(0.0, 0.0).buffer(8.0, quad_segs=24)
+    xy = rng.uniform(-8.0, 8.0, (1024, 2))
+    xy = xy[shapely.contains_xy(disc, xy[:, 0], xy[:, 1])]
+    height = 6.0 + 0.8 * np.sqrt(100.0 - (xy**2).sum(axis=1))
+    points = np.column_stack([xy, height + rng.normal(0.0, 0.02, len(xy))])
+    footprint = Footprint(shapely.orient_polygons(shapely.set_precision(disc, 0.001)))
+    answer = reconstruct_building(points, footprint, segment_roof(points, 0.5), 0.0)
+    assert isinstance(answer, BuildingModel) and answer.lod == "2.2" and not validate_model(answer)
+    surface, cosine, _ = surface_heights(answer.solids["2.2"], xy)
+    assert np.percentile(np.abs(surface - height) * cosine, 95.0) < 0.15
+
+
+@pytest.mark.slow
+def test_thirty_thousand_square_metres_and_900_planes_reach_lod_22() -> None:
+    points, _, footprint = checkerboard(30, 5.8, 4.0)
+    answer = reconstruct_building(points, footprint, segment_roof(points, 0.5), 0.0)
+    assert isinstance(answer, BuildingModel) and answer.lod == "2.2" and not validate_model(answer)
+    assert 850 <= answer.attributes["roof_face_count"] <= 950
+    assert answer.attributes["rmse95_m"] < 0.05
