@@ -60,10 +60,10 @@ class Arrangement(LineReconstructor):
     Fails where
     -----------
     Curved roofs become facets: on exact vaults, domes, cones and stands 95 % of the roof lies within
-    0.12 m of them (`benchmarks/accuracy/curved`). A roof part smaller than a few points, or narrower than half a
-    spacing, is not seen. An object on the roof needs `superstructure_points` points that rise by
-    `superstructure_height`: at ρ points/m² that is 8/ρ m², which chance leaves to one in two; nine of ten are
-    found over about 15/ρ m² (1.5 m² at 10/m², 0.5 m² at 30/m², 0.25 m² at 60/m²). Overhangs and passages
+    0.12 m of them (`benchmarks/accuracy/curved`). A roof part smaller than a few points, or narrower than
+    half a spacing, is not seen. An object on the roof needs `superstructure_points` points that rise by
+    `superstructure_height`: at ρ points/m² that is 8/ρ m², which chance leaves to one in two; nine of ten
+    are found over about 15/ρ m² (1.5 m² at 10/m², 0.5 m² at 30/m², 0.25 m² at 60/m²). Overhangs and passages
     are filled to the ground. Codes: `too_few_points`, `no_area`, `not_closed`; `no_plane`, `poor_fit` and
     `not_closed` as the reason of a fallback.
 
