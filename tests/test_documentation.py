@@ -47,7 +47,7 @@ def test_linked_files_exist(page: Path) -> None:
         assert (page.parent / target).exists(), target
 
 
-COMMAND = re.compile(r"^eaves [^\n]*$", re.MULTILINE)
+COMMAND = re.compile(r"^(?:\.venv/bin/)?(eaves [^\n]*)$", re.MULTILINE)
 PAGES = [
     DOCS.parent / "README.md",
     DOCS / "start.md",
