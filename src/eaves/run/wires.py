@@ -91,24 +91,25 @@ def find_wires(cloud: PointCloud, height: Values, spacing: float, rules: WireRul
     high = (height >= rules.height) & (cloud.classification != GROUND) & ~cloud.noise
     if spacing > rules.spacing or not high.any():
         return found
-    cell, shape = cells_of(cloud.xyz, rules.cell)
-    hanging = np.flatnonzero(high)
-    hanging = hanging[top_in_air(cell[hanging], cloud.xyz[hanging, 2], shape, rules)]
-    if len(hanging) <= rules.neighbours:
-        return found
-    thinned = hanging[one_each(cloud.xyz[hanging], rules.step)]
-    thinned = thinned[few_around(cell[thinned], height[thinned], shape, rules)]
+    places = np.flatnonzero(high)
+    xyz = cloud.xyz.take(places, axis=0)
+    cell, shape = cells_of(xyz, rules.cell)
+    hanging = np.flatnonzero(top_in_air(cell, xyz[:, 2], shape, rules))
+    thinned = hanging[one_each(xyz[hanging], rules.step)]
+    thinned = thinned[few_around(cell[thinned], height[places[thinned]], shape, rules)]
     if len(thinned) <= rules.neighbours:
         return found
-    row, direction = rows_of(cloud.xyz[thinned], rules)
+    row, direction = rows_of(xyz[thinned], rules)
     lines = lines_among(cell[thinned][row], direction[row], shape, rules)
-    near = ndimage.binary_dilation(lines, np.ones((3, 3)))
-    found[thinned[row & lines.ravel()[cell[thinned]]]] = True
+    wire = np.zeros(len(xyz), bool)
+    wire[thinned[row & lines.ravel()[cell[thinned]]]] = True
     # what hangs as high beside a point of a line is of the line
-    rest = hanging[near.ravel()[cell[hanging]] & ~found[hanging]]
-    if found.any() and len(rest):
-        away, _ = cKDTree(cloud.xyz[found]).query(cloud.xyz[rest], distance_upper_bound=rules.cell)
-        found[rest[np.isfinite(away)]] = True
+    near = ndimage.binary_dilation(lines, np.ones((3, 3)))
+    rest = hanging[near.ravel()[cell[hanging]] & ~wire[hanging]]
+    if wire.any() and len(rest):
+        away, _ = cKDTree(xyz[wire]).query(xyz[rest], distance_upper_bound=rules.cell)
+        wire[rest[np.isfinite(away)]] = True
+    found[places[wire]] = True
     return found
 
 
@@ -156,10 +157,11 @@ def find_towers(
 
 def cells_of(xyz: Points, side: float) -> tuple[Cells, tuple[int, int]]:
     """The flat number (N,) of each point's cell of a grid fixed to the world, and its rows and columns."""
-    place = np.floor(xyz[:, :2] / side).astype(np.int64)
-    place -= place.min(axis=0)
-    columns, rows = (int(most) + 1 for most in place.max(axis=0))
-    return place[:, 1] * columns + place[:, 0], (rows, columns)
+    column, row = (np.floor(xyz[:, axis] / side).astype(np.int64) for axis in (0, 1))
+    column -= column.min()
+    row -= row.min()
+    columns = int(column.max()) + 1
+    return row * columns + column, (int(row.max()) + 1, columns)
 
 
 def top_in_air(cell: Cells, z: Values, shape: tuple[int, int], rules: WireRules) -> Mask:
