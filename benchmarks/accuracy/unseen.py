@@ -150,7 +150,17 @@ def kept_cell(path: Path) -> tuple[str, str] | None:
     if not path.exists():
         return None
     record = json.loads(path.read_text(encoding="utf-8"))
-    return shown(Figures(*(record[field] for field in Figures.__dataclass_fields__))), record["commit"]
+    commit = record.get("commit", NOT_RUN)
+    return shown(Figures(*(record[field] for field in Figures.__dataclass_fields__))), commit
+
+
+def newest_cells(cache: Path) -> dict[tuple[str, str], Path]:
+    """Where the newest figures of each row and column are kept, whatever the code was."""
+    found: dict[tuple[str, str], Path] = {}
+    for path in sorted(cache.glob("*.json"), key=lambda one: one.stat().st_mtime):
+        record = json.loads(path.read_text(encoding="utf-8"))
+        found[record["row"], record["column"]] = path
+    return found
 
 
 def fill_row(survey: Survey, variant: str, columns: Sequence[str], cache: Path) -> None:
@@ -176,12 +186,15 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--rows", nargs="+", metavar="TEXT", help="rows that hold one of these")
     options.add_argument("--columns", nargs="+", metavar="TEXT", help="columns that hold one of these")
-    options.add_argument("--kept", action="store_true", help="show what was run before, and run nothing")
+    options.add_argument(
+        "--kept", action="store_true", help="show what was run before, at any commit, and run nothing"
+    )
     chosen = options.parse_args()
     cache = Path(os.environ.get("EAVES_CACHE", str(Path.home() / ".cache/eaves"))) / "unseen"
     cache.mkdir(parents=True, exist_ok=True)
     columns = [column for column in COLUMNS if wanted(column, chosen.columns)]
     before = {(row["survey"], row["variant"]): row for row in kept_rows("unseen")}
+    newest = newest_cells(cache)
     table: list[dict[str, object]] = []
     for name, read in surveys(Path(os.environ["EAVES_DATA"])).items():
         variants = [variant for variant in VARIANTS if wanted(f"{name}, {variant}", chosen.rows)]
@@ -196,8 +209,12 @@ def main() -> None:
                     continue
                 if not chosen.kept:
                     fill_row(replace(survey, name=name), variant, columns, cache)
-                there = {one: kept_cell(cell_of(name, variant, one, cache)) for one in columns}
-                told = {one: cell for one, cell in there.items() if cell is not None}
+                told = {}
+                for one in columns:
+                    path = cell_of(name, variant, one, cache)
+                    path = newest.get((f"{name}, {variant}", one), path) if chosen.kept else path
+                    if (cell := kept_cell(path)) is not None:
+                        told[one] = cell
                 row |= {one: cell[0] for one, cell in told.items()}
                 if told:
                     row[COMMIT] = ", ".join(sorted({cell[1] for cell in told.values()}))
@@ -247,7 +264,8 @@ left out there. The other constants of all methods are the same in all columns.
 Ahead of the best: IoU of the left-out default less that of the best of the five published methods with
 derived defaults, where all were run. Each is what `eaves detect` finds in a bare file in blocks of 240 m.
 –: not run. none: the file has no strips, or no returns, that could be changed: no other survey than the whole
-one. Commit: what stood when the row was measured."""
+one. Commit: what stood when the cells of the row were measured; cells of other rows and columns are those of
+the table before."""
 
 
 if __name__ == "__main__":
