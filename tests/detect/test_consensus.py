@@ -106,6 +106,16 @@ def test_a_ship_and_containers_are_buildings_with_a_doubt() -> None:
     assert len(doubts) == 2
 
 
+def test_an_uneven_region_is_a_doubt_where_echoes_tell_nothing() -> None:
+    made = two_houses_and_a_tree(12.0)
+    made.noise = 0.09
+    made.box(10.0, 28.0, 18.0, 36.0, 5.0, 3)
+    made.noise = 0.02
+    scene, _ = made.scene(returns=False)
+    doubts = [one for one in detect_buildings(scene, Consensus()).doubts if "crown" in one.reason]
+    assert [(one.x, one.y) for one in doubts] == [pytest.approx((14.0, 32.0), abs=1.0)]
+
+
 def test_a_flat_hedge_beside_a_house_is_not_of_it__under_two_metres() -> None:
     made = two_houses_and_a_tree(12.0)
     made.box(22.2, 12.0, 30.0, 15.0, 1.75, -2)

@@ -88,6 +88,30 @@ def region_doubts(
     return found
 
 
+def crown_doubts(region: Labels, evidence: Evidence, roofs: Mask, most: float) -> list[Doubt]:
+    """Doubts about regions 1…K of cells (H, W) of which the middle residual is more than `most` times that of
+    the cells of all `roofs` (H, W): where echoes tell nothing, an even crown passes for a roof."""
+    known = np.isfinite(evidence.residual)
+    if not (known & roofs).any():
+        return []
+    usual = float(np.median(evidence.residual[known & roofs]))
+    found = []
+    for number, window in enumerate(ndimage.find_objects(region), 1):
+        if window is None:
+            continue
+        mine = region[window] == number
+        size = float(mine.sum()) * evidence.cells.side**2
+        own = evidence.residual[window][mine & known[window]]
+        if size < MIN_AREA_M2 or not len(own) or np.median(own) <= most * usual:
+            continue
+        times = float(np.median(own)) / max(usual, 1e-4)
+        reason = (
+            f"a roof or a crown: {times:.1f} times as uneven as the roofs of a scan that splits few pulses"
+        )
+        found.append(doubt_at(evidence, mine, (window[0].start, window[1].start), size, reason))
+    return found
+
+
 def container_doubts(region: Labels, evidence: Evidence, containers: Mask) -> list[Doubt]:
     """Doubts about the regions 1…K of cells (H, W) whose tops are those of stacked containers, (K + 1,)."""
     found = []

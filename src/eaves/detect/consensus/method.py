@@ -19,7 +19,13 @@ from eaves.detect.consensus.classifier import (
     score_regions,
     segment_odds,
 )
-from eaves.detect.consensus.doubts import DoubtLimits, container_doubts, region_doubts, void_doubts
+from eaves.detect.consensus.doubts import (
+    DoubtLimits,
+    container_doubts,
+    crown_doubts,
+    region_doubts,
+    void_doubts,
+)
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.hidden_roofs import HiddenLimits, find_hidden_roofs
 from eaves.detect.consensus.limbs import without_limbs
@@ -319,6 +325,14 @@ class Consensus(Detector):
         le=1.0,
     )
 
+    doubt_uneven: float = parameter(
+        2.2,
+        "A region so many times as uneven as the roofs of the scan is doubtful where echoes tell little.",
+        ge=1.0,
+    )
+    doubt_echoes: float = parameter(
+        0.5, "Echoes tell little, from 0 to 1, below this: the means are one spread apart.", ge=0.0, le=1.0
+    )
     doubt_afloat: float = parameter(
         0.6,
         "A region with water, or nothing, along more of its rim is doubtful: a house by a canal has land on "
@@ -408,10 +422,12 @@ class Consensus(Detector):
         regions, containers = self.regions_of(scene, xyz, evidence, region, hidden, odds)
         water = wet_cells(scene, evidence)
         none = np.zeros(rocks.max(initial=0))
+        crowns_pass = terms.echoes.power < self.doubt_echoes
         doubts = [
             *region_doubts(evidence, region, regions.score, attached, water, self.doubt_limits),
             *region_doubts(evidence, rocks, none, attached, water, self.doubt_limits),
             *container_doubts(region, evidence, containers),
+            *(crown_doubts(region, evidence, surface, self.doubt_uneven) if crowns_pass else ()),
             *void_doubts(evidence, void & (region > 0)),
         ]
         return regions.with_doubts(doubts)
