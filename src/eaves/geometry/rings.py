@@ -52,6 +52,17 @@ def following_places(size: NDArray[np.int64]) -> NDArray[np.int64]:
     return following
 
 
+def polygons_of(faces: Sequence[Sequence[NDArray[np.float64]]]) -> NDArray[np.object_]:
+    """Polygons (F,) of the rings (M, 2 or 3) of faces, the outer one first, made together."""
+    rings = [ring for face in faces for ring in face]
+    if not rings:
+        return np.empty(0, object)
+    size = [len(ring) for ring in rings]
+    lines = shapely.linearrings(np.concatenate(rings), indices=np.repeat(np.arange(len(size)), size))
+    owner = np.repeat(np.arange(len(faces)), [len(face) for face in faces])
+    return np.asarray(shapely.polygons(lines, indices=owner), object)
+
+
 def split_loops(ring: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """The loops of a closed walk over vertex numbers (M,), each of which visits a vertex once."""
     if len(np.unique(ring)) == len(ring):

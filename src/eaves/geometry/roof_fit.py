@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.geometry.inside import edges_of, points_in_polygons
-from eaves.geometry.rings import area_vector
+from eaves.geometry.rings import area_vector, polygons_of
 from eaves.model import Mask, Points, Values
 
 NEAR = 0.3
@@ -72,19 +72,21 @@ def roof_point_mask(xyz: Points) -> Mask:
 
 def collect_faces(faces: Sequence[Sequence[Points]], owner: Sequence[int]) -> RoofFaces:
     """Roof faces from their rings (outer first) of points (M, 3); upright and empty ones are left out."""
-    polygons, coefficients, owners = [], [], []
+    kept: list[Sequence[Points]] = []
+    coefficients, owners = [], []
     for rings, building in zip(faces, owner, strict=True):
         normal, centre = area_vector(rings[0]), rings[0].mean(axis=0)
-        if abs(normal[2]) < STEEPEST * np.linalg.norm(normal) or normal[2] == 0.0:
+        x, y, z = normal.tolist()
+        if abs(z) < STEEPEST * np.linalg.norm(normal) or z == 0.0:
             continue
-        shape = shapely.Polygon(rings[0][:, :2], [ring[:, :2] for ring in rings[1:]])
-        polygons.append(shape if shape.is_valid else shape.buffer(0))
-        a, b = -normal[0] / normal[2], -normal[1] / normal[2]
+        kept.append(rings)
+        a, b = -x / z, -y / z
         coefficients.append((a, b, centre[2] - a * centre[0] - b * centre[1]))
         owners.append(building)
-    return RoofFaces(
-        np.array(polygons, object), np.array(coefficients).reshape(-1, 3), np.array(owners, np.int64)
-    )
+    polygons = polygons_of([[ring[:, :2] for ring in rings] for rings in kept])
+    for number in np.flatnonzero(~shapely.is_valid(polygons)):
+        polygons[number] = polygons[number].buffer(0)
+    return RoofFaces(polygons, np.array(coefficients).reshape(-1, 3), np.array(owners, np.int64))
 
 
 def fit_roof(points: Points, faces: RoofFaces) -> RoofFit:

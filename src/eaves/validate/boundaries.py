@@ -8,10 +8,9 @@ from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.tolerance import SNAP
 
 LARGEST_EXTENT = 1 << 28
@@ -132,8 +131,8 @@ def _merge_near(places: Integers, tolerance_steps: float) -> Integers:
     local = (places - places.min(axis=0)).astype(np.float64)
     local[:, 0] *= 2.0 * tolerance_steps  # shells are apart, and stay so
     pairs = cKDTree(local).query_pairs(tolerance_steps * (1 + 1e-9), output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places),) * 2)
-    _, group = connected_components(links, directed=False)
+    one, two = np.ascontiguousarray(pairs.T, np.int64)
+    group = connected_groups_kernel(one, two, len(places))
     first = np.full(group.max() + 1, len(places))
     np.minimum.at(first, group, np.arange(len(places)))
     return np.asarray(first[group])

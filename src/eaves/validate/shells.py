@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from eaves.geometry.components import connected_groups_kernel
 from eaves.validate.boundaries import Boundaries, Integers
 from eaves.validate.exact import self_intersections_kernel
 from eaves.validate.triangles import Triangles
@@ -132,11 +133,10 @@ def _gaps_and_pieces(boundaries: Boundaries, edges: Edges, chosen: np.ndarray) -
     same = np.flatnonzero(edges.of_side[order][1:] == edges.of_side[order][:-1])
     one, two = boundaries.face_of_point[order[same]], boundaries.face_of_point[order[same + 1]]
     count = boundaries.face_count
-    links = coo_array((np.ones(len(one)), (one, two)), shape=(count, count))
-    _, piece = connected_components(links, directed=False)
+    piece = connected_groups_kernel(one, two, count)
     pieces = np.unique(np.stack([boundaries.shell_of_face, piece], axis=1), axis=0)
     number = np.bincount(pieces[:, 0], minlength=boundaries.shell_count)
-    touching = _pieces_that_touch(boundaries, piece.astype(np.int64))
+    touching = _pieces_that_touch(boundaries, piece)
     apart = chosen & (number > 1) & ~touching
     for shell in np.flatnonzero(apart):
         yield ShellDefect(305, int(shell), -1, f"{number[shell]} separate pieces")
@@ -174,8 +174,7 @@ def _split_umbrellas(boundaries: Boundaries, triangles: Triangles) -> Iterator[S
     order = np.lexsort(keys.T[::-1])
     same = np.flatnonzero((keys[order][1:] == keys[order][:-1]).all(axis=1))
     one, two = order[same] % (3 * count), order[same + 1] % (3 * count)
-    links = coo_array((np.ones(len(one)), (one, two)), shape=(3 * count, 3 * count))
-    _, umbrella = connected_components(links, directed=False)
+    umbrella = connected_groups_kernel(one, two, 3 * count)
     rows = np.unique(np.stack([shell, here, umbrella], axis=1), axis=0)
     again = np.flatnonzero((rows[1:, :2] == rows[:-1, :2]).all(axis=1))
     for owner, vertex in np.unique(rows[again, :2], axis=0):

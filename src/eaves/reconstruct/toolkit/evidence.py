@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.rings import polygons_of
 from eaves.model import BuildingModel, Labels, Points, RoofPlane
 from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
 from eaves.reconstruct.toolkit.line_limits import ClutterLimits
@@ -113,15 +114,14 @@ def faces_as_planes(
     solids = model.solids["2.2"]
     height, cosine, number = surface or surface_heights(solids, points[top, :2])
     error = (points[top, 2] - height) * cosine
-    shapes = [
-        shapely.Polygon(
-            solid.vertices[list(face.rings[0]), :2],
-            [solid.vertices[list(hole), :2] for hole in face.rings[1:]],
-        )
-        for solid in solids
-        for face in solid.faces
-        if face.plane is not None
-    ]
+    shapes = polygons_of(
+        [
+            [solid.vertices[list(ring), :2] for ring in face.rings]
+            for solid in solids
+            for face in solid.faces
+            if face.plane is not None
+        ]
+    )
     answer = []
     for face, (row, shape) in enumerate(zip(coefficients.tolist(), shapes, strict=True)):
         mine = number == face

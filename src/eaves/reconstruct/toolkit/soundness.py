@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.geometry.rings import ring_edges
+from eaves.geometry.rings import polygons_of, ring_edges
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.model import Solid
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
@@ -114,17 +114,7 @@ def bend_defect(solid: Solid, numbers: Iterable[int]) -> str:
 def plan_polygons(solid: Solid) -> NDArray[np.object_]:
     """The faces that are not walls (F,) as polygons in plan."""
     faces = [face.rings for face in solid.faces if face.surface != WALL_SURFACE]
-    return as_polygons([solid.vertices[list(ring), :2] for rings in faces for ring in rings], faces)
-
-
-def as_polygons(
-    places: Sequence[NDArray[np.float64]], faces: Sequence[tuple[tuple[int, ...], ...]]
-) -> NDArray[np.object_]:
-    """Polygons (F,) of faces whose rings lie at `places`, (M, 2 or 3) each, the rings of a face together."""
-    size = [len(ring) for ring in places]
-    rings = shapely.linearrings(np.concatenate(places), indices=np.repeat(np.arange(len(size)), size))
-    owner = np.repeat(np.arange(len(faces)), [len(face) for face in faces])
-    return np.asarray(shapely.polygons(rings, indices=owner), object)
+    return polygons_of([[solid.vertices[list(ring), :2] for ring in rings] for rings in faces])
 
 
 def fold_defect(solid: Solid, flat: dict[int, NDArray[np.float64]]) -> str:
@@ -136,13 +126,12 @@ def fold_defect(solid: Solid, flat: dict[int, NDArray[np.float64]]) -> str:
     roofs = [number for number in flat if solid.faces[number].surface == ROOF_SURFACE]
     if not roofs:
         return ""
-    faces = [solid.faces[number].rings for number in roofs]
-    places = [
-        ring
-        for number, face in zip(roofs, faces, strict=True)
-        for ring in np.split(flat[number], np.cumsum([len(ring) for ring in face])[:-1])
-    ]
-    polygons = as_polygons(places, faces)
+    polygons = polygons_of(
+        [
+            np.split(flat[number], np.cumsum([len(ring) for ring in solid.faces[number].rings])[:-1])
+            for number in roofs
+        ]
+    )
     if not shapely.is_valid(polygons).all():
         return "a face whose rings cross on its plane"
     pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
