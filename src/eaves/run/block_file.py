@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,27 @@ class Candidates:
     spacing: float
     not_last: NDArray[np.bool_]
     """Whether the pulse came back once more from below."""
+
+    def numbers_of(self, label: int) -> NDArray[np.int64]:
+        """The numbers (K,), ascending, of the points that bear a label."""
+        order, first = self._by_label
+        return order[first[label] : first[label + 1]] if label + 1 < len(first) else order[:0]
+
+    def between(self, west: float, east: float) -> NDArray[np.int64]:
+        """The numbers (K,), ascending, of the points from `west` to `east` (m)."""
+        order, x = self._by_x
+        return np.sort(order[slice(*np.searchsorted(x, [west, east]))])
+
+    @cached_property
+    def _by_label(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        order = np.argsort(self.label, kind="stable")
+        labels = np.arange(int(self.label.max(initial=0)) + 2)
+        return order, np.searchsorted(self.label[order], labels)
+
+    @cached_property
+    def _by_x(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        order = np.argsort(self.xyz[:, 0])
+        return order, self.xyz[order, 0]
 
 
 @dataclass(frozen=True, eq=False)

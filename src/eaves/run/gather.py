@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.footprints.snap import snap_footprints
 from eaves.model import Block, Bounds, Failure, Footprint, Points, Raster
-from eaves.model.cloud import snap
+from eaves.model.cloud import GRID_STEP, snap
 from eaves.model.results import BuildingPoints
 from eaves.model.scene import WALL
 from eaves.raster.surfaces import CELL
@@ -70,7 +71,7 @@ class Gatherer:
             spacing = result.spacing
             shift = np.array([block.origin[0] - owner.origin[0], block.origin[1] - owner.origin[1], 0.0])
             if plan.given is None:
-                chosen = result.label == label
+                chosen = result.numbers_of(label)
                 score = max(score, float(result.score[label - 1]) if len(result.score) else 1.0)
             else:
                 chosen = points_under(result, plan.given, shift)
@@ -202,14 +203,15 @@ def is_seen_beside(polygon: Polygon, seen: Raster) -> bool:
     return bool(shapely.contains_xy(rim, *cells_of(seen).T).any())
 
 
-def points_under(result: Candidates, given: Footprint, shift: np.ndarray) -> np.ndarray:
-    """Which points (N,) of a block belong to a given footprint: the detector's, else all high ones."""
+def points_under(result: Candidates, given: Footprint, shift: np.ndarray) -> NDArray[np.int64]:
+    """The numbers (K,) of a block's points that belong to a given footprint: the detector's, else the high."""
     west, south, east, north = given.polygon.bounds
-    x, y = result.xyz[:, 0] + shift[0], result.xyz[:, 1] + shift[1]
-    near = np.flatnonzero((x >= west) & (x <= east) & (y >= south) & (y <= north))
-    near = near[shapely.contains_xy(given.polygon, x[near], y[near])]
+    near = result.between(west - shift[0] - GRID_STEP, east - shift[0] + GRID_STEP)
+    x, y = (result.xyz[near, :2] + shift[:2]).T
+    inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    inside[inside] = shapely.contains_xy(given.polygon, x[inside], y[inside])
+    near = near[inside]
     high = result.high[near]
     detected = result.label[near] > 0
-    chosen = np.zeros(len(x), bool)
-    chosen[near] = detected if detected.sum() >= TRUSTED_SHARE * max(high.sum(), 1) else high
-    return chosen
+    trusted = detected.sum() >= TRUSTED_SHARE * max(high.sum(), 1)
+    return np.asarray(near[detected if trusted else high])
