@@ -204,7 +204,7 @@ def is_seen_beside(polygon: Polygon, seen: Raster) -> bool:
 
 
 def points_under(result: Candidates, given: Footprint, shift: np.ndarray) -> NDArray[np.int64]:
-    """The numbers (K,) of a block's points that belong to a given footprint: the detector's, else the high."""
+    """The numbers (K,) of a block's points that belong to a given footprint: the detector's or the high."""
     west, south, east, north = given.polygon.bounds
     near = result.between(west - shift[0] - GRID_STEP, east - shift[0] + GRID_STEP)
     x, y = (result.xyz[near, :2] + shift[:2]).T
