@@ -19,11 +19,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack
 
 from eaves.formats.atomic import report_full_disk
 from eaves.model.summary import Summary
-from eaves.run.classified_points import PointSink
 from eaves.run.clock import Clock
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import end_manifest
@@ -33,6 +32,9 @@ from eaves.run.region import Core, Region, import_methods, warn_of_wrong_boxes
 from eaves.run.run import Progress, Run, RunOptions, list_options, no_progress, open_run
 from eaves.run.tiles import build_tiles
 from eaves.run.workers import Workers
+
+if TYPE_CHECKING:
+    from eaves.run.classified_points import PointSink
 
 log = logging.getLogger("eaves")
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial import cKDTree
 
 from eaves.formats.atomic import atomic
@@ -178,6 +177,8 @@ def corner_groups(corners: Points, detail: float) -> NDArray[np.int64]:
 
     The two groups that lie nearest become one, again and again (complete linkage).
     """
+    from scipy.cluster.hierarchy import fcluster, linkage  # late: every run loads this module
+
     if len(corners) == 0:
         return np.zeros(0, np.int64)
     pairs = cKDTree(corners).query_pairs(detail, output_type="ndarray")

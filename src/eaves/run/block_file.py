@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +16,7 @@ from eaves.model import Block, Bounds, Labels, Points, Raster
 from eaves.model.cloud import GRID_STEP, GROUND, NOISE_CLASSES
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
+from eaves.raster.surfaces import CELL
 from eaves.run.part_file import open_part, save_part
 
 CANDIDATE_HEIGHT = 1.0
@@ -74,6 +76,18 @@ class BlockMetadata:
     """World metres of the points in the block."""
     seconds: dict[str, float]
     doubts: tuple[Doubt, ...] = ()
+
+
+def extent_of(notes: Sequence[BlockMetadata]) -> Bounds:
+    """World metres of all points used, widened to whole cells."""
+    if not notes:
+        return Bounds(0.0, 0.0, CELL, CELL)
+    whole = notes[0].extent
+    for note in notes[1:]:
+        whole = whole.union(note.extent)
+    west, south = np.floor(whole.west / CELL) * CELL, np.floor(whole.south / CELL) * CELL
+    east, north = (np.floor(whole.east / CELL) + 1) * CELL, (np.floor(whole.north / CELL) + 1) * CELL
+    return Bounds(float(west), float(south), float(east), float(north))
 
 
 def save_block(path: Path, result: BlockResult) -> None:

@@ -12,6 +12,7 @@ from functools import partial
 from glob import escape
 from itertools import chain, islice
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from eaves.formats import write_cityjson_seq
 from eaves.formats.atomic import atomic
@@ -19,8 +20,7 @@ from eaves.formats.geopackage import Row, write_geopackage
 from eaves.formats.qgis.project import write_project
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
-from eaves.run.block_file import BlockMetadata
-from eaves.run.classified_points import PointSink, write_points
+from eaves.run.block_file import BlockMetadata, extent_of
 from eaves.run.clock import Clock
 from eaves.run.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.run.earlier_lines import EarlierLines
@@ -28,13 +28,15 @@ from eaves.run.exports import export_footprints, export_models
 from eaves.run.join import OwnedBuildings
 from eaves.run.manifest import begin_manifest, note_files
 from eaves.run.neighbours import party_walls
-from eaves.run.rasters import extent_of, write_mask, write_surfaces
 from eaves.run.region import Region
 from eaves.run.review import REVIEW, review_rows, write_review
 from eaves.run.run import EVERYTHING, Run
 from eaves.run.stock import stock_figures
 from eaves.run.store import Store
 from eaves.run.workers import peak_memory_mb
+
+if TYPE_CHECKING:
+    from eaves.run.classified_points import PointSink
 
 LONGEST_FIRST = ("classified", "models", "footprints", "rasters", "mask")
 
@@ -108,6 +110,7 @@ class Results:
 
 def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[list[Path], PointSink | None]:
     """Write what one name of `EVERYTHING` stands for: the files, and the sink with what it received."""
+    # imports are late where libraries come with them that other outputs do without
     run, store, owners = results.run, results.store, results.owners
     folder, system, made_from = run.folder, store.system, run.provenance
     if step == "footprints":
@@ -122,11 +125,17 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
         write_cityjson_seq(files[0], lines, system, provenance=made_from, translate=run.translate)
         return files + export_models(folder, results.answers, system, run.formats, made_from), None
     if step == "mask":
+        from eaves.run.rasters import write_mask
+
         polygons = [row.polygon for row in store.building_rows(owners)]
         path = folder / "mask.tif"
         return write_mask(system, results.blocks, polygons, results.extent, path, made_from), None
     if step == "rasters":
+        from eaves.run.rasters import write_surfaces
+
         return write_surfaces(store, results.blocks, results.extent, folder, made_from), None
+    from eaves.run.classified_points import write_points
+
     return write_points(store, run, results.blocks, owners, sink), sink
 
 

@@ -16,21 +16,8 @@ from eaves.model import Block, Bounds, CoordinateSystem
 from eaves.model.provenance import Provenance
 from eaves.raster.rasterize import rasterize
 from eaves.raster.surfaces import CELL
-from eaves.run.block_file import BlockMetadata
 from eaves.run.store import Store
 from eaves.run.world_squares import within
-
-
-def extent_of(notes: Sequence[BlockMetadata]) -> Bounds:
-    """World metres of all points used, widened to whole cells."""
-    if not notes:
-        return Bounds(0.0, 0.0, CELL, CELL)
-    whole = notes[0].extent
-    for note in notes[1:]:
-        whole = whole.union(note.extent)
-    west, south = np.floor(whole.west / CELL) * CELL, np.floor(whole.south / CELL) * CELL
-    east, north = (np.floor(whole.east / CELL) + 1) * CELL, (np.floor(whole.north / CELL) + 1) * CELL
-    return Bounds(float(west), float(south), float(east), float(north))
 
 
 def write_surfaces(

@@ -25,7 +25,6 @@ from eaves.run.ground_squares import seen_from
 from eaves.run.index import Index
 from eaves.run.join import assign_footprints
 from eaves.run.manifest import MANIFEST, begin_manifest, check_folder, end_manifest
-from eaves.run.merge import merge_footprints, merge_masks, merge_rasters
 from eaves.run.outputs import write_map, write_run
 from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.region import Core, Region, TooNarrowError, warn_of_wrong_boxes
@@ -227,6 +226,8 @@ def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: Bu
     An input whose header puts it elsewhere than its points is found out by the first tile that reads it; the
     tiles it does lie in are then computed with it.
     """
+    from eaves.run.merge import merge_footprints, merge_masks, merge_rasters  # late: few runs need rasterio
+
     folder = run.folder
     if "classified" in run.outputs:
         log.warning("classified points are not written tile by tile; run eaves build --bounds for a part")
