@@ -1,8 +1,8 @@
 """Two epochs compared against the exact list of changes: `python -m benchmarks.accuracy.change [FOLDER]`.
 
 The towns chose none of the constants: seeds from 9101 on, of other sizes and styles than those of the tests;
-those from 9105 on were first looked at after the rule of lorries was made. With `strips` for a folder, the strips
-of real scans, of which each two are epochs of one town: nothing changed there.
+those from 9105 on were first looked at after the rule of lorries was made. With `strips` for a folder it
+takes the strips of real scans, of which each two are epochs of one town: nothing changed there.
 """
 
 from __future__ import annotations
