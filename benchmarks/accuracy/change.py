@@ -121,7 +121,8 @@ def make_town(folder: Path, town: Sequence[Any]) -> tuple[Path, Path]:
         surveys = (Survey(first), epochs.old, seed), (later_survey(second), epochs.new, seed + 1000)
         for name, (survey, there, own), run in zip(("old", "new"), surveys, runs, strict=True):
             scene = survey.scan(there, own)
-            build(write_simulation(scene, folder / name)["points"], run, jobs=1)
+            points = write_simulation(scene, folder / name)["points"]
+            build(points, run, lod="0", outputs=("footprints", "rasters", "classified"), jobs=1)
         write_changes(epochs.changes, scene, folder)
     return runs
 

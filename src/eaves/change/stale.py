@@ -20,11 +20,16 @@ from numpy.typing import NDArray
 
 from eaves.footprints.read import as_box
 from eaves.model import Block, Bounds
+from eaves.model.cloud import GRID_STEP
 from eaves.run.part_file import load_value, open_part
 from eaves.run.region import Region
 from eaves.run.store import Store, extent_of
 from eaves.run.wide import TYPES
 from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, squares_of
+
+APART = 30.0
+"""Points whose class changed are looked at in squares of so much (m): one far from the others makes no block
+stale between."""
 
 ROUNDING = 1.0
 """Added to each reach (m): more than any rounding of places, less than matters."""
@@ -158,9 +163,16 @@ def ground_differences(before: Store, after: Store, square: Block, side: float) 
         old, new = ground_of(before, square, block), ground_of(after, square, block)
         _, i, j = np.intersect1d(old[0]["point_id"], new[0]["point_id"], True, return_indices=True)
         differs = (old[1][i] != new[1][j]).any(axis=1)
-        place = extent_of(new[0]["xyz"][j[differs]], block)
-        found += [] if place is None else [place]
+        found += extents_of(new[0]["xyz"][j[differs]], block)
     return found
+
+
+def extents_of(quanta: NDArray[np.int32], block: Block) -> list[Bounds]:
+    """World metres of points (N, 3) in quanta about a block's corner, for each square of `APART`."""
+    place = np.floor(quanta[:, :2] * (GRID_STEP / APART)).astype(np.int64)
+    _, group = np.unique(place, axis=0, return_inverse=True)
+    some = (extent_of(quanta[group == number], block) for number in np.unique(group))
+    return [extent for extent in some if extent is not None]
 
 
 def ground_of(store: Store, square: Block, block: Block) -> tuple[NDArray[Any], NDArray[np.uint8]]:
