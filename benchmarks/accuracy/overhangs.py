@@ -34,7 +34,7 @@ DENSITIES = (5.0, 10.0, 20.0)
 SEEN = 0.5
 """Points per m² of wall from which on a wall counts as seen."""
 TOLD = ("open", "walls", "unknown")
-SEEDS = (25, 26)
+SEEDS = (25, 91)
 """Of the houses and of the free-standing roofs; the limits were chosen on 5 and 6."""
 CLOSE = 0.15
 """Largest error (m) of an overhang that is right."""
@@ -234,7 +234,8 @@ def main() -> None:
     )
     keep("overhangs", "Overhangs measured from wall points", list(overhang_rows()), COMMAND, note)
     note = (
-        "Carports, shelters, petrol stations and barns without walls, and as many with. To reach: 0.9 right."
+        "Carports, shelters, petrol stations and barns without walls, and as many with, on a seed that chose "
+        "nothing. To reach: 0.9 right."
     )
     keep("canopies", "Roofs without walls", list(canopy_rows()), COMMAND, note)
 

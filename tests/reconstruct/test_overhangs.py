@@ -152,6 +152,19 @@ def test_canopy_is_found_by_the_ground_under_it() -> None:
     assert measure_volume(result.solids["2.3"][0]) == pytest.approx(96.0 * THICK, rel=1e-3)
 
 
+@pytest.mark.parametrize(("walls", "free"), [({}, True), ({3: 0.0}, False)])
+def test_ground_seen_by_few_points_at_each_edge_counts_together__unless_a_wall_is_seen(
+    walls: dict[int, float], free: bool
+) -> None:
+    model, points, _ = scanned(walls, np.random.default_rng(9))
+    ground = np.array(
+        [[-3.0, -2.5, 0.0], [2.0, -2.4, 0.0], [4.2, 0.5, 0.0], [1.0, 2.6, 0.0], [-2.0, 2.5, 0.0]]
+    )
+    points = np.concatenate([points, ground])
+    result = add_overhangs(model, points, points[:, 2])
+    assert result.attributes["stands_free"] is free
+
+
 def test_ground_in_a_hole_of_the_roof_makes_no_canopy() -> None:
     rng = np.random.default_rng(7)
     model, points, _ = scanned({}, rng)

@@ -131,7 +131,8 @@ def measure_overhangs(
 
     A wall is an upright strip of points below the roof and along its edge. Edges are taken from the surest
     down; the points of a wall that is found are no longer evidence for its neighbours, whose strips it
-    crosses. An edge without a wall is open where the ground is seen under the roof, and else unknown.
+    crosses. An edge without a wall is open where the ground is seen under the roof, and else unknown; where
+    no wall is seen at any edge, those points of all edges count together.
 
     Parameters
     ----------
@@ -198,18 +199,23 @@ def measure_overhangs(
     covered = cover.share_around(passing) >= rules.covered_around
     edge_of = nearest_edge(start, end, passing)
     limit = np.clip(rules.open_slant * room, rules.open_depth, rules.open_widest)
+    seen_deep = {edge: beneath & (edge_of == edge) & (depth[edge] > limit) for edge in left}
+    deep = {edge: int((mine & covered).sum()) for edge, mine in seen_deep.items()}
+    walled = len(left) < len(start)
+    whole, whole_deep = sum(int(mine.sum()) for mine in seen_deep.values()), sum(deep.values())
+    # a roof none of whose walls is seen stands free when its edges together show the ground below
+    free = not walled and whole_deep >= max(rules.points, rules.under_roof * whole)
     for edge in left:
-        seen_deep = beneath & (edge_of == edge) & (depth[edge] > limit)
-        deep = int((seen_deep & covered).sum())
-        extent = float(np.ptp(along[edge][seen_deep & covered])) if deep else 0.0
-        is_open = deep >= max(rules.points, rules.under_roof * seen_deep.sum())
+        extent = float(np.ptp(along[edge][seen_deep[edge] & covered])) if deep[edge] else 0.0
+        is_open = deep[edge] >= max(rules.points, rules.under_roof * seen_deep[edge].sum())
         is_open = is_open and extent >= rules.open_spread * length[edge]
+        is_open = is_open or (free and deep[edge] > 0)
         found[edge] = Overhang(
             *ends[edge],
             OPEN if is_open else UNKNOWN,
             None,
-            1.0 - 0.5**deep if is_open else 0.0,
-            deep,
+            1.0 - 0.5 ** deep[edge] if is_open else 0.0,
+            deep[edge],
         )
     return [found[edge] for edge in range(len(start))]
 
