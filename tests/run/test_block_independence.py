@@ -8,7 +8,9 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+import pyogrio.raw
 import pytest
+import shapely
 from tests.conftest import write_laz
 
 from eaves.methods import MethodChoice
@@ -75,3 +77,27 @@ def test_a_wide_block_costs_what_its_points_cost(nine_roofs_file: Path, tmp_path
 
     seconds(240.0)  # compiles
     assert seconds(5000.0) < 2.0 * seconds(240.0) + 1.0
+
+
+@pytest.mark.slow
+def test_houses_in_a_row_are_the_same_in_all_blocks(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    xy = rng.uniform((0.0, 0.0), (70.0, 40.0), (22_400, 2))
+    inside = (np.abs(xy[:, 0] - 35.0) < 24.0) & (np.abs(xy[:, 1] - 20.0) < 4.5)
+    lift = 0.5 * ((xy[:, 0] - 11.0) // 6.0 % 2)
+    z = np.where(inside, 6.0 + lift + 0.8 * (4.5 - np.abs(xy[:, 1] - 20.0)), 0.0)
+    points = np.column_stack([xy, z + rng.normal(0.0, 0.02, len(xy))])
+    write_laz(tmp_path / "row.laz", points + [600_085.0, 5_000_190.0, 0.0], epsg=32631)
+
+    def houses(side: float) -> list[str]:
+        build(tmp_path / "row.laz", tmp_path / f"{side:g}", make_recipe(lod="0"), block=side)
+        path = tmp_path / f"{side:g}" / "footprints.gpkg"
+        return sorted(shapely.to_wkt(shapely.normalize(one), 3) for one in footprints_of(path))
+
+    expected = houses(240.0)
+    assert len(expected) == 8, "seams of blocks of 60 and 120 m run through the row"
+    assert all(houses(side) == expected for side in (60.0, 120.0))
+
+
+def footprints_of(path: Path) -> list[shapely.Geometry]:
+    return list(shapely.from_wkb(pyogrio.raw.read(path, layer="footprints", columns=[])[2]))
