@@ -36,8 +36,9 @@ function drawCharts(box, rows) {
 // The attributes and distances of one building.
 function describe(box, row, number, { points, rows }) {
   const list = element('dl');
-  for (const [name, value] of Object.entries(row)) {
-    if (value !== null && name !== 'number') list.append(element('dt', { title: page.meanings[name]?.[1] || '' }, page.meanings[name]?.[0] || name), element('dd', {}, figure(value)));
+  const { id, trust, trust_score, review_reason, ...others } = row;
+  for (const [name, value] of Object.entries({ id, trust, trust_score, review_reason, ...others })) {
+    if (value !== undefined && value !== null && name !== 'number') list.append(element('dt', { title: page.meanings[name]?.[1] || '' }, page.meanings[name]?.[0] || name), element('dd', {}, figure(value)));
   }
   if (number >= rows.length) {
     box.replaceChildren(element('h2', {}, row.id), list, element('p', {}, `Not drawn: the page shows the ${rows.length.toLocaleString('en')} buildings nearest to its middle. `, element('code', {}, `eaves view OUT --around ${row.id}`), ' makes a page around this one.'));
