@@ -182,15 +182,10 @@ def test_tiles_lie_where_the_buildings_are(tmp_path: Path, system: CoordinateSys
     check_tile(tileset["root"], tileset["geometricError"], tmp_path / "tiles")
     to_earth = pyproj.Transformer.from_crs(pyproj.CRS(system.wkt), "EPSG:4979", always_xy=True)
     to_centre = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
-    found = sorted(leaves(tileset["root"]), key=lambda tile: int(Path(tile["content"]["uri"]).stem))
-    assert len(found) == 16
-    for model, tile in zip(
-        town, sorted(found, key=lambda t: int(Path(t["content"]["uri"]).stem)), strict=True
-    ):
-        y_up = trimesh.load(tmp_path / "tiles" / tile["content"]["uri"], force="mesh").vertices
-        z_up = np.column_stack([y_up[:, 0], -y_up[:, 2], y_up[:, 1]])
-        matrix = np.array(tile["transform"]).reshape(4, 4).T
-        placed = z_up @ matrix[:3, :3].T + matrix[:3, 3]
+    found = contents(tileset["root"], np.eye(4), tmp_path / "tiles")
+    assert sum(uri.startswith("content/") for uri in found) == 16
+    for number, model in enumerate(town, 1):
+        placed = found[f"content/{number}.glb"]
         world = model.solids["2.2"][0].vertices + np.array([*model.footprint.origin, 0.0])
         degrees = to_earth.transform(world[:, 0] / system.unit_m[0], world[:, 1] / system.unit_m[1])
         wanted = np.column_stack(to_centre.transform(*degrees, world[:, 2]))
@@ -198,24 +193,60 @@ def test_tiles_lie_where_the_buildings_are(tmp_path: Path, system: CoordinateSys
         assert apart.min(axis=1).max() < 0.002 and apart.min(axis=0).max() < 0.002
 
 
-def check_tile(tile: dict[str, Any], error: float, folder: Path) -> None:
+def check_tile(tile: dict[str, Any], error: float, folder: Path, above: str = "ADD") -> None:
     """What the schema of 3D Tiles 1.1 asks of a tile and its children."""
     assert 0 <= tile["geometricError"] <= error
     ((kind, numbers),) = tile["boundingVolume"].items()
     assert len(numbers) == {"box": 12, "sphere": 4}[kind] and np.isfinite(numbers).all()
-    assert tile.get("refine", "ADD") == "ADD"
+    refine = tile.get("refine", above)
+    assert refine == ("REPLACE" if "content" in tile and "children" in tile else above)
     assert set(tile) <= {"boundingVolume", "geometricError", "refine", "transform", "content", "children"}
     if "content" in tile:
         document, _ = read_glb(folder / tile["content"]["uri"])
         assert document["extensionsUsed"] == ["EXT_mesh_features", "EXT_structural_metadata"]
     assert len(tile.get("children", [0])) > 0
     for child in tile.get("children", []):
-        check_tile(child, tile["geometricError"], folder)
+        check_tile(child, tile["geometricError"], folder, refine)
 
 
-def leaves(tile: dict[str, Any]) -> list[dict[str, Any]]:
-    below = [leaf for child in tile.get("children", []) for leaf in leaves(child)]
-    return [*([tile] if "content" in tile else []), *below]
+def contents(tile: dict[str, Any], frame: np.ndarray, folder: Path) -> dict[str, np.ndarray]:
+    """Address of a content → its vertices (N, 3) in the tileset's coordinates, all within their volumes."""
+    if "transform" in tile:
+        frame = frame @ np.array(tile["transform"]).reshape(4, 4).T
+    found: dict[str, np.ndarray] = {}
+    if "content" in tile:
+        y_up = trimesh.load(folder / tile["content"]["uri"], force="mesh").vertices
+        z_up = np.column_stack([y_up[:, 0], -y_up[:, 2], y_up[:, 1]])
+        found[tile["content"]["uri"]] = z_up @ frame[:3, :3].T + frame[:3, 3]
+    for child in tile.get("children", []):
+        found |= contents(child, frame, folder)
+    if "sphere" in tile["boundingVolume"]:
+        *middle, radius = tile["boundingVolume"]["sphere"]
+        centre = frame[:3, :3] @ middle + frame[:3, 3]
+        for vertices in found.values():
+            assert np.linalg.norm(vertices - centre, axis=1).max() <= radius * np.linalg.norm(frame[:3, 0])
+    return found
+
+
+def test_from_afar_a_city_has_prisms_in_place_of_its_largest_buildings(tmp_path: Path) -> None:
+    small = model_at(ORIGIN, "small").with_(attributes={"roof_type": "flat", "secret": 1})
+    town = [
+        model_at((ORIGIN[0] + 240 * i, ORIGIN[1] + 240 * j), f"{i}-{j}") for i in range(3) for j in range(3)
+    ]
+    assert write_3dtiles(tmp_path, [small, *town], DUTCH) == 10
+    root = json.loads((tmp_path / "tileset.json").read_text(encoding="utf-8"))["root"]
+    assert root["refine"] == "REPLACE" and root["content"]["uri"] == "overview/1.glb"
+    document, _ = read_glb(tmp_path / root["content"]["uri"])
+    (table,) = document["extensions"]["EXT_structural_metadata"]["propertyTables"]
+    assert table["count"] == 10 and "secret" not in table["properties"]
+    mesh = trimesh.load(tmp_path / root["content"]["uri"], force="mesh")
+    assert mesh.vertices[:, 1].max() - mesh.vertices[:, 1].min() == pytest.approx(7.0)
+    hull = COURT.convex_hull
+    whole = 10 * (hull.area + 7.0 * hull.length)
+    assert mesh.area == pytest.approx(whole, rel=1e-4), "walls and roof, no ground"
+    names = {path.name for path in (tmp_path / "overview").glob("*.glb")}
+    write_3dtiles(tmp_path, [small], DUTCH)
+    assert len(names) == 5 and not list((tmp_path / "overview").glob("*.glb")), "old ones are removed"
 
 
 def test_a_tile_knows_its_buildings(tmp_path: Path) -> None:

@@ -6,15 +6,15 @@ transform takes it to Earth-centred coordinates: its axes are the images of 100 
 coordinate system at the tile's middle, so grid convergence and scale are in it, and a block of 240 m leaves
 the curve of the Earth by 2 mm. Heights above a geoid need its grid, which PROJ may not have; a warning states
 so, and `asset.extras` what was added. Data with no place on Earth make a tileset in local metres. Tiles are
-leaves of a quadtree.
+leaves of a quadtree; where it has more than one level, its nodes have an overview that the tiles replace.
 """
 
 from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
@@ -31,6 +31,7 @@ from eaves.formats.crs_check import vertical_datum
 from eaves.formats.features import EXTENSIONS, add_feature_numbers, add_property_table
 from eaves.formats.glb import GlbParts, Json, scene_extras, y_up
 from eaves.formats.meshes import SURFACES, Mesh, mesh_of
+from eaves.formats.tiles_overview import NODE_PRISMS, TILE_PRISMS, Prism, about, largest, prism_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
@@ -42,6 +43,8 @@ CHILDREN = 8
 ERROR_SHARE = 1 / 16
 """A node's geometric error as a share of its diameter: at Cesium's 16 pixels and a usual screen its tiles
 come into view from about four diameters away."""
+STRETCH = 1.002
+"""How much longer than a metre the unit of a map's axes can be: twice UTM's at the rim of its zone."""
 GEOCENTRIC, GEODETIC = "EPSG:4978", "EPSG:4979"
 
 Matrix = NDArray[np.float64]
@@ -49,11 +52,13 @@ Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Leaf:
-    """One tile with content: its middle in the plane (m), its corners (8, 3) in the tileset's coordinates."""
+    """One tile with content: its middle in the plane (m), its corners (8, 3) in the tileset's coordinates,
+    what it shows from afar."""
 
     middle: tuple[float, float]
     corners: NDArray[np.float64]
     tile: Json
+    prisms: Sequence[Prism] = ()
 
 
 def write_3dtiles(
@@ -99,20 +104,37 @@ def write_3dtiles(
     (folder / "tileset.json").unlink(missing_ok=True)
     earth = Earth(system)
     leaves: list[Leaf] = []
-    count = 0
-    for origin, buildings in by_origin(models):
-        name = f"content/{len(leaves) + 1}.glb"
+    overviews = count = 0
+
+    def tile_of(name: str, buildings: Sequence[tuple[BuildingModel, Mesh]]) -> Leaf:
+        """Write a tile of buildings, whose meshes count from the first one's origin."""
+        origin = buildings[0][0].footprint.origin
         with atomic(folder / name) as temporary:
             low, high = write_content(temporary, buildings, origin, system)
         base = np.array([0.0, 0.0, low[2]])
         frame = earth.frame(np.array([*origin, low[2]]), (low + high) / 2 - base)
-        leaves.append(leaf_of(name, frame, origin, low - base, high - base))
+        return leaf_of(name, frame, origin, low - base, high - base)
+
+    def draw(inside: Sequence[Leaf]) -> Json:
+        """The overview of a node over tiles, as a content in its place."""
+        nonlocal overviews
+        prisms = largest((prism for leaf in inside for prism in leaf.prisms), NODE_PRISMS)
+        if not prisms:
+            return {}
+        overviews += 1
+        return tile_of(f"overview/{overviews}.glb", about(prisms[0][1].footprint.origin, prisms)).tile
+
+    for _, buildings in by_origin(models):
+        leaf = tile_of(f"content/{len(leaves) + 1}.glb", buildings)
+        seen = (prism for model, mesh in buildings if (prism := prism_of(model, mesh)) is not None)
+        leaves.append(replace(leaf, prisms=largest(seen, TILE_PRISMS)))
         count += len(buildings)
-    for stale in (folder / "content").glob("*.glb"):
-        if not (stale.stem.isdigit() and int(stale.stem) <= len(leaves)):
-            stale.unlink()
     nothing: Json = {"boundingVolume": {"sphere": [0, 0, 0, 1]}, "geometricError": 0}
-    root = node_of(leaves) if leaves else nothing
+    root = node_of(leaves, draw if len(leaves) > CHILDREN else None) if leaves else nothing
+    for place, number in (("content", len(leaves)), ("overview", overviews)):
+        for stale in (folder / place).glob("*.glb"):
+            if not (stale.stem.isdigit() and int(stale.stem) <= number):
+                stale.unlink()
     extras: Json = {"crs": system.code, "vertical_datum": vertical_datum(system), **provenance.members}
     extras["geoid_height_added_m"] = earth.lifts()
     asset = {"version": "1.1", "generator": f"eaves {version('eaves')}", "extras": extras}
@@ -199,24 +221,44 @@ def leaf_of(
     return Leaf((origin[0] + float(middle[0]), origin[1] + float(middle[1])), corners, tile)
 
 
-def node_of(leaves: Sequence[Leaf]) -> Json:
-    """A tile over all leaves: their parent when they are few, else of the nodes over their quarters."""
+def node_of(
+    leaves: Sequence[Leaf],
+    draw: Callable[[Sequence[Leaf]], Json] | None = None,
+    parent: Matrix | None = None,
+) -> Json:
+    """A tile over all leaves: their parent when they are few, else of the nodes over their quarters. What
+    `draw` makes of the leaves is shown in their place from afar, in a frame of its own; `parent` (4, 4) is
+    the frame that the node itself is in, None for the tileset's."""
     corners = np.concatenate([leaf.corners for leaf in leaves])
     centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
     radius = float(np.linalg.norm(corners - centre, axis=1).max())
-    node: Json = {
-        "boundingVolume": {"sphere": [*centre.tolist(), radius]},
-        "geometricError": 2 * radius * ERROR_SHARE,
-    }
+    overview = {} if draw is None else draw(leaves)
+    frame = np.array(overview["transform"]).reshape(4, 4).T if overview else parent
+    node: Json = {}
+    if overview:
+        node = {"transform": within(overview, parent)["transform"], "refine": "REPLACE"}
+        node["content"] = overview["content"]
+    if frame is not None:  # its axes are a map's: up to a thousandth longer or shorter than metres
+        centre, radius = (np.linalg.inv(frame) @ [*centre, 1.0])[:3], radius * STRETCH
+    node["boundingVolume"] = {"sphere": [*centre.tolist(), radius]}
+    node["geometricError"] = 2 * radius * ERROR_SHARE
     middles = np.array([leaf.middle for leaf in leaves])
     split = (middles.min(axis=0) + middles.max(axis=0)) / 2
     quarter = (middles[:, 0] > split[0]) + 2 * (middles[:, 1] > split[1])
     if len(leaves) <= CHILDREN or len(np.unique(quarter)) == 1:
-        return node | {"children": [leaf.tile for leaf in leaves]}
+        return node | {"children": [within(leaf.tile, frame) for leaf in leaves]}
     quarters = [
         [leaf for leaf, mine in zip(leaves, quarter, strict=True) if mine == number] for number in range(4)
     ]
-    return node | {"children": [node_of(quarter) for quarter in quarters if quarter]}
+    return node | {"children": [node_of(quarter, draw, frame) for quarter in quarters if quarter]}
+
+
+def within(tile: Json, frame: Matrix | None) -> Json:
+    """A tile that stands in the tileset's frame, below one of another frame (4, 4)."""
+    if frame is None:
+        return tile
+    own = np.linalg.inv(frame) @ np.array(tile["transform"]).reshape(4, 4).T
+    return tile | {"transform": own.T.ravel().tolist()}
 
 
 class Earth:
