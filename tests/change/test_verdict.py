@@ -24,7 +24,6 @@ from eaves.change.verdict import (
     RAISED,
     ROOF_REPLACED,
     UNCHANGED,
-    UNCLEAR,
     Rules,
     Side,
     judge_building,
@@ -147,9 +146,9 @@ def test_a_crown_over_a_house_hides_it_and_is_no_change() -> None:
     assert judge(old, new).change == UNCHANGED
 
 
-def test_a_house_that_the_new_epoch_does_not_see_is_unclear__and_not_demolished() -> None:
+def test_a_house_that_the_new_epoch_has_no_points_of_is_not_covered__and_not_demolished() -> None:
     old, gap = epoch(garden(HOUSE), house()), epoch(garden(HOUSE))
-    assert judge(old, gap).change == UNCLEAR
+    assert judge(old, gap).change == NOT_COVERED
     assert judge(old, gap, covered=(True, False)).change == NOT_COVERED
 
 

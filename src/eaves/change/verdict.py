@@ -172,6 +172,11 @@ def judge_building(
     if len(new) + len(old) < rules.least_points:
         return Verdict(UNCLEAR, reason=f"only {len(new) + len(old)} roof points in both epochs")
     seen = seen_new if len(new) >= len(old) else seen_old
+    side = new if len(new) >= len(old) else old
+    if seen < rules.least_seen and side.share(UNSEEN) >= side.share(HIDDEN):
+        which = "old" if side is new else "new"
+        reason = f"the {which} epoch has points over {seen:.0%} of the roof alone"
+        return Verdict(NOT_COVERED, reason=reason)
     if seen < rules.least_seen:
         return Verdict(UNCLEAR, reason=f"{1 - seen:.0%} of the roof is hidden or not seen in the other epoch")
     figures = {"seen": round(seen, 3), "same": round(same, 3)}
