@@ -87,14 +87,14 @@ def test_the_same_house_is_unchanged() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wide", "high", "change"),
-    [(2.5, 3.8, UNCHANGED), (3.5, 3.8, NEW), (2.5, 4.5, NEW)],
-    ids=["a lorry", "a garage", "a narrow house"],
+    ("wide", "high", "long", "change"),
+    [(2.5, 3.8, 12.0, UNCHANGED), (3.5, 3.8, 12.0, NEW), (2.5, 4.5, 12.0, NEW), (2.5, 2.5, 4.0, NEW)],
+    ids=["a lorry", "a garage", "a narrow house", "a shed"],
 )
-def test_what_no_run_had_there_and_is_narrow_and_low_is_a_lorry(
-    wide: float, high: float, change: str
+def test_what_no_run_had_there_and_is_narrow_low_and_long_is_a_lorry(
+    wide: float, high: float, long: float, change: str
 ) -> None:
-    where = (5.0, 5.0, 17.0, 5.0 + wide)
+    where = (5.0, 5.0, 5.0 + long, 5.0 + wide)
     before, after = epoch(garden()), epoch(garden(where), house(high, where))
     sides = side(before, after, NEAR), side(after, before, NEAR)
     for forward in (True, False):

@@ -66,8 +66,10 @@ class Rules:
     smallest_alone_m2: float = 25.0
     """The same for a surface that stands alone and is in no run's footprints: larger than a lorry."""
     vehicle_width: float = 2.7
-    """What stands alone and is nowhere so wide (m) is a lorry, a trailer or a container where it is also low:
-    the legal limit is 2.55 m, a garage is wider."""
+    """What stands alone and is nowhere so wide (m) is a vehicle, a trailer or a container where it is low and
+    long, too: the legal limit is 2.55 m, a garage is wider."""
+    vehicle_length: float = 1.9
+    """They are at least so many times longer than wide, as for the detector; sheds are not."""
     vehicle_height: float = 4.2
     """The highest of them (m)."""
     smallest_height: float = 0.35
@@ -315,8 +317,12 @@ def is_vehicle(side: Side, patch: Mask, rules: Rules, link: float) -> bool:
     """Whether some points of a roof are as low and as narrow as a lorry's."""
     height = float(np.abs(np.median(side.distance[patch])))
     margin = float(np.sqrt(np.median(side.size[patch]))) / 2  # the outermost points lie within the sides
-    width = rules.vehicle_width - margin
-    return height <= rules.vehicle_height and not is_wide(side.xyz[patch, :2], width, link / 2)
+    xy, width = side.xyz[patch, :2], rules.vehicle_width - margin
+    if height > rules.vehicle_height or is_wide(xy, width, link / 2):
+        return False
+    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(shapely.multipoints(xy)))
+    sides = np.hypot(*np.diff(corners[:3], axis=0).T)  # none where the points are one, or on a line
+    return len(sides) < 2 or float(sides.max()) >= rules.vehicle_length * float(sides.min())
 
 
 def volume_of(old: Side, new: Side) -> float:
