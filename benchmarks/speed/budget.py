@@ -4,7 +4,7 @@ usage: python -m benchmarks.speed.budget [NAME…]                      (needs E
        python -m benchmarks.speed.budget --against TREE [--turns 3] [NAME…]
 
 Each run is one process (`--jobs 1`), so that its processor time is all of it. `--against` runs this tree and
-another checkout in turns and prints the ratio of their processor times: on a shared machine a time says
+another checkout in turns and keeps the ratio of their processor times: on a shared machine a time says
 little, a ratio of neighbours in time something.
 """
 
@@ -125,6 +125,13 @@ def sources(names: list[str], data: Path, place: Path) -> dict[str, tuple[Path, 
     return found
 
 
+def commit_of(tree: Path) -> str:
+    """The short name of a checkout's commit, or of its folder where it is none."""
+    words = ["git", "-C", str(tree), "rev-parse", "--short", "HEAD"]
+    told = subprocess.run(words, capture_output=True, text=True)
+    return told.stdout.strip() if told.returncode == 0 else tree.name
+
+
 def main() -> None:
     folder = os.environ.get("EAVES_DATA")
     if not folder:
@@ -137,7 +144,7 @@ def main() -> None:
     data = Path(folder)
     with tempfile.TemporaryDirectory() as temporary:
         place = Path(temporary)
-        rows = []
+        rows, turns = [], []
         for number, (name, (source, options)) in enumerate(sources(wanted.names, data, place).items()):
             if wanted.against is None:
                 measure(HERE, source, options, data, place / f"{number}-warm")
@@ -149,7 +156,18 @@ def main() -> None:
                 mine = measure(HERE, source, options, data, place / f"{number}-{turn}-a")
                 other = measure(wanted.against.resolve(), source, options, data, place / f"{number}-{turn}-b")
                 ratios.append(mine["all"] / other["all"])
-            print(f"{name}: {median(ratios):.3f} ({min(ratios):.3f} to {max(ratios):.3f})", flush=True)
+            turns.append(
+                {"data": name, "turns": wanted.turns, "ratio": round(median(ratios), 3)}
+                | {"least": round(min(ratios), 3), "most": round(max(ratios), 3)}
+            )
+            print(turns[-1], flush=True)
+    if turns:
+        keep(
+            "budget-turns",
+            f"Processor time of two checkouts in turns, this to {commit_of(wanted.against)}",
+            turns,
+            "python -m benchmarks.speed.budget --against TREE",
+        )
     if rows:
         keep("budget", "Where the processor time goes", rows, "python -m benchmarks.speed.budget")
 
