@@ -18,6 +18,9 @@ from eaves.reconstruct.toolkit.percentiles import group_percentiles
 RUNAWAY = 1e3
 """Cost (m²) of a metre beyond the heights a plane's points support: more than any residual."""
 
+POOR_EXCHANGE = 0.25
+"""Misfit (m² a m² of the cell) that a plane in place of another may bring: half a metre off, it costs 1.7."""
+
 GAUSS_PLACES = (0.2113, 0.7887)
 """Where along a border its jump is measured: the two places of Gauss and Legendre's rule."""
 
@@ -128,17 +131,26 @@ def hold_down(
     costs: LabelCosts,
 ) -> Integers:
     """The plane (C,) of every cell, `chosen` but for those that rise above what `highest_allowed` allows;
-    they get the plane of least cost. Arguments as for `label_cells`.
+    they get the plane of least cost, unless they rise by `least_rise` at most and that plane fits poorly.
+    Arguments as for `label_cells`.
     """
     halves = np.flatnonzero(coverage.cell >= 0)
     cell, corner = coverage.cell[halves], coverage.nodes[coverage.start[halves]]
     a, b, c = planes[chosen[cell]].T
     limit = highest_allowed(roof, planes, spacing, costs.least_rise)
-    over = np.unique(cell[corner[:, 0] * a + corner[:, 1] * b + c > limit[chosen[cell]]])
+    excess = np.zeros(coverage.count)
+    np.maximum.at(excess, cell, corner[:, 0] * a + corner[:, 1] * b + c - limit[chosen[cell]])
+    over = np.flatnonzero(excess > 0.0)
     if len(over) == 0:
         return chosen
     answer = chosen.copy()
-    answer[over] = cell_costs(coverage, roof, labels, planes, spacing, ground, costs)[over].argmin(axis=1)
+    data = cell_costs(coverage, roof, labels, planes, spacing, ground, costs)[over]
+    best = data.argmin(axis=1)
+    worse = data[np.arange(len(over)), best] - (
+        data[np.arange(len(over)), chosen[over]] - RUNAWAY * excess[over]
+    )
+    stays = (excess[over] <= costs.least_rise) & (worse > POOR_EXCHANGE * coverage.area[over])
+    answer[over] = np.where(stays, chosen[over], best)
     return answer
 
 
