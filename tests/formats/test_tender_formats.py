@@ -24,6 +24,7 @@ from eaves.formats import (
     write_citygml,
     write_cityjson,
     write_cityjson_seq,
+    write_dxf,
     write_geopackage,
     write_geoparquet,
     write_lod_layers,
@@ -32,8 +33,9 @@ from eaves.formats import (
 from eaves.formats.citygml import CITYGML_2, CITYGML_3, Version
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.obj_wireframe import roof_wireframe
 from eaves.formats.postgis import hidden
-from eaves.model import BuildingModel, Failure, Footprint, Solid
+from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid
 from eaves.simulate import nine_roofs_on_a_slope
 from eaves.validate import validate_file
 
@@ -182,6 +184,26 @@ def test_cjio_takes_the_file_and_knows_system_and_extent(
         assert "EPSG = 7415" in done.stdout and "Building (10)" in done.stdout
     extent = json.loads((tmp_path / "town.city.json").read_text())["metadata"]["geographicalExtent"]
     assert extent[0] == pytest.approx(PLACE[0], abs=300) and extent[2] < extent[5]
+
+
+@pytest.mark.parametrize("system", [DUTCH, FEET], ids=["metres", "feet"])
+def test_gdal_reads_the_edges_of_roofs_in_the_dxf(tmp_path: Path, system: CoordinateSystem) -> None:
+    truth = nine_roofs_on_a_slope(density=1.0)
+    models = [building.model(truth.cloud.origin) for building in truth.buildings]
+    assert write_dxf(tmp_path / "roofs.dxf", [Failure("none", "no model"), *models], system) == 9
+    _, _, shapes, fields = pyogrio.raw.read(tmp_path / "roofs.dxf", columns=["Layer", "Text"])
+    lines = shapely.from_wkb(shapes)
+    layers, texts = fields
+    assert sorted(texts[layers == "BUILDING_IDS"]) == sorted(model.footprint.id for model in models)
+    unit = system.unit_m[0]
+    found = np.sort(shapely.get_coordinates(lines[layers == "ROOF_EDGES"], include_z=True) * unit, axis=0)
+    wanted = []
+    for model in models:
+        corners, edges = roof_wireframe(model, 1e-6)
+        wanted.append((corners + [*model.footprint.origin, 0.0])[edges].reshape(-1, 3))
+    assert np.allclose(found, np.sort(np.concatenate(wanted), axis=0), atol=0.001)
+    drawn = shapely.length(lines[layers == "FOOTPRINTS"]).sum() * unit
+    assert drawn == pytest.approx(sum(model.footprint.polygon.length for model in models), abs=0.1)
 
 
 @pytest.mark.slow

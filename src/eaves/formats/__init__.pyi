@@ -6,6 +6,7 @@ from .cityjson_read import CityObject as CityObject
 from .cityjson_read import iter_cityjson as iter_cityjson
 from .cityjson_read import read_cityjson as read_cityjson
 from .classified import write_classified as write_classified
+from .dxf import write_dxf as write_dxf
 from .errors import InputError as InputError
 from .geopackage import read_polygons as read_polygons
 from .geopackage import write_geopackage as write_geopackage

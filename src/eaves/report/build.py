@@ -74,7 +74,7 @@ def build(
     party_walls : str, Path or None
         File of polygons of addresses; detected blocks are split along their borders.
     formats : sequence of str
-        Further formats: `obj`, `glb`, `3dtiles`, `cityjson`, `geojson`, `fgb`, `parquet`.
+        Further formats: `obj`, `glb`, `3dtiles`, `cityjson`, `dxf`, `geojson`, `fgb`, `parquet`.
     outputs : sequence of str
         Outputs to write, of `footprints`, `models`, `mask`, `rasters`, `classified`, `report`; all for none.
     block : float
