@@ -84,7 +84,7 @@ MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `e
 Formats = Annotated[
     str,
     typer.Option(
-        help="More formats, by commas: gpkg,citygml,citygml3,cityjson,obj,glb,3dtiles,dxf,geojson,fgb,parquet."
+        help="More formats: gpkg,citygml,citygml3,cityjson,obj,glb,3dtiles,dxf,geojson,fgb,parquet."
     ),
 ]
 Outputs = Annotated[
