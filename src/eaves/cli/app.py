@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
-import gc
 import signal
 import sys
 from typing import Annotated
@@ -24,10 +22,7 @@ from eaves.cli.runs import (
 )
 from eaves.cli.scenes import demo, simulate
 from eaves.cli.time import calibrate, compare, rebuild, update
-
-NEW_OBJECTS = 20_000
-"""New objects after which Python looks for garbage in cycles: 700, its own number, are those of one import,
-and a tenth of a small run went into looking."""
+from eaves.run.garbage import collect_rarely
 
 app = typer.Typer(
     name="eaves",
@@ -84,8 +79,7 @@ for command in (
 def main() -> None:
     """Entry point: a caller's mistake is one line and status 2, never a traceback."""
     report_aborts()
-    gc.set_threshold(NEW_OBJECTS)
-    atexit.register(gc.freeze)  # all that is left goes with the process: no last look for what is garbage
+    collect_rarely()
     with count_interrupts() as interrupts:
         try:
             status = app(standalone_mode=False) or COMPLETE

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from eaves.formats.atomic import is_full
+from eaves.run.garbage import collect_rarely
 from eaves.run.memory import REMEDY, limit_memory, share_memory
 
 log = logging.getLogger("eaves")
@@ -262,6 +263,7 @@ def begin_worker(memory: int | None = None) -> None:
         threading.Thread(target=end_after, args=(parent.sentinel,), daemon=True).start()
     warnings.simplefilter("ignore")  # remarks of libraries, which nobody could read among other processes'
     limit_memory(memory)
+    collect_rarely()
     import_pyogrio_alone()
 
 
