@@ -21,6 +21,12 @@ RUNAWAY = 1e3
 POOR_EXCHANGE = 0.25
 """Misfit (m² a m² of the cell) that a plane in place of another may bring: half a metre off, it costs 1.7."""
 
+SURE_POINTS = 100.0
+"""Points from which on a cell's own plane is sure, and not the other."""
+
+FITS = 0.1
+"""Misfit (m² a m² of the cell) up to which a plane fits."""
+
 GAUSS_PLACES = (0.2113, 0.7887)
 """Where along a border its jump is measured: the two places of Gauss and Legendre's rule."""
 
@@ -131,8 +137,8 @@ def hold_down(
     costs: LabelCosts,
 ) -> Integers:
     """The plane (C,) of every cell, `chosen` but for those that rise above what `highest_allowed` allows;
-    they get the plane of least cost, unless they rise by `least_rise` at most and that plane fits poorly.
-    Arguments as for `label_cells`.
+    they get the plane of least cost, unless they rise by `least_rise` at most, fit many points, and that
+    plane does not. Arguments as for `label_cells`.
     """
     halves = np.flatnonzero(coverage.cell >= 0)
     cell, corner = coverage.cell[halves], coverage.nodes[coverage.start[halves]]
@@ -145,11 +151,11 @@ def hold_down(
         return chosen
     answer = chosen.copy()
     data = cell_costs(coverage, roof, labels, planes, spacing, ground, costs)[over]
-    best = data.argmin(axis=1)
-    worse = data[np.arange(len(over)), best] - (
-        data[np.arange(len(over)), chosen[over]] - RUNAWAY * excess[over]
-    )
-    stays = (excess[over] <= costs.least_rise) & (worse > POOR_EXCHANGE * coverage.area[over])
+    best, row = data.argmin(axis=1), np.arange(len(over))
+    own = data[row, chosen[over]] - RUNAWAY * excess[over]
+    fits = (own < FITS * coverage.area[over]) & (data[row, best] - own > POOR_EXCHANGE * coverage.area[over])
+    fits &= coverage.area[over] > SURE_POINTS * spacing**2
+    stays = (excess[over] <= costs.least_rise) & fits
     answer[over] = np.where(stays, chosen[over], best)
     return answer
 
