@@ -11,8 +11,6 @@ import shapely
 from eaves.model import BuildingModel, Failure, Footprint, RoofPlane
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
-from eaves.reconstruct.toolkit.cell_labels import hold_down
-from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.validate.models import validate_model
 
 Height = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -154,17 +152,3 @@ def test_roof_faces_without_points_are_marked() -> None:
     model = model_of(seen, [(0.0, 0.0, 5.0), (0.0, 0.0, 8.0)])
     marked = {round(face["h_high"]): face["no_data"] for face in model.attributes["roof_faces"]}
     assert marked == {5: True, 8: False}
-
-
-@pytest.mark.parametrize(("reach", "kept"), [(3.6, 0), (3.2, 1)])
-def test_roof_a_hand_too_high_is_not_exchanged_for_one_that_fits_poorly(reach: float, kept: int) -> None:
-    # a slope of 45° whose points end before its upper edge; a level plane, which nothing supports, beside it
-    plan = arrange(shapely.box(0.0, 0.0, 4.0, 4.0), np.zeros((0, 4)))
-    assert plan is not None
-    xy = np.random.default_rng(2).uniform(0.0, [reach, 4.0], (150, 2))
-    xy = np.vstack([xy, [reach, 2.0]])
-    roof = np.column_stack([xy, 5.0 + xy[:, 0]])
-    planes = np.array([[1.0, 0.0, 5.0], [0.0, 0.0, 6.0]])
-    costs = Arrangement().costs(0.3)
-    labels = np.zeros(len(roof), np.int32)
-    assert hold_down(plan, np.array([0]), roof, labels, planes, 0.3, 0.0, costs).tolist() == [kept]

@@ -21,6 +21,8 @@ from eaves.run.store import Store
 
 MARGIN = 2.0
 """Terrain is known this far (m) around a building's points."""
+EDGE = 2.0**0.5
+"""Cells nearer to a footprint than this (cells) can be its roof's edge, which may have passed for ground."""
 AROUND = 2.0
 """What lies this far (m) around a building's points is known where its walls are looked for."""
 TRUSTED_SHARE = 0.2
@@ -123,7 +125,7 @@ class Gatherer:
     def nearest_ground(self, owner: Block, plan: BuildingPlan) -> Points | None:
         """The cells (K, 3) with ground that are nearest to a given footprint, and `MARGIN` farther, in the
         blocks it lies in; None when there are none. What is called ground under the footprint itself is not
-        taken: without ground around it a roof is the lowest surface, and passes for it."""
+        taken, nor what it touches: without ground around it a roof is the lowest surface, and passes for it."""
         assert plan.given is not None
         polygon, found = plan.given.polygon, []
         for block in sorted({block for block, _ in plan.regions}):
@@ -131,9 +133,9 @@ class Gatherer:
             if seen is None or terrain is None:
                 continue
             xy = cells_of(seen) + np.subtract(block.origin, owner.origin)
-            found.append(np.column_stack([xy, terrain.values[seen.values == 1]]))
+            off = ~shapely.contains_xy(polygon.buffer(EDGE * seen.cell), *xy.T)
+            found.append(np.column_stack([xy, terrain.values[seen.values == 1]])[off])
         cells = np.concatenate([np.zeros((0, 3)), *found])
-        cells = cells[~shapely.contains_xy(polygon, cells[:, 0], cells[:, 1])]
         if not len(cells):
             return None
         distance = shapely.distance(polygon, shapely.points(cells[:, :2]))
@@ -198,8 +200,8 @@ def cells_of(seen: Raster) -> Points:
 
 
 def is_seen_beside(polygon: Polygon, seen: Raster) -> bool:
-    """Whether ground was seen outside an outline and within `MARGIN` of it."""
-    rim = polygon.buffer(MARGIN).difference(polygon)
+    """Whether ground was seen beside an outline and within `MARGIN` of it, off the cells that it touches."""
+    rim = polygon.buffer(MARGIN).difference(polygon.buffer(EDGE * seen.cell))
     return bool(shapely.contains_xy(rim, *cells_of(seen).T).any())
 
 

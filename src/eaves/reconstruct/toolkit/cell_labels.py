@@ -18,15 +18,6 @@ from eaves.reconstruct.toolkit.percentiles import group_percentiles
 RUNAWAY = 1e3
 """Cost (m²) of a metre beyond the heights a plane's points support: more than any residual."""
 
-POOR_EXCHANGE = 0.25
-"""Misfit (m² a m² of the cell) that a plane in place of another may bring: half a metre off, it costs 1.7."""
-
-SURE_POINTS = 100.0
-"""Points from which on a cell's own plane is sure, and not the other."""
-
-FITS = 0.1
-"""Misfit (m² a m² of the cell) up to which a plane fits."""
-
 GAUSS_PLACES = (0.2113, 0.7887)
 """Where along a border its jump is measured: the two places of Gauss and Legendre's rule."""
 
@@ -137,26 +128,17 @@ def hold_down(
     costs: LabelCosts,
 ) -> Integers:
     """The plane (C,) of every cell, `chosen` but for those that rise above what `highest_allowed` allows;
-    they get the plane of least cost, unless they rise by `least_rise` at most, fit many points, and that
-    plane does not. Arguments as for `label_cells`.
+    they get the plane of least cost. Arguments as for `label_cells`.
     """
     halves = np.flatnonzero(coverage.cell >= 0)
     cell, corner = coverage.cell[halves], coverage.nodes[coverage.start[halves]]
     a, b, c = planes[chosen[cell]].T
     limit = highest_allowed(roof, planes, spacing, costs.least_rise)
-    excess = np.zeros(coverage.count)
-    np.maximum.at(excess, cell, corner[:, 0] * a + corner[:, 1] * b + c - limit[chosen[cell]])
-    over = np.flatnonzero(excess > 0.0)
+    over = np.unique(cell[corner[:, 0] * a + corner[:, 1] * b + c > limit[chosen[cell]]])
     if len(over) == 0:
         return chosen
     answer = chosen.copy()
-    data = cell_costs(coverage, roof, labels, planes, spacing, ground, costs)[over]
-    best, row = data.argmin(axis=1), np.arange(len(over))
-    own = data[row, chosen[over]] - RUNAWAY * excess[over]
-    fits = (own < FITS * coverage.area[over]) & (data[row, best] - own > POOR_EXCHANGE * coverage.area[over])
-    fits &= coverage.area[over] > SURE_POINTS * spacing**2
-    stays = (excess[over] <= costs.least_rise) & fits
-    answer[over] = np.where(stays, chosen[over], best)
+    answer[over] = cell_costs(coverage, roof, labels, planes, spacing, ground, costs)[over].argmin(axis=1)
     return answer
 
 

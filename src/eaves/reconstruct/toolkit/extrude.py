@@ -24,8 +24,9 @@ from eaves.reconstruct.toolkit.simplification import (
 from eaves.reconstruct.toolkit.soundness import find_defect
 from eaves.reconstruct.toolkit.welding import weld_necks
 
-SAME_HEIGHT = 0.7 * PLANARITY
-"""Heights over one node that are nearer than this (m) become one vertex."""
+SAME_HEIGHT = 0.4 * PLANARITY
+"""Heights over one node that are nearer than this (m) become one vertex, half of it off each plane: with the
+rounding of coordinates within 0.01 feet of it, the limit for files in feet."""
 
 CORNER = 0.10
 """How far (m) a corner steps back where a building would touch itself in a vertical edge."""
