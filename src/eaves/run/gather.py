@@ -125,7 +125,8 @@ class Gatherer:
     def nearest_ground(self, owner: Block, plan: BuildingPlan) -> Points | None:
         """The cells (K, 3) with ground that are nearest to a given footprint, and `MARGIN` farther, in the
         blocks it lies in; None when there are none. What is called ground under the footprint itself is not
-        taken, nor what it touches: without ground around it a roof is the lowest surface, and passes for it."""
+        taken, nor what it touches: without ground around it a roof is the lowest surface, and passes for
+        it."""
         assert plan.given is not None
         polygon, found = plan.given.polygon, []
         for block in sorted({block for block, _ in plan.regions}):
