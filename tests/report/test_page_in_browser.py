@@ -82,6 +82,7 @@ def test_the_page_loads_selects_and_toggles(browser: Browser, nine_run: Summary,
     assert browser.errors() == []
 
 
+@pytest.mark.slow
 def test_the_address_shows_the_same_view_again(browser: Browser, nine_run: Summary) -> None:
     browser.open(nine_run.folder / "report.html")
     whole = (
@@ -135,6 +136,7 @@ def test_the_table_sorts_up_and_down__numbers_as_numbers(browser: Browser, nine_
     assert browser.errors() == []
 
 
+@pytest.mark.slow
 def test_the_keyboard_turns_and_zooms_the_scene(browser: Browser, nine_run: Summary) -> None:
     browser.open(nine_run.folder / "report.html")
     browser.run("eaves.canvas.focus()")
@@ -191,6 +193,7 @@ requestAnimationFrame(step);
 """
 
 
+@pytest.mark.slow
 def test_it_shows_what_it_leaves_out_while_it_moves__and_draws_all_at_rest(
     browser: Browser, nine_run: Summary
 ) -> None:
@@ -205,6 +208,7 @@ def test_it_shows_what_it_leaves_out_while_it_moves__and_draws_all_at_rest(
     assert browser.errors() == []
 
 
+@pytest.mark.slow
 def test_ten_thousand_rows_scroll_sort_and_are_found(
     browser: Browser, nine_run: Summary, tmp_path: Path
 ) -> None:
@@ -351,6 +355,7 @@ for (let part = 0.5; part < 40; part += 2) {
 return answers;"""
 
 
+@pytest.mark.slow
 def test_the_profile_has_the_heights_of_what_it_cuts(browser: Browser, nine_run: Summary) -> None:
     browser.open(nine_run.folder / "report.html", "measure=-40,-31,0,43,37,0&profile=1")
     answers = browser.run(HEIGHTS_BY_RAY)

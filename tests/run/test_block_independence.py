@@ -41,7 +41,8 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("method", ["adaptive_tin", pytest.param("smooth_region", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["adaptive_tin", "smooth_region"])
 def test_the_ground_of_a_town_is_the_same_in_all_blocks(town: Path, tmp_path: Path, method: str) -> None:
     expected = ground_of(town, tmp_path, 240.0, method)
     assert 0.3 < (expected == 2).mean() < 0.8
@@ -58,6 +59,7 @@ def test_the_ground_of_a_survey_is_the_same_in_all_blocks(data: Path, tmp_path: 
         assert np.array_equal(ground_of(tmp_path / "sample.laz", tmp_path, side), expected), side
 
 
+@pytest.mark.slow
 def test_what_is_written_of_a_town_is_the_same_for_all_blocks(town: Path, tmp_path: Path) -> None:
     def written(side: float) -> list[bytes]:
         folder, outputs = tmp_path / f"{side:g}", ("footprints", "models", "classified")

@@ -33,7 +33,7 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("block", [60.0, 240.0])
+@pytest.mark.parametrize("block", [60.0, pytest.param(240.0, marks=pytest.mark.slow)])
 def test_a_hall_wider_than_a_block_is_one_building(survey: Path, tmp_path: Path, block: float) -> None:
     with blocks_of(block):
         summary = eaves.build(survey, tmp_path, eaves.make_recipe(lod="0"), crs="EPSG:32631")
