@@ -64,7 +64,7 @@ def measure(tree: Path, source: Path, options: list[str], data: Path, out: Path)
         "wall": time.perf_counter() - started,
         "points": told["points"],
         "buildings": told["found"],
-        "MB": used.ru_maxrss / 1024,
+        "MB": told["peak_memory_mb"],
     }
 
 
