@@ -29,7 +29,7 @@ from eaves.formats.atomic import atomic
 from eaves.model import Block, Values
 from eaves.run.block import see_block
 from eaves.run.recipe import Recipe
-from eaves.run.region import load_block
+from eaves.run.region import load_block, store_of
 from eaves.run.run import Progress, no_progress
 from eaves.run.store import Store
 
@@ -151,12 +151,7 @@ def calibrate(
     method = run.recipe.detect
     if not isinstance(method, Consensus):
         raise InputError.about(folder, "was built with a detector that has no weights", "use consensus")
-    store = Store(
-        run.work_folder,
-        has_returns=run.index.has_field("return_number"),
-        has_classes=run.index.has_field("classification"),
-        system=run.index.system,
-    )
+    store = store_of(run, run.work_folder)
     state = State(store, request.blocks, request.owners, run.recipe)
     found = state.found()
     edits = list(read_edits(folder / EDITS, store.system)) if (folder / EDITS).exists() else []

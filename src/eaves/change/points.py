@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from eaves.formats.atomic import atomic
 from eaves.model import Block, Bounds, Mask
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
 from eaves.run.store import RECORD, SUPERSEDED, Store, extent_of
+from eaves.run.world_squares import ring
 
 Records = NDArray[Any]
 
@@ -69,11 +69,7 @@ def replace_points(store: Store, first_new: int, side: float) -> Replacement:
     """
     cover = Cover(store, first_new, side)
     done = Replacement()
-    near = {
-        Block(block.column + right, block.row + up, side)
-        for block in cover.blocks
-        for right, up in product((-1, 0, 1), repeat=2)
-    }
+    near = {one for block in cover.blocks for one in ring(block)}
     for block in sorted(near & set(store.blocks(side))):
         files = {path: read_records(path) for path in sorted(store.points_path(block).glob("*.bin"))}
         kept = {path: np.ones(len(records), bool) for path, records in files.items()}
@@ -132,8 +128,8 @@ class Cover:
         first = np.floor(np.array(block.origin) / COVER_CELL).astype(np.int64) - margin
         count = int(np.ceil(block.side / COVER_CELL)) + 1 + 2 * margin
         grid = np.zeros((count, count), bool)
-        for right, up in product((-1, 0, 1), repeat=2):
-            place = self.cells(Block(block.column + right, block.row + up, block.side)) - first
+        for one in ring(block):
+            place = self.cells(one) - first
             place = place[((place >= 0) & (place < count)).all(axis=1)]
             grid[place[:, 0], place[:, 1]] = True
         wide = 2 * GAP_CELLS + 1

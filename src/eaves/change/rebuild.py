@@ -34,6 +34,9 @@ from eaves.run.workers import Workers
 
 log = logging.getLogger("eaves")
 
+LAYER = "footprints.gpkg"
+"""The file of a run whose layer of footprints takes edits."""
+
 ORIGINALS = "originals"
 """Folder, beside the buildings of a kept run, of those parts as the run found them before any edit."""
 
@@ -148,11 +151,14 @@ def rebuild(folder: Path, file: Path | None = None, progress: Progress = no_prog
 
 def changed_in_layer(folder: Path, store: Store, shown: dict[str, Polygon]) -> list[Edit]:
     """What a user changed in the run's footprints.gpkg, where it is not as the run wrote it."""
-    path = folder / "footprints.gpkg"
-    entry = known_files(folder).get(path.name)
-    if not path.exists() or not entry or entry_of(path) == entry:
-        return []
-    return edits_of_layer(path, store.system, shown)
+    return edits_of_layer(folder / LAYER, store.system, shown) if is_edited(folder) else []
+
+
+def is_edited(folder: Path) -> bool:
+    """Whether a run's footprints.gpkg is not as the run wrote it."""
+    path = folder / LAYER
+    entry = known_files(folder).get(LAYER)
+    return path.exists() and bool(entry) and entry_of(path) != entry
 
 
 class State:

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely import Polygon
-from shapely.geometry.base import BaseGeometry
 
 from eaves.change.kept import load_results
 from eaves.change.points import COVER_CELL
+from eaves.geometry.components import connected_groups_kernel
 from eaves.model import Block, Failure, Footprint, Mask, Points
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.run.gather import MARGIN, Gatherer
@@ -23,6 +21,7 @@ from eaves.run.recipe import Recipe
 from eaves.run.region import compute_buildings
 from eaves.run.rows import world_polygon
 from eaves.run.store import Store
+from eaves.run.world_squares import ring
 
 REACH = MARGIN + COVER_CELL
 """Points that come or go so near (m) to a building's own touch it: its terrain is known so far around."""
@@ -89,12 +88,6 @@ def plans_to_model(
     return todo
 
 
-def ring(block: Block) -> set[Block]:
-    """A block and the eight around it."""
-    steps = (-1, 0, 1)
-    return {Block(block.column + right, block.row + up, block.side) for right in steps for up in steps}
-
-
 def model_again(
     owned: Owned, store: Store, before: Store, recipe: Recipe, snap: bool, changed: NDArray[np.int64]
 ) -> list[bool]:
@@ -150,8 +143,8 @@ class Known:
             lost, touched = more, also
         drawn = touched[mine]
         places = [one.xyz for one in buildings]
-        context = hanging_with(places, drawn)
-        near = next_to(places, drawn) & ~drawn
+        context, beside = beside_some(places, drawn)
+        near = beside & ~drawn
         moves = old.sharing(points, np.concatenate([near, np.zeros((~mine).sum(), bool)]))
         kept = []
         for one, is_lost, moved in zip(self._results, lost, moves, strict=False):
@@ -234,26 +227,14 @@ def changed_keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.unique(np.concatenate([np.zeros(0, np.int64), *near]))
 
 
-def hulls_of(places: Sequence[Points]) -> list[BaseGeometry]:
-    """The convex hulls of groups of points."""
-    return [shapely.convex_hull(shapely.multipoints(xyz[:, :2])) for xyz in places]
-
-
-def next_to(places: Sequence[Points], some: Mask) -> Mask:
-    """Which of some points' groups (G,) lie within `BESIDE` of `some`, or are of them."""
-    hulls = hulls_of(places)
+def beside_some(places: Sequence[Points], some: Mask) -> tuple[Mask, Mask]:
+    """Which of some points' groups (G,) are `some`, or hang together with one over gaps of `BESIDE`; and
+    those that are `some`, or lie within `BESIDE` of one."""
+    if not places:
+        return some, some
+    hulls = [shapely.convex_hull(shapely.multipoints(xyz[:, :2])) for xyz in places]
     one, other = shapely.STRtree(hulls).query(hulls, predicate="dwithin", distance=BESIDE)
-    found = some.copy()
-    found[one[some[other]]] = True
-    return found
-
-
-def hanging_with(places: Sequence[Points], some: Mask) -> Mask:
-    """Which of some points' groups (G,) are `some`, or hang together with one over gaps of `BESIDE`."""
-    hulls = hulls_of(places)
-    one, other = shapely.STRtree(hulls).query(hulls, predicate="dwithin", distance=BESIDE)
-    graph = coo_array((np.ones(len(one), bool), (one, other)), shape=(len(hulls), len(hulls)))
-    if not len(hulls):
-        return some
-    _, group = connected_components(graph, directed=False)
-    return np.asarray(np.isin(group, group[some]))
+    group = connected_groups_kernel(one, other, len(hulls))
+    near = some.copy()
+    near[one[some[other]]] = True
+    return np.asarray(np.isin(group, group[some])), near

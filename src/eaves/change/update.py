@@ -15,9 +15,18 @@ import laspy
 import numpy as np
 
 from eaves.change.edits import EDITS, Order, read_edits, settle, write_edits
-from eaves.change.kept import MODELS, Request, frame_of, open_kept, read_request, write_request
-from eaves.change.points import Replacement, replace_points
-from eaves.change.rebuild import ORIGINALS, RememberingStore, State, changed_in_layer
+from eaves.change.kept import (
+    MODELS,
+    Request,
+    frame_of,
+    open_kept,
+    ordered,
+    read_request,
+    recipe_of,
+    write_request,
+)
+from eaves.change.points import Replacement, number_of, replace_points
+from eaves.change.rebuild import LAYER, ORIGINALS, RememberingStore, State, changed_in_layer, is_edited
 from eaves.change.reuse import changed_keys, model_again, plans_to_model
 from eaves.change.stale import compute_stale, link_file, link_tree
 from eaves.change.versions import Versions, known_ids, name_versions, write_history
@@ -35,7 +44,7 @@ from eaves.run.outputs import write_outputs
 from eaves.run.partition import file_slices, partition_slice
 from eaves.run.region import Core, Region
 from eaves.run.run import WORK, Progress, Run, no_progress, open_run
-from eaves.run.store import COMPUTED, REQUEST, Store
+from eaves.run.store import COMPUTED, REQUEST, SUPERSEDED, Store
 from eaves.run.workers import Workers
 
 log = logging.getLogger("eaves")
@@ -231,8 +240,6 @@ def open_update(request: Request, new: Sequence[str], out: Path, jobs: int) -> R
     InputError
         When a new file cannot be used, or its reference system is another.
     """
-    from eaves.change.kept import ordered, recipe_of
-
     inputs = [*request.inputs, *new]
     options = {**request.options, "jobs": jobs}
     run = open_run(inputs, out, recipe_of(request.plan), keep=True, **options)
@@ -257,9 +264,9 @@ def take_parts(folder: Path, store: Store, request: Request) -> Store:
     shutil.rmtree(originals, ignore_errors=True)
     for kind in ("points", *(kind for kind in COMPUTED if kind != "buildings")):
         link_tree(before.folder / kind, store.folder / kind)
-    superseded = before.folder / "superseded.npy"
+    superseded = before.folder / SUPERSEDED
     if superseded.exists():
-        link_file(superseded, store.folder / superseded.name)
+        link_file(superseded, store.folder / SUPERSEDED)
     (store.folder / REQUEST).unlink(missing_ok=True)
     return before
 
@@ -272,28 +279,15 @@ def check_edits(folder: Path, before: Store) -> None:
     InputError
         When the layer was changed since.
     """
+    if not is_edited(folder):
+        return
     owners = [Block(*map(int, path.stem.split("_"))) for path in (folder / WORK / "buildings").glob("*.npz")]
-    shown = (
-        {
-            str(row.values["id"]): row.polygon
-            for row in replace(before, folder=folder / WORK).building_rows(owners)
-        }
-        if is_edited(folder)
-        else {}
-    )
+    rows = replace(before, folder=folder / WORK).building_rows(owners)
+    shown = {str(row.values["id"]): row.polygon for row in rows}
     if shown and changed_in_layer(folder, before, shown):
         raise InputError.about(
-            folder / "footprints.gpkg", "has edits that were not rebuilt", f"run eaves rebuild {folder} first"
+            folder / LAYER, "has edits that were not rebuilt", f"run eaves rebuild {folder} first"
         )
-
-
-def is_edited(folder: Path) -> bool:
-    """Whether somebody has changed a run's layer of footprints."""
-    from eaves.run.manifest import entry_of, known_files
-
-    path = folder / "footprints.gpkg"
-    entry = known_files(folder).get(path.name)
-    return path.exists() and bool(entry) and entry_of(path) != entry
 
 
 def bring_points(region: Region, first_new: int, progress: Progress) -> Replacement:
@@ -319,7 +313,7 @@ def bring_points(region: Region, first_new: int, progress: Progress) -> Replacem
     fresh = {
         block
         for block in store.blocks(run.side)
-        if any(int(path.stem.split("-")[0]) >= first_new for path in store.points_path(block).glob("*.bin"))
+        if any(number_of(path) >= first_new for path in store.points_path(block).glob("*.bin"))
     }
     path = run.index.path(first_new)
     if not fresh:

@@ -13,7 +13,7 @@ from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe, horizontal_crs
 from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, Contents, read_contents
 from eaves.report.page_file import iter_page
-from eaves.report.view import describe_run, log
+from eaves.report.view import describe_run, log, refuse_no_run
 from eaves.run.manifest import add_to_manifest
 
 NAME = "beside.html"
@@ -32,8 +32,7 @@ def open_beside(
     """
     folders = Path(folder), Path(other)
     for one in folders:
-        if not (one / "footprints.gpkg").exists():
-            raise InputError.about(one, "holds no footprints.gpkg", "give the folder of a run of eaves build")
+        refuse_no_run(one)
     left, right = (
         read_contents(one, points=POINTS_SHOWN // 2, buildings=BUILDINGS_SHOWN // 2, basemap=basemap)
         for one in folders

@@ -29,7 +29,7 @@ from eaves.formats import CityObject, InputError, iter_cityjson, write_3dtiles
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe
 from eaves.formats.tiles3d import Earth
-from eaves.model import Bounds, BuildingModel, CoordinateSystem, Footprint, Points
+from eaves.model import BLOCK_SIDE, Bounds, BuildingModel, CoordinateSystem, Footprint, Points
 from eaves.model.building import LODS
 from eaves.model.columns import COLUMNS
 from eaves.model.coordinates import LOCAL_METRES
@@ -41,8 +41,6 @@ HOST = "127.0.0.1"
 """Nobody but this computer is served."""
 PORT = 8017
 TILES = "3dtiles"
-TILE_SIDE = 240.0
-"""Side (m) of the tiles that are made of a run without any, as of its blocks."""
 PAGE = "report.html"
 IMAGE = "basemap.jpg"
 KINDS = {
@@ -154,7 +152,7 @@ def model_of(parts: list[CityObject]) -> BuildingModel | None:
     finest = max(lod for lod, _, _ in solid)
     shown = [(one, geometry) for lod, one, geometry in solid if lod == finest]
     west, south = np.min([one.vertices[:, :2].min(axis=0) for one, _ in shown], axis=0)
-    origin = float(west // TILE_SIDE * TILE_SIDE), float(south // TILE_SIDE * TILE_SIDE)
+    origin = float(west // BLOCK_SIDE * BLOCK_SIDE), float(south // BLOCK_SIDE * BLOCK_SIDE)
     solids = tuple(chain.from_iterable(one.as_solids(geometry, origin) for one, geometry in shown))
     attributes = dict(parts[0].attributes)
     outline = shapely.box(

@@ -32,8 +32,7 @@ def open_report(
     """
     folder = Path(folder)
     record, path = folder / "run.json", folder / "report.html"
-    if not (folder / "footprints.gpkg").exists():
-        raise InputError.about(folder, "holds no footprints.gpkg", "give the folder of a run of eaves build")
+    refuse_no_run(folder)
     newest = record if record.exists() else folder / "footprints.gpkg"
     wanted = again or around is not None or basemap is not None
     if wanted or not path.exists() or path.stat().st_mtime < newest.stat().st_mtime:
@@ -42,6 +41,12 @@ def open_report(
     if show and not webbrowser.open(path.resolve().as_uri()):
         log.warning("no browser could be started; open %s", path)
     return path
+
+
+def refuse_no_run(folder: Path) -> None:
+    """Raise when a folder holds no run."""
+    if not (folder / "footprints.gpkg").exists():
+        raise InputError.about(folder, "holds no footprints.gpkg", "give the folder of a run of eaves build")
 
 
 def describe_run(folder: Path) -> str:

@@ -7,7 +7,6 @@ import logging
 import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -24,6 +23,7 @@ from eaves.model import Block, Bounds, Points
 from eaves.model.cloud import GRID_STEP
 from eaves.run.index import Index
 from eaves.run.store import RECORD, Store
+from eaves.run.world_squares import ring
 
 log = logging.getLogger("eaves")
 
@@ -240,10 +240,7 @@ def find_isolated_blocks(store: Store, blocks: Sequence[Block]) -> dict[Block, i
     counts = {block: store.count_points(block) for block in blocks}
     isolated = {}
     for block in blocks:
-        near = [
-            Block(block.column + right, block.row + up, block.side)
-            for right, up in product((-1, 0, 1), repeat=2)
-        ]
+        near = ring(block)
         count = sum(counts.get(one, 0) for one in near)
         if count < TOO_FEW or (count < FEW and density(store, near) < SPARSEST):
             isolated[block] = counts[block]

@@ -80,12 +80,7 @@ class Region:
         self.blocks: Sequence[Block] = ()
         self.points = run.index.points
         """Of the inputs, without those that could not be read."""
-        self.store = Store(
-            work_folder,
-            has_returns=run.index.has_field("return_number"),
-            has_classes=run.index.has_field("classification"),
-            system=run.index.system,
-        )
+        self.store = store_of(run, work_folder)
 
     def open_store(self) -> None:
         """Keep the parts of an earlier run that match, or start anew."""
@@ -303,6 +298,16 @@ def warn_of_wrong_boxes(index: Index, wrong_boxes: dict[int, Bounds]) -> None:
             len(wrong_boxes),
             index.path(first),
         )
+
+
+def store_of(run: Run, work_folder: Path) -> Store:
+    """The store of a run's parts in a folder."""
+    return Store(
+        work_folder,
+        has_returns=run.index.has_field("return_number"),
+        has_classes=run.index.has_field("classification"),
+        system=run.index.system,
+    )
 
 
 def import_methods(recipe: Recipe) -> None:

@@ -108,7 +108,7 @@ class RunOptions(TypedDict, total=False):
     resume: bool
     """Keep the parts of an earlier run that are done and match."""
     keep: bool
-    """Keep the parts of the run, from which its buildings can be corrected (`eaves rebuild`)."""
+    """Keep the parts of the run, from which it can be updated and corrected (`eaves update`, `rebuild`)."""
     per_tile: bool
     """Compute and write by tiles, each on its own, also where there are few points (`eaves.run.tiles`)."""
     classified: Path | None

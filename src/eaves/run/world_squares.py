@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from math import ceil
 
 from eaves.model import Block, Bounds
@@ -24,6 +25,14 @@ def squares_of(bounds: Sequence[Bounds], side: float) -> list[Block]:
                 for row in range(first.row, max(first.row + 1, ceil(one.north / side)))
             }
     return sorted(found)
+
+
+def ring(square: Block) -> list[Block]:
+    """A square and the eight around it, in order."""
+    return [
+        Block(square.column + right, square.row + up, square.side)
+        for right, up in product((-1, 0, 1), repeat=2)
+    ]
 
 
 def around_squares(bounds: Bounds, side: float) -> Bounds:

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
+from eaves.geometry.rings import polygons_of
 from eaves.model import Solid
 from eaves.model.building import ROOF_SURFACE
 
@@ -81,7 +82,7 @@ class FaceShape:
 
 def face_shapes(solids: Sequence[Solid]) -> list[FaceShape]:
     """The shapes of all roof faces, in order."""
-    found = []
+    faces, tops = [], []
     for solid in solids:
         for face in solid.faces:
             if face.surface != ROOF_SURFACE:
@@ -90,9 +91,9 @@ def face_shapes(solids: Sequence[Solid]) -> list[FaceShape]:
             ends = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
             step = ends[:, 1] - ends[:, 0]
             level = (np.hypot(step[:, 0], step[:, 1]) >= LONG_M) & (np.abs(step[:, 2]) <= LEVEL_M)
-            top = float(ends[level, :, 2].mean(axis=1).max()) if level.any() else None
-            found.append(FaceShape(Polygon(rings[0][:, :2], [ring[:, :2] for ring in rings[1:]]), top))
-    return found
+            tops.append(float(ends[level, :, 2].mean(axis=1).max()) if level.any() else None)
+            faces.append([ring[:, :2] for ring in rings])
+    return [FaceShape(plan, top) for plan, top in zip(polygons_of(faces), tops, strict=True)]
 
 
 def roof_figures(faces: list[Record], ground: float, shapes: Sequence[FaceShape] | None = None) -> Record:

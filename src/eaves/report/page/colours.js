@@ -4,7 +4,7 @@ const CLASSES = {
   5: ['high vegetation', '#3f7f3f'], 6: ['building', '#8e1b2e'], 7: ['low noise', '#e03fd8'], 9: ['water', '#4f8fd0'], 17: ['bridge', '#9a7bb0'], 18: ['high noise', '#e03fd8'],
 };
 const SET = ['#4e79a7', '#f28e2b', '#59a14f', '#b07aa1', '#76b7b2', '#edc948', '#9c755f', '#ff9da7', '#8cd17d', '#86bcb6'];
-const LOD_COLOURS = { '2.3': '#2f7f8f', '2.2': '#4c9f70', '2.0': '#9fb84a', '2.0': '#9fc24d', '1.3': '#e0b040', '1.2': '#e07b39', '0': '#8a8fa3', none: '#d23b3b' };
+const LOD_COLOURS = { '2.3': '#2f7f8f', '2.2': '#4c9f70', '2.0': '#9fc24d', '1.3': '#e0b040', '1.2': '#e07b39', '0': '#8a8fa3', none: '#d23b3b' };
 const TRUST_COLOURS = { high: '#5b8c85', medium: '#f2c14e', low: '#c8102e', none: '#8b8b8b' };
 const VIRIDIS = ['#440154', '#3b528b', '#21918c', '#5ec962', '#fde725'];
 const DIVERGING = ['#2f6fd6', '#7fb0d8', '#a9b5a4', '#e39a6b', '#d0302f'];
