@@ -1,7 +1,7 @@
 // The meaning of colours: for points and models a way from values to colours, with its legend.
 const CLASSES = {
   0: ['not used', '#a7adb3'], 1: ['other', '#8d9b6f'], 2: ['ground', '#b59a74'], 3: ['low vegetation', '#a6c36f'], 4: ['medium vegetation', '#6ba14f'],
-  5: ['high vegetation', '#3f7f3f'], 6: ['building', '#8e1b2e'], 7: ['low noise', '#e03fd8'], 9: ['water', '#4f8fd0'], 17: ['bridge', '#9a7bb0'], 18: ['high noise', '#e03fd8'],
+  5: ['high vegetation', '#3f7f3f'], 6: ['building', '#8e1b2e'], 7: ['low noise', '#e03fd8'], 9: ['water', '#4f8fd0'], 14: ['wire', '#d98c3f'], 15: ['tower', '#8a5a2b'], 17: ['bridge', '#9a7bb0'], 18: ['high noise', '#e03fd8'],
 };
 const SET = ['#4e79a7', '#f28e2b', '#59a14f', '#b07aa1', '#76b7b2', '#edc948', '#9c755f', '#ff9da7', '#8cd17d', '#86bcb6'];
 const LOD_COLOURS = { '2.3': '#2f7f8f', '2.2': '#4c9f70', '2.0': '#9fc24d', '1.3': '#e0b040', '1.2': '#e07b39', '0': '#8a8fa3', none: '#d23b3b' };
