@@ -36,9 +36,16 @@ REASONS: dict[str, tuple[Reason, ...]] = {
         Reason(84887, 447631, "false", "lean-tos and bushes between sheds"),
     ),
     "ign_urban": (
-        Reason(770570, 6277597, "false", "a hedge 2 m high and a clipped bush of 3 m, cut by the edge of the tile"),
+        Reason(
+            770570,
+            6277597,
+            "false",
+            "a hedge 2 m high and a clipped bush of 3 m, cut by the edge of the tile",
+        ),
         Reason(770544, 6277575, "false", "a rounded bush 3.3 m high, dense and smooth on top"),
-        Reason(770539, 6277524, "missed", "a porch or gallery 6 m high and 1.2 m wide before a house of 16 m"),
+        Reason(
+            770539, 6277524, "missed", "a porch or gallery 6 m high and 1.2 m wide before a house of 16 m"
+        ),
         Reason(770563, 6277584, "false", "a clipped block 3.5 m high with a smooth rounded top"),
         Reason(770559, 6277569, "false", "a bush against the wall, joined to the house"),
         Reason(770589, 6277560, "false", "level and 2.7 m high, half of it seen through: a pergola"),
