@@ -27,6 +27,9 @@ GAP_CELLS = 2
 """Gaps between new points up to twice so many cells wide are covered, too: missing scan lines, dark roofs. In
 wider ones (water, the shadow of a tower) nothing new is known, and the earlier points stay."""
 
+APART = 30.0
+"""Places that changed are looked at in squares of so much (m): what lies between two is not touched."""
+
 SAME = ("x", "y", "z", "return_number", "number_of_returns", "classification")
 """Two points that agree in these are one: a tile delivered again changes only what differs in it."""
 
@@ -35,7 +38,7 @@ class Replacement:
     """What became of the points of a store when new ones came in; see `replace_points`."""
 
     def __init__(self) -> None:
-        self.places: dict[Block, Bounds] = {}
+        self.places: dict[Block, Sequence[Bounds]] = {}
         """World metres of the points that came or went, by block."""
         self.cells: list[NDArray[np.int64]] = [np.zeros((0, 2), np.int64)]
         """Their cells (K, 2; column, row)."""
@@ -47,9 +50,7 @@ class Replacement:
         some = [one for one in records if len(one)]
         if some:
             whole = np.concatenate(some)
-            extent = extent_of(whole["xyz"], block)
-            assert extent is not None
-            self.places[block] = extent
+            self.places[block] = extents_of(whole["xyz"], block)
             self.cells.append(np.unique(cells_of(whole, block), axis=0))
 
 
@@ -142,6 +143,21 @@ def cells_of(records: Records, block: Block) -> NDArray[np.int64]:
     """World cells (N, 2; column, row) of a block's points."""
     world = records["xyz"][:, :2] * GRID_STEP + np.array(block.origin)
     return np.asarray(np.floor(world / COVER_CELL).astype(np.int64))
+
+
+def extents_of(quanta: NDArray[np.int32], block: Block) -> list[Bounds]:
+    """World metres of points (N, 3) in quanta about a block's corner, for each square of `APART`."""
+    some = (extent_of(np.round(one / GRID_STEP).astype(np.int32), block) for one in apart(quanta * GRID_STEP))
+    return [extent for extent in some if extent is not None]
+
+
+def apart(places: NDArray[np.floating]) -> list[NDArray[np.floating]]:
+    """Places (N, 2 or 3; m) in groups, one for each square of `APART` that holds some."""
+    if not len(places):
+        return []
+    _, group = np.unique(np.floor(places[:, :2] / APART), axis=0, return_inverse=True)
+    order = np.argsort(group.ravel(), kind="stable")
+    return [places[some] for some in np.split(order, np.cumsum(np.bincount(group.ravel()))[:-1])]
 
 
 def pair_same(old: Records, new: Records) -> tuple[Mask, Mask]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from eaves.change.points import COVER_CELL
 from eaves.geometry.components import connected_groups_kernel
 from eaves.model import Block, Failure, Footprint, Mask, Points
 from eaves.model.results import BuildingPoints, BuildingResult
+from eaves.run.block_file import BORDER
 from eaves.run.gather import MARGIN, Gatherer
 from eaves.run.join import BuildingPlan, OwnedBuildings
 from eaves.run.recipe import Recipe
@@ -48,7 +49,7 @@ def plans_to_model(
     now: Sequence[OwnedBuildings],
     before: Sequence[OwnedBuildings],
     owners: Sequence[Block],
-    changed: Iterable[Block],
+    near: Set[Block],
 ) -> list[Owned]:
     """The owner blocks whose buildings may be touched by points that came or went, also if they own none now.
 
@@ -58,10 +59,10 @@ def plans_to_model(
         The buildings as the regions are joined now, and as those of the earlier run are.
     owners
         The owner blocks of the earlier run that have results.
-    changed
-        The blocks in which points came or went.
+    near
+        The blocks in which, or near which, points came or went, or in which buildings find something else.
+        A building in others only has the points that it had, as long as it is joined of the same regions.
     """
-    near = {block for one in changed for block in ring(one)}
     mine: dict[Block, set[Block]] = {}
     for plan in (*now, *before):
         blocks = mine.setdefault(plan.owner_block, {plan.owner_block})
@@ -73,9 +74,11 @@ def plans_to_model(
         if len({block for block, _ in one.regions}) > 1
     ]
     plans = {plan.owner_block: plan for plan in now}
+    joined = [{plan.owner_block: regions_of(plan) for plan in some} for some in (now, before)]
     todo = []
     for owner in sorted({*plans, *owners}):
-        if near.isdisjoint(mine.get(owner, {owner})):
+        as_before = owner in owners and joined[0].get(owner) == joined[1].get(owner)
+        if as_before and near.isdisjoint(mine.get(owner, {owner})):
             continue
         around = ring(owner)
         across = tuple(
@@ -86,6 +89,21 @@ def plans_to_model(
         neighbours = tuple(one for one in owners if one != owner and one in around)
         todo.append(Owned(plans.get(owner, OwnedBuildings(owner, ())), across, neighbours))
     return todo
+
+
+def regions_of(plan: OwnedBuildings) -> list[tuple[tuple[Block, int], ...]]:
+    """What each building of an owner block is joined from."""
+    return [one.regions for one in plan.buildings]
+
+
+def touched_blocks(keys: NDArray[np.int64], side: float) -> set[Block]:
+    """The blocks that lie within `BORDER` of some cells (`cell_keys`)."""
+    column, row = (keys + 2**31) // 2**32, (keys + 2**31) % 2**32 - 2**31
+    place = np.column_stack([column, row]) * COVER_CELL
+    steps = (-BORDER, COVER_CELL + BORDER)
+    near = [np.floor((place + [right, up]) / side) for right in steps for up in steps]
+    found = np.unique(np.concatenate(near).astype(np.int64), axis=0)
+    return {Block(int(one), int(other), side) for one, other in found}
 
 
 def model_again(

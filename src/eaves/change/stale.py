@@ -1,16 +1,18 @@
 """What new points change: squares and blocks computed again, from the ground up, as far as results differ.
 
 Each step reaches as far as `ARCHITECTURE.md` states: what is wide by the method's `wide_buffer`, the ground
-by its `buffer`, detection by the recipe's `scene_buffer`. Where a step finds what it found before, it ends.
+by its `buffer`, detection by the recipe's `scene_buffer`. Within that, what decks and detection take has a
+mark (`eaves.run.mark`): where it is as it was, their result is taken over. Where a step finds what it found
+before, it ends.
 """
 
 from __future__ import annotations
 
 import filecmp
 import os
-import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +20,14 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from eaves.change.points import apart, extents_of
 from eaves.footprints.read import as_box
 from eaves.model import Block, Bounds
-from eaves.model.cloud import GRID_STEP
 from eaves.run.part_file import load_value, open_part
 from eaves.run.region import Region
-from eaves.run.store import Store, extent_of
+from eaves.run.store import Store, link_file
 from eaves.run.wide import TYPES
 from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, squares_of
-
-APART = 30.0
-"""Points whose class changed are looked at in squares of so much (m): one far from the others makes no block
-stale between."""
 
 ROUNDING = 1.0
 """Added to each reach (m): more than any rounding of places, less than matters."""
@@ -46,19 +44,20 @@ def link_tree(source: Path, target: Path) -> None:
                 link_file(Path(folder) / name, place / name)
 
 
-def link_file(source: Path, target: Path) -> None:
-    """One file under another name."""
-    target.unlink(missing_ok=True)
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copyfile(source, target)
+@dataclass(frozen=True)
+class Renewed:
+    """What an update computed again."""
+
+    blocks: int
+    """So many blocks were detected again."""
+    differ: frozenset[Block]
+    """The blocks in which buildings find something else than before."""
 
 
 def compute_stale(
-    region: Region, before: Store, places: Mapping[Block, Bounds], blocks: Sequence[Block]
-) -> int:
-    """Compute again what follows from changed points, and nothing else; how many blocks were.
+    region: Region, before: Store, places: Mapping[Block, Sequence[Bounds]], blocks: Sequence[Block]
+) -> Renewed:
+    """Compute again what follows from changed points, and nothing else.
 
     Parameters
     ----------
@@ -72,8 +71,8 @@ def compute_stale(
         The blocks that are used now.
     """
     store, recipe, side = region.store, region.run.recipe, region.run.side
-    region.blocks = blocks
-    touched, changed = set(places), list(places.values())
+    region.blocks, region.earlier = blocks, before
+    touched, changed = set(places), [one for some in places.values() for one in some]
     remove(store, "floors", touched)
     if recipe.sees_wide:
         changed += renew_wide(region, before, changed)
@@ -87,7 +86,26 @@ def compute_stale(
     again = near(blocks, changed, recipe.scene_buffer) | touched
     remove(store, "blocks", again)
     region.compute_blocks(blocks)
-    return len(again & set(blocks))
+    renewed = [block for block in again if not is_same_file(before, store, block)]
+    held = set(blocks)
+    return Renewed(
+        sum(block in held for block in renewed),
+        frozenset(block for block in renewed if not shows_the_same(before, store, block)),
+    )
+
+
+def is_same_file(before: Store, after: Store, block: Block) -> bool:
+    """Whether the results of a block were taken over."""
+    old, new = before.path("blocks", block), after.path("blocks", block)
+    return old.exists() and new.exists() and filecmp.cmp(old, new)
+
+
+def shows_the_same(before: Store, after: Store, block: Block) -> bool:
+    """Whether buildings find in a block what they found before."""
+    if not (before.has("blocks", block) and after.has("blocks", block)):
+        return False
+    with before.open_block(block) as old, after.open_block(block) as new:
+        return new.shows_buildings_of(old)
 
 
 def renew_wide(region: Region, before: Store, places: Sequence[Bounds]) -> list[Bounds]:
@@ -101,7 +119,7 @@ def renew_wide(region: Region, before: Store, places: Sequence[Bounds]) -> list[
         place
         for square in sorted(stale)
         for kind in ("squares", "decks")
-        if (place := wide_difference(before.path(kind, square), store.path(kind, square), square)) is not None
+        for place in wide_differences(before.path(kind, square), store.path(kind, square), square)
     ]
 
 
@@ -126,34 +144,30 @@ def remove(store: Store, kind: str, squares: Iterable[Block]) -> None:
         store.path(kind, square).unlink(missing_ok=True)
 
 
-def wide_difference(old: Path, new: Path, square: Block) -> Bounds | None:
-    """Where in a square what is wide differs (world metres); None where it does not."""
-    if old.exists() and new.exists() and filecmp.cmp(old, new, shallow=False):
-        return None
+def wide_differences(old: Path, new: Path, square: Block) -> list[Bounds]:
+    """Where in a square what is wide differs (world metres)."""
     if not old.exists() and not new.exists():
-        return None
+        return []
     if not (old.exists() and new.exists()):
-        return square.bounds
+        return [square.bounds]
+    if filecmp.cmp(old, new, shallow=False):
+        return []
     pair = [load_value(path, TYPES) for path in (old, new)]
     grids = [one[0] if isinstance(one, tuple) and len(one) == 1 else one for one in pair]
     facts = [(one.west, one.north, one.cell) if hasattr(one, "cell") else None for one in grids]
     if facts[0] is None or facts[0] != facts[1]:
-        return square.bounds
+        return [square.bounds]
     names = ("ceiling", "terrain", "reached") if hasattr(grids[0], "ceiling") else ("level", "base", "water")
     arrays = [[getattr(one, name) for name in names] for one in grids]
     if any(a.shape != b.shape for a, b in zip(*arrays, strict=True)) or grids[0].doubts != grids[1].doubts:
-        return square.bounds
+        return [square.bounds]
     differs = np.zeros(arrays[0][0].shape, bool)
     for a, b in zip(*arrays, strict=True):
         differs |= ~((a == b) | (np.isnan(a) & np.isnan(b)))
     rows, columns = np.nonzero(differs)
-    if len(rows) == 0:
-        return None
     west, north, cell = facts[0]
-    corner = np.array([west, north + 1 - len(differs)], np.float64)
-    low = corner + [columns.min(), len(differs) - 1 - rows.max()]
-    high = corner + [columns.max() + 1, len(differs) - rows.min()]
-    return Bounds(*map(float, (*low * cell, *high * cell)))
+    corners = np.column_stack([west + columns, north - rows]) * cell
+    return [Bounds(*(one.min(axis=0)), *(one.max(axis=0) + cell)) for one in apart(corners)]
 
 
 def ground_differences(before: Store, after: Store, square: Block, side: float) -> list[Bounds]:
@@ -165,14 +179,6 @@ def ground_differences(before: Store, after: Store, square: Block, side: float) 
         differs = (old[1][i] != new[1][j]).any(axis=1)
         found += extents_of(new[0]["xyz"][j[differs]], block)
     return found
-
-
-def extents_of(quanta: NDArray[np.int32], block: Block) -> list[Bounds]:
-    """World metres of points (N, 3) in quanta about a block's corner, for each square of `APART`."""
-    place = np.floor(quanta[:, :2] * (GRID_STEP / APART)).astype(np.int64)
-    _, group = np.unique(place, axis=0, return_inverse=True)
-    some = (extent_of(quanta[group == number], block) for number in np.unique(group))
-    return [extent for extent in some if extent is not None]
 
 
 def ground_of(store: Store, square: Block, block: Block) -> tuple[NDArray[Any], NDArray[np.uint8]]:

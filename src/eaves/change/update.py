@@ -27,8 +27,8 @@ from eaves.change.kept import (
 )
 from eaves.change.points import Replacement, number_of, replace_points
 from eaves.change.rebuild import LAYER, ORIGINALS, RememberingStore, State, changed_in_layer, is_edited
-from eaves.change.reuse import changed_keys, model_again, plans_to_model
-from eaves.change.stale import compute_stale, link_file, link_tree
+from eaves.change.reuse import changed_keys, model_again, plans_to_model, touched_blocks
+from eaves.change.stale import Renewed, compute_stale, link_tree
 from eaves.change.versions import Versions, known_ids, name_versions, write_history
 from eaves.formats import InputError
 from eaves.formats.atomic import report_full_disk
@@ -44,8 +44,9 @@ from eaves.run.outputs import write_outputs
 from eaves.run.partition import file_slices, partition_slice
 from eaves.run.region import Core, Region
 from eaves.run.run import WORK, Progress, Run, no_progress, open_run
-from eaves.run.store import COMPUTED, REQUEST, SUPERSEDED, Store
+from eaves.run.store import COMPUTED, REQUEST, SUPERSEDED, Store, link_file
 from eaves.run.workers import Workers
+from eaves.run.world_squares import ring
 
 log = logging.getLogger("eaves")
 
@@ -148,11 +149,11 @@ def update(
         begin_manifest(out)
         blocks = region.used_blocks()
         region.check_rasters(blocks)
-        computed = compute_stale(region, before, changed.places, blocks)
+        renewed = compute_stale(region, before, changed.places, blocks)
         plans = region.join(blocks, Core(holds=lambda block: True))
         old = planned(request, before, run, workers)
         versions, owners = model_changed(
-            region, before, plans, old, request, changed, known_ids(folder), when
+            region, before, plans, old, request, changed, renewed, known_ids(folder), when
         )
         if len(owners) <= REMEMBERED:
             region.store = RememberingStore(**vars(region.store))
@@ -182,7 +183,7 @@ def update(
         )
         region.store.keep_plan(plan)
         end_manifest(out, files, summary.about, summary.complete)
-        counts = (changed.came, changed.went), (computed, len(blocks))
+        counts = (changed.came, changed.went), (renewed.blocks, len(blocks))
         return Updated(replace(summary, files=tuple(files)), when, *counts, versions, tuple(conflicts))
 
 
@@ -331,7 +332,7 @@ def bring_points(region: Region, first_new: int, progress: Progress) -> Replacem
     done = replace_points(store, first_new, run.side)
     earlier = run.index.subset(np.arange(first_new))
     if any(earlier.has_field(name) != run.index.has_field(name) for name in FIELDS):
-        done.places = {block: block.bounds for block in store.blocks(run.side)}
+        done.places = {block: [block.bounds] for block in store.blocks(run.side)}
     return done
 
 
@@ -351,14 +352,18 @@ def model_changed(
     old: Sequence[OwnedBuildings],
     request: Request,
     changed: Replacement,
+    renewed: Renewed,
     ended: set[str],
     date: str,
 ) -> tuple[Versions, list[Block]]:
     """Model the buildings of the owner blocks that may be others now, and take over those of all others; the
     versions, and the blocks that own buildings."""
     store, run = region.store, region.run
-    todo = plans_to_model(plans, old, request.owners, changed.places)
     cells = changed_keys(np.concatenate(changed.cells))
+    near = touched_blocks(cells, run.side) | renewed.differ
+    if run.given is not None:  # given outlines may overlap, and share points across blocks
+        near = {block for one in {*near, *changed.places} for block in ring(one)}
+    todo = plans_to_model(plans, old, request.owners, near)
     again = {one.now.owner_block for one in todo}
     for plan in plans:
         if plan.owner_block not in again and before.has("buildings", plan.owner_block):

@@ -108,13 +108,20 @@ class Decks:
         return Decks(west, north, self.cell, level, base, water, inside)
 
 
-def decks_of(floor: Floor, bounds: Bounds, raised: Patch | None, rules: DeckRules = RULES) -> Decks:
-    """The decks of a floor within `bounds`; `raised` is what stands over the terrain there."""
+def look_around(
+    floor: Floor, bounds: Bounds, raised: Patch | None, rules: DeckRules = RULES
+) -> tuple[Decks, Mask]:
+    """All that decides the decks within `bounds`: heights (`level`) and counts (`water`) of the cells seen
+    from there, and in which of them (H, W) something stands over the terrain (`raised`)."""
     floor = floor.in_wide_cells(rules.cell_points)
     heights = floor.heights(rules.stray_depth, rules.stray_points)
     seen = Decks(floor.west, floor.north, floor.cell, heights, heights, floor.count.astype(np.float32))
     seen = seen.cropped(bounds.buffered(rules.around))
-    roofs = raised_in(seen, raised)
+    return seen, raised_in(seen, raised)
+
+
+def decks_of(seen: Decks, roofs: Mask, bounds: Bounds, rules: DeckRules = RULES) -> Decks:
+    """The decks within `bounds`, of what `look_around` saw from there."""
     level, base, doubts = find_decks(seen.level, seen.cell, roofs, rules)
     placed = tuple(one.translated(seen.west * seen.cell, (seen.north + 1) * seen.cell) for one in doubts)
     wet = water_heights(seen.level, seen.water, seen.cell, rules)
@@ -181,6 +188,7 @@ def find_decks(
     z = np.where(known, heights, np.where(water, level, np.nan)).astype(np.float32)
     between, sides, line = find_between(z, water, cell, rules)
     land = terrain_beside(z, known & ~between & ~roofs, between, water, cell, rules)
+    joined = carried_on(z, land, rules)
     label, _ = label_kernel(z, between, np.float32(rules.step), rules.gap)
     deck, wet, doubts = np.zeros(known.shape, bool), np.zeros(known.shape, bool), []
     for number, window in enumerate(ndimage.find_objects(label), 1):
@@ -190,7 +198,7 @@ def find_decks(
         area = float(mine.sum()) * cell * cell
         if area < rules.least_area:
             continue
-        ends, length, middle, lean = ends_of(mine, z[here], land[here], line[here], rules)
+        ends, length, middle, lean = ends_of(mine, z[here], joined[here], line[here])
         if lean > rules.steepest * cell:
             continue
         over_water = bool((sides[here][mine] == WET).mean() >= rules.over_water)
@@ -296,11 +304,21 @@ def terrain_beside(z: Grid, level: Mask, between: Mask, water: Mask, cell: float
     return np.asarray(broad[label])
 
 
-def ends_of(
-    mine: Mask, z: Grid, land: Mask, line: NDArray[np.uint8], rules: DeckRules
-) -> tuple[int, float, Values, float]:
-    """How many ends of a strip of cells (H, W) land carries on; its length (cells), its middle (2,), and how
-    much its plane rises from cell to cell (m).
+def carried_on(z: Grid, land: Mask, rules: DeckRules) -> Mask:
+    """The cells (H, W) that land within `gap` cells carries on, a step up or down."""
+    rows, columns, gap = *z.shape, rules.gap
+    wide_z, wide_land = np.pad(z, gap, constant_values=np.nan), np.pad(land, gap)
+    joined = np.zeros(z.shape, bool)
+    for down in range(2 * gap + 1):
+        for right in range(2 * gap + 1):
+            there = np.s_[down : down + rows, right : right + columns]
+            joined |= wide_land[there] & (np.abs(wide_z[there] - z) <= rules.step)
+    return joined
+
+
+def ends_of(mine: Mask, z: Grid, joined: Mask, line: NDArray[np.uint8]) -> tuple[int, float, Values, float]:
+    """How many ends of a strip of cells (H, W) land carries on, of those it does (`joined`); its length
+    (cells), its middle (2,), and how much its plane rises from cell to cell (m).
 
     It runs at right angles to the mean of the lines that are the shortest across its cells.
     """
@@ -313,15 +331,8 @@ def ends_of(
     along = away @ axis
     low, high = float(along.min()), float(along.max())
     third = (high - low) / 3.0
-    joined = np.zeros(len(rows), bool)
-    for down in range(-rules.gap, rules.gap + 1):
-        for right in range(-rules.gap, rules.gap + 1):
-            y, x = rows + down, columns + right
-            there = (y >= 0) & (x >= 0) & (y < mine.shape[0]) & (x < mine.shape[1])
-            y, x = np.where(there, y, 0), np.where(there, x, 0)
-            away_z = np.abs(z[y, x] - z[rows, columns])
-            joined |= there & land[y, x] & (np.nan_to_num(away_z, nan=np.inf) <= rules.step)
-    ends = int((joined & (along <= low + third)).any()) + int((joined & (along >= high - third)).any())
+    meets = joined[mine]
+    ends = int((meets & (along <= low + third)).any()) + int((meets & (along >= high - third)).any())
     slopes = np.linalg.lstsq(
         np.c_[rows - middle[0], columns - middle[1]], z[mine] - z[mine].mean(), rcond=None
     )[0]

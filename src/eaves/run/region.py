@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import NoReturn, Protocol
@@ -14,6 +14,7 @@ import numpy as np
 from eaves.footprints.addresses import split_buildings
 from eaves.formats import InputError
 from eaves.formats.atomic import DiskFullError
+from eaves.ground.toolkit.floor import COARSEST_M
 from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, Failure, Footprint, PointCloud
 from eaves.model.results import BuildingPoints, BuildingResult
@@ -35,10 +36,11 @@ from eaves.run.join import (
     join_regions,
     with_addresses,
 )
+from eaves.run.mark import mark_of
 from eaves.run.partition import FileSlice, earlier, file_slices, find_isolated_blocks, partition_slice
 from eaves.run.recipe import Recipe
 from eaves.run.run import Progress, Run
-from eaves.run.store import COMPUTED, Store
+from eaves.run.store import COMPUTED, Store, link_file
 from eaves.run.wide import keep_floor, keep_square, load_decks, load_wide
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
 from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, squares_of
@@ -81,6 +83,8 @@ class Region:
         self.points = run.index.points
         """Of the inputs, without those that could not be read."""
         self.store = store_of(run, work_folder)
+        self.earlier: Store | None = None
+        """Of the run that this one goes on from: what follows from the same is taken from there."""
 
     def open_store(self) -> None:
         """Keep the parts of an earlier run that match, or start anew."""
@@ -219,7 +223,7 @@ class Region:
             self.store.forget("buildings")
         self.find_ground(left)
         left = self.workers.heaviest_first(left, self.store.count_points)
-        work = partial(compute_block, store=self.store, recipe=self.run.recipe)
+        work = partial(compute_block, store=self.store, recipe=self.run.recipe, earlier=self.earlier)
         for done, outcome in enumerate(self.workers.run(work, left), 1):
             self.note(outcome, f"block {left[outcome.index].name}")
             self.budget.add("blocks", outcome.cpu)
@@ -255,7 +259,7 @@ class Region:
         for outcome in self.workers.run(partial(keep_floor, store=store), floors):
             self.note(outcome, f"floor of block {floors[outcome.index].name}")
             self.budget.add("wide", outcome.cpu)
-        work = partial(keep_square, store=store, side=side, ground=recipe.ground)
+        work = partial(keep_square, store=store, side=side, ground=recipe.ground, earlier=self.earlier)
         for outcome in self.workers.run(work, squares):
             self.note(outcome, f"square {squares[outcome.index].name}")
             self.budget.add("wide", outcome.cpu)
@@ -314,11 +318,35 @@ def import_methods(recipe: Recipe) -> None:
     """Nothing: what a worker needs is imported by the time it knows this function and the methods."""
 
 
-def compute_block(block: Block, store: Store, recipe: Recipe) -> None:
-    """The block pass for one block, kept in the store."""
-    result = block_pass(*load_block(block, store, recipe))
+def compute_block(block: Block, store: Store, recipe: Recipe, earlier: Store | None = None) -> None:
+    """The block pass for one block, kept in the store; what an earlier run found of the same is taken."""
+    taken = load_block(block, store, recipe)
+    mark = mark_of_block(*taken)
+    if earlier is not None and earlier.has("blocks", block):
+        with earlier.open_block(block) as file:
+            known = file.about.get("inputs")
+        if known == mark:
+            link_file(earlier.path("blocks", block), store.path("blocks", block))
+            return
+    result = block_pass(*taken)
     result.seconds["ground"] = store.ground_seconds(block)
-    store.save_block(result)
+    store.save_block(replace(result, inputs=mark))
+
+
+def mark_of_block(
+    cloud: PointCloud, block: Block, recipe: Recipe, wide: WideObjects | None, decks: tuple[Decks, ...]
+) -> str:
+    """The mark of what `load_block` gives; of the recipe nothing, for runs of one store have one."""
+    seen = block.bounds.buffered(recipe.scene_buffer)
+    taken: list[object] = [cloud.xyz, cloud.point_id, cloud.classification, cloud.part]
+    taken += [cloud.return_number, cloud.number_of_returns]
+    if wide is not None:
+        taken += [wide.terrain_beneath(seen.translated(-block.origin[0], -block.origin[1]), block.origin)]
+        taken += [wide.doubts_in(block.bounds)]
+    for one in decks:
+        part = one.cropped(seen.buffered(COARSEST_M))
+        taken += [part.west, part.north, part.cell, part.level, part.base, part.water, part.doubts]
+    return mark_of(*taken)
 
 
 def load_block(

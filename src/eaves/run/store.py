@@ -307,6 +307,15 @@ def read_section(path: Path, name: str, mark: tuple[int, int]) -> list[Any]:
         return values
 
 
+def link_file(source: Path, target: Path) -> None:
+    """One file under another name."""
+    target.unlink(missing_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
+
+
 def extent_of(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
     """World metres (half-open) of points (N, 3) in quanta about a block's corner; None for no points."""
     if len(quanta) == 0:
