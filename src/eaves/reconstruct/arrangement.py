@@ -14,6 +14,7 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Values
 from eaves.reconstruct.toolkit.attributes import Surface, describe, surface_heights
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts, hold_down, label_cells
+from eaves.reconstruct.toolkit.corner_prices import settle_corners
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
@@ -49,7 +50,9 @@ class Arrangement(LineReconstructor):
     limits, β, γ the prices; s grows with the height of the jump from 0.2 where the planes meet to 1 where
     they are half a metre apart. γ counts in points where these are dense: what a part must show to be worth
     its description is a number of points, not an area. Solved by expansion moves [boykov2001], and
-    planes that cost more than they save are given up.
+    planes that cost more than they save are given up. A corner then stays where it is only when its moving
+    into the next one, or onto the line between its neighbours, would cost the points more than
+    `corner_points` for each corner that saves.
 
     Fidelity
     --------
@@ -105,6 +108,13 @@ class Arrangement(LineReconstructor):
         "explains so many.",
         ge=0.0,
     )
+    corner_points: float = parameter(
+        4.0,
+        "Points that a corner of the roof must explain, or it goes: two numbers, one more for a second "
+        "height, are worth no less than a plane.",
+        ge=0.0,
+    )
+    corner_reach: float = parameter(0.6, "How far a corner moves at most for others' sake.", unit="m", ge=0.0)
     extension: float = parameter(
         1.0, "How far a line reaches beyond its evidence before it ends on the next one.", unit="m", ge=0.0
     )
@@ -277,6 +287,9 @@ class Arrangement(LineReconstructor):
         costs = self.costs(spacing)
         chosen = label_cells(plan, roof, labels, coefficients, spacing, ground, costs)
         plan, chosen = plan.merged(chosen)
+        plan, chosen = settle_corners(
+            plan, chosen, roof, coefficients, spacing, costs, self.corner_points, self.corner_reach
+        )
         emit("plan", plan.polygons())
         emit("plane of each cell", chosen)
         smallest_face = max(self.least_area, min(self.smallest, self.smallest_points * spacing**2))

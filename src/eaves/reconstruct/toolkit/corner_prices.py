@@ -1,0 +1,230 @@
+"""A plan whose corners are worth stating: each must explain points, or it goes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from eaves.geometry.inside import points_in_polygons
+from eaves.model import Points, Values
+from eaves.reconstruct.toolkit.cell_labels import LabelCosts, highest_allowed
+from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers, leaving_kernel
+from eaves.reconstruct.toolkit.simplification import contract, corner_rank, is_sound
+
+MOST_ROUNDS = 8
+"""Passes over the plan, in each of which moves that do not touch one another are made together."""
+
+ONE_CORNER = 0.05
+"""Heights over a node that differ by less (m) make one corner."""
+
+MOST_HEIGHTS = 64
+"""Half-edges of two neighbouring nodes, at most, for one of them to move into the other."""
+
+
+def settle_corners(
+    coverage: Coverage,
+    labels: Integers,
+    roof: Points,
+    planes: NDArray[np.float64],
+    spacing: float,
+    costs: LabelCosts,
+    price: float,
+    reach: float,
+) -> tuple[Coverage, Integers]:
+    """The coverage without the corners that explain less than `price` points each, and its labels (C,).
+
+    A node moves into a neighbour nearer than `reach` (m), or goes where its two edges are within it of one
+    line, when that costs the points (N, 3) that get another of the `planes` (P, 3) less than the corners it
+    saves:
+
+        Σ_points [c(d of the new plane) − c(d of the old)] < price · corners,  c(d) = min((d/τ)², 1) + d/τ,
+
+    d the distance less the misfit that is free, τ the limit of residuals, both as for the labels. A
+    step of metres is never given up for a few corners, as the distance counts in full. Corners are those of
+    the solids: one for each height over a node. Corners of the outline stay, other nodes on it move along it; no face may rise too high.
+    """
+    highest = highest_allowed(roof, planes, spacing, costs.least_rise)
+    for careful in (False, True):
+        refused: set[tuple[float, ...]] = set()
+        plan, kept = coverage, labels
+        for _ in range(MOST_ROUNDS):
+            pairs = worthwhile_moves(plan, kept, roof, planes, highest, costs, price, reach)
+            moved = make_moves(plan, kept, pairs, refused, careful) if len(pairs) else None
+            if moved is None:
+                break
+            plan, kept = moved
+        if plan is coverage or careful or is_sound(plan):
+            return plan, kept
+    return coverage, labels
+
+
+def worthwhile_moves(
+    coverage: Coverage,
+    labels: Integers,
+    roof: Points,
+    planes: NDArray[np.float64],
+    highest: Values,
+    costs: LabelCosts,
+    price: float,
+    reach: float,
+) -> Integers:
+    """Pairs (K, 2) of a node and the neighbour it should move into, the best first."""
+    known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, *coverage.neighbours)
+    node, into, saved, triangles, move, gets, has = moves_kernel(
+        *known, labels, planes, highest, corner_rank(coverage), reach
+    )
+    gain = price * saved
+    if len(triangles):
+        ends = np.roll(triangles, -1, axis=1).reshape(-1, 2)
+        owner = np.repeat(np.arange(len(triangles)), 3)
+        point, swept = points_in_polygons(roof, triangles.reshape(-1, 2), ends, owner, len(triangles))
+        change = point_costs(roof[point], planes[gets[swept]], costs)
+        change -= point_costs(roof[point], planes[has[swept]], costs)
+        gain -= np.bincount(move[swept], change, len(node))
+    order = np.argsort(-gain, kind="stable")
+    return np.column_stack([node, into])[order[gain[order] > 0.0]]
+
+
+def make_moves(
+    coverage: Coverage, labels: Integers, pairs: Integers, refused: set[tuple[float, ...]], careful: bool
+) -> tuple[Coverage, Integers] | None:
+    """The coverage and its labels with the first of the `pairs` of nodes made one, and all those after it
+    that do not touch it; one alone when they do not go together. None where there are none.
+
+    Pairs between the places `refused` stay out, and those found to fold the plan join them; `careful` looks
+    at all cells for that.
+    """
+    chosen: list[tuple[int, int, tuple[float, ...]]] = []
+    taken: set[int] = set()
+    for node, into in pairs.tolist():
+        key = (*coverage.nodes[node].tolist(), *coverage.nodes[into].tolist())
+        around = {node, into, *coverage.end[coverage.start == node].tolist()}
+        if key not in refused and not taken & around:
+            chosen.append((node, into, key))
+            taken |= around
+    for some in [chosen, *([one] for one in chosen)] if chosen else []:
+        target = np.arange(len(coverage.nodes))
+        for node, into, _ in some:
+            target[node] = into
+        moved = contract(coverage, target)
+        if moved is not None and (not careful or is_sound(moved[0])):
+            plan, kept = moved[0], labels[moved[1]]
+            return (plan, kept) if plan.count == coverage.count else plan.merged(kept)
+        if len(some) == 1:
+            refused.add(some[0][2])
+    return None
+
+
+def point_costs(points: Points, planes: NDArray[np.float64], costs: LabelCosts) -> Values:
+    """What a plane (K, 3) costs for a point (K, 3)."""
+    a, b, c = planes.T
+    away = np.abs(points[:, 2] - a * points[:, 0] - b * points[:, 1] - c) / np.sqrt(1.0 + a**2 + b**2)
+    share = np.maximum(away - costs.free_misfit, 0.0) / costs.residual_limit
+    return np.asarray(np.minimum(share**2, 1.0) + share)
+
+
+@njit(cache=True)
+def moves_kernel(
+    nodes: NDArray[np.float64],
+    start: Integers,
+    end: Integers,
+    cell: Integers,
+    twin: Integers,
+    following: Integers,
+    labels: Integers,
+    planes: NDArray[np.float64],
+    highest: Values,
+    rank: Integers,
+    reach: float,
+) -> tuple[Integers, Integers, Values, NDArray[np.float64], Integers, Integers, Integers]:
+    """Nodes (K,), the neighbours (K,) they could move into, the corners (K,) that saves, and what their edges
+    sweep: triangles (T, 3, 2), the move of each, the label its points get, and the one they have, (T,).
+
+    A point swept by several edges goes from cell to cell, so that the changes add up. `labels` (C,) of the
+    `planes` (P, 3), each with the height (P,; m) it may not rise above, `rank` (V,) as by `corner_rank`.
+    """
+    leaving, first = leaving_kernel(start, len(nodes))
+    found, swept = 0, 0
+    node, into, saved = np.empty(len(start), np.int64), np.empty(len(start), np.int64), np.empty(len(start))
+    room = 8 * len(start)
+    triangles, move = np.empty((room, 3, 2)), np.empty(room, np.int64)
+    gets, has = np.empty(room, np.int64), np.empty(room, np.int64)
+    heights = np.empty(MOST_HEIGHTS)
+    for half in range(len(start)):
+        v, w = start[half], end[half]
+        if rank[v] == 2 or rank[v] > rank[w]:
+            continue
+        if rank[v] == 1 and cell[half] != OUTSIDE and cell[twin[half]] != OUTSIDE:
+            continue
+        at_v, at_w = leaving[first[v] : first[v + 1]], leaving[first[w] : first[w + 1]]
+        if len(at_v) + len(at_w) > MOST_HEIGHTS or swept + len(at_v) > room:
+            continue
+        dx, dy = nodes[w, 0] - nodes[v, 0], nodes[w, 1] - nodes[v, 1]
+        near = np.hypot(dx, dy) < reach
+        if not near and len(at_v) == 2 and rank[v] == 0:
+            other = end[at_v[0]] if at_v[1] == half else end[at_v[1]]
+            ex, ey = nodes[other, 0] - nodes[v, 0], nodes[other, 1] - nodes[v, 1]
+            chord = np.hypot(ex - dx, ey - dy)
+            near = abs(dx * ey - dy * ex) < reach * chord
+        if not near:
+            continue
+        closed_left, closed_right = OUTSIDE, OUTSIDE
+        if end[following[following[half]]] == v:
+            closed_left = cell[half]
+        if end[following[following[twin[half]]]] == w:
+            closed_right = cell[twin[half]]
+        before, count = 0, 0
+        for place in range(2):
+            some, at = (at_v, v) if place == 0 else (at_w, w)
+            count = 0
+            for one in some:
+                if cell[one] != OUTSIDE:
+                    a, b, c = planes[labels[cell[one]]]
+                    heights[count] = a * nodes[at, 0] + b * nodes[at, 1] + c
+                    count += 1
+            before += corners_kernel(heights, count)
+        count, over = 0, False
+        for place in range(2):
+            for one in at_v if place == 0 else at_w:
+                mine = cell[one]
+                if mine != OUTSIDE and mine != closed_left and mine != closed_right:
+                    a, b, c = planes[labels[mine]]
+                    heights[count] = a * nodes[w, 0] + b * nodes[w, 1] + c
+                    over = over or (place == 0 and heights[count] > highest[labels[mine]])
+                    count += 1
+        fewer = before - corners_kernel(heights, count)
+        if fewer <= 0 or over:
+            continue
+        node[found], into[found], saved[found] = v, w, fewer
+        for edge in at_v:
+            left, right, far = cell[edge], cell[twin[edge]], end[edge]
+            turn = dx * (nodes[far, 1] - nodes[v, 1]) - dy * (nodes[far, 0] - nodes[v, 0])
+            if far == w or left == OUTSIDE or right == OUTSIDE or abs(turn) < 1e-9:
+                continue
+            triangles[swept, 0], triangles[swept, 1], triangles[swept, 2] = nodes[v], nodes[w], nodes[far]
+            move[swept] = found
+            gets[swept] = labels[left] if turn > 0.0 else labels[right]
+            has[swept] = labels[right] if turn > 0.0 else labels[left]
+            swept += 1
+        found += 1
+    return (
+        node[:found],
+        into[:found],
+        saved[:found],
+        triangles[:swept],
+        move[:swept],
+        gets[:swept],
+        has[:swept],
+    )
+
+
+@njit(cache=True)
+def corners_kernel(heights: Values, count: int) -> int:
+    """How many corners the first `count` of the heights (m) over one node make; they are put in order."""
+    some = np.sort(heights[:count])
+    corners = 1 if count > 0 else 0
+    for one in range(1, count):
+        corners += some[one] - some[one - 1] > ONE_CORNER
+    return corners
