@@ -41,9 +41,10 @@ def settle_corners(
 
         Σ_points [c(d of the new plane) − c(d of the old)] < price · corners,  c(d) = min((d/τ)², 1) + d/τ,
 
-    d the distance less the misfit that is free, τ the limit of residuals, both as for the labels. A
-    step of metres is never given up for a few corners, as the distance counts in full. Corners are those of
-    the solids: one for each height over a node. Corners of the outline stay, other nodes on it move along it; no face may rise too high.
+    d the distance less the misfit that is free, τ the limit of residuals, both as for the labels. A step of
+    metres is never given up for a few corners, as the distance counts in full. Corners are those of the
+    solids: one for each height over a node. Corners of the outline stay, other nodes on it move along it; no
+    face may rise too high.
     """
     highest = highest_allowed(roof, planes, spacing, costs.least_rise)
     for careful in (False, True):
@@ -84,7 +85,7 @@ def worthwhile_moves(
         change -= point_costs(roof[point], planes[has[swept]], costs)
         gain -= np.bincount(move[swept], change, len(node))
     order = np.argsort(-gain, kind="stable")
-    return np.column_stack([node, into])[order[gain[order] > 0.0]]
+    return np.asarray(np.column_stack([node, into])[order[gain[order] > 0.0]])
 
 
 def make_moves(
