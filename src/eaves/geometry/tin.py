@@ -19,6 +19,8 @@ CURVE_BITS, CURVE_SIDE = 4, 16
 """Levels of the Hilbert curve that are looked up at once, and cells along a side of them."""
 PLACE_BITS = 31
 """Points are numbered in so many bits; with their position on the Hilbert curve they make 63."""
+CLOSE_BITS = 30
+"""Squared distances under 2 to this power of quanta (3.2 m) leave the in-circle determinant within 62 bits."""
 NEAR_BITS = 39
 """Squared distances under 2 to this power of quanta (70 m) leave the in-circle determinant short."""
 
@@ -189,7 +191,10 @@ def in_circle(whole: NDArray[np.int64], a: int, b: int, c: int, p: int) -> Any:
     cx, cy = whole[c, 0] - x, whole[c, 1] - y
     ma, mb, mc = bx * cy - cx * by, cx * ay - ax * cy, ax * by - bx * ay
     la, lb, lc = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
-    if (la | lb | lc) >> NEAR_BITS:
+    largest = la | lb | lc
+    if largest >> CLOSE_BITS == 0:
+        return la * ma + lb * mb + lc * mc > 0
+    if largest >> NEAR_BITS:
         return sum_is_positive(la, lb, lc, ma, mb, mc)
     # a factor under 2^39 in limbs of 20 bits: each product and sum is within 64
     mask = (1 << 20) - 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eaves.detect.consensus.evidence import Evidence, neighbour_pairs
+from eaves.detect.consensus.evidence import Evidence, rim_pairs
 from eaves.detect.consensus.segments import level_at
 from eaves.model import Labels, Values
 
@@ -26,10 +26,7 @@ def attached_share(evidence: Evidence, region: Labels, count: int, continues: fl
         of the outer cell that is no candidate lies on the inner cell's plane, or at the height of its top.
     """
     number = region.ravel()
-    one, two = neighbour_pairs((region > 0) | (evidence.cells.count > 0).reshape(evidence.shape))
-    inner, outer = np.concatenate([one, two]), np.concatenate([two, one])
-    rim = (number[inner] > 0) & (number[outer] == 0)
-    inner, outer = inner[rim], outer[rim]
+    inner, outer = rim_pairs(region, (evidence.cells.count > 0).reshape(evidence.shape))
     low = evidence.low.ravel()[outer]
     known = np.isfinite(low)
     planar = np.isfinite(evidence.residual.ravel()[inner])

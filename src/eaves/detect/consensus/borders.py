@@ -30,9 +30,7 @@ def cut_cells(evidence: Evidence, odds: Values, sure: float, smoothness: float, 
         return building
     number = np.full(unsettled.size, -1)
     number[nodes] = np.arange(len(nodes))
-    one, two = neighbour_pairs(evidence.candidate)
-    some = unsettled.ravel()[one] | unsettled.ravel()[two]
-    one, two = one[some], two[some]
+    one, two = neighbour_pairs(evidence.candidate, unsettled)
     price = smoothness * np.exp(-((continuity(evidence, one, two) / max_jump) ** 2))
     columns = evidence.shape[1]
     beside = (one // columns == two // columns) | (one % columns == two % columns)
