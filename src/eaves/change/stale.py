@@ -185,9 +185,9 @@ def ground_of(store: Store, square: Block, block: Block) -> tuple[NDArray[Any], 
     """The points (N,) of a block in a square, with class and part (N, 2) that the ground stage gave them."""
     records = store.read_points(block)
     with suppress(FileNotFoundError), open_part(store.path("ground", square)) as file:
-        if f"class-{block.name}" in file.files:
+        if f"class-{block.name}" in file:
             some = records[file[f"number-{block.name}"]]
             parts = f"part-{block.name}"
-            part = file[parts] if parts in file.files else np.zeros(len(some), np.uint8)
+            part = file[parts] if parts in file else np.zeros(len(some), np.uint8)
             return some, np.column_stack([file[f"class-{block.name}"], part])
     return records[:0], np.zeros((0, 2), np.uint8)

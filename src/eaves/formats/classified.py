@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import date
 from io import BytesIO
 from pathlib import Path
@@ -56,6 +57,7 @@ def write_classified(
     chunk_points: int = CHUNK_POINTS,
     sink: Callable[[int, NDArray[np.void]], None] | None = None,
     provenance: Provenance = NOTHING_KNOWN,
+    copies: Sequence[str | Path] = (),
 ) -> None:
     """Write the points of a file as LAZ: same records in the same order, classes replaced, dimensions added.
 
@@ -78,6 +80,9 @@ def write_classified(
         Called with the position of the first of some records, and the records, as they are written.
     provenance : Provenance
         What a variable-length record of the file (owner `eaves`, number 1, JSON) then says.
+    copies : sequence of str or Path
+        Files with the input's records as `iter_chunks` copied them, one run after the other; where there are
+        any, the input is not decompressed a second time.
 
     Raises
     ------
@@ -101,7 +106,7 @@ def write_classified(
             raise ValueError(f"{name} has {len(values)} values, {source.path} has {source.count} points")
     if isinstance(source.layout, LasHeader):
         header, record = _las_header(source.layout, arrays)
-        pieces = _las_pieces(source.layout, record, chunk_points)
+        pieces = _las_pieces(source.layout, record, chunk_points, copies)
     else:
         header, pieces = _text_header(source), _text_pieces(source, chunk_points)
         _add_dimensions(header, arrays)
@@ -181,11 +186,23 @@ def _new_header(layout: LasHeader) -> laspy.LasHeader:
 
 
 def _las_pieces(
-    layout: LasHeader, record: np.dtype[np.void], size: int
+    layout: LasHeader, record: np.dtype[np.void], size: int, copies: Sequence[str | Path]
 ) -> Iterator[tuple[int, NDArray[np.void]]]:
-    for position, records in iter_records(layout, size):
-        known = np.ascontiguousarray(records[:, : record.itemsize])
-        yield int(position[0]), known.reshape(-1).view(record)
+    runs = [_copied_records(layout, Path(path)) for path in copies]
+    if sum(run.count for run in runs) != layout.count:
+        runs = [layout]
+    first = 0
+    for run in runs:
+        for position, records in iter_records(run, size):
+            known = np.ascontiguousarray(records[:, : record.itemsize])
+            yield first + int(position[0]), known.reshape(-1).view(record)
+        first += run.count
+
+
+def _copied_records(layout: LasHeader, path: Path) -> LasHeader:
+    """The layout of a file that holds nothing but records."""
+    count = path.stat().st_size // layout.record_length
+    return replace(layout, path=path, count=count, compressed=False, data_offset=0)
 
 
 def _text_header(source: Source) -> laspy.LasHeader:

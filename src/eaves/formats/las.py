@@ -4,6 +4,7 @@ read."""
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import BinaryIO
 
 import lazrs
 import numpy as np
@@ -34,10 +35,13 @@ def iter_las(
     rectangle: tuple[float, float, float, float] | None,
     size: int,
     part: tuple[int, int] = WHOLE,
+    copy: BinaryIO | None = None,
 ) -> Iterator[Chunk]:
     """Chunks of about `size` points; with a rectangle (west, south, east, north), of COPC only the nodes
-    it meets."""
-    for position, records in iter_records(header, size, rectangle, NEEDED, part):
+    it meets. `copy` receives the records, whole."""
+    for position, records in iter_records(header, size, rectangle, EVERYTHING if copy else NEEDED, part):
+        if copy is not None:
+            copy.write(records.data)
         yield _decode(header, position, records)
 
 

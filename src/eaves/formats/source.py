@@ -203,6 +203,7 @@ def iter_chunks(
     bounds: Bounds | None = None,
     chunk_points: int = CHUNK_POINTS,
     part: tuple[int, int] = WHOLE,
+    copy: BinaryIO | None = None,
 ) -> Iterator[Chunk]:
     """The points of a file in world metres, in its order, about `chunk_points` at a time.
 
@@ -219,6 +220,8 @@ def iter_chunks(
     part : (int, int)
         The k-th of n runs of the file's records, so that several processes share a file; of a text file the
         first run is the whole.
+    copy : binary file or None
+        Receives the records of a LAS or LAZ file, decompressed, for `write_classified`.
 
     Returns
     -------
@@ -244,7 +247,7 @@ def iter_chunks(
     if bounds is not None:
         rectangle = bounds.west / unit, bounds.south / unit, bounds.east / unit, bounds.north / unit
     lost = 0
-    for chunk in _native_chunks(source.layout, rectangle, chunk_points, part):
+    for chunk in _native_chunks(source.layout, rectangle, chunk_points, part, copy):
         use = has_coordinates(chunk.xyz)
         lost += len(chunk) - int(np.count_nonzero(use))
         if chunk.withheld is not None:
@@ -347,11 +350,12 @@ def _native_chunks(
     rectangle: tuple[float, float, float, float] | None,
     size: int,
     part: tuple[int, int] = WHOLE,
+    copy: BinaryIO | None = None,
 ) -> Iterator[Chunk]:
     """Chunks in the file's own units."""
     if isinstance(layout, TextLayout):
         return iter_text(layout, size) if part[0] == 0 else iter(())
-    return iter_las(layout, rectangle, size, part)
+    return iter_las(layout, rectangle, size, part, copy)
 
 
 def _open_las(header: LasHeader, crs: str | None) -> Source:

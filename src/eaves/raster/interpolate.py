@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from eaves.geometry.tin import Tin
-from eaves.model import Grid, Mask, Raster
+from eaves.model import Grid, Mask, Raster, Values
 from eaves.raster.nearest import ADJOINING, near_cells, nearest_cells, places
 
 
@@ -36,12 +36,40 @@ def fill_linear(raster: Raster) -> Raster:
     return raster.with_(values=filled)
 
 
+def fill_linear_twice(raster: Raster, richer: Raster) -> tuple[Raster, Raster]:
+    """A raster and a richer one, in which more of the same cells are filled or their values are others, both
+    filled as `fill_linear` does: the cells that only the second has join the triangles of the first.
+    """
+    known, more = np.isfinite(raster.values), np.isfinite(richer.values)
+    if known.all() or not known.any() or more.all():
+        return fill_linear(raster), fill_linear(richer)
+    rim, second_rim = (cells & near_cells(~cells, ADJOINING) for cells in (known, more))
+    rows, columns = np.concatenate([np.nonzero(rim), np.nonzero(second_rim & ~known)], axis=1)
+    count = np.count_nonzero(rim)
+    tin = Tin(places(rows, columns), np.arange(count))
+
+    def filled(one: Raster, around: Mask, wanted: Mask) -> Raster:
+        values = one.values.copy()
+        heights = one.values[rows, columns].astype(np.float64)
+        values[wanted] = interpolate_in(tin, heights, one.values, around, wanted)
+        return one.with_(values=values)
+
+    first = filled(raster, rim, ~known)
+    tin.insert(np.arange(count, len(rows)))
+    return first, filled(richer, second_rim, ~more)
+
+
 def interpolate_cells(values: Grid, known: Mask, wanted: Mask) -> Grid:
     """Values (K,) at the wanted cells (H, W), linear between the known cells (H, W) of `values` (H, W)."""
     known_rows, known_columns = np.nonzero(known)
-    rows, columns = np.nonzero(wanted)
     heights = values[known_rows, known_columns].astype(np.float64)
-    tin = Tin(places(known_rows, known_columns))
+    return interpolate_in(Tin(places(known_rows, known_columns)), heights, values, known, wanted)
+
+
+def interpolate_in(tin: Tin, heights: Values, values: Grid, known: Mask, wanted: Mask) -> Grid:
+    """Values (K,) at the wanted cells (H, W) of a TIN of cells with heights (N,); beyond its hull those of
+    the nearest known cell (H, W) of `values` (H, W)."""
+    rows, columns = np.nonzero(wanted)
     result = tin.interpolate(heights, places(rows, columns)).astype(np.float32)
     outside = np.flatnonzero(~np.isfinite(result))
     if len(outside):

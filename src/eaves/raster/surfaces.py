@@ -10,7 +10,7 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.model import Bounds, PointCloud, Points, Raster, Scene
 from eaves.model.checks import check_positive, check_type
 from eaves.raster.grid import empty_raster, heights_of, highest_points, mean_heights
-from eaves.raster.interpolate import fill_linear, fill_nearest
+from eaves.raster.interpolate import fill_linear, fill_linear_twice, fill_nearest
 
 CELL = 0.5
 """Side of a cell of the rasters (m)."""
@@ -65,6 +65,12 @@ def terrain_of(
 
     `beneath` (K, 3) are points of terrain that was not seen, which count as ground.
     """
+    return fill_linear(mean_terrain(cloud, bounds, cell, beneath))
+
+
+def mean_terrain(cloud: PointCloud, bounds: Bounds, cell: float, beneath: Points | None) -> Raster:
+    """The mean height of the ground points of each cell, NaN where there is none; when all are outside the
+    bounds the height of the nearest, everywhere."""
     ground = cloud.xyz.take(np.flatnonzero(cloud.ground), axis=0)
     if beneath is not None and len(beneath):
         ground = np.concatenate([ground, beneath])
@@ -74,7 +80,7 @@ def terrain_of(
         centre = np.array([(bounds.west + bounds.east) / 2, (bounds.south + bounds.north) / 2])
         nearest = np.argmin(((ground[:, :2] - centre) ** 2).sum(axis=1))
         return empty_raster(bounds, cell, float(ground[nearest, 2]))
-    return fill_linear(raster)
+    return raster
 
 
 def make_dsm(cloud: PointCloud, bounds: Bounds, cell: float = CELL, close: float = 1.0) -> Raster:
@@ -166,13 +172,24 @@ def scene_of(cloud: PointCloud, bounds: Bounds, cell: float = CELL, beneath: Poi
 
     `beneath` (K, 3) are points of the terrain under what is wide.
     """
-    dtm, dsm = terrain_of(cloud, bounds, cell, beneath), make_dsm(cloud, bounds, cell)
+    return scene_over(terrain_of(cloud, bounds, cell, beneath), cloud, bounds)
+
+
+def scene_over(dtm: Raster, cloud: PointCloud, bounds: Bounds) -> Scene:
+    """The scene of a cloud over a terrain within `bounds`."""
+    dsm = make_dsm(cloud, bounds, dtm.cell)
     return Scene(cloud, dtm, dsm, measure_spacing(cloud.xyz), cloud.xyz[:, 2] - dtm.at(cloud.xyz))
 
 
-def on_terrain(scene: Scene, cloud: PointCloud, dtm: Raster) -> Scene:
-    """The scene with its points in other classes and over another terrain; its surface is what it was."""
-    return replace(scene, cloud=cloud, dtm=dtm, height=cloud.xyz[:, 2] - dtm.at(cloud.xyz))
+def two_scenes(
+    cloud: PointCloud, other: PointCloud, bounds: Bounds, cell: float = CELL, beneath: Points | None = None
+) -> tuple[Scene, Scene]:
+    """The scene of `scene_of`, and that of the same points in other classes, of which more are ground; the
+    surface is that of the first."""
+    means = (mean_terrain(one, bounds, cell, beneath) for one in (cloud, other))
+    dtm, richer = fill_linear_twice(*means)
+    scene = scene_over(dtm, cloud, bounds)
+    return scene, replace(scene, cloud=other, dtm=richer, height=cloud.xyz[:, 2] - richer.at(cloud.xyz))
 
 
 def check_request(cloud: PointCloud, bounds: Bounds, cell: float) -> None:

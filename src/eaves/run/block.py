@@ -15,7 +15,7 @@ from eaves.model.cloud import BRIDGE_DECK, GROUND, HIGH_NOISE, WIRE, WIRE_TOWER
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.model.scene import Scene
-from eaves.raster.surfaces import on_terrain, scene_of, terrain_of
+from eaves.raster.surfaces import scene_of, two_scenes
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.run.clock import Clock
 from eaves.run.decks import Decks, wet_or_bridged
@@ -107,11 +107,11 @@ def see_block(
     other = wet_or_bridged(cloud, decks)
     on_deck = other == BRIDGE_DECK
     cloud = with_classes(cloud, other)
-    scene = scene_of(cloud, seen, beneath=beneath)
-    trodden = scene
     if on_deck.any() and recipe.detect:
         stood = with_classes(cloud, np.where(on_deck, np.uint8(GROUND), np.uint8(0)))
-        trodden = on_terrain(scene, stood, terrain_of(stood, seen, beneath=beneath))
+        scene, trodden = two_scenes(cloud, stood, seen, beneath=beneath)
+    else:
+        scene = trodden = scene_of(cloud, seen, beneath=beneath)
     wires = np.zeros(len(cloud), bool)
     if recipe.marks_others:
         wires = find_wires(cloud, scene.height, scene.spacing)

@@ -19,6 +19,7 @@ from eaves.formats.fingerprint import refuse_change
 from eaves.model import Block
 from eaves.model.cloud import BUILDING
 from eaves.run.index import Index
+from eaves.run.partition import file_slices
 from eaves.run.run import Run
 from eaves.run.store import Store
 
@@ -74,6 +75,7 @@ def write_points(
     """
     index, single = run.index, run.classified
     gather_labels(store, index, blocks, owners)
+    copies = copies_of(store, index)
     written: list[Path] = []
     names: set[str] = set()
     starts = index.starts
@@ -87,9 +89,9 @@ def write_points(
         try:
             write = None if sink is None else partial(sink.write, path)
             made_from = replace(run.provenance, sources=(index.path(number).name,), count=1)
-            write_classified(
-                index.source(number), path, classes, {} if single else mine, sink=write, provenance=made_from
-            )
+            source, extra = index.source(number), {} if single else mine
+            copied = copies.get(number, [])
+            write_classified(source, path, classes, extra, sink=write, provenance=made_from, copies=copied)
             written.append(path)
         except InputError as error:  # a damaged file; scattering it has said so
             log.debug("%s", error)
@@ -100,6 +102,14 @@ def write_points(
             path.unlink(missing_ok=True)
             raise
     return written
+
+
+def copies_of(store: Store, index: Index) -> dict[int, list[Path]]:
+    """The files with the records of the inputs that were copied whole as they were read, by input."""
+    paths: dict[int, list[Path]] = {}
+    for part in file_slices(index):
+        paths.setdefault(part.number, []).append(store.records_path(part.name))
+    return {number: some for number, some in paths.items() if all(path.exists() for path in some)}
 
 
 def gather_labels(store: Store, index: Index, blocks: Sequence[Block], owners: Sequence[Block]) -> None:

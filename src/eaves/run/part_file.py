@@ -10,13 +10,14 @@ import json
 import math
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from datetime import date, datetime, time, timedelta
-from functools import partial
+from functools import lru_cache, partial
+from io import BytesIO
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import shapely
@@ -44,9 +45,53 @@ def save_part(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
         np.savez(temporary, **arrays)  # type: ignore[arg-type]
 
 
-def open_part(path: Path) -> Any:
+def open_part(path: Path) -> PartFile:
     """The arrays of a part by name, each read when it is asked for; to be used in a `with` statement."""
-    return np.load(path, allow_pickle=False)
+    return PartFile(path)
+
+
+class PartFile(Mapping[str, NDArray[Any]]):
+    """A part that is open. Like numpy's own reader, but that many small arrays cost a third of the time."""
+
+    def __init__(self, path: Path) -> None:
+        self._zip = zipfile.ZipFile(path)
+
+    def __enter__(self) -> PartFile:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        data = self._zip.read(name + NPY)
+        start = PREFIX + int.from_bytes(data[PREFIX - 2 : PREFIX], "little")
+        shape, order, dtype = read_header(data[:start])
+        return np.frombuffer(data, dtype, math.prod(shape), start).reshape(shape, order=order).copy()
+
+    def __iter__(self) -> Iterator[str]:
+        return (name.removesuffix(NPY) for name in self._zip.namelist())
+
+    def __len__(self) -> int:
+        return len(self._zip.namelist())
+
+    def close(self) -> None:
+        """Close the file."""
+        self._zip.close()
+
+
+NPY, PREFIX = ".npy", 10
+"""Numpy's suffix, and the bytes before the header of its files, of which the last two are its length."""
+
+
+@lru_cache(maxsize=1024)
+def read_header(data: bytes) -> tuple[tuple[int, ...], Literal["C", "F"], np.dtype[Any]]:
+    """Shape, order and type of an array, of what stands before its values in its npy file; most arrays of a
+    run bear one of a few."""
+    stream = BytesIO(data)
+    if np.lib.format.read_magic(stream) != (1, 0):
+        raise ValueError("an array of a part has a header of another version than parts have")
+    shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
+    return shape, "F" if by_columns else "C", dtype
 
 
 def save_value(path: Path, value: Any) -> None:

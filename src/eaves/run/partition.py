@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from zlib import crc32
 
 import numpy as np
@@ -134,8 +135,12 @@ def partition_slice(
     side: float,
     window: Window,
     progress: Callable[[int], None] = lambda points: None,
+    copied: bool = False,
 ) -> SliceResult:
     """Write every usable point of a part to its block's folder; the mark in `parts/` comes last.
+
+    Where they are `copied`, the records of a compressed file are kept whole as well, for the classified points
+    are to be written from them: to decompress them again costs many times as much.
 
     Withheld points and points without a position stay out. `progress` is called with the number of points
     read. Of a damaged input the points before the damage are used; a resumed run tries it again.
@@ -146,7 +151,8 @@ def partition_slice(
         source = part.opened()
         # all points but a COPC file's are decompressed anyway: those outside tell whether the header lies
         bounds = window.bounds if source.kind == "copc" else None
-        for chunk in iter_chunks(source, bounds, part=(part.k, part.n)):
+        copy = writer.copy() if copied and source.kind in ("laz", "copc") and bounds is None else None
+        for chunk in iter_chunks(source, bounds, part=(part.k, part.n), copy=copy):
             seen = Bounds.of(chunk.xyz) if seen is None else seen.union(Bounds.of(chunk.xyz))
             partition_chunk(chunk, part.first, side, window, writer)
             read += len(chunk)
@@ -157,7 +163,7 @@ def partition_slice(
     except BaseException:
         writer.discard()
         raise
-    writer.finish()
+    writer.finish(unread is None)
     inside = part.box.buffered(BOX_TOLERANCE)
     lies = seen is not None and inside.union(seen) != inside
     with atomic(mark_of(part, store)) as temporary:
@@ -199,6 +205,14 @@ class SliceWriter:
         self._hidden = f".{name}-{uuid.uuid4().hex}"
         self.written: dict[str, tuple[int, int]] = {}
         """Bytes and checksum of each block's file."""
+        self._copy: BinaryIO | None = None
+
+    def copy(self) -> BinaryIO:
+        """The file of the part's records as they are."""
+        path = self._store.records_path(self._hidden)
+        path.parent.mkdir(exist_ok=True)
+        self._copy = path.open("wb")
+        return self._copy
 
     def append(self, block: Block, records: NDArray[Any]) -> None:
         """Add records to a block's points."""
@@ -211,14 +225,23 @@ class SliceWriter:
             file.write(data)
         self.written[block.name] = size + len(data), crc32(data, checksum)
 
-    def finish(self) -> None:
-        """Show the files."""
+    def finish(self, whole: bool) -> None:
+        """Show the files, the copy of the records when it is `whole`."""
+        if self._copy is not None:
+            self._copy.close()
+            if whole:
+                os.replace(self._copy.name, self._store.records_path(self._name))
+            else:
+                os.unlink(self._copy.name)
         for block in self.written:
             folder = self._store.folder / "points" / block
             show_file(folder / self._hidden, folder / f"{self._name}.bin")
 
     def discard(self) -> None:
         """Remove the files."""
+        if self._copy is not None:
+            self._copy.close()
+            os.unlink(self._copy.name)
         for block in self.written:
             (self._store.folder / "points" / block / self._hidden).unlink(missing_ok=True)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -47,6 +48,8 @@ from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, squares_of
 
 log = logging.getLogger("eaves")
 
+COPIED_POINTS = 200_000_000
+"""The inputs of a larger run are decompressed a second time: a copy of 34 bytes a point would fill the disk."""
 LARGEST_RASTER = 10**10
 """Cells of a raster in one file: 50 km by 50 km. Empty ones cost time, too."""
 
@@ -95,6 +98,7 @@ class Region:
         else:
             self.store.prepare()
             self.store.drop_damaged()
+            shutil.rmtree(self.store.folder / "records", ignore_errors=True)  # nothing tells that they are whole
 
     def partition(self) -> None:
         """Bring all points that are not yet there to their blocks."""
@@ -108,7 +112,13 @@ class Region:
             read += points
             self.progress("read", min(read, total), total)
 
-        work = partial(partition_slice, store=self.store, side=self.run.side, window=self.run.window)
+        work = partial(
+            partition_slice,
+            store=self.store,
+            side=self.run.side,
+            window=self.run.window,
+            copied=self.copies_records,
+        )
         workers = self.workers
         if workers.alone or len(todo) == 1:
             work, workers = partial(work, progress=read_more), Workers()
@@ -141,6 +151,13 @@ class Region:
         if unread and len(unread) == len(self.run.index):
             self.refuse(next(iter(unread.values())))
         self.failed += unread.values()
+
+    @property
+    def copies_records(self) -> bool:
+        """Whether the inputs are kept decompressed for the classified points."""
+        run = self.run
+        small = run.index.points <= COPIED_POINTS
+        return "classified" in run.outputs and small and not (run.by_tiles or run.keep)
 
     def used_blocks(self) -> list[Block]:
         """The blocks that have points, without those that hold nothing but isolated."""

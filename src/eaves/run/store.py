@@ -70,7 +70,8 @@ class GroundPiece:
 class Store:
     """A folder with `points/` (a folder a block, a file in it a part of an input), `parts/` (a file for every
     part of an input that is in place), `floors/`, `blocks/`, `buildings/` (a file a block each), `squares/`,
-    `decks/`, `ground/` (a file a square of their own size), and `plan.json`."""
+    `decks/`, `ground/` (a file a square of their own size), and `plan.json`; while a small run lasts also
+    `records/` (a file a part of a compressed input: its records as they are)."""
 
     folder: Path
     has_returns: bool = True
@@ -89,6 +90,10 @@ class Store:
     def points_path(self, block: Block) -> Path:
         """The folder of a block's points."""
         return self.folder / "points" / block.name
+
+    def records_path(self, name: str) -> Path:
+        """The file of the records of a part of an input."""
+        return self.folder / "records" / f"{name}.bin"
 
     def blocks(self, side: float) -> list[Block]:
         """The blocks that have points, in order."""
@@ -189,10 +194,10 @@ class Store:
                 if not path.exists():
                     continue
                 with open_part(path) as file:
-                    if f"class-{piece.block.name}" in file.files:
+                    if f"class-{piece.block.name}" in file:
                         number = file[f"number-{piece.block.name}"]
                         of_all[number], told[number] = file[f"class-{piece.block.name}"], True
-                        if f"part-{piece.block.name}" in file.files:
+                        if f"part-{piece.block.name}" in file:
                             part[number] = file[f"part-{piece.block.name}"]
             if not told[piece.which].all():
                 raise RuntimeError("the ground under some of its points could not be found")
