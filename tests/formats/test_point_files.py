@@ -157,6 +157,19 @@ def test_writing_twice_gives_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a.laz").read_bytes() == (tmp_path / "b.laz").read_bytes()
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_copied_records_give_the_same_bytes(tmp_path: Path, kind: str) -> None:
+    source = open_source(written(tmp_path, kind)[0])
+    copies = [tmp_path / "0.bin", tmp_path / "1.bin"]
+    for k, path in enumerate(copies):
+        with path.open("wb") as copy:
+            assert sum(map(len, iter_chunks(source, part=(k, 2), copy=copy))) <= COUNT
+    for name, given in (("a.laz", ()), ("b.laz", copies), ("c.laz", copies[:1])):
+        write_classified(source, tmp_path / name, np.full(COUNT, 2, np.uint8), copies=given)
+    whole = (tmp_path / "a.laz").read_bytes()
+    assert whole == (tmp_path / "b.laz").read_bytes() == (tmp_path / "c.laz").read_bytes()
+
+
 def test_a_wrong_number_of_classes_is_refused(tmp_path: Path) -> None:
     source = open_source(written(tmp_path, "las-1")[0])
     with pytest.raises(ValueError, match="classification has 5 values"):

@@ -9,7 +9,7 @@ from scipy import ndimage
 from eaves.ground.toolkit.morphology import opened
 from eaves.model import Bounds, PointCloud, Raster
 from eaves.raster.grid import heights_of, highest_points, lowest_points, mean_heights, whole_cells
-from eaves.raster.interpolate import fill_linear, fill_nearest
+from eaves.raster.interpolate import fill_linear, fill_linear_twice, fill_nearest
 from eaves.raster.surfaces import make_dsm, make_dtm, terrain_of
 
 SQUARE = Bounds(0.0, 0.0, 20.0, 20.0)
@@ -124,3 +124,23 @@ def test_filling_leaves_known_cells_alone() -> None:
     raster = Raster(holed, 0.0, 6.0, 1.0)
     assert np.allclose(fill_linear(raster).values, values, atol=1e-4)
     assert (fill_nearest(raster).values[~np.isnan(holed)] == values[~np.isnan(holed)]).all()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 1.0])
+def test_two_rasters_filled_together_are_those_filled_apart(share: float) -> None:
+    rng = np.random.default_rng(5)
+    # off the grid's own symmetry: four cells at equal distances may be joined by either diagonal
+    rows, columns = np.indices((40, 50))
+    plane = (0.3 * rows - 0.2 * columns).astype(np.float32)
+    values = np.where(rng.random(plane.shape) < 0.4, plane, np.nan).astype(np.float32)
+    richer = np.where(rng.random(plane.shape) < share, plane, values).astype(np.float32)
+    deck = np.s_[10:16, 20:30]
+    richer[deck] = plane[deck] + np.float32(share > 0.0)
+    one, two = (Raster(grid, 0.0, 20.0, 0.5) for grid in (values, richer))
+    filled, also = fill_linear_twice(one, two)
+    assert np.array_equal(filled.values, fill_linear(one).values)
+    away = np.ones(plane.shape, bool)
+    away[6:20, 16:34] = False
+    inside = away & np.isfinite(fill_linear(two).values)
+    assert np.allclose(also.values[inside], fill_linear(two).values[inside], atol=1e-4)
+    assert np.array_equal(also.values[np.isfinite(richer)], richer[np.isfinite(richer)])

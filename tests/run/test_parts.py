@@ -53,6 +53,26 @@ def test_a_pickle_in_place_of_a_part_is_never_loaded(tmp_path: Path) -> None:
     assert not (tmp_path / "code ran").exists()
 
 
+@pytest.mark.parametrize("dtype", ["f8", "u1", "<i4", "?"])
+def test_arrays_come_back_as_numpy_reads_them(tmp_path: Path, dtype: str) -> None:
+    path, values = tmp_path / "part.npz", np.arange(12).astype(dtype)
+    arrays = {
+        "flat": values,
+        "by_rows": values.reshape(3, 4),
+        "by_columns": values.reshape(3, 4).T,
+        "a/strange-name": values[::2],
+        "none": values[:0],
+        "one": np.array(7),
+    }
+    save_part(path, arrays)
+    with np.load(path) as theirs, open_part(path) as ours:
+        assert list(ours) == list(theirs.files) and "flat" in ours and "other" not in ours
+        for name in theirs.files:
+            back = ours[name]
+            assert back.dtype == theirs[name].dtype and back.flags.writeable
+            assert back.shape == theirs[name].shape and np.array_equal(back, theirs[name])
+
+
 def test_any_changed_byte_of_data_makes_a_part_unsound(tmp_path: Path) -> None:
     path = tmp_path / "part.npz"
     save_part(path, {"x": np.arange(50.0)})

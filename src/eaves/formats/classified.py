@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from datetime import date
 from io import BytesIO
 from pathlib import Path
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import pyproj_crs
-from eaves.formats.las import FIRST_LAYERED_FORMAT, iter_records
+from eaves.formats.las import FIRST_LAYERED_FORMAT, iter_copied, iter_records
 from eaves.formats.las_header import LasHeader
 from eaves.formats.source import CHUNK_POINTS, Source, has_coordinates
 from eaves.formats.text import iter_text
@@ -188,21 +187,16 @@ def _new_header(layout: LasHeader) -> laspy.LasHeader:
 def _las_pieces(
     layout: LasHeader, record: np.dtype[np.void], size: int, copies: Sequence[str | Path]
 ) -> Iterator[tuple[int, NDArray[np.void]]]:
-    runs = [_copied_records(layout, Path(path)) for path in copies]
-    if sum(run.count for run in runs) != layout.count:
-        runs = [layout]
-    first = 0
-    for run in runs:
-        for position, records in iter_records(run, size):
-            known = np.ascontiguousarray(records[:, : record.itemsize])
-            yield first + int(position[0]), known.reshape(-1).view(record)
-        first += run.count
+    for first, records in iter_copied(layout, size, copies) or _numbered(iter_records(layout, size)):
+        known = np.ascontiguousarray(records[:, : record.itemsize])
+        yield first, known.reshape(-1).view(record)
 
 
-def _copied_records(layout: LasHeader, path: Path) -> LasHeader:
-    """The layout of a file that holds nothing but records."""
-    count = path.stat().st_size // layout.record_length
-    return replace(layout, path=path, count=count, compressed=False, data_offset=0)
+def _numbered(
+    pieces: Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]],
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    for position, records in pieces:
+        yield int(position[0]), records
 
 
 def _text_header(source: Source) -> laspy.LasHeader:

@@ -3,7 +3,9 @@ read."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
 from typing import BinaryIO
 
 import lazrs
@@ -81,6 +83,36 @@ def iter_records(
         start, end = (len(which) * (part[0] + step) // part[1] for step in (0, 1))
         if start < end:
             yield from decompress(file, header, table, which[start:end], selection, size)
+
+
+def iter_copied(
+    header: LasHeader, size: int, copies: Sequence[str | Path]
+) -> Iterator[tuple[int, NDArray[np.uint8]]] | None:
+    """As `iter_records` of a compressed file, in the same pieces: the place of the first record of each and
+    the records, from files that together hold all of them decompressed; None where they do not."""
+    bytes_there = sum(Path(path).stat().st_size for path in copies)
+    if not header.compressed or header.salvaged or not header.count or bytes_there != header.count * header.record_length:
+        return None
+    with header.path.open("rb") as file:
+        table = read_chunk_table(file, header)
+    counts = [int(table.points[run].sum()) for run in table.runs(np.arange(len(table.points)), size)]
+    return read_runs(copies, counts, header.record_length)
+
+
+def read_runs(
+    paths: Sequence[str | Path], counts: Sequence[int], length: int
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Runs of so many records of a length, of files that hold nothing else, one after the other."""
+    left, first = iter(paths), 0
+    with ExitStack() as stack:
+        file = stack.enter_context(open(next(left), "rb"))
+        for count in counts:
+            data = file.read(count * length)
+            while len(data) < count * length:
+                file = stack.enter_context(open(next(left), "rb"))
+                data += file.read(count * length - len(data))
+            yield first, np.frombuffer(data, np.uint8).reshape(count, length)
+            first += count
 
 
 def numbered(

@@ -35,6 +35,11 @@ class ChunkTable:
         """The number of each chunk's first point."""
         return np.cumsum(self.points) - self.points
 
+    def runs(self, which: NDArray[np.int64], size: int) -> list[NDArray[np.int64]]:
+        """The chunks numbered `which` (rising) in runs of about `size` points."""
+        run = (np.cumsum(self.points[which]) - self.points[which]) // size
+        return np.split(which, np.flatnonzero(np.diff(run)) + 1)
+
 
 def read_chunk_table(file: BinaryIO, header: LasHeader) -> ChunkTable:
     """The chunk table of a file, checked against its size and its number of points.
@@ -91,8 +96,7 @@ def decompress(
     """
     if not len(which):
         return
-    run = (np.cumsum(table.points[which]) - table.points[which]) // size
-    for part in np.split(which, np.flatnonzero(np.diff(run)) + 1):
+    for part in table.runs(which, size):
         pieces = []
         for number in part:
             file.seek(int(table.offset[number]))

@@ -130,16 +130,16 @@ def classify_ground(
         noise = np.isin(given[left], NOISE_CLASSES)
         classes[left[noise]] = given[left[noise]]
         left = left[~noise]
-    taken = cloud.take(left)
+    taken = cloud.with_(classification=None, part=None, point_id=None).take(left)
     low, high = find_outliers(taken)
     classes[left[low]], classes[left[high]] = LOW_NOISE, HIGH_NOISE
     good = np.flatnonzero(~(low | high))
     taken, good = taken.take(good), left[good]
+    order = taken.canonical_order()
+    taken = taken.take(order)
     if wide is None and len(taken):
         patch = filter_.find_wide_objects(Floor.of(taken))
         wide = None if patch is None else WideObjects((patch,))
-    order = taken.canonical_order()
-    taken = taken.take(order)
     found = None
     if wide is None:
         mask, found = filter_.separate(taken, emitter(debug))

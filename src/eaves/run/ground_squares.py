@@ -90,9 +90,9 @@ def classify_square(
     inside = np.flatnonzero(Bounds(0.0, 0.0, square.side, square.side).contains(cloud.xyz))
     if len(inside) == 0:
         return inside, np.zeros(0, np.uint8), None
-    found = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide).take(inside)
+    found = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide)
     assert found.classification is not None
-    return inside, found.classification, found.part
+    return inside, found.classification[inside], None if found.part is None else found.part[inside]
 
 
 def points_in(cloud: PointCloud, bounds: Bounds, among: Numbers | None = None) -> Numbers:

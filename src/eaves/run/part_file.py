@@ -54,7 +54,10 @@ class PartFile(Mapping[str, NDArray[Any]]):
     """A part that is open. Like numpy's own reader, but that many small arrays cost a third of the time."""
 
     def __init__(self, path: Path) -> None:
-        self._zip = zipfile.ZipFile(path)
+        try:
+            self._zip = zipfile.ZipFile(path)
+        except zipfile.BadZipFile:
+            raise ValueError(f"{path} is no part, which is a zip file of arrays, but perhaps a pickle") from None
 
     def __enter__(self) -> PartFile:
         return self
@@ -91,6 +94,8 @@ def read_header(data: bytes) -> tuple[tuple[int, ...], Literal["C", "F"], np.dty
     if np.lib.format.read_magic(stream) != (1, 0):
         raise ValueError("an array of a part has a header of another version than parts have")
     shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
+    if dtype.hasobject:
+        raise ValueError("an array of a part would be a pickle, which is never loaded")
     return shape, "F" if by_columns else "C", dtype
 
 

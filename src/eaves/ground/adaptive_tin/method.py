@@ -385,11 +385,12 @@ class AdaptiveTin(GroundMethod):
         cell = max(self.cell_least, spacing)
         bounds = Bounds.of(xyz)
         seeds = self.find_seeds(xyz, cell, bounds, standing)
-        emit("seeds", xyz[seeds])
+        low = xyz.take(seeds, axis=0)
+        emit("seeds", low)
         if len(seeds) == 0:
             return np.zeros(len(xyz), bool)
         waiting = standing != OVER
-        first = seeds[lowest_of_cells(xyz[seeds], self.first_cells * cell)]
+        first = seeds[lowest_of_cells(low, self.first_cells * cell)]
         waiting[first] = False
         rest = seeds[waiting[seeds]]
         around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds, self.rules_of(Rim))
