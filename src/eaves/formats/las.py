@@ -91,7 +91,12 @@ def iter_copied(
     """As `iter_records` of a compressed file, in the same pieces: the place of the first record of each and
     the records, from files that together hold all of them decompressed; None where they do not."""
     bytes_there = sum(Path(path).stat().st_size for path in copies)
-    if not header.compressed or header.salvaged or not header.count or bytes_there != header.count * header.record_length:
+    if (
+        not header.compressed
+        or header.salvaged
+        or not header.count
+        or bytes_there != header.count * header.record_length
+    ):
         return None
     with header.path.open("rb") as file:
         table = read_chunk_table(file, header)

@@ -57,7 +57,9 @@ class PartFile(Mapping[str, NDArray[Any]]):
         try:
             self._zip = zipfile.ZipFile(path)
         except zipfile.BadZipFile:
-            raise ValueError(f"{path} is no part, which is a zip file of arrays, but perhaps a pickle") from None
+            raise ValueError(
+                f"{path} is no part, which is a zip file of arrays, but perhaps a pickle"
+            ) from None
 
     def __enter__(self) -> PartFile:
         return self

@@ -98,7 +98,9 @@ class Region:
         else:
             self.store.prepare()
             self.store.drop_damaged()
-            shutil.rmtree(self.store.folder / "records", ignore_errors=True)  # nothing tells that they are whole
+            shutil.rmtree(
+                self.store.folder / "records", ignore_errors=True
+            )  # nothing tells that they are whole
 
     def partition(self) -> None:
         """Bring all points that are not yet there to their blocks."""
