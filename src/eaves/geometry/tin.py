@@ -20,7 +20,7 @@ CURVE_BITS, CURVE_SIDE = 4, 16
 PLACE_BITS = 31
 """Points are numbered in so many bits; with their position on the Hilbert curve they make 63."""
 CLOSE_BITS = 30
-"""Squared distances under 2 to this power of quanta (3.2 m) leave the in-circle determinant within 62 bits."""
+"""Squared distances under 2 to this power of quanta (3.2 m) leave the in-circle determinant in 62 bits."""
 NEAR_BITS = 39
 """Squared distances under 2 to this power of quanta (70 m) leave the in-circle determinant short."""
 

@@ -139,8 +139,8 @@ def partition_slice(
 ) -> SliceResult:
     """Write every usable point of a part to its block's folder; the mark in `parts/` comes last.
 
-    Where they are `copied`, the records of a compressed file are kept whole as well, for the classified points
-    are to be written from them: to decompress them again costs many times as much.
+    Where they are `copied`, the records of a compressed file are kept whole as well: the classified points
+    are written from them, for to decompress them again costs many times as much.
 
     Withheld points and points without a position stay out. `progress` is called with the number of points
     read. Of a damaged input the points before the damage are used; a resumed run tries it again.

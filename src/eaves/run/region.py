@@ -49,7 +49,7 @@ from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, squares_of
 log = logging.getLogger("eaves")
 
 COPIED_POINTS = 200_000_000
-"""The inputs of a larger run are decompressed a second time: a copy of 34 bytes a point would fill the disk."""
+"""Inputs of more points are decompressed a second time: copies of 34 bytes a point would fill the disk."""
 LARGEST_RASTER = 10**10
 """Cells of a raster in one file: 50 km by 50 km. Empty ones cost time, too."""
 

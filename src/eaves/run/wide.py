@@ -68,7 +68,7 @@ def keep_decks(
     path = store.path("decks", square)
     if earlier is not None and earlier.has("decks", square):
         with open_part(earlier.path("decks", square)) as file:
-            known = file[INPUTS].tobytes().decode() if INPUTS in file.files else ""
+            known = file[INPUTS].tobytes().decode() if INPUTS in file else ""
         if known == mark:
             link_file(earlier.path("decks", square), path)
             return

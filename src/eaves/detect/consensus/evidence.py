@@ -110,7 +110,8 @@ def rim_pairs(region: Labels, occupied: Mask) -> tuple[Numbers, Numbers]:
     """Flat numbers of the cells of regions (H, W) and of their eight-neighbours that are in none and
     occupied (H, W), pair by pair."""
     inside, beside = region > 0, occupied & (region == 0)
-    inner, outer = [], []
+    inner: list[Numbers] = []
+    outer: list[Numbers] = []
     for step in ONWARD:
         a, b = shifted(region.shape, step)
         for first, second, this, that in ((inside, beside, inner, outer), (beside, inside, outer, inner)):
