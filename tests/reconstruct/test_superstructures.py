@@ -13,6 +13,7 @@ from eaves.formats import write_cityjson
 from eaves.model import BuildingModel, Footprint
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
+from eaves.reconstruct.toolkit.superstructures import join_overlapping
 from eaves.roof import segment_roof
 from eaves.simulate.roofs import Masses, chimney, gable, make_building
 from eaves.validate import validate_file
@@ -52,6 +53,16 @@ def test_objects_smaller_than_asked_for_are_left_out() -> None:
     small, wanted = modelled(roof, 60.0, least=0.0), modelled(roof, 60.0, least=1.0)
     assert len(small.installations) == 1 and wanted.installations == ()
     assert wanted.attributes["installation_count"] == 0
+
+
+def test_pieces_of_one_top_whose_boxes_meet_are_one_object__a_lower_one_is_another() -> None:
+    block = np.array([[x, y, 5.0] for x in np.arange(0.0, 1.0, 0.1) for y in np.arange(0.0, 0.6, 0.1)])
+    beside = block + np.array([1.2, 0.0, 0.0])
+    lower = block + np.array([0.0, 0.8, -1.0])
+    points = np.vstack([block, beside, lower])
+    groups = [np.arange(60), np.arange(60, 120), np.arange(120, 180)]
+    joined = join_overlapping(groups, points, 0.2, 0.35)
+    assert [len(one) for one in joined] == [120, 60]
 
 
 def test_bare_roof_has_no_object() -> None:

@@ -91,6 +91,11 @@ def main_directions(polygon: Polygon) -> Values:
     return np.array(found)
 
 
+def turn_by(angle: float) -> NDArray[np.float64]:
+    """The matrix (2, 2) that turns plan coordinates, rows from the left, onto axes at an angle (radians)."""
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
 def candidate_lines(
     points: Points,
     labels: Labels,
@@ -167,7 +172,7 @@ def rectangle_lines(
         return []
     best: tuple[float, float, Values, Values] | None = None
     for angle in main.tolist():
-        turned = places @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        turned = places @ turn_by(angle)
         low, high = column_percentiles(turned, (limits.rectangle_trim, 100.0 - limits.rectangle_trim))
         low, high = low - 0.5 * spacing, high + 0.5 * spacing
         area = float(np.prod(high - low))
@@ -248,7 +253,9 @@ def align(lines: list[Line], polygon: Polygon, spacing: float, limits: LineLimit
     edges = footprint_edges(polygon, limits.shortest_edge)
     fixed = FixedLines(edges, len(edges) + len(lines))
     answer: list[Line] = []
-    for line in sorted(lines, key=lambda line: (not line.meeting, -line.support, line.offset)):
+    for line in sorted(
+        lines, key=lambda line: (not line.meeting, -line.support, line.low - line.high, line.offset)
+    ):
         if line.meeting:
             answer.append(line)
             fixed.add(line)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import Polygon
@@ -12,7 +13,10 @@ from shapely import Polygon
 from eaves.geometry.components import connected_groups_kernel
 from eaves.model import Installation, Points, Solid, Values
 from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
-from eaves.reconstruct.toolkit.plan_lines import main_directions
+from eaves.reconstruct.toolkit.plan_lines import main_directions, turn_by
+
+PLACES = 9
+"""Places on each side of an object at which the roof beside it is looked up."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +63,14 @@ def find_superstructures(
         return ()
     pairs = cKDTree(roof[high, :2]).query_pairs(limits.together * spacing, output_type="ndarray")
     group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(high))
+    turn = turn_by(float(main[0]))
     sizes = np.bincount(group)
+    clusters = [np.flatnonzero(group == number) for number in np.flatnonzero(sizes >= limits.points)]
+    turned = np.column_stack([roof[high, :2] @ turn, roof[high, 2]])
     found = []
-    for number in np.flatnonzero(sizes >= limits.points).tolist():
-        mine = high[group == number]
-        one = describe_object(solids, roof[mine], over[mine], float(main[0]), spacing, limits)
+    for cluster in join_overlapping(clusters, turned, 0.5 * limits.together * spacing, limits.level):
+        mine = high[cluster]
+        one = describe_object(solids, roof[mine], over[mine], turn, spacing, limits)
         if one is None or one.polygon.area < limits.least:
             continue
         if one.polygon.intersection(polygon).area > limits.inside * one.polygon.area:
@@ -71,19 +78,49 @@ def find_superstructures(
     return tuple(sorted(found, key=lambda one: (-one.polygon.area, one.polygon.centroid.x)))
 
 
+def join_overlapping(
+    groups: list[NDArray[np.int64]], points: Points, margin: float, level: float
+) -> list[NDArray[np.int64]]:
+    """The groups, members of points (N, 3), those as one whose boxes, wider by a `margin` (m), overlap in
+    plan and whose tops are equally high to `level` (m): chance leaves gaps among the points of one object.
+    """
+    while len(groups) > 1:
+        low = np.array([points[mine, :2].min(axis=0) - margin for mine in groups])
+        high = np.array([points[mine, :2].max(axis=0) + margin for mine in groups])
+        boxes = shapely.box(*low.T, *high.T)
+        top = np.array([top_of(points[mine]) for mine in groups])
+        one, other = shapely.STRtree(boxes).query(boxes, predicate="intersects")
+        alike = (one < other) & (np.abs(top[one] - top[other]) <= level)
+        if not alike.any():
+            break
+        joined = connected_groups_kernel(one[alike], other[alike], len(groups))
+        groups = [
+            np.concatenate([groups[n] for n in np.flatnonzero(joined == number)])
+            for number in range(joined.max() + 1)
+        ]
+    return groups
+
+
+def top_of(points: Points) -> float:
+    """The height (m) of the top of an object's points (N, 3)."""
+    return float(np.percentile(points[:, 2], 75.0))
+
+
 def describe_object(
     solids: tuple[Solid, ...],
     points: Points,
     over: Values,
-    angle: float,
+    turn: NDArray[np.float64],
     spacing: float,
     limits: ObjectLimits,
 ) -> Installation | None:
-    """The object that points (N, 3), so far `over` the roof (N,; m), make; None when they make none."""
-    top = float(np.percentile(points[:, 2], 75.0))
+    """The object that points (N, 3), so far `over` the roof (N,; m), make; None when they make none.
+
+    `turn` (2, 2) lays its sides along the axes.
+    """
+    top = top_of(points)
     if np.mean(np.abs(points[:, 2] - top) < limits.level + 0.5 * np.ptp(over)) < limits.on_top:
         return None
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     local = points[:, :2] @ turn
     low, high = local.min(axis=0) - 0.5 * spacing, local.max(axis=0) + 0.5 * spacing
     sides = np.sort(high - low)
@@ -100,6 +137,8 @@ def describe_object(
         return None
     ring = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     corners = np.vstack([ring, ring.mean(axis=0)]) @ turn.T
+    if continued_beside(solids, local, turn, beside, top, limits):
+        return None
     under, cosine, _ = surface_heights(solids, corners)
     if not np.isfinite(under[-1]):
         return None
@@ -127,3 +166,30 @@ def explained_beside(solids: tuple[Solid, ...], points: Points, beside: float, l
     height = surface_heights(solids, places)[0].reshape(len(points), len(ways))
     near = np.abs(np.nan_to_num(height, nan=-1e9) - points[:, 2:3]) < level
     return bool(np.mean(near.any(axis=1)) > 0.5)
+
+
+def continued_beside(
+    solids: tuple[Solid, ...],
+    local: NDArray[np.float64],
+    turn: NDArray[np.float64],
+    beside: float,
+    top: float,
+    limits: ObjectLimits,
+) -> bool:
+    """Whether a level face of the roof, as high as the `top` (m) of an object, goes on within `beside` (m) of
+    its box: the object is a piece of what the roof has. Its places `local` (N, 2) lie along `turn` (2, 2).
+    """
+    low, high = local.min(axis=0) - beside, local.max(axis=0) + beside
+    share = np.linspace(0.0, 1.0, PLACES)
+    across, along = (np.tile(side, 2) for side in (low + share[:, None] * (high - low)).T)
+    sides = np.repeat([0, 1], PLACES)
+    rim = np.vstack(
+        [
+            np.column_stack([across, np.where(sides, high[1], low[1])]),
+            np.column_stack([np.where(sides, high[0], low[0]), along]),
+        ]
+    )
+    height, cosine, face = surface_heights(solids, np.vstack([rim, local]) @ turn.T)
+    under = np.isin(face[: len(rim)], face[len(rim) :])
+    level = cosine[: len(rim)] > np.cos(np.arctan(limits.flat))
+    return bool((level & ~under & (np.abs(height[: len(rim)] - top) < limits.level)).any())
