@@ -152,3 +152,15 @@ def test_roof_faces_without_points_are_marked() -> None:
     model = model_of(seen, [(0.0, 0.0, 5.0), (0.0, 0.0, 8.0)])
     marked = {round(face["h_high"]): face["no_data"] for face in model.attributes["roof_faces"]}
     assert marked == {5: True, 8: False}
+
+
+def test_spacing_on_a_roof_is_the_same_however_it_lies() -> None:
+    outline = shapely.box(-6.0, -4.0, 6.0, 4.0)
+    xy = np.random.default_rng(5).uniform([-6, -4], [6, 4], (700, 2))
+    roof = np.column_stack([xy, np.zeros(700)])
+    found = []
+    for angle in np.radians([0.0, 20.0, 56.0, 90.0, 146.0, 270.0]):
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        turned = shapely.transform(outline, lambda places, turn=turn: places @ turn)
+        found.append(spacing_on_roof(np.column_stack([xy @ turn, roof[:, 2]]), turned))
+    assert np.ptp(found) < 1e-6

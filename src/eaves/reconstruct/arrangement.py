@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Values
@@ -20,6 +19,7 @@ from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
     faces_as_planes,
     points_inside,
+    spacing_on_roof,
     support_of,
 )
 from eaves.reconstruct.toolkit.extrude import extrude_plan, without_numbers
@@ -279,7 +279,7 @@ class Arrangement(LineReconstructor):
         if len(roof) < FEWEST_POINTS:
             reason = f"{len(roof)} roof points inside the footprint"
             return Failure("too_few_points", reason, self.stage, footprint)
-        spacing = measure_spacing(roof)
+        spacing = spacing_on_roof(roof, footprint.polygon)
         labels, coefficients = support_of(points, top, planes, spacing, ground, self.clutter_limits())
         plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
         if plan is None:

@@ -9,10 +9,12 @@ from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.rings import polygons_of
 from eaves.model import BuildingModel, Labels, Points, RoofPlane
 from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
 from eaves.reconstruct.toolkit.line_limits import ClutterLimits
+from eaves.reconstruct.toolkit.plan_lines import main_directions, turn_by
 
 PRISM_PERCENTILE = 70.0
 """Height of a flat-topped model: percentile of the roof points, as the 3DBAG publishes it."""
@@ -27,11 +29,30 @@ MOST_PLANES = 1500
 """Planes that take part, those with most points; a table of cells and planes bounds the rest."""
 
 
+ASLANT = np.pi / 8.0
+"""Angle between the cells in which a roof's points are counted and its walls: halfway between those at which
+cells fill a roof best and worst.
+"""
+
+
 def points_inside(points: Points, polygon: Polygon) -> NDArray[np.int64]:
     """Numbers of the finite points (N, 3) inside a polygon."""
     shapely.prepare(polygon)
     inside = shapely.contains_xy(polygon, points[:, 0], points[:, 1])
     return np.flatnonzero(inside & np.isfinite(points).all(axis=1))
+
+
+def spacing_on_roof(roof: Points, polygon: Polygon) -> float:
+    """Mean spacing (m) of roof points (N, 3) in plan, however the building lies.
+
+    `measure_spacing` counts cells along the axes: on one roof its answers differ by 10 % (median) to 30 %
+    from turn to turn. Here the cells lie aslant to the outline's main direction and start at each of four
+    corners in turn; the largest answer counts.
+    """
+    main = main_directions(polygon)
+    turned = roof[:, :2] @ turn_by(ASLANT + (float(main[0]) if len(main) else 0.0))
+    corners = [(east, north) for east in (1.0, -1.0) for north in (1.0, -1.0)]
+    return float(np.max([measure_spacing(turned * np.array(corner)) for corner in corners]))
 
 
 def level_unexplained(
