@@ -11,6 +11,7 @@ import shapely
 from eaves.model import BuildingModel, Failure, Footprint, RoofPlane
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
+from eaves.reconstruct.toolkit.evidence import spacing_on_roof
 from eaves.validate.models import validate_model
 
 Height = Callable[[np.ndarray, np.ndarray], np.ndarray]
