@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all bench lint wheels-check docs qgis-plugin site package viewer clean
+.PHONY: demo test test-all bench lint wheels-check docs qgis-plugin site package sources viewer kernels clean
 
 $(BIN)/eaves: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -37,9 +37,20 @@ site: $(BIN)/eaves
 	$(BIN)/pip install --quiet .[site]
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
+# A wheel for this Python on this system, the compiled kernels in it, and the source; needs a C compiler.
 package: $(BIN)/eaves
+	$(BIN)/pip install --quiet build hatchling setuptools
+	HATCH_BUILD_HOOK_ENABLE_CUSTOM=1 $(BIN)/python -m build --no-isolation
+
+# The source, and a wheel for any Python on any system, which compiles when it is first run.
+sources: $(BIN)/eaves
 	$(BIN)/pip install --quiet build hatchling
 	$(BIN)/python -m build --no-isolation
+
+# The same kernels beside the sources of this clone; a kernel that is changed is compiled when first called.
+kernels: $(BIN)/eaves
+	$(BIN)/pip install --quiet setuptools
+	$(BIN)/python packaging/kernels.py src/eaves
 
 qgis-plugin: $(BIN)/eaves
 	$(BIN)/python -m qgis.package dist

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Mask, Points, Values
 from eaves.model.cloud import BUILDING, GROUND
 
@@ -109,7 +109,7 @@ def sort_into_cells(
     return order, start, corner, int(columns)
 
 
-@njit(cache=True)
+@kernel
 def planes_kernel(
     xyz: Points,
     order: NDArray[np.int64],
@@ -179,7 +179,7 @@ def planes_kernel(
     return slope, rms
 
 
-@njit(cache=True)
+@kernel
 def facing_kernel(
     xyz: Points,
     slope: NDArray[np.float64],
@@ -258,7 +258,7 @@ def facing_kernel(
     return state, distance
 
 
-@njit(cache=True)
+@kernel
 def nearest_kernel(
     xyz: Points,
     slope: NDArray[np.float64],
@@ -298,7 +298,7 @@ def is_covered(xyz: Points, radius: float, rise: float) -> Mask:
     return covered
 
 
-@njit(cache=True)
+@kernel
 def covered_kernel(
     xyz: Points,
     order: NDArray[np.int64],

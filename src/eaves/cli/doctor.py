@@ -12,6 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from eaves.cli.runs import compiled_pieces
+from eaves.kernels import library
 
 LIBRARIES = ("numpy", "scipy", "numba", "laspy", "lazrs", "shapely", "pyproj", "rasterio", "pyogrio", "pgeof")
 EXTRAS = {
@@ -48,6 +49,7 @@ def describe_installation() -> Iterator[str]:
     remedy = "" if grids else "; heights above the ellipsoid need them: pyproj sync"
     yield f"PROJ {pyproj.proj_version_str}, {len(grids)} grids{remedy}"
     yield f"{os.cpu_count()} cores, {memory_gb():.1f} GB of memory"
+    yield f"compiled with the package: {len(library())} calls of kernels; the rest when it is first called"
     yield f"compiled code is kept in {cache_folder()}"
 
 

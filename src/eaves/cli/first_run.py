@@ -1,4 +1,4 @@
-"""The first run on a machine compiles; a second core can do half of that."""
+"""The first run from the sources compiles what a wheel brings compiled; a second core can do half of that."""
 
 from __future__ import annotations
 

@@ -158,6 +158,7 @@ def run_build(
     from dataclasses import replace
 
     from eaves.cli.first_run import compiling_beside
+    from eaves.kernels import library
     from eaves.pipeline import build as build_files
     from eaves.report.build import build as build_with_report
     from eaves.run.recipe import make_recipe
@@ -178,7 +179,7 @@ def run_build(
         classes=parse_classes("classes", words.classes),
     )
     start_log(words.quiet, words.verbose)
-    compiling = not compiled_pieces()
+    compiling = not library() and not compiled_pieces()
     if compiling and not words.quiet:
         typer.echo("compiling for this machine: this first run takes a minute or so longer", err=True)
     reported = "report" in (options.get("outputs") or EVERYTHING)

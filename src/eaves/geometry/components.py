@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from eaves.kernels import kernel
 
 Integers = NDArray[np.int64]
 
 
-@njit(cache=True)
+@kernel
 def connected_groups_kernel(one: Integers, other: Integers, count: int) -> Integers:
     """The group (N,) of each of `count` nodes, edges joining `one` (E,) to `other` (E,).
 
@@ -28,7 +29,7 @@ def connected_groups_kernel(one: Integers, other: Integers, count: int) -> Integ
     return head
 
 
-@njit(cache=True)
+@kernel
 def unite_kernel(head: Integers, a: int, b: int) -> None:
     """Make the groups of two nodes one; following `head` (N,) leads to a group's first node, its own head."""
     while head[a] != a:

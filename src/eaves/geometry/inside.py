@@ -6,9 +6,9 @@ from fractions import Fraction
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Mask, Points
 
 Integers = NDArray[np.int64]
@@ -47,7 +47,7 @@ def points_in_polygons(
     return point[order], polygon[order]
 
 
-@njit(cache=True)
+@kernel
 def inside_kernel(
     x: NDArray[np.float64],
     y: NDArray[np.float64],

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Bounds, Mask, Points, Values
 
 POINTS_PER_CELL = 8
@@ -54,7 +54,7 @@ def halve(occupied: Mask) -> Mask:
     return np.asarray(even[::2, ::2] | even[1::2, ::2] | even[::2, 1::2] | even[1::2, 1::2])
 
 
-@njit(cache=True)
+@kernel
 def occupied_kernel(xyz: Points, west: float, south: float, side: float, rows: int, columns: int) -> Mask:
     """Which cells (rows, columns) hold a point, row by row from the south."""
     occupied = np.zeros((rows, columns), np.bool_)
@@ -63,7 +63,7 @@ def occupied_kernel(xyz: Points, west: float, south: float, side: float, rows: i
     return occupied
 
 
-@njit(cache=True)
+@kernel
 def cells_kernel(
     x: Values, y: Values, west: float, south: float, side: float, columns: int
 ) -> NDArray[np.int64]:

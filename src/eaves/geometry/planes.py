@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pgeof
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from eaves.kernels import kernel
 from eaves.model import Points, Values
 
 LINE_RATIO = 0.1
@@ -28,7 +28,7 @@ FEW_QUERIES = 1500
 """Fewer neighbour searches are faster in one thread than starting several."""
 
 
-@njit(cache=True)
+@kernel
 def eigen_kernel(c: NDArray[np.float64], vectors: NDArray[np.float64], values: NDArray[np.float64]) -> None:
     """Eigenvalues, ascending, and eigenvectors (columns) of a symmetric (3, 3) matrix by Jacobi rotations."""
     a = c.copy()
@@ -69,7 +69,7 @@ def eigen_kernel(c: NDArray[np.float64], vectors: NDArray[np.float64], values: N
                     vectors[k, j], vectors[k, j + 1] = vectors[k, j + 1], vectors[k, j]
 
 
-@njit(cache=True)
+@kernel
 def plane_of_sums_kernel(
     sums: NDArray[np.float64],
     covariance: NDArray[np.float64],
@@ -97,7 +97,7 @@ def plane_of_sums_kernel(
     plane[3] = plane[0] * x + plane[1] * y + plane[2] * z
 
 
-@njit(cache=True)
+@kernel
 def add_point_kernel(sums: NDArray[np.float64], x: float, y: float, z: float, weight: float) -> None:
     """Add a point to the ten sums; weight -1 takes it away."""
     sums[0] += weight
@@ -112,7 +112,7 @@ def add_point_kernel(sums: NDArray[np.float64], x: float, y: float, z: float, we
     sums[9] += weight * z * z
 
 
-@njit(cache=True)
+@kernel
 def local_planes_kernel(
     xyz: NDArray[np.float64],
     neighbours: NDArray[np.int64],

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Bounds, Points, Values
 from eaves.model.cloud import GRID_STEP
 
@@ -122,7 +122,7 @@ class Tin:
         )
 
 
-@njit(cache=True)
+@kernel
 def whole_kernel(xy: Points, corner: NDArray[np.float64]) -> NDArray[np.int64]:
     """Plan coordinates (N, 2) of points (N, 2 or 3) about the corner, in quanta."""
     whole = np.empty((len(xy), 2), np.int64)
@@ -152,7 +152,7 @@ def hilbert_table() -> NDArray[np.int32]:
 HILBERT = hilbert_table()
 
 
-@njit(cache=True)
+@kernel
 def hilbert_kernel(whole: NDArray[np.int64]) -> NDArray[np.int64]:
     """Position (N,) of whole coordinates (N, 2) along a Hilbert curve."""
     count = len(whole)
@@ -176,13 +176,13 @@ def hilbert_kernel(whole: NDArray[np.int64]) -> NDArray[np.int64]:
     return key
 
 
-@njit(cache=True, inline="always")
+@inlined_kernel
 def orientation(whole: NDArray[np.int64], a: int, b: int, x: int, y: int) -> Any:
     """Positive when (x, y) lies left of the line from a to b; exact."""
     return (whole[b, 0] - whole[a, 0]) * (y - whole[a, 1]) - (whole[b, 1] - whole[a, 1]) * (x - whole[a, 0])
 
 
-@njit(cache=True, inline="always")
+@inlined_kernel
 def in_circle(whole: NDArray[np.int64], a: int, b: int, c: int, p: int) -> Any:
     """Whether p lies strictly inside the circle through a, b, c (counter-clockwise); exact up to 50 km."""
     x, y = whole[p, 0], whole[p, 1]
@@ -203,7 +203,7 @@ def in_circle(whole: NDArray[np.int64], a: int, b: int, c: int, p: int) -> Any:
     return high > 0 or (high == 0 and (low & mask) > 0)
 
 
-@njit(cache=True)
+@kernel
 def sum_is_positive(la: int, lb: int, lc: int, ma: int, mb: int, mc: int) -> bool:
     """Whether la ma + lb mb + lc mc > 0, for factors under 2^61."""
     # in three limbs of 31 bits, each product and sum within 64 bits
@@ -229,7 +229,7 @@ def sum_is_positive(la: int, lb: int, lc: int, ma: int, mb: int, mc: int) -> boo
     return high > 0 or (high == 0 and (middle > 0 or low > 0))
 
 
-@njit(cache=True)
+@kernel
 def first_triangle_kernel(whole: NDArray[np.int64], numbers: NDArray[np.int64]) -> tuple[int, int, int]:
     """Three of the points off one line, counter-clockwise; the last is -1 when there are none."""
     a = numbers[0]
@@ -248,7 +248,7 @@ def first_triangle_kernel(whole: NDArray[np.int64], numbers: NDArray[np.int64]) 
     return a, b, -1
 
 
-@njit(cache=True, inline="always")
+@inlined_kernel
 def walk(whole: NDArray[np.int64], vertices: Ids, neighbours: Ids, start: int, x: int, y: int) -> Any:
     """The triangle that holds (x, y), or the hull triangle whose edge it lies beyond; walks from `start`."""
     here = start
@@ -276,7 +276,7 @@ def walk(whole: NDArray[np.int64], vertices: Ids, neighbours: Ids, start: int, x
     return here
 
 
-@njit(cache=True, inline="always")
+@inlined_kernel
 def conflicts(whole: NDArray[np.int64], vertices: Ids, triangle: int, p: int) -> Any:
     """Whether inserting p destroys the triangle."""
     a, b, c = vertices[triangle, 0], vertices[triangle, 1], vertices[triangle, 2]
@@ -294,7 +294,7 @@ def conflicts(whole: NDArray[np.int64], vertices: Ids, triangle: int, p: int) ->
     return along > 0
 
 
-@njit(cache=True)
+@kernel
 def insert_kernel(
     whole: NDArray[np.int64],
     numbers: NDArray[np.int64],
@@ -363,7 +363,7 @@ def insert_kernel(
     return count
 
 
-@njit(cache=True)
+@kernel
 def locate_kernel(
     whole: NDArray[np.int64], targets: NDArray[np.int64], vertices: Ids, neighbours: Ids, hint: Ids
 ) -> Ids:
@@ -376,7 +376,7 @@ def locate_kernel(
     return hint
 
 
-@njit(cache=True)
+@kernel
 def linear_kernel(xy: Points, heights: Values, vertices: Ids, triangle: Ids, targets: Points) -> Values:
     """Height (N,) of the facet at each target, NaN in hull triangles."""
     found = np.full(len(targets), np.nan)

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.outliers import find_outliers
 from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, WideObjects
+from eaves.kernels import kernel
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
 from eaves.model import Mask, PointCloud, Points
 from eaves.model.checks import check_type
@@ -153,7 +153,7 @@ def classify_ground(
     return cloud.with_(classification=classes, part=part)
 
 
-@njit(cache=True)
+@kernel
 def finite_kernel(xyz: Points) -> Mask:
     """Which points (N, 3) have coordinates."""
     finite = np.empty(len(xyz), np.bool_)

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import inlined_kernel, kernel
 from eaves.model.arrays import Mask, Points, Values
 from eaves.model.block import Block, Bounds
 from eaves.model.checks import check_lengths, check_points
@@ -213,8 +213,6 @@ def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> 
     """Indices (N,) that sort points (N, 3) by 1 m cell, row by row, and inside a cell by y, x, z (1 mm)."""
     if len(xyz) == 0:
         return np.zeros(0, np.int64)
-    from eaves.model.cloud import keys_kernel  # imports numba, which a cloud alone does not need
-
     key, fits, rising = keys_kernel(xyz)
     if fits:
         # most clouds are in order already; an unstable sort is faster, and ties are settled below
@@ -243,13 +241,13 @@ PER_METRE = 1000
 LARGEST_KEY = 2.0**62
 
 
-@njit(cache=True, inline="always")
+@inlined_kernel
 def millimetre_of(value: float, level: float) -> Any:
     """Whole millimetres over a level; a value that is not finite counts as 0."""
     return int(np.rint(((value if np.isfinite(value) else 0.0) - level) * PER_METRE))
 
 
-@njit(cache=True)
+@kernel
 def keys_kernel(xyz: Points) -> tuple[NDArray[np.int64], bool, bool]:
     """Keys (N,) that rise by 1 m cell, row by row, and inside a cell by y, x, z; whether 63 bits hold them,
     and whether they rise already.

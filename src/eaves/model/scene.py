@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model.arrays import Grid, Labels, Mask, Points, Values
 from eaves.model.block import Bounds
 from eaves.model.cloud import PointCloud
@@ -84,8 +84,6 @@ class Raster:
 
     def at(self, xy: Points) -> Values:
         """Bilinear values (N,) at points (N, 2 or 3); the nearest cell's beyond the rim; NaN at NaN cells."""
-        from eaves.model.scene import bilinear_kernel  # imports numba, which a raster alone does not need
-
         values, places = np.ascontiguousarray(self.values), np.ascontiguousarray(xy, np.float64)
         return np.asarray(bilinear_kernel(values, self.west, self.north, self.cell, places))
 
@@ -180,7 +178,7 @@ class Regions:
         return np.asarray(self.label == number)
 
 
-@njit(cache=True)
+@kernel
 def bilinear_kernel(values: NDArray[Any], west: float, north: float, cell: float, xy: Points) -> Values:
     """Bilinear values (N,) of a raster (H, W) at points (N, 2 or 3), NaN at those without coordinates."""
     rows, columns = values.shape

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.rings import as_polygon, signed_area
+from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
 from eaves.outline.stage import OutlineMethod
@@ -132,7 +132,7 @@ def long_runs(ring: NDArray[np.float64], near: float, skip: int, shortest: float
     return runs
 
 
-@njit(cache=True)
+@kernel
 def longest_run_kernel(
     ring: NDArray[np.float64], free: NDArray[np.bool_], near: float, skip: int
 ) -> tuple[int, int, int]:

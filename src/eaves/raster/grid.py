@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Bounds, Grid, Points, Raster, Values
 
 Index = NDArray[np.int64]
@@ -68,7 +68,7 @@ def heights_of(numbers: Index, z: Values) -> Grid:
     return np.where(numbers >= 0, z[np.maximum(numbers, 0)], np.nan).astype(np.float32)
 
 
-@njit(cache=True)
+@kernel
 def extreme_kernel(
     xyz: Points, west: float, north: float, cell: float, rows: int, columns: int, sign: float
 ) -> Index:
@@ -85,7 +85,7 @@ def extreme_kernel(
     return best
 
 
-@njit(cache=True)
+@kernel
 def mean_kernel(
     xyz: Points, west: float, north: float, cell: float, rows: int, columns: int
 ) -> tuple[Grid, Grid]:

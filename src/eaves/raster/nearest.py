@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Mask, Points
 
 Index = NDArray[np.int64]
@@ -37,7 +37,7 @@ def places(rows: Index, columns: Index) -> Points:
     return np.asarray(np.c_[columns, -rows], np.float64)
 
 
-@njit(cache=True)
+@kernel
 def away_kernel(known: Mask) -> NDArray[np.int32]:
     """Rows (H, W) between each cell and the nearest known one in its column, up or down."""
     rows, columns = known.shape
@@ -54,7 +54,7 @@ def away_kernel(known: Mask) -> NDArray[np.int32]:
     return away
 
 
-@njit(cache=True)
+@kernel
 def nearest_kernel(known: Mask, away: NDArray[np.int32], rows: Index, columns: Index) -> tuple[Index, Index]:
     """Row and column (K,) of the known cell nearest to each of some cells (K,), whose rows do not fall.
 
@@ -100,7 +100,7 @@ def nearest_kernel(known: Mask, away: NDArray[np.int32], rows: Index, columns: I
     return nearest_row, nearest_column
 
 
-@njit(cache=True)
+@kernel
 def near_kernel(away: NDArray[np.int32], most: NDArray[np.int32]) -> Mask:
     """Cells (H, W) that are `away` from a known one, in a column so many steps aside, by at most `most`."""
     rows, columns = away.shape

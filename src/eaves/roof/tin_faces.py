@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eaves.geometry.planes import add_point_kernel, plane_of_sums_kernel
 from eaves.geometry.tin import Tin
+from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, RoofPlane
 from eaves.roof.region_growing import RegionGrowing
@@ -174,7 +174,7 @@ def renumber(tin: Tin, real: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDAr
     return tin.vertices[real].astype(np.int64), number[tin.neighbours[real]]
 
 
-@njit(cache=True)
+@kernel
 def triangle_planes_kernel(
     xyz: NDArray[np.float64],
     corners: NDArray[np.int64],
@@ -217,7 +217,7 @@ def peak_of(places: NDArray[np.float64], weight: NDArray[np.float64], width: flo
     return peak
 
 
-@njit(cache=True)
+@kernel
 def peak_kernel(
     places: NDArray[np.float64], weight: NDArray[np.float64], width: float, peak: NDArray[np.float64]
 ) -> None:
@@ -261,7 +261,7 @@ def connected_pieces(
     return piece, sizes[:count]
 
 
-@njit(cache=True)
+@kernel
 def pieces_kernel(
     some: NDArray[np.bool_],
     around: NDArray[np.int64],

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.wide_objects import Patch
+from eaves.kernels import kernel
 from eaves.model import Bounds, Grid, Labels, Mask, PointCloud, Values
 from eaves.model.cloud import BRIDGE_DECK, GRID_STEP, WATER
 from eaves.model.doubt import Doubt
@@ -264,7 +264,7 @@ def inside_data(known: Mask) -> Mask:
     return inside
 
 
-@njit(cache=True)
+@kernel
 def seen_along(known: Mask, down: int, right: int) -> Mask:
     """Which cells (H, W) have a known one before them on the line through them, or are known."""
     rows, columns = known.shape
@@ -339,7 +339,7 @@ def ends_of(mine: Mask, z: Grid, joined: Mask, line: NDArray[np.uint8]) -> tuple
     return ends, high - low + 1.0, middle, float(np.hypot(*slopes))
 
 
-@njit(cache=True)
+@kernel
 def label_kernel(z: Grid, mask: Mask, step: float, reach: int) -> tuple[Labels, int]:
     """Numbers (H, W) of the groups of cells of a mask that go on from each other, and how many there are.
 
@@ -367,7 +367,7 @@ def label_kernel(z: Grid, mask: Mask, step: float, reach: int) -> tuple[Labels, 
     return label, count
 
 
-@njit(cache=True)
+@kernel
 def between_kernel(
     z: Grid,
     water: Mask,
@@ -412,7 +412,7 @@ def between_kernel(
                     break
 
 
-@njit(cache=True)
+@kernel
 def side_kernel(
     z: Grid, water: Mask, row: int, column: int, down: int, right: int, step: float, fall: float, wet: float
 ) -> int:
@@ -433,7 +433,7 @@ def side_kernel(
     return OPEN
 
 
-@njit(cache=True)
+@kernel
 def beside_falls(z: Grid, water: Mask, step: float, fall: float, water_fall: float) -> Mask:
     """The cells (H, W) that fall off on a side."""
     rows, columns = z.shape
@@ -448,7 +448,7 @@ def beside_falls(z: Grid, water: Mask, step: float, fall: float, water_fall: flo
     return found
 
 
-@njit(cache=True)
+@kernel
 def rims_kernel(
     z: Grid, label: Labels, count: int, between: Mask, water: Mask, fall: float
 ) -> tuple[Values, Values]:

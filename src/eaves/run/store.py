@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
+from eaves.kernels import kernel
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
 from eaves.model.results import BlockResult, BuildingResult
@@ -329,7 +329,7 @@ def extent_of(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
     return Bounds(*map(float, (*low, *high))).translated(*block.origin)
 
 
-@njit(cache=True)
+@kernel
 def within_kernel(
     quanta: NDArray[np.int32], west: int, south: int, east: int, north: int
 ) -> NDArray[np.int64]:
@@ -341,7 +341,7 @@ def within_kernel(
     return which[:count]
 
 
-@njit(cache=True)
+@kernel
 def metres_kernel(quanta: NDArray[np.int32], right: int, up: int, quantum: float, xyz: Points) -> None:
     """The places of points in quanta (N, 3), moved by whole quanta, in metres into `xyz` (N, 3)."""
     for i in range(len(quanta)):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.simulate.ray_grid import TERRAIN_LABEL, TOUCH, WATER_LABEL, RayGrid
 from eaves.simulate.vegetation import CONE, ELLIPSOID
 
@@ -115,7 +115,7 @@ def trace_pulses(
     return ranges, labels, echoes
 
 
-@njit(cache=True)
+@kernel
 def fullness_kernel(x, y, z, seed):  # type: ignore[no-untyped-def]
     """How full of leaves the clump at a point is: 0, or 0.5 to 1.5 times 1 / the share that is filled."""
     mixed = np.uint64(np.int64(np.floor(x / CLUMP)) & 0x1FFFFF)
@@ -131,7 +131,7 @@ def fullness_kernel(x, y, z, seed):  # type: ignore[no-untyped-def]
     return (0.5 + share / FILLED_CLUMPS) / FILLED_CLUMPS
 
 
-@njit(cache=True)
+@kernel
 def inside_kernel(bodies, k, shape, x, y, z):  # type: ignore[no-untyped-def]
     """Whether a point is inside body number k of the leaves."""
     dx, dy, w = x - bodies[k, 0], y - bodies[k, 1], (z - bodies[k, 2]) / bodies[k, 5]
@@ -149,7 +149,7 @@ def inside_kernel(bodies, k, shape, x, y, z):  # type: ignore[no-untyped-def]
     return abs(u) <= 1.0 and abs(v) <= 1.0
 
 
-@njit(cache=True)
+@kernel
 def trace_kernel(  # type: ignore[no-untyped-def]
     origins, directions, offsets, energies, heights, water, west, south, cell, tops, lowest, highest,
     triangles, label, starts, members, bodies, shapes, leaf_label, leaf_starts, leaf_members,
@@ -287,7 +287,7 @@ def trace_kernel(  # type: ignore[no-untyped-def]
         largest[first_bin : last_bin + 1] = 0.0
 
 
-@njit(cache=True)
+@kernel
 def gather_kernel(t, energy, label, base, amount, moment, largest, source):  # type: ignore[no-untyped-def]
     """Add a reflection to its range bin and return its number; a bin keeps its largest source."""
     place = min(max(int((t - base) / BIN), 0), BINS - 1)
@@ -300,7 +300,7 @@ def gather_kernel(t, energy, label, base, amount, moment, largest, source):  # t
     return place
 
 
-@njit(cache=True)
+@kernel
 def cut_echoes_kernel(  # type: ignore[no-untyped-def]
     amount, moment, largest, source, first_bin, last_bin, dead_zone, threshold, ranges, labels
 ):  # fmt: skip

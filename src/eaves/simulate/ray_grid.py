@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model.cloud import GROUND, WATER
 from eaves.simulate.surfaces import Surfaces
 from eaves.simulate.terrain import Terrain
@@ -131,7 +131,7 @@ def _squares_of(
     return starts, members
 
 
-@njit(cache=True)
+@kernel
 def list_squares_kernel(plan, columns, rows, touch, cursor, members, fill):  # type: ignore[no-untyped-def]
     """Count in `cursor`, or list in `members`, the polygons that meet each unit square (separating axes)."""
     count, corners = plan.shape[0], plan.shape[1]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Raster, Values
 
 PATCH = 8
@@ -80,7 +80,7 @@ def highest_of_patches(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(padded.reshape(shape).max(axis=(1, 3)))
 
 
-@njit(cache=True)
+@kernel
 def way_out(x: float, y: float, dx: float, dy: float, west: float, south: float, side: float) -> float:
     """Distance from a place in a square to its rim along a direction."""
     along_x, along_y = np.inf, np.inf
@@ -95,7 +95,7 @@ def way_out(x: float, y: float, dx: float, dy: float, west: float, south: float,
     return max(min(along_x, along_y), 0.0)
 
 
-@njit(cache=True)
+@kernel
 def horizons_kernel(
     values: NDArray[np.float32],
     highest: NDArray[np.float32],
@@ -186,7 +186,7 @@ def lit_light(
     )
 
 
-@njit(cache=True)
+@kernel
 def lit_light_kernel(
     horizon: NDArray[np.float32],
     azimuth: NDArray[np.float64],

@@ -7,14 +7,15 @@ else with the minors split in two halves of 30 bits.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from eaves.kernels import kernel
 
 HALF = 30
 MASK = (1 << HALF) - 1
 
 
-@njit(cache=True)
+@kernel
 def orient_kernel(  # type: ignore[no-untyped-def]
     a, b, c, d
 ):
@@ -35,7 +36,7 @@ def orient_kernel(  # type: ignore[no-untyped-def]
     return 1 if (low & MASK) != 0 else 0
 
 
-@njit(cache=True)
+@kernel
 def turn_kernel(  # type: ignore[no-untyped-def]
     a, b, c, i, j
 ):
@@ -44,7 +45,7 @@ def turn_kernel(  # type: ignore[no-untyped-def]
     return 1 if value > 0 else (-1 if value < 0 else 0)
 
 
-@njit(cache=True)
+@kernel
 def plane_axes_kernel(  # type: ignore[no-untyped-def]
     a, b, c
 ):
@@ -59,7 +60,7 @@ def plane_axes_kernel(  # type: ignore[no-untyped-def]
     return 2, 0
 
 
-@njit(cache=True)
+@kernel
 def segments_meet_kernel(  # type: ignore[no-untyped-def]
     p, q, a, b, i, j
 ):
@@ -76,7 +77,7 @@ def segments_meet_kernel(  # type: ignore[no-untyped-def]
     return t1 * t2 <= 0 and t3 * t4 <= 0
 
 
-@njit(cache=True)
+@kernel
 def in_triangle_kernel(  # type: ignore[no-untyped-def]
     p, a, b, c, i, j
 ):
@@ -85,7 +86,7 @@ def in_triangle_kernel(  # type: ignore[no-untyped-def]
     return (t1 >= 0 and t2 >= 0 and t3 >= 0) or (t1 <= 0 and t2 <= 0 and t3 <= 0)
 
 
-@njit(cache=True)
+@kernel
 def segment_meets_triangle_kernel(  # type: ignore[no-untyped-def]
     p, q, a, b, c
 ):
@@ -105,7 +106,7 @@ def segment_meets_triangle_kernel(  # type: ignore[no-untyped-def]
     return (s1 >= 0 and s2 >= 0 and s3 >= 0) or (s1 <= 0 and s2 <= 0 and s3 <= 0)
 
 
-@njit(cache=True)
+@kernel
 def one_side_kernel(  # type: ignore[no-untyped-def]
     t, u
 ):
@@ -118,7 +119,7 @@ def one_side_kernel(  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
+@kernel
 def triangles_meet_kernel(  # type: ignore[no-untyped-def]
     t, u, nt, nu
 ):
@@ -159,7 +160,7 @@ def triangles_meet_kernel(  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True)
+@kernel
 def self_intersections_kernel(  # type: ignore[no-untyped-def]
     corners, numbers, face, shell
 ):
@@ -205,7 +206,7 @@ CROSS, SAME_SIDE, OPPOSITE_SIDE = 1, 2, 4
 """How triangles of two shells meet: they cross; they share area facing alike, or facing each other."""
 
 
-@njit(cache=True)
+@kernel
 def pierces_kernel(  # type: ignore[no-untyped-def]
     p, q, t
 ):
@@ -219,7 +220,7 @@ def pierces_kernel(  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
+@kernel
 def share_area_kernel(  # type: ignore[no-untyped-def]
     t, u, i, j
 ):
@@ -237,7 +238,7 @@ def share_area_kernel(  # type: ignore[no-untyped-def]
     return turn_t != 0 and turn_u != 0
 
 
-@njit(cache=True)
+@kernel
 def crossings_kernel(  # type: ignore[no-untyped-def]
     first, second
 ):

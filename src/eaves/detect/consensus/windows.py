@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import Sums
+from eaves.kernels import kernel
 from eaves.model import Values
 
 LEAST_DETERMINANT = 1e-12
@@ -55,7 +55,7 @@ def planes_of_windows(sums: Sums, cells: Cells, size: int, limits: WindowLimits)
     return planes.reshape(4, -1)
 
 
-@njit(cache=True)
+@kernel
 def planes_kernel(
     sums: Sums, size: int, least_points: int, least_width: float, planes: NDArray[np.float64]
 ) -> None:
@@ -108,7 +108,7 @@ def window_sum(values: Values, size: int = 3) -> Values:
     return np.asarray(window_kernel(flat, flat.shape[1] // columns, size).reshape(values.shape))
 
 
-@njit(cache=True)
+@kernel
 def window_kernel(values: Values, channels: int, size: int) -> Values:
     """Sums over `size` rows and columns of (H, W * channels), the channels of a cell side by side."""
     rows, width = values.shape
@@ -125,7 +125,7 @@ def window_kernel(values: Values, channels: int, size: int) -> Values:
     return total
 
 
-@njit(cache=True)
+@kernel
 def least_around_kernel(values: Values, size: int) -> NDArray[np.int64]:
     """Flat number (H, W) of the window, of those that hold each cell, with the least value (H, W)."""
     rows, columns = values.shape

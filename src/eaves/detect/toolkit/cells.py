@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Bounds, Points, Values
 
 CELL_SIDES_M = (0.5, 0.6, 0.75, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
@@ -88,7 +88,7 @@ def side_near(wanted: float) -> float:
     return next((side for side in CELL_SIDES_M if side >= wanted - 1e-9), CELL_SIDES_M[-1])
 
 
-@njit(cache=True)
+@kernel
 def sort_kernel(
     xyz: Points, side: float, first: int, last: int, rows: int, columns: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:

@@ -6,9 +6,9 @@ For many sets at once; `planes` has the same ten sums for one set at a time, ins
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Points, Values
 
 Sums = NDArray[np.float64]
@@ -23,7 +23,7 @@ def sums_of(xyz: Points, group: NDArray[np.int64], count: int) -> Sums:
     return np.asarray(sums_kernel(xyz, group, count))
 
 
-@njit(cache=True)
+@kernel
 def sums_kernel(xyz: Points, group: NDArray[np.int64], count: int) -> Sums:
     """See `sums_of`."""
     sums = np.zeros((count, 10))

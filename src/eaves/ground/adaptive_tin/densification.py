@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.geometry.tin import OUTSIDE, Ids, Tin, walk
+from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Mask, Points, Values
 from eaves.model.cloud import GRID_STEP
 
@@ -133,7 +133,7 @@ def near_surface(
     )
 
 
-@njit(cache=True, inline="always")
+@inlined_kernel
 def plane_of(xyz: Points, vertices: Ids, triangle: int) -> Any:
     """Rise of a finite facet's plane to the east and to the north, and its slope."""
     a, b, c = vertices[triangle, 0], vertices[triangle, 1], vertices[triangle, 2]
@@ -146,7 +146,7 @@ def plane_of(xyz: Points, vertices: Ids, triangle: int) -> Any:
     return east, north, np.sqrt(east * east + north * north)
 
 
-@njit(cache=True, inline="always")
+@inlined_kernel
 def facet_inside(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) -> Any:
     """Height of a finite facet's plane at (x, y), and its slope."""
     east, north, slope = plane_of(xyz, vertices, triangle)
@@ -154,7 +154,7 @@ def facet_inside(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) 
     return xyz[a, 2] + east * (x - xyz[a, 0]) + north * (y - xyz[a, 1]), slope
 
 
-@njit(cache=True, inline="always")
+@inlined_kernel
 def facet_at(
     xyz: Points, vertices: Ids, neighbours: Ids, triangle: int, x: float, y: float, sliver_slope: float
 ) -> Any:
@@ -179,7 +179,7 @@ def facet_at(
     return height, slope, 0.0
 
 
-@njit(cache=True)
+@kernel
 def fits_kernel(
     xyz: Points,
     numbers: NDArray[np.int64],
@@ -259,7 +259,7 @@ def fits_kernel(
     return fits, new
 
 
-@njit(cache=True)
+@kernel
 def residual_kernel(
     xyz: Points,
     numbers: NDArray[np.int64],
@@ -290,7 +290,7 @@ def residual_kernel(
         residual[i] = abs(xyz[p, 2] - height) / np.sqrt(1.0 + slope * slope)
 
 
-@njit(cache=True)
+@kernel
 def near_kernel(
     xyz: Points,
     whole: NDArray[np.int64],

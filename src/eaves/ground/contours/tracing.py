@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Raster, Values
 
 
@@ -49,7 +49,7 @@ def trace_contours(raster: Raster, levels: Values) -> list[Contour]:
     return found
 
 
-@njit(cache=True)
+@kernel
 def contour_kernel(
     values: NDArray[np.float64], level: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Bounds, Grid, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
 
@@ -156,7 +156,7 @@ QUANTA = round(FINEST_M / GRID_STEP)
 """Quanta a finest cell."""
 
 
-@njit(cache=True)
+@kernel
 def add_kernel(
     xyz: Points,
     scale: float,
@@ -184,7 +184,7 @@ def add_kernel(
             second[row, column] = z
 
 
-@njit(cache=True)
+@kernel
 def merge_kernel(
     lowest: Grid,
     second: Grid,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.ground.toolkit.pits import StrayRules
+from eaves.kernels import kernel
 from eaves.model import Grid, Labels, Mask, Raster
 
 
@@ -48,7 +48,7 @@ def find_islands(surface: Raster, slope: Grid, ground: Mask, occupied: Mask, rul
     return strays
 
 
-@njit(cache=True)
+@kernel
 def others_kernel(
     island: Labels, rows: NDArray[np.int64], columns: NDArray[np.int64], wanted: int
 ) -> NDArray[np.int64]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from eaves.kernels import kernel
 from eaves.model import Grid
 
 
@@ -17,7 +17,7 @@ def opened(values: Grid, radius: int) -> Grid:
     return np.asarray(-lowest_in_squares_kernel(-lower, radius))
 
 
-@njit(cache=True)
+@kernel
 def lowest_in_squares_kernel(values: Grid, radius: int) -> Grid:
     """The lowest value within `radius` rows and columns of each cell (H, W).
 

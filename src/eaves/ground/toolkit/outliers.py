@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eaves.geometry.neighbours import measure_spacing
+from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Bounds, Mask, PointCloud, Points
 
 CELL_M, CELL_SPACINGS = 10.0, 10.0
@@ -56,7 +56,7 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
     return low, high & ~low
 
 
-@njit(cache=True)
+@kernel
 def extremes_kernel(
     xyz: Points, corner: NDArray[np.float64], side: float, rows: int, columns: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -78,7 +78,7 @@ def extremes_kernel(
     return below, above
 
 
-@njit(cache=True, inline="always")
+@inlined_kernel
 def keep_lowest(best: NDArray[np.float64], value: float) -> Any:
     """Sort a value into the first `GROUP` of a cell, which it is low enough for; the highest of them then."""
     k = GROUP - 1
@@ -89,7 +89,7 @@ def keep_lowest(best: NDArray[np.float64], value: float) -> Any:
     return best[GROUP - 1]
 
 
-@njit(cache=True)
+@kernel
 def group_below(sorted_z: NDArray[np.float64], most: int, gap: float, level: float) -> int:
     """Points in the largest group of at most `most` that has a gap above it and lies under `level`."""
     for size in range(min(most, GROUP - 1), 0, -1):
@@ -98,7 +98,7 @@ def group_below(sorted_z: NDArray[np.float64], most: int, gap: float, level: flo
     return 0
 
 
-@njit(cache=True)
+@kernel
 def limits_kernel(
     below: NDArray[np.float64], above: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -141,7 +141,7 @@ def limits_kernel(
     return floor, ceiling
 
 
-@njit(cache=True)
+@kernel
 def mark_kernel(
     xyz: Points,
     corner: NDArray[np.float64],

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from eaves.kernels import kernel
 from eaves.model import Grid, Mask, Raster
 
 
@@ -59,7 +59,7 @@ def find_strays(surface: Raster, slope: Grid, objects: Mask, occupied: Mask, rul
     return np.asarray(strays)
 
 
-@njit(cache=True)
+@kernel
 def hole_kernel(z: Grid, slope: Grid, ground: Mask, cell: float, depth: float, around: int) -> Mask:
     """The ground cells (H, W) far under all others within `around`, of which there is at least one."""
     rows, columns = z.shape
@@ -81,7 +81,7 @@ def hole_kernel(z: Grid, slope: Grid, ground: Mask, cell: float, depth: float, a
     return holes
 
 
-@njit(cache=True)
+@kernel
 def wall_kernel(
     z: Grid,
     slope: Grid,

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.geometry.components import connected_groups_kernel
+from eaves.kernels import kernel
 from eaves.model import Grid, Labels, Mask, Values
 from eaves.raster.nearest import nearest_cells
 
@@ -200,7 +200,7 @@ def height_over(surfaces: Surfaces, base: int, wanted: Mask, slope: float) -> Va
     return over
 
 
-@njit(cache=True)
+@kernel
 def squares_kernel(z: Grid, step: float) -> Mask:
     """Which squares (H - 1, W - 1) of two by two cells (H, W) hold no rise over `step` between neighbours."""
     rows, columns = z.shape
@@ -215,7 +215,7 @@ def squares_kernel(z: Grid, step: float) -> Mask:
     return even
 
 
-@njit(cache=True)
+@kernel
 def cells_kernel(square: Labels, count: int, least: int) -> Labels:
     """Labels (H + 1, W + 1) of the cells of labelled squares (H, W), those of under `least` cells left out.
 
@@ -247,7 +247,7 @@ def cells_kernel(square: Labels, count: int, least: int) -> Labels:
     return label
 
 
-@njit(cache=True)
+@kernel
 def rim_kernel(z: Grid, known: Mask, label: Labels, looks: int, down: float, step: float) -> Integers:
     """For each side of a cell (H, W) on a surface's rim: surface, surface beyond, and kind, as one number.
 

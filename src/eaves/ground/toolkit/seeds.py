@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -14,6 +13,7 @@ from eaves.ground.toolkit.morphology import opened
 from eaves.ground.toolkit.pits import StrayRules, find_strays
 from eaves.ground.toolkit.terraces import TerraceRules, find_terraces
 from eaves.ground.toolkit.wide_objects import OVER, REACHED, Standing
+from eaves.kernels import kernel
 from eaves.model import Bounds, Grid, Mask, Points, Raster
 from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
 from eaves.raster.interpolate import fill_linear, fill_smooth
@@ -135,7 +135,7 @@ def stands_out(surface: Grid, cell: float, opening: Opening, rise: Grid, height:
     return objects
 
 
-@njit(cache=True)
+@kernel
 def stand_out_kernel(
     objects: Mask, surface: Grid, lower: Grid, rise: Grid, rough: Grid, radius: float, height: float
 ) -> None:

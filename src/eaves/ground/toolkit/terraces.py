@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Labels, Mask, Raster
 from eaves.raster.nearest import ADJOINING, near_cells
 
@@ -75,7 +75,7 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask,
     return objects & ~left
 
 
-@njit(cache=True)
+@kernel
 def residual_kernel(z: NDArray[np.float64], steep_share: float) -> NDArray[np.float64]:
     """How badly each cell goes on into its neighbour east (0) and south (1), (2, H, W), m.
 
@@ -101,7 +101,7 @@ def residual_kernel(z: NDArray[np.float64], steep_share: float) -> NDArray[np.fl
     return residual
 
 
-@njit(cache=True)
+@kernel
 def pieces_kernel(objects: Mask, residual: NDArray[np.float64], step: float) -> tuple[Labels, int]:
     """Labels (H, W) of object cells joined by residuals under `step`, 0 elsewhere, and how many there are."""
     rows, columns = objects.shape
@@ -129,7 +129,7 @@ def pieces_kernel(objects: Mask, residual: NDArray[np.float64], step: float) -> 
     return piece, count
 
 
-@njit(cache=True)
+@kernel
 def rim_kernel(
     objects: Mask,
     piece: Labels,

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -20,6 +19,7 @@ from eaves.ground.toolkit.plateaus import (
     find_surfaces,
     judge_surfaces,
 )
+from eaves.kernels import kernel
 from eaves.model import Bounds, Grid, Mask, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
 from eaves.model.doubt import Doubt
@@ -294,7 +294,7 @@ def doubt_at(floor: Floor, mask: Mask, reason: str) -> Doubt:
     )
 
 
-@njit(cache=True)
+@kernel
 def place_kernel(
     xyz: Points,
     right: int,
@@ -322,7 +322,7 @@ def place_kernel(
             standing[i] = REACHED
 
 
-@njit(cache=True)
+@kernel
 def middle_kernel(values: NDArray[np.float32]) -> Grid:
     """The middle (H, W) of some values (K, H, W), the upper one of two; NaN is more than any."""
     looks, rows, columns = values.shape

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eaves.geometry.components import unite_kernel
+from eaves.kernels import kernel
 from eaves.model import Mask, Values
 from eaves.outline.toolkit.alpha import Mesh
 
@@ -42,7 +42,7 @@ def low_parts(mesh: Mesh, height: Values, reach: float, least: float, limits: Lo
     return np.asarray(low_parts_kernel(mesh.xy, mesh.triangles, height, reach, least, *astuple(limits)))
 
 
-@njit(cache=True)
+@kernel
 def low_parts_kernel(
     xy: NDArray[np.float64],
     triangles: NDArray[np.int64],

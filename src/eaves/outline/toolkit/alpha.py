@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eaves.geometry.rings import signed_area, split_loops
 from eaves.geometry.tin import Tin
+from eaves.kernels import kernel
 
 WIDEN = 1.5
 """Factor from one try to the next when the radius is too small to hold the points together: the step of a
@@ -113,7 +113,7 @@ def with_sparse_parts(mesh: Mesh, kept: NDArray[np.bool_], radius: float, least:
     return largest_part(mesh, kept | (around & (members[part] >= least)))
 
 
-@njit(cache=True)
+@kernel
 def part_kernel(neighbours: NDArray[np.int64], kept: NDArray[np.bool_]) -> tuple[NDArray[np.int64], int]:
     """Connected part (T,) of each triangle kept, 1, 2, …, and 0 for the others; how many parts there are."""
     part = np.zeros(len(kept), np.int64)
@@ -138,7 +138,7 @@ def part_kernel(neighbours: NDArray[np.int64], kept: NDArray[np.bool_]) -> tuple
     return part, count
 
 
-@njit(cache=True)
+@kernel
 def boundary_kernel(
     triangles: NDArray[np.int64], neighbours: NDArray[np.int64], kept: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.outline.toolkit.polyline import FREE
 
 RIGHT_ANGLE = np.pi / 2
@@ -142,7 +142,7 @@ def frame_axes(moments: NDArray[np.float64], turns: NDArray[np.int64]) -> list[f
     return [phi, phi + RIGHT_ANGLE]
 
 
-@njit(cache=True)
+@kernel
 def edge_shift_kernel(
     xyz: NDArray[np.float64],
     normal: NDArray[np.float64],

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from eaves.kernels import kernel
 
 FREE = -1
 """Axis of an edge that runs in a direction of its own."""
@@ -35,7 +36,7 @@ def cheapest_polyline(
     return starts, axis
 
 
-@njit(cache=True)
+@kernel
 def polyline_kernel(
     sums: NDArray[np.float64],
     normals: NDArray[np.float64],

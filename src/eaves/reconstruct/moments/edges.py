@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
+from eaves.kernels import kernel
 from eaves.model import Points
 from eaves.reconstruct.moments.extents import MOST_STRAYS, STRAY, extent_kernel, extent_of
 from eaves.reconstruct.moments.parametric_roof import ANGLE, END_SLOPE, LEFT_SLOPE, PLANE, RoofFit, fit_roof
@@ -91,7 +91,7 @@ def least_rectangle(fit: RoofFit, points: Points) -> float:
     return angle
 
 
-@njit(cache=True)
+@kernel
 def extents_kernel(ordered: NDArray[np.float64], stray: float, most: float) -> NDArray[np.float64]:
     """Distance (T,) between the edges of each row of ordered values (T, N)."""
     extents, edges = np.empty(len(ordered)), np.zeros(4)
@@ -127,7 +127,7 @@ def covered_area(points: Points, triangles: NDArray[np.int32]) -> float:
     return float(area[radius <= EMPTY_RADIUS * np.median(radius)].sum())
 
 
-@njit(cache=True)
+@kernel
 def circles_kernel(
     xyz: NDArray[np.float64],
     triangles: NDArray[np.int32],

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Values
 
 STRAY = 6.0
@@ -15,7 +15,7 @@ MOST_STRAYS = 0.05
 """Share of the points that may lie outside each edge."""
 
 
-@njit(cache=True)
+@kernel
 def extent_kernel(
     ordered: NDArray[np.float64], stray: float, most: float, answer: NDArray[np.float64]
 ) -> None:

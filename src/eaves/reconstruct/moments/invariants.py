@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Points
 
 FAR, NEAR = 0.445948490915965, 0.091576213509771
@@ -46,7 +46,7 @@ class SurfaceMoments:
     imaginary: float
 
 
-@njit(cache=True)
+@kernel
 def moments_kernel(
     xyz: NDArray[np.float64], triangles: NDArray[np.int32], answer: NDArray[np.float64]
 ) -> None:

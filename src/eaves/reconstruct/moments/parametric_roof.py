@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Points, Values
 
 ANGLE, ALONG, ACROSS, TOP, LEFT_SLOPE, RIGHT_SLOPE, END_SLOPE, HALF_RIDGE = range(8)
@@ -36,7 +36,7 @@ ROUNDS = 25
 """Gauss–Newton steps at most; ten are usual."""
 
 
-@njit(cache=True)
+@kernel
 def roof_height_kernel(
     form: int,
     p: NDArray[np.float64],
@@ -81,7 +81,7 @@ def roof_height_kernel(
     return p[3] - drop
 
 
-@njit(cache=True)
+@kernel
 def solve_kernel(matrix: NDArray[np.float64], right: NDArray[np.float64], count: int) -> None:
     """Solve a positive definite system in place by Cholesky; `right` (count,) receives the answer."""
     for i in range(count):
@@ -103,7 +103,7 @@ def solve_kernel(matrix: NDArray[np.float64], right: NDArray[np.float64], count:
         right[i] /= matrix[i, i]
 
 
-@njit(cache=True)
+@kernel
 def fit_roof_kernel(
     form: int,
     xyz: NDArray[np.float64],
@@ -255,7 +255,7 @@ def covariance_of(
     return covariance
 
 
-@njit(cache=True)
+@kernel
 def covariance_kernel(
     groups: NDArray[np.int64],
     normal: NDArray[np.float64],

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Mask, Values
 
 Integers = NDArray[np.int64]
@@ -134,7 +134,7 @@ def one_edge_per_pair(edges: Integers, smoothness_cost: Values) -> tuple[Integer
     return pairs, np.asarray(np.bincount(number.ravel(), smoothness_cost, len(pairs)), np.float64)
 
 
-@njit(cache=True)
+@kernel
 def lower_kernel(costs: Costs, labels: Integers) -> None:
     """Lowers the energy of the labels (N,), which change, by expansions and by giving labels up."""
     count = len(costs.label_cost)
@@ -163,7 +163,7 @@ def lower_kernel(costs: Costs, labels: Integers) -> None:
             break
 
 
-@njit(cache=True)
+@kernel
 def smoothness_kernel(costs: Costs, edge: int, one: int, other: int) -> float:
     """The price of an edge between two labels."""
     if one == other:
@@ -181,13 +181,13 @@ def smoothness_kernel(costs: Costs, edge: int, one: int, other: int) -> float:
     return float(costs.smoothness_cost[edge] * (costs.least + (1.0 - costs.least) * jump))
 
 
-@njit(cache=True)
+@kernel
 def most_kernel(costs: Costs, labels: Integers, node: int) -> float:
     """The cost above which no label can pay at a node: its label's and all its borders'."""
     return float(min(costs.data[node, labels[node]] + costs.around[node], LARGEST))
 
 
-@njit(cache=True)
+@kernel
 def expand_kernel(costs: Costs, labels: Integers, label: int, limit: Values, number: Integers) -> Integers:
     """The nodes that take `label` in the cheapest choice, for all nodes together, of keeping theirs or taking
     it.
@@ -241,7 +241,7 @@ def expand_kernel(costs: Costs, labels: Integers, label: int, limit: Values, num
     return joining
 
 
-@njit(cache=True)
+@kernel
 def give_up_kernel(costs: Costs, labels: Integers, label: int, uses: Integers, after: Integers) -> Integers:
     """The nodes with `label`; in `after` (N,) each takes the cheapest other label in use, given its
     neighbours.
@@ -269,7 +269,7 @@ def give_up_kernel(costs: Costs, labels: Integers, label: int, uses: Integers, a
     return mine
 
 
-@njit(cache=True)
+@kernel
 def move_kernel(
     costs: Costs,
     labels: Integers,
@@ -320,14 +320,14 @@ def move_kernel(
     return True
 
 
-@njit(cache=True)
+@kernel
 def open_kernel(costs: Costs, node: int, limit: Values, open_labels: Mask) -> None:
     """Opens the labels (L,) that can pay at a node."""
     for label in range(len(open_labels)):
         open_labels[label] |= costs.data[node, label] < limit[node]
 
 
-@njit(cache=True)
+@kernel
 def minimal_cut_kernel(edges: Integers, back: Values, source: Values, sink: Values) -> Mask:
     """The nodes (N,) on the source's side of the minimal cut that has fewest of them there.
 
@@ -364,7 +364,7 @@ def minimal_cut_kernel(edges: Integers, back: Values, source: Values, sink: Valu
     return side[:count]
 
 
-@njit(cache=True)
+@kernel
 def source_side_kernel(first: Integers, head: Integers, twin: Integers, capacity: Integers) -> Mask:
     """Nodes (V,) that the source still reaches when the flow to the sink is largest, after [dinic1970].
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Labels, Points, Values
 from eaves.reconstruct.toolkit.alpha_expansion import LARGEST, HeightSteps, alpha_expansion
 from eaves.reconstruct.toolkit.coverage import Coverage
@@ -152,7 +152,7 @@ def highest_allowed(roof: Points, planes: NDArray[np.float64], spacing: float, l
     return np.asarray(roof[:, 2].max() + np.maximum(rise, least))
 
 
-@njit(cache=True)
+@kernel
 def cell_costs_kernel(
     places: Points,
     first: Integers,

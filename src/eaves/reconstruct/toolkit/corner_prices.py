@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eaves.geometry.inside import points_in_polygons
+from eaves.kernels import kernel
 from eaves.model import Points, Values
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts, highest_allowed
 from eaves.reconstruct.toolkit.coverage import Coverage
@@ -126,7 +126,7 @@ def point_costs(points: Points, planes: NDArray[np.float64], costs: LabelCosts) 
     return np.asarray(np.minimum(share**2, 1.0) + share)
 
 
-@njit(cache=True)
+@kernel
 def moves_kernel(
     nodes: NDArray[np.float64],
     start: Integers,
@@ -221,7 +221,7 @@ def moves_kernel(
     )
 
 
-@njit(cache=True)
+@kernel
 def corners_kernel(heights: Values, count: int) -> int:
     """How many corners the first `count` of the heights (m) over one node make; they are put in order."""
     some = np.sort(heights[:count])

@@ -7,12 +7,12 @@ from functools import cached_property
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.inside import points_in_polygons
+from eaves.kernels import kernel
 from eaves.model import Points, Values
 from eaves.reconstruct.toolkit.half_edges import (
     OUTSIDE,
@@ -241,7 +241,7 @@ def coverage_of(polygons: NDArray[np.object_], grid: float) -> Coverage | None:
     )
 
 
-@njit(cache=True)
+@kernel
 def ring_order_kernel(following: Integers) -> tuple[Integers, Integers]:
     """The half-edges (H,) ring by ring, each `following` (H,) another, and where rings start (R + 1,)."""
     seen = np.zeros(len(following), np.bool_)

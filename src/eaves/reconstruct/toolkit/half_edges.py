@@ -6,10 +6,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eaves.geometry.components import unite_kernel
+from eaves.kernels import inlined_kernel, kernel
 
 Integers = NDArray[np.int64]
 
@@ -17,7 +17,7 @@ OUTSIDE = -1
 """The cell number of everything that is not covered."""
 
 
-@njit(cache=True)
+@kernel
 def leaving_kernel(start: Integers, size: int) -> tuple[Integers, Integers]:
     """The half-edges (H,) by the node they leave, in order, and where those of each of `size` nodes begin."""
     first = np.zeros(size + 1, np.int64)
@@ -32,7 +32,7 @@ def leaving_kernel(start: Integers, size: int) -> tuple[Integers, Integers]:
     return leaving, first
 
 
-@njit(cache=True)
+@kernel
 def follow_kernel(
     nodes: NDArray[np.float64], start: Integers, end: Integers, cell: Integers
 ) -> tuple[Integers, Integers]:
@@ -63,7 +63,7 @@ def follow_kernel(
     return twin, following
 
 
-@njit(cache=True, inline="always")
+@inlined_kernel
 def turn_from(back: float, nodes: NDArray[np.float64], node: int, to: int) -> Any:
     """The angle (radians, over 0) to the left from the direction `back` to that from one node to another."""
     angle = np.arctan2(nodes[to, 1] - nodes[node, 1], nodes[to, 0] - nodes[node, 0])
@@ -71,7 +71,7 @@ def turn_from(back: float, nodes: NDArray[np.float64], node: int, to: int) -> An
     return turn if turn > 0.0 else 2.0 * np.pi
 
 
-@njit(cache=True)
+@kernel
 def compact_kernel(
     nodes: NDArray[np.float64], start: Integers, end: Integers, cell: Integers
 ) -> tuple[NDArray[np.float64], Integers, Integers, Integers]:
@@ -91,7 +91,7 @@ def compact_kernel(
     return kept, number[start], number[end], cell
 
 
-@njit(cache=True)
+@kernel
 def contract_kernel(
     nodes: NDArray[np.float64],
     start: Integers,
@@ -132,7 +132,7 @@ def contract_kernel(
     return nodes, start, end, cell, kept
 
 
-@njit(cache=True)
+@kernel
 def straighten_kernel(
     nodes: NDArray[np.float64],
     start: Integers,
@@ -184,7 +184,7 @@ def straighten_kernel(
     return nodes, start, end, cell, kept
 
 
-@njit(cache=True)
+@kernel
 def regions_kernel(cell: Integers, twin: Integers, label: Integers) -> tuple[Integers, Integers]:
     """The number (C,) of the connected region of like `label` (C,) that each cell is in, and the first cell
     of each region; regions are counted in the order of their first cells. Cells labelled `OUTSIDE` keep that.
@@ -209,7 +209,7 @@ def regions_kernel(cell: Integers, twin: Integers, label: Integers) -> tuple[Int
     return region, first[:count]
 
 
-@njit(cache=True)
+@kernel
 def merge_kernel(
     nodes: NDArray[np.float64],
     start: Integers,
@@ -230,7 +230,7 @@ def merge_kernel(
     return nodes, start, end, cell, first
 
 
-@njit(cache=True)
+@kernel
 def corner_rank_kernel(
     nodes: NDArray[np.float64], start: Integers, end: Integers, cell: Integers, following: Integers
 ) -> Integers:

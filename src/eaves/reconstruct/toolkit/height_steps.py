@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Mask, Values
 from eaves.reconstruct.toolkit.line import SAME_DIRECTION_DEG, Line, angle_between
 from eaves.reconstruct.toolkit.line_limits import LineLimits
@@ -103,7 +103,7 @@ def strongest_lines(
     return lines
 
 
-@njit(cache=True)
+@kernel
 def strongest_lines_kernel(
     places: NDArray[np.float64],
     columns: NDArray[np.float64],
@@ -168,7 +168,7 @@ def strongest_lines_kernel(
     return direction[:lines], first[: lines + 1], strip[:used], longest[:used]
 
 
-@njit(cache=True)
+@kernel
 def pairwise_sum_kernel(values: Values) -> float:
     """The sum of values (N,), in halves, which keeps more digits: in the order in which numpy adds them."""
     count = len(values)
@@ -191,7 +191,7 @@ def pairwise_sum_kernel(values: Values) -> float:
     return float(total)
 
 
-@njit(cache=True)
+@kernel
 def strongest_strip_kernel(
     columns: NDArray[np.float64],
     order: NDArray[np.int64],

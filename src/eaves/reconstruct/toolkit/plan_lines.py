@@ -6,11 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.tin import Tin
+from eaves.kernels import kernel
 from eaves.model import Labels, Mask, Points, Values
 from eaves.reconstruct.toolkit.height_steps import fall_angles, step_lines
 from eaves.reconstruct.toolkit.line import SAME_DIRECTION_DEG, Line, laid_on
@@ -211,7 +211,7 @@ def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.
     return np.hstack([foot + direction * first_along[:, None], foot + direction * last_along[:, None]])
 
 
-@njit(cache=True)
+@kernel
 def free_ways_kernel(
     normal: NDArray[np.float64],
     offset: Values,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Labels, Mask, Points
 from eaves.roof.toolkit.regions import touching_kernel
 
 
-@njit(cache=True)
+@kernel
 def relabel_kernel(
     xyz: NDArray[np.float64],
     neighbours: NDArray[np.int64],
@@ -80,7 +80,7 @@ def relabel_kernel(
     return changed
 
 
-@njit(cache=True)
+@kernel
 def worth_kernel(
     xyz: NDArray[np.float64],
     neighbours: NDArray[np.int64],
@@ -126,7 +126,7 @@ def worth_kernel(
         worth[own - 1] += cheapest - mine
 
 
-@njit(cache=True)
+@kernel
 def pieces_kernel(neighbours: NDArray[np.int64], labels: NDArray[np.int32], pieces: NDArray[np.int64]) -> int:
     """Number of connected pieces of equal label; `pieces` (N,) receives 0, 1, …, −1 for label 0."""
     queue = np.empty(len(labels), np.int64)
@@ -192,7 +192,7 @@ def near_regions(labels: Labels, xyz: Points, count: int, gap: float) -> NDArray
     return np.asarray(near_kernel(label, first, columns, count))
 
 
-@njit(cache=True)
+@kernel
 def near_kernel(label: NDArray[np.int64], first: NDArray[np.int64], columns: int, count: int) -> Mask:
     """Which of K labels share a cell or have cells side by side (K, K), of a grid with a rim of empty ones.
 

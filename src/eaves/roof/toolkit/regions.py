@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eaves.geometry.planes import add_point_kernel, plane_of_sums_kernel
+from eaves.kernels import kernel
 from eaves.model import Labels, Mask, Points, RoofPlane, Values
 
 
-@njit(cache=True)
+@kernel
 def grow_kernel(
     xyz: NDArray[np.float64],
     neighbours: NDArray[np.int64],
@@ -76,7 +76,7 @@ def grow_kernel(
     return regions
 
 
-@njit(cache=True)
+@kernel
 def sums_kernel(xyz: NDArray[np.float64], labels: NDArray[np.int32], sums: NDArray[np.float64]) -> None:
     """Add up the ten sums (K, 10) of the points (N, 3) of every label 1…K."""
     for i in range(len(xyz)):
@@ -84,7 +84,7 @@ def sums_kernel(xyz: NDArray[np.float64], labels: NDArray[np.int32], sums: NDArr
             add_point_kernel(sums[labels[i] - 1], xyz[i, 0], xyz[i, 1], xyz[i, 2], 1.0)
 
 
-@njit(cache=True)
+@kernel
 def squared_distance_kernel(sums: NDArray[np.float64], plane: NDArray[np.float64]) -> Any:
     """Mean squared distance of the points behind ten sums from a plane (4,)."""
     a, b, c, d = plane[0], plane[1], plane[2], plane[3]
@@ -94,7 +94,7 @@ def squared_distance_kernel(sums: NDArray[np.float64], plane: NDArray[np.float64
     return max(square / sums[0], 0.0)
 
 
-@njit(cache=True)
+@kernel
 def join_kernel(
     sums: NDArray[np.float64],
     touching: NDArray[np.bool_],
@@ -160,7 +160,7 @@ def touching_regions(labels: Labels, neighbours: NDArray[np.int64], count: int) 
     return np.ascontiguousarray(touching_kernel(neighbours, labels, count)[1:, 1:])
 
 
-@njit(cache=True)
+@kernel
 def touching_kernel(neighbours: NDArray[np.int64], labels: NDArray[np.int32], count: int) -> Mask:
     """Which labels 0…K touch (K + 1, K + 1): a point of one is a neighbour (N, M) of a point of another."""
     touching = np.zeros((count + 1, count + 1), np.bool_)
@@ -195,7 +195,7 @@ def fit_labels(
     return planes, squares, sizes
 
 
-@njit(cache=True)
+@kernel
 def fit_kernel(
     xyz: NDArray[np.float64],
     labels: NDArray[np.int32],
@@ -216,7 +216,7 @@ def fit_kernel(
             squares[k] = values[0]
 
 
-@njit(cache=True)
+@kernel
 def return_kernel(
     xyz: NDArray[np.float64],
     neighbours: NDArray[np.int64],

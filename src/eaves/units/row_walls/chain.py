@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Values
 
 NEAR = 2
@@ -52,7 +52,7 @@ def total_of(odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]) -
     return float(np.log(max(forward_kernel(odds, width_odds, edge_odds)[-1], LEAST)))
 
 
-@njit(cache=True)
+@kernel
 def forward_kernel(odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]) -> Values:
     """For each step the sum over all divisions up to it that have a wall there; the first and the last
     step are walls of odds 1.
@@ -68,7 +68,7 @@ def forward_kernel(odds: Values, width_odds: Values, edge_odds: NDArray[np.float
     return total
 
 
-@njit(cache=True)
+@kernel
 def backward_kernel(odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]) -> Values:
     """For each step the sum over all divisions after it, its own odds left out."""
     count, most = edge_odds.shape
@@ -81,7 +81,7 @@ def backward_kernel(odds: Values, width_odds: Values, edge_odds: NDArray[np.floa
     return total
 
 
-@njit(cache=True)
+@kernel
 def best_kernel(odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]) -> NDArray[np.int64]:
     """For each step the wall before it in the best division that has a wall there."""
     count, most = edge_odds.shape

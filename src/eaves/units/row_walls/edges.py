@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eaves.kernels import kernel
 from eaves.model import Mask, Points
 from eaves.units.row_walls.rows import CELL_M, Plan, Row
 
@@ -105,7 +105,7 @@ def outermost_points(
     return outermost
 
 
-@njit(cache=True)
+@kernel
 def edges_kernel(
     outermost: NDArray[np.float64], free: Mask, rate: float, stray_cost: float
 ) -> NDArray[np.float64]:
@@ -137,7 +137,7 @@ def edges_kernel(
     return likely
 
 
-@njit(cache=True)
+@kernel
 def jogs_kernel(likely: NDArray[np.float64], jog_cost: float) -> NDArray[np.float64]:
     """For each step (S + 1,) the log-likelihood of the best edges up to it, with jogs anywhere."""
     count = len(likely)

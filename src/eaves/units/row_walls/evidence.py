@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from eaves.geometry.planes import CALM_QUANTILE, measure_noise
+from eaves.kernels import kernel
 from eaves.model import Mask, Points
 from eaves.units.row_walls.rows import CELL_M, Row
 
@@ -152,7 +152,7 @@ def traits_of(signs: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-@njit(cache=True)
+@kernel
 def moments_kernel(
     s: NDArray[np.float64],
     t: NDArray[np.float64],
@@ -186,7 +186,7 @@ def moments_kernel(
     return sums
 
 
-@njit(cache=True)
+@kernel
 def side_kernel(
     sums: NDArray[np.float64], at: int, way: int, room: int, place: float, noise: float
 ) -> tuple[bool, float, float, float]:
@@ -222,7 +222,7 @@ def side_kernel(
     return False, n, 0.0, 0.0
 
 
-@njit(cache=True)
+@kernel
 def signs_kernel(
     sums: NDArray[np.float64],
     ground: Mask,
