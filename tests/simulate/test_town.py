@@ -12,7 +12,7 @@ import pytest
 import shapely
 
 from eaves.model import Bounds
-from eaves.simulate import scan_town, simulate_town
+from eaves.simulate import scan_town, simulate_epochs, simulate_town
 from eaves.simulate.houses import (
     draw_church,
     draw_detached,
@@ -142,3 +142,17 @@ def test_more_trees_than_usual_make_a_wooded_town() -> None:
     few, many = (simulate_town(0.02, terrain="flat", trees=trees, seed=3) for trees in (1.0, 3.0))
     usual, wooded = (scan_town(town, 1.0, seed=3).truth_class for town in (few, many))
     assert (wooded == 5).mean() > 1.5 * (usual == 5).mean()
+
+
+def test_an_annex_on_a_hill_stands_over_the_ground_beside_it() -> None:
+    epochs = simulate_epochs(0.02, "hilly", seed=4, changed=1.0)
+    town = epochs.new
+    built = [one for one in epochs.changes if one.change == "extended"]
+    assert built
+    for one in built:
+        assert one.old is not None and one.new is not None
+        house = next(b for b in town.buildings if b.footprint.equals(one.new))
+        annex = shapely.difference(one.new, one.old).representative_point()
+        roof = next(face for face in house.faces if face.polygon.contains(annex))
+        place = np.array([[annex.x, annex.y]])
+        assert roof.height_at(place)[0] - town.terrain.at(place)[0] > 1.9

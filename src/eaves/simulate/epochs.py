@@ -39,7 +39,7 @@ IN_LEAF, OUT_OF_LEAF = 2.5, 0.6
 """Loss of a pulse's energy per metre of crown (1/m) in summer and in winter."""
 
 LOWEST_WALL = 2.1
-"""No change leaves walls lower than this (m)."""
+"""No change leaves walls lower than this (m) over the ground beside them."""
 
 REPLACED_M2, REPLACED_M = 25.0, 0.5
 """A roof is replaced on a building at least so large (m²), by one so far (m) from it in the mean."""
@@ -245,7 +245,7 @@ def _shifted_roof(site: Site, k: int, way: float) -> ExactBuilding | None:
     """A building with its roof higher by `way` (m)."""
     masses = tuple(mass.translated(0.0, 0.0, 0.0, way) for mass in site.masses[k])
     made = _made(site, k, masses)
-    if made is None or (way < 0 and _lowest_eaves(made) - made.base < LOWEST_WALL):
+    if made is None or (way < 0 and _lowest_eaves(made) - site.floor_of(made.footprint) < LOWEST_WALL):
         return None
     return made
 
@@ -272,7 +272,7 @@ def _extended(site: Site, k: int, rng: np.random.Generator) -> ExactBuilding | N
         if not site.area.contains(shapely.get_coordinates(plan)).all():
             continue
         beyond = [other for other in site.near_but(k, plan) if shapely.intersects(other, plan)]
-        level = was.base + rng.uniform(2.5, 3.4)
+        level = site.floor_of(plan) + rng.uniform(2.5, 3.4)
         if beyond or level > _lowest_eaves(was) + 1.0:
             continue
         made = _made(site, k, (*site.masses[k], Mass(plan, ((0.0, 0.0, level),), "annex")))
@@ -309,7 +309,7 @@ def _with_other_roof(site: Site, k: int, rng: np.random.Generator) -> ExactBuild
     else:
         planes = ((0.0, 0.0, float(old.mean())),)
         new = np.full(len(old), old.mean())
-    if np.abs(new - old).mean() < REPLACED_M or new.min() - was.base < LOWEST_WALL:
+    if np.abs(new - old).mean() < REPLACED_M or new.min() - site.floor_of(plan) < LOWEST_WALL:
         return None
     return _made(site, k, (Mass(plan, planes),))
 

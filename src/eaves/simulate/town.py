@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.model import Bounds, CoordinateSystem
+from eaves.model import Bounds, CoordinateSystem, Values
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.simulate.clutter import install
 from eaves.simulate.exact import ExactBuilding
@@ -258,10 +258,8 @@ class Site:
         outline = shapely.union_all([mass.polygon for mass in at_street])
         if not self.area.contains(shapely.get_coordinates(outline)).all() or self.overlaps(outline):
             return
-        around = shapely.get_coordinates(shapely.segmentize(shapely.boundary(outline), 2.0))
-        levels = self.terrain.at(around)
-        base = float(np.floor(levels.min() * 1000.0) / 1000.0)
-        masses = [mass.translated(0.0, 0.0, 0.0, float(np.quantile(levels, 0.75))) for mass in at_street]
+        base = float(np.floor(self.levels_around(outline).min() * 1000.0) / 1000.0)
+        masses = [mass.translated(0.0, 0.0, 0.0, self.floor_of(outline)) for mass in at_street]
         number = len(self.buildings) + 1
         design = placement.design
         try:
@@ -273,6 +271,14 @@ class Site:
         self.masses.append(tuple(masses))
         self.overhangs.append(design.overhang)
         self.add(building)
+
+    def levels_around(self, outline: Polygon) -> Values:
+        """The ground (N,) along the walls (m)."""
+        return self.terrain.at(shapely.get_coordinates(shapely.segmentize(shapely.boundary(outline), 2.0)))
+
+    def floor_of(self, outline: Polygon) -> float:
+        """The level (m) that a building stands on: three quarters of the ground around it lie lower."""
+        return float(np.quantile(self.levels_around(outline), 0.75))
 
     def add(self, building: ExactBuilding) -> None:
         """Put up a building that is drawn, where it stands."""
