@@ -21,7 +21,8 @@ import laspy
 import numpy as np
 import shapely
 
-from eaves.change.compare import Change, compare_epochs
+from eaves.change.changes import Change
+from eaves.change.compare import compare_epochs
 from eaves.formats import read_polygons
 from eaves.pipeline import build
 from eaves.simulate import Survey, later_survey, simulate_epochs, write_changes, write_simulation

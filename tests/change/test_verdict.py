@@ -132,6 +132,24 @@ def test_an_annex_of_four_square_metres_extends_a_house() -> None:
     assert judge(new, old).change == PARTLY_DEMOLISHED
 
 
+def test_an_annex_where_a_crown_hid_most_of_the_ground() -> None:
+    annex = (15.0, 6.0, 19.0, 10.0)
+    crown = grid(15.0, 6.0, 19.0, 10.0, 9.0)
+    under = grid(*annex, 0.0)[::3]
+    old = epoch(garden(HOUSE, annex), house(), (crown, HIGH_VEGETATION), (under, GROUND))
+    new = epoch(garden(HOUSE, annex), house(), house(3.0, annex))
+    assert judge(old, new).change == EXTENDED
+    nothing_seen = epoch(garden(HOUSE, annex), house(), (crown, HIGH_VEGETATION))
+    assert judge(nothing_seen, new).change == UNCHANGED
+
+
+def test_what_came_and_is_lower_than_any_roof_is_no_change() -> None:
+    cars = (15.0, 6.0, 19.0, 10.0)
+    old = epoch(garden(HOUSE), house())
+    new = epoch(garden(HOUSE, cars), house(), house(1.5, cars))
+    assert judge(old, new).change == UNCHANGED
+
+
 def test_a_gable_in_place_of_a_flat_roof_is_a_replaced_roof() -> None:
     west, east = grid(5.0, 5.0, 10.0, 13.0, 1.0, a=0.7), grid(10.0, 5.0, 15.0, 13.0, 15.0, a=-0.7)
     old = epoch(garden(HOUSE), house(6.2))

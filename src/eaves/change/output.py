@@ -8,7 +8,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from eaves.change.compare import Comparison, outline_of
+from eaves.change.changes import Comparison
+from eaves.change.faced import outline_of
 from eaves.change.verdict import UNCHANGED, VERDICTS
 from eaves.formats.atomic import atomic
 from eaves.formats.geopackage import Row, write_layers

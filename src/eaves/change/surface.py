@@ -29,6 +29,9 @@ STEEPEST = 2.5
 BESIDE = 0.4
 """Points whose middle is farther from a place than this share of their radius lie beside it: those of half a
 disc are, on the mean, by 0.42."""
+STANDING = 0.2
+"""Points of no roof make a surface where they are at least this share of those on and under it: at a corner of
+a roof a quarter lies on it, and of a crown single leaves lie at the height of any roof."""
 SEEN = 0.35
 """A surface is seen where it holds this share of the points that an open one holds."""
 ROUNDS, TRIM, KEPT = 3, 1.5, 0.5
@@ -202,7 +205,8 @@ def facing_kernel(
         column, row = int(np.floor((x - corner[0]) / radius)), int(np.floor((y - corner[1]) / radius))
         seen, nearest, above = 0, np.inf, False
         roof_above, top, top_class = np.inf, -np.inf, 0
-        ground_east, ground_north, grounds, under = 0.0, 0.0, 0, 0
+        ground_east, ground_north, ground_top = 0.0, 0.0, -np.inf
+        grounds, under, on, leaves, roofs = 0, 0, 0, 0, 0
         for r in range(max(row - 1, 0), min(row + 2, rows)):
             for c in range(max(column - 1, 0), min(column + 2, columns)):
                 for k in range(start[r * columns + c], start[r * columns + c + 1]):
@@ -214,37 +218,47 @@ def facing_kernel(
                     seen += 1
                     if abs(d) < abs(nearest):
                         nearest = d
-                    under += d < 0
+                    if abs(d) <= limit:
+                        on += 1
+                        roofs += classes[j] == BUILDING
+                        continue
                     if classes[j] == GROUND and d < 0:
                         ground_east, ground_north, grounds = ground_east + dx, ground_north + dy, grounds + 1
+                        ground_top = max(ground_top, d)
                     if d > 0:
                         above = True
-                        if classes[j] == BUILDING and d < roof_above:
+                        if classes[j] != BUILDING:
+                            leaves += 1
+                        elif d < roof_above:
                             roof_above = d
-                    elif d > top:
+                        continue
+                    under += 1
+                    if d > top:
                         top, top_class = d, classes[j]
         if seen == 0:
             continue
-        if abs(nearest) <= limit:
+        if roofs > 0 or (on > 0 and on >= STANDING * (on + under)):
             state[i], distance[i] = SAME, nearest
             continue
+        # under a crown fewer pulses come through: those that it stopped were sent there, too
+        enough = under + leaves >= least
         if top_class == BUILDING and -top <= roof_above:
             state[i], distance[i] = ROOF_BELOW, top
         elif roof_above < np.inf:
             state[i], distance[i] = ROOF_ABOVE, roof_above
         elif grounds > 0:
-            state[i], distance[i] = GROUND_BELOW, top
-            if np.hypot(ground_east, ground_north) > BESIDE * radius * grounds or under < least:
+            state[i], distance[i] = GROUND_BELOW, ground_top
+            if np.hypot(ground_east, ground_north) > BESIDE * radius * grounds or not enough:
                 state[i] = UNSEEN
             continue
         elif top > -np.inf:
-            state[i], distance[i] = OTHER_BELOW if under >= least else UNSEEN, top
+            state[i], distance[i] = OTHER_BELOW if enough else UNSEEN, top
             continue
         elif above:
             state[i], distance[i] = HIDDEN, nearest
             continue
         # the other roof must lie around the point: what lies to one side of it is seen past it
-        east, north, number = 0.0, 0.0, 0
+        east, north, total, number = 0.0, 0.0, 0.0, 0
         for r in range(max(row - 1, 0), min(row + 2, rows)):
             for c in range(max(column - 1, 0), min(column + 2, columns)):
                 for k in range(start[r * columns + c], start[r * columns + c + 1]):
@@ -252,8 +266,12 @@ def facing_kernel(
                     dx, dy = others[j, 0] - x, others[j, 1] - y
                     d = others[j, 2] - z - a * dx - b * dy
                     if dx * dx + dy * dy <= radius * radius and abs(d - distance[i]) <= 4 * limit:
-                        east, north, number = east + dx, north + dy, number + 1
-        if np.hypot(east, north) > BESIDE * radius * number or number < least:
+                        east, north, total, number = east + dx, north + dy, total + d, number + 1
+        if np.hypot(east, north) <= BESIDE * radius * number and number >= least:
+            distance[i] = total / number
+        elif grounds > 0 and np.hypot(ground_east, ground_north) <= BESIDE * radius * grounds and enough:
+            state[i], distance[i] = GROUND_BELOW, ground_top
+        else:
             state[i] = HIDDEN
     return state, distance
 

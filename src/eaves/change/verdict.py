@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from shapely import MultiPolygon, Polygon
 
 from eaves.change.surface import (
     GROUND_BELOW,
@@ -40,6 +41,9 @@ PARTLY_DEMOLISHED, ROOF_REPLACED, UNCLEAR, NOT_COVERED = (
 )
 ONE_WAY = 0.9
 """Of a roof that was raised as a whole at least this share of the points lies higher."""
+
+ONE_PLANE, ROUNDS = 0.15, 3
+"""So near (m) to a plane lie the points of a small roof with its gravel and noise; it is fitted so often."""
 
 VERDICTS = (
     *(UNCHANGED, NEW, DEMOLISHED, RAISED, LOWERED, EXTENDED, PARTLY_DEMOLISHED, ROOF_REPLACED),
@@ -76,6 +80,14 @@ class Rules:
     """A roof that was raised or lowered lies at least so far off (m): between noise and half a metre."""
     flat: float = 0.5
     """Share of a patch's points that lie on planes: crowns have fewer."""
+    lowest: float = 1.9
+    """A roof that came or went lies at least so high (m) over the ground: cars, walls and hedges are lower."""
+    on_plane: float = 0.6
+    compact: float = 0.6
+    """A small roof beside a wall lies on one plane with this share of its points, and fills this share of its
+    convex hull."""
+    steepest: float = 1.75
+    """What is one plane and steeper than this (60°) is a wall that one flight sees and the other does not."""
     crown: float = 0.3
     """What the detector took for a building and has fewer points on planes than this share may be a crown."""
     most: float = 0.5
@@ -147,6 +159,8 @@ def judge_building(
     covered: tuple[bool, bool],
     link: float,
     outlined: tuple[bool, bool] = (True, True),
+    outline: Polygon | MultiPolygon | None = None,
+    attached: bool = False,
 ) -> Verdict:
     """What became of a building that is in the new epoch, in the old one, or in both.
 
@@ -163,6 +177,10 @@ def judge_building(
     outlined
         Whether the old and the new run have a building at its place; points of a run that has none are its
         neighbours'.
+    outline
+        The run's, for what is as narrow as a vehicle; None where the points must say it.
+    attached
+        Whether it touches another building: no vehicle does.
     """
     if not all(covered):
         which = "old" if not covered[0] else "new"
@@ -182,10 +200,13 @@ def judge_building(
     if seen < rules.least_seen:
         return Verdict(UNCLEAR, reason=f"{1 - seen:.0%} of the roof is hidden or not seen in the other epoch")
     figures = {"seen": round(seen, 3), "same": round(same, 3)}
+    alone = new if not outlined[0] else old if not outlined[1] else None
+    if alone is not None and not attached and is_vehicle(alone, came(alone), rules, link, outline):
+        return Verdict(UNCHANGED, reason="as narrow and low as a lorry", figures=figures)
+    built &= not is_low(new, built, rules)
+    gone &= not is_low(old, gone, rules)
     stands_new = built.sum() >= max(rules.most * len(new) * seen_new, rules.least_points)
-    if stands_new and (not outlined[0] or gone_all(old, new, rules)):
-        if not outlined[0] and is_vehicle(new, built, rules, link):
-            return Verdict(UNCHANGED, reason="as narrow and low as a lorry", figures=figures)
+    if stands_new and outlined[1] and (not outlined[0] or gone_all(old, new, rules)):
         if new.flat[built].mean() < rules.crown:
             return Verdict(UNCLEAR, reason="what is new here is not flat: a crown, perhaps", figures=figures)
         return Verdict(
@@ -199,8 +220,6 @@ def judge_building(
         )
     stood_old = gone.sum() >= max(rules.most * len(old), rules.least_points)  # what is hidden is not gone
     if stood_old and (not outlined[1] or gone_all(new, old, rules)):
-        if not outlined[1] and is_vehicle(old, gone, rules, link):
-            return Verdict(UNCHANGED, reason="as narrow and low as a lorry", figures=figures)
         return Verdict(
             DEMOLISHED,
             height_m=float(np.median(old.distance[gone])),
@@ -215,8 +234,11 @@ def judge_building(
 
 def gone_all(one: Side, other: Side, rules: Rules) -> bool:
     """Whether nothing that matters of one epoch's roof is left in the other."""
-    left = one.area_of(one.state == SAME)
-    return left < rules.smallest_m2 or (left < rules.most * other.area and one.share(SAME) < 1.0 - rules.most)
+    states = SAME, ROOF_ABOVE, ROOF_BELOW
+    left = one.area_of(np.isin(one.state, states))
+    return left < rules.smallest_m2 or (
+        left < rules.most * other.area and one.share(*states) < 1.0 - rules.most
+    )
 
 
 def came(side: Side) -> Mask:
@@ -238,8 +260,11 @@ def judge_parts(
         ((new, moved(new, -1.0, rules)), (old, moved(old, 1.0, rules))),
         key=lambda pair: pair[0].area_of(np.isfinite(pair[1])),
     )
-    least = max(rules.smallest_m2, min(rules.surely_moved_m2, rules.least_moved * side.area))
-    lifted = patches_of(side, np.isfinite(rise), replace(rules, smallest_m2=least), link)
+    share = max(rules.smallest_m2, rules.least_moved * side.area)
+    lifted = patches_of(side, np.isfinite(rise), rules, link)
+    if sum(side.area_of(patch) for patch in lifted) < share:
+        sure = max(rules.smallest_m2, rules.surely_moved_m2)
+        lifted = [patch for patch in lifted if side.area_of(patch) >= sure]
     height = float(np.median(rise[lifted[0]])) if lifted else 0.0
     if lifted:
         found.append((sum(side.area_of(patch) for patch in lifted), kind_of_move(rise, lifted, rules)))
@@ -300,8 +325,9 @@ def patches_of(side: Side, mask: Mask, rules: Rules, link: float) -> list[Mask]:
         if side.area_of(patch) < smallest:
             continue
         whole = known and patch.sum() >= rules.most * len(side)  # a shed has few points off its rim
-        level = side.flat[patch].mean() >= rules.flat
-        if whole or (level and is_wide(side.xyz[patch, :2], rules.narrowest, link / 2)):
+        if is_low(side, patch, rules):
+            continue
+        if whole or (is_roof(side, patch, rules) and is_wide(side.xyz[patch, :2], rules.narrowest, link / 2)):
             patches.append(patch)
     return sorted(patches, key=lambda patch: (-int(patch.sum()), int(np.argmax(patch))))
 
@@ -313,14 +339,47 @@ def is_wide(xy: NDArray[np.float64], width: float, reach: float) -> bool:
     return not shapely.buffer(covered, -reach - width / 2, quad_segs=2).is_empty
 
 
-def is_vehicle(side: Side, patch: Mask, rules: Rules, link: float) -> bool:
-    """Whether some points of a roof are as low and as narrow as a lorry's."""
-    height = float(np.abs(np.median(side.distance[patch])))
-    margin = float(np.sqrt(np.median(side.size[patch]))) / 2  # the outermost points lie within the sides
-    xy, width = side.xyz[patch, :2], rules.vehicle_width - margin
-    if height > rules.vehicle_height or is_wide(xy, width, link / 2):
+def is_low(side: Side, patch: Mask, rules: Rules) -> bool:
+    """Whether a patch that came or went lies lower over the other epoch's ground than any roof."""
+    over_ground = side.distance[patch & (side.state == GROUND_BELOW)]
+    return len(over_ground) >= rules.least_points and -float(np.median(over_ground)) < rules.lowest
+
+
+def is_roof(side: Side, patch: Mask, rules: Rules) -> bool:
+    """Whether most points of a patch lie on planes: each on that of its neighbours, or all on one.
+
+    A small roof beside a wall is flat as a whole where its points' neighbours are not; a wall is steep.
+    """
+    xyz = side.xyz[patch]
+    centred = np.column_stack([xyz[:, :2] - xyz[:, :2].mean(axis=0), np.ones(len(xyz))])
+    plane = np.array([0.0, 0.0, np.median(xyz[:, 2])])
+    for _ in range(ROUNDS):
+        left = np.abs(xyz[:, 2] - centred @ plane) / np.sqrt(1.0 + plane[0] ** 2 + plane[1] ** 2)
+        kept = left <= max(float(np.median(left)), ONE_PLANE)
+        plane = np.linalg.lstsq(centred[kept], xyz[kept, 2], rcond=None)[0]
+    left = np.abs(xyz[:, 2] - centred @ plane) / np.sqrt(1.0 + plane[0] ** 2 + plane[1] ** 2)
+    one = float((left <= ONE_PLANE).mean())
+    if one >= rules.flat and np.hypot(plane[0], plane[1]) > rules.steepest:
         return False
-    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(shapely.multipoints(xy)))
+    if side.flat[patch].mean() >= rules.flat:
+        return True
+    hull = shapely.convex_hull(shapely.multipoints(xyz[:, :2])).area
+    return one >= rules.on_plane and side.area_of(patch) >= rules.compact * hull
+
+
+def is_vehicle(
+    side: Side, patch: Mask, rules: Rules, link: float, outline: Polygon | MultiPolygon | None = None
+) -> bool:
+    """Whether some points of a roof are as low as a lorry's, and they, or their outline, as narrow."""
+    if not patch.any():
+        return False
+    if float(np.abs(np.median(side.distance[patch]))) > rules.vehicle_height:
+        return False
+    margin = float(np.sqrt(np.median(side.size[patch]))) / 2  # the outermost points lie within the sides
+    xy = side.xyz[patch, :2]
+    if is_wide(xy, rules.vehicle_width - margin, link / 2):
+        return False
+    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(outline or shapely.multipoints(xy)))
     sides = np.hypot(*np.diff(corners[:3], axis=0).T)  # none where the points are one, or on a line
     return len(sides) < 2 or float(sides.max()) >= rules.vehicle_length * float(sides.min())
 

@@ -21,7 +21,7 @@ from rasterio.vrt import WarpedVRT
 from rasterio.windows import from_bounds
 from shapely import MultiPolygon, Polygon
 
-from eaves.change.compare import Comparison
+from eaves.change.changes import Comparison
 from eaves.change.epoch import Epoch
 from eaves.change.output import as_text
 from eaves.change.verdict import UNCHANGED, VERDICTS

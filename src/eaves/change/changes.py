@@ -1,0 +1,80 @@
+"""What a comparison says: what became of each building, and what the epochs are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from shapely import MultiPolygon, Polygon
+
+from eaves.change.epoch import Epoch
+from eaves.change.shift import Shift
+from eaves.change.verdict import Verdict
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What became of one building.
+
+    `id` is the building's name over time: the old epoch's where it was there; `old_ids` and `new_ids` name
+    all that stand at its place. `polygon` is its outline, the new epoch's where there is one (world metres).
+    """
+
+    id: str
+    old_ids: tuple[str, ...]
+    new_ids: tuple[str, ...]
+    polygon: Polygon | MultiPolygon
+    verdict: Verdict
+    points: tuple[int, int]
+    volumes: tuple[float | None, float | None]
+    """Of the models (m³), where the runs know them."""
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """The change as tables show it."""
+        verdict = self.verdict
+        both = [volume for volume in self.volumes if volume is not None]
+        return {
+            "id": self.id,
+            "change": verdict.change,
+            "also": ", ".join(verdict.also) or None,
+            "height_difference_m": round(verdict.height_m, 2),
+            "volume_difference_m3": round(verdict.volume_m3, 1),
+            "model_volume_difference_m3": round(both[1] - both[0], 1) if len(both) == 2 else None,
+            "built_m2": round(verdict.built_m2, 1),
+            "gone_m2": round(verdict.gone_m2, 1),
+            "moved_m2": round(verdict.moved_m2, 1),
+            "points_old": self.points[0],
+            "points_new": self.points[1],
+            "share_seen": verdict.figures.get("seen"),
+            "share_same": verdict.figures.get("same"),
+            "ids_old": ", ".join(self.old_ids) or None,
+            "ids_new": ", ".join(self.new_ids) or None,
+            "area_m2": round(float(self.polygon.area), 2),
+            "reason": verdict.reason,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What became of every building of two epochs, and what the epochs are."""
+
+    old: Epoch
+    new: Epoch
+    changes: tuple[Change, ...]
+    shift: Shift
+    tolerance: float
+    """A surface nearer than this (m) counts as the same one."""
+    spacings: tuple[float, float]
+    """Mean spacings of the points (m)."""
+
+    @property
+    def densities(self) -> tuple[float, float]:
+        """Points a square metre."""
+        return self.spacings[0] ** -2, self.spacings[1] ** -2
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many buildings underwent each change."""
+        names = [change.verdict.change for change in self.changes]
+        return {name: names.count(name) for name in sorted(set(names), key=names.index)}

@@ -1,0 +1,155 @@
+"""The roof points of an epoch, and what the other epoch shows at each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from shapely import MultiPolygon, Polygon
+
+from eaves.change.changes import Change
+from eaves.change.epoch import Building
+from eaves.change.measure import COARSE, SMOOTH, SMOOTHEST, classes_of
+from eaves.change.surface import STEEPEST, LocalPlanes, is_covered, local_planes, planar
+from eaves.change.verdict import DEMOLISHED, NEW, Rules, Side, Verdict, came, is_vehicle, patches_of
+from eaves.model import Mask, PointCloud, Points, Values
+from eaves.model.cloud import BUILDING, GROUND, NOISE_CLASSES
+
+LOWEST_ROOF = 1.9
+"""Planes lower than this (m) over the ground are cars, walls and hedges."""
+
+WALL_NEAR, WALL_RISE = 0.3, 0.9
+"""A point with another so near in plan and so much higher (m) is on a wall: steeper than 71°."""
+
+COMPACT = 0.5
+"""Share of the convex hull that a building covers; what is less is a hedge, or rows of cars."""
+
+MOSTLY = 0.6
+"""Where a roof that the run did not find stands, this share of the high points lies on planes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Roof:
+    """The roof points of a block: their numbers, planes, whether they are flat; and all points' classes, with
+    6 for each of these."""
+
+    which: NDArray[np.int64]
+    planes: LocalPlanes
+    flat: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+    classes: NDArray[np.uint8]
+
+
+def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float) -> Roof:
+    """The points of roofs: those the run found, without walls, and others that lie high on a plane; roofs are
+    `rough` (m, one standard deviation)."""
+    classes = classes_of(cloud).copy()
+    ground = xyz[classes == GROUND]
+    found = classes == BUILDING
+    high = ~found & ~np.isin(classes, (GROUND, *NOISE_CLASSES))
+    if len(ground):
+        some = np.flatnonzero(high)
+        _, nearest = cKDTree(ground[:, :2]).query(xyz[some, :2])
+        high[some] = xyz[some, 2] - ground[nearest, 2] >= LOWEST_ROOF
+    else:
+        high[:] = False
+    which = np.flatnonzero(found | high)
+    which = which[~is_covered(xyz[which], WALL_NEAR, WALL_RISE)]
+    planes = local_planes(xyz[which], max(0.75, 2.0 * spacing))
+    flat = planar(planes, max(SMOOTHEST, SMOOTH * rough)) & (np.hypot(*planes.slope.T) <= STEEPEST)
+    kept = found[which] | (flat & mostly(flat, xyz[which], COARSE))
+    which = which[kept]
+    classes[which] = BUILDING
+    return Roof(which, LocalPlanes(planes.slope[kept], planes.rms[kept]), flat[kept], found[which], classes)
+
+
+def mostly(flat: Mask, xyz: Points, side: float) -> Mask:
+    """Whether half of the points around each (N,) are flat, in square cells: roofs are, and in crowns a few
+    leaves lie on a plane by chance."""
+    cell = np.floor(xyz[:, :2] / side).astype(np.int64)
+    cell -= cell.min(axis=0, initial=0)
+    counts = np.zeros((2, *(cell.max(axis=0, initial=0) + 1)))
+    np.add.at(counts[0], tuple(cell.T), flat)
+    np.add.at(counts[1], tuple(cell.T), 1)
+    return np.asarray((counts[0] >= MOSTLY * counts[1])[tuple(cell.T)])
+
+
+@dataclass(frozen=True, eq=False)
+class Faced:
+    """Roof points (N,) of an epoch with their sites and buildings, and what the other epoch shows there."""
+
+    xyz: Points
+    site: NDArray[np.int64]
+    building: NDArray[np.int64]
+    state: NDArray[np.uint8]
+    distance: Values
+    flat: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+
+    @classmethod
+    def join(cls, parts: Sequence[Faced]) -> Faced:
+        """All the points, by site."""
+        dtypes = np.int64, np.int64, np.uint8, np.float64, bool, bool
+        nothing = cls(np.zeros((0, 3)), *(np.zeros(0, dtype) for dtype in dtypes))
+        names = list(vars(nothing))
+        whole = [np.concatenate([getattr(part, name) for part in (nothing, *parts)]) for name in names]
+        order = np.argsort(whole[1], kind="stable")
+        return cls(*(values[order] for values in whole))
+
+    def by_site(self, count: int, buildings: Sequence[Building], spacing: float) -> list[Side]:
+        """The points of each site; each stands for its share of its building's outline."""
+        points = np.bincount(self.building[self.building >= 0], minlength=len(buildings))
+        areas = np.array([one.polygon.area for one in buildings])
+        share = np.clip(areas / np.maximum(points, 1), 0.5 * spacing**2, 2.0 * spacing**2)
+        size = np.append(share, spacing**2)[self.building]  # the last is that of no building
+        ends = np.searchsorted(self.site, np.arange(count + 1))
+        parts = [slice(a, b) for a, b in pairwise(ends)]
+        return [
+            Side(self.xyz[k], self.state[k], self.distance[k], self.flat[k], self.known[k], size[k])
+            for k in parts
+        ]
+
+
+def found_beside(faced: Faced, spacing: float, epoch: int, rules: Rules, link: float) -> list[Change]:
+    """Flat surfaces far from every footprint that came or went: buildings that a run did not find."""
+    some = faced.site < 0
+    part = [getattr(faced, name)[some] for name in ("xyz", "state", "distance", "flat", "known")]
+    xyz, state, distance, flat, known = part
+    side = Side(xyz, state, distance, flat, known, np.full(len(xyz), spacing**2))
+    whole = replace(rules, smallest_m2=rules.smallest_alone_m2)
+    changes = []
+    for patch in patches_of(side, came(side), whole, link):
+        xy = side.xyz[patch, :2]
+        outline = outline_of(xy, spacing)
+        if side.area_of(patch) < COMPACT * shapely.convex_hull(outline).area:
+            continue
+        if is_vehicle(side, patch, rules, link):
+            continue
+        height = float(abs(np.median(side.distance[patch])))
+        kind = (DEMOLISHED, NEW)[epoch]
+        area = side.area_of(patch)
+        verdict = Verdict(
+            kind,
+            height_m=height if epoch else -height,
+            built_m2=area * epoch,
+            gone_m2=area * (1 - epoch),
+            volume_m3=float(-(side.distance * side.size)[patch].sum()) * (1 if epoch else -1),
+            reason=f"a flat surface {height:.1f} m high, in no footprint of the epoch's run",
+            patches=(xy,),
+        )
+        count = int(patch.sum())
+        points = (0, count) if epoch else (count, 0)
+        changes.append(Change("", (), (), outline, verdict, points, (None, None)))
+    return changes
+
+
+def outline_of(xy: NDArray[np.float64], spacing: float) -> Polygon | MultiPolygon:
+    """The area (world metres) that points (N, 2) cover."""
+    wide = max(spacing, 0.5)
+    grown = shapely.union_all(shapely.buffer(shapely.points(xy), 1.5 * wide, quad_segs=2))
+    return shapely.simplify(shapely.buffer(grown, -wide, quad_segs=2), 0.2)
