@@ -30,8 +30,8 @@ BESIDE = 0.4
 """Points whose middle is farther from a place than this share of their radius lie beside it: those of half a
 disc are, on the mean, by 0.42."""
 STANDING = 0.2
-"""Points of no roof make a surface where they are at least this share of those on and under it: at a corner of
-a roof a quarter lies on it, and of a crown single leaves lie at the height of any roof."""
+"""Points of no roof make a surface where they are at least this share of those on and under it: at a corner
+of a roof a quarter lies on it, and of a crown single leaves lie at the height of any roof."""
 SEEN = 0.35
 """A surface is seen where it holds this share of the points that an open one holds."""
 ROUNDS, TRIM, KEPT = 3, 1.5, 0.5

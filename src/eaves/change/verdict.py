@@ -81,7 +81,7 @@ class Rules:
     flat: float = 0.5
     """Share of a patch's points that lie on planes: crowns have fewer."""
     lowest: float = 1.9
-    """A roof that came or went lies at least so high (m) over the ground: cars, walls and hedges are lower."""
+    """A roof that came or went lies at least so high (m) over the ground: cars and hedges are lower."""
     on_plane: float = 0.6
     compact: float = 0.6
     """A small roof beside a wall lies on one plane with this share of its points, and fills this share of its
