@@ -35,7 +35,7 @@ SEEN = 0.5
 """Points per m² of wall from which on a wall counts as seen."""
 TOLD = ("open", "walls", "unknown")
 SEEDS = (25, 91)
-"""Of the houses and of the free-standing roofs; the limits were chosen on 5 and 6."""
+"""Of the houses and of the free-standing roofs; the limits were chosen on 5, 6 and 7."""
 CLOSE = 0.15
 """Largest error (m) of an overhang that is right."""
 

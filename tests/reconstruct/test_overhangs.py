@@ -165,6 +165,26 @@ def test_ground_seen_by_few_points_at_each_edge_counts_together__unless_a_wall_i
     assert result.attributes["stands_free"] is free
 
 
+def test_sure_wall_is_measured_beside_a_strip_of_more_points_that_is_not_sure() -> None:
+    rng = np.random.default_rng(15)
+    model, points, _ = scanned({3: 0.3}, rng)
+    strewn = rng.uniform((-5.5, -4.4, 0.5), (5.5, -2.8, 3.5), (250, 3))  # a hedge under another edge
+    points = np.concatenate([points, strewn])
+    told = add_overhangs(model, points, points[:, 2]).attributes["overhangs"]
+    assert [one["wall"] for one in told] == ["unknown", "unknown", "unknown", "seen"]
+
+
+@pytest.mark.parametrize(("upright", "free"), [(0, True), (3, False)])
+def test_two_points_of_ground_under_a_roof_show_it_open__unless_as_many_stand_there(
+    upright: int, free: bool
+) -> None:
+    model, points, _ = scanned({}, np.random.default_rng(9))
+    ground = np.array([[-3.0, -2.5, 0.0], [2.0, -2.4, 0.0]])
+    standing = np.array([[-4.0, -3.5, 0.9], [0.0, -3.0, 1.2], [4.0, -2.6, 1.5]])[:upright]
+    points = np.concatenate([points, ground, standing])
+    assert add_overhangs(model, points, points[:, 2]).attributes["stands_free"] is free
+
+
 def test_ground_in_a_hole_of_the_roof_makes_no_canopy() -> None:
     rng = np.random.default_rng(7)
     model, points, _ = scanned({}, rng)

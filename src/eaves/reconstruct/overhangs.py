@@ -57,6 +57,11 @@ class OverhangRules:
     certainty: float = 0.95
     """Least certainty of a wall: one less the chance that as many of the points strewn there would lie in one
     strip of three."""
+    certainty_together: float = 0.85
+    """The same for a roof that shows no sure wall and no ground beneath: four points of four in one strip."""
+    points_together: int = 2
+    """Fewest points of ground under a roof that stands free, all its edges together, where more lie there
+    than of anything upright: one may be an error."""
     spread: float = 0.25
     """Share of an edge along which its wall's points lie, at least: a post or a shrub is no wall."""
     least: float = 0.1
@@ -171,11 +176,57 @@ def measure_overhangs(
     low = below & (over_ground <= rules.above_ground) & (over > rules.open_height)
     on_roof = shapely.contains_xy(outline, points[:, 0], points[:, 1]) & (np.abs(over) < rules.on_roof)
     cover = Cover.of(points[on_roof])
+    within = shapely.contains_xy(outline, points[upright, 0], points[upright, 1])
     wall, passing, room = points[upright], points[low], over[low]
+    found = find_walls(start, end, wall, cover, rules, rules.certainty)
+    along, depth, length = edge_frames(start, end, passing)
+    beneath = shapely.contains_xy(outline, passing[:, 0], passing[:, 1])
+    covered = cover.share_around(passing) >= rules.covered_around
+    edge_of = nearest_edge(start, end, passing)
+    limit = np.clip(rules.open_slant * room, rules.open_depth, rules.open_widest)
+    left = [edge for edge in range(len(start)) if edge not in found]
+    seen_deep = {edge: beneath & (edge_of == edge) & (depth[edge] > limit) for edge in left}
+    deep = {edge: int((mine & covered).sum()) for edge, mine in seen_deep.items()}
+    whole, whole_deep = sum(int(mine.sum()) for mine in seen_deep.values()), sum(deep.values())
+    # a roof none of whose walls is seen stands free when its edges together show the ground below, and more
+    # of it than of what may be a wall
+    hanging = int(
+        (shapely.distance(outline.exterior, shapely.points(wall[within, :2])) > rules.outside).sum()
+    )
+    together = max(rules.points_together, rules.under_roof * whole, hanging + 1)
+    free = not found and whole_deep >= together
+    if not found and whole_deep == 0:
+        found = find_walls(start, end, wall, cover, rules, rules.certainty_together)
+        left = [edge for edge in left if edge not in found]
+    for edge in left:
+        extent = float(np.ptp(along[edge][seen_deep[edge] & covered])) if deep[edge] else 0.0
+        is_open = deep[edge] >= max(rules.points, rules.under_roof * seen_deep[edge].sum())
+        is_open = is_open and extent >= rules.open_spread * length[edge]
+        is_open = is_open or (free and deep[edge] > 0)
+        found[edge] = Overhang(
+            *ends_of(start, end, edge),
+            OPEN if is_open else UNKNOWN,
+            None,
+            1.0 - 0.5 ** deep[edge] if is_open else 0.0,
+            deep[edge],
+        )
+    return [found[edge] for edge in range(len(start))]
+
+
+def find_walls(
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+    wall: Points,
+    cover: Cover,
+    rules: OverhangRules,
+    enough: float,
+) -> dict[int, Overhang]:
+    """The edges (E, 2) under which upright points (N, 3) below the roof show a wall with a certainty of at
+    least `enough`; unknown those where the outline reaches beyond the wall, but no roof.
+    """
     along, inside, length = edge_frames(start, end, wall)
     around = (along > 0.0) & (along < length[:, None])
     near = around & (inside > -rules.outside) & (inside < rules.widest)
-    ends = [((x, y), (u, v)) for (x, y), (u, v) in zip(start.tolist(), end.tolist(), strict=True)]
     found: dict[int, Overhang] = {}
     left = set(range(len(start)))
     while left:
@@ -183,41 +234,28 @@ def measure_overhangs(
             (edge, *find_strip(inside[edge], along[edge], near[edge], around[edge], length[edge], rules))
             for edge in left
         ]
-        edge, certainty, width, count = max(strips, key=lambda one: (one[1] * one[3], -one[0]))
-        if certainty < rules.certainty:
+        edge, certainty, width, count = max(
+            strips, key=lambda one: (one[1] >= enough, one[1] * one[3], -one[0])
+        )
+        if certainty < enough:
             break
         left.discard(edge)
         if cover.share_of_strip(start[edge], end[edge], width) >= rules.covered:
-            found[edge] = Overhang(*ends[edge], WALL, max(width, 0.0), certainty, count)
+            found[edge] = Overhang(*ends_of(start, end, edge), WALL, max(width, 0.0), certainty, count)
         else:  # the outline, not the roof, reaches beyond the wall
-            found[edge] = Overhang(*ends[edge], UNKNOWN, None, 0.0, count)
+            found[edge] = Overhang(*ends_of(start, end, edge), UNKNOWN, None, 0.0, count)
         mine = near[edge] & (np.abs(inside[edge] - width) <= 0.5 * rules.window)
         near[:, mine] = False
         around[:, mine] = False
-    along, depth, _ = edge_frames(start, end, passing)
-    beneath = shapely.contains_xy(outline, passing[:, 0], passing[:, 1])
-    covered = cover.share_around(passing) >= rules.covered_around
-    edge_of = nearest_edge(start, end, passing)
-    limit = np.clip(rules.open_slant * room, rules.open_depth, rules.open_widest)
-    seen_deep = {edge: beneath & (edge_of == edge) & (depth[edge] > limit) for edge in left}
-    deep = {edge: int((mine & covered).sum()) for edge, mine in seen_deep.items()}
-    walled = len(left) < len(start)
-    whole, whole_deep = sum(int(mine.sum()) for mine in seen_deep.values()), sum(deep.values())
-    # a roof none of whose walls is seen stands free when its edges together show the ground below
-    free = not walled and whole_deep >= max(rules.points, rules.under_roof * whole)
-    for edge in left:
-        extent = float(np.ptp(along[edge][seen_deep[edge] & covered])) if deep[edge] else 0.0
-        is_open = deep[edge] >= max(rules.points, rules.under_roof * seen_deep[edge].sum())
-        is_open = is_open and extent >= rules.open_spread * length[edge]
-        is_open = is_open or (free and deep[edge] > 0)
-        found[edge] = Overhang(
-            *ends[edge],
-            OPEN if is_open else UNKNOWN,
-            None,
-            1.0 - 0.5 ** deep[edge] if is_open else 0.0,
-            deep[edge],
-        )
-    return [found[edge] for edge in range(len(start))]
+    return found
+
+
+def ends_of(
+    start: NDArray[np.float64], end: NDArray[np.float64], edge: int
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Where an edge of those from `start` to `end` (E, 2) starts and ends."""
+    (x, y), (u, v) = start[edge].tolist(), end[edge].tolist()
+    return (x, y), (u, v)
 
 
 @dataclass(frozen=True, eq=False)
