@@ -147,7 +147,7 @@ def over_cases(data: str, cases: list[Case], method: Reconstructor) -> dict[str,
     reconstruct_building(first.points, first.footprint, first.planes, first.ground, method)
     lods: Counter[str] = Counter()
     distance, rmse, volume, ridge, eaves = [], [], [], [], []
-    faces = invalid = 0
+    faces = invalid = high = 0
     seconds = 0.0
     for case in cases:
         start = time.process_time()
@@ -158,6 +158,7 @@ def over_cases(data: str, cases: list[Case], method: Reconstructor) -> dict[str,
             lods[model.lod] += 1
             invalid += bool(validate_model(model))
             faces += model.attributes["roof_face_count"]
+            high += model.attributes.get("fallback_code") == "base_too_high"
             away = np.abs(fit_roof(case.roof, roof_faces(model, model.lod)).distance)
             away = np.where(np.isfinite(away), away, np.inf)
             if case.truth is not None:
@@ -177,6 +178,7 @@ def over_cases(data: str, cases: list[Case], method: Reconstructor) -> dict[str,
         "buildings": len(cases),
         "by LoD": ", ".join(f"{lod}: {count}" for lod, count in sorted(lods.items())),
         "invalid": invalid,
+        "base too high": high,
         **{f"within {limit} m": float((every < limit).mean()) for limit in (0.1, 0.2, 0.5)},
         "median m": float(np.median(every)),
         "RMSE mean": float(np.mean(rmse)),

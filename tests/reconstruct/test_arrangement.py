@@ -165,3 +165,12 @@ def test_spacing_on_a_roof_is_the_same_however_it_lies() -> None:
         turned = shapely.transform(outline, lambda places, turn=turn: places @ turn)
         found.append(spacing_on_roof(np.column_stack([xy @ turn, roof[:, 2]]), turned))
     assert np.ptp(found) < 1e-6
+
+
+@pytest.mark.parametrize(("base", "code"), [(0.0, None), (5.2, "base_too_high"), (8.0, "base_too_high")])
+def test_base_among_the_roof_points_is_said(base: float, code: str | None) -> None:
+    points = scan(lambda x, y: 7.0 - 0.5 * abs(y - 4.0))
+    planes = owned(points, [(0.0, 0.5, 5.0), (0.0, -0.5, 9.0)])
+    answer = reconstruct_building(points, Footprint(BOX), planes, base, Arrangement())
+    assert isinstance(answer, BuildingModel)
+    assert answer.attributes.get("fallback_code") == code

@@ -32,7 +32,9 @@ COLUMNS: dict[str, Column] = {
     "score": Column("Detection score", "", "how sure the detection is, 0 to 1"),
     "area_m2": Column("Area", "m²", "of a footprint in plan, of a roof face along its slope"),
     "lod": Column("Level of detail", "", "the finest level that was reached", str),
-    "failure_code": Column("Failure", "", "why there is no model, or a coarser one; see docs/errors.md", str),
+    "failure_code": Column(
+        "Failure", "", "why there is no model, a coarser or a flattened one; see docs/errors.md", str
+    ),
     "failure_reason": Column("Reason", "", "the same in a sentence, with its values", str),
     "method": Column("Method", "", "what made the finest level", str),
     "roof_type": Column("Roof type", "", "flat, shed, gable, hip, pyramid or complex", str),

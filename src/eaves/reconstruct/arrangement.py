@@ -17,6 +17,7 @@ from eaves.reconstruct.toolkit.corner_prices import settle_corners
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
+    LOWEST_ROOF,
     faces_as_planes,
     points_inside,
     spacing_on_roof,
@@ -68,7 +69,7 @@ class Arrangement(LineReconstructor):
     `superstructure_height`: at ρ points/m² that is 8/ρ m², which chance leaves to one in two; nine of ten
     are found over about 15/ρ m² (1.5 m² at 10/m², 0.5 m² at 30/m², 0.25 m² at 60/m²). Overhangs and passages
     are filled to the ground. Codes: `too_few_points`, `no_area`, `not_closed`; `no_plane`, `poor_fit` and
-    `not_closed` as the reason of a fallback.
+    `not_closed` as the reason of a fallback; `base_too_high` where the base leaves no room for the roof.
 
     Complexity
     ----------
@@ -264,6 +265,13 @@ class Arrangement(LineReconstructor):
         0.5, "Share of roof points that LoD 2 explains to half a metre, or it is given up.", ge=0.0, le=1.0
     )
 
+    under_base: float = parameter(
+        0.05,
+        "Share of roof points under the lowest roof a base allows from which on the model says so.",
+        ge=0.0,
+        le=1.0,
+    )
+
     def model(
         self,
         points: Points,
@@ -348,7 +356,7 @@ class Arrangement(LineReconstructor):
             )
             facts["installation_count"] = len(objects)
             model = model.with_(installations=objects)
-        return model.with_(attributes={**facts, **fallback})
+        return model.with_(attributes={**facts, **(self.flattened(roof, ground) or fallback)})
 
     def cut(
         self,
@@ -412,6 +420,13 @@ class Arrangement(LineReconstructor):
             chimney=self.largest_chimney,
             lift_housing=self.lowest_lift_housing,
         )
+
+    def flattened(self, roof: Points, ground: float) -> dict[str, Any]:
+        """Why a base (m) so near to the roof points (N, 3) leaves no room for the roof; empty if it does."""
+        under = float(np.mean(roof[:, 2] < ground + LOWEST_ROOF))
+        if under <= self.under_base:
+            return {}
+        return fallen_back("base_too_high", f"{under:.0%} of the roof lie under the base or on it")
 
     def errors(self, surface: Surface, roof: Points) -> NDArray[np.float64]:
         """Distances (N,; m) of roof points (N, 3) from the roof over them, a tree's above it cut off."""
