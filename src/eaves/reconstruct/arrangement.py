@@ -296,7 +296,7 @@ class Arrangement(LineReconstructor):
         chosen = label_cells(plan, roof, labels, coefficients, spacing, ground, costs)
         plan, chosen = plan.merged(chosen)
         plan, chosen = settle_corners(
-            plan, chosen, roof, coefficients, spacing, costs, self.corner_points, self.corner_reach
+            plan, chosen, roof, coefficients, spacing, costs, self.corner_price(spacing), self.corner_reach
         )
         emit("plan", plan.polygons())
         emit("plane of each cell", chosen)
@@ -393,6 +393,10 @@ class Arrangement(LineReconstructor):
             self.meeting_share,
             self.full_jump,
         )
+
+    def corner_price(self, spacing: float) -> float:
+        """The price of a corner in points: where they are sparse no more than the highest of a plane."""
+        return min(self.corner_points, self.plane_cost / spacing**2)
 
     def simple_costs(self, costs: LabelCosts) -> LabelCosts:
         """The costs at LoD 2.0; that of a border grows as lengths do with areas."""
