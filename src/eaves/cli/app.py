@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Callable, Iterable
 from typing import Annotated
 
 import typer
@@ -24,14 +25,6 @@ from eaves.cli.scenes import demo, simulate
 from eaves.cli.time import calibrate, compare, rebuild, update
 from eaves.run.garbage import collect_rarely
 
-app = typer.Typer(
-    name="eaves",
-    help="From raw airborne LiDAR to building footprints and valid 3D buildings.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-
 
 def show_version(wanted: bool) -> None:
     """Print the version and leave."""
@@ -42,7 +35,6 @@ def show_version(wanted: bool) -> None:
         raise typer.Exit(COMPLETE)
 
 
-@app.callback()
 def first(
     wanted: Annotated[
         bool, typer.Option("--version", callback=show_version, is_eager=True, help="Say the version.")
@@ -69,20 +61,39 @@ def methods(
         typer.echo(line)
 
 
-for command in (
+COMMANDS = (
     *(build, ground, detect, reconstruct, sweep, check, validate, evaluate, simulate, view, serve, plot),
     *(compare, update, rebuild, calibrate, load, solar, methods, doctor, demo),
-):
-    app.command()(command)
+)
+
+
+def make_app(commands: Iterable[Callable[..., None]] = COMMANDS) -> typer.Typer:
+    """The application of some commands."""
+    made = typer.Typer(
+        name="eaves",
+        help="From raw airborne LiDAR to building footprints and valid 3D buildings.",
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
+    made.callback()(first)
+    for command in commands:
+        made.command()(command)
+    return made
+
+
+app = make_app()
 
 
 def main() -> None:
     """Entry point: a caller's mistake is one line and status 2, never a traceback."""
     report_aborts()
     collect_rarely()
+    # typer reads the options of every command it knows, and one is run
+    asked = [command for command in COMMANDS if command.__name__ in sys.argv[1:2]]
     with count_interrupts() as interrupts:
         try:
-            status = app(standalone_mode=False) or COMPLETE
+            status = make_app(asked or COMMANDS)(standalone_mode=False) or COMPLETE
         except SystemExit as end:  # how typer passes Ctrl-C on
             status = end.code
         except (KeyboardInterrupt, typer.Abort) as end:  # typer takes a file's end for Ctrl-C, too
