@@ -101,3 +101,14 @@ def test_far_away_the_result_is_the_same() -> None:
     here = segment_roof(points, 0.44)
     there = segment_roof(points + np.array([480000.0, 240000.0, 0.0]), 0.44)
     assert [set(plane.members) for plane in here] == [set(plane.members) for plane in there]
+
+
+def test_roof_of_scan_lines_far_apart_gets_its_planes__points_2cm_apart_on_lines_1m_apart() -> None:
+    rng = np.random.default_rng(2)
+    x, y = np.meshgrid(np.arange(-7.5, 7.5, 1.0), np.arange(-5.0, 5.0, 0.02))
+    xy = np.column_stack([x.ravel() + rng.normal(0.0, 0.01, x.size), y.ravel()])
+    points = np.c_[xy, 5.0 - 0.6 * np.abs(xy[:, 1]) + rng.normal(0.0, 0.02, len(xy))]
+    planes = segment_roof(points, 0.14, GlobalRefinement())
+    assert len(planes) == 2
+    assert np.sort(np.concatenate([plane.members for plane in planes])).size > 0.95 * len(points)
+    assert {round(plane.coefficients[1], 1) for plane in planes} == {-0.6, 0.6}

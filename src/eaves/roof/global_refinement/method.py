@@ -21,6 +21,7 @@ from eaves.roof.toolkit.regions import (
     touching_regions,
     without_gaps,
 )
+from eaves.roof.toolkit.scan_lines import on_lines, thin_lines, with_points_between
 
 
 class GlobalRefinement(RoofMethod):
@@ -111,6 +112,13 @@ class GlobalRefinement(RoofMethod):
             return []
         start = self.start
         local = start.surroundings(points)
+        if on_lines(local):
+            kept = thin_lines(points, local, start.fewest_neighbours)
+            if len(kept) < len(points):
+                between = start.distance_share * local.noise
+                return with_points_between(
+                    self.planes(points[kept], spacing, rng, emit), points, kept, between
+                )
         labels = start.grow(points, local, start.smooth_points(local))
         labels = start.join(points, labels, local)
         labels = start.give_back(points, labels, local)
