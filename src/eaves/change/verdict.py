@@ -206,6 +206,7 @@ def judge_building(
     built &= not is_low(new, built, rules)
     gone &= not is_low(old, gone, rules)
     stands_new = built.sum() >= max(rules.most * len(new) * seen_new, rules.least_points)
+    stands_new &= new.area_of(built) >= rules.smallest_m2
     if stands_new and outlined[1] and (not outlined[0] or gone_all(old, new, rules)):
         if new.flat[built].mean() < rules.crown:
             return Verdict(UNCLEAR, reason="what is new here is not flat: a crown, perhaps", figures=figures)
@@ -219,6 +220,7 @@ def judge_building(
             patches=(new.xyz[built, :2],),
         )
     stood_old = gone.sum() >= max(rules.most * len(old), rules.least_points)  # what is hidden is not gone
+    stood_old &= old.area_of(gone) >= rules.smallest_m2
     if stood_old and (not outlined[1] or gone_all(new, old, rules)):
         return Verdict(
             DEMOLISHED,
