@@ -2,6 +2,9 @@
 
 import json
 import shutil
+import signal
+import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +16,7 @@ import pytest
 import shapely
 from pyproj import CRS
 
-from eaves.change.edits import NO_BUILDING, Edit, write_edits
+from eaves.change.edits import FLAT_ROOF, NO_BUILDING, Edit, write_edits
 from eaves.change.kept import open_kept
 from eaves.change.points import GAP_CELLS, pair_same, replace_points
 from eaves.change.rebuild import rebuild
@@ -23,6 +26,7 @@ from eaves.formats import InputError, read_polygons
 from eaves.model import Block
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.pipeline import build
+from eaves.run.lock import lock_folder
 from eaves.run.manifest import check_folder
 from eaves.run.store import RECORD, Store
 from eaves.simulate import ExactFace, nine_roofs_on_a_slope, write_simulation
@@ -260,6 +264,124 @@ def test_what_cannot_be_updated_is_told(epochs: Path, tmp_path: Path) -> None:
     las.write(tmp_path / "other.laz")
     with pytest.raises(InputError, match="system"):
         update(epochs / "out", tmp_path / "other.laz", tmp_path / "o", date="2026-05-01")
+    with pytest.raises(InputError, match="does not exist"):
+        update(epochs / "out", tmp_path / "nowhere", tmp_path / "o", date="2026-05-01")
+    with pytest.raises(InputError, match="among its results"):
+        update(epochs / "out", epochs / "out", tmp_path / "o", date="2026-05-01")
+    (tmp_path / "empty.laz").touch()
+    with pytest.raises(InputError, match="empty"):
+        update(epochs / "out", tmp_path / "empty.laz", tmp_path / "o", date="2026-05-01")
+    laspy.LasData(laspy.LasHeader(version="1.4", point_format=6)).write(tmp_path / "none.laz")
+    with pytest.raises(InputError, match="has no point"):
+        update(epochs / "out", tmp_path / "none.laz", tmp_path / "o", date="2026-05-01")
+    assert not list((tmp_path / "o").glob(".*"))
+
+
+WRITTEN = ("buildings.city.jsonl", "history.city.jsonl", "classified_points.laz", "classified_2.laz")
+
+
+def numbers_of(folder: Path) -> dict[str, int]:
+    """Id → number of a run's buildings."""
+    _, _, rows, _ = read_polygons(folder / "footprints.gpkg", "footprints")
+    return {row["id"]: row["number"] for row in rows}
+
+
+@pytest.mark.slow
+def test_numbers_stay_with_their_buildings__also_behind_one_that_went(epochs: Path, updated: Updated) -> None:
+    before, after = numbers_of(epochs / "out"), numbers_of(epochs / "out2")
+    assert all(before[name] == number for name, number in after.items())
+    old, new = (laspy.read(epochs / name) for name in ("out/classified.laz", "out2/classified_points.laz"))
+    touched = [before[one] for one in (*updated.versions.gone, *updated.versions.remodelled)]
+    stays = ~np.isin(old.building_id, touched) & ~np.isin(new.building_id, touched)
+    stays &= ~np.asarray(new.withheld, bool)
+    assert np.array_equal(old.building_id[stays], new.building_id[stays])
+    assert np.array_equal(old.plane_id[stays], new.plane_id[stays])
+
+
+@pytest.mark.slow
+def test_two_processes_write_the_same_bytes(epochs: Path, updated: Updated, tmp_path: Path) -> None:
+    update(epochs / "out", epochs / "tiles", tmp_path / "out2", date="2026-05-01", jobs=2)
+    assert all(
+        (tmp_path / "out2" / name).read_bytes() == (epochs / "out2" / name).read_bytes() for name in WRITTEN
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("step", ["read", "blocks", "buildings", "write"])
+def test_an_update_that_was_stopped_can_be_made_again(
+    epochs: Path, updated: Updated, tmp_path: Path, step: str
+) -> None:
+    def stop(now: str, done: int, total: int) -> None:
+        if now == step:
+            raise KeyboardInterrupt
+
+    out = tmp_path / "out2"
+    with pytest.raises(KeyboardInterrupt):
+        update(epochs / "out", epochs / "tiles", out, date="2026-05-01", progress=stop)
+    assert step == "read" or check_folder(out)
+    assert check_folder(epochs / "out") == []
+    update(epochs / "out", epochs / "tiles", out, date="2026-05-01")
+    assert all((out / name).read_bytes() == (epochs / "out2" / name).read_bytes() for name in WRITTEN)
+    assert check_folder(out) == []
+
+
+@pytest.mark.slow
+def test_an_update_that_was_killed_can_be_made_again(epochs: Path, updated: Updated, tmp_path: Path) -> None:
+    out = tmp_path / "out2"
+    lines = [
+        "import os, signal; from pathlib import Path; from eaves.change.update import update",
+        "def stop(step, done, total): step == 'blocks' and os.kill(os.getpid(), signal.SIGKILL)",
+        f"update(Path({str(epochs / 'out')!r}), {str(epochs / 'tiles')!r}, Path({str(out)!r}), "
+        "date='2026-05-01', progress=stop)",
+    ]
+    assert subprocess.run([sys.executable, "-c", "\n".join(lines)], check=False).returncode == -signal.SIGKILL
+    update(epochs / "out", epochs / "tiles", out, date="2026-05-01")
+    assert all((out / name).read_bytes() == (epochs / "out2" / name).read_bytes() for name in WRITTEN)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("held", ["out", "out2"])
+def test_two_updates_at_once_are_refused(epochs: Path, tmp_path: Path, held: str) -> None:
+    places = {"out": epochs / "out", "out2": tmp_path / "out2"}
+    places["out2"].mkdir()
+    with lock_folder(places[held]), pytest.raises(InputError, match="wait for it, or choose another") as told:
+        update(places["out"], epochs / "tiles", places["out2"], date="2026-05-01")
+    assert "\n" not in str(told.value)
+    assert not (places["out2"] / ".eaves-work").exists()
+
+
+@pytest.mark.slow
+def test_points_known_already_change_nothing(epochs: Path, tmp_path: Path) -> None:
+    las = laspy.read(epochs / "old" / "points.laz")
+    tile = laspy.LasData(las.header)
+    tile.points = las.points[np.asarray(las.x) < np.floor(np.median(las.x))].copy()
+    tile.write(tmp_path / "again.laz")
+    done = update(epochs / "out", tmp_path / "again.laz", tmp_path / "out2", date="2026-05-01")
+    assert (done.points, done.blocks[0]) == ((0, 0), 0)
+    named = done.versions
+    assert not (named.new or named.remodelled or named.gone)
+    old, new = (place / "buildings.city.jsonl" for place in (epochs / "out", tmp_path / "out2"))
+    assert lines_of(old) == lines_of(new)
+    assert not (tmp_path / "out2" / "history.city.jsonl").exists()
+    old, new = epochs / "out" / "classified.laz", tmp_path / "out2" / "classified_points.laz"
+    assert old.read_bytes() == new.read_bytes()
+
+
+@pytest.mark.slow
+def test_an_edited_building_that_changed_has_its_next_version(
+    epochs: Path, updated: Updated, tmp_path: Path
+) -> None:
+    shutil.copytree(epochs / "out", tmp_path / "out")
+    name = updated.versions.remodelled[0]
+    polygons, _, rows, _ = read_polygons(tmp_path / "out" / "footprints.gpkg", "footprints")
+    outline = next(one for one, row in zip(polygons, rows, strict=True) if row["id"] == name)
+    write_edits(tmp_path / "edit.gpkg", [Edit(FLAT_ROOF, outline, name)], LOCAL_METRES)
+    rebuild(tmp_path / "out", tmp_path / "edit.gpkg")
+    update(tmp_path / "out", epochs / "tiles", tmp_path / "out2", date="2026-05-01")
+    feature = json.loads(lines_of(tmp_path / "out2" / "buildings.city.jsonl")[name])
+    about = feature["CityObjects"][name]["attributes"]
+    assert about["edit"] and (about["version"], about["creationDate"]) == (2, "2026-05-01")
+    assert f"{name}@1" in lines_of(tmp_path / "out2" / "history.city.jsonl")
 
 
 @pytest.mark.slow

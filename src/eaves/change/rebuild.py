@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,16 +14,19 @@ from shapely import Polygon
 
 from eaves.change.edits import EDITS, Edit, Order, edits_of_layer, read_edits, settle, write_edits
 from eaves.change.kept import MODELS, load_results, open_kept, read_request, write_request
+from eaves.change.versions import version_of
 from eaves.formats.atomic import report_full_disk
 from eaves.model import Block, BuildingModel, Failure, Footprint
 from eaves.model.results import BuildingResult
 from eaves.model.summary import Summary
 from eaves.run.building import building_pass
+from eaves.run.classified_points import EarlierPoints
 from eaves.run.earlier_lines import EarlierLines
 from eaves.run.gather import Gatherer
 from eaves.run.join import BuildingPlan, OwnedBuildings, about, block_of
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import end_manifest, entry_of, known_files
+from eaves.run.numbers import keep_numbers, numbers_in
 from eaves.run.outputs import write_outputs
 from eaves.run.recipe import Recipe
 from eaves.run.region import Region
@@ -119,6 +122,7 @@ def rebuild(folder: Path, file: Path | None = None, progress: Progress = no_prog
         region.store = RememberingStore(**vars(region.store))
         state = State(region.store, request.blocks, request.owners, run.recipe)
         before, found = state.shown(), state.found()
+        numbers = numbers_in(region.store, request.owners)
         edits = list(read_edits(folder / EDITS, region.store.system)) if (folder / EDITS).exists() else []
         edits += changed_in_layer(folder, region.store, before)
         if file is not None:
@@ -137,7 +141,9 @@ def rebuild(folder: Path, file: Path | None = None, progress: Progress = no_prog
         )
         region.run = replace(run, outputs=outputs)
         plans = [OwnedBuildings(owner, ()) for owner in owners]
-        summary = write_outputs(region, request.blocks, plans, earlier=lines)
+        keep_numbers(region.store, owners, numbers)
+        points = EarlierPoints.of(folder, region.store, run.index)
+        summary = write_outputs(region, request.blocks, plans, earlier=lines, points=points)
         write_edits(folder / EDITS, edits, region.store.system)
         write_request(region.store, replace(request, owners=tuple(owners)))
         kept = [folder / name for name in earlier if name.endswith(".tif") and (folder / name).exists()]
@@ -233,7 +239,7 @@ class State:
                 elif not mine_too.outlines:
                     removed.append(mine_too.id)
                 else:
-                    results += self.model(owner, mine_too, len(results), modelled, failed)
+                    results += self.model(owner, mine_too, len(results), modelled, failed, version_of(result))
             for order in wanted.values():
                 results += self.model(owner, order, len(results), modelled, failed)
             self.store.save_buildings(owner, results)
@@ -253,9 +259,15 @@ class State:
             (self.originals.folder / f"{owner.name}.added").touch()
 
     def model(
-        self, owner: Block, order: Order, before: int, modelled: list[str], failed: list[str]
+        self,
+        owner: Block,
+        order: Order,
+        before: int,
+        modelled: list[str],
+        failed: list[str],
+        version: Mapping[str, Any] | None = None,
     ) -> list[BuildingResult]:
-        """One building for each outline of an order."""
+        """One building for each outline of an order, with the `version` of the building as it was found."""
         gatherer = Gatherer(self.store)
         results = []
         for number, outline in enumerate(order.outlines, 1):
@@ -281,7 +293,9 @@ class State:
             outcome = result.outcome
             if isinstance(outcome, BuildingModel):
                 of = {"block_id": order.id} if len(order.outlines) > 1 else {}
-                outcome = outcome.with_(attributes={**outcome.attributes, **order.provenance, **of})
+                outcome = outcome.with_(
+                    attributes={**outcome.attributes, **order.provenance, **of, **(version or {})}
+                )
                 result = replace(result, outcome=outcome)
             else:
                 failed.append(f"{name}: {outcome.reason}")

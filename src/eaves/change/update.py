@@ -35,11 +35,13 @@ from eaves.formats.atomic import report_full_disk
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
 from eaves.model import Block
 from eaves.model.summary import Summary
+from eaves.run.classified_points import EarlierPoints
 from eaves.run.collisions import is_same_place
 from eaves.run.earlier_lines import EarlierLines
 from eaves.run.join import OwnedBuildings
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
+from eaves.run.numbers import keep_numbers, numbers_in
 from eaves.run.outputs import write_outputs
 from eaves.run.partition import file_slices, partition_slice
 from eaves.run.region import Core, Region
@@ -142,10 +144,16 @@ def update(
         Workers(run.jobs) as workers,
     ):
         region = Region(run, run.work_folder, workers, progress)
+        shown = replace(region.store, folder=folder / WORK)
+        check_edits(folder, shown)
         before = take_parts(folder, region.store, request)
-        check_edits(folder, before)
         own = {os.path.realpath(run.index.path(k)) for k in range(len(run.index))}
-        changed = bring_points(region, len(own & set(request.inputs)), progress)
+        first_new = len(own & set(request.inputs))
+        try:
+            changed = bring_points(region, first_new, progress)
+        except InputError:
+            region.store.discard()
+            raise
         begin_manifest(out)
         blocks = region.used_blocks()
         region.check_rasters(blocks)
@@ -163,9 +171,10 @@ def update(
         others = {*versions.new, *versions.remodelled, *versions.gone, *(order.id for order in orders)}
         places = [*versions.outlines, *(one for order in orders for one in order.outlines)]
         lines = EarlierLines.read(folder / MODELS, others, places)
-        summary = write_outputs(
-            region, blocks, [OwnedBuildings(owner, ()) for owner in owners], earlier=lines
-        )
+        keep_numbers(region.store, owners, numbers_in(shown, request.owners))
+        points = EarlierPoints.of(folder, before, run.index.subset(np.arange(first_new)))
+        plans = [OwnedBuildings(owner, ()) for owner in owners]
+        summary = write_outputs(region, blocks, plans, earlier=lines, points=points)
         told = {
             "date": when,
             "inputs": [Path(path).name for path in new],
@@ -193,7 +202,7 @@ def check_inputs(folder: Path, request: Request, paths: Sequence[str], out: Path
     Raises
     ------
     InputError
-        When a file is one of the run already, or `out` is the run's folder.
+        When a file is one of the run already, or one of its results, or `out` is the run's folder.
     """
     if is_same_place(folder, out):
         raise InputError.about(out, "is the folder of the run that is updated", "choose another with -o")
@@ -201,6 +210,8 @@ def check_inputs(folder: Path, request: Request, paths: Sequence[str], out: Path
     for path in new:
         if path in request.inputs:
             raise InputError.about(path, f"is an input of {folder} already", "give the new points alone")
+        if is_same_place(Path(path).parent, folder):
+            raise InputError.about(path, f"lies in {folder}, among its results", "give the new points alone")
     return new
 
 
@@ -272,8 +283,8 @@ def take_parts(folder: Path, store: Store, request: Request) -> Store:
     return before
 
 
-def check_edits(folder: Path, before: Store) -> None:
-    """Nothing, when no edit waits to be rebuilt.
+def check_edits(folder: Path, shown: Store) -> None:
+    """Nothing, when no edit waits to be rebuilt; `shown` are the parts of the folder.
 
     Raises
     ------
@@ -282,10 +293,9 @@ def check_edits(folder: Path, before: Store) -> None:
     """
     if not is_edited(folder):
         return
-    owners = [Block(*map(int, path.stem.split("_"))) for path in (folder / WORK / "buildings").glob("*.npz")]
-    rows = replace(before, folder=folder / WORK).building_rows(owners)
-    shown = {str(row.values["id"]): row.polygon for row in rows}
-    if shown and changed_in_layer(folder, before, shown):
+    owners = [Block(*map(int, path.stem.split("_"))) for path in (shown.folder / "buildings").glob("*.npz")]
+    outlines = {str(row.values["id"]): row.polygon for row in shown.building_rows(owners)}
+    if outlines and changed_in_layer(folder, shown, outlines):
         raise InputError.about(
             folder / LAYER, "has edits that were not rebuilt", f"run eaves rebuild {folder} first"
         )

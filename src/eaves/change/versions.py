@@ -205,9 +205,7 @@ def versioned(
     outcome = result.outcome
     assert outcome.footprint is not None
     outcome = replace(outcome, footprint=outcome.footprint.with_(id=name))
-    before: dict[str, Any] = {}
-    if old is not None and isinstance(old.outcome, BuildingModel):
-        before = {key: value for key, value in old.outcome.attributes.items() if key in (VERSION, CREATED)}
+    before = {} if old is None else version_of(old)
     if isinstance(outcome, BuildingModel):
         attributes = dict(outcome.attributes)
         if "block_id" in attributes:
@@ -219,6 +217,13 @@ def versioned(
         number = 1 if old is None else int(before.get(VERSION, 1)) + 1
         outcome = outcome.with_(attributes={**outcome.attributes, VERSION: number, CREATED: date})
     return replace(result, outcome=outcome), False
+
+
+def version_of(result: BuildingResult) -> dict[str, Any]:
+    """The attributes that tell of a building's version, where an update gave it one."""
+    if not isinstance(result.outcome, BuildingModel):
+        return {}
+    return {key: value for key, value in result.outcome.attributes.items() if key in (VERSION, CREATED)}
 
 
 def same_outcome(one: BuildingModel | Failure, other: BuildingModel | Failure) -> bool:

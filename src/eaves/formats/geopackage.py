@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,7 @@ GEOJSON_OPTIONS = {"RFC7946": "YES", "COORDINATE_PRECISION": "8"}
 """Eight decimals of a degree are a millimetre."""
 BOX_MARGIN = 0.001
 """Share of its side by which a box reprojected through points on its rim is widened: it bends between."""
+PLAIN_TYPES = frozenset((type(None), str, bool, int))
 PIECE_ROWS = 20_000
 """Rows of a GeoPackage in memory at a time; the other formats cannot be added to and take all at once."""
 
@@ -565,8 +567,10 @@ def plain_value(value: Any, kind: str = "") -> Any:
 
     `kind` is the column's type: whole numbers and truths come as floats from a column with gaps.
     """
+    if type(value) in PLAIN_TYPES:  # most of a layer's values; asked for each of them
+        return value
     value = value.item() if isinstance(value, np.generic) else value
-    if isinstance(value, float) and not np.isfinite(value):
+    if isinstance(value, float) and not isfinite(value):
         return None
     if isinstance(value, float) and kind == "bool":
         return bool(value)

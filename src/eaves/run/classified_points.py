@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
+import shutil
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,11 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats import InputError, write_classified
+from eaves.formats.atomic import atomic
 from eaves.formats.classified import SUPERSEDED, UNCHANGED
 from eaves.formats.fingerprint import refuse_change
 from eaves.model import Block
 from eaves.model.cloud import BUILDING
 from eaves.run.index import Index
+from eaves.run.manifest import entry_of, known_files
+from eaves.run.numbers import read_numbers
 from eaves.run.partition import file_slices
 from eaves.run.run import Run
 from eaves.run.store import Store
@@ -30,6 +34,12 @@ TYPES: dict[str, Any] = {
     "building_id": np.int32,
     "plane_id": np.int32,
 }
+
+
+PIECE = 1 << 20
+"""Values that are compared, or written, at a time."""
+LABELS = "labels"
+"""Folder, beside the parts of a run, of what its classified points were written from."""
 
 
 class PointSink(Protocol):
@@ -63,10 +73,49 @@ class Column:
         return np.fromfile(self.path, self.dtype, stop - start, offset=(self.first + start) * size)
 
 
+@dataclass(frozen=True)
+class EarlierPoints:
+    """The classified points that an earlier run wrote of the first inputs of this one."""
+
+    labels: Path
+    """Folder of what they were written from."""
+    files: tuple[Path | None, ...]
+    """One an input; None where the file is not as the run wrote it."""
+
+    @classmethod
+    def of(cls, folder: Path, store: Store, index: Index) -> EarlierPoints:
+        """Those in the folder of a run that kept its parts in `store`."""
+        known, names, files = known_files(folder), set[str](), []
+        for number in range(len(index)):
+            path = folder / classified_name(index.path(number), len(index) == 1, names)
+            entry = known.get(path.name)
+            files.append(path if entry and path.exists() and entry_of(path) == entry else None)
+        return cls(store.folder / LABELS, tuple(files))
+
+    def file_of(self, number: int, columns: Mapping[str, Column]) -> Path | None:
+        """The file of an input, where it was written from just these columns."""
+        path = self.files[number] if number < len(self.files) else None
+        return path if path is not None and all(map(self._had, columns.items())) else None
+
+    def _had(self, told: tuple[str, Column]) -> bool:
+        name, now = told
+        path, size = self.labels / f"{name}.bin", np.dtype(now.dtype).itemsize
+        if not path.exists() or path.stat().st_size < (now.first + now.count) * size:
+            return False
+        then = replace(now, path=path)
+        pieces = (slice(first, first + PIECE) for first in range(0, now.count, PIECE))
+        return all(np.array_equal(now[piece], then[piece]) for piece in pieces)
+
+
 def write_points(
-    store: Store, run: Run, blocks: Sequence[Block], owners: Sequence[Block], sink: PointSink | None = None
+    store: Store,
+    run: Run,
+    blocks: Sequence[Block],
+    owners: Sequence[Block],
+    sink: PointSink | None = None,
+    earlier: EarlierPoints | None = None,
 ) -> list[Path]:
-    """The classified points of every input.
+    """The classified points of every input; those that `earlier` has just so are copied from there.
 
     Raises
     ------
@@ -74,7 +123,8 @@ def write_points(
         When an input is no longer what it was when the run began.
     """
     index, single = run.index, run.classified
-    gather_labels(store, index, blocks, owners)
+    labels = store.folder / f"{LABELS}-new"
+    gather_labels(labels, store, index, blocks, owners)
     copies = copies_of(store, index)
     written: list[Path] = []
     names: set[str] = set()
@@ -82,16 +132,23 @@ def write_points(
     for number in range(len(index)):
         path = single or run.folder / classified_name(index.path(number), len(index) == 1, names)
         mine = {
-            name: Column(store.folder / f"{name}.bin", dtype, int(starts[number]), index.count(number))
+            name: Column(labels / f"{name}.bin", dtype, int(starts[number]), index.count(number))
             for name, dtype in TYPES.items()
         }
+        known = earlier.file_of(number, mine) if earlier is not None and sink is None else None
         classes = mine.pop("classes")
         try:
             write = None if sink is None else partial(sink.write, path)
             made_from = replace(run.provenance, sources=(index.path(number).name,), count=1)
-            source, extra = index.source(number), {} if single else mine
-            copied = copies.get(number, [])
-            write_classified(source, path, classes, extra, sink=write, provenance=made_from, copies=copied)
+            if known is None:
+                source, extra = index.source(number), {} if single else mine
+                copied = copies.get(number, [])
+                write_classified(
+                    source, path, classes, extra, sink=write, provenance=made_from, copies=copied
+                )
+            elif known != path:
+                with atomic(path) as temporary:
+                    shutil.copyfile(known, temporary)
             written.append(path)
         except InputError as error:  # a damaged file; scattering it has said so
             log.debug("%s", error)
@@ -101,6 +158,8 @@ def write_points(
         except InputError:
             path.unlink(missing_ok=True)
             raise
+    shutil.rmtree(store.folder / LABELS, ignore_errors=True)
+    labels.rename(store.folder / LABELS)
     return written
 
 
@@ -112,20 +171,29 @@ def copies_of(store: Store, index: Index) -> dict[int, list[Path]]:
     return {number: some for number, some in paths.items() if all(path.exists() for path in some)}
 
 
-def gather_labels(store: Store, index: Index, blocks: Sequence[Block], owners: Sequence[Block]) -> None:
-    """Fill the files of labels; they are opened anew for every block, for pages stay in memory till then."""
+def gather_labels(
+    folder: Path, store: Store, index: Index, blocks: Sequence[Block], owners: Sequence[Block]
+) -> None:
+    """Fill the files of labels in a folder; they are opened anew for every block, for pages stay in memory
+    till then."""
     total = max(index.points, 1)
+    folder.mkdir(exist_ok=True)
     for name, dtype in TYPES.items():
-        fill_file(store.folder / f"{name}.bin", dtype, total, UNCHANGED if name == "classes" else 0)
+        fill_file(folder / f"{name}.bin", dtype, total, UNCHANGED if name == "classes" else 0)
 
     def opened(name: str) -> np.memmap[Any, Any]:
-        return np.memmap(store.folder / f"{name}.bin", TYPES[name], "r+", shape=(total,))
+        return np.memmap(folder / f"{name}.bin", TYPES[name], "r+", shape=(total,))
 
+    kept = read_numbers(store)
     number, first_plane = 0, 0
     for owner in owners:
         buildings, planes = opened("building_id"), opened("plane_id")
-        for point_id, plane in store.planes(owner):
-            number += 1
+        names = [] if kept is None else [str(row.values["id"]) for row in store.building_rows([owner])]
+        for place, (point_id, plane) in enumerate(store.planes(owner)):
+            if kept is None:
+                number += 1
+            else:
+                number, first_plane, _ = kept.of[names[place]]
             buildings[point_id] = number
             planes[point_id] = np.where(plane > 0, plane + first_plane, 0)
             first_plane += int(plane.max(initial=0))
@@ -142,7 +210,7 @@ def gather_labels(store: Store, index: Index, blocks: Sequence[Block], owners: S
     opened("classes")[store.superseded()] = SUPERSEDED
 
 
-def fill_file(path: Path, dtype: Any, count: int, value: int, piece: int = 1 << 20) -> None:
+def fill_file(path: Path, dtype: Any, count: int, value: int, piece: int = PIECE) -> None:
     """Write a file of `count` equal values. All of it is written: a disk that is full must say so now, for a
     page of memory that finds no place on it later ends the process."""
     values = np.full(min(piece, count), value, dtype)

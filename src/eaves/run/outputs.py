@@ -28,6 +28,7 @@ from eaves.run.exports import export_footprints, export_models
 from eaves.run.join import OwnedBuildings
 from eaves.run.manifest import begin_manifest, note_files
 from eaves.run.neighbours import party_walls
+from eaves.run.numbers import read_numbers
 from eaves.run.region import Region
 from eaves.run.review import REVIEW, review_rows, write_review
 from eaves.run.run import EVERYTHING, Run
@@ -36,7 +37,7 @@ from eaves.run.store import Store
 from eaves.run.workers import peak_memory_mb
 
 if TYPE_CHECKING:
-    from eaves.run.classified_points import PointSink
+    from eaves.run.classified_points import EarlierPoints, PointSink
 
 LONGEST_FIRST = ("classified", "models", "footprints", "rasters", "mask")
 
@@ -52,8 +53,10 @@ class BuildingRows:
     faces: bool = False
 
     def __iter__(self) -> Iterator[Row]:
-        areas = iter(self.shared)
+        areas, kept = iter(self.shared), read_numbers(self.store)
         for number, row in enumerate(self.store.building_rows(self.owners), 1):
+            if kept is not None:
+                number = kept.of[str(row.values["id"])][0]
             if self.faces:
                 yield from (Row(*face) for face in row.faces)
             else:
@@ -78,6 +81,8 @@ class Results:
     doubts: Sequence[Row] = ()
     earlier: EarlierLines | None = None
     """Models that an earlier run wrote, to be written again as they are."""
+    points: EarlierPoints | None = None
+    """Classified points that it wrote, likewise."""
 
     def lines(self) -> Iterator[BuildingModel | Failure | str]:
         """All models and failures, or their earlier lines; what only these are needed of is not decoded."""
@@ -136,7 +141,7 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
         return write_surfaces(store, results.blocks, results.extent, folder, made_from), None
     from eaves.run.classified_points import write_points
 
-    return write_points(store, run, results.blocks, owners, sink), sink
+    return write_points(store, run, results.blocks, owners, sink, results.points), sink
 
 
 def write_outputs(
@@ -145,11 +150,12 @@ def write_outputs(
     plans: Sequence[OwnedBuildings],
     sink: PointSink | None = None,
     earlier: EarlierLines | None = None,
+    points: EarlierPoints | None = None,
 ) -> Summary:
     """Write what is wanted of a region, each file whole or not at all; what came out.
 
     `blocks` and `plans` are those the files are to show; blocks that failed are left out. `earlier` are the
-    models that are written as they were.
+    models that are written as they were, and `points` the classified points.
     """
     run, store, workers, progress = region.run, region.store, region.workers, region.progress
     owners = [plan.owner_block for plan in plans]
@@ -161,7 +167,7 @@ def write_outputs(
     places = (doubt for one in metadata for doubt in one.doubts)
     doubts = doubt_rows(chain(places, face_doubts(store.building_rows(owners))), run.side)
     used = [one.block for one in metadata]
-    results = Results(run, store, used, owners, extent_of(metadata), shared, doubts, earlier)
+    results = Results(run, store, used, owners, extent_of(metadata), shared, doubts, earlier, points)
     if sink is not None:
         sizes = [int(row.values.get("points") or 0) for row in store.building_rows(owners)]
         sink.start(run.index.points, len(sizes), sum(sizes))

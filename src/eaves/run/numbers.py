@@ -1,0 +1,65 @@
+"""The numbers by which the classified points call buildings and roof planes: they stay with them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from eaves.formats.atomic import atomic
+from eaves.model import Block
+from eaves.run.store import Store
+
+NUMBERS = "numbers.json"
+"""Beside the parts of a run that was updated or corrected; else buildings are numbered in their order."""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Id → the number of a building, the number before its first plane, and how many planes that leaves it;
+    and the next free ones. Of buildings that are no more, too: no other takes theirs."""
+
+    of: dict[str, tuple[int, int, int]]
+    next: tuple[int, int]
+
+
+def read_numbers(store: Store) -> Numbers | None:
+    """The numbers that were kept; None where buildings are numbered in their order."""
+    path = store.folder / NUMBERS
+    if not path.exists():
+        return None
+    told = json.loads(path.read_text(encoding="utf-8"))
+    return Numbers({name: tuple(some) for name, some in told["of"].items()}, tuple(told["next"]))
+
+
+def count_planes(store: Store, owners: Sequence[Block]) -> dict[str, int]:
+    """Id → how many planes the points of a building bear, in the order of the buildings."""
+    found = {}
+    for owner in owners:
+        for row, (_, plane) in zip(store.building_rows([owner]), store.planes(owner), strict=True):
+            found[str(row.values["id"])] = int(plane.max(initial=0))
+    return found
+
+
+def numbers_in(store: Store, owners: Sequence[Block]) -> Numbers:
+    """The numbers of the buildings of a store."""
+    return read_numbers(store) or continued(Numbers({}, (1, 0)), count_planes(store, owners))
+
+
+def continued(before: Numbers, planes: dict[str, int]) -> Numbers:
+    """The numbers with those of buildings that came, and new ones for planes that have no room."""
+    of, (number, plane) = dict(before.of), before.next
+    for name, count in planes.items():
+        known = of.get(name)
+        if known is not None and count <= known[2]:
+            continue
+        of[name] = (number if known is None else known[0]), plane, count
+        number, plane = number + (known is None), plane + count
+    return replace(before, of=of, next=(number, plane))
+
+
+def keep_numbers(store: Store, owners: Sequence[Block], before: Numbers) -> None:
+    """Write the numbers of a store's buildings, which follow those before."""
+    now = continued(before, count_planes(store, owners))
+    with atomic(store.folder / NUMBERS) as temporary:
+        temporary.write_text(json.dumps(vars(now)), encoding="utf-8")
