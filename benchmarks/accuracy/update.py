@@ -3,12 +3,20 @@
 `python -m benchmarks.accuracy.update [FOLDER]`: a simulated town of two epochs in tiles of 250 m, of which a
 window with a hundredth of its buildings is flown again; and Delft, of which every other pulse in such a
 window comes as a new tile.
+
+`python -m benchmarks.accuracy.update FOLDER large`: a town of 3 km² in tiles of 500 m, of which windows with
+several shares of the buildings are flown again, in one place and in four. What is in FOLDER/large is used
+again: the points take five minutes to make, the full build six.
+
+`python -m benchmarks.accuracy.update FOLDER edits`: ten edits on Delft, by `eaves rebuild`, start included.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -22,6 +30,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from eaves.change.edits import FLAT_ROOF, FOOTPRINT, NO_BUILDING, PARTY_WALLS, Edit, write_edits
 from eaves.change.kept import open_kept
 from eaves.change.update import Updated, update
 from eaves.change.versions import lines_of
@@ -35,6 +44,9 @@ SEED, AREA_KM2, DENSITIES = 9301, 0.5, (4.0, 5.0)
 TILE_M = 250.0
 SHARE = 0.01
 """Of the buildings lie in the window."""
+LARGE_SEED, LARGE_KM2, LARGE_DENSITIES, LARGE_TILE_M = 9302, 3.0, (2.5, 3.0), 500.0
+PARTS = ((0.0025, 1), (0.01, 1), (0.01, 4), (0.04, 1))
+"""Of the large town: the share of its buildings, and in how many places."""
 OUTPUTS = ("footprints", "models", "mask", "rasters", "classified")
 
 
@@ -54,15 +66,20 @@ def timed(work: Callable[[], Any]) -> tuple[Any, float]:
     return answer, time.process_time() - before
 
 
-def window_in(out: Path, share: float = SHARE) -> tuple[float, float, float, float]:
-    """West, south, east, north of a square in the middle of a run with so much of its buildings."""
+def windows_in(out: Path, share: float = SHARE, places: int = 1) -> list[tuple[float, float, float, float]]:
+    """West, south, east, north of a square in the middle of a run with so much of its buildings; or of four,
+    each in the middle of a quarter, with that much together."""
     middles = shapely.get_coordinates(
         shapely.centroid(read_polygons(out / "footprints.gpkg", "footprints")[0])
     )
-    far = np.abs(middles - np.median(middles, axis=0)).max(axis=1)
-    half = float(np.sort(far)[max(1, round(share * len(far)))])
-    east, north = np.median(middles, axis=0)
-    return east - half, north - half, east + half, north + half
+    low, high = middles.min(axis=0), middles.max(axis=0)
+    quarters = [low + (high - low) * [x, y] for x in (0.25, 0.75) for y in (0.25, 0.75)]
+    found = []
+    for middle in quarters if places == 4 else [np.median(middles, axis=0)]:
+        far = np.sort(np.abs(middles - middle).max(axis=1))
+        half = float(far[max(1, round(share * len(far) / places))])
+        found.append((*(middle - half).tolist(), *(middle + half).tolist()))
+    return found
 
 
 def inside(las: laspy.LasData, window: tuple[float, float, float, float]) -> NDArray[np.bool_]:
@@ -80,9 +97,9 @@ def write_part(las: laspy.LasData, which: NDArray[np.bool_], path: Path) -> None
     part.write(path)
 
 
-def write_tiles(las: laspy.LasData, folder: Path) -> None:
-    """A file a square of `TILE_M`."""
-    place = np.column_stack([np.asarray(las.x) // TILE_M, np.asarray(las.y) // TILE_M]).astype(int)
+def write_tiles(las: laspy.LasData, folder: Path, side: float = TILE_M) -> None:
+    """A file a square of a side (m)."""
+    place = np.column_stack([np.asarray(las.x) // side, np.asarray(las.y) // side]).astype(int)
     for column, row in np.unique(place, axis=0).tolist():
         write_part(las, (place == [column, row]).all(axis=1), folder / f"{column}_{row}.laz")
 
@@ -134,30 +151,33 @@ def row_of(name: str, out: Path, done: Updated, cost: Cost, whole: Path | None) 
     )
     versions = done.versions
     touched = {*versions.new, *versions.remodelled}
-    others = [one for one in before if one not in touched and one not in versions.gone]
+    others = set(before) - touched - {*versions.gone, *done.beside}
     same = sum(after.get(one) == before[one] for one in others)
     kept = sum(one in after for one in others)
     law = "–"
     if whole is not None:
         mine, full = geometry(done.summary.folder), set(geometry(whole).values())
         law = f"{sum(mine[one] in full for one in touched)} of {len(touched)}"
-    share = (cost.update - cost.reading) / cost.full
+    share, less = cost.update / cost.full, (cost.update - cost.reading) / cost.full
     cells = [
         name,
         len(before),
-        f"{len(versions.remodelled)}, {len(versions.new)}, {len(versions.gone)}",
+        f"{len(versions.remodelled)}, {len(versions.new)}, {len(versions.gone)}, {len(done.beside)}",
         f"{kept} of {len(others)}",
         f"{same} of {len(others)}",
         law,
         f"{cost.full:.1f} s",
         f"{cost.update:.1f} s, of it {cost.reading:.1f} s reading",
+        f"{done.blocks[0]} of {done.blocks[1]}",
         f"{share:.1%}",
+        f"{less:.1%}",
     ]
     return f"| {' | '.join(map(str, cells))} |"
 
 
 def reading_of(done: Updated) -> float:
-    """Processor time (s) of reading: the new points, and the inputs whose classified copies are written."""
+    """Processor time (s) of reading: the new points, and the inputs whose classified copies are written anew
+    with these."""
     seconds = done.summary.seconds
     return float(seconds.get("read", 0.0) + seconds.get("write classified", 0.0))
 
@@ -166,7 +186,7 @@ def judge(name: str, place: Path, files: Path, later: laspy.LasData, every: int,
     """Build a survey, update it in a window with every n-th pulse of a later scan, and compare."""
     out = place / "out"
     _, full = timed(lambda: build(str(files), out, keep=True, outputs=OUTPUTS, jobs=1))
-    which = inside(later, window_in(out))
+    which = inside(later, windows_in(out)[0])
     if every > 1:
         pulses = np.unique(np.asarray(later.gps_time), return_inverse=True)[1]
         which &= pulses % every == 0
@@ -179,17 +199,86 @@ def judge(name: str, place: Path, files: Path, later: laspy.LasData, every: int,
     return row_of(name, out, done, Cost(full, spent, reading_of(done)), whole)
 
 
-def main(place: Path) -> None:
+def judge_large(place: Path) -> None:
+    """Print a row for each of `PARTS` of the large town."""
+    if not (place / "later.laz").exists():
+        epochs = simulate_epochs(LARGE_KM2, "slope", seed=LARGE_SEED, style="mixed", changed=0.3)
+        old = Survey(LARGE_DENSITIES[0]).scan(epochs.old, LARGE_SEED)
+        points = write_simulation(old, place / "old")["points"]
+        write_tiles(laspy.read(points), place / "tiles", LARGE_TILE_M)
+        new = later_survey(LARGE_DENSITIES[1]).scan(epochs.new, LARGE_SEED + 1000)
+        write_simulation(new, place / "new")["points"].rename(place / "later.laz")
+    if not (place / "full.json").exists():
+        tiles = str(place / "tiles")
+        _, full = timed(lambda: build(tiles, place / "out", keep=True, outputs=OUTPUTS, jobs=1))
+        (place / "full.json").write_text(json.dumps({"full": full}), encoding="utf-8")
+    full = json.loads((place / "full.json").read_text(encoding="utf-8"))["full"]
+    later = laspy.read(place / "later.laz")
+    for share, places in PARTS:
+        name = f"{share:.2%} in {places}"
+        which = np.zeros(len(later.points), bool)
+        for window in windows_in(place / "out", share, places):
+            which |= inside(later, window)
+        write_part(later, which, place / name / "tile" / "tile.laz")
+        done, spent = timed(
+            lambda folder=place / name: update(
+                place / "out", folder / "tile", folder / "out2", date="2026-05-01"
+            )
+        )
+        cost = Cost(full, spent, reading_of(done))
+        print(row_of(f"large town, {name}", place / "out", done, cost, None), flush=True)
+        print({step: round(value, 1) for step, value in done.summary.seconds.items()}, file=sys.stderr)
+
+
+def judge_edits(place: Path) -> None:
+    """Print the processor time (s) of `eaves rebuild` with ten edits on Delft, several times."""
+    out, edits = place / "out", place / "edits.gpkg"
+    if not out.exists():
+        build(str(Path(os.environ["EAVES_DATA"]) / "delft" / "ahn3.laz"), out, keep=True, jobs=1)
+        polygons, _, rows, system = read_polygons(out / "footprints.gpkg", "footprints")
+        some = [(one, row["id"]) for one, row in zip(polygons, rows, strict=True) if one.area > 40.0]
+        some = some[:: len(some) // 10][:10]
+        west, south, east, north = some[9][0].bounds
+        halves = (
+            shapely.box(west, south, (west + east) / 2, north),
+            shapely.box((west + east) / 2, south, east, north),
+        )
+        told = [Edit(FLAT_ROOF, *one) for one in some[:4]] + [Edit(NO_BUILDING, *one) for one in some[4:7]]
+        told += [Edit(FOOTPRINT, one.buffer(0.3, join_style="mitre"), name) for one, name in some[7:9]]
+        told += [Edit(PARTY_WALLS, some[9][0].intersection(half), some[9][1]) for half in halves]
+        write_edits(edits, told, system)
+        shutil.copytree(out, place / "kept")
+    for _ in range(3):
+        shutil.rmtree(out)
+        shutil.copytree(place / "kept", out)
+        before = os.times()
+        words = [sys.executable, "-m", "eaves", "rebuild", str(out), "--edits", str(edits)]
+        done = subprocess.run(words, check=True, capture_output=True, text=True)
+        after = os.times()
+        spent = after.children_user + after.children_system - before.children_user - before.children_system
+        steps = json.loads((out / "run.json").read_text(encoding="utf-8"))["stage_cpu_seconds"]
+        print(f"{spent:.1f} s; {done.stdout.splitlines()[0]}; {steps}", flush=True)
+
+
+def main(place: Path, what: str = "") -> None:
     """Print a row a survey."""
-    head = ("survey", "buildings", "modelled again, new, gone", "ids kept, of the others")
+    if what == "edits":
+        judge_edits(place / "edits")
+        return
+    head = ("survey", "buildings", "modelled again, new, gone, beside", "ids kept, of the others")
     head += (
         "lines kept, of the others",
         "geometry as by a full build",
         "full build",
         "update",
+        "blocks",
+        "share",
         "without reading",
     )
     print(f"| {' | '.join(head)} |\n{'|---' * len(head)}|")
+    if what == "large":
+        judge_large(place / "large")
+        return
     delft = Path(os.environ["EAVES_DATA"]) / "delft" / "ahn3.laz"
     print(judge("Delft", place / "delft", delft, laspy.read(delft), 2, law=True), flush=True)
     town = place / "town"
@@ -203,7 +292,7 @@ def main(place: Path) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        main(Path(sys.argv[1]))
+        main(Path(sys.argv[1]), *sys.argv[2:3])
     else:
         with tempfile.TemporaryDirectory() as folder:
             main(Path(folder))

@@ -80,6 +80,9 @@ class Updated:
     versions: Versions
     conflicts: tuple[str, ...] = ()
     """Among the edits, and edits whose building is no more."""
+    beside: tuple[str, ...] = ()
+    """Ids of buildings that are as they were but for the walls they share: a neighbour changed. Their lines
+    say the new areas; their version stays, for it is that of the building itself."""
 
     def as_text(self) -> str:
         """The closing lines."""
@@ -92,6 +95,8 @@ class Updated:
             f"{found:,} buildings: {found - new - again:,} as they were, {again:,} modelled again, "
             f"{new:,} new; {gone:,} are no more",
         ]
+        if self.beside:
+            lines.append(f"{len(self.beside):,} of those as they were share other walls with a neighbour")
         return "\n".join([*lines, *(f"conflict: {told}" for told in self.conflicts)])
 
 
@@ -173,14 +178,16 @@ def update(
         lines = EarlierLines.read(folder / MODELS, others, places)
         keep_numbers(region.store, owners, numbers_in(shown, request.owners))
         points = EarlierPoints.of(folder, before, run.index.subset(np.arange(first_new)))
-        plans = [OwnedBuildings(owner, ()) for owner in owners]
+        plans, known = [OwnedBuildings(owner, ()) for owner in owners], set(lines.places)
         summary = write_outputs(region, blocks, plans, earlier=lines, points=points)
+        beside = sorted(known - set(lines.places))
         told = {
             "date": when,
             "inputs": [Path(path).name for path in new],
             "new": len(versions.new),
             "remodelled": len(versions.remodelled),
             "gone": len(versions.gone),
+            "beside": len(beside),
         }
         plan = {**run.plan, "updates": [*request.plan.get("updates", []), told]}
         ended = [*versions.gone, *versions.remodelled]
@@ -193,7 +200,8 @@ def update(
         region.store.keep_plan(plan)
         end_manifest(out, files, summary.about, summary.complete)
         counts = (changed.came, changed.went), (renewed.blocks, len(blocks))
-        return Updated(replace(summary, files=tuple(files)), when, *counts, versions, tuple(conflicts))
+        whole = replace(summary, files=tuple(files))
+        return Updated(whole, when, *counts, versions, tuple(conflicts), tuple(beside))
 
 
 def check_inputs(folder: Path, request: Request, paths: Sequence[str], out: Path) -> list[str]:
