@@ -72,6 +72,8 @@ def replace_points(store: Store, first_new: int, side: float) -> Replacement:
     done = Replacement()
     near = {one for block in cover.blocks for one in ring(block)}
     for block in sorted(near & set(store.blocks(side))):
+        if block not in cover.blocks and not cover.meets(block):
+            continue
         files = {path: read_records(path) for path in sorted(store.points_path(block).glob("*.bin"))}
         kept = {path: np.ones(len(records), bool) for path, records in files.items()}
         old = [path for path in files if number_of(path) < first_new]
@@ -123,8 +125,19 @@ class Cover:
             self._cells[block] = np.unique(np.concatenate(found), axis=0)
         return self._cells[block]
 
+    def meets(self, block: Block) -> bool:
+        """Whether some of a block lies in the area."""
+        margin = 2 * GAP_CELLS + 1
+        return bool(self._grid(block)[0][margin:-margin, margin:-margin].any())
+
     def holds(self, records: Records, block: Block) -> Mask:
         """Which of a block's points (N,) lie in the area."""
+        closed, first = self._grid(block)
+        place = cells_of(records, block) - first
+        return np.asarray(closed[place[:, 0], place[:, 1]])
+
+    def _grid(self, block: Block) -> tuple[Mask, NDArray[np.int64]]:
+        """The cells of a block and of a margin that lie in the area, and the first of them."""
         margin = 2 * GAP_CELLS + 1
         first = np.floor(np.array(block.origin) / COVER_CELL).astype(np.int64) - margin
         count = int(np.ceil(block.side / COVER_CELL)) + 1 + 2 * margin
@@ -134,9 +147,7 @@ class Cover:
             place = place[((place >= 0) & (place < count)).all(axis=1)]
             grid[place[:, 0], place[:, 1]] = True
         wide = 2 * GAP_CELLS + 1
-        closed = ndimage.binary_closing(grid, np.ones((wide, wide)))
-        place = cells_of(records, block) - first
-        return np.asarray(closed[place[:, 0], place[:, 1]])
+        return np.asarray(ndimage.binary_closing(grid, np.ones((wide, wide)))), first
 
 
 def cells_of(records: Records, block: Block) -> NDArray[np.int64]:

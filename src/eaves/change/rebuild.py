@@ -54,7 +54,7 @@ class RememberingStore(Store):
         for owner in owners:
             path = self.path("buildings", owner)
             if path.exists():
-                key = path, path.stat().st_mtime_ns, name
+                key = (*stamp_of(path), name)
                 if key not in REMEMBERED:
                     REMEMBERED[key] = next(iter(super()._sections([owner], name)))
                 yield REMEMBERED[key]
@@ -62,12 +62,16 @@ class RememberingStore(Store):
     def save_buildings(self, owner: Block, results: Sequence[BuildingResult]) -> None:
         """Keep the buildings owned by one block, and remember them."""
         super().save_buildings(owner, results)
-        path = self.path("buildings", owner)
-        stamp = path.stat().st_mtime_ns
-        REMEMBERED[path, stamp, "answers"] = [result.outcome for result in results]
+        REMEMBERED[(*stamp_of(self.path("buildings", owner)), "answers")] = [one.outcome for one in results]
 
 
-REMEMBERED: dict[tuple[Path, int, str], list[Any]] = {}
+def stamp_of(path: Path) -> tuple[int, int]:
+    """What tells a file from all others, whatever its name, for runs share parts, and from itself before."""
+    state = path.stat()
+    return state.st_ino, state.st_mtime_ns
+
+
+REMEMBERED: dict[tuple[int, int, str], list[Any]] = {}
 """What was decoded of parts, by file, time and section."""
 
 

@@ -60,8 +60,8 @@ def plans_to_model(
     owners
         The owner blocks of the earlier run that have results.
     near
-        The blocks in which, or near which, points came or went, or in which buildings find something else.
-        A building in others only has the points that it had, as long as it is joined of the same regions.
+        The blocks in which, or near which, points came or went, and into which a building goes on that these
+        touch.
     """
     mine: dict[Block, set[Block]] = {}
     for plan in (*now, *before):
@@ -74,11 +74,9 @@ def plans_to_model(
         if len({block for block, _ in one.regions}) > 1
     ]
     plans = {plan.owner_block: plan for plan in now}
-    joined = [{plan.owner_block: regions_of(plan) for plan in some} for some in (now, before)]
     todo = []
     for owner in sorted({*plans, *owners}):
-        as_before = owner in owners and joined[0].get(owner) == joined[1].get(owner)
-        if as_before and near.isdisjoint(mine.get(owner, {owner})):
+        if near.isdisjoint(mine.get(owner, {owner})):
             continue
         around = ring(owner)
         across = tuple(
@@ -91,11 +89,6 @@ def plans_to_model(
     return todo
 
 
-def regions_of(plan: OwnedBuildings) -> list[tuple[tuple[Block, int], ...]]:
-    """What each building of an owner block is joined from."""
-    return [one.regions for one in plan.buildings]
-
-
 def touched_blocks(keys: NDArray[np.int64], side: float) -> set[Block]:
     """The blocks that lie within `BORDER` of some cells (`cell_keys`)."""
     column, row = (keys + 2**31) // 2**32, (keys + 2**31) % 2**32 - 2**31
@@ -104,6 +97,28 @@ def touched_blocks(keys: NDArray[np.int64], side: float) -> set[Block]:
     near = [np.floor((place + [right, up]) / side) for right in steps for up in steps]
     found = np.unique(np.concatenate(near).astype(np.int64), axis=0)
     return {Block(int(one), int(other), side) for one, other in found}
+
+
+def goes_on(
+    plans: Sequence[OwnedBuildings], store: Store, near: Set[Block], changed: NDArray[np.int64]
+) -> set[Block]:
+    """The blocks into which buildings of several blocks go on that lie in some (`near`) and are touched."""
+    gatherer, found = Gatherer(store), set[Block]()
+    for plan in plans:
+        for one in plan.buildings:
+            blocks = {block for block, _ in one.regions}
+            if not blocks <= near and not near.isdisjoint(blocks):
+                building = gatherer.gather(plan.owner_block, one)
+                if isinstance(building, BuildingPoints) and is_touched(building, changed):
+                    found |= blocks
+    return found
+
+
+def is_touched(building: BuildingPoints, changed: NDArray[np.int64]) -> bool:
+    """Whether points near those of a building came or went."""
+    place = np.floor((building.xyz[:, :2] + building.owner_block.origin) / COVER_CELL)
+    keys = cell_keys(np.unique(place.astype(np.int64), axis=0))
+    return bool(is_among(keys, changed).any())
 
 
 def model_again(
@@ -149,7 +164,7 @@ class Known:
         mine = np.arange(len(buildings) + len(self._around)) < len(buildings)
         now = [*buildings, *self._around]
         outlines = [*(outline_of(one) for one in self._results), *(outline for _, outline in self._beyond)]
-        touched = np.array([self._touches(one) for one in now], bool)
+        touched = np.array([is_touched(one, self._changed) for one in now], bool)
         lost = np.array([self._meets(outline) for outline in outlines], bool)
         points = Owners([one.point_id for one in now])
         old = Owners([*(one.point_id for one in self._results), *(ids for ids, _ in self._beyond)])
@@ -184,12 +199,6 @@ class Known:
                 if apart <= MOVED and building.given is None:
                     return found
         return None
-
-    def _touches(self, building: BuildingPoints) -> bool:
-        """Whether points near those of a building came or went."""
-        place = np.floor((building.xyz[:, :2] + building.owner_block.origin) / COVER_CELL)
-        keys = cell_keys(np.unique(place.astype(np.int64), axis=0))
-        return bool(is_among(keys, self._changed).any())
 
     def _meets(self, outline: Polygon) -> bool:
         """Whether points near an outline (world metres) came or went."""

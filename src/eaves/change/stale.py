@@ -12,7 +12,6 @@ import filecmp
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -44,20 +43,10 @@ def link_tree(source: Path, target: Path) -> None:
                 link_file(Path(folder) / name, place / name)
 
 
-@dataclass(frozen=True)
-class Renewed:
-    """What an update computed again."""
-
-    blocks: int
-    """So many blocks were detected again."""
-    differ: frozenset[Block]
-    """The blocks in which buildings find something else than before."""
-
-
 def compute_stale(
     region: Region, before: Store, places: Mapping[Block, Sequence[Bounds]], blocks: Sequence[Block]
-) -> Renewed:
-    """Compute again what follows from changed points, and nothing else.
+) -> int:
+    """Compute again what follows from changed points, and nothing else; how many blocks were.
 
     Parameters
     ----------
@@ -86,26 +75,13 @@ def compute_stale(
     again = near(blocks, changed, recipe.scene_buffer) | touched
     remove(store, "blocks", again)
     region.compute_blocks(blocks)
-    renewed = [block for block in again if not is_same_file(before, store, block)]
-    held = set(blocks)
-    return Renewed(
-        sum(block in held for block in renewed),
-        frozenset(block for block in renewed if not shows_the_same(before, store, block)),
-    )
+    return sum(not is_same_file(before, store, block) for block in again & set(blocks))
 
 
 def is_same_file(before: Store, after: Store, block: Block) -> bool:
     """Whether the results of a block were taken over."""
     old, new = before.path("blocks", block), after.path("blocks", block)
     return old.exists() and new.exists() and filecmp.cmp(old, new)
-
-
-def shows_the_same(before: Store, after: Store, block: Block) -> bool:
-    """Whether buildings find in a block what they found before."""
-    if not (before.has("blocks", block) and after.has("blocks", block)):
-        return False
-    with before.open_block(block) as old, after.open_block(block) as new:
-        return new.shows_buildings_of(old)
 
 
 def renew_wide(region: Region, before: Store, places: Sequence[Bounds]) -> list[Bounds]:

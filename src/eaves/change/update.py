@@ -26,9 +26,17 @@ from eaves.change.kept import (
     write_request,
 )
 from eaves.change.points import Replacement, number_of, replace_points
-from eaves.change.rebuild import LAYER, ORIGINALS, RememberingStore, State, changed_in_layer, is_edited
-from eaves.change.reuse import changed_keys, model_again, plans_to_model, touched_blocks
-from eaves.change.stale import Renewed, compute_stale, link_tree
+from eaves.change.rebuild import (
+    LAYER,
+    ORIGINALS,
+    REMEMBERED,
+    RememberingStore,
+    State,
+    changed_in_layer,
+    is_edited,
+)
+from eaves.change.reuse import changed_keys, goes_on, model_again, plans_to_model, touched_blocks
+from eaves.change.stale import compute_stale, link_tree
 from eaves.change.versions import Versions, known_ids, name_versions, write_history
 from eaves.formats import InputError
 from eaves.formats.atomic import report_full_disk
@@ -55,7 +63,7 @@ log = logging.getLogger("eaves")
 EARLIER = "earlier"
 """Folder, within the parts of an update under way, of those of the run that it goes on from."""
 
-REMEMBERED = 1000
+REMEMBERED_BLOCKS = 1000
 """The buildings of so many owner blocks are kept in memory while their files are written; of more they are
 read again for each."""
 
@@ -136,6 +144,7 @@ def update(
         When the folder keeps no parts, or the new points do not fit it; nothing is written then.
     """
     folder, out = Path(folder), Path(out)
+    REMEMBERED.clear()
     request = read_request(folder)
     new = check_inputs(folder, request, list_inputs(inputs), out)
     when = date_of(new, date)
@@ -152,6 +161,9 @@ def update(
         shown = replace(region.store, folder=folder / WORK)
         check_edits(folder, shown)
         before = take_parts(folder, region.store, request)
+        few = len(request.owners) <= REMEMBERED_BLOCKS
+        if few:
+            shown, before = RememberingStore(**vars(shown)), RememberingStore(**vars(before))
         own = {os.path.realpath(run.index.path(k)) for k in range(len(run.index))}
         first_new = len(own & set(request.inputs))
         try:
@@ -162,13 +174,13 @@ def update(
         begin_manifest(out)
         blocks = region.used_blocks()
         region.check_rasters(blocks)
-        renewed = compute_stale(region, before, changed.places, blocks)
+        computed = compute_stale(region, before, changed.places, blocks)
         plans = region.join(blocks, Core(holds=lambda block: True))
         old = planned(request, before, run, workers)
         versions, owners = model_changed(
-            region, before, plans, old, request, changed, renewed, known_ids(folder), when
+            region, before, plans, old, request, changed, known_ids(folder), when
         )
-        if len(owners) <= REMEMBERED:
+        if few:
             region.store = RememberingStore(**vars(region.store))
         edits, orders, conflicts, owners = edit_again(folder, region, blocks, owners, progress)
         outputs = tuple(name for name in run.outputs if name != "report")
@@ -199,7 +211,7 @@ def update(
         )
         region.store.keep_plan(plan)
         end_manifest(out, files, summary.about, summary.complete)
-        counts = (changed.came, changed.went), (renewed.blocks, len(blocks))
+        counts = (changed.came, changed.went), (computed, len(blocks))
         whole = replace(summary, files=tuple(files))
         return Updated(whole, when, *counts, versions, tuple(conflicts), tuple(beside))
 
@@ -370,7 +382,6 @@ def model_changed(
     old: Sequence[OwnedBuildings],
     request: Request,
     changed: Replacement,
-    renewed: Renewed,
     ended: set[str],
     date: str,
 ) -> tuple[Versions, list[Block]]:
@@ -378,9 +389,10 @@ def model_changed(
     versions, and the blocks that own buildings."""
     store, run = region.store, region.run
     cells = changed_keys(np.concatenate(changed.cells))
-    near = touched_blocks(cells, run.side) | renewed.differ
+    near = touched_blocks(cells, run.side)
     if run.given is not None:  # given outlines may overlap, and share points across blocks
         near = {block for one in {*near, *changed.places} for block in ring(one)}
+    near |= goes_on(plans, store, near, cells) | goes_on(old, before, near, cells)
     todo = plans_to_model(plans, old, request.owners, near)
     again = {one.now.owner_block for one in todo}
     for plan in plans:

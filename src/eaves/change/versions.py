@@ -7,6 +7,7 @@ it left it. A building that no update has touched has neither, and is version 1.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -27,6 +28,9 @@ from eaves.run.store import Store
 
 HISTORY = "history.city.jsonl"
 """File of the versions that are no more: a line each, with `terminationDate`."""
+
+HEAD = re.compile(r'\{"type":"CityJSONFeature","id":"([^"\\]+)"')
+"""How a line begins, of an id that is written as it is."""
 
 VERSION, CREATED, TERMINATED, IDENTIFIER = "version", "creationDate", "terminationDate", "identifier"
 """Attributes of versions; `identifier` is the building's id, which its versions share."""
@@ -238,7 +242,13 @@ def lines_of(path: Path) -> dict[str, str]:
         return {}
     with path.open(encoding="utf-8") as file:
         next(file, None)
-        return {json.loads(line)["id"]: line for line in file}
+        return {id_of(line): line for line in file}
+
+
+def id_of(line: str) -> str:
+    """The id of a line: of all lines of a town few are decoded."""
+    known = HEAD.match(line)
+    return known[1] if known else str(json.loads(line)["id"])
 
 
 def known_ids(folder: Path) -> set[str]:

@@ -21,11 +21,6 @@ from eaves.run.part_file import open_part, save_part
 
 CANDIDATE_HEIGHT = 1.0
 """Points lower than this (m) over the terrain belong to no roof."""
-OF_BUILDINGS = (
-    *("quanta", "label", "high", "not_last", "score", "dtm", "ground"),
-    *("seam_id", "seam_label", "sides"),
-)
-"""The arrays that the join and the building pass read as they are."""
 BORDER = 6.0
 """A region with points this near (m) to a side of its block may go on, or need terrain, beyond it: more than
 the seam, the gap a detector bridges and the margin of terrain around a building."""
@@ -179,17 +174,6 @@ class BlockFile:
         """Extent, seconds and doubts."""
         doubts = tuple(Doubt(**doubt) for doubt in self.about["doubts"])
         return BlockMetadata(self.block, Bounds(*self.about["extent"]), self.about["seconds"], doubts)
-
-    def shows_buildings_of(self, other: BlockFile) -> bool:
-        """Whether buildings find in this file all that they find in another of the same block."""
-        if self.about["spacing"] != other.about["spacing"]:
-            return False
-        if not all(np.array_equal(self[name], other[name]) for name in OF_BUILDINGS):
-            return False
-        which = self["candidate"], other["candidate"]
-        return all(
-            np.array_equal(self[name][which[0]], other[name][which[1]]) for name in ("point_id", "part")
-        )
 
     def raster(self, name: str) -> Raster:
         """`dtm`, `dsm` or `ground` (1 where a cell holds a ground point), about the block's corner."""
