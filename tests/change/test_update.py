@@ -224,19 +224,20 @@ def test_the_classified_points_withhold_what_gave_way(epochs: Path, updated: Upd
 
 @pytest.mark.slow
 def test_edits_are_kept__and_an_update_follows_an_update(epochs: Path, updated: Updated) -> None:
-    polygons, _, rows, _ = read_polygons(epochs / "out2" / "footprints.gpkg", "footprints")
+    shutil.copytree(epochs / "out2", epochs / "corrected")
+    polygons, _, rows, _ = read_polygons(epochs / "corrected" / "footprints.gpkg", "footprints")
     outlines = {row["id"]: polygon for polygon, row in zip(polygons, rows, strict=True)}
     kept = next(name for name in outlines if name not in updated.versions.remodelled)
     write_edits(epochs / "edit.gpkg", [Edit(NO_BUILDING, outlines[kept], kept)], LOCAL_METRES)
-    rebuild(epochs / "out2", epochs / "edit.gpkg")
-    before = lines_of(epochs / "out2" / "buildings.city.jsonl")
+    rebuild(epochs / "corrected", epochs / "edit.gpkg")
+    before = lines_of(epochs / "corrected" / "buildings.city.jsonl")
     (epochs / "back").mkdir()
     las = laspy.read(epochs / "old" / "points.laz")
     inside = shapely.contains_xy(outlines[updated.versions.remodelled[0]].buffer(5.0), las.x, las.y)
     tile = laspy.LasData(las.header)
     tile.points = las.points[inside].copy()
     tile.write(epochs / "back" / "back.laz")
-    done = update(epochs / "out2", epochs / "back", epochs / "out3", date="2027-05-01")
+    done = update(epochs / "corrected", epochs / "back", epochs / "out3", date="2027-05-01")
     after = lines_of(epochs / "out3" / "buildings.city.jsonl")
     assert done.versions.remodelled == updated.versions.remodelled
     assert set(after) == set(before)
