@@ -136,7 +136,8 @@ def classify_ground(
     good = np.flatnonzero(~(low | high))
     taken, good = taken.take(good), left[good]
     order = taken.canonical_order()
-    taken = taken.take(order)
+    taken, place = taken.take(order), good.take(order)
+    del left, good, order, low, high, finite  # of a dense square they would be alive at the peak of memory
     if wide is None and len(taken):
         patch = filter_.find_wide_objects(Floor.of(taken))
         wide = None if patch is None else WideObjects((patch,))
@@ -145,11 +146,11 @@ def classify_ground(
         mask, found = filter_.separate(taken, emitter(debug))
     else:
         mask = filter_.ground_mask_among(taken, wide.place(taken), emitter(debug))
-    classes[good[order[mask]]] = GROUND
+    classes[place[mask]] = GROUND
     part = None
     if found is not None:
         part = np.zeros(len(cloud), np.uint8)
-        part[good[order]] = found
+        part[place] = found
     return cloud.with_(classification=classes, part=part)
 
 

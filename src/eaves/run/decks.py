@@ -147,15 +147,21 @@ def wet_or_bridged(cloud: PointCloud, decks: Sequence[Decks], rules: DeckRules =
     """`BRIDGE_DECK` or `WATER` for the points (N,) of a cloud on either, 0 for the others."""
     found = np.zeros(len(cloud), np.uint8)
     for one in decks:
-        if not (np.isfinite(one.level).any() or np.isfinite(one.water).any()):
+        said = np.isfinite(one.level) | np.isfinite(one.water)
+        if not said.any():
             continue
+        rows, columns = (np.flatnonzero(said.any(axis=axis)) for axis in (1, 0))
+        west, south = (one.west + columns[0]) * one.cell, (one.north - rows[-1]) * one.cell
+        east, north = (one.west + columns[-1] + 1) * one.cell, (one.north - rows[0] + 1) * one.cell
+        near = Bounds(west, south, east, north).translated(-cloud.origin[0], -cloud.origin[1])
+        there = np.flatnonzero(near.buffered(one.cell).contains(cloud.xyz))
         right, up = (round(value / GRID_STEP) for value in cloud.origin)
         side = round(one.cell / GRID_STEP)
-        column = (np.rint(cloud.xyz[:, 0] / GRID_STEP).astype(np.int64) + right) // side - one.west
-        row = one.north - (np.rint(cloud.xyz[:, 1] / GRID_STEP).astype(np.int64) + up) // side
-        rows, columns = one.level.shape
-        there = np.flatnonzero((row >= 0) & (column >= 0) & (row < rows) & (column < columns))
-        z, place = cloud.xyz[there, 2], (row[there], column[there])
+        column = (np.rint(cloud.xyz[there, 0] / GRID_STEP).astype(np.int64) + right) // side - one.west
+        row = one.north - (np.rint(cloud.xyz[there, 1] / GRID_STEP).astype(np.int64) + up) // side
+        inside = (row >= 0) & (column >= 0) & (row < said.shape[0]) & (column < said.shape[1])
+        there, place = there[inside], (row[inside], column[inside])
+        z = cloud.xyz[there, 2]
         with np.errstate(invalid="ignore"):
             found[there[z <= one.water[place]]] = WATER
             on = (z <= one.level[place] + rules.on_deck) & (z >= one.base[place])

@@ -49,6 +49,7 @@ def classify_squares(squares: Sequence[Block], store: Store, recipe: Recipe, sid
     for square in squares[1:]:
         seen = seen.union(square.bounds.buffered(reach))
     cloud, pieces = store.load_points(seen, squares[0].origin, side)
+    cloud = cloud.with_(point_id=None)
     ends = np.cumsum([0, *(len(piece.which) for piece in pieces)])
     for row in sorted({square.row for square in squares}):
         line = [square for square in squares if square.row == row]

@@ -95,6 +95,10 @@ class Floor:
             return
         theirs = np.s_[r0 - above : r1 - above, c0 - left : c1 - left]
         mine = np.s_[r0:r1, c0:c1]
+        if not self.count[mine].any():  # blocks are whole cells, so they share none
+            self.lowest[mine], self.second[mine] = other.lowest[theirs], other.second[theirs]
+            self.count[mine] = other.count[theirs]
+            return
         merge_kernel(
             self.lowest[mine],
             self.second[mine],
