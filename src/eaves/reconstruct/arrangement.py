@@ -298,7 +298,8 @@ class Arrangement(LineReconstructor):
         plan, chosen = settle_corners(
             plan, chosen, roof, coefficients, spacing, costs, self.corner_price(spacing), self.corner_reach
         )
-        emit("plan", plan.polygons())
+        if emit is not ignore:
+            emit("plan", plan.polygons())
         emit("plane of each cell", chosen)
         smallest_face = max(self.least_area, min(self.smallest, self.smallest_points * spacing**2))
         limits = (smallest_face, max(self.least_width, self.narrowest * spacing))

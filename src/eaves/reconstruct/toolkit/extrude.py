@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,10 +67,11 @@ def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> lis
         solids = []
         for part, cells in plan.parts():
             columns = make_columns(part, planes[cells], base)
-            nodes = find_contacts(part, columns)
+            spans = wall_spans(part, columns)
+            nodes = find_contacts(part, columns, spans)
             touching += list(part.nodes[nodes])
             if not touching:
-                solids.append(close_solid(part, columns, names[cells]))
+                solids.append(close_solid(part, columns, spans, names[cells]))
         if not touching:
             return solids
         stepped = step_back(plan, planes, base, touching)
@@ -160,9 +161,9 @@ def make_columns(coverage: Coverage, planes: NDArray[np.float64], base: float) -
     return Columns(np.column_stack([coverage.nodes[node[first]], middle]), number)
 
 
-def wall_spans(coverage: Coverage, columns: Columns) -> tuple[Integers, NDArray[np.int64]]:
-    """The half-edges (W,) that carry a wall, and its vertex numbers (W, 4): foot and top over start, foot
-    and top over end.
+def wall_spans(coverage: Coverage, columns: Columns) -> Integers:
+    """The vertex numbers (W, 4) of the walls: foot and top over the start of an edge, foot and top over its
+    end.
     """
     top_start, top_end = columns.vertex, columns.vertex[coverage.following]
     foot_start, foot_end = top_end[coverage.twin], top_start[coverage.twin]
@@ -172,25 +173,23 @@ def wall_spans(coverage: Coverage, columns: Columns) -> tuple[Integers, NDArray[
         & (top_end >= foot_end)
         & ((top_start > foot_start) | (top_end > foot_end))
     )
-    halves = np.flatnonzero(wall)
-    spans = np.column_stack([foot_start, top_start, foot_end, top_end])[halves]
-    return halves, spans
+    return np.column_stack([foot_start, top_start, foot_end, top_end])[wall]
 
 
-def find_contacts(coverage: Coverage, columns: Columns) -> Integers:
-    """The nodes (K,) whose columns have a stretch that more than two walls share."""
-    _, spans = wall_spans(coverage, columns)
-    change = np.zeros(len(columns.vertices) + 1, np.int64)
-    for low, high in ((spans[:, 0], spans[:, 1]), (spans[:, 2], spans[:, 3])):
-        np.add.at(change, low, 1)
-        np.add.at(change, high, -1)
+def find_contacts(coverage: Coverage, columns: Columns, spans: Integers) -> Integers:
+    """The nodes (K,) whose columns have a stretch that more than two walls, with `spans` (W, 4), share."""
+    size = len(columns.vertices) + 1
+    change = np.bincount(spans[:, 0::2].ravel(), minlength=size)
+    change -= np.bincount(spans[:, 1::2].ravel(), minlength=size)
     shared = np.flatnonzero(np.cumsum(change) > 2)
+    if len(shared) == 0:
+        return shared
     return np.unique(coverage.start[np.isin(columns.vertex, shared)])
 
 
-def close_solid(coverage: Coverage, columns: Columns, names: Integers) -> Solid:
-    """The solid of a connected plan: one ground face, a roof face for each cell, named by `names` (C,),
-    the walls.
+def close_solid(coverage: Coverage, columns: Columns, spans: Integers, names: Integers) -> Solid:
+    """The solid of a connected plan: one ground face, a roof face for each cell, named by `names` (C,), and
+    the walls, with `spans` (W, 4).
     """
     ground: list[list[int]] = []
     roofs: list[list[list[int]]] = [[] for _ in range(coverage.count)]
@@ -205,7 +204,6 @@ def close_solid(coverage: Coverage, columns: Columns, names: Integers) -> Solid:
         Face(tuple(tuple(ring) for ring in own), ROOF_SURFACE, int(names[cell]))
         for cell, own in enumerate(roofs)
     ]
-    _, spans = wall_spans(coverage, columns)
     for foot_start, top_start, foot_end, top_end in spans.tolist():
         up, down = range(foot_end, top_end + 1), range(top_start, foot_start - 1, -1)
         faces.append(Face(((*up, *down),), WALL_SURFACE))
@@ -361,7 +359,8 @@ def tidy(
     plan, labels = absorb_slivers(plan, labels, smallest, narrowest)
     plan, labels = drop_straight_nodes(plan, labels)
     straight = drop_straight_nodes(plan, labels, JOG)
-    plan, labels = straight if is_sound(straight[0]) else (plan, labels)
+    if straight[0] is not plan and is_sound(straight[0]):
+        plan, labels = straight
     return weld_necks(plan, labels)
 
 
@@ -373,14 +372,15 @@ def number_faces(solids: list[Solid], labels: Integers) -> Extrusion:
         for face in solid.faces:
             if face.surface == ROOF_SURFACE and face.plane is not None:
                 used.append(int(labels[face.plane]))
-                face = replace(face, plane=len(used) - 1)
+                face = Face(face.rings, face.surface, len(used) - 1)
             faces.append(face)
-        answer.append(replace(solid, faces=tuple(faces)))
+        answer.append(Solid(solid.vertices, tuple(faces)))
     return Extrusion(tuple(answer), np.array(used, np.int64))
 
 
 def without_numbers(solids: tuple[Solid, ...]) -> tuple[Solid, ...]:
     """The solids with roof faces that belong to no roof plane, as at the coarser levels."""
     return tuple(
-        replace(solid, faces=tuple(replace(face, plane=None) for face in solid.faces)) for solid in solids
+        Solid(solid.vertices, tuple(Face(face.rings, face.surface) for face in solid.faces))
+        for solid in solids
     )

@@ -126,10 +126,11 @@ def absorb_slivers(
 ) -> tuple[Coverage, Integers]:
     """The coverage with cells too small (m²) or narrow (m) given to the neighbour they share most with."""
     for _ in range(ROUNDS):
+        if coverage.count < 2:
+            break
         twin = coverage.cell[coverage.twin]
         inner = (coverage.cell >= 0) & (twin >= 0)
-        shared = np.zeros(coverage.count)
-        np.add.at(shared, coverage.cell[inner], coverage.length[inner])
+        shared = np.bincount(coverage.cell[inner], coverage.length[inner], coverage.count)
         bad = ((coverage.area < smallest_area) | (widths(coverage) < narrowest)) & (shared > 0.0)
         if not bad.any():
             break

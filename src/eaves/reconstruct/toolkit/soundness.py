@@ -8,9 +8,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from eaves.geometry.planes import eigen_kernel
 from eaves.geometry.rings import polygons_of, ring_edges
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
-from eaves.model import Solid
+from eaves.kernels import kernel
+from eaves.model import Mask, Points, Solid
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
 
 FLATTEST_SHARE = 0.9
@@ -28,6 +30,12 @@ MOST_BEND = 1.2
 MOST_FOLD_DEG = 9.0
 """Angle (degrees) between triangles of one face; under half of val3dity's 20, as any two may be compared."""
 
+MOST_CORNERS = 16
+"""Corners of a sloped face all triples of which are looked at; larger faces are cut into triangles."""
+
+LONGEST_RING = 200
+"""Corners of a face all pairs of whose edges are looked at; larger ones are left to an index of edges."""
+
 
 def find_defect(solid: Solid) -> str:
     """What is wrong with a solid extruded from a plan, in a few words; empty when it is sound.
@@ -44,24 +52,130 @@ def find_defect(solid: Solid) -> str:
     there, back = np.sort(start * count + end), np.sort(end * count + start)
     if np.any(np.diff(there) == 0) or not np.array_equal(there, back):
         return "an edge that is not used once each way"
-    flat = {
-        number: on_own_plane(solid, face.rings)
-        for number, face in enumerate(solid.faces)
-        if face.surface != WALL_SURFACE and sum(map(len, face.rings)) > 3 and not is_level(solid, face.rings)
-    }
+    clear, steady = surely_sound(solid)
+    flat = {number: on_own_plane(solid, solid.faces[number].rings) for number in steady}
     if any(np.abs(places[:, 2]).max() > FLATTEST_SHARE * PLANARITY for places in flat.values()):
         return "a roof face that is not planar"
     ground = solid.vertices[solid.faces[0].rings[0][0], 2]
     roof = {v for face in solid.faces if face.surface == ROOF_SURFACE for v in face.rings[0]}
     if solid.vertices[list(roof), 2].min() < ground + LOWEST_WALL:
         return "a roof that reaches the ground"
-    return plan_defect(solid) or bend_defect(solid, flat) or fold_defect(solid, flat)
+    return (not clear and plan_defect(solid)) or bend_defect(solid, flat) or fold_defect(solid, flat)
 
 
-def is_level(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> bool:
-    """Whether a face's vertices are at one height: it is planar, has no fold, and its plane is the plan."""
-    heights = solid.vertices[[vertex for ring in rings for vertex in ring], 2]
-    return bool((heights == heights[0]).all())
+def surely_sound(solid: Solid) -> tuple[bool, list[int]]:
+    """Whether the plan of the faces that are not walls is certainly sound, and the numbers of those that may
+    not be planar, or have a bend or a fold."""
+    numbers = [number for number, face in enumerate(solid.faces) if face.surface != WALL_SURFACE]
+    rings = [ring for number in numbers for ring in solid.faces[number].rings]
+    first = np.cumsum([0, *map(len, rings)])
+    faces = np.cumsum([0, *(len(solid.faces[number].rings) for number in numbers)])
+    places = solid.vertices[[vertex for ring in rings for vertex in ring]]
+    sure = steady_faces_kernel(places, first[faces])
+    return bool(clear_plan_kernel(places, first, faces)), [
+        number for number, one in zip(numbers, sure.tolist(), strict=True) if not one
+    ]
+
+
+@kernel
+def steady_faces_kernel(places: Points, first: NDArray[np.int64]) -> Mask:
+    """Which faces (F,), with corners `first[f]` to `first[f + 1]` of `places` (K, 3), have three corners, or
+    are level, or are planar and have only triples of corners that lean like the face, by less than half of
+    `MOST_FOLD_DEG`.
+
+    Such a face has neither bends nor folds however it is cut into triangles, and as seen along its normal its
+    corners lie to each other as in plan.
+    """
+    sure = np.zeros(len(first) - 1, np.bool_)
+    covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    least = np.cos(np.radians(0.5 * MOST_FOLD_DEG - 0.1))
+    for face in range(len(sure)):
+        some = places[first[face] : first[face + 1]]
+        count = len(some)
+        level = True
+        for one in range(count):
+            level &= some[one, 2] == some[0, 2]
+        if level or count <= 3:
+            sure[face] = True
+            continue
+        if count > MOST_CORNERS:
+            continue
+        mean = np.zeros(3)
+        for one in range(count):
+            mean += some[one]
+        centred = some - mean / count
+        covariance[:] = 0.0
+        for one in range(count):
+            for k in range(3):
+                for m in range(3):
+                    covariance[k, m] += centred[one, k] * centred[one, m]
+        eigen_kernel(covariance, vectors, values)
+        x, y, z = vectors[0, 0], vectors[1, 0], vectors[2, 0]
+        good = True
+        for one in range(count):
+            away = centred[one, 0] * x + centred[one, 1] * y + centred[one, 2] * z
+            good &= abs(away) < FLATTEST_SHARE * PLANARITY - 1e-6
+        for one in range(count):
+            for other in range(one + 1, count):
+                if not good:
+                    break
+                u, v, w = some[other] - some[one]
+                for third in range(other + 1, count):
+                    a, b, c = some[third] - some[one]
+                    nx, ny, nz = v * c - w * b, w * a - u * c, u * b - v * a
+                    lean = (nx * x + ny * y + nz * z) / max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-12)
+                    good &= (lean if nz * z > 0.0 else -lean) > least
+        sure[face] = good
+    return sure
+
+
+@kernel
+def clear_plan_kernel(places: Points, first: NDArray[np.int64], faces: NDArray[np.int64]) -> bool:
+    """Whether faces are single rings, simple, with corners and edges well over `CLOSEST` apart in plan, and all
+    but the first cover the first. Corners of ring r are `first[r]` to `first[r + 1]` of `places` (K, 3),
+    rings of face f `faces[f]` to `faces[f + 1]`."""
+    if len(faces) != len(first):
+        return False
+    reach = (CLOSEST + 1e-5) ** 2
+    whole, covered, length = 0.0, 0.0, 0.0
+    for face in range(len(first) - 1):
+        some = places[first[face] : first[face + 1]]
+        count, area = len(some), 0.0
+        if count > LONGEST_RING:
+            return False
+        for one in range(count):
+            after = (one + 1) % count
+            ax, ay = some[one, 0], some[one, 1]
+            u, v = some[after, 0] - ax, some[after, 1] - ay
+            square = u * u + v * v
+            if square < reach:
+                return False
+            area += (ax - some[0, 0]) * v - (ay - some[0, 1]) * u
+            length += np.sqrt(square) if face == 0 else 0.0
+            side = 0.0
+            for step in range(2, count + 1):
+                corner = (one + step) % count
+                x, y = some[corner, 0] - ax, some[corner, 1] - ay
+                before, side = side, u * y - v * x
+                if corner == one:
+                    break
+                along = min(max((x * u + y * v) / square, 0.0), 1.0)
+                if (x - along * u) ** 2 + (y - along * v) ** 2 < reach:
+                    return False
+                if step == 2 or before * side > 0.0:
+                    continue
+                # the edge from the corner before crosses the line of this one: does this one cross its line?
+                last = (corner + count - 1) % count
+                p, q = some[corner, 0] - some[last, 0], some[corner, 1] - some[last, 1]
+                here = p * (ay - some[last, 1]) - q * (ax - some[last, 0])
+                there = p * (ay + v - some[last, 1]) - q * (ax + u - some[last, 0])
+                if here * there <= 0.0:
+                    return False
+        if face == 0:
+            whole = 0.5 * abs(area)
+        else:
+            covered += 0.5 * abs(area)
+    return abs(whole - covered) < 0.99 * COORDINATE_STEP * length
 
 
 def on_own_plane(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import shapely
 
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.reconstruct.toolkit.coverage import Coverage, ring_order_kernel
-from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
+from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers, has_neck_kernel
 from eaves.reconstruct.toolkit.overlay import NARROWEST_NECK
 from eaves.reconstruct.toolkit.simplification import contract, corner_rank, is_sound
 
@@ -27,7 +27,9 @@ def weld_necks(
     wider than that: it is closed, and the cell becomes two. The nearest go first; corners of the outline
     stay. A weld that would fold the plan is left out.
     """
-    if coverage.count < 2:
+    if coverage.count < 2 or not has_neck_kernel(
+        coverage.nodes, coverage.start, coverage.end, reach + COORDINATE_STEP
+    ):
         return coverage, labels
     refused: set[tuple[float, ...]] = set()
     for _ in range(MOST_WELDS):
