@@ -9,6 +9,7 @@ import pgeof
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from eaves.geometry.percentiles import median, quantile
 from eaves.kernels import kernel
 from eaves.model import Points, Values
 
@@ -185,7 +186,7 @@ def planes_around(queries: Points, xyz: Points, count: int, most: int) -> LocalP
     local_planes_kernel(xyz, neighbours, count, LINE_RATIO, normals, eigenvalues, counts)
     total = eigenvalues.sum(axis=1)
     curvature = eigenvalues[:, 0] / np.where(total > 0.0, total, 1.0)  # [xiao2014], eq. 3
-    spacing = float(np.median(farthest) * np.sqrt(np.pi / most))
+    spacing = float(median(farthest) * np.sqrt(np.pi / most))
     noise = measure_noise(eigenvalues[:, 0], counts)
     return LocalPlanes(neighbours, counts, normals, eigenvalues, curvature, noise, max(spacing, 1e-3))
 
@@ -203,7 +204,7 @@ def nearest(queries: Points, xyz: Points, count: int) -> tuple[NDArray[np.int64]
 def measure_noise(
     smallest_eigenvalues: Values,
     counts: NDArray[np.int64],
-    quantile: tuple[float, float] = NOISE_QUANTILE,
+    calm: tuple[float, float] = NOISE_QUANTILE,
 ) -> float:
     """Standard deviation (m) of points about their surface, from local fits (N,) with `counts` points each.
 
@@ -212,7 +213,7 @@ def measure_noise(
     approximation).
     """
     freedom = np.maximum(counts - 3, 1)
-    variance = float(np.quantile(smallest_eigenvalues * counts / freedom, quantile[0]))
-    d = float(np.median(freedom))
-    share = (1.0 - 2.0 / (9.0 * d) + quantile[1] * np.sqrt(2.0 / (9.0 * d))) ** 3
-    return float(np.clip(np.sqrt(variance / share), MIN_NOISE, MAX_NOISE))
+    variance = quantile(smallest_eigenvalues * counts / freedom, calm[0])
+    d = median(freedom)
+    share = (1.0 - 2.0 / (9.0 * d) + calm[1] * np.sqrt(2.0 / (9.0 * d))) ** 3
+    return float(min(max(np.sqrt(variance / share), MIN_NOISE), MAX_NOISE))

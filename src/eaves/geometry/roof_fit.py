@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.rings import area_vector, polygons_of
+from eaves.kernels import kernel
 from eaves.model import Mask, Points, Values
 
 NEAR = 0.3
@@ -93,14 +94,58 @@ def fit_roof(points: Points, faces: RoofFaces) -> RoofFit:
     """Each point (N, 3) against the highest face at its x, y."""
     face = np.full(len(points), -1)
     if len(points) and len(faces.polygons):
-        under, over = points_in_polygons(points, *edges_of(faces.polygons), len(faces.polygons))
-        a, b, c = faces.coefficients[over].T
-        height = a * points[under, 0] + b * points[under, 1] + c
-        order = np.lexsort((-over, height))  # the highest comes last; of equals the first face
-        face[under[order]] = over[order]
+        face, _ = highest_faces(points, *edges_of(faces.polygons), faces.coefficients)
     hit = face >= 0
     vertical, distance = np.full((2, len(points)), np.nan)
     a, b, c = faces.coefficients[face[hit]].T
     vertical[hit] = points[hit, 2] - (a * points[hit, 0] + b * points[hit, 1] + c)
     distance[hit] = vertical[hit] * faces.cosine[face[hit]]
     return RoofFit(face, vertical, distance)
+
+
+def highest_faces(
+    points: Points,
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+    owner: NDArray[np.int64],
+    coefficients: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], Values]:
+    """The number (N,) of the highest face at the x, y of points (N, 2 or 3), -1 for none, and its height
+    there (N,), NaN for none.
+
+    Edges from `start` to `end` (E, 2) are those of the faces `owner` (E,), ascending; faces have the
+    `coefficients` (F, 3). Of faces of one height it is the first.
+    """
+    face, height = np.full(len(points), -1), np.full(len(points), np.nan)
+    under, over = points_in_polygons(points, start, end, owner, len(coefficients))
+    a, b, c = coefficients[over].T
+    heights = a * points[under, 0] + b * points[under, 1] + c
+    if len(under) > 1 and (under[1:] == under[:-1]).any():
+        order = np.lexsort((-over, heights))  # the highest comes last; of equals the first face
+        under, over, heights = under[order], over[order], heights[order]
+    face[under], height[under] = over, heights
+    return face, height
+
+
+@kernel
+def face_planes_kernel(places: Points, first: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The planes (F, 3: a, b, c) of faces with corners `first[f]` to `first[f + 1]` of `places` (K, 3), by
+    their vector areas and mean corners; NaN for those steeper than `STEEPEST`."""
+    planes = np.full((len(first) - 1, 3), np.nan)
+    for face in range(len(planes)):
+        ring = places[first[face] : first[face + 1]]
+        normal, centre = np.zeros(3), np.zeros(3)
+        for one in range(len(ring)):
+            x, y, z = ring[one] - ring[0]
+            u, v, w = ring[(one + 1) % len(ring)] - ring[0]
+            normal[0] += y * w - z * v
+            normal[1] += z * u - x * w
+            normal[2] += x * v - y * u
+            centre += ring[one]
+        normal, centre = 0.5 * normal, centre / len(ring)
+        x, y, z = normal
+        if abs(z) < STEEPEST * np.sqrt(x * x + y * y + z * z) or z == 0.0:
+            continue
+        a, b = -x / z, -y / z
+        planes[face] = a, b, centre[2] - a * centre[0] - b * centre[1]
+    return planes

@@ -12,7 +12,7 @@ from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Values
 from eaves.reconstruct.toolkit.attributes import Surface, describe, surface_heights
-from eaves.reconstruct.toolkit.cell_labels import LabelCosts, hold_down, label_cells
+from eaves.reconstruct.toolkit.cell_labels import LabelCosts, hold_down, label_cells, plane_reach
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import (
@@ -293,21 +293,30 @@ class Arrangement(LineReconstructor):
         if plan is None:
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
         costs = self.costs(spacing)
-        chosen = label_cells(plan, roof, labels, coefficients, spacing, ground, costs)
-        plan, chosen = plan.merged(chosen)
+        reach = plane_reach(roof, labels, coefficients, spacing, ground, costs)
+        located = plan.cells_of(roof)
+        chosen = label_cells(plan, reach, costs, located)
+        located = plan.cells_merged(chosen, located)
+        merged, chosen = plan.merged(chosen)
         plan, chosen = settle_corners(
-            plan, chosen, roof, coefficients, spacing, costs, self.corner_price(spacing), self.corner_reach
+            merged, chosen, roof, coefficients, spacing, costs, self.corner_price(spacing), self.corner_reach
         )
+        if plan is not merged:
+            located = plan.cells_of(roof)
         if emit is not ignore:
             emit("plan", plan.polygons())
         emit("plane of each cell", chosen)
         smallest_face = max(self.least_area, min(self.smallest, self.smallest_points * spacing**2))
         limits = (smallest_face, max(self.least_width, self.narrowest * spacing))
-        known = (roof, labels, coefficients, spacing, ground, costs)
         fine = extrude_plan(
-            plan, chosen, coefficients, ground, *limits, lambda tidied, kept: hold_down(tidied, kept, *known)
+            plan,
+            chosen,
+            coefficients,
+            ground,
+            *limits,
+            lambda tidied, kept: hold_down(tidied, kept, reach, costs),
         )
-        solids = coarse_solids(plan, roof, ground, self.level_jump, limits)
+        solids = coarse_solids(plan, roof, ground, self.level_jump, limits, located)
         errors: dict[str, Values] = {}
         for lod, parts in solids.items():
             alike = next((other for other in errors if solids[other] is parts), None)
@@ -317,9 +326,7 @@ class Arrangement(LineReconstructor):
         if planes and plan.count > 1:
             higher = self.simple_costs(costs)
             smallest = (self.simple_smallest, limits[1])
-            simple = simple_solids(
-                plan, roof, labels, coefficients, spacing, ground, higher, smallest, self.simple_share
-            )
+            simple = simple_solids(plan, reach, ground, higher, smallest, self.simple_share, located)
             error = self.errors(surface_heights(simple, roof[:, :2]), roof)
             if simple and not self.compare("2.0", error, errors):
                 solids["2.0"], errors["2.0"] = simple, error

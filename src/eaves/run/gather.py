@@ -202,8 +202,11 @@ def cells_of(seen: Raster) -> Points:
 
 def is_seen_beside(polygon: Polygon, seen: Raster) -> bool:
     """Whether ground was seen beside an outline and within `MARGIN` of it, off the cells that it touches."""
-    rim = polygon.buffer(MARGIN).difference(polygon.buffer(EDGE * seen.cell))
-    return bool(shapely.contains_xy(rim, *cells_of(seen).T).any())
+    xy = cells_of(seen)
+    wide, narrow = polygon.buffer(MARGIN), polygon.buffer(EDGE * seen.cell)
+    shapely.prepare([wide, narrow])
+    xy = xy[~shapely.intersects_xy(narrow, *xy.T)]
+    return bool(shapely.contains_xy(wide, *xy.T).any())
 
 
 def points_under(result: Candidates, given: Footprint, shift: np.ndarray) -> NDArray[np.int64]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from eaves.geometry.rings import ring_edges
-from eaves.geometry.roof_fit import collect_faces, fit_roof
+from eaves.geometry.percentiles import quantile
+from eaves.geometry.rings import following_places, ring_edges
+from eaves.geometry.roof_fit import face_planes_kernel, highest_faces
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Mask, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
@@ -37,15 +39,22 @@ def face_vectors(solid: Solid) -> NDArray[np.float64]:
     start, end, ring = ring_edges([ring for face in solid.faces for ring in face.rings])
     owner = np.repeat(np.arange(len(solid.faces)), [len(face.rings) for face in solid.faces])[ring]
     centred = solid.vertices - solid.vertices[0]
-    cross = 0.5 * np.cross(centred[start], centred[end])
-    return np.column_stack([np.bincount(owner, cross[:, axis], len(solid.faces)) for axis in range(3)])
+    x, y, z = centred[start].T
+    u, v, w = centred[end].T
+    cross = 0.5 * (y * w - z * v), 0.5 * (z * u - x * w), 0.5 * (x * v - y * u)
+    return np.column_stack([np.bincount(owner, one, len(solid.faces)) for one in cross])
 
 
 def measure_volume(solid: Solid) -> float:
     """Volume (m³) of a closed solid."""
+    return volume_of(solid, face_vectors(solid))
+
+
+def volume_of(solid: Solid, vectors: NDArray[np.float64]) -> float:
+    """Volume (m³) of a closed solid with the vector areas (F, 3) of its faces."""
     first = np.array([face.rings[0][0] for face in solid.faces])
     heads = solid.vertices[first] - solid.vertices[0]
-    return float((heads * face_vectors(solid)).sum() / 3.0)
+    return float((heads * vectors).sum() / 3.0)
 
 
 def azimuth_of(normal: NDArray[np.float64]) -> float | None:
@@ -65,16 +74,27 @@ def surface_heights(solids: tuple[Solid, ...], xy: NDArray[np.float64]) -> Surfa
 
     Roof faces are counted through all solids; where there is none the height is NaN and the number -1.
     """
-    rings = [
-        [solid.vertices[list(ring)] for ring in face.rings]
-        for solid in solids
-        for face in solid.faces
-        if face.surface == ROOF_SURFACE
-    ]
-    faces = collect_faces(rings, [0] * len(rings))
-    fit = fit_roof(np.column_stack([xy, np.zeros(len(xy))]), faces)
-    cosine = np.append(faces.cosine, 1.0)
-    return -fit.vertical, cosine[fit.face], fit.face
+    rings, corners, outer = [], [], []
+    for solid in solids:
+        faces = [face.rings for face in solid.faces if face.surface == ROOF_SURFACE]
+        corners.append(solid.vertices[[vertex for own in faces for ring in own for vertex in ring]])
+        rings += [len(ring) for own in faces for ring in own]
+        outer += [place == 0 for own in faces for place in range(len(own))]
+    size, is_outer = np.array(rings, np.int64), np.array(outer, bool)
+    places = np.concatenate([np.zeros((0, 3)), *corners])
+    owner = np.repeat(np.cumsum(is_outer) - 1, size)
+    of_outer = np.repeat(is_outer, size)
+    planes = face_planes_kernel(places[of_outer], np.cumsum(np.append(0, size[is_outer])))
+    start, end = places[:, :2], places[following_places(size), :2]
+    known = ~np.isnan(planes[:, 0])
+    if not known.all():
+        mine = known[owner]
+        start, end, owner = start[mine], end[mine], (np.cumsum(known) - 1)[owner[mine]]
+        planes = planes[known]
+    face, height = highest_faces(xy, start, end, owner, planes)
+    a, b, _ = planes.T
+    cosine = np.append(1.0 / np.sqrt(a * a + b * b + 1.0), 1.0)
+    return height, cosine[face], face
 
 
 def describe(
@@ -84,7 +104,8 @@ def describe(
     its roof points, `surface` the model over them where it is known.
     """
     solids = model.solids[model.lod]
-    roof_faces, wall_area = describe_faces(solids)
+    vectors = [face_vectors(solid) for solid in solids]
+    roof_faces, wall_area = describe_faces(solids, vectors)
     height, cosine, number = surface or surface_heights(solids, roof[:, :2])
     error = np.where(np.isfinite(height), (roof[:, 2] - height) * cosine, 0.0)
     for face, record in enumerate(roof_faces):
@@ -98,13 +119,13 @@ def describe(
     area = float(model.footprint.polygon.area)
     squared = np.sort(error**2)
     kept = squared[: max(1, int(TRIMMED_SHARE * len(squared)))]
-    low, middle = np.percentile((own if len(own) else roof)[:, 2], [50.0, 70.0])
+    heights = (own if len(own) else roof)[:, 2]
     return {
         **roof_figures(roof_faces, ground, face_shapes(solids)),
         "h_ground": ground,
-        "h_50p": float(low),
-        "h_70p": float(middle),
-        "volume_m3": float(sum(measure_volume(solid) for solid in solids)),
+        "h_50p": quantile(heights, 0.5),
+        "h_70p": quantile(heights, 0.7),
+        "volume_m3": float(sum(map(volume_of, solids, vectors))),
         "wall_area_m2": wall_area,
         "roof_area_m2": float(sum(face["area_m2"] for face in roof_faces)),
         "roof_projected_m2": float(sum(face["projected_m2"] for face in roof_faces)),
@@ -119,24 +140,27 @@ def describe(
     }
 
 
-def describe_faces(solids: tuple[Solid, ...]) -> tuple[list[dict[str, Any]], float]:
-    """One record for each roof face, in order, and the area of all walls (m²)."""
+def describe_faces(
+    solids: tuple[Solid, ...], vectors: Sequence[NDArray[np.float64]]
+) -> tuple[list[dict[str, Any]], float]:
+    """One record for each roof face, in order, and the area of all walls (m²); `vectors` (F, 3) are the
+    vector areas of each solid's faces."""
     records, wall_area = [], 0.0
-    for solid in solids:
-        vectors = face_vectors(solid)
-        for face, vector in zip(solid.faces, vectors, strict=True):
+    for solid, own in zip(solids, vectors, strict=True):
+        z = solid.vertices[:, 2].tolist()
+        for face, vector in zip(solid.faces, own, strict=True):
             if face.surface == WALL_SURFACE:
-                wall_area += float(np.linalg.norm(vector))
+                wall_area += float(np.sqrt(vector.dot(vector)))
             elif face.surface == ROOF_SURFACE:
-                heights = solid.vertices[list(face.rings[0]), 2]
+                heights = [z[vertex] for vertex in face.rings[0]]
                 records.append(
                     {
                         "slope_deg": slope_of(vector),
                         "azimuth_deg": azimuth_of(vector),
-                        "area_m2": float(np.linalg.norm(vector)),
+                        "area_m2": float(np.sqrt(vector.dot(vector))),
                         "projected_m2": float(vector[2]),
-                        "h_low": float(heights.min()),
-                        "h_high": float(heights.max()),
+                        "h_low": min(heights),
+                        "h_high": max(heights),
                     }
                 )
     return records, wall_area

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.geometry.percentiles import group_percentiles
 from eaves.kernels import kernel
 from eaves.model import Labels, Points, Values
 from eaves.reconstruct.toolkit.alpha_expansion import LARGEST, HeightSteps, alpha_expansion
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF
 from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
-from eaves.reconstruct.toolkit.percentiles import group_percentiles
 
 RUNAWAY = 1e3
 """Cost (m²) of a metre beyond the heights a plane's points support: more than any residual."""
@@ -41,21 +41,71 @@ class LabelCosts:
     full_jump: float
 
 
-def label_cells(
-    coverage: Coverage,
+@dataclass(frozen=True, eq=False)
+class PlaneReach:
+    """The roof points (N, 3), the planes (P, 3: a, b, c) they support, and where these may be: in the
+    rectangles `box` (P, 4), between `floor` and `ceiling` (P,; m), and nowhere over `highest` (P,; m).
+
+    The last plane is the level that stands for no plane at all and may be anywhere.
+    """
+
+    roof: Points
+    planes: NDArray[np.float64]
+    spacing: float
+    box: NDArray[np.float64]
+    floor: Values
+    ceiling: Values
+    highest: Values
+
+
+def plane_reach(
     roof: Points,
     labels: Labels,
     planes: NDArray[np.float64],
     spacing: float,
     ground: float,
     costs: LabelCosts,
-) -> Integers:
-    """The plane (C,) of every cell.
+) -> PlaneReach:
+    """Where planes (P, 3) may be: near the rectangles around their own points and near the heights of these.
 
-    `labels` (N,) say which of the `planes` (P, 3: a, b, c) each roof point (N, 3) supports; the last
-    plane is the level that stands for no plane at all.
+    `labels` (N,) say which of them each roof point (N, 3) supports.
     """
-    data = cell_costs(coverage, roof, labels, planes, spacing, ground, costs)
+    count = len(planes)
+    mine = labels >= 0
+    group, places = labels[mine], roof[mine]
+    order = np.lexsort((places[:, 2], group))
+    first = np.searchsorted(group[order], np.arange(count))
+    some = np.bincount(group, minlength=count) > 0
+    box = np.full((count, 4), np.inf)
+    box[:, 2:] = -np.inf
+    if some.any():
+        box[some, :2] = np.minimum.reduceat(places[order, :2], first[some])
+        box[some, 2:] = np.maximum.reduceat(places[order, :2], first[some])
+    box += costs.farthest * np.array([-1.0, -1.0, 1.0, 1.0])
+    box[-1] = -np.inf, -np.inf, np.inf, np.inf
+    ends = costs.support_trim, 100.0 - costs.support_trim
+    low, high = (group_percentiles(places[order, 2], group[order], count, percent) for percent in ends)
+    margin = costs.overshoot + costs.reach_beyond * np.hypot(planes[:, 0], planes[:, 1])
+    floor = np.where(np.isnan(low), -np.inf, low) - margin
+    ceiling = np.where(np.isnan(high), np.inf, high) + margin
+    highest = highest_allowed(roof, planes, spacing, costs.least_rise)
+    return PlaneReach(
+        roof,
+        planes,
+        spacing,
+        box,
+        np.maximum(floor, ground + LOWEST_ROOF),
+        np.minimum(ceiling, highest),
+        highest,
+    )
+
+
+def label_cells(
+    coverage: Coverage, reach: PlaneReach, costs: LabelCosts, located: tuple[Integers, Integers]
+) -> Integers:
+    """The plane (C,) of every cell; `located` are the roof points and the cells they lie in."""
+    planes = reach.planes
+    data = cell_costs(coverage, reach, costs, located)
     halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
     edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
     start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
@@ -66,79 +116,48 @@ def label_cells(
 
 
 def cell_costs(
-    coverage: Coverage,
-    roof: Points,
-    labels: Labels,
-    planes: NDArray[np.float64],
-    spacing: float,
-    ground: float,
-    costs: LabelCosts,
+    coverage: Coverage, reach: PlaneReach, costs: LabelCosts, located: tuple[Integers, Integers]
 ) -> NDArray[np.float64]:
     """The cost (C, P; m²) of every plane for every cell, arguments as for `label_cells`.
 
-    Only planes near a cell may have it: those the rectangle around whose points is near the cell's. The last
-    plane stands for nothing known and may be anywhere.
+    Only planes near a cell may have it: those the rectangle around whose points is near the cell's.
     """
-    count = len(planes)
-    point, cell = coverage.cells_of(roof)
+    point, cell = located
     order = np.argsort(cell, kind="stable")
     inner = np.flatnonzero(coverage.cell != OUTSIDE)
     inner = inner[np.argsort(coverage.cell[inner], kind="stable")]
-    box = np.full((count, 4), np.inf)
-    box[:, 2:] = -np.inf
-    mine = labels >= 0
-    np.minimum.at(box[:, :2], labels[mine], roof[mine, :2])
-    np.maximum.at(box[:, 2:], labels[mine], roof[mine, :2])
-    box += costs.farthest * np.array([-1.0, -1.0, 1.0, 1.0])
-    box[-1] = -np.inf, -np.inf, np.inf, np.inf
-    heights = roof[mine, 2]
-    ends = costs.support_trim, 100.0 - costs.support_trim
-    low, high = (group_percentiles(heights, labels[mine], count, percent) for percent in ends)
-    margin = costs.overshoot + costs.reach_beyond * np.hypot(planes[:, 0], planes[:, 1])
-    floor = np.where(np.isnan(low), -np.inf, low) - margin
-    ceiling = np.where(np.isnan(high), np.inf, high) + margin
-    ceiling = np.minimum(ceiling, highest_allowed(roof, planes, spacing, costs.least_rise))
     data: NDArray[np.float64] = cell_costs_kernel(
-        roof[point[order]],
+        reach.roof[point[order]],
         np.searchsorted(cell[order], np.arange(coverage.count + 1)),
         coverage.nodes[coverage.start[inner]],
         np.searchsorted(coverage.cell[inner], np.arange(coverage.count + 1)),
-        planes,
-        np.array([np.sqrt(1.0 + a**2 + b**2) for a, b, _ in planes.tolist()]),
-        box,
-        np.maximum(floor, ground + LOWEST_ROOF),
-        ceiling,
+        reach.planes,
+        np.array([np.sqrt(1.0 + a**2 + b**2) for a, b, _ in reach.planes.tolist()]),
+        reach.box,
+        reach.floor,
+        reach.ceiling,
         costs.residual_limit,
         costs.gross_limit,
         costs.free_misfit,
-        spacing**2,
+        reach.spacing**2,
     )
     data[:, -1] += costs.unknown * coverage.area + 1e-6
     return np.asarray(np.minimum(data, LARGEST))
 
 
-def hold_down(
-    coverage: Coverage,
-    chosen: Integers,
-    roof: Points,
-    labels: Labels,
-    planes: NDArray[np.float64],
-    spacing: float,
-    ground: float,
-    costs: LabelCosts,
-) -> Integers:
+def hold_down(coverage: Coverage, chosen: Integers, reach: PlaneReach, costs: LabelCosts) -> Integers:
     """The plane (C,) of every cell, `chosen` but for those that rise above what `highest_allowed` allows;
-    they get the plane of least cost. Arguments as for `label_cells`.
+    they get the plane of least cost.
     """
     halves = np.flatnonzero(coverage.cell >= 0)
     cell, corner = coverage.cell[halves], coverage.nodes[coverage.start[halves]]
-    a, b, c = planes[chosen[cell]].T
-    limit = highest_allowed(roof, planes, spacing, costs.least_rise)
-    over = np.unique(cell[corner[:, 0] * a + corner[:, 1] * b + c > limit[chosen[cell]]])
+    a, b, c = reach.planes[chosen[cell]].T
+    over = cell[corner[:, 0] * a + corner[:, 1] * b + c > reach.highest[chosen[cell]]]
     if len(over) == 0:
         return chosen
+    over = np.unique(over)
     answer = chosen.copy()
-    answer[over] = cell_costs(coverage, roof, labels, planes, spacing, ground, costs)[over].argmin(axis=1)
+    answer[over] = cell_costs(coverage, reach, costs, coverage.cells_of(reach.roof))[over].argmin(axis=1)
     return answer
 
 

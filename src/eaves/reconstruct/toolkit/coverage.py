@@ -151,6 +151,17 @@ class Coverage:
         start, end = self.nodes[self.start[halves]], self.nodes[self.end[halves]]
         return points_in_polygons(points, start, end, self.cell[halves], self.count)
 
+    def cells_merged(self, label: Integers, located: tuple[Integers, Integers]) -> tuple[Integers, Integers]:
+        """What `cells_of` answers once cells of like label (C,) are `merged`, from its answer before."""
+        point, cell = located
+        region = self.regions(label)[0][cell]
+        inside = region != OUTSIDE
+        point, region = point[inside], region[inside]
+        if len(point) and (point[1:] == point[:-1]).any():
+            key = np.unique(point * self.count + region)
+            point, region = key // self.count, key % self.count
+        return point, region
+
     def merged(self, label: Integers) -> tuple[Coverage, Integers]:
         """Neighbouring cells of like label (C,) made one, and the label of each new cell.
 
@@ -230,9 +241,11 @@ def coverage_of(polygons: NDArray[np.object_], grid: float) -> Coverage | None:
     start, end, cell = number[:-1][goes_on], number[1:][goes_on], owner[ring[:-1]][goes_on]
     size = len(found)
     there, back = start * size + end, end * size + start
-    if len(np.unique(there)) < len(there) or np.any(start == end):
+    sorted_there = np.sort(there)
+    if np.any(sorted_there[1:] == sorted_there[:-1]) or np.any(start == end):
         return None
-    alone = ~np.isin(back, there)
+    place = np.minimum(np.searchsorted(sorted_there, back), len(there) - 1)
+    alone = sorted_there[place] != back
     return Coverage(
         np.round(whole[first] * grid, 6),
         np.concatenate([start, end[alone]]).astype(np.int64),

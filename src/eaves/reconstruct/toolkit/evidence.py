@@ -10,6 +10,7 @@ from shapely import Polygon
 
 from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.neighbours import measure_spacing
+from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygons_of
 from eaves.model import BuildingModel, Labels, Points, RoofPlane
 from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
@@ -102,7 +103,7 @@ def support_of(
     labels: Labels = (number_of.ravel() - int(used[0] == -1)).astype(np.int32)
     known = [planes[number].coefficients for number in used[used >= 0]]
     labels, levels = level_unexplained(points[top], labels, len(known), spacing, limits)
-    height = max(float(np.percentile(points[top, 2], PRISM_PERCENTILE)), ground + LOWEST_ROOF)
+    height = max(quantile(points[top, 2], PRISM_PERCENTILE / 100.0), ground + LOWEST_ROOF)
     rows = [*known, *((0.0, 0.0, level) for level in levels), (0.0, 0.0, height)]
     return labels, np.array(rows, np.float64)
 

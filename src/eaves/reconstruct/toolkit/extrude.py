@@ -173,7 +173,7 @@ def wall_spans(coverage: Coverage, columns: Columns) -> Integers:
         & (top_end >= foot_end)
         & ((top_start > foot_start) | (top_end > foot_end))
     )
-    return np.column_stack([foot_start, top_start, foot_end, top_end])[wall]
+    return np.asarray(np.column_stack([foot_start, top_start, foot_end, top_end])[wall], np.int64)
 
 
 def find_contacts(coverage: Coverage, columns: Columns, spans: Integers) -> Integers:

@@ -202,7 +202,7 @@ def has_neck_kernel(nodes: NDArray[np.float64], start: Integers, end: Integers, 
                 break
             node = order[place]
             y = nodes[node, 1]
-            if node == one or node == other or y < south or y > north:
+            if node in (one, other) or y < south or y > north:
                 continue
             along = ((x[place] - ax) * step_x + (y - ay) * step_y) / square if square > 0.0 else 0.0
             along = min(max(along, 0.0), 1.0)

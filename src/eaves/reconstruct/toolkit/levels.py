@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.model import Labels, Points, Solid, Values
-from eaves.reconstruct.toolkit.cell_labels import LabelCosts, hold_down, label_cells
+from eaves.geometry.percentiles import group_percentiles, quantile
+from eaves.model import Points, Solid, Values
+from eaves.reconstruct.toolkit.cell_labels import LabelCosts, PlaneReach, hold_down, label_cells
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF, PRISM_PERCENTILE
 from eaves.reconstruct.toolkit.extrude import extrude_plan, without_numbers
 from eaves.reconstruct.toolkit.half_edges import Integers
-from eaves.reconstruct.toolkit.percentiles import group_percentiles
 
 MOST_WORK = 50_000_000
 """Heights times cells that are looked at when levels are grouped; of more, evenly chosen heights speak."""
@@ -30,7 +30,8 @@ def group_levels(plan: Coverage, cell: Integers, heights: Values, jump: float) -
         cell, heights = cell[order], heights[order]
     group = np.arange(plan.count)
     halves = np.flatnonzero((plan.cell >= 0) & (plan.cell[plan.twin] > plan.cell))
-    pairs = np.unique(np.column_stack([plan.cell[halves], plan.cell[plan.twin[halves]]]), axis=0)
+    keys = np.unique(plan.cell[halves] * plan.count + plan.cell[plan.twin[halves]])
+    pairs = np.column_stack([keys // plan.count, keys % plan.count])
     height = heights_of(group[cell], heights, plan.count)
     while len(pairs):
         one, other = group[pairs[:, 0]], group[pairs[:, 1]]
@@ -41,7 +42,7 @@ def group_levels(plan: Coverage, cell: Integers, heights: Values, jump: float) -
             break
         group[group == other[nearest]] = one[nearest]
         mine = group[cell] == one[nearest]
-        height[one[nearest]] = np.percentile(heights[mine], PRISM_PERCENTILE) if mine.any() else np.nan
+        height[one[nearest]] = quantile(heights[mine], PRISM_PERCENTILE / 100.0) if mine.any() else np.nan
     return np.unique(group, return_inverse=True)[1].ravel().astype(np.int64)
 
 
@@ -54,7 +55,7 @@ def flat_plan(
     """
     merged, names = plan.merged(group)
     height = heights_of(plan.regions(group)[0][cell], heights, merged.count)
-    whole = float(np.percentile(heights, PRISM_PERCENTILE)) if len(heights) else ground
+    whole = quantile(heights, PRISM_PERCENTILE / 100.0) if len(heights) else ground
     height = np.maximum(np.where(np.isnan(height), whole, height), ground + LOWEST_ROOF)
     return merged, np.column_stack([np.zeros((len(names), 2)), height])
 
@@ -65,12 +66,17 @@ def heights_of(cell: Integers, heights: Values, count: int) -> Values:
 
 
 def coarse_solids(
-    plan: Coverage, roof: Points, ground: float, jump: float, limits: tuple[float, float]
+    plan: Coverage,
+    roof: Points,
+    ground: float,
+    jump: float,
+    limits: tuple[float, float],
+    located: tuple[Integers, Integers] | None = None,
 ) -> dict[str, tuple[Solid, ...]]:
     """The sound solids at LoD 1.2 and 1.3 over a plan; `limits` are the smallest (m²) and the narrowest
-    (m) face.
+    (m) face, `located` the roof points and the cells they lie in, where these are known.
     """
-    point, cell = plan.cells_of(roof)
+    point, cell = located or plan.cells_of(roof)
     heights = roof[point, 2]
     whole, levels = np.zeros(plan.count, np.int64), group_levels(plan, cell, heights, jump)
     answer: dict[str, tuple[Solid, ...]] = {}
@@ -88,25 +94,27 @@ def coarse_solids(
 
 def simple_solids(
     plan: Coverage,
-    roof: Points,
-    labels: Labels,
-    planes: NDArray[np.float64],
-    spacing: float,
+    reach: PlaneReach,
     ground: float,
     costs: LabelCosts,
     limits: tuple[float, float],
     share: float,
+    located: tuple[Integers, Integers],
 ) -> tuple[Solid, ...]:
     """The solids at LoD 2.0: the main roof faces, without dormers and other small parts; none if not sound.
 
     The cells of the finest plan are labelled once more, at higher costs. The smallest face (m²) of
     `limits` is at most this `share` of the plan, so that a shed keeps both its slopes.
     """
-    chosen = label_cells(plan, roof, labels, planes, spacing, ground, costs)
-    simple, kept = plan.merged(chosen)
+    simple, kept = plan.merged(label_cells(plan, reach, costs, located))
     smallest = min(limits[0], share * float(plan.area.sum()))
-    known = (roof, labels, planes, spacing, ground, costs)
     raised = extrude_plan(
-        simple, kept, planes, ground, smallest, limits[1], lambda plan, kept: hold_down(plan, kept, *known)
+        simple,
+        kept,
+        reach.planes,
+        ground,
+        smallest,
+        limits[1],
+        lambda plan, kept: hold_down(plan, kept, reach, costs),
     )
     return without_numbers(raised.solids)

@@ -9,13 +9,13 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
+from eaves.geometry.percentiles import column_percentiles
 from eaves.geometry.tin import Tin
 from eaves.kernels import kernel
 from eaves.model import Labels, Mask, Points, Values
 from eaves.reconstruct.toolkit.height_steps import fall_angles, step_lines
 from eaves.reconstruct.toolkit.line import SAME_DIRECTION_DEG, Line, laid_on
 from eaves.reconstruct.toolkit.line_limits import LineLimits
-from eaves.reconstruct.toolkit.percentiles import column_percentiles
 
 LINES_PER_PLANE = 6
 """The best supported lines that are used, for each plane: the plan of a roof has three borders a plane."""
@@ -111,8 +111,9 @@ def candidate_lines(
     pairs, places, weights = border_samples(points, labels, polygon, spacing, limits)
     lines: list[Line] = []
     jumps = np.ones(len(places), bool)
-    found, number = np.unique(pairs, axis=0, return_inverse=True)
-    for (a, b), mine in zip(found.tolist(), members(number.ravel(), len(found)), strict=True):
+    found, number = np.unique(pairs[:, 0] * len(planes) + pairs[:, 1], return_inverse=True)
+    for pair, mine in zip(found.tolist(), members(number, len(found)), strict=True):
+        a, b = divmod(pair, len(planes))
         meeting, near = meeting_line(places[mine], planes[a], planes[b], spacing, limits.meeting_jump)
         if meeting is not None:
             lines.append(meeting)
@@ -296,13 +297,26 @@ class FixedLines:
     def beside(self, line: Line, near: float) -> list[tuple[int, float]]:
         """Number and distance (m) from the middle of `line` of the lines that run beside it, nearer than
         `near`; the nearest first."""
-        rows = self.rows[: len(self.lines)]
-        x, y = line.middle
-        apart = np.abs(rows[:, 0] * x + rows[:, 1] * y - rows[:, 2])
-        cross = np.abs(line.normal[0] * rows[:, 1] - line.normal[1] * rows[:, 0])
-        found = np.flatnonzero((apart <= near) & (cross <= np.sin(np.radians(SAME_DIRECTION_DEG))))
-        found = found[np.argsort(apart[found], kind="stable")]
-        return [(int(number), float(apart[number])) for number in found]
+        most = float(np.sin(np.radians(SAME_DIRECTION_DEG)))
+        found, apart = beside_kernel(self.rows, len(self.lines), *line.middle, *line.normal, near, most)
+        order = np.argsort(apart, kind="stable")
+        return list(zip(found[order].tolist(), apart[order].tolist(), strict=True))
+
+
+@kernel
+def beside_kernel(
+    rows: NDArray[np.float64], count: int, x: float, y: float, nx: float, ny: float, near: float, most: float
+) -> tuple[NDArray[np.int64], Values]:
+    """The numbers of those of the first `count` lines (L, 3: normal, offset) that pass x, y within `near` (m)
+    and whose direction has a sine of at most `most` to the normal nx, ny; and their distances."""
+    found, apart = np.empty(count, np.int64), np.empty(count)
+    size = 0
+    for row in range(count):
+        away = abs(rows[row, 0] * x + rows[row, 1] * y - rows[row, 2])
+        if away <= near and abs(nx * rows[row, 1] - ny * rows[row, 0]) <= most:
+            found[size], apart[size] = row, away
+            size += 1
+    return found[:size], apart[:size]
 
 
 def footprint_edges(polygon: Polygon, shortest: float) -> list[Line]:

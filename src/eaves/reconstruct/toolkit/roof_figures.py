@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.geometry.rings import polygons_of
+from eaves.geometry.rings import polygons_of, ring_edges
 from eaves.model import Solid
 from eaves.model.building import ROOF_SURFACE
 
@@ -84,15 +84,16 @@ def face_shapes(solids: Sequence[Solid]) -> list[FaceShape]:
     """The shapes of all roof faces, in order."""
     faces, tops = [], []
     for solid in solids:
+        heights = solid.vertices[:, 2]
         for face in solid.faces:
             if face.surface != ROOF_SURFACE:
                 continue
-            rings = [solid.vertices[list(ring)] for ring in face.rings]
-            ends = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
-            step = ends[:, 1] - ends[:, 0]
-            level = (np.hypot(step[:, 0], step[:, 1]) >= LONG_M) & (np.abs(step[:, 2]) <= LEVEL_M)
-            tops.append(float(ends[level, :, 2].mean(axis=1).max()) if level.any() else None)
-            faces.append([ring[:, :2] for ring in rings])
+            start, end, _ = ring_edges(face.rings)
+            x, y, z = (solid.vertices[end] - solid.vertices[start]).T
+            level = (np.hypot(x, y) >= LONG_M) & (np.abs(z) <= LEVEL_M)
+            middle = (heights[start[level]] + heights[end[level]]) / 2.0
+            tops.append(float(middle.max()) if len(middle) else None)
+            faces.append([solid.vertices[list(ring), :2] for ring in face.rings])
     return [FaceShape(plan, top) for plan, top in zip(polygons_of(faces), tops, strict=True)]
 
 

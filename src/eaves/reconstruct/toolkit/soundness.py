@@ -60,7 +60,8 @@ def find_defect(solid: Solid) -> str:
     roof = {v for face in solid.faces if face.surface == ROOF_SURFACE for v in face.rings[0]}
     if solid.vertices[list(roof), 2].min() < ground + LOWEST_WALL:
         return "a roof that reaches the ground"
-    return (not clear and plan_defect(solid)) or bend_defect(solid, flat) or fold_defect(solid, flat)
+    crossing = "" if clear else plan_defect(solid)
+    return crossing or bend_defect(solid, flat) or fold_defect(solid, flat)
 
 
 def surely_sound(solid: Solid) -> tuple[bool, list[int]]:
@@ -131,9 +132,12 @@ def steady_faces_kernel(places: Points, first: NDArray[np.int64]) -> Mask:
 
 @kernel
 def clear_plan_kernel(places: Points, first: NDArray[np.int64], faces: NDArray[np.int64]) -> bool:
-    """Whether faces are single rings, simple, with corners and edges well over `CLOSEST` apart in plan, and all
-    but the first cover the first. Corners of ring r are `first[r]` to `first[r + 1]` of `places` (K, 3),
-    rings of face f `faces[f]` to `faces[f + 1]`."""
+    """Whether faces are single rings, simple, with corners and edges well over `CLOSEST` apart in plan, and
+    all but the first cover the first.
+
+    Corners of ring r are `first[r]` to `first[r + 1]` of `places` (K, 3), rings of face f `faces[f]` to
+    `faces[f + 1]`.
+    """
     if len(faces) != len(first):
         return False
     reach = (CLOSEST + 1e-5) ** 2

@@ -58,8 +58,10 @@ def find_superstructures(
     height, _, _ = surface or surface_heights(solids, roof[:, :2])
     over = roof[:, 2] - height
     high = np.flatnonzero((over > limits.height) & (over < limits.highest))
+    if len(high) < limits.points:
+        return ()
     main = main_directions(polygon)
-    if len(high) < limits.points or len(main) == 0:
+    if len(main) == 0:
         return ()
     pairs = cKDTree(roof[high, :2]).query_pairs(limits.together * spacing, output_type="ndarray")
     group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(high))
@@ -103,7 +105,7 @@ def join_overlapping(
 
 def top_of(points: Points) -> float:
     """The height (m) of the top of an object's points (N, 3)."""
-    return float(np.percentile(points[:, 2], 75.0))
+    return quantile(points[:, 2], 0.75)
 
 
 def describe_object(

@@ -226,7 +226,8 @@ def weights_of(squares: Values, noise: float, sag: float) -> Values:
     The variance is that of the noise, or more where the plane sags, up to the distance `sag` (m) that makes
     pieces one plane: else the points of a plane joined from pieces would be left out again.
     """
-    return np.asarray(1.0 / np.clip(np.nan_to_num(squares), noise**2, sag**2))
+    known = np.where(np.isnan(squares), 0.0, squares)
+    return np.asarray(1.0 / np.minimum(np.maximum(known, noise**2), sag**2))
 
 
 def apart(worth: Values, poor: Mask, touching: NDArray[np.bool_]) -> NDArray[np.int64]:

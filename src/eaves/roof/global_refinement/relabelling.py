@@ -174,8 +174,10 @@ def drop_crumbs(labels: Labels, neighbours: NDArray[np.int64], fewest: int) -> L
     if count == 0:
         return labels
     sizes = np.bincount(pieces[pieces >= 0], minlength=count)
-    crumb = np.r_[sizes < fewest, False][pieces]
-    return np.where(crumb, 0, labels).astype(np.int32)
+    crumb = np.append(sizes < fewest, False)
+    if not crumb.any():
+        return labels
+    return np.where(crumb[pieces], 0, labels).astype(np.int32)
 
 
 def near_regions(labels: Labels, xyz: Points, count: int, gap: float) -> NDArray[np.bool_]:

@@ -151,8 +151,9 @@ def join_kernel(
 
 def without_gaps(labels: Labels) -> Labels:
     """The labels (N,) numbered 1…K in their order, 0 kept."""
-    present = np.unique(labels[labels > 0])
-    return np.where(labels > 0, np.searchsorted(present, labels) + 1, 0).astype(np.int32)
+    present = np.bincount(labels, minlength=1) > 0
+    present[0] = False
+    return np.cumsum(present).astype(np.int32)[labels]
 
 
 def touching_regions(labels: Labels, neighbours: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
@@ -180,8 +181,8 @@ def join_coplanar(
     sums, owner = np.zeros((count, 10)), np.zeros(count, np.int64)
     sums_kernel(xyz, labels, sums)
     join_kernel(sums, touching.copy(), most_rms**2, growth, owner)
-    numbers = np.unique(owner, return_inverse=True)[1]
-    joined: Labels = np.r_[0, numbers + 1].astype(np.int32)[labels]
+    stays = owner == np.arange(count)
+    joined: Labels = np.append(0, np.cumsum(stays)[owner]).astype(np.int32)[labels]
     return joined
 
 
@@ -260,7 +261,7 @@ def roof_planes(labels: Labels, xyz: Points, fewest: int, least_normal_z: float)
     count = int(labels.max(initial=0))
     normals, _, sizes = fit_labels(xyz, labels, count)
     order = np.argsort(labels, kind="stable")
-    start = np.r_[0, np.cumsum(np.bincount(labels, minlength=count + 1))]
+    start = np.append(0, np.cumsum(np.bincount(labels, minlength=count + 1)))
     for number in np.argsort(-sizes, kind="stable"):
         x, y, z, d = normals[number]
         if sizes[number] < max(fewest, 3) or not z >= least_normal_z:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eaves.reconstruct.toolkit.percentiles import column_percentiles, group_percentiles
+from eaves.geometry.percentiles import column_percentiles, group_percentiles, median, quantile
 
 
 @pytest.mark.parametrize("percent", [0.0, 1.0, 50.0, 70.0, 99.0, 100.0])
@@ -30,3 +30,12 @@ def test_percentiles_of_columns_are_those_of_numpy__to_the_bit(count: int) -> No
     values = np.random.default_rng(count).normal(size=(count, 3))
     percents = (0.0, 2.0, 37.0, 50.0, 98.0, 100.0)
     assert np.array_equal(column_percentiles(values, percents), np.percentile(values, percents, axis=0))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 50, 51, 101])
+def test_quantiles_and_the_median_are_those_of_numpy__to_the_bit(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    for share in (0.0, 0.12, 0.35, 0.5, 0.7, 1.0):
+        assert quantile(values, share) == np.quantile(values, share)
+    assert median(values) == np.median(values)
+    assert median(np.arange(count)) == np.median(np.arange(count))

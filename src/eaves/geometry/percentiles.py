@@ -1,4 +1,4 @@
-"""Percentiles of many groups of values at once."""
+"""Quantiles of values, and of many groups of values at once, to the bit as numpy has them, for less."""
 
 from __future__ import annotations
 
@@ -6,6 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model import Labels, Values
+
+
+def quantile(values: Values, share: float) -> float:
+    """The quantile of values (N,), N ≥ 1, none of them NaN, as `numpy.quantile` has it."""
+    ordered = np.sort(values)
+    last = len(ordered) - 1
+    place = last * share
+    low = int(place)
+    before, after = float(ordered[low]), float(ordered[min(low + 1, last)])
+    step, part = after - before, place - low
+    return before + step * part if part < 0.5 else after - step * (1.0 - part)
+
+
+def median(values: Values | NDArray[np.int64]) -> float:
+    """The median of values (N,), N ≥ 1, none of them NaN, as `numpy.median` has it."""
+    ordered, middle = np.sort(values), len(values) // 2
+    if len(values) % 2:
+        return float(ordered[middle])
+    return float(ordered[middle - 1] + ordered[middle]) / 2.0
 
 
 def group_percentiles(
