@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.percentiles import quantile
 from eaves.model import Installation, Points, Solid, Values
 from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
 from eaves.reconstruct.toolkit.plan_lines import main_directions, turn_by
