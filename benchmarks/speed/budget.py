@@ -45,6 +45,8 @@ STAGES = (
     *("outline", "units", "roof", "reconstruct", "validate", "buildings, in and out"),
 )
 """As run.json names them; what writes files is summed up."""
+MODELLING = ("roof", "reconstruct", "validate")
+"""The stages of one building, whose ratios are kept, too."""
 
 
 def measure(tree: Path, source: Path, options: list[str], data: Path, out: Path) -> dict[str, float]:
@@ -66,6 +68,11 @@ def measure(tree: Path, source: Path, options: list[str], data: Path, out: Path)
         "buildings": told["found"],
         "MB": told["peak_memory_mb"],
     }
+
+
+def ratio_of(turns: list[tuple[dict[str, float], dict[str, float]]], part: str) -> float:
+    """The median ratio of the processor times of one stage in two trees, over all turns."""
+    return round(median(mine[part] / max(other[part], 1e-9) for mine, other in turns), 3)
 
 
 def floors(source: Path) -> dict[str, float]:
@@ -151,14 +158,16 @@ def main() -> None:
                 taken = measure(HERE, source, options, data, place / f"{number}")
                 rows.append(row_of(name, taken, floors(source)))
                 continue
-            ratios = []
+            ratios, parts = [], []
             for turn in range(wanted.turns):
                 mine = measure(HERE, source, options, data, place / f"{number}-{turn}-a")
                 other = measure(wanted.against.resolve(), source, options, data, place / f"{number}-{turn}-b")
                 ratios.append(mine["all"] / other["all"])
+                parts.append((mine, other))
             turns.append(
                 {"data": name, "turns": wanted.turns, "ratio": round(median(ratios), 3)}
                 | {"least": round(min(ratios), 3), "most": round(max(ratios), 3)}
+                | {part: ratio_of(parts, part) for part in MODELLING}
             )
             print(turns[-1], flush=True)
     if turns:
