@@ -122,7 +122,9 @@ def add_code(digest: Any, code: CodeType, names: dict[str, Any], seen: set[str])
     """Add code, the functions within it and the values of the global names it uses, each kernel once."""
     digest.update(code.co_code)
     digest.update(repr((code.co_names, code.co_varnames)).encode())
-    for constant in code.co_consts[1:]:
+    for place, constant in enumerate(code.co_consts):
+        if place == 0 and isinstance(constant, str):
+            continue  # the docstring
         if isinstance(constant, CodeType):
             add_code(digest, constant, names, seen)
         else:

@@ -259,7 +259,7 @@ def test_an_interrupt_that_a_library_catches_is_still_an_interrupt(
             raise RuntimeError("failed to call write") from None
         return 0
 
-    monkeypatch.setattr(cli, "app", swallow)
+    monkeypatch.setattr(cli, "make_app", lambda _: swallow)
     with pytest.raises(SystemExit) as end:
         cli.main()
     assert end.value.code == 130
@@ -269,7 +269,7 @@ def test_an_interrupt_that_a_library_catches_is_still_an_interrupt(
 def test_kill_ends_a_run_as_ctrl_c_does(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(cli, "app", lambda **_: signal.raise_signal(signal.SIGTERM))
+    monkeypatch.setattr(cli, "make_app", lambda _: lambda **_: signal.raise_signal(signal.SIGTERM))
     with pytest.raises(SystemExit) as end:
         cli.main()
     assert end.value.code == 143
@@ -287,7 +287,7 @@ def test_a_file_that_ends_too_early_is_no_interrupt(
         except EOFError as error:
             raise typer.Abort from error
 
-    monkeypatch.setattr(cli, "app", ends)
+    monkeypatch.setattr(cli, "make_app", lambda _: ends)
     with pytest.raises(SystemExit) as end:
         cli.main()
     assert end.value.code == 1
@@ -300,7 +300,7 @@ def test_memory_that_runs_out_is_one_line(
     def fill(**_: object) -> int:
         raise MemoryError("Unable to allocate 8 TB")
 
-    monkeypatch.setattr(cli, "app", fill)
+    monkeypatch.setattr(cli, "make_app", lambda _: fill)
     with pytest.raises(SystemExit) as end:
         cli.main()
     assert end.value.code == 1
