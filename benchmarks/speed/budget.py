@@ -49,20 +49,27 @@ MODELLING = ("roof", "reconstruct", "validate")
 """The stages of one building, whose ratios are kept, too."""
 
 
+def run_alone(words: list[str], environment: dict[str, str], quiet: bool = False) -> tuple[float, float]:
+    """Processor time (s) and peak memory (MB) of a process, which must succeed."""
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL} if quiet else {}
+    process = subprocess.Popen(words, env=environment, **silent)
+    _, status, used = os.wait4(process.pid, 0)
+    if status != 0:
+        sys.exit(f"{' '.join(words)} ended with status {os.waitstatus_to_exitcode(status)}")
+    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+
+
 def measure(tree: Path, source: Path, options: list[str], data: Path, out: Path) -> dict[str, float]:
     """Processor time (s) of a build from a tree: by stage as its run.json has it, and of all of it."""
     words = [sys.executable, "-m", "eaves", "build", str(source), "-o", str(out), "--quiet", "--jobs", "1"]
     environment = {**os.environ, "PYTHONPATH": str(tree / "src")}
     started = time.perf_counter()
-    process = subprocess.Popen([*words, *(word.format(data=data) for word in options)], env=environment)
-    _, status, used = os.wait4(process.pid, 0)
-    if status != 0:
-        sys.exit(f"{source}: eaves build of {tree} ended with status {os.waitstatus_to_exitcode(status)}")
+    spent, _ = run_alone([*words, *(word.format(data=data) for word in options)], environment)
     told: dict[str, Any] = json.loads((out / "run.json").read_text(encoding="utf-8"))
     stages = told["stage_cpu_seconds"]
     return {
         **stages,
-        "all": used.ru_utime + used.ru_stime,
+        "all": spent,
         "wall": time.perf_counter() - started,
         "points": told["points"],
         "buildings": told["found"],

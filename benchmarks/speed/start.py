@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.speed.budget import GIVEN, HERE
+from benchmarks.speed.budget import GIVEN, HERE, run_alone
 from benchmarks.table import keep
 
 TURNS = 2
@@ -38,16 +37,8 @@ def measure(package: Path, words: list[str], data: Path, cache: Path | None = No
     if cache:
         environment["NUMBA_CACHE_DIR"] = str(cache)
     with tempfile.TemporaryDirectory() as out:
-        process = subprocess.Popen(
-            [sys.executable, *(word.format(data=data, out=Path(out) / "out") for word in words)],
-            env=environment,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        _, status, used = os.wait4(process.pid, 0)
-    if status != 0:
-        sys.exit(f"{' '.join(words)} of {package} ended with status {os.waitstatus_to_exitcode(status)}")
-    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+        named = (word.format(data=data, out=Path(out) / "out") for word in words)
+        return run_alone([sys.executable, *named], environment, quiet=True)
 
 
 def measure_first(package: Path, data: Path, library: bool) -> tuple[float, float]:

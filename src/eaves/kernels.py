@@ -51,7 +51,8 @@ class Kernel:
         found = table.get(f"{self.name}({', '.join(map(sort_of, args))})") if table else None
         if found is not None and found[0] == self.fingerprint:
             return found[1]
-        return self.dispatcher  # type: ignore[no-any-return]
+        by_numba: Callable[..., Any] = self.dispatcher
+        return by_numba
 
     @functools.cached_property
     def dispatcher(self) -> Any:
@@ -107,7 +108,7 @@ def sort_of(value: Any) -> str:
 def library() -> dict[str, tuple[str, Callable[..., Any]]]:
     """Kernel and sorts of arguments → fingerprint and compiled function; empty where there is no library."""
     try:
-        from eaves import compiled  # type: ignore[attr-defined]
+        from eaves import compiled  # type: ignore[attr-defined]  # which wheels bring, and sources do not
     except ImportError:
         return {}
     table = {}

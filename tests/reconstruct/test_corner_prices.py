@@ -8,6 +8,7 @@ import shapely
 
 from eaves.model import Points
 from eaves.reconstruct.arrangement import Arrangement
+from eaves.reconstruct.toolkit.cell_labels import highest_allowed
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
 from eaves.reconstruct.toolkit.coverage import Coverage, coverage_of
 from eaves.reconstruct.toolkit.half_edges import Integers
@@ -22,13 +23,14 @@ def settled(cells: list[list[tuple[float, float]]], roof: Points, planes: list[n
     assert plan is not None
     labels: Integers = np.arange(len(cells))
     method = Arrangement()
+    known, costs = np.array([*planes, planes[0]]), method.costs(SPACING)
     answer, kept = settle_corners(
         plan,
         labels,
         roof,
-        np.array([*planes, planes[0]]),
-        SPACING,
-        method.costs(SPACING),
+        known,
+        highest_allowed(roof, known, SPACING, costs.least_rise),
+        costs,
         method.corner_points,
         method.corner_reach,
     )

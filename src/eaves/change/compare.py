@@ -147,7 +147,7 @@ class Comparer:
         }
         self.note_cover(local, clouds, covered, core)
         roofs = [
-            roof_points(xyz, cloud, spacing, self.measured.rough)
+            roof_points(xyz, cloud, spacing, self.measured.rough, self.rules.lowest)
             for (cloud, xyz), spacing in zip(clouds, self.measured.spacings, strict=True)
         ]
         faced = []

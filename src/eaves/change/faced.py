@@ -20,9 +20,6 @@ from eaves.change.verdict import DEMOLISHED, NEW, Rules, Side, Verdict, came, is
 from eaves.model import Mask, PointCloud, Points, Values
 from eaves.model.cloud import BUILDING, GROUND, NOISE_CLASSES
 
-LOWEST_ROOF = 1.9
-"""Planes lower than this (m) over the ground are cars, walls and hedges."""
-
 WALL_NEAR, WALL_RISE = 0.3, 0.9
 """A point with another so near in plan and so much higher (m) is on a wall: steeper than 71°."""
 
@@ -45,9 +42,9 @@ class Roof:
     classes: NDArray[np.uint8]
 
 
-def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float) -> Roof:
-    """The points of roofs: those the run found, without walls, and others that lie high on a plane; roofs are
-    `rough` (m, one standard deviation)."""
+def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float, lowest: float) -> Roof:
+    """The points of roofs: those the run found, without walls, and others that lie on a plane `lowest` (m) or
+    more over the ground; roofs are `rough` (m, one standard deviation)."""
     classes = classes_of(cloud).copy()
     ground = xyz[classes == GROUND]
     found = classes == BUILDING
@@ -55,7 +52,7 @@ def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float) ->
     if len(ground):
         some = np.flatnonzero(high)
         _, nearest = cKDTree(ground[:, :2]).query(xyz[some, :2])
-        high[some] = xyz[some, 2] - ground[nearest, 2] >= LOWEST_ROOF
+        high[some] = xyz[some, 2] - ground[nearest, 2] >= lowest
     else:
         high[:] = False
     which = np.flatnonzero(found | high)
@@ -69,8 +66,8 @@ def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float) ->
 
 
 def mostly(flat: Mask, xyz: Points, side: float) -> Mask:
-    """Whether half of the points around each (N,) are flat, in square cells: roofs are, and in crowns a few
-    leaves lie on a plane by chance."""
+    """Whether most (`MOSTLY`) of the points around each (N,) are flat, in square cells: roofs are, and in
+    crowns a few leaves lie on a plane by chance."""
     cell = np.floor(xyz[:, :2] / side).astype(np.int64)
     cell -= cell.min(axis=0, initial=0)
     counts = np.zeros((2, *(cell.max(axis=0, initial=0) + 1)))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.formats.atomic import atomic
+from eaves.geometry.components import members
 from eaves.model import Block, Bounds, Mask
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
 from eaves.run.store import RECORD, SUPERSEDED, Store, extent_of
@@ -158,17 +159,16 @@ def cells_of(records: Records, block: Block) -> NDArray[np.int64]:
 
 def extents_of(quanta: NDArray[np.int32], block: Block) -> list[Bounds]:
     """World metres of points (N, 3) in quanta about a block's corner, for each square of `APART`."""
-    some = (extent_of(np.round(one / GRID_STEP).astype(np.int32), block) for one in apart(quanta * GRID_STEP))
+    some = (extent_of(quanta[one], block) for one in apart(quanta * GRID_STEP))
     return [extent for extent in some if extent is not None]
 
 
-def apart(places: NDArray[np.floating]) -> list[NDArray[np.floating]]:
-    """Places (N, 2 or 3; m) in groups, one for each square of `APART` that holds some."""
+def apart(places: NDArray[np.floating]) -> list[NDArray[np.int64]]:
+    """The numbers of places (N, 2 or 3; m) in groups, one for each square of `APART` that holds some."""
     if not len(places):
         return []
     _, group = np.unique(np.floor(places[:, :2] / APART), axis=0, return_inverse=True)
-    order = np.argsort(group.ravel(), kind="stable")
-    return [places[some] for some in np.split(order, np.cumsum(np.bincount(group.ravel()))[:-1])]
+    return members(group.ravel(), int(group.max()) + 1)
 
 
 def pair_same(old: Records, new: Records) -> tuple[Mask, Mask]:

@@ -143,7 +143,8 @@ def wide_differences(old: Path, new: Path, square: Block) -> list[Bounds]:
     rows, columns = np.nonzero(differs)
     west, north, cell = facts[0]
     corners = np.column_stack([west + columns, north - rows]) * cell
-    return [Bounds(*(one.min(axis=0)), *(one.max(axis=0) + cell)) for one in apart(corners)]
+    groups = (corners[some] for some in apart(corners))
+    return [Bounds(*(one.min(axis=0)), *(one.max(axis=0) + cell)) for one in groups]
 
 
 def ground_differences(before: Store, after: Store, square: Block, side: float) -> list[Bounds]:

@@ -355,12 +355,15 @@ def is_roof(side: Side, patch: Mask, rules: Rules) -> bool:
     xyz = side.xyz[patch]
     centred = np.column_stack([xyz[:, :2] - xyz[:, :2].mean(axis=0), np.ones(len(xyz))])
     plane = np.array([0.0, 0.0, np.median(xyz[:, 2])])
+
+    def away() -> Values:
+        return np.asarray(np.abs(xyz[:, 2] - centred @ plane) / np.sqrt(1.0 + plane[0] ** 2 + plane[1] ** 2))
+
     for _ in range(ROUNDS):
-        left = np.abs(xyz[:, 2] - centred @ plane) / np.sqrt(1.0 + plane[0] ** 2 + plane[1] ** 2)
+        left = away()
         kept = left <= max(float(np.median(left)), ONE_PLANE)
         plane = np.linalg.lstsq(centred[kept], xyz[kept, 2], rcond=None)[0]
-    left = np.abs(xyz[:, 2] - centred @ plane) / np.sqrt(1.0 + plane[0] ** 2 + plane[1] ** 2)
-    one = float((left <= ONE_PLANE).mean())
+    one = float((away() <= ONE_PLANE).mean())
     if one >= rules.flat and np.hypot(plane[0], plane[1]) > rules.steepest:
         return False
     if side.flat[patch].mean() >= rules.flat:

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from eaves.formats.atomic import atomic
 from eaves.formats.cityjson import footprint_of
 from eaves.formats.crs import describe
-from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Points, Solid
 from eaves.model.building import ROOF_SURFACE
@@ -185,8 +185,7 @@ def corner_groups(corners: Points, detail: float) -> NDArray[np.int64]:
     together = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(corners))
     answer = np.zeros(len(corners), np.int64)
     count = 0
-    order = np.argsort(together, kind="stable")
-    for mine in np.split(order, np.cumsum(np.bincount(together))[:-1]):
+    for mine in members(together, int(together.max()) + 1):
         group = np.zeros(len(mine), np.int64)
         if len(mine) > 1:
             group = fcluster(linkage(corners[mine], "complete"), detail, "distance").astype(np.int64) - 1

@@ -1,4 +1,4 @@
-"""The connected groups of a graph."""
+"""The connected groups of a graph, and the members of groups."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
+from eaves.model import Labels
 
 Integers = NDArray[np.int64]
 
@@ -42,3 +43,9 @@ def unite_kernel(head: Integers, a: int, b: int) -> None:
         head[b] = a
     else:
         head[a] = b
+
+
+def members(group: Labels | Integers, count: int) -> list[Integers]:
+    """The numbers of the members of each of `count` groups, ascending; of group -1 there is no list."""
+    order = np.argsort(group, kind="stable")
+    return np.split(order, np.searchsorted(group[order], np.arange(count + 1)))[1:-1]

@@ -299,7 +299,14 @@ class Arrangement(LineReconstructor):
         located = plan.cells_merged(chosen, located)
         merged, chosen = plan.merged(chosen)
         plan, chosen = settle_corners(
-            merged, chosen, roof, coefficients, spacing, costs, self.corner_price(spacing), self.corner_reach
+            merged,
+            chosen,
+            roof,
+            coefficients,
+            reach.highest,
+            costs,
+            self.corner_price(spacing),
+            self.corner_reach,
         )
         if plan is not merged:
             located = plan.cells_of(roof)

@@ -242,7 +242,13 @@ class Region:
             self.store.forget("buildings")
         self.find_ground(left)
         left = self.workers.heaviest_first(left, self.store.count_points)
-        work = partial(compute_block, store=self.store, recipe=self.run.recipe, earlier=self.earlier)
+        work = partial(
+            compute_block,
+            store=self.store,
+            recipe=self.run.recipe,
+            earlier=self.earlier,
+            marked=self.run.keep,
+        )
         for done, outcome in enumerate(self.workers.run(work, left), 1):
             self.note(outcome, f"block {left[outcome.index].name}")
             self.budget.add("blocks", outcome.cpu)
@@ -337,10 +343,13 @@ def import_methods(recipe: Recipe) -> None:
     """Nothing: what a worker needs is imported by the time it knows this function and the methods."""
 
 
-def compute_block(block: Block, store: Store, recipe: Recipe, earlier: Store | None = None) -> None:
-    """The block pass for one block, kept in the store; what an earlier run found of the same is taken."""
+def compute_block(
+    block: Block, store: Store, recipe: Recipe, earlier: Store | None = None, marked: bool = False
+) -> None:
+    """The block pass for one block, kept in the store, `marked` where a later run may go on from it; what an
+    earlier run found of the same is taken."""
     taken = load_block(block, store, recipe)
-    mark = mark_of_block(*taken)
+    mark = mark_of_block(*taken) if marked else ""
     if earlier is not None and earlier.has("blocks", block):
         with earlier.open_block(block) as file:
             known = file.about.get("inputs")

@@ -10,6 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from eaves.geometry.components import members
 from eaves.model import Mask, Points
 from eaves.reconstruct.moments.building import FEWEST_POINTS, ParametricBuilding
 from eaves.reconstruct.moments.edges import LEAST_NOISE
@@ -91,9 +92,9 @@ def find_parts(house: ParametricBuilding, points: Points, limits: PartLimits) ->
     parts = []
     for sign in (1.0, -1.0):
         some = np.flatnonzero(inside & (sign * away > step))
-        for members in clusters_of(points[some], limits.link * spacing):
-            if len(members) * spacing**2 >= limits.area and len(members) >= 5:
-                part = shape_part(house, points, some[members], sign > 0, limits)
+        for mine in clusters_of(points[some], limits.link * spacing):
+            if len(mine) * spacing**2 >= limits.area and len(mine) >= 5:
+                part = shape_part(house, points, some[mine], sign > 0, limits)
                 if part is not None:
                     parts.append(part)
     return sorted(parts, key=lambda part: (-len(part.members), int(part.members[0])))
@@ -107,8 +108,7 @@ def clusters_of(points: Points, link: float) -> list[NDArray[np.int64]]:
     size = len(points)
     graph = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
     count, group = connected_components(graph, directed=False)
-    order = np.argsort(group, kind="stable")
-    return np.split(order, np.cumsum(np.bincount(group, minlength=count))[:-1])
+    return members(group, count)
 
 
 def shape_part(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from eaves.geometry.inside import points_in_polygons
 from eaves.kernels import kernel
 from eaves.model import Points, Values
-from eaves.reconstruct.toolkit.cell_labels import LabelCosts, highest_allowed
+from eaves.reconstruct.toolkit.cell_labels import LabelCosts
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers, leaving_kernel
 from eaves.reconstruct.toolkit.simplification import contract, corner_rank, is_sound
@@ -28,7 +28,7 @@ def settle_corners(
     labels: Integers,
     roof: Points,
     planes: NDArray[np.float64],
-    spacing: float,
+    highest: Values,
     costs: LabelCosts,
     price: float,
     reach: float,
@@ -44,9 +44,8 @@ def settle_corners(
     d the distance less the misfit that is free, τ the limit of residuals, both as for the labels. A step of
     metres is never given up for a few corners, as the distance counts in full. Corners are those of the
     solids: one for each height over a node. Corners of the outline stay, other nodes on it move along it; no
-    face may rise too high.
+    face may rise over the `highest` (P,; m) that its plane may.
     """
-    highest = highest_allowed(roof, planes, spacing, costs.least_rise)
     for careful in (False, True):
         refused: set[tuple[float, ...]] = set()
         plan, kept = coverage, labels

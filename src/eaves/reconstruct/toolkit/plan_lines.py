@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
+from eaves.geometry.components import members
 from eaves.geometry.percentiles import column_percentiles
 from eaves.geometry.tin import Tin
 from eaves.kernels import kernel
@@ -127,12 +128,6 @@ def candidate_lines(
         for one in used.tolist():
             lines += rectangle_lines(points[of_plane[one], :2], main, spacing, limits)
     return align(lines, polygon, spacing, limits)[: FEWEST_LINES + LINES_PER_PLANE * len(planes)]
-
-
-def members(group: Labels | NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
-    """The numbers of the members of each of `count` groups, ascending; of group -1 there is no list."""
-    order = np.argsort(group, kind="stable")
-    return np.split(order, np.searchsorted(group[order], np.arange(count + 1)))[1:-1]
 
 
 def meeting_line(

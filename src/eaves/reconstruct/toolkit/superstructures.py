@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from eaves.geometry.components import connected_groups_kernel
+from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.percentiles import quantile
 from eaves.model import Installation, Points, Solid, Values
 from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
@@ -67,8 +67,7 @@ def find_superstructures(
     pairs = cKDTree(roof[high, :2]).query_pairs(limits.together * spacing, output_type="ndarray")
     group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(high))
     turn = turn_by(float(main[0]))
-    sizes = np.bincount(group)
-    clusters = [np.flatnonzero(group == number) for number in np.flatnonzero(sizes >= limits.points)]
+    clusters = [mine for mine in members(group, int(group.max()) + 1) if len(mine) >= limits.points]
     turned = np.column_stack([roof[high, :2] @ turn, roof[high, 2]])
     found = []
     for cluster in join_overlapping(clusters, turned, 0.5 * limits.together * spacing, limits.level):
@@ -98,8 +97,7 @@ def join_overlapping(
             break
         joined = connected_groups_kernel(one[alike], other[alike], len(groups))
         groups = [
-            np.concatenate([groups[n] for n in np.flatnonzero(joined == number)])
-            for number in range(joined.max() + 1)
+            np.concatenate([groups[n] for n in some]) for some in members(joined, int(joined.max()) + 1)
         ]
     return groups
 
