@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from eaves.formats.atomic import atomic
 from eaves.geometry.components import members
 from eaves.model import Block, Bounds, Mask
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
+from eaves.raster.squares import closed_by_square
 from eaves.run.store import RECORD, SUPERSEDED, Store, extent_of
 from eaves.run.world_squares import ring
 
@@ -148,7 +148,7 @@ class Cover:
             place = place[((place >= 0) & (place < count)).all(axis=1)]
             grid[place[:, 0], place[:, 1]] = True
         wide = 2 * GAP_CELLS + 1
-        return np.asarray(ndimage.binary_closing(grid, np.ones((wide, wide)))), first
+        return np.asarray(closed_by_square(grid, wide)), first
 
 
 def cells_of(records: Records, block: Block) -> NDArray[np.int64]:

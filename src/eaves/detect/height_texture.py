@@ -24,6 +24,7 @@ from eaves.detect.toolkit.surface_grid import (
 )
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Regions, Scene, Values
+from eaves.raster.squares import opened_by_square
 
 TEXTURE_OF_ERROR = 1.4
 """The texture of independent heights, in their errors: √(6/9) = 0.8, and three quarters more."""
@@ -112,7 +113,7 @@ class HeightTexture(Detector):
         smooth = high & (texture <= (self.max_texture or self.derived_texture(scene, grid, texture)))
         emit("smooth high cells", smooth)
         side = max(1, round(self.min_width / grid.side))
-        opened = ndimage.binary_opening(smooth, np.ones((side, side), bool))
+        opened = opened_by_square(smooth, side)
         emit("opened", opened)
         core = opened_by_area(opened, self.min_area / grid.side**2)
         found, count = connected(core)

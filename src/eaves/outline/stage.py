@@ -18,6 +18,8 @@ from eaves.model.cloud import canonical_order
 
 MIN_POINTS = 4
 """Fewer distinct points have no outline."""
+FIRST_POINTS = 64
+"""So many points are counted first."""
 
 
 class OutlineMethod(Method):
@@ -99,7 +101,10 @@ def trace_outline(
     finite = np.isfinite(points).all(axis=1)
     good = points[finite]
     good = good[canonical_order(good)]
-    if (places := len(np.unique(good[:, :2], axis=0))) < MIN_POINTS:
+    for some in (good[:FIRST_POINTS], good):  # the first are nearly always enough
+        if (places := len(np.unique(some[:, :2], axis=0))) >= MIN_POINTS:
+            break
+    else:
         reason = f"{len(good)} points at {places} places have no outline; {MIN_POINTS} places are needed"
         return Failure("too_few_points", reason, "outline")
     boundary = outliner.trace(good, spacing, emitter(debug))

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.geometry.tin import Tin
-from eaves.model import Grid, Mask, Raster, Values
+from eaves.geometry.tin import OUTSIDE, Ids, Tin, walk
+from eaves.kernels import kernel
+from eaves.model import Grid, Mask, Points, Raster, Values
+from eaves.model.cloud import GRID_STEP
 from eaves.raster.nearest import ADJOINING, near_cells, nearest_cells, places
 
 
@@ -31,9 +34,7 @@ def fill_linear(raster: Raster) -> Raster:
     if known.all() or not known.any():
         return raster
     rim = known & near_cells(~known, ADJOINING)
-    filled = raster.values.copy()
-    filled[~known] = interpolate_cells(raster.values, rim, ~known)
-    return raster.with_(values=filled)
+    return raster.with_(values=interpolate_cells(raster.values, rim, ~known))
 
 
 def fill_linear_twice(raster: Raster, richer: Raster) -> tuple[Raster, Raster]:
@@ -49,10 +50,8 @@ def fill_linear_twice(raster: Raster, richer: Raster) -> tuple[Raster, Raster]:
     tin = Tin(places(rows, columns), np.arange(count))
 
     def filled(one: Raster, around: Mask, wanted: Mask) -> Raster:
-        values = one.values.copy()
         heights = one.values[rows, columns].astype(np.float64)
-        values[wanted] = interpolate_in(tin, heights, one.values, around, wanted)
-        return one.with_(values=values)
+        return one.with_(values=interpolate_in(tin, heights, one.values, around, wanted))
 
     first = filled(raster, rim, ~known)
     tin.insert(np.arange(count, len(rows)))
@@ -60,21 +59,64 @@ def fill_linear_twice(raster: Raster, richer: Raster) -> tuple[Raster, Raster]:
 
 
 def interpolate_cells(values: Grid, known: Mask, wanted: Mask) -> Grid:
-    """Values (K,) at the wanted cells (H, W), linear between the known cells (H, W) of `values` (H, W)."""
+    """Values (H, W), those of the wanted cells (H, W) linear between the known cells (H, W)."""
     known_rows, known_columns = np.nonzero(known)
     heights = values[known_rows, known_columns].astype(np.float64)
     return interpolate_in(Tin(places(known_rows, known_columns)), heights, values, known, wanted)
 
 
 def interpolate_in(tin: Tin, heights: Values, values: Grid, known: Mask, wanted: Mask) -> Grid:
-    """Values (K,) at the wanted cells (H, W) of a TIN of cells with heights (N,); beyond its hull those of
-    the nearest known cell (H, W) of `values` (H, W)."""
-    rows, columns = np.nonzero(wanted)
-    result = tin.interpolate(heights, places(rows, columns)).astype(np.float32)
-    outside = np.flatnonzero(~np.isfinite(result))
-    if len(outside):
-        result[outside] = values[nearest_cells(known, rows[outside], columns[outside])]
-    return result
+    """Values (H, W), those of the wanted cells (H, W) from a TIN of cells with heights (N,); beyond its hull
+    from the nearest known cell (H, W)."""
+    filled = values.astype(np.float32)
+    outside = wanted
+    if len(tin.vertices):
+        outside = facets_kernel(
+            filled, wanted, tin.xy, heights, tin.whole, tin.corner, tin.vertices, tin.neighbours
+        )
+    rows, columns = np.nonzero(outside)
+    if len(rows):
+        filled[rows, columns] = values[nearest_cells(known, rows, columns)]
+    return filled
+
+
+@kernel
+def facets_kernel(
+    filled: Grid,
+    wanted: Mask,
+    xy: Points,
+    heights: Values,
+    whole: NDArray[np.int64],
+    corner: NDArray[np.float64],
+    vertices: Ids,
+    neighbours: Ids,
+) -> Mask:
+    """Write the height of the facet at each wanted cell (H, W) into `filled`; those beyond the hull (H, W).
+
+    The points of the TIN are those of `places`.
+    """
+    rows, columns = wanted.shape
+    outside = np.zeros((rows, columns), np.bool_)
+    here = 0
+    for row in range(rows):
+        y = -float(row)
+        whole_y = int(np.rint((y - corner[1]) / GRID_STEP))
+        for column in range(columns):
+            if not wanted[row, column]:
+                continue
+            x = float(column)
+            here = walk(whole, vertices, neighbours, here, int(np.rint((x - corner[0]) / GRID_STEP)), whole_y)
+            a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
+            if a == OUTSIDE or b == OUTSIDE or c == OUTSIDE:
+                outside[row, column] = True
+                continue
+            ux, uy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
+            vx, vy = xy[c, 0] - xy[a, 0], xy[c, 1] - xy[a, 1]
+            wx, wy = x - xy[a, 0], y - xy[a, 1]
+            area = ux * vy - uy * vx
+            s, t = (wx * vy - wy * vx) / area, (ux * wy - uy * wx) / area
+            filled[row, column] = heights[a] + s * (heights[b] - heights[a]) + t * (heights[c] - heights[a])
+    return outside
 
 
 def fill_smooth(values: Grid) -> Grid:

@@ -15,6 +15,7 @@ from eaves.kernels import kernel
 from eaves.model import Bounds, Grid, Labels, Mask, PointCloud, Values
 from eaves.model.cloud import BRIDGE_DECK, GRID_STEP, WATER
 from eaves.model.doubt import Doubt
+from eaves.raster.squares import closed_by_square, grown_by_square, opened_by_square
 
 LINES = ((0, 1), (1, 1), (1, 0), (1, -1))
 """Four lines through a cell: one of them crosses any strip at an angle of 67° or more."""
@@ -175,7 +176,7 @@ def water_heights(heights: Grid, count: Grid, cell: float, rules: DeckRules) -> 
     hole, lowest = water_of(heights, cell, rules)
     known = np.isfinite(heights)
     side = max(2, round(rules.water_width / cell))
-    among = ndimage.binary_closing(np.pad(hole, side), np.ones((side, side)))[side:-side, side:-side]
+    among = closed_by_square(np.pad(hole, side), side)[side:-side, side:-side]
     few = count <= rules.water_share * np.median(count[known]) if known.any() else known
     wet = among & known & few & (heights <= lowest + rules.water_flat)
     return np.where(wet, lowest + rules.water_flat, np.nan).astype(np.float32)
@@ -223,17 +224,17 @@ def find_decks(
     edge = beside_falls(
         z, water, np.float32(rules.step), np.float32(rules.fall), np.float32(rules.water_fall)
     )
-    edge &= ndimage.binary_dilation(deck, np.ones((3, 3)))
+    edge &= grown_by_square(deck, 3)
     deck = grown(deck, z, (faint | edge) & ~roofs, rules)
     level = with_edges(np.where(deck, heights, np.nan), z, land, rules)
-    wet = ndimage.binary_dilation(wet, np.ones((3, 3)), rules.gap) & np.isfinite(level)
+    wet = grown_by_square(wet, 2 * rules.gap + 1) & np.isfinite(level)
     base = np.where(wet, -np.inf, level - rules.on_deck)
     return level.astype(np.float32), base.astype(np.float32), doubts
 
 
 def grown(deck: Mask, z: Grid, allowed: Mask, rules: DeckRules) -> Mask:
     """Decks (H, W) with the cells next to them that go on from them, of those allowed."""
-    reach = ndimage.binary_dilation(deck, np.ones((3, 3)), rules.gap) & (allowed | deck)
+    reach = grown_by_square(deck, 2 * rules.gap + 1) & (allowed | deck)
     label, _ = label_kernel(z, reach, np.float32(rules.step), 1)
     with_deck = np.unique(label[deck])
     return np.asarray(np.isin(label, with_deck[with_deck > 0]))
@@ -246,7 +247,7 @@ def with_edges(found: Grid, z: Grid, land: Mask, rules: DeckRules) -> Grid:
     near = ~known & np.isfinite(top)
     lower = ~np.isfinite(z) | (top - np.nan_to_num(z) >= rules.water_fall)
     # a railing's foot or an echo gone astray leaves single cells open
-    closed = ndimage.binary_closing(np.pad(known, 2), np.ones((3, 3)))[2:-2, 2:-2]
+    closed = closed_by_square(np.pad(known, 2), 3)[2:-2, 2:-2]
     return np.asarray(np.where(near & (lower | (closed & ~land)), top, found))
 
 
@@ -255,7 +256,7 @@ def water_of(heights: Grid, cell: float, rules: DeckRules) -> tuple[Mask, Grid]:
     known = np.isfinite(heights)
     side = max(2, round(rules.water_width / cell))
     hole = ~known & inside_data(known)
-    core = ndimage.binary_opening(hole, np.ones((side, side)))
+    core = opened_by_square(hole, side)
     wide = ndimage.binary_propagation(core, np.ones((3, 3)), mask=hole)
     around = 2 * round(rules.water_near / cell) + 1
     lowest = ndimage.minimum_filter(np.where(known, heights, np.inf), around)

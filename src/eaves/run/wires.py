@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from eaves.model import Mask, PointCloud, Points, Values
 from eaves.model.cloud import GROUND, UNCLASSIFIED
+from eaves.raster.squares import grown_by_square
 
 Cells = NDArray[np.int64]
 Grid = NDArray[np.float64]
@@ -104,7 +105,7 @@ def find_wires(cloud: PointCloud, height: Values, spacing: float, rules: WireRul
     wire = np.zeros(len(xyz), bool)
     wire[thinned[row & lines.ravel()[cell[thinned]]]] = True
     # what hangs as high beside a point of a line is of the line
-    near = ndimage.binary_dilation(lines, np.ones((3, 3)))
+    near = grown_by_square(lines, 3)
     rest = hanging[near.ravel()[cell[hanging]] & ~wire[hanging]]
     if wire.any() and len(rest):
         away, _ = cKDTree(xyz[wire]).query(xyz[rest], distance_upper_bound=rules.cell)
@@ -238,7 +239,7 @@ def lines_among(
     """The cells (H, W) of long lines among points in rows: their cells (K,) and doubled directions (K, 2)."""
     there = np.zeros(shape[0] * shape[1], bool)
     there[cell] = True
-    joined = ndimage.binary_dilation(there.reshape(shape), np.ones((3, 3)), (rules.link + 1) // 2)
+    joined = grown_by_square(there.reshape(shape), (rules.link + 1) // 2 * 2 + 1)
     group, count = ndimage.label(joined, np.ones((3, 3)))
     number = group.ravel()[cell]
     size = np.maximum(np.bincount(number, minlength=count + 1), 1)

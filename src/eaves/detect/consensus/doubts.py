@@ -11,6 +11,7 @@ from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.stage import MIN_AREA_M2
 from eaves.model import Labels, Mask, Values
 from eaves.model.doubt import Doubt
+from eaves.raster.squares import grown_by_square
 
 STAGE = "detect"
 
@@ -62,7 +63,7 @@ def region_doubts(
         )
         mine = region[around] == number
         size = float(mine.sum()) * area
-        rim = ndimage.binary_dilation(mine, np.ones((3, 3), bool)) & ~mine
+        rim = grown_by_square(mine, 3) & ~mine
         open_rim = rim & outside[around]
 
         def doubt(

@@ -7,6 +7,7 @@ from scipy import ndimage
 
 from eaves.detect.consensus.evidence import Evidence
 from eaves.model import Mask
+from eaves.raster.squares import closed_by_square, grown_by_square, opened_by_square
 
 
 def without_limbs(building: Mask, evidence: Evidence, least: float) -> Mask:
@@ -20,9 +21,9 @@ def without_limbs(building: Mask, evidence: Evidence, least: float) -> Mask:
     if size < 2:
         return building
     empty = (evidence.cells.count == 0).reshape(evidence.shape)
-    closed = building | (ndimage.binary_closing(building, np.ones((3, 3))) & empty)
-    core = ndimage.binary_opening(closed, np.ones((size, size)))
-    near = ndimage.binary_dilation(core, np.ones((3, 3)), iterations=size // 2)
+    closed = building | (closed_by_square(building, 3) & empty)
+    core = opened_by_square(closed, size)
+    near = grown_by_square(core, size // 2 * 2 + 1)
     group, count = ndimage.label(closed, np.ones((3, 3)))
     broad = np.zeros(count + 1, bool)
     broad[group[core]] = True

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from eaves.detect.consensus.evidence import Evidence
 from eaves.model import Labels, Points
 from eaves.model.scene import ROOF, WALL
+from eaves.raster.squares import shrunk_by_square
 
 
 def part_of_points(
@@ -27,7 +27,7 @@ def part_of_points(
     a cell without a plane one `below_top` (m) under the highest.
     """
     part = np.where(number > 0, ROOF, 0).astype(np.uint8)
-    inner = ndimage.binary_erosion(region > 0, np.ones((3, 3), bool), iterations=2)
+    inner = shrunk_by_square(region > 0, 5)
     flat = evidence.residual < max_residual
     lowest = np.where(flat, evidence.level - below_plane, evidence.top - below_top)
     lowest = np.where(inner, -np.inf, lowest).ravel()

@@ -41,6 +41,7 @@ from eaves.model import Labels, Mask, Points, Regions, Scene, Values
 from eaves.model.cloud import WATER
 from eaves.model.scene import ROOF
 from eaves.raster.nearest import near_cells
+from eaves.raster.squares import closed_by_square
 
 CELL_SPACINGS, WIDE_CELL_M, LEAST_CELL_M = 1.4, 1.0, 0.5
 """The rule for `cell`: its width in spacings up to a wide cell (m), above it one spacing, and at least so
@@ -493,7 +494,7 @@ class Consensus(Detector):
         # at one spacing a third of the cells is empty by chance: they narrow no building
         empty = (evidence.cells.count == 0).reshape(evidence.shape)
         closed, closed_count = ndimage.label(
-            building | (ndimage.binary_closing(building, np.ones((3, 3))) & empty), np.ones((3, 3))
+            building | (closed_by_square(building, 3) & empty), np.ones((3, 3))
         )
         wide = np.r_[0.0, square_width(np.asarray(closed, np.int32), closed_count)]
         width = np.zeros(count + 1)

@@ -10,6 +10,7 @@ from scipy import ndimage
 from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.segments import inner_width
 from eaves.model import Mask, Values
+from eaves.raster.squares import grown_by_square
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def find_roof_voids(evidence: Evidence, limits: VoidLimits) -> tuple[Mask, Mask]
             slice(max(0, columns.start - 1), columns.stop + 1),
         )
         hole = holes[window] == number
-        rim = ndimage.binary_dilation(hole, np.ones((3, 3), bool)) & ~hole
+        rim = grown_by_square(hole, 3) & ~hole
         raised = rim & evidence.candidate[window]
         if raised.sum() < limits.rim_share * rim.sum():
             continue

@@ -25,6 +25,7 @@ from eaves.model.cloud import GRID_STEP
 from eaves.model.doubt import Doubt
 from eaves.raster.interpolate import interpolate_cells
 from eaves.raster.nearest import ADJOINING, near_cells
+from eaves.raster.squares import opened_by_square
 
 DOUBT_M2, DOUBT_MOST_M2, DOUBT_SHARE = 500.0, 250_000.0, 0.6
 """Word is given of surfaces of 500 m² to 500 by 500 m that were left in the terrain though so much of their
@@ -202,17 +203,17 @@ def find_in_cells(floor: Floor, rules: Rules, wide: WideRules) -> Patch:
     nothing = np.full(floor.shape, np.nan, np.float32)
     doubts = find_doubts(floor, surfaces, verdict, rules)
     widest = surfaces.label == np.argmax(surfaces.area)
-    broad = ndimage.binary_opening(widest, np.ones((wide.broad_cells, wide.broad_cells)))
+    broad = opened_by_square(widest, wide.broad_cells)
     reached = np.where(broad, surfaces.z, np.nan).astype(np.float32)
     if not raised.any():
         return Patch(floor.west, floor.north, floor.cell, nothing, nothing, reached, wide.clear, doubts)
     inside = raised | enclosed(raised, terrain)
     region = near_cells(inside, ADJOINING) | (near_cells(inside, wide.fringe_cells**2) & ~terrain)
     support = terrain & near_cells(region, wide.support_cells**2) & np.isfinite(floor.lowest)
-    beneath = nothing.copy()
+    beneath = nothing
     if support.sum() >= 3:
         wanted = region & ~terrain
-        beneath[wanted] = interpolate_cells(surfaces.z, support, wanted)
+        beneath = np.where(wanted, interpolate_cells(surfaces.z, support, wanted), nothing)
     known = terrain & np.isfinite(surfaces.z)
     ground = np.where(known, surfaces.z, beneath)
     ceiling = np.where(region, ground + wide.clear + rise_within(ground, floor.cell), np.nan)

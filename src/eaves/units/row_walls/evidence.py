@@ -65,11 +65,11 @@ def roof_noise(points: Points) -> float:
     least `USUAL_NOISE_M`.
     """
     cell = np.floor(points[:, :2] / PATCH_M).astype(np.int64)
-    _, patch, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+    number = (cell[:, 0] - cell[:, 0].min()) * (np.ptp(cell[:, 1]) + 1) + cell[:, 1] - cell[:, 1].min()
+    _, patch, count = np.unique(number, return_inverse=True, return_counts=True)
     full = count >= PATCH_POINTS
     if not full.any():
         return USUAL_NOISE_M
-    patch = patch.ravel()
     local = np.column_stack([points[:, :2] - (cell + 0.5) * PATCH_M, np.ones(len(points))])
     middle = np.bincount(patch, points[:, 2]) / count
     z = points[:, 2] - middle[patch]
