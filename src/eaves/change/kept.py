@@ -18,7 +18,6 @@ import numpy as np
 from eaves.formats import InputError
 from eaves.methods import resolve_method
 from eaves.model import Block
-from eaves.model.results import BuildingResult
 from eaves.run.recipe import Recipe
 from eaves.run.run import METHOD_OPTIONS, WORK, Run, open_run
 from eaves.run.store import REQUEST, Store
@@ -140,15 +139,3 @@ def recipe_of(plan: dict[str, Any]) -> Recipe:
         vegetation=None if vegetation is None else VegetationRules(**vegetation),
         others=plan.get("others", True),
     )
-
-
-def load_results(store: Store, owner: Block) -> list[BuildingResult]:
-    """The results of an owner block's buildings, as they were saved."""
-    if not store.has("buildings", owner):
-        return []
-    rows = store.building_rows([owner])
-    answers = store.answers([owner])
-    return [
-        BuildingResult(answer, point_id, plane, dict(row.seconds))
-        for answer, row, (point_id, plane) in zip(answers, rows, store.planes(owner), strict=True)
-    ]

@@ -13,13 +13,14 @@ import shapely
 from shapely import Polygon
 
 from eaves.change.edits import EDITS, Edit, Order, edits_of_layer, read_edits, settle, write_edits
-from eaves.change.kept import MODELS, load_results, open_kept, read_request, write_request
+from eaves.change.kept import MODELS, open_kept, read_request, write_request
 from eaves.change.versions import version_of
 from eaves.formats.atomic import report_full_disk
 from eaves.model import Block, BuildingModel, Failure, Footprint
 from eaves.model.results import BuildingResult
 from eaves.model.summary import Summary
 from eaves.run.building import building_pass
+from eaves.run.building_file import SavedBuilding, Section, read_section
 from eaves.run.classified_points import EarlierPoints
 from eaves.run.earlier_lines import EarlierLines
 from eaves.run.gather import Gatherer
@@ -50,19 +51,21 @@ OVERLAP_M2 = 1.0
 class RememberingStore(Store):
     """A store that decodes each part once: everything a few buildings take is decoding the others."""
 
-    def _sections(self, owners: Sequence[Block], name: str) -> Iterator[list[Any]]:
-        for owner in owners:
-            path = self.path("buildings", owner)
-            if path.exists():
-                key = (*stamp_of(path), name)
-                if key not in REMEMBERED:
-                    REMEMBERED[key] = next(iter(super()._sections([owner], name)))
-                yield REMEMBERED[key]
+    def section(self, owner: Block, name: str) -> Section:
+        """A section of the file of an owner block's buildings."""
+        key = (*stamp_of(self.path("buildings", owner)), name)
+        if key not in REMEMBERED:
+            REMEMBERED[key] = read_section(self.path("buildings", owner), name, keeps=True)
+        return REMEMBERED[key]
 
-    def save_buildings(self, owner: Block, results: Sequence[BuildingResult]) -> None:
+    def save_buildings(
+        self, owner: Block, results: Sequence[BuildingResult | SavedBuilding]
+    ) -> dict[str, Section]:
         """Keep the buildings owned by one block, and remember them."""
-        super().save_buildings(owner, results)
-        REMEMBERED[(*stamp_of(self.path("buildings", owner)), "answers")] = [one.outcome for one in results]
+        sections = super().save_buildings(owner, results)
+        stamp = stamp_of(self.path("buildings", owner))
+        REMEMBERED.update({(*stamp, name): section for name, section in sections.items()})
+        return sections
 
 
 def stamp_of(path: Path) -> tuple[int, int]:
@@ -71,7 +74,7 @@ def stamp_of(path: Path) -> tuple[int, int]:
     return state.st_ino, state.st_mtime_ns
 
 
-REMEMBERED: dict[tuple[int, int, str], list[Any]] = {}
+REMEMBERED: dict[tuple[int, int, str], Section] = {}
 """What was decoded of parts, by file, time and section."""
 
 
@@ -233,17 +236,17 @@ class State:
         failed: list[str] = []
         for done, owner in enumerate(sorted({*mine, *again}), 1):
             self.keep_original(owner)
-            results: list[BuildingResult] = []
+            results: list[BuildingResult | SavedBuilding] = []
             wanted = {order.id: order for order in mine.get(owner, ())}
-            for result in load_results(self.as_found(owner), owner):
-                footprint = result.outcome.footprint
-                mine_too = wanted.pop(footprint.id, None) if footprint else None
+            for saved in self.as_found(owner).saved_buildings(owner):
+                mine_too = wanted.pop(str(saved.row.values["id"]), None)
                 if mine_too is None:
-                    results.append(result)
+                    results.append(saved)
                 elif not mine_too.outlines:
                     removed.append(mine_too.id)
                 else:
-                    results += self.model(owner, mine_too, len(results), modelled, failed, version_of(result))
+                    version = version_of(saved.result)
+                    results += self.model(owner, mine_too, len(results), modelled, failed, version)
             for order in wanted.values():
                 results += self.model(owner, order, len(results), modelled, failed)
             self.store.save_buildings(owner, results)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
@@ -10,22 +11,24 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.change.kept import load_results
 from eaves.change.points import COVER_CELL
 from eaves.geometry.components import connected_groups_kernel
 from eaves.model import Block, Failure, Footprint, Mask, Points
-from eaves.model.results import BuildingPoints, BuildingResult
+from eaves.model.results import BuildingPoints
 from eaves.run.block_file import BORDER
-from eaves.run.gather import MARGIN, Gatherer
+from eaves.run.building_file import SavedBuilding
+from eaves.run.gather import MARGIN, Found, Gatherer
 from eaves.run.join import BuildingPlan, OwnedBuildings
 from eaves.run.recipe import Recipe
 from eaves.run.region import compute_buildings
-from eaves.run.rows import world_polygon
 from eaves.run.store import Store
 from eaves.run.world_squares import ring
 
 REACH = MARGIN + COVER_CELL
 """Points that come or go so near (m) to a building's own touch it: its terrain is known so far around."""
+
+NEAR_BLOCKS = 9
+"""Blocks whose points are kept while those around an owner block are looked at."""
 
 MOVED = 0.05
 """The outline of a neighbour has moved when a corner lies farther (m) from where it was."""
@@ -107,18 +110,19 @@ def goes_on(
     for plan in plans:
         for one in plan.buildings:
             blocks = {block for block, _ in one.regions}
-            if not blocks <= near and not near.isdisjoint(blocks):
-                building = gatherer.gather(plan.owner_block, one)
-                if isinstance(building, BuildingPoints) and is_touched(building, changed):
+            if one.failure is None and not blocks <= near and not near.isdisjoint(blocks):
+                building = gatherer.points_of(plan.owner_block, one)
+                if building is not None and is_touched(building, changed):
                     found |= blocks
     return found
 
 
-def is_touched(building: BuildingPoints, changed: NDArray[np.int64]) -> bool:
+def is_touched(building: BuildingPoints | Found, changed: NDArray[np.int64]) -> bool:
     """Whether points near those of a building came or went."""
-    place = np.floor((building.xyz[:, :2] + building.owner_block.origin) / COVER_CELL)
-    keys = cell_keys(np.unique(place.astype(np.int64), axis=0))
-    return bool(is_among(keys, changed).any())
+    place = np.floor((building.xyz[:, :2] + building.owner_block.origin) / COVER_CELL).astype(np.int64)
+    if not meets_box(place.min(axis=0), place.max(axis=0), changed):
+        return False
+    return bool(is_among(cell_keys(place), changed).any())
 
 
 def model_again(
@@ -143,27 +147,23 @@ class Known:
 
     def __init__(self, owned: Owned, store: Store, before: Store, changed: NDArray[np.int64]) -> None:
         self._changed = changed
-        self._results = [one for one in load_results(before, owned.now.owner_block) if len(one.point_id)]
-        gatherer = Gatherer(store)
-        found = [gatherer.gather(owner, plan) for owner, plan in owned.around]
-        self._around = [one for one in found if isinstance(one, BuildingPoints)]
+        self._results = [one for one in before.saved_buildings(owned.now.owner_block) if len(one.point_id)]
+        gatherer = Gatherer(store, keep=NEAR_BLOCKS)
+        found = (gatherer.points_of(owner, plan) for owner, plan in owned.around if plan.failure is None)
+        self._around = [one for one in found if one is not None]
         self._beyond: list[tuple[NDArray[np.int64], Polygon]] = []
         for owner in owned.neighbours:
-            rows = before.building_rows([owner])
-            self._beyond += [
-                (point_id, row.polygon)
-                for row, (point_id, _) in zip(rows, before.planes(owner), strict=True)
-                if len(point_id)
-            ]
-        self._beside: list[BuildingResult] = []
+            some = before.saved_buildings(owner)
+            self._beyond += [(one.point_id, one.row.polygon) for one in some if len(one.point_id)]
+        self._beside: list[SavedBuilding] = []
 
     def take(
         self, buildings: Sequence[BuildingPoints]
-    ) -> tuple[list[BuildingResult], list[BuildingPoints], list[bool]]:
+    ) -> tuple[list[SavedBuilding], list[BuildingPoints], list[bool]]:
         """The results that stay, the buildings to draw, and which of these to model."""
         mine = np.arange(len(buildings) + len(self._around)) < len(buildings)
-        now = [*buildings, *self._around]
-        outlines = [*(outline_of(one) for one in self._results), *(outline for _, outline in self._beyond)]
+        now: list[BuildingPoints | Found] = [*buildings, *self._around]
+        outlines = [*(one.row.polygon for one in self._results), *(outline for _, outline in self._beyond)]
         touched = np.array([is_touched(one, self._changed) for one in now], bool)
         lost = np.array([self._meets(outline) for outline in outlines], bool)
         points = Owners([one.point_id for one in now])
@@ -188,13 +188,14 @@ class Known:
         some = np.flatnonzero(context)
         return kept, [buildings[int(k)] for k in some], [bool(drawn[k] or near[k]) for k in some]
 
-    def result_of(self, building: BuildingPoints, footprint: Footprint | Failure) -> BuildingResult | None:
+    def result_of(self, building: BuildingPoints, footprint: Footprint | Failure) -> SavedBuilding | None:
         """The earlier result of a building beside a touched one, where its outline has not moved."""
         if isinstance(footprint, Failure):
             return None
         for found in self._beside:
-            old = found.outcome.footprint
-            if old is not None and not isinstance(found.outcome, Failure):
+            outcome = found.result.outcome
+            old = outcome.footprint
+            if old is not None and not isinstance(outcome, Failure):
                 apart = shapely.hausdorff_distance(old.polygon, footprint.polygon)
                 if apart <= MOVED and building.given is None:
                     return found
@@ -204,18 +205,14 @@ class Known:
         """Whether points near an outline (world metres) came or went."""
         if outline.is_empty:
             return False
-        west, south, east, north = (int(value) for value in np.floor(np.array(outline.bounds) / COVER_CELL))
+        west, south, east, north = (math.floor(value / COVER_CELL) for value in outline.bounds)
+        if not meets_box((west, south), (east, north), self._changed):
+            return False
         columns, rows = np.meshgrid(np.arange(west, east + 1), np.arange(south, north + 1))
         place = np.column_stack([columns.ravel(), rows.ravel()])
         place = place[is_among(cell_keys(place), self._changed)]
         cells = shapely.box(*(place * COVER_CELL).T, *((place + 1) * COVER_CELL).T)
         return bool(shapely.intersects(outline, cells).any())
-
-
-def outline_of(result: BuildingResult) -> Polygon:
-    """The outline of a result in world metres."""
-    footprint = result.outcome.footprint
-    return Polygon() if footprint is None else world_polygon(footprint)
 
 
 class Owners:
@@ -244,6 +241,13 @@ def is_among(keys: NDArray[np.int64], some: NDArray[np.int64]) -> Mask:
         return np.zeros(len(keys), bool)
     place = np.minimum(np.searchsorted(some, keys), len(some) - 1)
     return np.asarray(some[place] == keys)
+
+
+def meets_box(first: Sequence[int], last: Sequence[int], some: NDArray[np.int64]) -> bool:
+    """Whether a cell from `first` to `last` (column, row) is among some in rising order."""
+    columns = np.arange(first[0], last[0] + 1) * 2**32
+    low, high = columns + first[1], columns + last[1]
+    return bool((np.searchsorted(some, low) < np.searchsorted(some, high, "right")).any())
 
 
 def changed_keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:

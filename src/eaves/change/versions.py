@@ -18,12 +18,11 @@ import shapely
 from shapely import Polygon
 
 from eaves.change.edits import HALF
-from eaves.change.kept import load_results
 from eaves.formats.atomic import atomic
 from eaves.model import Block, BuildingModel, Failure
 from eaves.model.results import BuildingResult
-from eaves.run.part_file import pack
-from eaves.run.rows import world_polygon
+from eaves.run.building_file import SavedBuilding
+from eaves.run.part_file import pack_item
 from eaves.run.store import Store
 
 HISTORY = "history.city.jsonl"
@@ -56,6 +55,11 @@ class Placed:
     result: BuildingResult
     polygon: Polygon
 
+    @classmethod
+    def of(cls, owner: Block, saved: SavedBuilding) -> Placed:
+        """A building as it was saved."""
+        return cls(owner, saved.number, saved.result, saved.row.polygon)
+
     @property
     def id(self) -> str:
         """The id it bears now."""
@@ -83,21 +87,18 @@ def name_versions(
     date
         Of the update, as `YYYY-MM-DD`.
     """
-    results = {owner: load_results(after, owner) for owner in modelled}
-    kept = {
-        one.outcome.footprint.id
-        for owner, same in modelled.items()
-        for one, known in zip(results[owner], same, strict=True)
-        if known and one.outcome.footprint is not None
-    }
-    fresh = [
-        one
-        for owner, same in modelled.items()
-        for one, known in zip(placed(owner, results[owner]), same, strict=True)
-        if not known
-    ]
+    results: dict[Block, list[BuildingResult | SavedBuilding]] = {}
+    kept, fresh = set[str](), list[Placed]()
+    for owner, taken_over in modelled.items():
+        saved = after.saved_buildings(owner)
+        results[owner] = [*saved]
+        kept |= {str(one.row.values["id"]) for one, known in zip(saved, taken_over, strict=True) if known}
+        fresh += [Placed.of(owner, one) for one, known in zip(saved, taken_over, strict=True) if not known]
     earlier = [
-        one for owner in modelled for one in placed(owner, load_results(before, owner)) if one.id not in kept
+        Placed.of(owner, one)
+        for owner in modelled
+        for one in before.saved_buildings(owner)
+        if str(one.row.values["id"]) not in kept
     ]
     partners = match(earlier, fresh)
     told = Versions()
@@ -124,17 +125,6 @@ def name_versions(
     for owner in {one.owner for one in fresh}:
         after.save_buildings(owner, results[owner])
     return told
-
-
-def placed(owner: Block, results: Sequence[BuildingResult]) -> list[Placed]:
-    """Results with their places."""
-    some = []
-    for number, result in enumerate(results):
-        footprint = result.outcome.footprint
-        some.append(
-            Placed(owner, number, result, Polygon() if footprint is None else world_polygon(footprint))
-        )
-    return some
 
 
 def match(earlier: Sequence[Placed], fresh: Sequence[Placed]) -> dict[int, int]:
@@ -232,8 +222,7 @@ def version_of(result: BuildingResult) -> dict[str, Any]:
 
 def same_outcome(one: BuildingModel | Failure, other: BuildingModel | Failure) -> bool:
     """Whether two results are alike to the last bit."""
-    a, b = pack("one", one), pack("one", other)
-    return a.keys() == b.keys() and all(a[name].tobytes() == b[name].tobytes() for name in a)
+    return pack_item(one) == pack_item(other)
 
 
 def lines_of(path: Path) -> dict[str, str]:

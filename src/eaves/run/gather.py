@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -27,6 +27,19 @@ AROUND = 2.0
 """What lies this far (m) around a building's points is known where its walls are looked for."""
 TRUSTED_SHARE = 0.2
 """Under a given footprint the detector's points are taken if at least this share of the high points."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The points (N,) of a building about its owner block's origin."""
+
+    owner_block: Block
+    xyz: Points
+    point_id: NDArray[np.int64]
+    part: NDArray[np.uint8]
+    not_last: NDArray[np.bool_]
+    spacing: float
+    score: float
 
 
 class Gatherer:
@@ -65,6 +78,37 @@ class Gatherer:
         """The building's points about the corner of its owner block, with the terrain around them."""
         if plan.failure is not None:
             return plan.failure
+        found = self.points_of(owner, plan)
+        if found is None:
+            return Failure("no_points", "no point above the ground lies in it", "tiling", plan.given)
+        reach = Bounds.of(found.xyz)
+        if plan.given is not None:
+            reach = reach.union(Bounds(*plan.given.polygon.bounds))
+        around = None
+        if self._around is not None:
+            around = self.points_around(owner, plan, reach.buffered(self._around))
+        seen = self.terrain(owner, reach.buffered(MARGIN), "ground")
+        heights = None
+        if plan.given is not None and not is_seen_beside(plan.given.polygon, seen):
+            heights = self.nearest_ground(owner, plan)
+        return BuildingPoints(
+            owner_block=owner,
+            xyz=found.xyz,
+            point_id=found.point_id,
+            part=found.part,
+            terrain=self.terrain(owner, reach.buffered(MARGIN)),
+            ground_seen=seen,
+            ground_nearest=heights,
+            spacing=found.spacing,
+            score=found.score,
+            number=plan.number,
+            given=plan.given,
+            not_last=found.not_last,
+            around=around,
+        )
+
+    def points_of(self, owner: Block, plan: BuildingPlan) -> Found | None:
+        """The building's points about the corner of its owner block; None where it has none."""
         xyz, point_id, part, not_last, score, spacing = [], [], [], [], 0.0, 1.0
         for block, label in plan.regions:
             result = self.candidates(block)
@@ -83,32 +127,15 @@ class Gatherer:
             part.append(result.part[chosen])
             not_last.append(result.not_last[chosen])
         if not sum(map(len, xyz)):
-            return Failure("no_points", "no point above the ground lies in it", "tiling", plan.given)
-        points = snap(np.concatenate(xyz))
-        reach = Bounds.of(points)
-        if plan.given is not None:
-            reach = reach.union(Bounds(*plan.given.polygon.bounds))
-        around = None
-        if self._around is not None:
-            around = self.points_around(owner, plan, reach.buffered(self._around))
-        seen = self.terrain(owner, reach.buffered(MARGIN), "ground")
-        heights = None
-        if plan.given is not None and not is_seen_beside(plan.given.polygon, seen):
-            heights = self.nearest_ground(owner, plan)
-        return BuildingPoints(
-            owner_block=owner,
-            xyz=points,
-            point_id=np.concatenate(point_id),
-            part=np.concatenate(part),
-            terrain=self.terrain(owner, reach.buffered(MARGIN)),
-            ground_seen=seen,
-            ground_nearest=heights,
-            spacing=spacing,
-            score=score,
-            number=plan.number,
-            given=plan.given,
-            not_last=np.concatenate(not_last),
-            around=around,
+            return None
+        return Found(
+            owner,
+            snap(np.concatenate(xyz)),
+            np.concatenate(point_id),
+            np.concatenate(part),
+            np.concatenate(not_last),
+            spacing,
+            score,
         )
 
     def points_around(self, owner: Block, plan: BuildingPlan, reach: Bounds) -> Points:

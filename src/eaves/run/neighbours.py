@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 
 from eaves.model import Block, BuildingModel, Failure
+from eaves.run.building_file import ANSWERS
 from eaves.run.earlier_lines import EarlierLines
 from eaves.run.party_wall_areas import PARTY_GAP, Walls
 from eaves.run.stock import wall_figures
@@ -28,9 +29,10 @@ def party_walls(
     """
 
     @lru_cache(maxsize=HOMES_IN_MEMORY)
-    def load(owner: int) -> list[Walls | None]:
-        """The walls of an owner block's buildings: measured once, for a building has several neighbours."""
-        return [walls_of(answer) for answer in store.answers([owners[owner]])]
+    def load(owner: int) -> Callable[[int], Walls | None]:
+        """The walls of each of an owner block's buildings: measured once, for one has several neighbours."""
+        answers = store.section(owners[owner], ANSWERS)
+        return lru_cache(maxsize=None)(lambda number: walls_of(answers[number]))
 
     places: list[tuple[int, int]] = []
     polygons, names = [], []
@@ -63,11 +65,13 @@ def walls_of(answer: BuildingModel | Failure) -> Walls | None:
 
 
 def shared_by(
-    place: tuple[int, int], near: Sequence[tuple[int, int]], load: Callable[[int], list[Walls | None]]
+    place: tuple[int, int],
+    near: Sequence[tuple[int, int]],
+    load: Callable[[int], Callable[[int], Walls | None]],
 ) -> dict[str, float] | None:
     """The walls (m², `wall_figures`) of the building at `place`, an owner and a number in it."""
-    mine = load(place[0])[place[1]]
+    mine = load(place[0])(place[1])
     if mine is None:
         return None
-    others = [load(owner)[number] for owner, number in near if (owner, number) != place]
+    others = [load(owner)(number) for owner, number in near if (owner, number) != place]
     return wall_figures(mine, [walls for walls in others if walls is not None])

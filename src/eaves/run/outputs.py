@@ -6,11 +6,11 @@ import json
 import shutil
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from glob import escape
-from itertools import chain, islice
+from itertools import chain, islice, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,7 @@ from eaves.formats.qgis.project import write_project
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.block_file import BlockMetadata, extent_of
+from eaves.run.building_file import ANSWERS
 from eaves.run.clock import Clock
 from eaves.run.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.run.earlier_lines import EarlierLines
@@ -97,20 +98,24 @@ class Results:
             if all(line is not None for line in known):
                 yield from (line for line in known if line is not None)
                 continue
-            answers = replace(self, owners=[owner], shared=own).answers()
-            for answer, line in zip(answers, known, strict=True):
-                yield answer if line is None else line
+            answers = self.store.section(owner, ANSWERS)
+            for number, (line, walls) in enumerate(zip(known, own or repeat(None), strict=False)):
+                yield with_walls(answers[number], walls) if line is None else line
 
     def answers(self) -> Iterator[BuildingModel | Failure]:
         """All models and failures, owner block by owner block, the models with their party walls."""
         areas = iter(self.shared)
         for answer in self.store.answers(self.owners):
-            walls = next(areas, None)
-            if isinstance(answer, BuildingModel) and walls is not None:
-                own, storeys = answer.attributes, answer.footprint.attributes.get("storeys")
-                stock = stock_figures(walls, own, answer.footprint.polygon.area, storeys)
-                answer = answer.with_(attributes={**own, **stock})
-            yield answer
+            yield with_walls(answer, next(areas, None))
+
+
+def with_walls(answer: BuildingModel | Failure, walls: Mapping[str, float] | None) -> BuildingModel | Failure:
+    """What came of a building, a model with the figures that follow from its walls (`wall_figures`)."""
+    if not isinstance(answer, BuildingModel) or walls is None:
+        return answer
+    own, storeys = answer.attributes, answer.footprint.attributes.get("storeys")
+    stock = stock_figures(walls, own, answer.footprint.polygon.area, storeys)
+    return answer.with_(attributes={**own, **stock})
 
 
 def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[list[Path], PointSink | None]:

@@ -17,6 +17,7 @@ from functools import lru_cache, partial
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
+from struct import Struct
 from typing import Any, Literal
 
 import numpy as np
@@ -35,6 +36,8 @@ TYPES: dict[str, type[Any]] = {
 TIMES = {cls.__name__: cls for cls in (datetime, date, time)}
 MARK = "~"
 """Key of an object that stands for something JSON has no word for."""
+HEAD = Struct("<II")
+"""Before an item: how many bytes tell of its arrays, and how many are its JSON."""
 JSON_TYPES = frozenset((type(None), str, bool, int, float))
 
 
@@ -139,6 +142,26 @@ def unpack(file: Mapping[str, NDArray[Any]], name: str, types: Mapping[str, type
     return decode(file[name], arrays, types)
 
 
+def pack_item(value: Any) -> bytes:
+    """A value by itself, with its arrays: one of many in an array of bytes."""
+    arrays: list[NDArray[Any]] = []
+    text = json.dumps(plain(value, arrays), separators=(",", ":")).encode()
+    index = json.dumps([[array.dtype.str, array.shape] for array in arrays], separators=(",", ":")).encode()
+    return b"".join([HEAD.pack(len(index), len(text)), index, text, *(array.tobytes() for array in arrays)])
+
+
+def unpack_item(data: bytes) -> Any:
+    """The value of `pack_item`."""
+    sizes = HEAD.unpack_from(data)
+    start = HEAD.size + sizes[0]
+    place, arrays = start + sizes[1], []
+    for kind, shape in json.loads(data[HEAD.size : start]):
+        array = np.frombuffer(data, kind, math.prod(shape), place)
+        arrays.append(array.reshape(shape).copy())  # in line with the machine's words
+        place += array.nbytes
+    return decode(data[start : start + sizes[1]], arrays)
+
+
 def is_sound(path: Path) -> bool:
     """Whether a part is whole and every array has its checksum."""
     try:
@@ -154,11 +177,11 @@ def encode(value: Any, arrays: list[NDArray[Any]]) -> NDArray[np.uint8]:
 
 
 def decode(
-    text: NDArray[np.uint8], arrays: list[NDArray[Any]], types: Mapping[str, type[Any]] = TYPES
+    text: NDArray[np.uint8] | bytes, arrays: list[NDArray[Any]], types: Mapping[str, type[Any]] = TYPES
 ) -> Any:
     """What `encode` was given."""
     # the parser itself hands over each object, its members done: a walk over all takes five times as long
-    return json.loads(text.tobytes(), object_hook=partial(restored, arrays=arrays, types=types))
+    return json.loads(bytes(text), object_hook=partial(restored, arrays=arrays, types=types))
 
 
 def plain(value: Any, arrays: list[NDArray[Any]]) -> Any:

@@ -23,6 +23,7 @@ from eaves.raster.surfaces import CELL
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.run.block import block_pass
 from eaves.run.building import broken_result, building_pass, draw_footprints, find_doubtful
+from eaves.run.building_file import SavedBuilding
 from eaves.run.clock import Budget, Clock
 from eaves.run.decks import Decks
 from eaves.run.gather import AROUND, Gatherer
@@ -393,10 +394,10 @@ class Earlier(Protocol):
 
     def take(
         self, buildings: Sequence[BuildingPoints]
-    ) -> tuple[list[BuildingResult], list[BuildingPoints], list[bool]]:
+    ) -> tuple[list[SavedBuilding], list[BuildingPoints], list[bool]]:
         """The results that stay as they are, the gathered buildings to draw, and which of these to model."""
 
-    def result_of(self, building: BuildingPoints, footprint: Footprint | Failure) -> BuildingResult | None:
+    def result_of(self, building: BuildingPoints, footprint: Footprint | Failure) -> SavedBuilding | None:
         """The earlier result of a building with its footprint; None where there is none of just that."""
 
 
@@ -412,7 +413,9 @@ def compute_buildings(
     if snap:
         plan = gatherer.snapped(plan)
     gathered = [gatherer.gather(plan.owner_block, building) for building in plan.buildings]
-    results = [BuildingResult.without_points(none) for none in gathered if isinstance(none, Failure)]
+    results: list[BuildingResult | SavedBuilding] = [
+        BuildingResult.without_points(none) for none in gathered if isinstance(none, Failure)
+    ]
     buildings = [building for building in gathered if not isinstance(building, Failure)]
     known = [False] * len(results)
     if earlier is not None:
@@ -427,22 +430,22 @@ def compute_buildings(
         buildings = [one for one, is_wanted in zip(buildings, wanted, strict=True) if is_wanted]
     buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
     clock.lap("units")
-    todo: list[int] = []
+    made: dict[int, BuildingResult] = {}
     for number, (building, footprint) in enumerate(zip(buildings, footprints, strict=True)):
         found = None if earlier is None else earlier.result_of(building, footprint)
         known.append(found is not None)
         if found is None:
-            todo.append(number)
-            results.append(try_building(building, footprint, recipe, store, check=False))
+            made[number] = try_building(building, footprint, recipe, store, check=False)
+            results.append(made[number])
         else:
             results.append(found)
     checking = Clock()
-    before = len(results) - len(buildings)
-    for number in recheck([results[before + number] for number in todo], recipe, store):
+    todo, before = list(made), len(results) - len(buildings)
+    for number in recheck(list(made.values()), recipe, store):
         place = todo[number]
         results[before + place] = try_building(buildings[place], footprints[place], recipe, store)
     checking.lap("validate")
-    if results and not known[0]:
+    if results and isinstance(results[0], BuildingResult):
         spent = results[0].seconds
         spent.update(clock.laps, validate=spent.get("validate", 0.0) + checking.laps["validate"])
     store.save_buildings(plan.owner_block, results)

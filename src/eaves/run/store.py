@@ -8,7 +8,6 @@ import os
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,17 @@ from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure,
 from eaves.model.cloud import GRID_STEP
 from eaves.model.results import BlockResult, BuildingResult
 from eaves.run.block_file import BlockFile, save_block
-from eaves.run.part_file import is_sound, open_part, pack, save_part, unpack
+from eaves.run.building_file import (
+    ANSWERS,
+    ROWS,
+    SavedBuilding,
+    Section,
+    read_planes,
+    read_section,
+    read_small_section,
+    save_buildings,
+)
+from eaves.run.part_file import is_sound, open_part, save_part
 from eaves.run.rows import BuildingRow
 from eaves.run.world_squares import GROUND_SQUARE, squares_of
 
@@ -41,8 +50,8 @@ RECORD = np.dtype(
     ]
 )
 """A point between reading and the block pass: coordinates in quanta about its block's corner."""
-SMALL_PART, SMALL_PARTS = 1 << 21, 8
-"""Parts of buildings up to this size (bytes), and how many of them, stay in memory once they were read."""
+SMALL_PART = 1 << 21
+"""Parts of buildings up to this size (bytes) stay in memory once they were read."""
 COMPUTED = ("floors", "squares", "decks", "ground", "blocks", "buildings")
 """Folders of what was computed of the points."""
 
@@ -228,45 +237,44 @@ class Store:
         """What the block pass found in one block; to be used in a `with` statement."""
         return BlockFile(self.path("blocks", block), block)
 
-    def save_buildings(self, owner: Block, results: Sequence[BuildingResult]) -> None:
-        """Keep the buildings owned by one block."""
-        sections = {
-            "rows": [vars(BuildingRow.of(result.outcome, result.seconds)) for result in results],
-            "answers": [result.outcome for result in results],
-        }
-        packed: dict[str, NDArray[Any]] = {}
-        for name, values in sections.items():
-            packed |= pack(name, values)
-        packed["points"] = np.array([len(result.point_id) for result in results], np.int64)
-        packed["point_id"] = np.concatenate([np.zeros(0, np.int64), *(one.point_id for one in results)])
-        packed["plane"] = np.concatenate([np.zeros(0, np.int32), *(one.plane for one in results)])
-        save_part(self.path("buildings", owner), packed)
+    def save_buildings(
+        self, owner: Block, results: Sequence[BuildingResult | SavedBuilding]
+    ) -> dict[str, Section]:
+        """Keep the buildings owned by one block; the sections of their file."""
+        return save_buildings(self.path("buildings", owner), results)
+
+    def saved_buildings(self, owner: Block) -> list[SavedBuilding]:
+        """The buildings owned by one block, as they were saved."""
+        if not self.has("buildings", owner):
+            return []
+        rows, answers = self.section(owner, ROWS), self.section(owner, ANSWERS)
+        planes = enumerate(self.planes(owner))
+        return [SavedBuilding(rows, answers, number, *told) for number, told in planes]
 
     def building_rows(self, owners: Sequence[Block]) -> Iterator[BuildingRow]:
         """What is told of all buildings, owner block by owner block."""
-        for values in self._sections(owners, "rows"):
-            yield from (BuildingRow(**value) for value in values)
+        for owner in owners:
+            if self.has("buildings", owner):
+                yield from self.section(owner, ROWS)
 
     def planes(self, owner: Block) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int32]]]:
         """Ids and roof planes (0 for none) of the points of each building owned by one block."""
         if self.has("buildings", owner):
-            with open_part(self.path("buildings", owner)) as file:
-                ends: NDArray[np.int64] = np.cumsum(file["points"])[:-1]
-                pieces = (np.split(file[name], ends) for name in ("point_id", "plane"))
-                yield from list(zip(*pieces, strict=True))[: len(file["points"])]
+            yield from read_planes(self.path("buildings", owner))
 
     def answers(self, owners: Sequence[Block]) -> Iterator[BuildingModel | Failure]:
         """All buildings, owner block by owner block."""
-        for values in self._sections(owners, "answers"):
-            yield from values
-
-    def _sections(self, owners: Sequence[Block], name: str) -> Iterator[list[Any]]:
         for owner in owners:
             if self.has("buildings", owner):
-                path = self.path("buildings", owner)
-                state = path.stat()
-                read = read_section if state.st_size <= SMALL_PART else read_section.__wrapped__
-                yield read(path, name, (state.st_mtime_ns, state.st_size))
+                yield from self.section(owner, ANSWERS)
+
+    def section(self, owner: Block, name: str) -> Section:
+        """A section of the file of an owner block's buildings."""
+        path = self.path("buildings", owner)
+        state = path.stat()
+        if state.st_size > SMALL_PART:
+            return read_section(path, name)
+        return read_small_section(path, name, (state.st_mtime_ns, state.st_size))
 
     def drop_damaged(self) -> None:
         """Remove the parts that are not as they were written, with a warning for each: they are computed
@@ -301,15 +309,6 @@ class Store:
         """Write the plan that everything in the folder belongs to."""
         with atomic(self.folder / "plan.json") as temporary:
             temporary.write_text(json.dumps(plan), encoding="utf-8")
-
-
-@lru_cache(maxsize=SMALL_PARTS)
-def read_section(path: Path, name: str, mark: tuple[int, int]) -> list[Any]:
-    """A list that `Store.save_buildings` packed, from the file that bears the `mark`. The outputs ask for
-    those of a small run a dozen times."""
-    with open_part(path) as file:
-        values: list[Any] = unpack(file, name)
-        return values
 
 
 def link_file(source: Path, target: Path) -> None:
