@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -58,11 +59,12 @@ class Walls:
 
     def areas(self) -> NDArray[np.float64]:
         """Area (m², W) of each wall."""
-        faces = [
-            upright(corners, start, end)
-            for corners, start, end in zip(self.corners, self.start, self.end, strict=True)
-        ]
-        return np.asarray(shapely.area(faces), np.float64) if faces else np.zeros(0)
+        return np.asarray(shapely.area(self.faces), np.float64)
+
+    @cached_property
+    def faces(self) -> NDArray[np.object_]:
+        """The walls (W,) as polygons of length along themselves and height."""
+        return upright(self.corners, self.start, self.end)
 
     def lines(self) -> NDArray[np.object_]:
         """The walls in plan (W,)."""
@@ -85,11 +87,12 @@ def shared_areas(mine: Walls, others: Sequence[Walls]) -> NDArray[np.float64]:
     Two walls stand against each other where they face each other at most `PARTY_GAP` apart; what of one
     rises above the other is not shared.
     """
-    covers: list[list[BaseGeometry]] = [[] for _ in mine.corners]
-    area = np.zeros(len(covers))
-    if not covers:
+    area = np.zeros(len(mine.corners))
+    if not len(area):
         return area
     tree = shapely.STRtree(mine.lines())
+    corners: list[NDArray[np.float64]] = []
+    against: list[int] = []
     for neighbour in others:
         walls = neighbour.about(mine.origin)
         if not walls.corners:
@@ -97,19 +100,31 @@ def shared_areas(mine: Walls, others: Sequence[Walls]) -> NDArray[np.float64]:
         theirs, own = tree.query(walls.lines(), predicate="dwithin", distance=PARTY_GAP)
         facing = (walls.outward[theirs] * mine.outward[own]).sum(axis=1)
         facing = facing < -np.cos(np.radians(MOST_TURN_DEG))
-        for other, wall in zip(theirs[facing].tolist(), own[facing].tolist(), strict=True):
-            covers[wall].append(upright(walls.corners[other], mine.start[wall], mine.end[wall]))
-    for wall, found in enumerate(covers):
-        if found:
-            own_face = upright(mine.corners[wall], mine.start[wall], mine.end[wall])
-            area[wall] = float(shapely.intersection(own_face, shapely.union_all(found)).area)
+        corners += [walls.corners[other] for other in theirs[facing].tolist()]
+        against += own[facing].tolist()
+    covers = upright(corners, mine.start[against], mine.end[against])
+    found: dict[int, list[BaseGeometry]] = {}
+    for wall, cover in zip(against, covers, strict=True):
+        found.setdefault(wall, []).append(cover)
+    whole = [some[0] if len(some) == 1 else shapely.union_all(some) for some in found.values()]
+    walled = list(found)
+    area[walled] = shapely.area(shapely.intersection(mine.faces[walled], whole))
     return area
 
 
 def upright(
-    corners: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
-) -> BaseGeometry:
-    """A wall's corners (K, 3) as a polygon of length along the line from `start` to `end` and height."""
+    corners: Sequence[NDArray[np.float64]], start: NDArray[np.float64], end: NDArray[np.float64]
+) -> NDArray[np.object_]:
+    """The corners (K, 3) of walls as polygons (W,) of length along the lines from `start` to `end` (W, 2) and
+    height.
+    """
+    if not corners:
+        return np.empty(0, object)
+    wall = np.repeat(np.arange(len(corners)), [len(places) for places in corners])
+    places = np.concatenate(corners)
     step = end - start
-    along = (corners[:, :2] - start) @ (step / max(float(np.hypot(*step)), 1e-9))
-    return shapely.make_valid(shapely.Polygon(np.column_stack([along, corners[:, 2]])))
+    step /= np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9)[:, None]
+    away = places[:, :2] - start[wall]
+    along = away[:, 0] * step[wall, 0] + away[:, 1] * step[wall, 1]
+    rings = shapely.linearrings(np.column_stack([along, places[:, 2]]), indices=wall)
+    return np.asarray(shapely.make_valid(shapely.polygons(rings)), object)
