@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eaves.reconstruct.toolkit.height_steps import pairwise_sum_kernel, strongest_lines
+from eaves.geometry.sums import pairwise_sum_kernel
+from eaves.reconstruct.toolkit.height_steps import strongest_lines
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 8, 9, 100, 128, 129, 1000])

@@ -10,9 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.inside import points_in_polygons
-from eaves.kernels import kernel
 from eaves.model import Points, Values
 from eaves.reconstruct.toolkit.half_edges import (
     OUTSIDE,
@@ -21,10 +19,8 @@ from eaves.reconstruct.toolkit.half_edges import (
     follow_kernel,
     merge_kernel,
     regions_kernel,
+    rings_kernel,
 )
-
-PAIRWISE = 8
-"""Rings of this many edges and more are summed pairwise, which keeps more digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,16 +67,21 @@ class Coverage:
         return np.asarray(np.hypot(step[:, 0], step[:, 1]))
 
     @cached_property
+    def measures(self) -> tuple[Integers, Integers, Integers, Values, Values, Integers]:
+        """`ring_order`, `ring_cell`, `ring_area`, `area` and `outer_ring`."""
+        known = (self.nodes, self.start, self.end, self.cell, self.following, self.count)
+        halves, first, ring_cell, ring_area, area, outer = rings_kernel(*known)
+        return halves, first, ring_cell, ring_area, area, outer
+
+    @property
     def ring_order(self) -> tuple[Integers, Integers]:
         """The half-edges (H,) ring by ring, and where each ring starts among them (R + 1,)."""
-        halves, first = ring_order_kernel(self.following)
-        return halves, first
+        return self.measures[:2]
 
-    @cached_property
+    @property
     def ring_cell(self) -> Integers:
         """The cell (R,) to the left of every ring."""
-        halves, first = self.ring_order
-        return np.asarray(self.cell[halves[first[:-1]]])
+        return self.measures[2]
 
     @property
     def rings(self) -> list[Integers]:
@@ -88,38 +89,22 @@ class Coverage:
         halves, first = self.ring_order
         return np.split(halves, first[1:-1]) if len(first) > 1 else []
 
-    @cached_property
+    @property
     def ring_area(self) -> Values:
         """Signed area of each of `rings`, positive when counter-clockwise (m²)."""
-        x, y = (self.nodes - self.nodes[:1]).T
-        halves, first = self.ring_order
-        start, end = self.start[halves], self.end[halves]
-        cross = x[start] * y[end] - x[end] * y[start]
-        size = np.diff(first)
-        answer = np.bincount(np.repeat(np.arange(len(size)), size), cross, len(size))
-        for ring in np.flatnonzero(size >= PAIRWISE):
-            answer[ring] = cross[first[ring] : first[ring + 1]].sum()
-        return np.asarray(0.5 * answer)
+        return self.measures[3]
 
-    @cached_property
+    @property
     def area(self) -> Values:
         """Area (C,) of every cell (m²)."""
-        inside = self.ring_cell >= 0
-        return np.asarray(
-            np.bincount(self.ring_cell[inside], self.ring_area[inside], minlength=self.count), np.float64
-        )
+        return self.measures[4]
 
-    @cached_property
+    @property
     def outer_ring(self) -> Integers:
         """The first counter-clockwise ring (C,) of every cell, -1 for a cell without area to stand on: with
         none, or with a ring of fewer than three edges.
         """
-        number = np.flatnonzero((self.ring_cell >= 0) & (self.ring_area > 0.0))
-        cells, first = np.unique(self.ring_cell[number], return_index=True)
-        answer = np.full(self.count + 1, -1)
-        answer[cells] = number[first]
-        answer[self.ring_cell[np.diff(self.ring_order[1]) < 3]] = -1
-        return answer[:-1]
+        return self.measures[5]
 
     def polygons(self) -> NDArray[np.object_]:
         """The cells (C,) as shapely polygons; empty where a cell has no outer ring."""
@@ -186,10 +171,8 @@ class Coverage:
 
     def parts(self) -> list[tuple[Coverage, Integers]]:
         """The connected pieces of the coverage, each with the cells it is made of."""
-        inner = (self.cell != OUTSIDE) & (self.cell[self.twin] != OUTSIDE)
-        pairs = (self.cell[inner], self.cell[self.twin][inner])
-        group = connected_groups_kernel(*pairs, self.count)
-        number = int(group.max(initial=-1)) + 1
+        group, first = self.regions(np.zeros(self.count, np.int64))
+        number = len(first)
         if number <= 1:
             return [(self, np.arange(self.count))]
         answer = []
@@ -252,22 +235,3 @@ def coverage_of(polygons: NDArray[np.object_], grid: float) -> Coverage | None:
         np.concatenate([end, start[alone]]).astype(np.int64),
         np.concatenate([cell, np.full(int(alone.sum()), OUTSIDE)]).astype(np.int64),
     )
-
-
-@kernel
-def ring_order_kernel(following: Integers) -> tuple[Integers, Integers]:
-    """The half-edges (H,) ring by ring, each `following` (H,) another, and where rings start (R + 1,)."""
-    seen = np.zeros(len(following), np.bool_)
-    halves, first = np.empty(len(following), np.int64), np.zeros(len(following) + 1, np.int64)
-    rings, count = 0, 0
-    for half in range(len(following)):
-        if seen[half]:
-            continue
-        while not seen[half]:
-            seen[half] = True
-            halves[count] = half
-            count += 1
-            half = following[half]
-        rings += 1
-        first[rings] = count
-    return halves, first[: rings + 1]

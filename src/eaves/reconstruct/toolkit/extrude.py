@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
-from eaves.model import Face, Mask, Solid
+from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.model import Face, Mask, Points, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
+from eaves.reconstruct.toolkit.columns import SAME_HEIGHT, columns_kernel, crossings_kernel
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
 from eaves.reconstruct.toolkit.simplification import (
@@ -24,28 +26,12 @@ from eaves.reconstruct.toolkit.simplification import (
 from eaves.reconstruct.toolkit.soundness import find_defect
 from eaves.reconstruct.toolkit.welding import weld_necks
 
-SAME_HEIGHT = 0.4 * PLANARITY
-"""Heights over one node that are nearer than this (m) become one vertex, half of it off each plane: with the
-rounding of coordinates within 0.01 feet of it, the limit for files in feet."""
-
 CORNER = 0.10
 """How far (m) a corner steps back where a building would touch itself in a vertical edge."""
 
 ROUNDS = 40
 """Rounds in which self-contacts are resolved, all that do not touch each other at once, before the plan is
 given up."""
-
-
-@dataclass(frozen=True, eq=False)
-class Columns:
-    """The vertices over the nodes: `vertex` (H,) is the number of the roof vertex of each half-edge's cell
-    over its start.
-
-    Vertices of a node have consecutive numbers, from low to high.
-    """
-
-    vertices: NDArray[np.float64]
-    vertex: Integers
 
 
 def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> list[Solid] | None:
@@ -66,12 +52,11 @@ def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> lis
         touching = []
         solids = []
         for part, cells in plan.parts():
-            columns = make_columns(part, planes[cells], base)
-            spans = wall_spans(part, columns)
-            nodes = find_contacts(part, columns, spans)
+            known = (part.nodes, part.start, part.cell, part.twin, part.following)
+            vertices, vertex, spans, nodes = columns_kernel(*known, planes[cells], float(base))
             touching += list(part.nodes[nodes])
             if not touching:
-                solids.append(close_solid(part, columns, spans, names[cells]))
+                solids.append(close_solid(part, vertices, vertex, spans, names[cells]))
         if not touching:
             return solids
         stepped = step_back(plan, planes, base, touching)
@@ -91,32 +76,14 @@ def split_crossings(coverage: Coverage, planes: NDArray[np.float64]) -> Coverage
     free = np.ones(len(coverage.nodes), bool)
     free[coverage.start[coverage.cell == OUTSIDE]] = False
     while True:
-        halves, places = crossings(coverage, planes)
+        known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin)
+        halves, places = crossings_kernel(*known, planes)
+        if len(halves) == 0:
+            return coverage
         moved = node_moved(coverage, halves, places, free)
         if moved is None:
             return coverage.split(halves, places)
         coverage = moved
-
-
-def crossings(coverage: Coverage, planes: NDArray[np.float64]) -> tuple[Integers, NDArray[np.float64]]:
-    """Where the planes of two cells cross along their edge: its half (K,) and the place (K, 2)."""
-    halves = np.flatnonzero(
-        (coverage.cell > coverage.cell[coverage.twin]) & (coverage.cell[coverage.twin] >= 0)
-    )
-    left, right = planes[coverage.cell[halves]], planes[coverage.cell[coverage.twin[halves]]]
-    start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
-    step = left - right
-    before = step[:, 0] * start[:, 0] + step[:, 1] * start[:, 1] + step[:, 2]
-    after = step[:, 0] * end[:, 0] + step[:, 1] * end[:, 1] + step[:, 2]
-    crosses = (before * after < 0.0) & (np.minimum(np.abs(before), np.abs(after)) > SAME_HEIGHT)
-    share = (before[crosses] / (before[crosses] - after[crosses]))[:, None]
-    places = start[crosses] * (1.0 - share) + end[crosses] * share
-    places = np.round(np.round(places / COORDINATE_STEP) * COORDINATE_STEP, 6)
-    clear = (
-        np.minimum(np.hypot(*(places - start[crosses]).T), np.hypot(*(places - end[crosses]).T))
-        > 1.5 * COORDINATE_STEP
-    )
-    return halves[crosses][clear], places[clear]
 
 
 def node_moved(
@@ -137,77 +104,29 @@ def node_moved(
     return None
 
 
-def make_columns(coverage: Coverage, planes: NDArray[np.float64], base: float) -> Columns:
-    """The vertices over every node: one for each group of nearly equal heights of its cells."""
-    place = coverage.nodes[coverage.start]
-    plane = planes[coverage.cell]
-    height = plane[:, 0] * place[:, 0] + plane[:, 1] * place[:, 1] + plane[:, 2]
-    outside = coverage.cell == OUTSIDE
-    height = np.where(outside, base, height)
-    order = np.lexsort((height, ~outside, coverage.start))
-    node, sorted_height, sorted_outside = coverage.start[order], height[order], outside[order]
-    new = np.ones(len(order), bool)
-    new[1:] = (
-        (np.diff(node) != 0)
-        | (np.diff(sorted_height) > SAME_HEIGHT)
-        | (sorted_outside[1:] != sorted_outside[:-1])
-    )
-    first = np.flatnonzero(new)
-    last = np.append(first[1:], len(order)) - 1
-    middle = 0.5 * (sorted_height[first] + sorted_height[last])
-    middle = np.round(np.round(middle / COORDINATE_STEP) * COORDINATE_STEP, 6)
-    number = np.empty(len(order), np.int64)
-    number[order] = np.cumsum(new) - 1
-    return Columns(np.column_stack([coverage.nodes[node[first]], middle]), number)
-
-
-def wall_spans(coverage: Coverage, columns: Columns) -> Integers:
-    """The vertex numbers (W, 4) of the walls: foot and top over the start of an edge, foot and top over its
-    end.
-    """
-    top_start, top_end = columns.vertex, columns.vertex[coverage.following]
-    foot_start, foot_end = top_end[coverage.twin], top_start[coverage.twin]
-    wall = (
-        (coverage.cell != OUTSIDE)
-        & (top_start >= foot_start)
-        & (top_end >= foot_end)
-        & ((top_start > foot_start) | (top_end > foot_end))
-    )
-    return np.asarray(np.column_stack([foot_start, top_start, foot_end, top_end])[wall], np.int64)
-
-
-def find_contacts(coverage: Coverage, columns: Columns, spans: Integers) -> Integers:
-    """The nodes (K,) whose columns have a stretch that more than two walls, with `spans` (W, 4), share."""
-    size = len(columns.vertices) + 1
-    change = np.bincount(spans[:, 0::2].ravel(), minlength=size)
-    change -= np.bincount(spans[:, 1::2].ravel(), minlength=size)
-    shared = np.flatnonzero(np.cumsum(change) > 2)
-    if len(shared) == 0:
-        return shared
-    return np.unique(coverage.start[np.isin(columns.vertex, shared)])
-
-
-def close_solid(coverage: Coverage, columns: Columns, spans: Integers, names: Integers) -> Solid:
+def close_solid(
+    coverage: Coverage, vertices: Points, vertex: Integers, spans: Integers, names: Integers
+) -> Solid:
     """The solid of a connected plan: one ground face, a roof face for each cell, named by `names` (C,), and
-    the walls, with `spans` (W, 4).
+    the walls, with `spans` (W, 4). `vertex` (H,) is that of each half-edge's cell over its start.
     """
-    ground: list[list[int]] = []
-    roofs: list[list[list[int]]] = [[] for _ in range(coverage.count)]
-    vertex = columns.vertex
-    rings = zip(coverage.ring_cell.tolist(), coverage.rings, coverage.ring_area.tolist(), strict=True)
-    for cell, ring, area in rings:
+    ground: list[tuple[int, ...]] = []
+    roofs: list[list[tuple[int, ...]]] = [[] for _ in range(coverage.count)]
+    halves, first = coverage.ring_order
+    corners, begin = vertex[halves].tolist(), first.tolist()
+    rings = zip(coverage.ring_cell.tolist(), coverage.ring_area.tolist(), pairwise(begin), strict=True)
+    for cell, area, (start, end) in rings:
         target = ground if cell == OUTSIDE else roofs[cell]
         outer = area < 0.0 if cell == OUTSIDE else area > 0.0
-        target.insert(0 if outer else len(target), vertex[ring].tolist())
-    faces = [Face(tuple(tuple(ring) for ring in ground), GROUND_SURFACE)]
+        target.insert(0 if outer else len(target), tuple(corners[start:end]))
+    faces = [Face(tuple(ground), GROUND_SURFACE)]
     faces += [
-        Face(tuple(tuple(ring) for ring in own), ROOF_SURFACE, int(names[cell]))
-        for cell, own in enumerate(roofs)
+        Face(tuple(own), ROOF_SURFACE, name) for name, own in zip(names.tolist(), roofs, strict=True)
     ]
     for foot_start, top_start, foot_end, top_end in spans.tolist():
         up, down = range(foot_end, top_end + 1), range(top_start, foot_start - 1, -1)
         faces.append(Face(((*up, *down),), WALL_SURFACE))
-    return Solid(columns.vertices, tuple(faces))
+    return Solid(vertices, tuple(faces))
 
 
 def step_back(

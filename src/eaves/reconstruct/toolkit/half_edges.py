@@ -9,12 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.components import unite_kernel
+from eaves.geometry.sums import pairwise_sum_kernel
 from eaves.kernels import inlined_kernel, kernel
 
 Integers = NDArray[np.int64]
 
 OUTSIDE = -1
 """The cell number of everything that is not covered."""
+
+PAIRWISE = 8
+"""Rings of this many edges and more are summed pairwise, which keeps more digits."""
 
 
 @kernel
@@ -275,3 +279,100 @@ def corner_rank_kernel(
         straight = abs(cross) / size < 0.02 and before_x * after_x + before_y * after_y > 0.0
         rank[b] = max(rank[b], 1 if straight else 2)
     return rank
+
+
+@kernel
+def ring_order_kernel(following: Integers) -> tuple[Integers, Integers]:
+    """The half-edges (H,) ring by ring, each `following` (H,) another, and where rings start (R + 1,)."""
+    seen = np.zeros(len(following), np.bool_)
+    halves, first = np.empty(len(following), np.int64), np.zeros(len(following) + 1, np.int64)
+    rings, count = 0, 0
+    for half in range(len(following)):
+        if seen[half]:
+            continue
+        while not seen[half]:
+            seen[half] = True
+            halves[count] = half
+            count += 1
+            half = following[half]
+        rings += 1
+        first[rings] = count
+    return halves, first[: rings + 1]
+
+
+@kernel
+def rings_kernel(
+    nodes: NDArray[np.float64],
+    start: Integers,
+    end: Integers,
+    cell: Integers,
+    following: Integers,
+    count: int,
+) -> tuple[Integers, Integers, Integers, NDArray[np.float64], NDArray[np.float64], Integers]:
+    """The half-edges (H,) ring by ring, where rings start (R + 1,), the cell and the signed area (R,; m²) of
+    each, the area (C,; m²) of each of `count` cells, and the first counter-clockwise ring (C,) of it, -1
+    where there is none or one of its rings has fewer than three edges.
+    """
+    halves, first = ring_order_kernel(following)
+    ring_cell, ring_area = np.empty(len(first) - 1, np.int64), np.empty(len(first) - 1)
+    area, outer, cross = np.zeros(count), np.full(count, -1), np.empty(len(halves))
+    for ring in range(len(first) - 1):
+        mine = cell[halves[first[ring]]]
+        total = 0.0
+        for place in range(first[ring], first[ring + 1]):
+            half = halves[place]
+            ax, ay = nodes[start[half], 0] - nodes[0, 0], nodes[start[half], 1] - nodes[0, 1]
+            bx, by = nodes[end[half], 0] - nodes[0, 0], nodes[end[half], 1] - nodes[0, 1]
+            cross[place] = ax * by - bx * ay
+            total += cross[place]
+        if first[ring + 1] - first[ring] >= PAIRWISE:
+            total = pairwise_sum_kernel(cross[first[ring] : first[ring + 1]])
+        ring_cell[ring], ring_area[ring] = mine, 0.5 * total
+        if mine >= 0:
+            area[mine] += ring_area[ring]
+            if outer[mine] == -1 and ring_area[ring] > 0.0:
+                outer[mine] = ring
+    for ring in range(len(first) - 1):
+        if ring_cell[ring] >= 0 and first[ring + 1] - first[ring] < 3:
+            outer[ring_cell[ring]] = -1
+    return halves, first, ring_cell, ring_area, area, outer
+
+
+@kernel
+def sliver_kernel(
+    nodes: NDArray[np.float64],
+    start: Integers,
+    end: Integers,
+    cell: Integers,
+    twin: Integers,
+    area: NDArray[np.float64],
+    smallest: float,
+    narrowest: float,
+) -> tuple[int, int]:
+    """The smallest of the cells under an `area` (C,; m²) of `smallest` or narrower (m) than `narrowest`, and
+    the neighbour it shares most with; -1 where there is none.
+
+    The width is that of the rectangle that has the cell's area and perimeter; a square's where none has.
+    """
+    perimeter, shared = np.zeros(len(area)), np.zeros(len(area))
+    for half in range(len(start)):
+        if cell[half] != OUTSIDE:
+            a, b = nodes[start[half]], nodes[end[half]]
+            length = np.hypot(b[0] - a[0], b[1] - a[1])
+            perimeter[cell[half]] += length
+            if cell[twin[half]] != OUTSIDE:
+                shared[cell[half]] += length
+    worst = -1
+    for one in range(len(area)):
+        excess = np.sqrt(max(perimeter[one] * perimeter[one] - 16.0 * area[one], 0.0))
+        bad = area[one] < smallest or 0.25 * (perimeter[one] - excess) < narrowest
+        if bad and shared[one] > 0.0 and (worst < 0 or area[one] < area[worst]):
+            worst = one
+    if worst < 0:
+        return -1, -1
+    beside = np.zeros(len(area))
+    for half in range(len(start)):
+        if cell[half] == worst and cell[twin[half]] != OUTSIDE:
+            a, b = nodes[start[half]], nodes[end[half]]
+            beside[cell[twin[half]]] += np.hypot(b[0] - a[0], b[1] - a[1])
+    return worst, int(np.argmax(beside))

@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from eaves.model import Mask, Values
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.half_edges import (
     OUTSIDE,
     Integers,
     contract_kernel,
     corner_rank_kernel,
+    sliver_kernel,
     straighten_kernel,
 )
+from eaves.reconstruct.toolkit.soundness import clear_plan_kernel
 
 STRAIGHT = 0.005
 """A node this near (m) to the line between its neighbours is not needed."""
@@ -41,12 +42,28 @@ def contract(coverage: Coverage, target: Integers) -> tuple[Coverage, Integers] 
 
 def is_sound(coverage: Coverage) -> bool:
     """Whether the cells are valid polygons that fill the outline without overlap."""
+    if is_clear(coverage):
+        return True
     polygons = coverage.polygons()
     if not shapely.is_valid(polygons).all() or shapely.is_empty(polygons).any():
         return False
     covered = float(shapely.area(polygons).sum())
     outer = -sum(coverage.ring_area[coverage.ring_cell == OUTSIDE].tolist())
     return bool(abs(covered - outer) <= 1e-6 * max(covered, 1.0))
+
+
+def is_clear(coverage: Coverage) -> bool:
+    """Whether all cells and the outline are single rings with nodes and edges so far apart that they are
+    certainly valid: these fill the outline, for each edge but the outline's is on two of them.
+    """
+    ring_cell, (halves, first) = coverage.ring_cell, coverage.ring_order
+    if len(ring_cell) != coverage.count + 1 or coverage.outer_ring.min() < 0:
+        return False
+    outline = int(ring_cell.argmin())
+    turn = int(first[outline])
+    ring = np.append(halves[turn:], halves[:turn])
+    begin = np.append(first[outline:] - turn, first[1 : outline + 1] + len(halves) - turn)
+    return bool(clear_plan_kernel(coverage.nodes[coverage.start[ring]], begin, np.arange(len(begin))))
 
 
 def drop_straight_nodes(
@@ -128,24 +145,11 @@ def absorb_slivers(
     for _ in range(ROUNDS):
         if coverage.count < 2:
             break
-        twin = coverage.cell[coverage.twin]
-        inner = (coverage.cell >= 0) & (twin >= 0)
-        shared = np.bincount(coverage.cell[inner], coverage.length[inner], coverage.count)
-        bad = ((coverage.area < smallest_area) | (widths(coverage) < narrowest)) & (shared > 0.0)
-        if not bad.any():
+        known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin, coverage.area)
+        worst, beside = sliver_kernel(*known, float(smallest_area), float(narrowest))
+        if worst < 0:
             break
-        worst = int(np.flatnonzero(bad)[np.argmin(coverage.area[bad])])
-        mine = inner & (coverage.cell == worst)
-        lengths = np.bincount(twin[mine], coverage.length[mine], coverage.count)
         given = labels.copy()
-        given[worst] = labels[int(np.argmax(lengths))]
+        given[worst] = labels[beside]
         coverage, labels = coverage.merged(given)
     return coverage, labels
-
-
-def widths(coverage: Coverage) -> Values:
-    """Width (C,; m) of the rectangle that has the cell's area and perimeter; a square's where none has."""
-    mine: Mask = coverage.cell >= 0
-    perimeter = np.bincount(coverage.cell[mine], coverage.length[mine], coverage.count)
-    excess = np.sqrt(np.maximum(perimeter**2 - 16.0 * coverage.area, 0.0))
-    return np.asarray(0.25 * (perimeter - excess))

@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.reconstruct.toolkit.coverage import Coverage, ring_order_kernel
-from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers, has_neck_kernel
+from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers, has_neck_kernel, ring_order_kernel
 from eaves.reconstruct.toolkit.overlay import NARROWEST_NECK
 from eaves.reconstruct.toolkit.simplification import contract, corner_rank, is_sound
 
