@@ -173,17 +173,19 @@ class LocalPlanes:
 
 def local_planes(xyz: Points, count: int, most: int) -> LocalPlanes:
     """The planes of the `count` nearest neighbours of points (N, 3), N ≥ 3; up to `most` where on a line."""
-    return planes_around(xyz, xyz, count, most)
+    return planes_around(xyz, *nearest(xyz, xyz, max(most, count)), count)
 
 
-def planes_around(queries: Points, xyz: Points, count: int, most: int) -> LocalPlanes:
-    """The planes around queries (M, 3), through their nearest of points (N, 3), N ≥ 3; see `local_planes`."""
-    most = min(max(most, count), len(xyz))
-    count = min(count, most)
-    neighbours, farthest = nearest(queries, xyz, most)
-    normals, eigenvalues = np.zeros((len(queries), 3)), np.zeros((len(queries), 3))
-    counts = np.zeros(len(queries), np.int64)
-    local_planes_kernel(xyz, neighbours, count, LINE_RATIO, normals, eigenvalues, counts)
+def planes_around(xyz: Points, neighbours: NDArray[np.int64], farthest: Values, count: int) -> LocalPlanes:
+    """The planes through M points' `count` nearest of points (N, 3), N ≥ 3; see `local_planes`.
+
+    `neighbours` (M, K) are the most that are looked at, `farthest` (M,) the distance (m) of the last.
+    """
+    most = neighbours.shape[1]
+    normals, eigenvalues = np.zeros((len(neighbours), 3)), np.zeros((len(neighbours), 3))
+    counts = np.zeros(len(neighbours), np.int64)
+    known = (xyz, np.ascontiguousarray(neighbours), min(count, most))
+    local_planes_kernel(*known, LINE_RATIO, normals, eigenvalues, counts)
     total = eigenvalues.sum(axis=1)
     curvature = eigenvalues[:, 0] / np.where(total > 0.0, total, 1.0)  # [xiao2014], eq. 3
     spacing = float(median(farthest) * np.sqrt(np.pi / most))
@@ -192,13 +194,21 @@ def planes_around(queries: Points, xyz: Points, count: int, most: int) -> LocalP
 
 
 def nearest(queries: Points, xyz: Points, count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The `count` nearest (M, count) of points (N, 3) to queries (M, 3); the distance (M,) of the last."""
+    """The `count` nearest (M, K) of points (N, 3) to queries (M, 3), K = min(count, N); the distance (M,) of
+    the last."""
+    count = min(count, len(xyz))
     if len(queries) < FEW_QUERIES:
-        distances, found = cKDTree(xyz, balanced_tree=False).query(queries, k=[*range(1, count + 1)])
-        return np.ascontiguousarray(found, np.int64), np.asarray(distances, np.float64)[:, -1]
+        distances, found = all_nearest(queries, xyz, count)
+        return found, distances[:, -1]
     among = np.ascontiguousarray(xyz, np.float32)
     near, squares = pgeof.knn_search(among, np.ascontiguousarray(queries, np.float32), count)
     return near.astype(np.int64), np.sqrt(squares[:, -1].astype(np.float64))
+
+
+def all_nearest(queries: Points, xyz: Points, count: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Distances (M, count) and numbers (M, count) of the nearest of points (N, 3) to a few queries (M, 3)."""
+    distances, found = cKDTree(xyz, balanced_tree=False).query(queries, k=[*range(1, count + 1)])
+    return np.asarray(distances, np.float64), np.ascontiguousarray(found, np.int64)
 
 
 def measure_noise(

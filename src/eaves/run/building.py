@@ -202,7 +202,12 @@ def limits_in(unit_m: float) -> Tolerances:
 
 def different_levels(model: BuildingModel) -> BuildingModel:
     """The model with one level of those that are the same solids."""
-    different = {id(solids): lod for lod, solids in model.solids.items()}
+    different = {
+        tuple(
+            [(solid.vertices.tobytes(), tuple([face.rings for face in solid.faces])) for solid in solids]
+        ): lod
+        for lod, solids in model.solids.items()
+    }
     return model.with_(solids={lod: model.solids[lod] for lod in different.values()})
 
 

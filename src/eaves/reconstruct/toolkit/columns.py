@@ -36,7 +36,12 @@ def crossings_kernel(
             continue
         one, other = planes[cell[half]], planes[cell[twin[half]]]
         a, b, c = one[0] - other[0], one[1] - other[1], one[2] - other[2]
-        ax, ay, bx, by = nodes[start[half], 0], nodes[start[half], 1], nodes[end[half], 0], nodes[end[half], 1]
+        ax, ay, bx, by = (
+            nodes[start[half], 0],
+            nodes[start[half], 1],
+            nodes[end[half], 0],
+            nodes[end[half], 1],
+        )
         before, after = a * ax + b * ay + c, a * bx + b * by + c
         if not before * after < 0.0 or not min(abs(before), abs(after)) > SAME_HEIGHT:
             continue

@@ -120,9 +120,7 @@ def close_solid(
         outer = area < 0.0 if cell == OUTSIDE else area > 0.0
         target.insert(0 if outer else len(target), tuple(corners[start:end]))
     faces = [Face(tuple(ground), GROUND_SURFACE)]
-    faces += [
-        Face(tuple(own), ROOF_SURFACE, name) for name, own in zip(names.tolist(), roofs, strict=True)
-    ]
+    faces += [Face(tuple(own), ROOF_SURFACE, name) for name, own in zip(names.tolist(), roofs, strict=True)]
     for foot_start, top_start, foot_end, top_end in spans.tolist():
         up, down = range(foot_end, top_end + 1), range(top_start, foot_start - 1, -1)
         faces.append(Face(((*up, *down),), WALL_SURFACE))
