@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eaves.model import Mask, Points, Raster
 from eaves.report.contents import Contents, finest_faces, read_contents
 from eaves.report.plan import SUN_ALTITUDE_DEG, SUN_AZIMUTH_DEG
-from eaves.report.surfaces import SURFACES, CityFaces, cut_into_triangles, edges_of
+from eaves.report.surfaces import SURFACES, cut_into_triangles, edges_of
 
 ROOF_COLOUR, WALL_COLOUR, EARTH_COLOUR, TREE_COLOUR = "#dd7a5b", "#f3eee4", "#cdd2b6", "#6f8f56"
 FLAT_ROOF_COLOUR, EDGE_COLOUR = "#cdc7bc", "#4a4038"
@@ -35,7 +35,7 @@ def models_figure(
     contents = read_contents(folder, points=POINTS_DRAWN)
     view = view_matrix(azimuth, elevation)
     corners, colours, points = scene_of(contents)
-    finest = CityFaces.of(contents.faces.take(finest_faces(contents.faces)))
+    finest = contents.faces.take(finest_faces(contents.faces))
     lines = split_lines(finest.corners[edges_of(finest)[0]])
     lines = lines[over_terrain(contents, lines)]
     seen, spots, rims = corners @ view.T, points @ view.T, lines @ view.T

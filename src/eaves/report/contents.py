@@ -26,7 +26,7 @@ from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.scene import ROOF
 from eaves.report.basemap import Basemap, read_basemap
 from eaves.report.sample import PointSample, Sample, classified_files, sample_points
-from eaves.report.surfaces import SURFACES, CityFaces, in_pieces, iter_city_faces
+from eaves.report.surfaces import SURFACES, CityFaces, collect_city_faces, in_pieces
 
 POINTS_SHOWN = 300_000
 BUILDINGS_SHOWN = 4_000
@@ -112,10 +112,11 @@ def read_contents(
 
     numbers = {str(row["id"]): number for number, row in enumerate(rows)}
     models = folder / "buildings.city.jsonl"
-    faces = CityFaces.of(iter_city_faces(iter_cityjson(models), numbers) if models.exists() else ())
+    faces = collect_city_faces(iter_cityjson(models) if models.exists() else (), numbers)
     faces = replace(faces, corners=faces.corners - shift)
     sample = sample.with_(xyz=sample.xyz - shift)
-    sample = sample.take(np.asarray((np.abs(sample.xyz) < FARTHEST).all(axis=1)))
+    if not np.abs(sample.xyz).max(initial=0.0) < FARTHEST:
+        sample = sample.take(np.asarray((np.abs(sample.xyz) < FARTHEST).all(axis=1)))
     if bounds is not None:  # what lies outside of the run's --bounds is of no use
         local = bounds.translated(-centre[0], -centre[1]).buffered(EDGE)
         sample = sample.take(np.asarray(local.contains(sample.xyz)))
@@ -266,18 +267,21 @@ def distances_to_roofs(sample: Sample, faces: CityFaces) -> Values:
     """How far (m) each roof point (N,) lies over the finest model's roof face at its place, along the normal;
     NaN for points of no roof."""
     roofs = faces.take(finest_faces(faces) & (faces.kind == SURFACES.index("RoofSurface")))
-    measured = (sample.building > 0) & ((sample.part == ROOF) | (sample.part == 0))
-    distance, height = np.full(len(sample), np.nan), np.full(len(sample), -np.inf)
+    measured = np.flatnonzero((sample.building > 0) & ((sample.part == ROOF) | (sample.part == 0)))
+    xyz = sample.xyz[measured]
+    x, y, z = np.ascontiguousarray(xyz.T)
+    distance, height = np.full(len(xyz), np.nan), np.full(len(xyz), -np.inf)
     for piece in in_pieces(roofs, ROOFS_AT_ONCE):
-        corners = np.concatenate([face.rings[0][:, :2] for face in piece])
-        inside = (sample.xyz[:, :2] >= corners.min(axis=0)) & (sample.xyz[:, :2] <= corners.max(axis=0))
-        near = np.flatnonzero(measured & inside.all(axis=1))
-        given = collect_faces([face.rings for face in piece], [face.building for face in piece])
-        fit = fit_roof(sample.xyz[near], given)
-        found = sample.xyz[near, 2] - fit.vertical
+        (west, south), (east, north) = (side(piece.corners[:, :2], axis=0) for side in (np.min, np.max))
+        near = np.flatnonzero((x >= west) & (x <= east) & (y >= south) & (y <= north))
+        given = collect_faces([face.rings for face in piece], piece.building.tolist())
+        fit = fit_roof(xyz[near], given)
+        found = z[near] - fit.vertical
         higher = found > height[near]  # false where the piece has no face
         height[near[higher]], distance[near[higher]] = found[higher], fit.distance[higher]
-    return distance
+    whole = np.full(len(sample), np.nan)
+    whole[measured] = distance
+    return whole
 
 
 def finest_faces(faces: CityFaces) -> Mask:

@@ -18,7 +18,7 @@ from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
 from eaves.report.convert import explore, library
 from eaves.report.sample import Sample, classified_files, sample_points
-from eaves.report.surfaces import CityFaces, cut_into_triangles, iter_city_faces
+from eaves.report.surfaces import collect_city_faces, cut_into_triangles
 
 FILE_DIGITS = 4
 """Decimals (m) of a file's corners; rounded to them, those of neighbouring faces are one."""
@@ -121,7 +121,7 @@ def building_meshes(folder: Path) -> dict[str, Any]:
     _, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="footprints")
     ids = [str(row["id"]) for row in rows]
     models = iter_cityjson(folder / "buildings.city.jsonl")
-    faces = CityFaces.of(iter_city_faces(models, {name: number for number, name in enumerate(ids)}))
+    faces = collect_city_faces(models, {name: number for number, name in enumerate(ids)})
     finest, meshes = finest_faces(faces), {}
     for number, name in enumerate(ids):
         mine = faces.take(finest & (faces.building == number))

@@ -28,7 +28,7 @@ from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.summary import Summary
 from eaves.report.contents import Contents, local_rings, read_contents
 from eaves.report.sample import PointSample
-from eaves.report.surfaces import CityFace, cut_into_triangles, edges_of, in_pieces
+from eaves.report.surfaces import CityFace, CityFaces, cut_into_triangles, edges_of, in_pieces
 
 SCRIPTS = (
     *("arrays", "camera", "draw", "pace", "pick", "measure", "profile", "shade"),
@@ -66,6 +66,8 @@ MILLIMETRES = 1000.0
 UNKNOWN_DISTANCE = 32767
 UNKNOWN_HEIGHT = 2_000_000_000
 """Stand for NaN, in millimetres."""
+DEFLATION = 3
+"""Level of the arrays' compression: half the time of zlib's default, for 2 % more bytes."""
 DRAPE = 0.15
 """Outlines are drawn this much (m) over the terrain, in pieces no longer than `DRAPE_STEP` (m)."""
 DRAPE_STEP = 3.0
@@ -218,7 +220,8 @@ def point_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
 
 def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     """The arrays (T,) of the triangles: those of the models, then those of the footprints, lying flat."""
-    flat = [CityFace(rings, number, 0, 0) for number, rings in enumerate(flat_footprints(contents))]
+    rings = enumerate(flat_footprints(contents))
+    flat = CityFaces.of(CityFace(upright, number, 0, 0) for number, upright in rings)
     corners = [np.zeros((0, 3, 3), np.int32)]
     figures: dict[str, list[NDArray[Any]]] = {name: [] for name in KINDS}
     for piece in chain(in_pieces(contents.faces), in_pieces(flat)):
@@ -245,7 +248,7 @@ def pack(values: NDArray[Any]) -> dict[str, str]:
     flat = np.ascontiguousarray(values).reshape(-1)
     stored = flat.astype(flat.dtype.newbyteorder("<"), copy=False)
     planes = stored.view(np.uint8).reshape(len(flat), flat.itemsize).T
-    packed = zlib.compress(np.ascontiguousarray(planes).data, 6)
+    packed = zlib.compress(np.ascontiguousarray(planes).data, DEFLATION)
     return {"type": flat.dtype.name, "data": base64.b64encode(packed).decode("ascii")}
 
 
@@ -253,7 +256,7 @@ def pack_rows(rows: list[dict[str, Any]], names: list[str]) -> dict[str, Any]:
     """The named attributes of rows, a list each, as base64 of deflated JSON."""
     columns = [[row.get(name) for row in rows] for name in names]
     text = json.dumps(columns, separators=(",", ":"), default=str).encode("utf-8")
-    return {"names": names, "data": base64.b64encode(zlib.compress(text, 6)).decode("ascii")}
+    return {"names": names, "data": base64.b64encode(zlib.compress(text, DEFLATION)).decode("ascii")}
 
 
 def terrain_heights(contents: Contents, xy: Points) -> NDArray[np.float64]:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import overload
 
 import numpy as np
 import shapely
@@ -39,7 +38,7 @@ class CityFace:
 
 
 @dataclass(frozen=True, eq=False)
-class CityFaces(Sequence[CityFace]):
+class CityFaces:
     """Many faces in a few arrays, a tenth of what they take as objects.
 
     `corners` (V, 3) are those of all rings, one behind the other; `ring_start` (R + 1,) is where in them
@@ -58,42 +57,55 @@ class CityFaces(Sequence[CityFace]):
     @classmethod
     def of(cls, faces: Iterable[CityFace]) -> CityFaces:
         """The faces, taken one by one."""
-        corners, rings, counts, figures = array("d"), array("q", [0]), array("q", [0]), array("q")
+        pile = _Pile()
         for face in faces:
             for ring in face.rings:
-                corners.frombytes(np.asarray(ring, np.float64).tobytes())
-                rings.append(len(ring))
-            counts.append(len(face.rings))
-            figures.extend((face.building, face.lod, face.kind, face.error))
-        building, lod, kind, error = np.array(figures, np.int64).reshape(-1, 4).T.copy()
-        xyz = np.array(corners, np.float64).reshape(-1, 3)
-        return cls(xyz, np.cumsum(rings), np.cumsum(counts), building, lod, kind, error)
+                pile.corners.frombytes(np.asarray(ring, np.float64).tobytes())
+                pile.rings.append(len(ring))
+            pile.counts.append(len(face.rings))
+            pile.figures.extend((face.building, face.lod, face.kind, face.error))
+        return pile.as_faces()
 
     def __len__(self) -> int:
         return len(self.building)
 
-    @overload
-    def __getitem__(self, k: int) -> CityFace: ...
-    @overload
-    def __getitem__(self, k: slice) -> list[CityFace]: ...
-    def __getitem__(self, k: int | slice) -> CityFace | list[CityFace]:
-        if isinstance(k, slice):
-            return [self[n] for n in range(len(self))[k]]
-        number = range(len(self))[k]
-        cuts = self.ring_start[self.face_start[number] : self.face_start[number + 1] + 1].tolist()
-        rings = tuple(self.corners[one:two] for one, two in pairwise(cuts))
-        figures = (self.building, self.lod, self.kind, self.error)
-        return CityFace(rings, *(int(values[number]) for values in figures))
+    def __iter__(self) -> Iterator[CityFace]:
+        figures = np.stack([self.building, self.lod, self.kind, self.error], axis=1).tolist()
+        for (one, two), about in zip(pairwise(self.face_start.tolist()), figures, strict=True):
+            cuts = pairwise(self.ring_start[one : two + 1].tolist())
+            yield CityFace(tuple(self.corners[first:last] for first, last in cuts), *about)
 
-    def take(self, which: Mask) -> list[CityFace]:
+    def take(self, which: Mask) -> CityFaces:
         """The faces where the mask (F,) is true."""
-        return [self[k] for k in np.flatnonzero(which).tolist()]
+        counts, sizes = np.diff(self.face_start), np.diff(self.ring_start)
+        ring = np.repeat(which, counts)
+        starts = (np.concatenate([[0], np.cumsum(some)]) for some in (sizes[ring], counts[which]))
+        figures = (values[which] for values in (self.building, self.lod, self.kind, self.error))
+        return CityFaces(self.corners[np.repeat(ring, sizes)], *starts, *figures)
 
 
-def in_pieces(faces: Sequence[CityFace], size: int = PIECE_FACES) -> Iterator[Sequence[CityFace]]:
+@dataclass(frozen=True, eq=False)
+class _Pile:
+    """Faces on the way into arrays: their corners, the sizes of their rings, how many rings each has, and its
+    building, level of detail, kind and error."""
+
+    corners: array[float] = field(default_factory=lambda: array("d"))
+    rings: array[int] = field(default_factory=lambda: array("q"))
+    counts: array[int] = field(default_factory=lambda: array("q"))
+    figures: array[int] = field(default_factory=lambda: array("q"))
+
+    def as_faces(self) -> CityFaces:
+        """The faces gathered."""
+        starts = (np.concatenate([[0], np.cumsum(some)]) for some in (self.rings, self.counts))
+        figures = np.array(self.figures, np.int64).reshape(-1, 4).T.copy()
+        return CityFaces(np.array(self.corners, np.float64).reshape(-1, 3), *starts, *figures)
+
+
+def in_pieces(faces: CityFaces, size: int = PIECE_FACES) -> Iterator[CityFaces]:
     """The faces, so many at a time."""
+    number = np.arange(len(faces))
     for first in range(0, len(faces), size):
-        yield faces[first : first + size]
+        yield faces.take((number >= first) & (number < first + size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,15 +115,16 @@ class Surfaces:
 
     corners: Points
     face: NDArray[np.int64]
-    faces: tuple[CityFace, ...]
+    faces: CityFaces
 
     def figure(self, name: str) -> NDArray[np.int64]:
         """`building`, `lod`, `kind` or `error` of every triangle (T,)."""
-        return np.array([getattr(face, name) for face in self.faces], np.int64)[self.face]
+        return np.asarray(getattr(self.faces, name)[self.face], np.int64)
 
 
-def iter_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -> Iterator[CityFace]:
+def collect_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -> CityFaces:
     """The faces of solids of the buildings whose ids `numbers` holds; a part's belong to its building."""
+    pile = _Pile()
     for item in objects:
         building = numbers.get(item.parents[0] if item.parents else item.id)
         if building is None:
@@ -119,12 +132,18 @@ def iter_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -> I
         for geometry in item.geometries:
             if geometry.lod not in LODS[1:]:
                 continue
-            lod = LODS.index(geometry.lod)
+            lod, around = LODS.index(geometry.lod), array("q")
+            errors = [whole_millimetres(about.get("rmse_m")) for about in geometry.surfaces]
             for face in (face for solid in geometry.solids for shell in solid for face in shell):
+                for ring in face.rings:
+                    around.extend(ring)
+                    pile.rings.append(len(ring))
                 kind = SURFACES.index(face.surface) if face.surface in SURFACES else 0
-                rings = tuple(item.vertices[list(ring)] for ring in face.rings)
-                about = {} if face.plane is None else geometry.surfaces[face.plane]
-                yield CityFace(rings, building, lod, kind, whole_millimetres(about.get("rmse_m")))
+                error = UNKNOWN_ERROR if face.plane is None else errors[face.plane]
+                pile.counts.append(len(face.rings))
+                pile.figures.extend((building, lod, kind, error))
+            pile.corners.frombytes(item.vertices[np.array(around, np.int64)].tobytes())
+    return pile.as_faces()
 
 
 def whole_millimetres(error: float | None) -> int:
@@ -132,23 +151,18 @@ def whole_millimetres(error: float | None) -> int:
     return UNKNOWN_ERROR if error is None else min(round(1000.0 * error), UNKNOWN_ERROR - 1)
 
 
-def cut_into_triangles(faces: Sequence[CityFace]) -> Surfaces:
+def cut_into_triangles(faces: CityFaces) -> Surfaces:
     """Constrained Delaunay triangles of planar faces, found on each face's own plane."""
-    if not faces:
-        return Surfaces(np.zeros((0, 3, 3)), np.zeros(0, np.int64), ())
-    rings = [ring for face in faces for ring in face.rings]
-    sizes, counts = (
-        np.array([len(each) for each in several], np.int64)
-        for several in (rings, [face.rings for face in faces])
-    )
-    own = np.concatenate([np.zeros((0, 3)), *rings])
+    if not len(faces):
+        return Surfaces(np.zeros((0, 3, 3)), np.zeros(0, np.int64), faces)
+    own, sizes, counts = faces.corners, np.diff(faces.ring_start), np.diff(faces.face_start)
     ring_face = np.repeat(np.arange(len(faces)), counts)
     number = np.repeat(ring_face, sizes)
-    outer = np.cumsum(counts) - counts
+    outer = faces.face_start[:-1]
     frame = _frames(own, sizes, outer)
     aside = own - frame[number, 0]
     places = np.stack([(aside * frame[number, axis]).sum(axis=1) for axis in (1, 2)], axis=1) + 0.0
-    edges = shapely.linearrings(places, indices=np.repeat(np.arange(len(rings)), sizes))
+    edges = shapely.linearrings(places, indices=np.repeat(np.arange(len(sizes)), sizes))
     shapes = np.asarray(shapely.polygons(edges, indices=ring_face), object)
     broken = ~shapely.is_valid(shapes)
     shapes[broken] = shapely.buffer(shapes[broken], 0)
@@ -158,7 +172,7 @@ def cut_into_triangles(faces: Sequence[CityFace]) -> Surfaces:
     uv[clockwise] = uv[clockwise][:, ::-1]
     corners = frame[owner, None, 0] + np.einsum("tkc,tcd->tkd", uv, frame[owner, 1:3])
     _take_own_corners(corners, uv, owner, own, places, number)
-    return Surfaces(np.asarray(corners), np.asarray(owner, np.int64), tuple(faces))
+    return Surfaces(np.asarray(corners), np.asarray(owner, np.int64), faces)
 
 
 def _take_own_corners(
@@ -171,9 +185,14 @@ def _take_own_corners(
 ) -> None:
     """Put triangle corners (T, 3, 3) where the faces' own (V, 3) are, whose places on their plane and faces
     are given: faces are planar to a millimetre only, and neighbours must meet."""
-    asked = np.column_stack([np.repeat(owner, 3), uv.reshape(-1, 2) + 0.0])
-    keys = np.ascontiguousarray(np.concatenate([np.column_stack([number, places]), asked]))
-    _, which = np.unique(keys.view([("", keys.dtype)] * 3).ravel(), return_inverse=True)
+    face = np.concatenate([number, np.repeat(owner, 3)])
+    u, v = np.concatenate([places, uv.reshape(-1, 2) + 0.0]).T
+    order = np.lexsort((v, u, face))
+    new = np.zeros(len(order), np.int64)
+    for key in (face[order], u[order], v[order]):
+        new[1:] |= key[1:] != key[:-1]
+    which = np.empty(len(order), np.int64)
+    which[order] = np.cumsum(new)
     known = np.full(int(which.max(initial=-1)) + 1, -1)
     known[which[: len(own)]] = np.arange(len(own))
     found = known[which[len(own) :]]
