@@ -8,9 +8,15 @@ Names load their module when they are first used; `dir(eaves)` lists them all.
 >>> results = eaves.build("tile.laz", "out", jobs=2)                      # doctest: +SKIP
 """
 
-from importlib.metadata import version
-
 import lazy_loader
 
-__version__ = version("eaves")
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    """A public name, or the version, whose look-up takes longer than the rest of this import."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("eaves")
+    return _load(name)

@@ -30,7 +30,6 @@ from eaves.run.outputs import write_outputs
 from eaves.run.recipe import Recipe
 from eaves.run.region import Core, Region, import_methods, warn_of_wrong_boxes
 from eaves.run.run import Progress, Run, RunOptions, list_options, no_progress, open_run
-from eaves.run.tiles import build_tiles
 from eaves.run.workers import Workers
 
 if TYPE_CHECKING:
@@ -82,6 +81,8 @@ def build(
         Workers(run.jobs, run.scheduler, run.memory) as workers,
     ):
         if run.by_tiles:
+            from eaves.run.tiles import build_tiles  # late: most runs have no tiles
+
             summary = build_tiles(run, workers, progress, build_region)
         else:
             summary = build_whole(run, workers, progress, sink)

@@ -325,7 +325,7 @@ def _face(
     rings: list[list[int]], value: int | None, surfaces: tuple[dict[str, Any], ...], vertex_count: int
 ) -> Face:
     numbers = tuple(tuple(map(index, ring)) for ring in rings)
-    if any(ring and not (0 <= min(ring) and max(ring) < vertex_count) for ring in numbers):
+    if any(ring and not (min(ring) >= 0 and max(ring) < vertex_count) for ring in numbers):
         raise ValueError(f"has a face that points outside the {vertex_count} vertices")
     if value is not None and not 0 <= value < len(surfaces):
         raise ValueError(f"has a face with semantics {value} of {len(surfaces)}")

@@ -1,4 +1,7 @@
-"""The formats written on request, by the names of `--formats`."""
+"""The formats written on request, by the names of `--formats`.
+
+Each writer is fetched when it is asked for: most runs want none of them.
+"""
 
 from __future__ import annotations
 
@@ -6,43 +9,40 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from eaves.formats import (
-    write_3dtiles,
-    write_citygml,
-    write_cityjson,
-    write_dxf,
-    write_geoparquet,
-    write_glb,
-    write_lod_layers,
-    write_obj,
-    write_obj_wireframe,
-)
-from eaves.formats.citygml import write_citygml3
+from eaves import formats
 from eaves.formats.geopackage import Row, write_polygons
-from eaves.formats.parquet import require_pyarrow
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.provenance import Provenance
 
 Writer = Callable[..., object]
-FOOTPRINT_FILES: dict[str, tuple[Writer, str]] = {
-    "geojson": (write_polygons, "footprints.geojson"),
-    "fgb": (write_polygons, "footprints.fgb"),
-    "parquet": (write_geoparquet, "footprints.parquet"),
+
+
+def citygml3_writer() -> Writer:
+    """What writes CityGML 3.0, which has no name among the public ones."""
+    from eaves.formats.citygml import write_citygml3
+
+    return write_citygml3
+
+
+FOOTPRINT_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
+    "geojson": (lambda: write_polygons, "footprints.geojson"),
+    "fgb": (lambda: write_polygons, "footprints.fgb"),
+    "parquet": (lambda: formats.write_geoparquet, "footprints.parquet"),
 }
-ROOF_FILES: dict[str, tuple[Writer, str]] = {
-    "fgb": (partial(write_polygons, layer="roof_planes"), "roof_planes.fgb"),
-    "parquet": (write_geoparquet, "roof_planes.parquet"),
+ROOF_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
+    "fgb": (lambda: partial(write_polygons, layer="roof_planes"), "roof_planes.fgb"),
+    "parquet": (lambda: formats.write_geoparquet, "roof_planes.parquet"),
 }
-MODEL_FILES: dict[str, tuple[Writer, str]] = {
-    "cityjson": (write_cityjson, "buildings.city.json"),
-    "obj": (write_obj, "buildings.obj"),
-    "obj-wireframe": (write_obj_wireframe, "wireframe.obj"),
-    "dxf": (write_dxf, "roofs.dxf"),
-    "glb": (write_glb, "buildings.glb"),
-    "gpkg": (write_lod_layers, "buildings.gpkg"),
-    "citygml": (write_citygml, "buildings.gml"),
-    "citygml3": (write_citygml3, "buildings3.gml"),
-    "3dtiles": (write_3dtiles, "3dtiles"),
+MODEL_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
+    "cityjson": (lambda: formats.write_cityjson, "buildings.city.json"),
+    "obj": (lambda: formats.write_obj, "buildings.obj"),
+    "obj-wireframe": (lambda: formats.write_obj_wireframe, "wireframe.obj"),
+    "dxf": (lambda: formats.write_dxf, "roofs.dxf"),
+    "glb": (lambda: formats.write_glb, "buildings.glb"),
+    "gpkg": (lambda: formats.write_lod_layers, "buildings.gpkg"),
+    "citygml": (lambda: formats.write_citygml, "buildings.gml"),
+    "citygml3": (citygml3_writer, "buildings3.gml"),
+    "3dtiles": (lambda: formats.write_3dtiles, "3dtiles"),
 }
 
 
@@ -62,6 +62,8 @@ def check_formats(names: Sequence[str], outputs: Sequence[str] = ("footprints", 
         if needed not in outputs:
             raise ValueError(f"--formats {name}: it is written with the {needed}; add {needed} to --outputs")
     if "parquet" in names:
+        from eaves.formats.parquet import require_pyarrow
+
         require_pyarrow()
 
 
@@ -76,9 +78,9 @@ def export_footprints(
     """Write the footprints, and the roof planes, in the formats named; the files written."""
     written = []
     for files, which in ((FOOTPRINT_FILES, rows), (ROOF_FILES, roofs)):
-        for name, (write, file) in files.items():
+        for name, (writer, file) in files.items():
             if name in names:
-                write(folder / file, list(which), system, provenance=provenance)
+                writer()(folder / file, list(which), system, provenance=provenance)
                 written.append(folder / file)
     return written
 
@@ -92,9 +94,9 @@ def export_models(
 ) -> list[Path]:
     """Write the models, streamed anew for every format named; the files written, for 3D Tiles the tileset."""
     written = []
-    for name, (write, file) in MODEL_FILES.items():
+    for name, (writer, file) in MODEL_FILES.items():
         if name in names:
-            write(folder / file, models(), system, provenance=provenance)
+            writer()(folder / file, models(), system, provenance=provenance)
             written.append(folder / file / "tileset.json" if name == "3dtiles" else folder / file)
             written += [folder / "buildings.mtl"] if name == "obj" else []
     return written
