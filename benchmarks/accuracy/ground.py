@@ -1,8 +1,8 @@
 """How good the ground filters are: real samples, simulated towns, speed, memory, and what the choice of
 numbers is worth.
 
-`python -m benchmarks.accuracy.ground [--command] [--left-out] [--moved [NAME …]] [--speed] [--towns]`,
-EAVES_DATA set.
+`python -m benchmarks.accuracy.ground [--command] [--left-out] [--moved [NAME …]] [--speed] [--surroundings]
+[--towns]`, EAVES_DATA set.
 Maps of the errors are drawn by `benchmarks.gallery.ground`.
 """
 
@@ -24,13 +24,16 @@ from typing import Literal
 import laspy
 import numpy as np
 
+import eaves
 from benchmarks.table import keep
 from eaves.evaluate.ground import evaluate_ground
 from eaves.ground import GroundMethod, classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.ground.contours import ContourGround
 from eaves.ground.smooth_region import SmoothRegion
-from eaves.model import Mask, PointCloud, Points
+from eaves.ground.toolkit.floor import Floor
+from eaves.ground.toolkit.wide_objects import WideObjects
+from eaves.model import Bounds, Mask, PointCloud, Points
 from eaves.raster.grid import cell_centres
 from eaves.raster.surfaces import make_dtm
 from eaves.simulate.scanner import scan_town
@@ -68,6 +71,10 @@ OTHERS: dict[str, list[float | None]] = {
 """Total errors in per cent of others: each ISPRS sample, their mean, the two crops."""
 PLACES, PLACES_SEED = 6, 5
 """Random places at which the command is judged."""
+SQUARES, SEEN_M, RIM_M = 6, 120.0, 20.0
+SQUARES_M = {"woodford": 240.0, "galapagos": 120.0}
+SURROUNDINGS_M = (60.0, 48.0, 40.0, 36.0)
+"""Random squares of so many metres, and how much is seen around them."""
 LEFT_OUT = dict(
     object_slope=(0.1, 0.12, 0.14),
     slope_share=(0.2, 0.3, 0.4),
@@ -323,6 +330,49 @@ def move_constants(data: Path, names: list[str]) -> None:
     keep("ground-moved", "Ground: each constant moved", rows, " ".join([COMMAND, "--moved", *names]), note)
 
 
+def judge_surroundings(data: Path) -> None:
+    """How many points of a square change class when less around it is seen than `SEEN_M`."""
+    rows: list[dict[str, object]] = []
+    for name, side in SQUARES_M.items():
+        cloud = eaves.read(data / name / f"{name}.laz").with_(classification=None)
+        patch = AdaptiveTin().find_wide_objects(Floor.of(cloud))
+        wide = None if patch is None else WideObjects((patch,))
+        bounds, rng = cloud.bounds.buffered(-SEEN_M), np.random.default_rng(1)
+        changed, near_rim, points = dict.fromkeys(SURROUNDINGS_M, 0), dict.fromkeys(SURROUNDINGS_M, 0), 0
+        for _ in range(SQUARES):
+            west = rng.uniform(bounds.west, bounds.east - side)
+            south = rng.uniform(bounds.south, bounds.north - side)
+            core = Bounds(west, south, west + side, south + side)
+            whole = classes_within(core, cloud, SEEN_M, wide)
+            points += len(whole)
+            xyz = cloud.xyz[core.contains(cloud.xyz)]
+            deep = core.buffered(-RIM_M).contains(xyz)
+            for reach in SURROUNDINGS_M:
+                other = classes_within(core, cloud, reach, wide) != whole
+                changed[reach] += int(other.sum())
+                near_rim[reach] += int((other & ~deep).sum())
+        for reach in SURROUNDINGS_M:
+            rows.append(
+                {
+                    "data": name,
+                    "seen around, m": reach,
+                    "points": points,
+                    "changed, of a million": 1e6 * changed[reach] / points,
+                    f"of them within {RIM_M:g} m of the rim": 1e6 * near_rim[reach] / points,
+                }
+            )
+    note = f"{SQUARES} random squares each; compared with the classes where {SEEN_M:g} m are seen."
+    keep("ground-surroundings", "Ground: what is seen around", rows, f"{COMMAND} --surroundings", note)
+
+
+def classes_within(core: Bounds, cloud: PointCloud, reach: float, wide: WideObjects | None) -> np.ndarray:
+    """Classes of the points in a square, where so much (m) is seen around it."""
+    seen = cloud.take(core.buffered(reach).contains(cloud.xyz))
+    found = classify_ground(seen, wide=wide).classification
+    assert found is not None
+    return found[core.contains(seen.xyz)]
+
+
 def speed_clouds(data: Path) -> Iterator[tuple[str, PointCloud]]:
     yield "delft", read_las(data / "delft" / "ahn3.laz").cloud
     las = laspy.read(data / "autzen" / "autzen_full.laz")
@@ -374,6 +424,7 @@ def main() -> None:
         "--moved", nargs="*", metavar="NAME", help="each constant, or those named, a quarter lower and higher"
     )
     parser.add_argument("--speed", action="store_true", help="points per second and memory")
+    parser.add_argument("--surroundings", action="store_true", help="less seen around a square")
     parser.add_argument("--towns", action="store_true", help="simulated towns")
     wanted = parser.parse_args()
     if wanted.towns:
@@ -389,6 +440,8 @@ def main() -> None:
         judge_command(data)
     if wanted.moved is not None:
         move_constants(data, wanted.moved)
+    if wanted.surroundings:
+        judge_surroundings(data)
     if wanted.speed:
         measure_speed(data)
     if wanted.moved is None and not any(vars(wanted).values()):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from eaves.ground.toolkit.morphology import opened
+from eaves.ground.toolkit.morphology import openings
 from eaves.model import Bounds, PointCloud, Raster
 from eaves.raster.grid import heights_of, highest_points, lowest_points, mean_heights, whole_cells
 from eaves.raster.interpolate import fill_linear, fill_linear_twice, fill_nearest
@@ -102,7 +102,7 @@ def test_whole_cells_hold_the_bounds_and_lie_on_the_grid() -> None:
 def test_opening_takes_what_is_narrower_than_its_window_and_nothing_else() -> None:
     flat = np.zeros((30, 30), np.float32)
     flat[5:9, 5:9], flat[15:24, 15:24] = 3.0, 3.0
-    after = opened(flat, 2)
+    (after,) = openings(flat, [2])
     assert after[5:9, 5:9].max() == 0.0
     assert (after[15:24, 15:24] == 3.0).all()
 
@@ -114,7 +114,7 @@ def test_opening_is_that_of_scipys_filters(rows: int, columns: int, radius: int)
     values = np.random.default_rng(rows).normal(0, 1, (rows, columns)).astype(np.float32)
     size = 2 * radius + 1
     low = ndimage.minimum_filter(values, size, mode="nearest")
-    assert (opened(values, radius) == ndimage.maximum_filter(low, size, mode="nearest")).all()
+    assert (next(openings(values, [radius])) == ndimage.maximum_filter(low, size, mode="nearest")).all()
 
 
 def test_filling_leaves_known_cells_alone() -> None:

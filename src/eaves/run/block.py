@@ -48,7 +48,7 @@ def block_pass(
     regions = detect_buildings(trodden, recipe.detect) if recipe.detect else nothing
     clock.lap("detect")
 
-    inside = core.contains(cloud.xyz)
+    inside = np.flatnonzero(core.contains(cloud.xyz))
     labelled = np.flatnonzero(regions.label > 0)
     place = cloud.xyz.take(labelled, axis=0)
     seam = labelled[core.buffered(SEAM).contains(place) & ~core.buffered(-SEAM).contains(place)]
@@ -61,7 +61,7 @@ def block_pass(
     assert cloud.classification is not None and cloud.point_id is not None
     return BlockResult(
         block=block,
-        xyz=cloud.xyz[inside],
+        xyz=cloud.xyz.take(inside, axis=0),
         point_id=cloud.point_id[inside],
         classification=cloud.classification[inside],
         label=regions.label[inside],

@@ -193,7 +193,7 @@ def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, write
     order = np.argsort(place, kind="stable")
     for group in np.split(order, np.flatnonzero(np.diff(place[order])) + 1):
         block = Block(int(column[group[0]]), int(row[group[0]]), side)
-        writer.append(block, records[group])
+        writer.append(block, records.take(group))
 
 
 class SliceWriter:

@@ -204,16 +204,19 @@ class Store:
                     continue
                 with open_part(path) as file:
                     if f"class-{piece.block.name}" in file:
-                        number = file[f"number-{piece.block.name}"]
-                        of_all[number], told[number] = file[f"class-{piece.block.name}"], True
+                        found = file[f"class-{piece.block.name}"]
+                        # of all points, in their order, where a block is a square
+                        whole = len(found) == piece.count
+                        number = np.s_[:] if whole else file[f"number-{piece.block.name}"]
+                        of_all[number], told[number] = found, True
                         if f"part-{piece.block.name}" in file:
                             part[number] = file[f"part-{piece.block.name}"]
             if not told[piece.which].all():
                 raise RuntimeError("the ground under some of its points could not be found")
-            classes.append(of_all[piece.which])
-            parts.append(part[piece.which])
-        found = np.concatenate(parts)
-        return cloud.with_(classification=np.concatenate(classes), part=found if found.any() else None)
+            classes.append(of_all.take(piece.which))
+            parts.append(part.take(piece.which))
+        joined = np.concatenate(parts)
+        return cloud.with_(classification=np.concatenate(classes), part=joined if joined.any() else None)
 
     def path(self, kind: str, block: Block) -> Path:
         """The file of a block's or a square's result: `kind` is one of `COMPUTED`."""

@@ -29,7 +29,8 @@ def keep_floor(block: Block, store: Store) -> None:
     """The floor of a block's points, kept in the store; what the file calls noise stays out."""
     records = store.read_points(block)
     if store.has_classes:
-        records = records[~np.isin(records["classification"], NOISE_CLASSES)]
+        used = np.flatnonzero(~np.isin(records["classification"], NOISE_CLASSES))
+        records = records if len(used) == len(records) else records.take(used)
     floor = Floor.empty(extent_of(records["xyz"], block) or Bounds(*block.origin, *block.origin))
     floor.add(records["xyz"], 1.0, [round(value / GRID_STEP) for value in block.origin])
     save_value(store.path("floors", block), floor)

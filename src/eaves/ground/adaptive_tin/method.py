@@ -86,7 +86,7 @@ class AdaptiveTin(GroundMethod):
       away from roofs and crowns that the rim of the data cuts: its slivers are as steep as walls. Not with
       `seed_cell`: the paper has none.
 
-    The reach of a window of `window` is its width, and a chain of joining points adds little: 60 m.
+    The reach of a window of `window` is its width, and a chain of joining points adds little: 40 m.
     The roughness and the spacing are measured over the whole cloud that is given, which in a run is a square
     of 240 m fixed to the world, whatever the blocks are, + reach. What is wide is looked for within
     `wide_around`, 600 m, in squares of 480 m that are fixed to the world: a point farther than 1,080 m has
@@ -350,7 +350,7 @@ class AdaptiveTin(GroundMethod):
 
     @property
     def buffer(self) -> float:
-        return 60.0
+        return 40.0
 
     @property
     def wide_buffer(self) -> float:

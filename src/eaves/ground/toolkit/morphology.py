@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 
 from eaves.kernels import kernel
 from eaves.model import Grid
 
 
-def opened(values: Grid, radius: int) -> Grid:
-    """The highest surface (H, W) under `values` that a square of 2 `radius` + 1 cells touches everywhere.
+def openings(values: Grid, radii: Iterable[int]) -> Iterator[Grid]:
+    """The highest surface (H, W) under `values` that a square of 2 r + 1 cells touches everywhere, for radii
+    r that grow.
 
-    `values` holds no NaN. Beyond the rim the surface goes on as it ends.
+    `values` holds no NaN. Beyond the rim the surface goes on as it ends. The lowest values of a square are
+    those of the square before, a little farther around.
     """
-    lower = lowest_in_squares_kernel(np.ascontiguousarray(values, np.float32), radius)
-    return np.asarray(-lowest_in_squares_kernel(-lower, radius))
+    lowest, before = np.ascontiguousarray(values, np.float32), 0
+    for radius in radii:
+        lowest, before = lowest_in_squares_kernel(lowest, radius - before), radius
+        yield np.asarray(-lowest_in_squares_kernel(-lowest, radius))
 
 
 @kernel

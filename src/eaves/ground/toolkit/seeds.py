@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.ground.toolkit.islands import find_islands
-from eaves.ground.toolkit.morphology import opened
+from eaves.ground.toolkit.morphology import openings
 from eaves.ground.toolkit.pits import StrayRules, find_strays
 from eaves.ground.toolkit.terraces import TerraceRules, find_terraces
 from eaves.ground.toolkit.wide_objects import OVER, REACHED, Standing
@@ -126,10 +126,11 @@ def stands_out(surface: Grid, cell: float, opening: Opening, rise: Grid, height:
     `rise` · r + `height` + `rough` to one step [zhang2003, pingel2013].
     """
     objects = np.zeros(surface.shape, bool)
-    radius, widest_radius = 0, max(1, round(opening.window / 2.0 / cell))
-    while radius < widest_radius:
-        radius = min(widest_radius, max(radius + 1, round(radius * opening.window_growth)))
-        lower = opened(surface, radius)
+    radii, widest_radius = [0], max(1, round(opening.window / 2.0 / cell))
+    while radii[-1] < widest_radius:
+        radii.append(min(widest_radius, max(radii[-1] + 1, round(radii[-1] * opening.window_growth))))
+    # opened with a window, a surface is the same as opened with the windows before it, too
+    for radius, lower in zip(radii[1:], openings(surface, radii[1:]), strict=True):
         stand_out_kernel(objects, surface, lower, rise, rough, np.float32(radius * cell), np.float32(height))
         surface = lower
     return objects
