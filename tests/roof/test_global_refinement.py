@@ -112,3 +112,17 @@ def test_roof_of_scan_lines_far_apart_gets_its_planes__points_2cm_apart_on_lines
     assert len(planes) == 2
     assert np.sort(np.concatenate([plane.members for plane in planes])).size > 0.95 * len(points)
     assert {round(plane.coefficients[1], 1) for plane in planes} == {-0.6, 0.6}
+
+
+def test_roof_at_the_edge_of_a_strip_gets_its_planes__most_points_2cm_apart_on_lines_in_one_corner() -> None:
+    rng = np.random.default_rng(0)
+    x, y = np.meshgrid(np.arange(-5.0, 5.0, 0.9), np.arange(-4.0, 4.0, 0.9))
+    sparse = np.column_stack([x.ravel(), y.ravel()]) + rng.normal(0.0, 0.1, (x.size, 2))
+    x, y = np.meshgrid(np.arange(3.0, 5.0, 0.018), np.arange(-4.0, 4.0, 0.75))
+    lines = np.column_stack([x.ravel(), y.ravel() - 0.2 * x.ravel()])
+    xy = np.concatenate([sparse, lines[np.abs(lines[:, 1]) < 4.0]])
+    points = np.c_[xy, 5.0 - 0.6 * np.abs(xy[:, 1]) + rng.normal(0.0, 0.02, len(xy))]
+    planes = segment_roof(points, 0.7, GlobalRefinement())
+    assert len(planes) == 2
+    assert {round(plane.coefficients[1], 1) for plane in planes} == {-0.6, 0.6}
+    assert np.concatenate([plane.members for plane in planes]).size > 0.9 * len(points)

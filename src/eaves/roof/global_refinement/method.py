@@ -112,7 +112,7 @@ class GlobalRefinement(RoofMethod):
             return []
         start = self.start
         local = start.surroundings(points)
-        if on_lines(local):
+        if on_lines(points, local.neighbours[:, 1], spacing):
             kept = thin_lines(points, local, start.fewest_neighbours)
             if len(kept) < len(points):
                 between = start.distance_share * local.noise

@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from eaves.geometry.planes import LINE_RATIO, LocalPlanes, local_planes
+from eaves.geometry.neighbours import measure_spacing
+from eaves.geometry.planes import LocalPlanes
 from eaves.model import Points, RoofPlane
 
-NEIGHBOURS, MOST_NEIGHBOURS = 10, 20
-"""Neighbours of a point that show whether its surroundings are a line."""
+MOST_NEIGHBOURS = 20
+"""Neighbours of a point that its normal comes from, at most: where lines are this many times as far apart as
+the points along them, all neighbours lie on one line."""
 
 COARSER = 1.5
 """Times as wide as before are the cells of the next thinning."""
@@ -21,9 +23,14 @@ NEAREST = 4
 """Kept points whose planes a point between them may belong to."""
 
 
-def on_lines(local: LocalPlanes) -> bool:
-    """Whether most points see neighbours on one line alone: none of them has a normal."""
-    return bool(np.mean(local.eigenvalues[:, 1] < LINE_RATIO * local.eigenvalues[:, 2]) > 0.5)
+def on_lines(points: Points, nearest: NDArray[np.int64], spacing: float) -> bool:
+    """Whether most points (N, 3) lie so near their `nearest` (N,), for their `spacing` (m) in plan, that
+    neighbours are of one scan line: lines L times as far apart as points along them put these 1 / √L of the
+    spacing apart. Points at random are half a spacing apart.
+    """
+    along = float(np.median(np.linalg.norm(points[nearest, :2] - points[:, :2], axis=1)))
+    widest = along * MOST_NEIGHBOURS**0.5
+    return bool(widest < spacing and widest < measure_spacing(points))
 
 
 def thin_lines(points: Points, local: LocalPlanes, fewest: int) -> NDArray[np.int64]:
@@ -36,7 +43,8 @@ def thin_lines(points: Points, local: LocalPlanes, fewest: int) -> NDArray[np.in
         kept = np.sort(np.unique(cells, axis=0, return_index=True)[1])
         if len(kept) < fewest:
             return np.arange(len(points))
-        if not on_lines(local_planes(points[kept], NEIGHBOURS, MOST_NEIGHBOURS)):
+        nearest = cKDTree(points[kept, :2]).query(points[kept, :2], k=[2])[1][:, 0]
+        if not on_lines(points[kept], nearest, np.inf):
             return kept
         side *= COARSER
 
