@@ -106,7 +106,7 @@ def true_walls(row: Row, tree: STRtree) -> tuple[Mask, Mask]:
     s, t = row.grid()
     inside = (t >= row.first) & (t < row.last)
     owner = np.full(s.shape, -1)
-    owner[inside] = owners_of(row.place(s[inside], t[inside]), tree)
+    owner[inside] = owners_of(np.column_stack(row.place(s[inside], t[inside])), tree)
     both = (owner[:, 1:] >= 0) & (owner[:, :-1] >= 0)
     change = both & (owner[:, 1:] != owner[:, :-1])
     wide = change.copy()
@@ -198,7 +198,7 @@ def walls_in_row(units: RowUnits, tree: STRtree) -> Sure:
     for wall, sure in zip(units.walls.tolist(), units.certainty.tolist(), strict=True):
         middle = 0.5 * (row.first[wall - 1] + row.last[wall - 1])
         beside = row.place(CELL_M * np.array([wall - 4.0, wall + 4.0]), np.array([middle, middle]))
-        if owners_of(beside, tree).min() >= 0:
+        if owners_of(np.column_stack(beside), tree).min() >= 0:
             held = float(np.clip(sure, certainty.LEAST_CHANCE, 1.0 - certainty.LEAST_CHANCE))
             told.append((float(np.log(held / (1.0 - held))), bool(near[wall])))
     return told

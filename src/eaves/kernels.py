@@ -33,7 +33,14 @@ class Kernel:
         KERNELS.append(self)
 
     def __call__(self, *args: Any) -> Any:
-        key = tuple([(a.dtype, a.ndim, a.flags.num) if type(a) is np.ndarray else raw_sort(a) for a in args])
+        key = tuple(
+            [
+                (a.dtype, a.ndim, a.flags.num)
+                if (kind := type(a)) is np.ndarray
+                else (raw_sort(a) if isinstance(a, tuple) else kind)
+                for a in args
+            ]
+        )
         try:
             run = self.ready[key]
         except KeyError:

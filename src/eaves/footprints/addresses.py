@@ -118,7 +118,8 @@ def nearest_part(building: BuildingPoints, parts: Sequence[Polygon]) -> NDArray[
         shapely.prepare(part)
         owner[some[shapely.contains_xy(part, xy[some])]] = number
     left = np.flatnonzero(owner < 0)
-    places = shapely.points(xy[left])
-    away = [shapely.distance(part, places) for part in parts]
-    owner[left] = np.argmin(np.stack(away), axis=0)
+    point, part_of = shapely.STRtree(parts).query_nearest(shapely.points(xy[left]), all_matches=True)
+    nearest = np.full(len(left), len(parts))
+    np.minimum.at(nearest, point, part_of)
+    owner[left] = nearest
     return owner

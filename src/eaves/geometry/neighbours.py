@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model import Bounds, Mask, Points, Values
+from eaves.model import Points
 
 POINTS_PER_CELL = 8
 """Mean number of points in a cell that is occupied: of mean 8, one Poisson cell in 3,000 is empty."""
@@ -24,51 +23,43 @@ def measure_spacing(xyz: Points) -> float:
     """
     if len(xyz) < 2:
         return 1.0
-    extent = Bounds.of(xyz)
+    return float(spacing_kernel(xyz))
+
+
+@kernel
+def spacing_kernel(xyz: Points) -> float:
+    """The spacing (m) as `measure_spacing` says."""
+    count = len(xyz)
+    west, south, east, north = np.inf, np.inf, -np.inf, -np.inf
+    for i in range(count):
+        west, east = min(west, xyz[i, 0]), max(east, xyz[i, 0])
+        south, north = min(south, xyz[i, 1]), max(north, xyz[i, 1])
     side = FINEST_M
-    occupied = np.zeros((0, 0), bool)
+    occupied = np.zeros((0, 0), np.bool_)
     while True:
-        columns, rows = int(extent.width / side) + 1, int(extent.height / side) + 1
-        if columns * rows > TABLE_CELLS * len(xyz):
-            cell = cells_kernel(xyz[:, 0], xyz[:, 1], extent.west, extent.south, side, columns)
-            count = len(np.unique(cell))
+        columns, rows = int((east - west) / side) + 1, int((north - south) / side) + 1
+        filled = 0
+        if columns * rows > TABLE_CELLS * count:
+            cell = np.empty(count, np.int64)
+            for i in range(count):
+                cell[i] = int((xyz[i, 1] - south) / side) * columns + int((xyz[i, 0] - west) / side)
+            cell.sort()
+            for i in range(count):
+                filled += i == 0 or cell[i] != cell[i - 1]
         else:
-            # sides are powers of two: cells twice as wide hold four whole ones
-            fresh = occupied.size == 0
-            occupied = (
-                occupied_kernel(xyz, extent.west, extent.south, side, rows, columns)
-                if fresh
-                else halve(occupied)
-            )
-            count = int(np.count_nonzero(occupied))
-        if len(xyz) >= POINTS_PER_CELL * count or count == 1:
-            return float(np.sqrt(count * side * side / len(xyz)))
+            finer = occupied
+            occupied = np.zeros((rows, columns), np.bool_)
+            if finer.size == 0:
+                for i in range(count):
+                    occupied[int((xyz[i, 1] - south) / side), int((xyz[i, 0] - west) / side)] = True
+            else:  # sides are powers of two: cells twice as wide hold four whole ones
+                for row in range(finer.shape[0]):
+                    for column in range(finer.shape[1]):
+                        if finer[row, column]:
+                            occupied[row // 2, column // 2] = True
+            for row in range(rows):
+                for column in range(columns):
+                    filled += occupied[row, column]
+        if count >= POINTS_PER_CELL * filled or filled == 1:
+            return float(np.sqrt(filled * side * side / count))
         side *= 2.0
-
-
-def halve(occupied: Mask) -> Mask:
-    """Whether any of the four cells (H, W) that make a cell twice as wide is set."""
-    rows, columns = occupied.shape
-    even = np.zeros((rows + rows % 2, columns + columns % 2), bool)
-    even[:rows, :columns] = occupied
-    return np.asarray(even[::2, ::2] | even[1::2, ::2] | even[::2, 1::2] | even[1::2, 1::2])
-
-
-@kernel
-def occupied_kernel(xyz: Points, west: float, south: float, side: float, rows: int, columns: int) -> Mask:
-    """Which cells (rows, columns) hold a point, row by row from the south."""
-    occupied = np.zeros((rows, columns), np.bool_)
-    for i in range(len(xyz)):
-        occupied[int((xyz[i, 1] - south) / side), int((xyz[i, 0] - west) / side)] = True
-    return occupied
-
-
-@kernel
-def cells_kernel(
-    x: Values, y: Values, west: float, south: float, side: float, columns: int
-) -> NDArray[np.int64]:
-    """Number (N,) of the cell of each point, row by row from the south."""
-    cell = np.empty(len(x), np.int64)
-    for i in range(len(x)):
-        cell[i] = int((y[i] - south) / side) * columns + int((x[i] - west) / side)
-    return cell

@@ -73,6 +73,8 @@ class BuildingPoints:
     """1 in the cells of the terrain that hold a ground point; None where that is not known."""
     ground_nearest: Points | None = None
     """The ground (K, 3) nearest to a given footprint where none was seen beside it."""
+    ground_beside: bool | None = None
+    """Whether ground was seen beside a given footprint; None where that was not looked at."""
     not_last: NDArray[np.bool_] | None = None
     """Points whose pulses came back once more from below."""
     around: Points | None = None

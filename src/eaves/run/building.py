@@ -167,7 +167,9 @@ def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, ob
     if building.ground_nearest is not None:
         distance = shapely.distance(footprint.polygon, shapely.points(building.ground_nearest[:, :2])).min()
         return {"ground_source": NEAREST, "ground_distance_m": round(float(distance), 1)}
-    beside = is_seen_beside(footprint.polygon, building.ground_seen)
+    beside = building.ground_beside
+    if beside is None:
+        beside = is_seen_beside(footprint.polygon, building.ground_seen)
     return {"ground_source": MEASURED if beside else INTERPOLATED}
 
 

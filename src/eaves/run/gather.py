@@ -88,9 +88,10 @@ class Gatherer:
         if self._around is not None:
             around = self.points_around(owner, plan, reach.buffered(self._around))
         seen = self.terrain(owner, reach.buffered(MARGIN), "ground")
-        heights = None
-        if plan.given is not None and not is_seen_beside(plan.given.polygon, seen):
-            heights = self.nearest_ground(owner, plan)
+        heights, beside = None, None
+        if plan.given is not None:
+            beside = is_seen_beside(plan.given.polygon, seen)
+            heights = None if beside else self.nearest_ground(owner, plan)
         return BuildingPoints(
             owner_block=owner,
             xyz=found.xyz,
@@ -99,6 +100,7 @@ class Gatherer:
             terrain=self.terrain(owner, reach.buffered(MARGIN)),
             ground_seen=seen,
             ground_nearest=heights,
+            ground_beside=beside,
             spacing=found.spacing,
             score=found.score,
             number=plan.number,

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon, STRtree
 
-from eaves.geometry.rings import polygon_parts
+from eaves.geometry.rings import following_places, polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 
 SAME_PLACE_M = 0.02
@@ -130,18 +130,26 @@ def shared_rings(
     kept, number_of = np.unique(leader, return_inverse=True)
     nodes = corners[kept]
     tree = STRtree(shapely.points(nodes))
+    size = np.array([len(loop) for loop in loops])
+    head, tail = number_of, number_of[following_places(size)]
+    lines = shapely.linestrings(np.stack([nodes[head], nodes[tail]], axis=1))
+    edge, between = tree.query(lines, predicate="dwithin", distance=SAME_PLACE_M)
+    others = (between != head[edge]) & (between != tail[edge])
+    edge, between = edge[others], between[others]
+    on_edge: dict[int, list[int]] = {}
+    for line, node in zip(edge.tolist(), between.tolist(), strict=True):
+        on_edge.setdefault(line, []).append(node)
     rings: list[NDArray[np.int64]] = []
     start = 0
     for loop in loops:
-        members = number_of[start : start + len(loop)]
-        start += len(loop)
         path: list[int] = []
-        for a, b in zip(members, np.roll(members, -1), strict=True):
-            line = shapely.LineString([nodes[a], nodes[b]])
-            between = tree.query(line, predicate="dwithin", distance=SAME_PLACE_M)
-            between = between[(between != a) & (between != b)]
-            along = (nodes[between] - nodes[a]) @ (nodes[b] - nodes[a])
-            path += [int(a), *between[np.argsort(along, kind="stable")].tolist()]
+        for line in range(start, start + len(loop)):
+            path.append(int(head[line]))
+            if line in on_edge:
+                some = np.array(on_edge[line])
+                along = (nodes[some] - nodes[head[line]]) @ (nodes[tail[line]] - nodes[head[line]])
+                path += some[np.argsort(along, kind="stable")].tolist()
+        start += len(loop)
         rings.append(
             np.array([v for v, before in zip(path, path[-1:] + path[:-1], strict=True) if v != before])
         )

@@ -80,9 +80,8 @@ def worthwhile_moves(
         ends = np.roll(triangles, -1, axis=1).reshape(-1, 2)
         owner = np.repeat(np.arange(len(triangles)), 3)
         point, swept = points_in_polygons(roof, triangles.reshape(-1, 2), ends, owner, len(triangles))
-        change = point_costs(roof[point], planes[gets[swept]], costs)
-        change -= point_costs(roof[point], planes[has[swept]], costs)
-        gain -= np.bincount(move[swept], change, len(node))
+        limits = (costs.free_misfit, costs.residual_limit)
+        gain -= changes_kernel(roof, point, swept, planes, gets, has, move, len(node), *limits)
     order = np.argsort(-gain, kind="stable")
     return np.asarray(np.column_stack([node, into])[order[gain[order] > 0.0]])
 
@@ -96,33 +95,70 @@ def make_moves(
     Pairs between the places `refused` stay out, and those found to fold the plan join them; `careful` looks
     at all cells for that.
     """
-    chosen: list[tuple[int, int, tuple[float, ...]]] = []
-    taken: set[int] = set()
-    for node, into in pairs.tolist():
-        key = (*coverage.nodes[node].tolist(), *coverage.nodes[into].tolist())
-        around = {node, into, *coverage.end[coverage.start == node].tolist()}
-        if key not in refused and not taken & around:
-            chosen.append((node, into, key))
-            taken |= around
-    for some in [chosen, *([one] for one in chosen)] if chosen else []:
+    if refused:
+        keys = map(tuple, coverage.nodes[pairs].reshape(-1, 4).tolist())
+        pairs = pairs[[key not in refused for key in keys]]
+    chosen = apart_kernel(coverage.start, coverage.end, pairs, len(coverage.nodes))
+    for some in [chosen, *chosen[:, None]] if len(chosen) else []:
         target = np.arange(len(coverage.nodes))
-        for node, into, _ in some:
-            target[node] = into
+        target[some[:, 0]] = some[:, 1]
         moved = contract(coverage, target)
         if moved is not None and (not careful or is_sound(moved[0])):
             plan, kept = moved[0], labels[moved[1]]
             return (plan, kept) if plan.count == coverage.count else plan.merged(kept)
         if len(some) == 1:
-            refused.add(some[0][2])
+            refused.add(tuple(coverage.nodes[some[0]].ravel().tolist()))
     return None
 
 
-def point_costs(points: Points, planes: NDArray[np.float64], costs: LabelCosts) -> Values:
-    """What a plane (K, 3) costs for a point (K, 3)."""
-    a, b, c = planes.T
-    away = np.abs(points[:, 2] - a * points[:, 0] - b * points[:, 1] - c) / np.sqrt(1.0 + a**2 + b**2)
-    share = np.maximum(away - costs.free_misfit, 0.0) / costs.residual_limit
-    return np.asarray(np.minimum(share**2, 1.0) + share)
+@kernel
+def apart_kernel(start: Integers, end: Integers, pairs: Integers, size: int) -> Integers:
+    """Those of the `pairs` (K, 2) of nodes of `size` that touch none of those before them: the first node of
+    a pair and its neighbours, and the second."""
+    taken, kept, count = np.zeros(size, np.bool_), np.empty(pairs.shape, np.int64), 0
+    for one in range(len(pairs)):
+        node, into = pairs[one]
+        clash = taken[node] or taken[into]
+        for half in range(len(start)):
+            clash |= start[half] == node and taken[end[half]]
+        if clash:
+            continue
+        kept[count, 0], kept[count, 1] = node, into
+        count += 1
+        taken[node] = taken[into] = True
+        for half in range(len(start)):
+            if start[half] == node:
+                taken[end[half]] = True
+    return kept[:count]
+
+
+@kernel
+def changes_kernel(
+    points: Points,
+    point: Integers,
+    swept: Integers,
+    planes: NDArray[np.float64],
+    gets: Integers,
+    has: Integers,
+    move: Integers,
+    count: int,
+    free_misfit: float,
+    residual_limit: float,
+) -> Values:
+    """What each of `count` moves costs the points (N, 3) that it sweeps: pairs of `point` (K,) and triangle
+    `swept` (K,), with the plane that its points get, the one they have, and the move it belongs to (T,)."""
+    total = np.zeros(count)
+    for pair in range(len(point)):
+        x, y, z = points[point[pair]]
+        change = 0.0
+        for side in range(2):
+            a, b, c = planes[gets[swept[pair]] if side == 0 else has[swept[pair]]]
+            away = abs(z - a * x - b * y - c) / np.sqrt(1.0 + a * a + b * b)
+            share = max(away - free_misfit, 0.0) / residual_limit
+            cost = min(share * share, 1.0) + share
+            change = cost if side == 0 else change - cost
+        total[move[swept[pair]]] += change
+    return total
 
 
 @kernel

@@ -39,7 +39,7 @@ def arrange(
         return coverage_of(shapely.get_parts(whole), grid)
     lines = through_corners(np.asarray(segments, float), shapely.get_coordinates(whole))
     net = shapely.union_all(np.append(lines, whole.boundary), grid_size=grid)
-    cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
+    cells = shapely.get_parts(shapely.polygonize([net]))
     if len(cells) == 0:
         return None
     shapely.prepare(whole)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -67,6 +68,7 @@ def border_samples(
     return np.sort(mark[ends[inside]], axis=1).astype(np.int64), places[inside], weight[inside]
 
 
+@lru_cache(maxsize=4)
 def main_directions(polygon: Polygon) -> Values:
     """Angles (K,) in [0, π/2) of the footprint's edges, longest together first; with their perpendiculars
     understood.

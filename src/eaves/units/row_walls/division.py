@@ -49,7 +49,7 @@ def label_cells(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], 
         mine = (t >= row.first) & (t < row.last)
         step = np.broadcast_to(np.arange(len(row.first)), s.shape)[mine]
         unit = np.searchsorted(units.walls, step, side="right")
-        cells = plan.cells(row.place(s[mine], t[mine]))
+        cells = plan.cells(*row.place(s[mine], t[mine]))
         label[cells] = number + unit
         number += len(units.walls) + 1
     return number - first
@@ -66,7 +66,7 @@ def carried_on(
     another unit.
     """
     away = np.arange(2.0 * CELL_M, farthest, CELL_M)
-    met = label[plan.cells(start + away[:, None] * way)] > 0
+    met = label[plan.cells(*(start + away[:, None] * way).T)] > 0
     return float(away[np.argmax(met)]) if met.any() else farthest
 
 
@@ -81,7 +81,7 @@ def wall_lines(
         for wall in units.walls.tolist():
             near = min(row.first[wall - 1], row.first[wall])
             far = max(row.last[wall - 1], row.last[wall])
-            ends = row.place(np.array([wall, wall]) * CELL_M, np.array([near, far]))
+            ends = np.column_stack(row.place(np.array([wall, wall]) * CELL_M, np.array([near, far])))
             ends[0] -= carried_on(plan, label, ends[0], -row.across, farthest) * row.across
             ends[1] += carried_on(plan, label, ends[1], row.across, farthest) * row.across
             lines.append(LineString(ends))

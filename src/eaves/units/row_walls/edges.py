@@ -55,7 +55,7 @@ def edge_gains(row: Row, plan: Plan, points: Points, limits: EdgeLimits) -> list
     middle = CELL_M * np.arange(0.5, len(row.first), dtype=np.float64)
     found = []
     for border, way in ((row.first, -1.0), (row.last, 1.0)):
-        goes_on = plan.main[plan.cells(row.place(middle, border + way * BEYOND_M))]
+        goes_on = plan.main[plan.cells(*row.place(middle, border + way * BEYOND_M))]
         free = (row.last > row.first) & ~goes_on
         out = way * (t - border[step])
         near = free[step] & (out < limits.most_jog) & (out > -INSIDE_M[1])

@@ -66,7 +66,8 @@ def roof_noise(points: Points) -> float:
     """
     cell = np.floor(points[:, :2] / PATCH_M).astype(np.int64)
     number = (cell[:, 0] - cell[:, 0].min()) * (np.ptp(cell[:, 1]) + 1) + cell[:, 1] - cell[:, 1].min()
-    _, patch, count = np.unique(number, return_inverse=True, return_counts=True)
+    count = np.bincount(number)
+    patch, count = (np.cumsum(count > 0) - 1)[number], count[count > 0]
     full = count >= PATCH_POINTS
     if not full.any():
         return USUAL_NOISE_M

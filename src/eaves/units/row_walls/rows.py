@@ -70,11 +70,14 @@ class Plan:
             height = (total / count).reshape(rows, columns)
         return cls(main.reshape(rows, columns), height, west, south, tuple(volumes))
 
-    def cells(self, xy: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Row and column of the cells that places (..., 2) lie in, held inside the plan's empty rim."""
-        column = ((xy[..., 0] - self.west) / CELL_M).astype(np.int64)
-        row = ((xy[..., 1] - self.south) / CELL_M).astype(np.int64)
-        return np.clip(row, 0, self.main.shape[0] - 1), np.clip(column, 0, self.main.shape[1] - 1)
+    def cells(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Row and column of the cells that places lie in, held inside the plan's empty rim."""
+        rows, columns = self.main.shape
+        column = ((x - self.west) / CELL_M).astype(np.int64)
+        row = ((y - self.south) / CELL_M).astype(np.int64)
+        return np.minimum(np.maximum(row, 0), rows - 1), np.minimum(np.maximum(column, 0), columns - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,15 +104,18 @@ class Row:
         used = self.last > self.first
         return np.meshgrid(s, np.arange(self.first[used].min(), self.last.max(), CELL_M) + 0.5 * CELL_M)
 
-    def ground(self) -> NDArray[np.float64]:
-        """The middles (M, 2) of the row's cells."""
+    def ground(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """x, y (M,) of the middles of the row's cells."""
         s, t = self.grid()
         mine = (t >= self.first) & (t < self.last)
         return self.place(s[mine], t[mine])
 
-    def place(self, s: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Places (..., 2) of row coordinates."""
-        return np.asarray(self.origin + s[..., None] * self.along + t[..., None] * self.across)
+    def place(
+        self, s: NDArray[np.float64], t: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """x, y of row coordinates."""
+        x, y = (self.origin[k] + s * self.along[k] + t * self.across[k] for k in range(2))
+        return x, y
 
     def coordinates(self, xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Row coordinates s, t (N,) of places (N, 2)."""
@@ -123,7 +129,7 @@ class Row:
         mine = slice(first, max(round(end / CELL_M), first + 1))
         near, far = float(self.first[mine].min()), float(self.last[mine].max())
         corners = self.place(np.array([start, end, end, start]), np.array([near, near, far, far]))
-        return shapely.orient_polygons(Polygon(corners))
+        return shapely.orient_polygons(Polygon(np.column_stack(corners)))
 
 
 def fronts_of(outline: Polygon, limits: RowLimits) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
@@ -176,7 +182,7 @@ def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowLimits) -> I
             row = ground_behind(plan, free, start, along, across, length, limits)
             if row is not None and (coherent := coherence(plan, row, limits.most_change)) > most:
                 most, best = coherent, row
-        free[plan.cells(best.ground())] = False
+        free[plan.cells(*best.ground())] = False
         yield best
 
 
@@ -195,7 +201,7 @@ def coherence(plan: Plan, row: Row, most: float) -> float:
     `row.across` make it large. A change counts up to `most` (m).
     """
     s, t = row.grid()
-    height = plan.height[plan.cells(row.place(s, t))]
+    height = plan.height[plan.cells(*row.place(s, t))]
     height[(t < row.first) | (t >= row.last)] = np.nan
     change = np.clip(height[:, 4:] - height[:, :-4], -most, most)
     known = np.isfinite(change)
@@ -217,14 +223,13 @@ def ground_behind(
     steps = int(length / CELL_M)
     s = (np.arange(steps) + 0.5) * CELL_M
     t = np.arange(-limits.jog - 0.5, limits.deepest, CELL_M)
-    place = start + s[:, None, None] * along + t[None, :, None] * across
-    cells = plan.cells(place)
+    x, y = ((start[k] + s * along[k])[:, None] + t * across[k] for k in range(2))
+    cells = plan.cells(x, y)
     main, mine = plan.main[cells], free[cells]
     begin = np.argmax(main, axis=1)
     there = main[np.arange(steps), begin] & (t[begin] < limits.jog + 0.5)
-    after = main & (np.arange(len(t)) >= begin[:, None])
-    end = np.argmin(after | (np.arange(len(t)) < begin[:, None]), axis=1)
-    end = np.where((after | (np.arange(len(t)) < begin[:, None])).all(axis=1), len(t), end)
+    to_end = main | (np.arange(len(t)) < begin[:, None])
+    end = np.where(to_end.all(axis=1), len(t), np.argmin(to_end, axis=1))
     if not there.any():
         return None
     depth = np.where(there, end - begin, 0)
