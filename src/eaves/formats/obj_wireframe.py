@@ -46,7 +46,7 @@ def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[
     detail : float
         Size (m, > 0) of what is drawn as one. Faces beside each other whose corners lie within a quarter of
         it of one plane are one face. Corners of a group that are all nearer than it to one another become
-        their mean, and a corner of two edges is left out where the one line in their place passes it nearer
+        one, where the edges that leave the group meet best, and a corner of two edges is left out where the one line in their place passes it nearer
         than half of it. As small as 1e-6 keeps every corner of the solid.
 
     Returns
@@ -73,8 +73,7 @@ def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[
     rings = [ring for solid in solids for ring in drawn_rings(solid, 0.25 * detail)]
     corners, edges = turning_corners(rings)
     group = corner_groups(corners, detail)
-    size = np.bincount(group)
-    corners = np.column_stack([np.bincount(group, axis) / size for axis in corners.T])
+    corners = meeting_places(corners, edges, group, detail)
     drawn = {(min(pair), max(pair)) for pair in group[edges].tolist() if pair[0] != pair[1]}
     kept = without_straight_corners(corners, drawn, 0.5 * detail)
     used, numbers = np.unique(np.array(sorted(kept), np.int64).reshape(-1, 2), return_inverse=True)
@@ -192,6 +191,28 @@ def corner_groups(corners: Points, detail: float) -> NDArray[np.int64]:
         answer[mine] = count + group
         count += int(group.max()) + 1
     return answer
+
+
+def meeting_places(
+    corners: Points, edges: NDArray[np.int64], group: NDArray[np.int64], detail: float
+) -> Points:
+    """One corner for each group (V,) of the corners (V, 3): nearest in square to the lines of the edges (E, 2)
+    that leave it, each by its length, and to the mean of its corners, which counts as one of `detail` (m).
+
+    Without a jog, the long edges beside it meet there.
+    """
+    size = np.bincount(group)
+    mean = np.column_stack([np.bincount(group, axis) / size for axis in corners.T]).reshape(-1, 3)
+    leaving = edges[group[edges[:, 0]] != group[edges[:, 1]]]
+    near, far = np.vstack([leaving, leaving[:, ::-1]]).T
+    along = corners[far] - corners[near]
+    length = np.linalg.norm(along, axis=1)[:, None, None]
+    across = length * np.eye(3) - along[:, :, None] * along[:, None, :] / length
+    weight = np.tile(detail * np.eye(3), (len(mean), 1, 1))
+    np.add.at(weight, group[near], across)
+    pull = np.zeros_like(mean)
+    np.add.at(pull, group[near], (across @ (corners[near] - mean[group[near]])[:, :, None])[:, :, 0])
+    return np.asarray(mean + np.linalg.solve(weight, pull[:, :, None])[:, :, 0])
 
 
 def without_straight_corners(
