@@ -46,8 +46,9 @@ def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[
     detail : float
         Size (m, > 0) of what is drawn as one. Faces beside each other whose corners lie within a quarter of
         it of one plane are one face. Corners of a group that are all nearer than it to one another become
-        one, where the edges that leave the group meet best, and a corner of two edges is left out where the one line in their place passes it nearer
-        than half of it. As small as 1e-6 keeps every corner of the solid.
+        one, where the edges that leave the group meet best, and a corner of two edges is left out where the
+        one line in their place passes it nearer than half of it. As small as 1e-6 keeps every corner of the
+        solid.
 
     Returns
     -------
@@ -196,8 +197,9 @@ def corner_groups(corners: Points, detail: float) -> NDArray[np.int64]:
 def meeting_places(
     corners: Points, edges: NDArray[np.int64], group: NDArray[np.int64], detail: float
 ) -> Points:
-    """One corner for each group (V,) of the corners (V, 3): nearest in square to the lines of the edges (E, 2)
-    that leave it, each by its length, and to the mean of its corners, which counts as one of `detail` (m).
+    """One corner for each group (V,) of the corners (V, 3): nearest in square to the lines of the edges
+    (E, 2) that leave it, each by its length, and to the mean of its corners, which counts as one of
+    `detail` (m).
 
     Without a jog, the long edges beside it meet there.
     """

@@ -322,6 +322,7 @@ class Arrangement(LineReconstructor):
             ground,
             *limits,
             lambda tidied, kept: hold_down(tidied, kept, reach, costs),
+            reach.highest,
         )
         solids = coarse_solids(plan, roof, ground, self.level_jump, limits, located)
         errors: dict[str, Values] = {}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.model import Face, Mask, Points, Solid
+from eaves.model import Face, Mask, Points, Solid, Values
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.reconstruct.toolkit.columns import SAME_HEIGHT, columns_kernel, crossings_kernel
 from eaves.reconstruct.toolkit.coverage import Coverage
@@ -244,15 +244,20 @@ def extrude_plan(
     smallest: float,
     narrowest: float,
     held_down: Callable[[Coverage, Integers], Integers] | None = None,
+    highest: Values | None = None,
 ) -> Extrusion:
     """The solids over a plan whose cells carry `labels` (C,) of `planes` (P, 3), or why there are none.
 
-    Faces smaller (m²) or narrower (m) than the limits go to their neighbours. `held_down` gives cells that
-    rise too high by that another label.
+    Faces smaller (m²) or narrower (m) than the limits go to their neighbours, unless these would rise over
+    the `highest` (P,; m) that their planes may: as long as the solids are sound with such a face.
+    `held_down` gives cells that rise too high even so another label.
     """
     defect = ""
-    for firmness in FIRMNESS:
-        tidied, kept = tidy(plan, labels, smallest, firmness * narrowest, firmness * SHORTEST_EDGE)
+    anywhere = np.full(len(planes), np.inf)
+    for limit, firmness in product((anywhere,) if highest is None else (highest, anywhere), FIRMNESS):
+        tidied, kept = tidy(
+            plan, labels, smallest, firmness * narrowest, firmness * SHORTEST_EDGE, planes, limit
+        )
         if held_down is not None:
             tidied, kept = tidied.merged(held_down(tidied, kept))
         solids = extrude(tidied, planes[kept], ground)
@@ -266,14 +271,20 @@ def extrude_plan(
 
 
 def tidy(
-    plan: Coverage, labels: Integers, smallest: float, narrowest: float, shortest: float
+    plan: Coverage,
+    labels: Integers,
+    smallest: float,
+    narrowest: float,
+    shortest: float,
+    planes: NDArray[np.float64],
+    highest: Values,
 ) -> tuple[Coverage, Integers]:
     """The plan without slivers, short edges, needless nodes and necks, and the label (C,) of each cell."""
-    plan, labels = absorb_slivers(plan, labels, smallest, narrowest)
+    plan, labels = absorb_slivers(plan, labels, smallest, narrowest, planes, highest)
     plan, labels = drop_straight_nodes(plan, labels)
     plan, labels = merge_short_edges(plan, labels, shortest)
     plan, labels = plan.merged(labels)
-    plan, labels = absorb_slivers(plan, labels, smallest, narrowest)
+    plan, labels = absorb_slivers(plan, labels, smallest, narrowest, planes, highest)
     plan, labels = drop_straight_nodes(plan, labels)
     straight = drop_straight_nodes(plan, labels, JOG)
     if straight[0] is not plan and is_sound(straight[0]):

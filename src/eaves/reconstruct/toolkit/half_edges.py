@@ -346,11 +346,15 @@ def sliver_kernel(
     cell: Integers,
     twin: Integers,
     area: NDArray[np.float64],
+    labels: Integers,
     smallest: float,
     narrowest: float,
+    planes: NDArray[np.float64],
+    highest: NDArray[np.float64],
 ) -> tuple[int, int]:
     """The smallest of the cells under an `area` (C,; m²) of `smallest` or narrower (m) than `narrowest`, and
-    the neighbour it shares most with; -1 where there is none.
+    the neighbour it shares most with, by `labels` (C,) of one of the `planes` (P, 3) that does not rise over
+    its `highest` (P,; m) there, unless the cell's own does; -1 where there is none.
 
     The width is that of the rectangle that has the cell's area and perimeter; a square's where none has.
     """
@@ -362,17 +366,34 @@ def sliver_kernel(
             perimeter[cell[half]] += length
             if cell[twin[half]] != OUTSIDE:
                 shared[cell[half]] += length
-    worst = -1
-    for one in range(len(area)):
-        excess = np.sqrt(max(perimeter[one] * perimeter[one] - 16.0 * area[one], 0.0))
-        bad = area[one] < smallest or 0.25 * (perimeter[one] - excess) < narrowest
-        if bad and shared[one] > 0.0 and (worst < 0 or area[one] < area[worst]):
-            worst = one
-    if worst < 0:
-        return -1, -1
-    beside = np.zeros(len(area))
-    for half in range(len(start)):
-        if cell[half] == worst and cell[twin[half]] != OUTSIDE:
-            a, b = nodes[start[half]], nodes[end[half]]
-            beside[cell[twin[half]]] += np.hypot(b[0] - a[0], b[1] - a[1])
-    return worst, int(np.argmax(beside))
+    tried = np.zeros(len(area), np.bool_)
+    while True:
+        worst = -1
+        for one in range(len(area)):
+            excess = np.sqrt(max(perimeter[one] * perimeter[one] - 16.0 * area[one], 0.0))
+            bad = area[one] < smallest or 0.25 * (perimeter[one] - excess) < narrowest
+            if bad and shared[one] > 0.0 and not tried[one] and (worst < 0 or area[one] < area[worst]):
+                worst = one
+        if worst < 0:
+            return -1, -1
+        tried[worst] = True
+        beside = np.zeros(len(area))
+        for half in range(len(start)):
+            if cell[half] == worst and cell[twin[half]] != OUTSIDE:
+                a, b = nodes[start[half]], nodes[end[half]]
+                beside[cell[twin[half]]] += np.hypot(b[0] - a[0], b[1] - a[1])
+        rises = np.zeros(len(area), np.bool_)
+        for half in range(len(start)):
+            if cell[half] == worst:
+                x, y = nodes[start[half]]
+                for one in range(len(area)):
+                    if one == worst or beside[one] > 0.0:
+                        p = planes[labels[one]]
+                        rises[one] |= p[0] * x + p[1] * y + p[2] > highest[labels[one]]
+        best = -1
+        for one in range(len(area)):
+            if beside[one] > 0.0 and (rises[worst] or not rises[one]):
+                if best < 0 or beside[one] > beside[best]:
+                    best = one
+        if best >= 0:
+            return worst, best

@@ -116,5 +116,6 @@ def simple_solids(
         smallest,
         limits[1],
         lambda plan, kept: hold_down(plan, kept, reach, costs),
+        reach.highest,
     )
     return without_numbers(raised.solids)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
+from eaves.model import Values
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.half_edges import (
     OUTSIDE,
@@ -139,14 +141,24 @@ def corner_rank(coverage: Coverage) -> Integers:
 
 
 def absorb_slivers(
-    coverage: Coverage, labels: Integers, smallest_area: float, narrowest: float
+    coverage: Coverage,
+    labels: Integers,
+    smallest_area: float,
+    narrowest: float,
+    planes: NDArray[np.float64],
+    highest: Values,
 ) -> tuple[Coverage, Integers]:
-    """The coverage with cells too small (m²) or narrow (m) given to the neighbour they share most with."""
+    """The coverage with cells too small (m²) or narrow (m) given to the neighbour they share most with.
+
+    None goes to a neighbour whose plane of `planes` (P, 3) would rise over its `highest` (P,; m) in it; what
+    no neighbour may take stays.
+    """
+    limits = float(smallest_area), float(narrowest), np.ascontiguousarray(planes), highest
     for _ in range(ROUNDS):
         if coverage.count < 2:
             break
         known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin, coverage.area)
-        worst, beside = sliver_kernel(*known, float(smallest_area), float(narrowest))
+        worst, beside = sliver_kernel(*known, np.ascontiguousarray(labels, np.int64), *limits)
         if worst < 0:
             break
         given = labels.copy()
