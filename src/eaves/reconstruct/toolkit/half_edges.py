@@ -392,8 +392,8 @@ def sliver_kernel(
                         rises[one] |= p[0] * x + p[1] * y + p[2] > highest[labels[one]]
         best = -1
         for one in range(len(area)):
-            if beside[one] > 0.0 and (rises[worst] or not rises[one]):
-                if best < 0 or beside[one] > beside[best]:
-                    best = one
+            may = beside[one] > 0.0 and (rises[worst] or not rises[one])
+            if may and (best < 0 or beside[one] > beside[best]):
+                best = one
         if best >= 0:
             return worst, best
