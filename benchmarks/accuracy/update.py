@@ -6,7 +6,8 @@ window comes as a new tile.
 
 `python -m benchmarks.accuracy.update FOLDER large`: a town of 3 km² in tiles of 500 m, of which windows with
 several shares of the buildings are flown again, in one place and in four. What is in FOLDER/large is used
-again: the points take five minutes to make, the full build six.
+again: the points take five minutes to make, the full build six. `larger`: one of 2.5 km² with its mirror
+image east of it, 5 km²; the points take seven minutes, the full build eleven.
 
 `python -m benchmarks.accuracy.update FOLDER edits`: ten edits on Delft, by `eaves rebuild`, start included.
 """
@@ -44,7 +45,9 @@ SEED, AREA_KM2, DENSITIES = 9301, 0.5, (4.0, 5.0)
 TILE_M = 250.0
 SHARE = 0.01
 """Of the buildings lie in the window."""
-LARGE_SEED, LARGE_KM2, LARGE_DENSITIES, LARGE_TILE_M = 9302, 3.0, (2.5, 3.0), 500.0
+LARGE_DENSITIES, LARGE_TILE_M = (2.5, 3.0), 500.0
+LARGE = {"large": (9302, 3.0, False), "larger": (9303, 2.5, True)}
+"""Seed and area (km²) of the large towns, and whether the mirror image of one lies beside it."""
 PARTS = ((0.0025, 1), (0.01, 1), (0.01, 4), (0.04, 1))
 """Of the large town: the share of its buildings, and in how many places."""
 OUTPUTS = ("footprints", "models", "mask", "rasters", "classified")
@@ -199,15 +202,34 @@ def judge(name: str, place: Path, files: Path, later: laspy.LasData, every: int,
     return row_of(name, out, done, Cost(full, spent, reading_of(done)), whole)
 
 
+def with_mirror_image(las: laspy.LasData, east: int) -> laspy.LasData:
+    """A scan with its mirror image east of a line, in the file's own whole numbers."""
+    whole = laspy.LasData(las.header)
+    whole.points = laspy.ScaleAwarePointRecord.zeros(2 * len(las.points), header=las.header)
+    whole.points.array[:] = np.concatenate([las.points.array, las.points.array])
+    x = whole.points.array["X"]
+    x[len(las.points) :] = 2 * east - x[len(las.points) :]
+    return whole
+
+
+def make_large(place: Path, seed: int, area_km2: float, mirrored: bool) -> None:
+    """Two epochs of a town: `tiles`, and all points of the later one."""
+    epochs = simulate_epochs(area_km2, "slope", seed=seed, style="mixed", changed=0.3)
+    old = Survey(LARGE_DENSITIES[0]).scan(epochs.old, seed)
+    points = laspy.read(write_simulation(old, place / "old")["points"])
+    new = later_survey(LARGE_DENSITIES[1]).scan(epochs.new, seed + 1000)
+    later = laspy.read(write_simulation(new, place / "new")["points"])
+    if mirrored:
+        east = int(points.points.array["X"].max())
+        points, later = with_mirror_image(points, east), with_mirror_image(later, east)
+    write_tiles(points, place / "tiles", LARGE_TILE_M)
+    later.write(place / "later.laz")
+
+
 def judge_large(place: Path) -> None:
-    """Print a row for each of `PARTS` of the large town."""
+    """Print a row for each of `PARTS` of the large town that a folder is called after."""
     if not (place / "later.laz").exists():
-        epochs = simulate_epochs(LARGE_KM2, "slope", seed=LARGE_SEED, style="mixed", changed=0.3)
-        old = Survey(LARGE_DENSITIES[0]).scan(epochs.old, LARGE_SEED)
-        points = write_simulation(old, place / "old")["points"]
-        write_tiles(laspy.read(points), place / "tiles", LARGE_TILE_M)
-        new = later_survey(LARGE_DENSITIES[1]).scan(epochs.new, LARGE_SEED + 1000)
-        write_simulation(new, place / "new")["points"].rename(place / "later.laz")
+        make_large(place, *LARGE[place.name])
     if not (place / "full.json").exists():
         tiles = str(place / "tiles")
         _, full = timed(lambda: build(tiles, place / "out", keep=True, outputs=OUTPUTS, jobs=1))
@@ -226,7 +248,7 @@ def judge_large(place: Path) -> None:
             )
         )
         cost = Cost(full, spent, reading_of(done))
-        print(row_of(f"large town, {name}", place / "out", done, cost, None), flush=True)
+        print(row_of(f"{place.name} town, {name}", place / "out", done, cost, None), flush=True)
         print({step: round(value, 1) for step, value in done.summary.seconds.items()}, file=sys.stderr)
 
 
@@ -273,8 +295,8 @@ def main(place: Path, what: str = "") -> None:
         "without reading",
     )
     print(f"| {' | '.join(head)} |\n{'|---' * len(head)}|")
-    if what == "large":
-        judge_large(place / "large")
+    if what in LARGE:
+        judge_large(place / what)
         return
     delft = Path(os.environ["EAVES_DATA"]) / "delft" / "ahn3.laz"
     print(judge("Delft", place / "delft", delft, laspy.read(delft), 2, law=True), flush=True)

@@ -134,4 +134,6 @@ def build_region(region: Region, core: Core, sink: PointSink | None = None) -> S
         region.store.keep_request({**region.run.request, "plan": region.run.plan}, blocks, owners)
     elif summary.complete:
         region.store.discard()
+    else:
+        region.store.drop_records()
     return summary

@@ -148,7 +148,7 @@ def rebuild(folder: Path, file: Path | None = None, progress: Progress = no_prog
         )
         region.run = replace(run, outputs=outputs)
         plans = [OwnedBuildings(owner, ()) for owner in owners]
-        keep_numbers(region.store, owners, numbers)
+        keep_numbers(region.store, sorted(state.touched), numbers)
         points = EarlierPoints.of(folder, region.store, run.index)
         summary = write_outputs(region, request.blocks, plans, earlier=lines, points=points)
         write_edits(folder / EDITS, edits, region.store.system)
@@ -184,6 +184,8 @@ class State:
         self.originals = replace(store, folder=store.folder / ORIGINALS)
         (self.originals.folder / "buildings").mkdir(parents=True, exist_ok=True)
         self.side = self.owners[0].side if self.owners else 240.0
+        self.touched = set[Block]()
+        """The owner blocks that `apply` has written."""
 
     def shown(self) -> dict[str, Polygon]:
         """Id → outline (world metres) of the buildings as the files show them."""
@@ -234,7 +236,8 @@ class State:
         modelled: list[str] = []
         removed: list[str] = []
         failed: list[str] = []
-        for done, owner in enumerate(sorted({*mine, *again}), 1):
+        self.touched = {*mine, *again}
+        for done, owner in enumerate(sorted(self.touched), 1):
             self.keep_original(owner)
             results: list[BuildingResult | SavedBuilding] = []
             wanted = {order.id: order for order in mine.get(owner, ())}

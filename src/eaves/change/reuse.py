@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import shapely
@@ -27,7 +28,7 @@ from eaves.run.world_squares import ring
 REACH = MARGIN + COVER_CELL
 """Points that come or go so near (m) to a building's own touch it: its terrain is known so far around."""
 
-NEAR_BLOCKS = 9
+NEAR_BLOCKS = 12
 """Blocks whose points are kept while those around an owner block are looked at."""
 
 MOVED = 0.05
@@ -135,6 +136,12 @@ def model_again(
     return compute_buildings(owned.now, store, recipe, snap, Known(owned, store, before, changed))
 
 
+@lru_cache(maxsize=1)
+def near_gatherer(store: Store) -> Gatherer:
+    """Reads the points around owner blocks, of which one follows the other."""
+    return Gatherer(store, keep=NEAR_BLOCKS)
+
+
 class Known:
     """The earlier results of an owner block, and which of them stay.
 
@@ -148,7 +155,7 @@ class Known:
     def __init__(self, owned: Owned, store: Store, before: Store, changed: NDArray[np.int64]) -> None:
         self._changed = changed
         self._results = [one for one in before.saved_buildings(owned.now.owner_block) if len(one.point_id)]
-        gatherer = Gatherer(store, keep=NEAR_BLOCKS)
+        gatherer = near_gatherer(store)
         found = (gatherer.points_of(owner, plan) for owner, plan in owned.around if plan.failure is None)
         self._around = [one for one in found if one is not None]
         self._beyond: list[tuple[NDArray[np.int64], Polygon]] = []

@@ -35,7 +35,14 @@ from eaves.change.rebuild import (
     changed_in_layer,
     is_edited,
 )
-from eaves.change.reuse import changed_keys, goes_on, model_again, plans_to_model, touched_blocks
+from eaves.change.reuse import (
+    changed_keys,
+    goes_on,
+    model_again,
+    near_gatherer,
+    plans_to_model,
+    touched_blocks,
+)
 from eaves.change.stale import compute_stale, link_tree
 from eaves.change.versions import Versions, known_ids, name_versions, write_history
 from eaves.formats import InputError
@@ -177,18 +184,18 @@ def update(
         computed = compute_stale(region, before, changed.places, blocks)
         plans = region.join(blocks, Core(holds=lambda block: True))
         old = planned(request, before, run, workers)
-        versions, owners = model_changed(
+        versions, owners, again = model_changed(
             region, before, plans, old, request, changed, known_ids(folder), when
         )
         if few:
             region.store = RememberingStore(**vars(region.store))
-        edits, orders, conflicts, owners = edit_again(folder, region, blocks, owners, progress)
+        edits, orders, conflicts, owners, edited = edit_again(folder, region, blocks, owners, progress)
         outputs = tuple(name for name in run.outputs if name != "report")
         region.run = replace(run, outputs=outputs)
         others = {*versions.new, *versions.remodelled, *versions.gone, *(order.id for order in orders)}
         places = [*versions.outlines, *(one for order in orders for one in order.outlines)]
         lines = EarlierLines.read(folder / MODELS, others, places)
-        keep_numbers(region.store, owners, numbers_in(shown, request.owners))
+        keep_numbers(region.store, sorted({*again, *edited}), numbers_in(shown, request.owners))
         points = EarlierPoints.of(folder, before, run.index.subset(np.arange(first_new)))
         plans, known = [OwnedBuildings(owner, ()) for owner in owners], set(lines.places)
         summary = write_outputs(region, blocks, plans, earlier=lines, points=points)
@@ -384,9 +391,9 @@ def model_changed(
     changed: Replacement,
     ended: set[str],
     date: str,
-) -> tuple[Versions, list[Block]]:
+) -> tuple[Versions, list[Block], set[Block]]:
     """Model the buildings of the owner blocks that may be others now, and take over those of all others; the
-    versions, and the blocks that own buildings."""
+    versions, the blocks that own buildings, and those whose buildings may be others."""
     store, run = region.store, region.run
     cells = changed_keys(np.concatenate(changed.cells))
     near = touched_blocks(cells, run.side)
@@ -408,6 +415,7 @@ def model_changed(
     )
     todo = list(region.workers.heaviest_first(todo, lambda one: len(one.now.buildings)))
     modelled: dict[Block, list[bool]] = {}
+    near_gatherer.cache_clear()
     for done, outcome in enumerate(region.workers.run(work, todo), 1):
         owner = todo[outcome.index].now.owner_block
         region.note(outcome, f"buildings of block {owner.name}")
@@ -415,21 +423,24 @@ def model_changed(
         region.progress("buildings", done, len(todo))
         if outcome.answer is not None:
             modelled[owner] = outcome.answer
+    near_gatherer.cache_clear()
     owners = sorted({plan.owner_block for plan in plans} | set(modelled))
     taken = ended | {
         str(row.values["id"]) for row in store.building_rows([one for one in owners if one not in modelled])
     }
     versions = name_versions(store, before, dict(sorted(modelled.items())), taken, date)
     planned_now = {plan.owner_block for plan in plans}
-    return versions, [one for one in owners if one in planned_now or any(True for _ in store.planes(one))]
+    owners = [one for one in owners if one in planned_now or any(True for _ in store.planes(one))]
+    return versions, owners, set(modelled)
 
 
 def edit_again(
     folder: Path, region: Region, blocks: Sequence[Block], owners: Sequence[Block], progress: Progress
-) -> tuple[list[Path], list[Order], list[str], list[Block]]:
-    """Carry out the edits of the earlier run: their file, what they ask for, conflicts, the owner blocks."""
+) -> tuple[list[Path], list[Order], list[str], list[Block], set[Block]]:
+    """Carry out the edits of the earlier run: their file, what they ask for, conflicts, the owner blocks, and
+    those of them that were edited."""
     if not (folder / EDITS).exists():
-        return [], [], [], list(owners)
+        return [], [], [], list(owners), set()
     run = region.run
     store = RememberingStore(**vars(region.store))
     edits = read_edits(folder / EDITS, store.system)
@@ -438,4 +449,5 @@ def edit_again(
     _, _, failed = state.apply(orders, progress)
     path = run.folder / EDITS
     write_edits(path, edits, store.system)
-    return [path], orders, [*conflicts, *(f"no model: {told}" for told in failed)], state.owners
+    told = [*conflicts, *(f"no model: {one}" for one in failed)]
+    return [path], orders, told, state.owners, state.touched

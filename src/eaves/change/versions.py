@@ -7,7 +7,6 @@ it left it. A building that no update has touched has neither, and is version 1.
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,14 +21,12 @@ from eaves.formats.atomic import atomic
 from eaves.model import Block, BuildingModel, Failure
 from eaves.model.results import BuildingResult
 from eaves.run.building_file import SavedBuilding
+from eaves.run.earlier_lines import id_of
 from eaves.run.part_file import pack_item
 from eaves.run.store import Store
 
 HISTORY = "history.city.jsonl"
 """File of the versions that are no more: a line each, with `terminationDate`."""
-
-HEAD = re.compile(r'\{"type":"CityJSONFeature","id":"([^"\\]+)"')
-"""How a line begins, of an id that is written as it is."""
 
 VERSION, CREATED, TERMINATED, IDENTIFIER = "version", "creationDate", "terminationDate", "identifier"
 """Attributes of versions; `identifier` is the building's id, which its versions share."""
@@ -229,15 +226,9 @@ def lines_of(path: Path) -> dict[str, str]:
     """Id → line of a CityJSONSeq, without its first; nothing where there is no such file."""
     if not path.exists():
         return {}
-    with path.open(encoding="utf-8") as file:
+    with path.open("rb") as file:
         next(file, None)
-        return {id_of(line): line for line in file}
-
-
-def id_of(line: str) -> str:
-    """The id of a line: of all lines of a town few are decoded."""
-    known = HEAD.match(line)
-    return known[1] if known else str(json.loads(line)["id"])
+        return {id_of(line): line.decode("utf-8") for line in file}
 
 
 def known_ids(folder: Path) -> set[str]:

@@ -454,9 +454,10 @@ class _Schema:
             schema.upright &= row.geometry is not None and bool(row.geometry.has_z)
             for name, value in row.attributes.items():
                 kinds = schema.kinds.setdefault(name, set())
-                plain = plain_value(value)
-                if plain is not None:
-                    kinds.add(type(plain))
+                if value is not None and type(value) not in kinds:  # those of a layer are few
+                    plain = plain_value(value)
+                    if plain is not None:
+                        kinds.add(type(plain))
         schema.upright &= schema.count > 0
         return schema
 

@@ -203,7 +203,7 @@ def find_decks(
         here = (rows, columns)
         mine = label[here] == number
         area = float(mine.sum()) * cell * cell
-        if area < rules.least_area:
+        if area < rules.least_area or not joined[here][mine].any():
             continue
         ends, length, middle, lean = ends_of(mine, z[here], joined[here], line[here])
         if lean > rules.steepest * cell:

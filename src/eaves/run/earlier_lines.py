@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,29 @@ from eaves.run.stock import PARTY_WALLS
 
 FIGURES = (PARTY_WALLS, "free_wall_area_m2", *(f"free_wall_{side}_m2" for side in QUARTERS))
 """The attributes that `wall_figures` makes."""
+
+
+HEAD = re.compile(rb'\{"type":"CityJSONFeature","id":"([^"\\]+)"')
+"""How a line begins, of an id that is written as it is."""
+
+WALLS = re.compile(rb",".join(rb'"%s":([-+.\deE]+)' % name.encode() for name in FIGURES))
+"""How a line tells of a building's walls."""
+
+
+def id_of(line: bytes) -> str:
+    """The id of a line: of all lines of a town few are decoded."""
+    known = HEAD.match(line)
+    return known[1].decode() if known else str(json.loads(line)["id"])
+
+
+def walls_in(line: bytes, name: str) -> dict[str, float] | None:
+    """What a building's line tells of its walls; None where nothing."""
+    if b'"%s"' % PARTY_WALLS.encode() not in line:
+        return None
+    if len(found := WALLS.findall(line)) == 1:
+        return dict(zip(FIGURES, map(json.loads, found[0]), strict=True))
+    told = json.loads(line)["CityObjects"][name]["attributes"]
+    return {key: told[key] for key in FIGURES} if PARTY_WALLS in told else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +65,10 @@ class EarlierLines:
             with path.open("rb") as file:
                 start = len(file.readline())
                 for line in file:
-                    feature = json.loads(line)
-                    name = feature["id"]
+                    name = id_of(line)
                     if name not in changed:
-                        told = feature["CityObjects"][name]["attributes"]
                         places[name] = start, len(line)
-                        walls[name] = {key: told[key] for key in FIGURES} if PARTY_WALLS in told else None
+                        walls[name] = walls_in(line, name)
                     start += len(line)
         return cls(path, places, walls, disturbed)
 

@@ -59,7 +59,7 @@ def continued(before: Numbers, planes: dict[str, int]) -> Numbers:
 
 
 def keep_numbers(store: Store, owners: Sequence[Block], before: Numbers) -> None:
-    """Write the numbers of a store's buildings, which follow those before."""
+    """Write the numbers of a store: those before, and what follows for owner blocks that changed."""
     now = continued(before, count_planes(store, owners))
     with atomic(store.folder / NUMBERS) as temporary:
         temporary.write_text(json.dumps(vars(now)), encoding="utf-8")

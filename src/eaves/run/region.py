@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import shutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -99,9 +98,7 @@ class Region:
         else:
             self.store.prepare()
             self.store.drop_damaged()
-            shutil.rmtree(
-                self.store.folder / "records", ignore_errors=True
-            )  # nothing tells that they are whole
+            self.store.drop_records()  # nothing tells that they are whole
 
     def partition(self) -> None:
         """Bring all points that are not yet there to their blocks."""

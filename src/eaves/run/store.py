@@ -104,6 +104,10 @@ class Store:
         """The file of the records of a part of an input."""
         return self.folder / "records" / f"{name}.bin"
 
+    def drop_records(self) -> None:
+        """Remove the records of the inputs, which only the run that read them can use."""
+        shutil.rmtree(self.folder / "records", ignore_errors=True)
+
     def blocks(self, side: float) -> list[Block]:
         """The blocks that have points, in order."""
         names = [entry.split("_") for entry in os.listdir(self.folder / "points")]
