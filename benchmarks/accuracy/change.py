@@ -38,9 +38,15 @@ TOWNS = (
     ("mixed, flat, 4 and 6/m², unchanged", 9108, 0.15, 0.0, 4.0, 6.0, "mixed", "flat"),
     ("suburb, hilly, 7 and 4/m², unchanged", 9109, 0.15, 0.0, 7.0, 4.0, "suburb", "hilly"),
     ("centre, slope, 5 and 8/m², unchanged", 9110, 0.15, 0.0, 5.0, 8.0, "centre", "slope"),
+    ("suburb, slope, 8 and 5/m²", 9111, 0.12, 0.4, 8.0, 5.0, "suburb", "slope"),
+    ("centre, flat, 6 and 9/m²", 9112, 0.12, 0.4, 6.0, 9.0, "centre", "flat"),
+    ("mixed, flat, 4 and 6/m², unchanged", 9113, 0.15, 0.0, 4.0, 6.0, "mixed", "flat"),
+    ("suburb, hilly, 7 and 4/m²", 9114, 0.12, 0.4, 7.0, 4.0, "suburb", "hilly"),
+    ("centre, slope, 5 and 8/m², unchanged", 9115, 0.15, 0.0, 5.0, 8.0, "centre", "slope"),
+    ("mixed, flat, 4 and 6/m²", 9116, 0.12, 0.4, 4.0, 6.0, "mixed", "flat"),
 )
 """Name, seed, area (km²), share that changes, densities of both, style, terrain."""
-JUDGING = (9106, 9107, 9108, 9110)
+JUDGING = (9111, 9112, 9113, 9114, 9115, 9116)
 """Seeds of the towns that nobody looked at."""
 SMALLEST_M2 = 10.0
 """Buildings from this area on count."""
@@ -75,12 +81,14 @@ class Score:
     missed: Counter[str] = field(default_factory=Counter)
     right: Counter[str] = field(default_factory=Counter)
     false: Counter[str] = field(default_factory=Counter)
+    sure: Counter[str] = field(default_factory=Counter)
+    """Rows that tell a change, right or false, by their certainty."""
     buildings: int = 0
     unclear: int = 0
     misses: list[str] = field(default_factory=list)
 
     def __iadd__(self, other: Score) -> Score:
-        for name in ("found", "named", "missed", "right", "false"):
+        for name in ("found", "named", "missed", "right", "false", "sure"):
             getattr(self, name).update(getattr(other, name))
         self.misses += other.misses
         self.buildings += other.buildings
@@ -110,6 +118,7 @@ def score_town(folder: Path, old: Path, new: Path) -> Score:
             score.misses.append(f"{row['change']} ({size}): {', '.join(sorted(words)) or 'nothing'} told")
     for k, one in enumerate(told):
         (score.right if k in explained else score.false)[GROUPS[one.verdict.change]] += 1
+        score.sure[f"{one.certainty} {'right' if k in explained else 'false'}"] += 1
         if k not in explained:
             score.misses.append(
                 f"false: {one.verdict.change}, {one.polygon.area:.0f} m²: {one.verdict.reason}"
@@ -172,6 +181,9 @@ def print_sums(changed: Score, quiet: Score) -> None:
     print(f"false changes in unchanged towns: {wrong} of {quiet.buildings} ({share:.2%})")
     unclear, all_of = changed.unclear + quiet.unclear, changed.buildings + quiet.buildings
     print(f"unclear: {unclear} of {all_of} ({unclear / max(all_of, 1):.2%})")
+    for word in ("high", "medium", "low"):
+        right, false = ((changed.sure + quiet.sure)[f"{word} {how}"] for how in ("right", "false"))
+        print(f"certainty {word}: {right} of {right + false} rows right")
     print("\n".join(f"- {miss}" for miss in (*changed.misses, *quiet.misses)))
 
 

@@ -9,7 +9,13 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.change.epoch import Epoch
 from eaves.change.shift import Shift
-from eaves.change.verdict import Verdict
+from eaves.change.verdict import NOT_COVERED, UNCHANGED, UNCLEAR, Verdict
+
+MANY_POINTS, FEW_POINTS = 60, 30
+"""A change that so many points show is certain, one that fewer than so many show is not: towns that were
+looked at told 3 of 10 such wrongly, and none of the others."""
+SEEN_WELL, SEEN_HALF, SURE_SCORE = 0.8, 0.5, 0.9
+"""Shares of a roof that the other epoch shows, and the score of what one run alone has: see `certainty`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +36,32 @@ class Change:
     """Of the models (m³), where the runs know them."""
 
     @property
+    def certainty(self) -> str | None:
+        """How certain the change is, `high`, `medium` or `low`; None where none is told.
+
+        A change rests on the points that show it, on how much of the roof the other epoch shows, and, where
+        one run alone has the building, on that run's score. What is unchanged rests on the last two.
+        """
+        verdict, figures = self.verdict, self.verdict.figures
+        if verdict.change in (UNCLEAR, NOT_COVERED):
+            return None
+        seen, score = figures.get("seen", 1.0), figures.get("score")
+        doubted = score is not None and score < SURE_SCORE
+        if verdict.change == UNCHANGED:
+            sure = seen >= SEEN_WELL and figures.get("same", 0.0) >= SEEN_WELL
+            return (
+                "high"
+                if sure and not doubted
+                else "medium"
+                if figures.get("same", 0.0) >= SEEN_HALF
+                else "low"
+            )
+        count = sum(map(len, verdict.patches))
+        if count < FEW_POINTS:
+            return "low"
+        return "high" if count >= MANY_POINTS and seen >= SEEN_WELL and not doubted else "medium"
+
+    @property
     def row(self) -> dict[str, Any]:
         """The change as tables show it."""
         verdict = self.verdict
@@ -38,6 +70,7 @@ class Change:
             "id": self.id,
             "change": verdict.change,
             "also": ", ".join(verdict.also) or None,
+            "certainty": self.certainty,
             "height_difference_m": round(verdict.height_m, 2),
             "volume_difference_m3": round(verdict.volume_m3, 1),
             "model_volume_difference_m3": round(both[1] - both[0], 1) if len(both) == 2 else None,

@@ -30,7 +30,7 @@ from eaves.change.faced import Faced, found_beside, roof_points
 from eaves.change.measure import COARSE, REACH, measure_epochs
 from eaves.change.sites import Site, carry_ids, make_sites
 from eaves.change.surface import face_points
-from eaves.change.verdict import Rules, Verdict, judge_building
+from eaves.change.verdict import UNCHANGED, Rules, Side, Verdict, judge_building
 from eaves.model import Block, Bounds, PointCloud, Points
 from eaves.model.cloud import NOISE_CLASSES
 from eaves.run.run import Progress, no_progress
@@ -101,8 +101,17 @@ class Comparer:
             for epoch, faced in enumerate(self.face_block(block, sites, (old_site, new_site), covered, tree)):
                 parts[epoch].append(faced)
             self.progress("compare", done, len(self.all_blocks))
+        changes = self.judge(sites, [Faced.join(some) for some in parts], covered)
+        named = carry_ids(changes, sites)
+        return Comparison(
+            self.old, self.new, named, self.measured.shift, self.measured.tolerance, self.measured.spacings
+        )
+
+    def judge(
+        self, sites: Sequence[Site], whole: Sequence[Faced], covered: NDArray[np.int64]
+    ) -> list[Change]:
+        """What became of each site, and of surfaces in none, from the faced points of both epochs."""
         changes = []
-        whole = [Faced.join(some) for some in parts]
         sides = [
             faced.by_site(len(sites), epoch.buildings, spacing)
             for faced, epoch, spacing in zip(whole, (self.old, self.new), self.measured.spacings, strict=True)
@@ -114,19 +123,39 @@ class Comparer:
             seen = bool(enough[0]), bool(enough[1])
             outlined = bool(site.old), bool(site.new)
             attached = all(outlined) or self.is_attached(site)
-            verdict = judge_building(before, after, self.rules, seen, link, outlined, site.polygon, attached)
+            score = None if all(outlined) else (site.old or site.new)[0].row.get("score")
+            verdict = judge_building(
+                before, after, self.rules, seen, link, outlined, site.polygon, attached, score
+            )
+            if verdict.patches and self.are_vehicles(site, before, after, link):
+                verdict = Verdict(UNCHANGED, reason="vehicles stand here in both epochs")
             changes.append(self.told(site, verdict, (len(before), len(after))))
         for faced, spacing, epoch in zip(whole, self.measured.spacings, (0, 1), strict=True):
             changes += found_beside(faced, spacing, epoch, self.rules, link)
-        named = carry_ids(changes, sites)
-        return Comparison(
-            self.old, self.new, named, self.measured.shift, self.measured.tolerance, self.measured.spacings
-        )
+        return changes
 
     def is_attached(self, site: Site) -> bool:
         """Whether a site that one run alone has touches another building of it."""
         tree = self.trees[0 if site.old else 1]
         return len(tree.query(site.polygon, "dwithin", ATTACHED_M)) > 1
+
+    def are_vehicles(self, site: Site, before: Side, after: Side, link: float) -> bool:
+        """Whether what each run has at a site is like vehicles: others stand where some stood."""
+        rules = self.rules.vehicles
+        outlines = [shapely.union_all([one.polygon for one in here]) for here in (site.old, site.new)]
+        if not (site.old and site.new) or max(one.area for one in outlines) > rules.area:
+            return False
+        both = shapely.intersection(*outlines).area / shapely.union(*outlines).area
+        if both >= rules.agreeing:
+            return False
+        for side, tree, outline, here in zip(
+            (before, after), self.trees, outlines, (site.old, site.new), strict=True
+        ):
+            if len(tree.query(outline, "dwithin", ATTACHED_M)) > len(here):
+                return False
+            if not side.are_vehicles(side.known, rules, link, outline):
+                return False
+        return True
 
     def face_block(
         self,
@@ -178,6 +207,7 @@ class Comparer:
                     facing.distance,
                     roof.flat[mine],
                     roof.known[mine],
+                    roof.height[mine],
                 )
             )
         return faced[0], faced[1]

@@ -16,7 +16,7 @@ from eaves.change.changes import Change
 from eaves.change.epoch import Building
 from eaves.change.measure import COARSE, SMOOTH, SMOOTHEST, classes_of
 from eaves.change.surface import STEEPEST, LocalPlanes, is_covered, local_planes, planar
-from eaves.change.verdict import DEMOLISHED, NEW, Rules, Side, Verdict, came, is_vehicle, patches_of
+from eaves.change.verdict import DEMOLISHED, NEW, Rules, Side, Verdict, came, patches_of
 from eaves.model import Mask, PointCloud, Points, Values
 from eaves.model.cloud import BUILDING, GROUND, NOISE_CLASSES
 
@@ -32,13 +32,14 @@ MOSTLY = 0.6
 
 @dataclass(frozen=True, eq=False)
 class Roof:
-    """The roof points of a block: their numbers, planes, whether they are flat; and all points' classes, with
-    6 for each of these."""
+    """The roof points of a block: their numbers, planes, whether they are flat, whether the run found them,
+    heights over the nearest ground (m); and all points' classes, with 6 for each of these."""
 
     which: NDArray[np.int64]
     planes: LocalPlanes
     flat: NDArray[np.bool_]
     known: NDArray[np.bool_]
+    height: Values
     classes: NDArray[np.uint8]
 
 
@@ -49,12 +50,12 @@ def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float, lo
     ground = xyz[classes == GROUND]
     found = classes == BUILDING
     high = ~found & ~np.isin(classes, (GROUND, *NOISE_CLASSES))
+    height = np.full(len(xyz), np.nan)
     if len(ground):
-        some = np.flatnonzero(high)
+        some = np.flatnonzero(found | high)
         _, nearest = cKDTree(ground[:, :2]).query(xyz[some, :2])
-        high[some] = xyz[some, 2] - ground[nearest, 2] >= lowest
-    else:
-        high[:] = False
+        height[some] = xyz[some, 2] - ground[nearest, 2]
+    high &= height >= lowest
     which = np.flatnonzero(found | high)
     which = which[~is_covered(xyz[which], WALL_NEAR, WALL_RISE)]
     planes = local_planes(xyz[which], max(0.75, 2.0 * spacing))
@@ -62,7 +63,8 @@ def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float, lo
     kept = found[which] | (flat & mostly(flat, xyz[which], COARSE))
     which = which[kept]
     classes[which] = BUILDING
-    return Roof(which, LocalPlanes(planes.slope[kept], planes.rms[kept]), flat[kept], found[which], classes)
+    kept_planes = LocalPlanes(planes.slope[kept], planes.rms[kept])
+    return Roof(which, kept_planes, flat[kept], found[which], height[which], classes)
 
 
 def mostly(flat: Mask, xyz: Points, side: float) -> Mask:
@@ -87,11 +89,12 @@ class Faced:
     distance: Values
     flat: NDArray[np.bool_]
     known: NDArray[np.bool_]
+    height: Values
 
     @classmethod
     def join(cls, parts: Sequence[Faced]) -> Faced:
         """All the points, by site."""
-        dtypes = np.int64, np.int64, np.uint8, np.float64, bool, bool
+        dtypes = np.int64, np.int64, np.uint8, np.float64, bool, bool, np.float64
         nothing = cls(np.zeros((0, 3)), *(np.zeros(0, dtype) for dtype in dtypes))
         names = list(vars(nothing))
         whole = [np.concatenate([getattr(part, name) for part in (nothing, *parts)]) for name in names]
@@ -106,18 +109,16 @@ class Faced:
         size = np.append(share, spacing**2)[self.building]  # the last is that of no building
         ends = np.searchsorted(self.site, np.arange(count + 1))
         parts = [slice(a, b) for a, b in pairwise(ends)]
-        return [
-            Side(self.xyz[k], self.state[k], self.distance[k], self.flat[k], self.known[k], size[k])
-            for k in parts
-        ]
+        of_points = self.xyz, self.state, self.distance, self.flat, self.known, size, self.height
+        return [Side(*(values[k] for values in of_points)) for k in parts]
 
 
 def found_beside(faced: Faced, spacing: float, epoch: int, rules: Rules, link: float) -> list[Change]:
     """Flat surfaces far from every footprint that came or went: buildings that a run did not find."""
     some = faced.site < 0
-    part = [getattr(faced, name)[some] for name in ("xyz", "state", "distance", "flat", "known")]
-    xyz, state, distance, flat, known = part
-    side = Side(xyz, state, distance, flat, known, np.full(len(xyz), spacing**2))
+    part = [getattr(faced, name)[some] for name in ("xyz", "state", "distance", "flat", "known", "height")]
+    xyz, state, distance, flat, known, height = part
+    side = Side(xyz, state, distance, flat, known, np.full(len(xyz), spacing**2), height)
     whole = replace(rules, smallest_m2=rules.smallest_alone_m2)
     changes = []
     for patch in patches_of(side, came(side), whole, link):
@@ -125,18 +126,18 @@ def found_beside(faced: Faced, spacing: float, epoch: int, rules: Rules, link: f
         outline = outline_of(xy, spacing)
         if side.area_of(patch) < COMPACT * shapely.convex_hull(outline).area:
             continue
-        if is_vehicle(side, patch, rules, link):
+        if side.are_vehicles(patch, rules.vehicles, link):
             continue
-        height = float(abs(np.median(side.distance[patch])))
+        rise = float(abs(np.median(side.distance[patch])))
         kind = (DEMOLISHED, NEW)[epoch]
         area = side.area_of(patch)
         verdict = Verdict(
             kind,
-            height_m=height if epoch else -height,
+            height_m=rise if epoch else -rise,
             built_m2=area * epoch,
             gone_m2=area * (1 - epoch),
             volume_m3=float(-(side.distance * side.size)[patch].sum()) * (1 if epoch else -1),
-            reason=f"a flat surface {height:.1f} m high, in no footprint of the epoch's run",
+            reason=f"a flat surface {rise:.1f} m high, in no footprint of the epoch's run",
             patches=(xy,),
         )
         count = int(patch.sum())

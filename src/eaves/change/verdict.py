@@ -9,9 +9,6 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 from shapely import MultiPolygon, Polygon
 
 from eaves.change.surface import (
@@ -23,6 +20,7 @@ from eaves.change.surface import (
     SAME,
     UNSEEN,
 )
+from eaves.change.vehicles import VehicleRules, are_vehicles, is_wide, linked
 from eaves.model import Mask, Points, Values
 
 UNCHANGED, NEW, DEMOLISHED, RAISED, LOWERED, EXTENDED = (
@@ -69,13 +67,10 @@ class Rules:
     """A patch is as wide as this (m) somewhere: balconies and eaves are seen from one side only."""
     smallest_alone_m2: float = 25.0
     """The same for a surface that stands alone and is in no run's footprints: larger than a lorry."""
-    vehicle_width: float = 2.7
-    """What stands alone and is nowhere so wide (m) is a vehicle, a trailer or a container where it is low and
-    long, too: the legal limit is 2.55 m, a garage is wider."""
-    vehicle_length: float = 1.9
-    """They are at least so many times longer than wide, as for the detector; sheds are not."""
-    vehicle_height: float = 4.2
-    """The highest of them (m)."""
+    vehicles: VehicleRules = field(default_factory=VehicleRules)
+    """What stands alone and is like these is a vehicle, a trailer or a container."""
+    doubted: float = 0.5
+    """What stands alone, and the one run that has it scores lower, is told by neither: rather no building."""
     smallest_height: float = 0.35
     """A roof that was raised or lowered lies at least so far off (m): between noise and half a metre."""
     flat: float = 0.5
@@ -115,6 +110,8 @@ class Side:
     flat: Mask
     known: Mask
     size: Values
+    height: Values | None = None
+    """Over the ground of its own epoch (m); NaN where it is not known, None where nowhere."""
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -131,6 +128,17 @@ class Side:
     def area_of(self, mask: Mask) -> float:
         """The area (m²) of some points."""
         return float(self.size[mask].sum())
+
+    def are_vehicles(
+        self, mask: Mask, rules: VehicleRules, link: float, outline: Polygon | MultiPolygon | None = None
+    ) -> bool:
+        """Whether some points, or their outline, are like those of vehicles."""
+        if not mask.any():
+            return False
+        known = np.zeros(0) if self.height is None else self.height[mask & np.isfinite(self.height)]
+        height = float(np.median(known)) if len(known) else float(abs(np.median(self.distance[mask])))
+        size = float(np.median(self.size[mask]))
+        return are_vehicles(self.xyz[mask], height, size, rules, link / 2, outline)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +169,7 @@ def judge_building(
     outlined: tuple[bool, bool] = (True, True),
     outline: Polygon | MultiPolygon | None = None,
     attached: bool = False,
+    score: float | None = None,
 ) -> Verdict:
     """What became of a building that is in the new epoch, in the old one, or in both.
 
@@ -181,6 +190,8 @@ def judge_building(
         The run's, for what is as narrow as a vehicle; None where the points must say it.
     attached
         Whether it touches another building: no vehicle does.
+    score
+        How sure the one run that has it is that it is a building; None where it does not say.
     """
     if not all(covered):
         which = "old" if not covered[0] else "new"
@@ -201,8 +212,15 @@ def judge_building(
         return Verdict(UNCLEAR, reason=f"{1 - seen:.0%} of the roof is hidden or not seen in the other epoch")
     figures = {"seen": round(seen, 3), "same": round(same, 3)}
     alone = new if not outlined[0] else old if not outlined[1] else None
-    if alone is not None and not attached and is_vehicle(alone, came(alone), rules, link, outline):
-        return Verdict(UNCHANGED, reason="as narrow and low as a lorry", figures=figures)
+    if alone is not None and score is not None:
+        figures["score"] = score
+    if alone is not None and not attached:
+        if score is not None and score < rules.doubted:
+            return Verdict(
+                UNCHANGED, reason=f"one run alone has it, and scores it {score:.2f}", figures=figures
+            )
+        if alone.are_vehicles(alone.known, rules.vehicles, link, outline):
+            return Verdict(UNCHANGED, reason="as narrow, long, low and level as vehicles", figures=figures)
     built &= not is_low(new, built, rules)
     gone &= not is_low(old, gone, rules)
     stands_new = built.sum() >= max(rules.most * len(new) * seen_new, rules.least_points)
@@ -222,6 +240,8 @@ def judge_building(
     stood_old = gone.sum() >= max(rules.most * len(old), rules.least_points)  # what is hidden is not gone
     stood_old &= old.area_of(gone) >= rules.smallest_m2
     if stood_old and (not outlined[1] or gone_all(new, old, rules)):
+        if old.flat[gone].mean() < rules.crown:
+            return Verdict(UNCLEAR, reason="what went is not flat: a crown, perhaps", figures=figures)
         return Verdict(
             DEMOLISHED,
             height_m=float(np.median(old.distance[gone])),
@@ -313,15 +333,12 @@ def patches_of(side: Side, mask: Mask, rules: Rules, link: float) -> list[Mask]:
     some = np.flatnonzero(mask)
     if len(some) < rules.least_points:
         return []
-    pairs = cKDTree(side.xyz[some, :2]).query_pairs(link, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(some),) * 2)
-    _, group = connected_components(graph, directed=False)
     patches = []
-    for number, count in enumerate(np.bincount(group)):
-        if count < rules.least_points:
+    for group in linked(side.xyz[some, :2], link):
+        if len(group) < rules.least_points:
             continue
         patch = np.zeros(len(mask), bool)
-        patch[some[group == number]] = True
+        patch[some[group]] = True
         known = side.known[patch].mean() >= rules.most
         smallest = rules.smallest_m2 if known else max(rules.smallest_m2, rules.smallest_beside_m2)
         if side.area_of(patch) < smallest:
@@ -332,13 +349,6 @@ def patches_of(side: Side, mask: Mask, rules: Rules, link: float) -> list[Mask]:
         if whole or (is_roof(side, patch, rules) and is_wide(side.xyz[patch, :2], rules.narrowest, link / 2)):
             patches.append(patch)
     return sorted(patches, key=lambda patch: (-int(patch.sum()), int(np.argmax(patch))))
-
-
-def is_wide(xy: NDArray[np.float64], width: float, reach: float) -> bool:
-    """Whether points (N, 2), each of which covers what lies within its `reach` (m), cover a disc of some
-    diameter (m) between them: strips along edges do not."""
-    covered = shapely.union_all(shapely.buffer(shapely.points(xy), reach, quad_segs=2))
-    return not shapely.buffer(covered, -reach - width / 2, quad_segs=2).is_empty
 
 
 def is_low(side: Side, patch: Mask, rules: Rules) -> bool:
@@ -370,23 +380,6 @@ def is_roof(side: Side, patch: Mask, rules: Rules) -> bool:
         return True
     hull = shapely.convex_hull(shapely.multipoints(xyz[:, :2])).area
     return one >= rules.on_plane and side.area_of(patch) >= rules.compact * hull
-
-
-def is_vehicle(
-    side: Side, patch: Mask, rules: Rules, link: float, outline: Polygon | MultiPolygon | None = None
-) -> bool:
-    """Whether some points of a roof are as low as a lorry's, and they, or their outline, as narrow."""
-    if not patch.any():
-        return False
-    if float(np.abs(np.median(side.distance[patch]))) > rules.vehicle_height:
-        return False
-    margin = float(np.sqrt(np.median(side.size[patch]))) / 2  # the outermost points lie within the sides
-    xy = side.xyz[patch, :2]
-    if is_wide(xy, rules.vehicle_width - margin, link / 2):
-        return False
-    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(outline or shapely.multipoints(xy)))
-    sides = np.hypot(*np.diff(corners[:3], axis=0).T)  # none where the points are one, or on a line
-    return len(sides) < 2 or float(sides.max()) >= rules.vehicle_length * float(sides.min())
 
 
 def volume_of(old: Side, new: Side) -> float:

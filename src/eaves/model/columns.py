@@ -148,6 +148,9 @@ COLUMNS: dict[str, Column] = {
     "edit_source": Column("Source of the edit", "", "the file that holds it", str),
     "change": Column("Change", "", "what became of the building between two epochs", str),
     "also": Column("Also", "", "what else became of it", str),
+    "certainty": Column(
+        "Certainty", "", "of the change: high, medium or low, from points and share seen", str
+    ),
     "height_difference_m": Column("Height difference", "m", "of the roof where it moved, median; up is more"),
     "volume_difference_m3": Column("Volume difference", "m³", "from the points of both epochs"),
     "model_volume_difference_m3": Column("Difference of the models' volumes", "m³", "new minus old"),

@@ -48,6 +48,7 @@ SHOWN = (
         "id",
         "change",
         "also",
+        "certainty",
         "height_difference_m",
         "volume_difference_m3",
         "built_m2",
