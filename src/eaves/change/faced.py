@@ -109,8 +109,18 @@ class Faced:
         size = np.append(share, spacing**2)[self.building]  # the last is that of no building
         ends = np.searchsorted(self.site, np.arange(count + 1))
         parts = [slice(a, b) for a, b in pairwise(ends)]
-        of_points = self.xyz, self.state, self.distance, self.flat, self.known, size, self.height
-        return [Side(*(values[k] for values in of_points)) for k in parts]
+        return [
+            Side(
+                self.xyz[k],
+                self.state[k],
+                self.distance[k],
+                self.flat[k],
+                self.known[k],
+                size[k],
+                self.height[k],
+            )
+            for k in parts
+        ]
 
 
 def found_beside(faced: Faced, spacing: float, epoch: int, rules: Rules, link: float) -> list[Change]:

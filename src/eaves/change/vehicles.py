@@ -144,7 +144,7 @@ def linked(xy: NDArray[np.float64], link: float) -> list[NDArray[np.int64]]:
 def width_of(outline: Polygon | MultiPolygon) -> float:
     """The diameter (m) of the largest disc in an outline."""
     parts = shapely.get_parts(outline)
-    return 2.0 * max(shapely.maximum_inscribed_circle(part, PRECISE_M).length for part in parts)
+    return float(2.0 * max(shapely.maximum_inscribed_circle(part, PRECISE_M).length for part in parts))
 
 
 def is_pitched(xyz: Points, rules: VehicleRules) -> bool:
