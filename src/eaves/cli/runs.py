@@ -157,27 +157,30 @@ def run_build(
     import os
     from dataclasses import replace
 
-    from eaves.cli.first_run import compiling_beside
-    from eaves.kernels import library
-    from eaves.pipeline import build as build_files
-    from eaves.report.build import build as build_with_report
-    from eaves.run.recipe import make_recipe
-    from eaves.run.run import EVERYTHING
-    from eaves.run.workers import import_pyogrio_alone
+    from eaves.run.garbage import keep_all
 
-    import_pyogrio_alone()
-    settings = read_config(words.config)
-    named = {stage: {"method": name} for stage, name in names.items() if name}
-    recipe = make_recipe(
-        {stage: settings.get(stage, {}) | named.get(stage, {}) for stage in {*settings, *named}},
-        source=source,
-        published=words.as_published,
-        use_classes=words.use_classes,
-        lod=lod,
-        building_classes=parse_classes("building-classes", words.building_classes),
-        ground_classes=parse_classes("ground-classes", words.ground_classes),
-        classes=parse_classes("classes", words.classes),
-    )
+    with keep_all():
+        from eaves.cli.first_run import compiling_beside
+        from eaves.kernels import library
+        from eaves.pipeline import build as build_files
+        from eaves.report.build import build as build_with_report
+        from eaves.run.recipe import make_recipe
+        from eaves.run.run import EVERYTHING
+        from eaves.run.workers import import_pyogrio_alone
+
+        import_pyogrio_alone()
+        settings = read_config(words.config)
+        named = {stage: {"method": name} for stage, name in names.items() if name}
+        recipe = make_recipe(
+            {stage: settings.get(stage, {}) | named.get(stage, {}) for stage in {*settings, *named}},
+            source=source,
+            published=words.as_published,
+            use_classes=words.use_classes,
+            lod=lod,
+            building_classes=parse_classes("building-classes", words.building_classes),
+            ground_classes=parse_classes("ground-classes", words.ground_classes),
+            classes=parse_classes("classes", words.classes),
+        )
     start_log(words.quiet, words.verbose)
     compiling = not library() and not compiled_pieces()
     if compiling and not words.quiet:
