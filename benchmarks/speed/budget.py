@@ -38,14 +38,18 @@ RUNS: dict[str, tuple[str, list[str]]] = {
     "woodford (feet)": ("woodford/woodford.laz", ["--crs", "EPSG:3089"]),
     "autzen (feet)": ("autzen/autzen_full.laz", ["--crs", "{data}/autzen/srs.wkt"]),
 }
-TOWNS = {"town of 1 million at 4/m²": (1, 4.0), "town of 4 million at 10/m²": (4, 10.0)}
-"""Millions of points and points a square metre."""
+TOWNS = {
+    "town of 1 million at 4/m²": (1.0, 4.0, False),
+    "town of 4 million at 10/m²": (4.0, 10.0, False),
+    "town of half a million at 10/m², footprints given": (0.5, 10.0, True),
+}
+"""Millions of points, points a square metre, and whether its footprints are given."""
 STAGES = (
     *("read", "wide", "ground", "rasters", "detect", "blocks, in and out"),
     *("outline", "units", "roof", "reconstruct", "validate", "buildings, in and out"),
 )
 """As run.json names them; what writes files is summed up."""
-MODELLING = ("roof", "reconstruct", "validate")
+MODELLING = ("outline", "units", "roof", "reconstruct", "validate", "party walls")
 """The stages of one building, whose ratios are kept, too."""
 
 
@@ -84,7 +88,7 @@ def measure(tree: Path, source: Path, options: list[str], data: Path, out: Path)
 
 def ratio_of(turns: list[tuple[dict[str, float], dict[str, float]]], part: str) -> float:
     """The median ratio of the processor times of one stage in two trees, over all turns."""
-    return round(median(mine[part] / max(other[part], 1e-9) for mine, other in turns), 3)
+    return round(median(mine.get(part, 0.0) / max(other.get(part, 0.0), 1e-9) for mine, other in turns), 3)
 
 
 def floors(source: Path) -> dict[str, float]:
@@ -136,11 +140,12 @@ def sources(names: list[str], data: Path, place: Path) -> dict[str, tuple[Path, 
             file, options = RUNS[name]
             found[name] = (data / file, options)
         else:
-            millions, density = TOWNS[name]
+            millions, density, given = TOWNS[name]
             town = place / f"town-{millions}"
             words = ["--area", str(millions / density), "--density", str(density), "--seed", "7", "--quiet"]
             subprocess.run([sys.executable, "-m", "eaves", "simulate", "-o", str(town), *words], check=True)
-            found[name] = (town / "points.laz", [])
+            options = ["--footprints", str(town / "reference.gpkg")] if given else []
+            found[name] = (town / "points.laz", options)
     return found
 
 
