@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import laspy
 import numpy as np
 import pyogrio
 import shapely
+from scipy.spatial import cKDTree
 from shapely import Polygon, STRtree
 
 from eaves.detect import detect_buildings
@@ -24,6 +26,8 @@ from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.surfaces import make_scene
 from eaves.run.block import not_last
+from eaves.run.block_file import CANDIDATE_HEIGHT
+from eaves.run.gather import MARGIN
 from eaves.simulate import scan_town, simulate_town
 
 SEEDS = (3, 11, 12)
@@ -34,26 +38,64 @@ MAP_OFF_M = (0.8, -0.6)
 """How far the map is moved before it is snapped back."""
 
 
-def detected_groups(cloud: PointCloud) -> tuple[list[Points], float, list[Mask]]:
-    """The roof points of every building our default detector finds, the spacing (m), and which of the points
-    came back once more from below.
+@dataclass(frozen=True, eq=False)
+class Group:
+    """The roof points (N, 3) of a building our default detector finds, which of them came back once more from
+    below, and the points near them of crowns and of anything else.
     """
+
+    points: Points
+    divided: Mask | None = None
+    crowns: Points | None = None
+    elsewhere: Points | None = None
+
+    def moved(self, by: np.ndarray) -> Group:
+        """The same, moved by (3,)."""
+        crowns, elsewhere = (None if one is None else one + by for one in (self.crowns, self.elsewhere))
+        return replace(self, points=self.points + by, crowns=crowns, elsewhere=elsewhere)
+
+
+def in_plan(points: Points | None) -> np.ndarray | None:
+    """Where points (N, 3) lie (N, 2)."""
+    return None if points is None else points[:, :2]
+
+
+def detected_groups(cloud: PointCloud) -> tuple[list[Group], float]:
+    """Every building our default detector finds, and the spacing (m)."""
     scene = make_scene(classify_ground(cloud), Bounds.of(cloud.xyz).buffered(3.0))
     regions = detect_buildings(scene)
     roof = np.ones(len(cloud), np.bool_) if regions.part is None else regions.part != WALL
-    count = int(regions.label.max(initial=0))
-    members = [np.flatnonzero((regions.label == number) & roof) for number in range(1, count + 1)]
     divided = not_last(cloud)
-    return [cloud.xyz[mine] for mine in members], scene.spacing, [divided[mine] for mine in members]
+    ground = np.asarray(scene.cloud.ground)
+    groups = []
+    for number in range(1, int(regions.label.max(initial=0)) + 1):
+        all_mine = regions.label == number
+        mine = np.flatnonzero(all_mine & roof)
+        if not len(mine):
+            continue
+        near = np.flatnonzero(Bounds.of(cloud.xyz[all_mine]).buffered(MARGIN).contains(cloud.xyz) & ~all_mine)
+        away = cKDTree(cloud.xyz[all_mine, :2]).query(cloud.xyz[near, :2], distance_upper_bound=MARGIN)[0]
+        near = near[np.isfinite(away)]
+        seen = ground[near] | (regions.label[near] > 0)
+        high = scene.height[near] >= CANDIDATE_HEIGHT
+        groups.append(
+            Group(cloud.xyz[mine], divided[mine], cloud.xyz[near[~seen & high]], cloud.xyz[near[seen]])
+        )
+    return groups, scene.spacing
 
 
-def drawn_together(
-    groups: Sequence[Points], spacing: float, method: OutlineMethod, divided: Sequence[Mask] | None = None
-) -> list[Polygon]:
+def drawn_together(groups: Sequence[Group], spacing: float, method: OutlineMethod) -> list[Polygon]:
     """The footprints of all groups, neighbours regularised together as in a run."""
     boundaries = [
-        trace_outline(group, spacing, method, not_last=None if divided is None else divided[number])
-        for number, group in enumerate(groups)
+        trace_outline(
+            one.points,
+            spacing,
+            method,
+            not_last=one.divided,
+            crowns=in_plan(one.crowns),
+            elsewhere=in_plan(one.elsewhere),
+        )
+        for one in groups
     ]
     good = [boundary for boundary in boundaries if not isinstance(boundary, Failure)]
     return [one.polygon for one in regularise_outlines(good, method) if isinstance(one, Footprint)]
@@ -98,8 +140,8 @@ def detected_rows(density: float, goals: Sequence[object], methods: Sequence[str
         assert isinstance(method, OutlineMethod)
         table = np.concatenate(
             [
-                detected_figures(drawn_together(groups, spacing, method, divided), blocks)
-                for (groups, spacing, divided), blocks in towns
+                detected_figures(drawn_together(groups, spacing, method), blocks)
+                for (groups, spacing), blocks in towns
             ]
         )
         for row, figure in zip(rows, (*np.nanmedian(table, axis=0), (table[:, 0] > 0.9).mean()), strict=True):
@@ -107,11 +149,11 @@ def detected_rows(density: float, goals: Sequence[object], methods: Sequence[str
     return rows
 
 
-def delft_detected(folder: Path) -> tuple[list[Points], float, np.ndarray, list[Mask]]:
-    """What our detector finds in Delft, where its local coordinates count from (2,), and `not_last`."""
+def delft_detected(folder: Path) -> tuple[list[Group], float, np.ndarray]:
+    """What our detector finds in Delft, the spacing (m), where its local coordinates count from (2,)."""
     cloud = read(folder / "delft/ahn3.laz")
-    groups, spacing, divided = detected_groups(cloud)
-    return groups, spacing, np.array(cloud.origin), divided
+    groups, spacing = detected_groups(cloud)
+    return groups, spacing, np.array(cloud.origin)
 
 
 def snap_rows(folder: Path) -> list[dict[str, object]]:

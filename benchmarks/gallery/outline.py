@@ -82,8 +82,8 @@ def draw_delft(data: Path) -> None:
     """Delft's detected blocks split into the map's addresses, and the map moved off and snapped back."""
     method = make_method("outline", METHODS[-1])
     assert isinstance(method, OutlineMethod)
-    groups, spacing, corner, divided = delft_detected(data)
-    blocks = drawn_together(groups, spacing, method, divided)
+    groups, spacing, corner = delft_detected(data)
+    blocks = drawn_together(groups, spacing, method)
     shapes = shapely.from_wkb(pyogrio.raw.read(data / "delft/footprints.gpkg")[2])
     whole = shapely.transform(shapely.make_valid(shapes), lambda xy: xy - corner)
     given = repair_footprints(list(whole))

@@ -15,7 +15,7 @@ from scipy.ndimage import label
 from shapely.geometry.base import BaseGeometry
 
 from benchmarks.accuracy.outline import METHODS, drawn, wireframe_plans
-from benchmarks.accuracy.outline_detected import delft_detected, detected_groups, drawn_together
+from benchmarks.accuracy.outline_detected import Group, delft_detected, detected_groups, drawn_together
 from eaves.geometry.neighbours import measure_spacing
 from eaves.methods import make_method
 from eaves.model import Bounds, Points
@@ -83,8 +83,8 @@ def known_town(seed: int, method: OutlineMethod) -> Iterator[Case]:
 def detected_town(seed: int, method: OutlineMethod) -> Iterator[Case]:
     """A town of which only the points are given: each block with the outline that covers it best."""
     scene = scan_town(simulate_town(0.04, seed=seed), DENSITY, seed=seed)
-    groups, spacing, divided = detected_groups(scene.cloud)
-    found = drawn_together(groups, spacing, method, divided)
+    groups, spacing = detected_groups(scene.cloud)
+    found = drawn_together(groups, spacing, method)
     united = shapely.union_all([one.footprint.buffer(0.01) for one in scene.buildings]).buffer(-0.01)
     inside = Bounds.of(scene.cloud.xyz).buffered(-2.0)
     frame = shapely.box(inside.west, inside.south, inside.east, inside.north)
@@ -96,12 +96,12 @@ def blocks_of(
     data: str,
     blocks: Sequence[shapely.Polygon],
     found: Sequence[shapely.Polygon],
-    groups: Sequence[Points],
+    groups: Sequence[Group],
     xyz: Points,
 ) -> Iterator[Case]:
     """Each true block with the outline that covers most of it."""
     tree = shapely.STRtree(found)
-    own = np.concatenate(groups)
+    own = np.concatenate([one.points for one in groups])
     for number, block in enumerate(blocks):
         near = [found[k] for k in tree.query(block, predicate="intersects")]
         best = max(near, key=lambda one: one.intersection(block).area, default=shapely.Polygon())
@@ -111,7 +111,7 @@ def blocks_of(
 
 def delft_blocks(data: Path, method: OutlineMethod) -> Iterator[Case]:
     """The blocks of Delft's map that no edge of the tile cuts, drawn from what our detector finds."""
-    groups, spacing, corner, divided = delft_detected(data)
+    groups, spacing, corner = delft_detected(data)
     cloud = laspy.read(data / "delft/ahn3.laz")
     xyz = np.asarray(cloud.xyz) - np.append(corner, 0.0)
     shapes = shapely.from_wkb(pyogrio.raw.read(data / "delft/footprints.gpkg")[2])
@@ -120,15 +120,14 @@ def delft_blocks(data: Path, method: OutlineMethod) -> Iterator[Case]:
     blocks = united.buffer(0.05, join_style="mitre").buffer(-0.05, join_style="mitre")
     bounds = Bounds.of(xyz).buffered(-1.0)
     frame = shapely.box(bounds.west, bounds.south, bounds.east, bounds.north)
-    outlines = shapely.union_all(drawn_together(groups, spacing, method, divided))
+    outlines = shapely.union_all(drawn_together(groups, spacing, method))
+    own = np.concatenate([one.points for one in groups])
     for number, block in enumerate(shapely.get_parts(blocks)):
         if block.area < LEAST_M2 or not frame.covers(block):
             continue
         near = shapely.get_parts(outlines.intersection(block.buffer(1.5)))
         found = shapely.union_all(near[shapely.intersects(near, block)])
-        yield Case(
-            "delft", str(number), beside(np.concatenate(groups), block), beside(xyz, block), block, found
-        )
+        yield Case("delft", str(number), beside(own, block), beside(xyz, block), block, found)
 
 
 def ign_houses(folder: Path, method: OutlineMethod) -> Iterator[Case]:
@@ -143,7 +142,7 @@ def ign_houses(folder: Path, method: OutlineMethod) -> Iterator[Case]:
     image = np.zeros(cell.max(axis=0) + 1, np.bool_)
     image[cell[:, 0], cell[:, 1]] = True
     number = label(image, np.ones((3, 3)))[0][cell[:, 0], cell[:, 1]]
-    groups = [roofs[number == k] for k in range(1, number.max() + 1) if (number == k).sum() >= FEWEST]
+    groups = [Group(roofs[number == k]) for k in range(1, number.max() + 1) if (number == k).sum() >= FEWEST]
     shapes = shapely.from_wkb(pyogrio.raw.read(next(folder.glob("*postIA.shp")))[2])
     shapes = shapely.transform(shapely.make_valid(shapes), lambda xy: xy - corner[:2])
     blocks = shapely.get_parts(shapely.union_all(shapely.buffer(shapes, 0.3)).buffer(-0.3))

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.rings import as_polygon
@@ -53,6 +54,8 @@ def trace_outline(
     method: MethodChoice = None,
     *,
     not_last: Mask | None = None,
+    crowns: NDArray[np.float64] | None = None,
+    elsewhere: NDArray[np.float64] | None = None,
     debug: str | Path | Emit | None = None,
 ) -> Boundary | Failure:
     """The boundary of the points of one region.
@@ -68,6 +71,10 @@ def trace_outline(
     not_last : ndarray (N,) of bool or None
         The points whose pulses have a later return, where the scan says so: they show the width of the beam,
         which places points beyond an edge.
+    crowns : ndarray (K, 2) of float64 or None
+        Where points stand high beside or over the region that are no building's: they may hide its roof.
+    elsewhere : ndarray (G, 2) of float64 or None
+        Where the ground or another building is seen around the region: there its roof is not.
     debug : str, Path, callable or None
         A folder or a callback `(name, value)` that receives every named intermediate.
 
@@ -108,9 +115,10 @@ def trace_outline(
         reason = f"{len(good)} points at {places} places have no outline; {MIN_POINTS} places are needed"
         return Failure("too_few_points", reason, "outline")
     boundary = outliner.trace(good, spacing, emitter(debug))
-    if isinstance(boundary, Failure) or not_last is None:
+    if isinstance(boundary, Failure):
         return boundary
-    return replace(boundary, not_last=points[finite & not_last])
+    divided = None if not_last is None else points[finite & not_last]
+    return replace(boundary, not_last=divided, crowns=crowns, elsewhere=elsewhere)
 
 
 def regularise_outlines(

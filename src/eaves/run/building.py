@@ -38,7 +38,12 @@ def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list
     for number, building in enumerate(buildings):
         if building.given is None:
             boundary = trace_outline(
-                building.roof_points, building.spacing, recipe.outline, not_last=building.roof_not_last
+                building.roof_points,
+                building.spacing,
+                recipe.outline,
+                not_last=building.roof_not_last,
+                crowns=building.crowns,
+                elsewhere=building.elsewhere,
             )
             if isinstance(boundary, Failure):
                 drawn[number] = boundary

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from eaves.footprints.snap import snap_footprints
@@ -88,8 +89,10 @@ class Gatherer:
         if self._around is not None:
             around = self.points_around(owner, plan, reach.buffered(self._around))
         seen = self.terrain(owner, reach.buffered(MARGIN), "ground")
-        heights, beside = None, None
-        if plan.given is not None:
+        heights, beside, crowns, elsewhere = None, None, None, None
+        if plan.given is None:
+            crowns, elsewhere = self.places_beside(owner, plan, found.xyz, seen)
+        else:
             beside = is_seen_beside(plan.given.polygon, seen)
             heights = None if beside else self.nearest_ground(owner, plan)
         return BuildingPoints(
@@ -107,7 +110,36 @@ class Gatherer:
             given=plan.given,
             not_last=found.not_last,
             around=around,
+            crowns=crowns,
+            elsewhere=elsewhere,
         )
+
+    def places_beside(
+        self, owner: Block, plan: BuildingPlan, points: Points, seen: Raster
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where, within `MARGIN` of a building's points (N, 3), high points are that no building has (K, 2),
+        and ground was `seen` or other buildings' points are (G, 2), in the blocks that it lies in.
+        """
+        reach = Bounds.of(points).buffered(MARGIN)
+        crowns, elsewhere = [np.zeros((0, 2))], [cells_of(seen)]
+        for block in sorted({block for block, _ in plan.regions}):
+            result = self.candidates(block)
+            if result is None:
+                continue
+            shift = np.subtract(block.origin, owner.origin)
+            mine = [label for one, label in plan.regions if one == block]
+            near = result.between(reach.west - shift[0], reach.east - shift[0])
+            near = near[result.high[near] & ~np.isin(result.label[near], mine)]
+            xy, free = result.xyz[near, :2] + shift, result.label[near] == 0
+            inside = (xy[:, 1] >= reach.south) & (xy[:, 1] <= reach.north)
+            crowns.append(xy[inside & free])
+            elsewhere.append(xy[inside & ~free])
+        tree = cKDTree(points[:, :2])
+        crown, other = (
+            xy[np.isfinite(tree.query(xy, distance_upper_bound=MARGIN)[0])]
+            for xy in (np.concatenate(crowns), np.concatenate(elsewhere))
+        )
+        return crown, other
 
     def points_of(self, owner: Block, plan: BuildingPlan) -> Found | None:
         """The building's points about the corner of its owner block; None where it has none."""

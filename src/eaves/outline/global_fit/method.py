@@ -18,6 +18,7 @@ from eaves.outline.stage import OutlineMethod
 from eaves.outline.toolkit.alpha import alpha_rings, triangulate, wide_radius
 from eaves.outline.toolkit.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
 from eaves.outline.toolkit.edges import Edges, common_axes, edge_shift_kernel, fit_edges
+from eaves.outline.toolkit.hidden import Hiding, fill_hidden
 from eaves.outline.toolkit.polyline import cheapest_polyline
 from eaves.outline.toolkit.shared_edges import share_edges
 
@@ -58,6 +59,10 @@ class GlobalFit(OutlineMethod):
     edge as outside it: `spot` is the median depth of their points behind the outermost, but no more than the
     width of a strip they would fill at the roof's density. Where the scan says nothing of returns, or a
     pulse has one only, it is 0, and edges lie outside by up to half the lit disc.
+
+    Where crowns hide a corner of the roof, the edges beside it go on to where they meet, if they do so at a
+    right angle, or become one if they are in line: crowns must lie over the area added, and neither ground
+    nor another building may be seen in it (`fill_hidden`).
 
     Fails where
     -----------
@@ -145,6 +150,22 @@ class GlobalFit(OutlineMethod):
         "a corner farther than this from the boundary is cut off, one of 30° still is not; in spacings",
         gt=0,
     )
+    hidden_cover: float = parameter(
+        0.5,
+        "crowns lie over at least this share of the area that edges beside a hidden corner add",
+        ge=0,
+        le=1,
+    )
+    hidden_seen: float = parameter(
+        0.25, "in which ground or another building is seen in at most this share", ge=0, le=1
+    )
+    hidden_turn: float = parameter(
+        10.0, "these edges meet at right angles or go on straight but for this", unit="°", ge=0.0, lt=45.0
+    )
+    hidden_edges: int = parameter(4, "most edges between them, that crowns made ragged", ge=1)
+    hidden_length: float = parameter(
+        2.0, "an edge grows by at most this many times its length into what is hidden", ge=0
+    )
     facing: float = parameter(
         10.0, "edges that turn from one another by more are no party wall", unit="°", ge=0.0, lt=90.0
     )
@@ -218,7 +239,25 @@ class GlobalFit(OutlineMethod):
         whole = as_polygon(Polygon(rings[0], holes))
         if whole is None:
             return Failure("no_area", f"a ring of {len(rings[0])} points encloses no area", "outline")
-        return whole
+        return whole if boundary.crowns is None else self.with_hidden(whole, boundary)
+
+    def with_hidden(self, drawn: Polygon, boundary: Boundary) -> Polygon:
+        """A polygon with what crowns hide of it."""
+        assert boundary.crowns is not None
+        none = np.zeros((0, 2))
+        limits = Hiding(
+            self.hidden_cover,
+            self.hidden_seen,
+            float(np.radians(self.hidden_turn)),
+            self.hidden_edges,
+            self.hidden_length,
+        )
+        outer = np.asarray(shapely.orient_polygons(drawn).exterior.coords)[:-1]
+        elsewhere = none if boundary.elsewhere is None else boundary.elsewhere
+        fuller = fill_hidden(outer, boundary.crowns, elsewhere, boundary.spacing, limits)
+        if len(fuller) == len(outer):
+            return drawn
+        return as_polygon(Polygon(fuller, drawn.interiors)) or drawn
 
     def fitted_ring(self, ring: NDArray[np.float64], boundary: Boundary) -> NDArray[np.float64]:
         """The corners (C, 2) of one ring (M, 2) of a boundary.
