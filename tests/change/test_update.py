@@ -308,6 +308,22 @@ def test_two_processes_write_the_same_bytes(epochs: Path, updated: Updated, tmp_
 
 
 @pytest.mark.slow
+def test_inputs_whose_folder_has_moved_are_reached_through_a_link(
+    epochs: Path, updated: Updated, tmp_path: Path
+) -> None:
+    folder = epochs / "old"
+    moved = folder.rename(epochs / "zz-old")
+    folder.symlink_to(moved)
+    try:
+        update(epochs / "out", epochs / "tiles", tmp_path / "out2", date="2026-05-01")
+    finally:
+        folder.unlink()
+        moved.rename(folder)
+    models = "buildings.city.jsonl"
+    assert (tmp_path / "out2" / models).read_bytes() == (epochs / "out2" / models).read_bytes()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("step", ["read", "blocks", "buildings", "write"])
 def test_an_update_that_was_stopped_can_be_made_again(
     epochs: Path, updated: Updated, tmp_path: Path, step: str

@@ -97,7 +97,7 @@ def open_kept(folder: Path) -> Run:
 
 def ordered(run: Run, inputs: Sequence[str]) -> Run:
     """The run with its inputs in an order of their true paths: that in which points were given their ids."""
-    places = {path: k for k, path in enumerate(inputs)}
+    places = {os.path.realpath(path): k for k, path in enumerate(inputs)}
     order = sorted(
         range(len(run.index)), key=lambda k: places.get(os.path.realpath(run.index.path(k)), len(places))
     )

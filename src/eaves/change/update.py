@@ -172,7 +172,7 @@ def update(
         if few:
             shown, before = RememberingStore(**vars(shown)), RememberingStore(**vars(before))
         own = {os.path.realpath(run.index.path(k)) for k in range(len(run.index))}
-        first_new = len(own & set(request.inputs))
+        first_new = len(own & {os.path.realpath(path) for path in request.inputs})
         try:
             changed = bring_points(region, first_new, progress)
         except InputError:
