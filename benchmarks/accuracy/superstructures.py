@@ -26,7 +26,7 @@ DENSITIES = (10.0, 30.0, 60.0)
 AREAS = (0.3, 0.6, 1.0, 2.0, 4.0)
 """Plan areas (m²) of the objects."""
 
-ROOFS, FIRST, BASE, NOISE = 24, 1000, -5.0, 0.02
+ROOFS, FIRST, BASE, NOISE = 72, 1000, -5.0, 0.02
 """Roofs of each row and the first one's seed (the limits were chosen on seeds 0 to 211), the base of all (m),
 the noise of heights (m).
 """

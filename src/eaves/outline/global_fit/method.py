@@ -100,7 +100,7 @@ class GlobalFit(OutlineMethod):
         ge=0,
     )
     price: float = parameter(1.5, "price of an edge, in nats per log of the number of boundary points", gt=0)
-    angle_cost: float = parameter(4.5, "further price of a direction of its own, in nats", ge=0)
+    angle_cost: float = parameter(3.0, "further price of a direction of its own, in nats", ge=0)
     tolerance: float = parameter(8.0, "largest turn of an edge into a common direction", unit="°", ge=0)
     least: float = parameter(0.2, "least share of the outline along a frame of directions", ge=0, le=1)
     frames: int = parameter(2, "most right-angled frames of directions in one building", ge=0)
