@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from shapely import MultiPolygon, Polygon
 
+from eaves.geometry.components import connected_groups_kernel, members
 from eaves.model import Points
 
 MOSTLY = 0.75
@@ -136,9 +135,8 @@ def sides_of(xyz: Points) -> tuple[float, float]:
 def linked(xy: NDArray[np.float64], link: float) -> list[NDArray[np.int64]]:
     """The numbers of points (N, 2) in groups, each point linked to those nearer than `link` (m)."""
     pairs = cKDTree(xy).query_pairs(link, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(xy),) * 2)
-    count, group = connected_components(graph, directed=False)
-    return [np.flatnonzero(group == number) for number in range(count)]
+    group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(xy))
+    return members(group, int(group.max(initial=-1)) + 1)
 
 
 def width_of(outline: Polygon | MultiPolygon) -> float:
