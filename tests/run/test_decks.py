@@ -6,6 +6,7 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+import pyogrio.raw
 import pytest
 from tests.conftest import blocks_of
 
@@ -105,6 +106,15 @@ def test_a_footbridge_is_no_building_whatever_the_blocks_are(survey: Path, tmp_p
     assert (found[1][kind == 1] == 17).mean() > 0.97
     assert (found[1][kind == 0] == 17).mean() < 0.01
     assert (found[1][kind == 2] == 6).mean() > 0.97
+
+
+def test_no_output_changes_another(survey: Path, tmp_path: Path) -> None:
+    written = []
+    for name, outputs in (("all", ("footprints", "models", "mask", "classified")), ("one", ("footprints",))):
+        assert eaves.build(survey, tmp_path / name, crs="EPSG:32631", outputs=outputs).found == 1
+        _, _, shapes, columns = pyogrio.raw.read(tmp_path / name / "footprints.gpkg", layer="footprints")
+        written.append((shapes.tolist(), repr([column.tolist() for column in columns])))
+    assert written[0] == written[1]
 
 
 def test_without_classes_of_their_own_decks_stay_what_they_were(survey: Path, tmp_path: Path) -> None:

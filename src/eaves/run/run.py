@@ -9,7 +9,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from glob import escape
 from importlib.metadata import version
 from pathlib import Path
@@ -266,8 +266,6 @@ def open_run(
     check_options(options)
     formats, outputs = tuple(options.get("formats") or ()), tuple(options.get("outputs") or EVERYTHING)
     check_formats(formats, outputs)
-    if "classified" not in outputs:
-        recipe = replace(recipe, vegetation=None)
     footprints, party_walls = options.get("footprints"), options.get("party_walls")
     if footprints is not None and party_walls is not None:
         raise InputError(
