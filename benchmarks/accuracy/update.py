@@ -9,7 +9,7 @@ several shares of the buildings are flown again, in one place and in four. What 
 again: the points take five minutes to make, the full build six. `larger`: one of 2.5 km² with its mirror
 image east of it, 5 km²; the points take seven minutes, the full build eleven.
 
-`python -m benchmarks.accuracy.update FOLDER edits`: ten edits on Delft, by `eaves rebuild`, start included.
+`python -m benchmarks.accuracy.update FOLDER edits`: ten edits on Delft, by `eaves update`, start included.
 """
 
 from __future__ import annotations
@@ -253,7 +253,7 @@ def judge_large(place: Path) -> None:
 
 
 def judge_edits(place: Path) -> None:
-    """Print the processor time (s) of `eaves rebuild` with ten edits on Delft, several times."""
+    """Print the processor time (s) of `eaves update` with ten edits on Delft, several times."""
     out, edits = place / "out", place / "edits.gpkg"
     if not out.exists():
         build(str(Path(os.environ["EAVES_DATA"]) / "delft" / "ahn3.laz"), out, keep=True, jobs=1)
@@ -273,7 +273,7 @@ def judge_edits(place: Path) -> None:
     for _ in range(3):
         shutil.rmtree(out)
         shutil.copytree(place / "kept", out)
-        words = [sys.executable, "-m", "eaves", "rebuild", str(out), "--edits", str(edits)]
+        words = [sys.executable, "-m", "eaves", "update", str(out), "--edits", str(edits)]
         spent, _ = run_alone(words, dict(os.environ))
         steps = json.loads((out / "run.json").read_text(encoding="utf-8"))["stage_cpu_seconds"]
         print(f"{spent:.1f} s; {steps}", flush=True)

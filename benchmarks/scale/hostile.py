@@ -1,7 +1,7 @@
 """Runs are killed, crowded, starved, tampered with and given files that lie, by seed.
 
-The property: no run ends with status 0 unless `eaves check` passes and its results are the undisturbed run's;
-a run that ends with another status says why in words, and can be resumed where resuming is promised.
+The property: no run ends with status 0 unless `eaves validate` passes and its results are the undisturbed
+run's; a run that ends with another status says why in words, and can be resumed where resuming is promised.
 
 usage: python -m benchmarks.scale.hostile [--seconds S] [--log FILE.jsonl] [--kind WORD] [--table]
 
@@ -70,7 +70,7 @@ MOST_WRITES = 40
 """More than the files that the scene's run shows, in all phases."""
 GOOD = ("right", "said so")
 NOTE = (
-    "Right: status 0, `eaves check` passes, the results are the undisturbed run's (of mutated points: it "
+    "Right: status 0, `eaves validate` passes, the results are the undisturbed run's (of mutated points: it "
     "passes). Said so: another status, with its reason in a line; a run that was ended was resumed and then "
     "right. Wrong: anything else."
 )
@@ -363,14 +363,14 @@ def mutated_inputs(bench: Bench, chance: random.Random, out: Path) -> str:
 
 
 def tampered_results(bench: Bench, chance: random.Random, out: Path) -> str:
-    """A result changed after the run: `eaves check` must say which."""
+    """A result changed after the run: `eaves validate` must say which."""
     shutil.copytree(bench.place / "whole", out)
     path = chance.choice(sorted(one for one in out.iterdir() if one.name != "manifest.json"))
     before = path.read_bytes()
     damage(path, chance)
     if path.read_bytes() == before:
         return "right"
-    status, _ = bench.run([sys.executable, "-m", "eaves", "check", str(out)])
+    status, _ = bench.run([sys.executable, "-m", "eaves", "validate", str(out)])
     return "said so" if status == 1 else f"{path.name} changed, status {status}"
 
 

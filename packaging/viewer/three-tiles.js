@@ -1,4 +1,4 @@
-// What the viewer of `eaves serve` takes from its two libraries.
+// What the viewer of `eaves view --serve` takes from its two libraries.
 export {
   BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, EdgesGeometry, Group, HemisphereLight, LineBasicMaterial,
   LineSegments, Matrix4, Mesh, MeshLambertMaterial, PerspectiveCamera, Raycaster, SRGBColorSpace, Scene, Sphere, TextureLoader, Vector2,

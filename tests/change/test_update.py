@@ -408,5 +408,5 @@ def test_edits_that_wait_are_rebuilt_first(epochs: Path, tmp_path: Path) -> None
     path = tmp_path / "out" / "footprints.gpkg"
     frame = pyogrio.read_dataframe(path, layer="footprints")
     pyogrio.write_dataframe(frame.drop(index=0), path, layer="footprints")
-    with pytest.raises(InputError, match="run eaves rebuild"):
+    with pytest.raises(InputError, match="run eaves update"):
         update(tmp_path / "out", epochs / "tiles", tmp_path / "out2", date="2026-05-01")

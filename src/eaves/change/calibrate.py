@@ -134,8 +134,8 @@ def calibrate(
     folder
         What `eaves build --keep` wrote; the verdicts in its edits.gpkg count.
     file
-        More edits, as `eaves rebuild` takes them. 'no building' says that there is none; every other verdict
-        that there is one.
+        More edits, as `eaves update --edits` takes them. 'no building' says that there is none; every other
+        verdict that there is one.
     out
         The configuration; by default calibration.toml in the folder. It is written only where it is better.
     progress

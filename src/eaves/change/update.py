@@ -324,7 +324,7 @@ def check_edits(folder: Path, shown: Store) -> None:
     outlines = {str(row.values["id"]): row.polygon for row in shown.building_rows(owners)}
     if outlines and changed_in_layer(folder, shown, outlines):
         raise InputError.about(
-            folder / LAYER, "has edits that were not rebuilt", f"run eaves rebuild {folder} first"
+            folder / LAYER, "has edits that were not rebuilt", f"run eaves update {folder} first"
         )
 
 

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from eaves.cli.compute import build, detect, ground, reconstruct, sweep
-from eaves.cli.results import check, evaluate, load, plot, serve, solar, validate, view
+from eaves.cli.compute import build, detect, ground, reconstruct
+from eaves.cli.results import evaluate, export, solar, validate, view
 from eaves.cli.runs import (
     COMPLETE,
     INTERRUPTED,
@@ -22,7 +22,7 @@ from eaves.cli.runs import (
     report_error,
 )
 from eaves.cli.scenes import demo, simulate
-from eaves.cli.time import calibrate, compare, rebuild, update
+from eaves.cli.time import calibrate, compare, update
 from eaves.run.garbage import collect_rarely
 
 
@@ -62,12 +62,14 @@ def methods(
 
 
 COMMANDS = (
-    *(build, ground, detect, reconstruct, sweep, check, validate, evaluate, simulate, view, serve, plot),
-    *(compare, update, rebuild, calibrate, load, solar, methods, doctor, demo),
+    *(build, compare, update, calibrate, validate, evaluate, view, export, solar),
+    *(simulate, methods, doctor, demo),
 )
+SPELLINGS = (ground, detect, reconstruct)
+"""Builds of some outputs, which the list of commands leaves out."""
 
 
-def make_app(commands: Iterable[Callable[..., None]] = COMMANDS) -> typer.Typer:
+def make_app(commands: Iterable[Callable[..., None]] = (*COMMANDS, *SPELLINGS)) -> typer.Typer:
     """The application of some commands."""
     made = typer.Typer(
         name="eaves",
@@ -78,7 +80,7 @@ def make_app(commands: Iterable[Callable[..., None]] = COMMANDS) -> typer.Typer:
     )
     made.callback()(first)
     for command in commands:
-        made.command()(command)
+        made.command(hidden=command in SPELLINGS)(command)
     return made
 
 
@@ -90,10 +92,10 @@ def main() -> None:
     report_aborts()
     collect_rarely()
     # typer reads the options of every command it knows, and one is run
-    asked = [command for command in COMMANDS if command.__name__ in sys.argv[1:2]]
+    asked = [command for command in (*COMMANDS, *SPELLINGS) if command.__name__ in sys.argv[1:2]]
     with count_interrupts() as interrupts:
         try:
-            status = make_app(asked or COMMANDS)(standalone_mode=False) or COMPLETE
+            status = make_app(asked or (*COMMANDS, *SPELLINGS))(standalone_mode=False) or COMPLETE
         except SystemExit as end:  # how typer passes Ctrl-C on
             status = end.code
         except (KeyboardInterrupt, typer.Abort) as end:  # typer takes a file's end for Ctrl-C, too

@@ -1,4 +1,4 @@
-"""The commands that compute: build, its presets ground, detect and reconstruct, and sweeps of them."""
+"""The commands that compute: build, and ground, detect and reconstruct, which are builds of some outputs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from eaves.cli.options import (
     Formats,
     IdField,
     Inputs,
-    Jobs,
     Keep,
     Lod,
     MethodName,
@@ -22,7 +21,6 @@ from eaves.cli.options import (
     PartyWalls,
     PerTile,
     Profile,
-    Quiet,
     RunWords,
     Snap,
     SourceName,
@@ -30,7 +28,7 @@ from eaves.cli.options import (
     Units,
     with_run_words,
 )
-from eaves.cli.runs import finish, names_in, run_build, start_log
+from eaves.cli.runs import finish, names_in, run_build
 
 
 @with_run_words
@@ -147,39 +145,3 @@ def reconstruct(
         snap_footprints=snap_footprints,
     )
     finish(summary, words.quiet, strict)
-
-
-def sweep(
-    inputs: Inputs,
-    parameter: Annotated[str, typer.Option(help="STAGE.PARAMETER: detect.max_rmse.")],
-    values: Annotated[str, typer.Option(help="0.05,0.1,0.2 or, evenly spread, FIRST:LAST:COUNT.")],
-    reference: Annotated[Path, typer.Option(help="A classified cloud, polygons or models: see evaluate.")],
-    out: Out,
-    method: Annotated[
-        str | None, typer.Option(help="Method of the stage, or the source's, or the default.")
-    ] = None,
-    source: SourceName = None,
-    footprints: Footprints = None,
-    jobs: Jobs = 0,
-    quiet: Quiet = False,
-) -> None:
-    """One parameter over a range of values, against a reference. Table and plot."""
-    import os
-
-    from eaves.report.sweep import parse_values
-    from eaves.report.sweep import sweep as run_sweep
-
-    start_log(quiet)
-    rows = run_sweep(
-        list(inputs),
-        out,
-        parameter,
-        parse_values(values),
-        reference,
-        method=method,
-        source=source,
-        options={"footprints": footprints, "jobs": jobs or os.cpu_count() or 1},
-    )
-    if not quiet:
-        typer.echo((out / "sweep.md").read_text(encoding="utf-8").rstrip())
-        typer.echo(f"{len(rows)} runs: {out / 'sweep.csv'}, {out / 'sweep.png'}")

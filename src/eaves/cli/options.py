@@ -44,9 +44,7 @@ PerTile = Annotated[
 ]
 Keep = Annotated[
     bool,
-    typer.Option(
-        "--keep", help="Keep what `eaves update` and `eaves rebuild` need, about 100 bytes a point."
-    ),
+    typer.Option("--keep", help="Keep what `eaves update` needs, about 100 bytes a point."),
 ]
 Published = Annotated[
     bool, typer.Option("--as-published", help="Every method with the numbers its paper prints.")

@@ -1,50 +1,53 @@
-"""The commands that take results further: validate, evaluate, view, serve, plot, load."""
+"""The commands that take results further: validate, evaluate, view, export, solar."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eaves.cli.options import Basemap, Quiet
+from eaves.cli.options import Basemap, Jobs, Quiet, SourceName
 from eaves.cli.runs import COMPLETE, INCOMPLETE, start_log
+
+if TYPE_CHECKING:
+    from eaves.run.run import RunOptions
+
+
+MODELS = "buildings.city.jsonl"
+"""Of a run, or of each of its tiles."""
 
 
 def validate(
-    file: Annotated[Path, typer.Argument(help="CityJSON or CityJSONSeq.", metavar="FILE")],
+    file: Annotated[
+        Path, typer.Argument(help="CityJSON, CityJSONSeq, or what `eaves build` wrote.", metavar="FILE|OUT")
+    ],
     extension: Annotated[
         list[Path] | None,
         typer.Option(help="Definition of an extension that the file uses; may be repeated."),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Every defect of every solid, by val3dity's codes. Exit status 1 when there is one."""
+    """Every defect of every solid. By val3dity's codes; exit status 1 when there is one.
+
+    Of a run's folder also every file that is missing or is not as the run wrote it.
+    """
+    from eaves.run.manifest import check_folder
     from eaves.validate import validate_file
 
     start_log(quiet)
-    findings = validate_file(file, extensions=extension or ())
-    for finding in findings:
-        told = f"{finding.code} {finding.name}: {finding.building} {finding.where}: {finding.detail}"
-        typer.echo(printable(told))
+    changed = check_folder(file) if file.is_dir() else []
+    findings = []
+    for models in sorted(file.rglob(MODELS)) if file.is_dir() else [file]:
+        findings += validate_file(models, extensions=extension or ())
+    defects = [f"{one.code} {one.name}: {one.building} {one.where}: {one.detail}" for one in findings]
+    for line in (*changed, *defects):
+        typer.echo(printable(line))
     if not quiet:
-        typer.echo(f"{file}: {len(findings)} findings" if findings else f"{file}: valid, no findings")
-    raise typer.Exit(INCOMPLETE if findings else COMPLETE)
-
-
-def check(
-    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
-    quiet: Quiet = False,
-) -> None:
-    """Whether results are whole and unchanged. Exit status 1 when something is not as the run left it."""
-    from eaves.run.manifest import check_folder, read_manifest
-
-    wrong = check_folder(folder)
-    for line in wrong:
-        typer.echo(line)
-    if not quiet and not wrong:
-        typer.echo(f"{folder}: whole, {len(read_manifest(folder)['files'])} files as the run wrote them")
-    raise typer.Exit(INCOMPLETE if wrong else COMPLETE)
+        whole = ", whole" if file.is_dir() and not changed else ""
+        typer.echo(f"{file}: {len(findings)} findings" if findings else f"{file}: valid{whole}, no findings")
+    raise typer.Exit(INCOMPLETE if findings or changed else COMPLETE)
 
 
 def printable(text: str) -> str:
@@ -53,8 +56,16 @@ def printable(text: str) -> str:
 
 
 def evaluate(
-    what: Annotated[str, typer.Argument(help="ground, detection, footprints, planes, models or wireframe.")],
-    result: Annotated[Path, typer.Argument(help="What is judged: a file that eaves or another wrote.")],
+    what: Annotated[
+        str,
+        typer.Argument(
+            help="ground, detection, footprints, planes, models, wireframe; or STAGE.PARAMETER to vary."
+        ),
+    ],
+    result: Annotated[
+        str,
+        typer.Argument(help="The file to judge, by eaves or another; or the points to build with --values."),
+    ],
     reference: Annotated[Path, typer.Argument(help="What it is held against.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for JSON, rows and maps.")] = None,
     footprints: Annotated[
@@ -63,15 +74,40 @@ def evaluate(
     lod: Annotated[
         str | None, typer.Option(help="For models: 1.2, 1.3, 2.0, 2.2 or 2.3; else each building's finest.")
     ] = None,
+    values: Annotated[
+        str | None, typer.Option(help="Of the parameter: 0.05,0.1 or, evenly spread, FIRST:LAST:COUNT.")
+    ] = None,
+    method: Annotated[
+        str | None, typer.Option(help="Whose parameter it is; else the source's method, or the default.")
+    ] = None,
+    source: SourceName = None,
+    jobs: Jobs = 0,
     quiet: Quiet = False,
 ) -> None:
-    """How well a result agrees with a reference. By the measures of docs/evaluation.md."""
+    """How well a result agrees with a reference. By the measures of docs/evaluation.md.
+
+    With --values one parameter takes each of them, and each build is held against the reference:
+
+      eaves evaluate detection out/mask.tif tile.laz
+      eaves evaluate detect.min_height tile.laz tile.laz --values 1:3:5 -o swept
+    """
+    import os
+
     from eaves.evaluate import evaluate_files
+    from eaves.report.sweep import parse_values, sweep
 
     start_log(quiet)
-    evaluation = evaluate_files(what, result, reference, out, lod=lod, footprints=footprints)
+    if values is None:
+        evaluation = evaluate_files(what, Path(result), reference, out, lod=lod, footprints=footprints)
+        text = evaluation.as_text()
+    elif out is None:
+        raise ValueError(f"--values {values}: the folder to write is missing; add -o FOLDER")
+    else:
+        given: RunOptions = {"footprints": footprints, "jobs": jobs or os.cpu_count() or 1}
+        sweep(result, out, what, parse_values(values), reference, method=method, source=source, options=given)
+        text = (out / "sweep.md").read_text(encoding="utf-8").rstrip() + f"\n{out / 'sweep.png'}"
     if not quiet:
-        typer.echo(evaluation.as_text())
+        typer.echo(text)
 
 
 def view(
@@ -83,68 +119,83 @@ def view(
     beside: Annotated[
         Path | None, typer.Option(help="Another run, side by side: both turn together.", metavar="OUT2")
     ] = None,
+    serve: Annotated[
+        bool, typer.Option("--serve", help="The 3D Tiles of a run of any size, until Ctrl-C.")
+    ] = False,
+    port: Annotated[
+        int, typer.Option(help="With --serve, of this computer; 0: any free one.", min=0, max=65535)
+    ] = 8017,
     quiet: Quiet = False,
 ) -> None:
-    """Open the 3D page of a run; it is made when it is missing."""
+    """Open the 3D page of a run. It is made when missing; --serve shows a run of any size."""
     from eaves.report.beside import open_beside
+    from eaves.report.serve import make_site, serve_run
     from eaves.report.view import open_report
 
     start_log(quiet)
+    if sum((around is not None, beside is not None, serve)) > 1:
+        raise ValueError("--around, --beside, --serve: not together; give one of them")
+    if serve:
+        with suppress(KeyboardInterrupt):  # the way to end it
+            site = make_site(folder, basemap)
+            serve_run(site, port, browser, lambda words: None if quiet else typer.echo(words))
+        return
     if beside is None:
         path = open_report(folder, browser, again, around, basemap)
-    elif around is not None:
-        raise ValueError(f"--around {around}: not together with --beside; give one of them")
     else:
         path = open_beside(folder, beside, browser, basemap)
     if not quiet:
         typer.echo(f"report: {path}")
 
 
-def serve(
+def export(
     folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
-    static: Annotated[
-        Path | None, typer.Option(help="Write a folder for any web server instead.", metavar="FOLDER")
+    picture: Annotated[
+        str | None, typer.Option(help="A picture for print: plan, errors, section or models.")
     ] = None,
-    port: Annotated[int, typer.Option(help="Of this computer; 0: any free one.", min=0, max=65535)] = 8017,
-    browser: Annotated[bool, typer.Option(help="Open it, or only serve.")] = True,
-    basemap: Basemap = None,
-    quiet: Quiet = False,
-) -> None:
-    """Show the 3D Tiles of a run of any size in a browser. To this computer only, until Ctrl-C."""
-    from eaves.report.serve import make_site, serve_run, write_site
-
-    start_log(quiet)
-    site = make_site(folder, basemap)
-    if static is not None:
-        path = write_site(site, static)
-        if not quiet:
-            typer.echo(f"page: {path}, to be opened from a web server")
-        return
-    try:
-        serve_run(site, port, browser, lambda words: None if quiet else typer.echo(words))
-    except KeyboardInterrupt:  # the way to end it
-        return
-
-
-def plot(
-    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG, SVG or PDF; OUT/<what>.png.")] = None,
-    what: Annotated[str, typer.Option(help="plan, errors, section or models.")] = "plan",
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Of the picture: PNG, SVG or PDF; else OUT/<picture>.png."),
+    ] = None,
     reference: Annotated[
         Path | None, typer.Option(help="For errors: polygons, or the detection.tif of `eaves evaluate`.")
     ] = None,
     building: Annotated[str | None, typer.Option(help="For section: the building's id.")] = None,
-    size: Annotated[float, typer.Option(help="Width (cm).", min=2, max=200)] = 18.0,
+    size: Annotated[float, typer.Option(help="Width of the picture (cm).", min=2, max=200)] = 18.0,
     dpi: Annotated[int, typer.Option(help="Dots an inch.", min=30, max=1200)] = 300,
+    site: Annotated[
+        Path | None,
+        typer.Option(help="The viewer of 3D Tiles as files for any web server.", metavar="FOLDER"),
+    ] = None,
+    basemap: Basemap = None,
+    postgis: Annotated[
+        str | None, typer.Option(help="Into PostGIS, all or nothing: postgresql://user@host:port/database")
+    ] = None,
+    schema: Annotated[str, typer.Option(help="Where the tables go.")] = "eaves",
+    replace: Annotated[bool, typer.Option("--replace", help="Make tables anew that are there.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """A picture of a run for print. Plan, errors against a reference, cross-section, all models."""
-    from eaves.report.plot import plot_run
-
+    """Results in another form. Pictures for print, a site, tables in PostGIS."""
     start_log(quiet)
-    path = plot_run(folder, out, what, reference=reference, building=building, size_cm=size, dpi=dpi)
+    lines = []
+    if picture is not None:
+        from eaves.report.plot import plot_run
+
+        path = plot_run(folder, out, picture, reference=reference, building=building, size_cm=size, dpi=dpi)
+        lines.append(f"picture: {path}")
+    if site is not None:
+        from eaves.report.serve import make_site, write_site
+
+        lines.append(f"page: {write_site(make_site(folder, basemap), site)}, to be opened from a web server")
+    if postgis is not None:
+        from eaves.formats import write_postgis
+
+        counts = write_postgis(folder, postgis, schema, replace)
+        lines.append(", ".join(f"{schema}.{table}: {count:,} rows" for table, count in counts.items()))
+    if not lines:
+        raise ValueError("export: nothing is asked for; give --picture, --site or --postgis")
     if not quiet:
-        typer.echo(f"picture: {path}")
+        typer.echo("\n".join(lines))
 
 
 def solar(
@@ -180,19 +231,3 @@ def solar(
         )
     if not quiet:
         typer.echo(summary.as_text())
-
-
-def load(
-    folder: Annotated[Path, typer.Argument(help="What `eaves build` wrote.", metavar="OUT")],
-    address: Annotated[str, typer.Argument(help="postgresql://user@host:port/database")],
-    schema: Annotated[str, typer.Option(help="Where the tables go.")] = "eaves",
-    replace: Annotated[bool, typer.Option("--replace", help="Make tables anew that are there.")] = False,
-    quiet: Quiet = False,
-) -> None:
-    """The results of a run into PostGIS. Tables footprints, roof_planes and surfaces, all or nothing."""
-    from eaves.formats import write_postgis
-
-    start_log(quiet)
-    counts = write_postgis(folder, address, schema, replace)
-    if not quiet:
-        typer.echo(", ".join(f"{schema}.{table}: {count:,} rows" for table, count in counts.items()))

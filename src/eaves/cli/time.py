@@ -1,7 +1,8 @@
-"""The commands about time: compare, and what goes on after the first run."""
+"""The commands about time: compare, update, calibrate."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -12,8 +13,7 @@ from eaves.cli.runs import COMPLETE, INCOMPLETE, progress_display, start_log
 
 
 def begin(quiet: bool) -> None:
-    """What each of these commands does first: without pandas, which pyogrio would load, it starts in half the
-    time."""
+    """Start the log, and import pyogrio without pandas, which would double the start."""
     from eaves.run.workers import import_pyogrio_alone
 
     import_pyogrio_alone()
@@ -45,73 +45,75 @@ def compare(
     raise typer.Exit(COMPLETE if whole else INCOMPLETE)
 
 
-def rebuild(
+def update(
     folder: Annotated[Path, typer.Argument(help="What `eaves build --keep` wrote.", metavar="OUT")],
+    inputs: Annotated[
+        list[str] | None, typer.Argument(help="New points: files, folders or globs.", metavar="[INPUTS...]")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="With new points: where to write.")] = None,
     edits: Annotated[
         Path | None,
         typer.Option(
             help="Polygons with a field verdict, and id where they are of a building; or a CSV of both."
         ),
     ] = None,
-    quiet: Quiet = False,
-) -> None:
-    """Model buildings again that were corrected. Edits in OUT/footprints.gpkg, made in QGIS, or in a file.
-
-    A changed outline, a deleted or a new feature, several features of one id (party walls), and the verdicts
-    'no building', 'is a building', 'flat roof', 'footprint', 'party walls':
-
-      eaves rebuild out
-      eaves rebuild out --edits verdicts.gpkg
-    """
-    from eaves.change.rebuild import rebuild as run_rebuild
-
-    begin(quiet)
-    with progress_display(quiet) as progress:
-        done = run_rebuild(folder, edits, progress)
-    if not quiet:
-        typer.echo(done.as_text())
-    for told in (*done.conflicts, *done.failed) if quiet else ():
-        typer.echo(told, err=True)
-    raise typer.Exit(COMPLETE if done.summary.complete and not done.failed else INCOMPLETE)
-
-
-def update(
-    folder: Annotated[Path, typer.Argument(help="What `eaves build --keep` wrote.", metavar="OUT")],
-    inputs: Annotated[
-        list[str], typer.Argument(help="The new points: files, folders or globs.", metavar="INPUTS...")
-    ],
-    out: Out,
     date: Annotated[
         str | None, typer.Option(help="Of the new scan, 2026-05-31; else the latest in the files' headers.")
     ] = None,
     jobs: Jobs = 0,
     quiet: Quiet = False,
 ) -> None:
-    """A later scan of a part of a run's area. Only what its points change is computed again.
+    """Compute again what changed. By a later scan of a part of the area, or by corrections.
 
-    Everything else is taken over, models byte for byte; ids and edits are kept:
+    With new points everything else is taken over, models byte for byte; ids and edits are kept. Without
+    them, corrected buildings are modelled again in OUT: edits made in OUT/footprints.gpkg in QGIS, or in a
+    file. A changed outline, a deleted or a new feature, several features of one id (party walls), and the
+    verdicts 'no building', 'is a building', 'flat roof', 'footprint', 'party walls':
 
       eaves update out new_tiles/ -o out2
+      eaves update out
+      eaves update out --edits verdicts.gpkg
     """
+    from eaves.change.rebuild import Rebuilt, rebuild
+    from eaves.change.update import Updated
     from eaves.change.update import update as run_update
 
+    refuse_mixture(inputs, out, edits, date)
     begin(quiet)
+    done: Rebuilt | Updated
     with progress_display(quiet) as progress:
-        done = run_update(folder, inputs, out, date, jobs, progress)
+        if inputs and out is not None:
+            done = run_update(folder, inputs, out, date, jobs, progress)
+        else:
+            done = rebuild(folder, edits, progress)
+    unmodelled = done.failed if isinstance(done, Rebuilt) else ()
     if not quiet:
         typer.echo(done.as_text())
-        typer.echo(f"results in {out}")
-    for told in done.conflicts if quiet else ():
-        typer.echo(told, err=True)
+        typer.echo(f"results in {out or folder}")
+    for line in (*done.conflicts, *unmodelled) if quiet else ():
+        typer.echo(line, err=True)
     for reason in done.summary.failed:
         typer.echo(f"incomplete: {reason}", err=True)
-    raise typer.Exit(COMPLETE if done.summary.complete else INCOMPLETE)
+    raise typer.Exit(COMPLETE if done.summary.complete and not unmodelled else INCOMPLETE)
+
+
+def refuse_mixture(
+    inputs: Sequence[str] | None, out: Path | None, edits: Path | None, date: str | None
+) -> None:
+    """Raise ValueError for options of an update with new points and of one by edits together."""
+    if inputs and out is None:
+        raise ValueError("update with new points: the folder to write is missing; add -o FOLDER")
+    if inputs and edits is not None:
+        raise ValueError(f"--edits {edits}: edits go without new points; give them in a run of their own")
+    if not inputs and (out is not None or date is not None):
+        name = "--out" if out is not None else "--date"
+        raise ValueError(f"{name}: goes with new points, and none are given; name their files")
 
 
 def calibrate(
     folder: Annotated[Path, typer.Argument(help="What `eaves build --keep` wrote.", metavar="OUT")],
     edits: Annotated[
-        Path | None, typer.Argument(help="Verdicts, as `eaves rebuild --edits` takes them.", metavar="EDITS")
+        Path | None, typer.Argument(help="Verdicts, as `eaves update --edits` takes them.", metavar="EDITS")
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="The configuration; else OUT/calibration.toml.")

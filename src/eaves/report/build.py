@@ -89,7 +89,7 @@ def build(
     resume : bool
         Keep the parts of an earlier run that are done and match.
     keep : bool
-        Keep the parts of the run in `out`, about 100 bytes a point, for `eaves update` and `eaves rebuild`.
+        Keep the parts of the run in `out`, about 100 bytes a point, for `eaves update`.
     per_tile : bool
         Compute and write by tiles, each on its own, also where there are few points.
     classified : Path or None

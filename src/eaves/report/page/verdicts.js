@@ -1,4 +1,4 @@
-// What a user says of buildings, and the file of edits that it makes: id and verdict, as `eaves rebuild` takes them.
+// What a user says of buildings, and the file of edits that it makes: id and verdict, as `eaves update --edits` takes them.
 class Verdicts {
   constructor() {
     this.said = new Map();
