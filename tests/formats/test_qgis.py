@@ -20,7 +20,7 @@ from eaves.formats import write_geopackage, write_raster
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.geopackage import Row
 from eaves.formats.qgis.project import write_project
-from eaves.formats.qgis.styles import DIRECTION_COLOURS, FLAT_COLOUR, LOD_COLOURS, units_of
+from eaves.formats.qgis.styles import listed_styles, units_of
 from eaves.model import CoordinateSystem, Raster
 from eaves.model.coordinates import LOCAL_METRES
 
@@ -103,6 +103,8 @@ def test_project_is_the_same_every_time_and_has_relative_paths(tmp_path: Path) -
     assert len(sources) == 4 and all(source.startswith("./") for source in sources)
     assert all(len(element.text or "") > 10 for element in root.iterfind("projectlayers/maplayer/id"))
     assert root.find("mapViewDocks3D/view/qgis3d/terrain/generator") is not None
+    assert root.findtext("properties/SpatialRefSys/ProjectionsEnabled") == "1"
+    assert root.findtext("projectCrs/spatialrefsys/authid") == "EPSG:28992"
 
 
 def test_project_of_an_empty_run_is_written(tmp_path: Path) -> None:
@@ -151,6 +153,13 @@ def test_qgis_draws_the_project_in_its_colours(tmp_path: Path, qgis: dict[str, s
     assert "Level of detail" in found["styles in the file"]
     colours = set(found["colours"])
     if theme == "Map":
-        assert {DIRECTION_COLOURS[2], DIRECTION_COLOURS[6], FLAT_COLOUR, LOD_COLOURS["none"][1]} <= colours
+        drawn = {"roof_planes": ("east", "west", "flat"), "footprints": ("none",)}
+        assert colours >= {
+            one["fill"]
+            for layer, values in drawn.items()
+            for style in listed_styles()[layer]["styles"]
+            for one in style.get("classes", ())
+            if style["name"] in ("Direction", "Level of detail") and one.get("value") in values
+        }
     else:
         assert {"#c8102e", "#f2c14e", "#d98c6a"} <= colours

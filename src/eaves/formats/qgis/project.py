@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sqlite3
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
-from xml.etree.ElementTree import Element, SubElement, tostring
+from string import Template
+from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 from pyproj.enums import WktVersion
@@ -16,19 +18,18 @@ from pyproj.enums import WktVersion
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import epsg_of, horizontal_crs
 from eaves.formats.qgis import symbols
-from eaves.formats.qgis.styles import VERSION, WALL_COLOUR, Style, styles_of, units_of
+from eaves.formats.qgis.styles import VERSION, Style, styles_of, units_of
 from eaves.model import CoordinateSystem
 
 RELIEF_LIGHT_DEG = (315.0, 45.0)
 """Azimuth and height of the light on the hillshade: from the north-west, as on printed maps."""
-VIEW_PITCH_DEG = 50.0
-"""The 3D view looks down at this angle from the vertical."""
 WIDEST_VIEW_M = 600.0
 """The 3D view opens on at most this much of a run."""
 WALL_GAP_M = 0.1
 """Walls end this far under the roof, or the two would be drawn through each other."""
 IDS = {name: f"eaves_{name}_layer" for name in ("doubts", "roof_planes", "walls", "footprints", "relief")}
 """QGIS gives a layer another id when its own has ten characters or fewer."""
+WALL_COLOUR = "#e6e0d4"
 FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 """Of the file in the archive: the same run gives the same bytes."""
 
@@ -43,7 +44,6 @@ class _Layer:
     kind: str
     elements: tuple[Element, ...]
     styles: Sequence[Style] = ()
-    shown: bool = True
 
 
 def write_project(path: Path, footprints: Path, rasters: Sequence[Path], system: CoordinateSystem) -> None:
@@ -73,40 +73,35 @@ def write_project(path: Path, footprints: Path, rasters: Sequence[Path], system:
     """
     extent, columns, ground = _look(footprints)
     layers = _layers(footprints, rasters, columns, system)
-    root = Element("qgis", projectname="Buildings", version=VERSION)
-    SubElement(root, "title").text = "Buildings"
-    _reference(SubElement(root, "projectCrs"), system)
-    tree = SubElement(root, "layer-tree-group")
-    for layer in layers:
-        SubElement(
-            tree,
-            "layer-tree-layer",
-            id=layer.id,
-            name=layer.name,
-            checked="Qt::Checked" if layer.shown else "Qt::Unchecked",
-            expanded="1" if layer.id == IDS["roof_planes"] else "0",
-            source=layer.source,
-            providerKey=layer.kind,
-        )
-    canvas = SubElement(root, "mapcanvas", name="theMapCanvas", annotationsVisible="1")
-    SubElement(canvas, "units").text = "meters"
-    box = SubElement(canvas, "extent")
-    for name, value in zip(("xmin", "ymin", "xmax", "ymax"), extent, strict=True):
-        SubElement(box, name).text = f"{value:.3f}"
-    _reference(SubElement(canvas, "destinationsrs"), system)
-    listed = SubElement(root, "projectlayers")
-    listed.extend(_as_element(layer, system) for layer in layers)
-    order = SubElement(root, "layerorder")
-    for layer in layers:
-        SubElement(order, "layer", id=layer.id)
-    _themes(root, layers)
-    paths = SubElement(SubElement(root, "properties"), "Paths")
-    SubElement(paths, "Absolute", type="bool").text = "false"
-    _view_in_3d(root, layers, extent, ground, system)
-    text = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n" + tostring(root, "unicode")
+    text = Template(files("eaves.formats.qgis").joinpath("project.xml").read_text("utf-8")).substitute(
+        version=VERSION,
+        crs=_reference(system),
+        tree=_written("layer-tree-layer", map(_in_tree, layers)),
+        layers="".join(tostring(_as_element(layer, system), "unicode") for layer in layers),
+        order=_written("layer", ({"id": layer.id} for layer in layers)),
+        themes=_themes(layers),
+        **_view_in_3d(layers, extent, ground, system),
+    )
     with atomic(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         entry = zipfile.ZipInfo(path.with_suffix(".qgs").name, FIXED_DATE)
         archive.writestr(entry, text, zipfile.ZIP_DEFLATED)
+
+
+def _written(tag: str, attributes: Iterable[Mapping[str, str]]) -> str:
+    """Elements without content as text."""
+    return "".join(tostring(Element(tag, dict(one)), "unicode") for one in attributes)
+
+
+def _in_tree(layer: _Layer) -> dict[str, str]:
+    """How the tree of layers lists one."""
+    return {
+        "id": layer.id,
+        "name": layer.name,
+        "checked": "Qt::Checked",
+        "expanded": "1" if layer.id == IDS["roof_planes"] else "0",
+        "source": layer.source,
+        "providerKey": layer.kind,
+    }
 
 
 def _look(footprints: Path) -> tuple[tuple[float, ...], dict[str, list[str]], float]:
@@ -186,18 +181,19 @@ def _hillshade(system: CoordinateSystem) -> Element:
     return pipe
 
 
-def _reference(parent: Element, system: CoordinateSystem) -> None:
-    """Adds the plane part of the reference system as QGIS writes it."""
+def _reference(system: CoordinateSystem) -> str:
+    """The plane part of the reference system as QGIS writes it; empty without one."""
     crs = horizontal_crs(system)
     if crs is None:
-        return
-    place = SubElement(parent, "spatialrefsys", nativeFormat="Wkt")
+        return ""
+    place = Element("spatialrefsys", nativeFormat="Wkt")
     SubElement(place, "wkt").text = crs.to_wkt(WktVersion.WKT2_2019)
     code = epsg_of(crs)
     if code is not None:
         SubElement(place, "srid").text = str(code)
         SubElement(place, "authid").text = f"EPSG:{code}"
     SubElement(place, "description").text = crs.name
+    return tostring(place, "unicode")
 
 
 def _as_element(layer: _Layer, system: CoordinateSystem) -> Element:
@@ -207,7 +203,7 @@ def _as_element(layer: _Layer, system: CoordinateSystem) -> Element:
     SubElement(made, "id").text = layer.id
     SubElement(made, "datasource").text = layer.source
     SubElement(made, "layername").text = layer.name
-    _reference(SubElement(made, "srs"), system)
+    made.append(fromstring(f"<srs>{_reference(system)}</srs>"))
     SubElement(made, "provider", encoding="UTF-8").text = layer.kind
     manager = SubElement(made, "map-layer-style-manager", current="default")
     SubElement(manager, "map-layer-style", name="default")
@@ -224,76 +220,41 @@ def _root_of(style: Style) -> list[Element]:
     return [root]
 
 
-def _themes(root: Element, layers: Sequence[_Layer]) -> None:
+def _themes(layers: Sequence[_Layer]) -> str:
     """Two themes: the map, and the oblique one without the roof planes."""
-    presets = SubElement(root, "visibility-presets")
     names = {style.name for layer in layers for style in layer.styles}
     themes: list[tuple[str, dict[str, str], tuple[str, ...]]] = [("Map", {}, ())]
     if "Oblique" in names:
         themes.append(("Oblique (2.5D)", {IDS["footprints"]: "Oblique"}, (IDS["roof_planes"],)))
+    text = ""
     for title, chosen, hidden in themes:
-        preset = SubElement(presets, "visibility-preset", name=title)
-        preset.set("has-expanded-info", "0")
+        preset = Element("visibility-preset", {"name": title, "has-expanded-info": "0"})
         for layer in layers:
             if layer.id not in hidden:
                 style = chosen.get(layer.id, "default")
                 SubElement(preset, "layer", id=layer.id, visible="1", style=style)
+        text += tostring(preset, "unicode")
+    return text
 
 
 def _view_in_3d(
-    root: Element,
-    layers: Sequence[_Layer],
-    extent: Sequence[float],
-    ground: float,
-    system: CoordinateSystem,
-) -> None:
-    """Adds a 3D map over the terrain, looking north at the middle of the run."""
+    layers: Sequence[_Layer], extent: Sequence[float], ground: float, system: CoordinateSystem
+) -> dict[str, str]:
+    """The words of the template for a 3D map over the terrain, looking north at the middle of the run."""
     across, upright = units_of(system)
     west, south, east, north = extent
-    x, y = 0.5 * (west + east), 0.5 * (south + north)
     width = float(np.clip(max(east - west, north - south), 20.0 / across, WIDEST_VIEW_M / across))
-    view = SubElement(SubElement(root, "mapViewDocks3D"), "view", name="Buildings in 3D")
-    for name, number in {"x": 60, "y": 60, "width": 1000, "height": 700, "floating": 1, "area": 2}.items():
-        view.set(name, str(number))
-    view.set("isOpen", "0")
-    scene = SubElement(view, "qgis3d")
-    SubElement(scene, "origin", x=f"{x:.3f}", y=f"{y:.3f}", z="0")
-    camera = SubElement(scene, "camera")
-    camera.set("field-of-view", "45")
-    camera.set("projection-type", "1")
-    SubElement(scene, "color", background="255,255,255,255", selection="255,255,0,255")
-    _reference(SubElement(scene, "crs"), system)
-    terrain = SubElement(scene, "terrain")
-    settings = {
-        "terrain-rendering-enabled": "1", "exaggeration": "1", "texture-size": "1024",
-        "max-terrain-error": "3", "max-ground-error": "1", "shading-enabled": "0", "elevation-offset": "0",
-        "map-theme": "", "show-labels": "0",
-    }  # fmt: skip
-    for name, value in settings.items():
-        terrain.set(name, value)
-    draped = SubElement(terrain, "layers")
-    heights = [layer for layer in layers if layer.kind == "gdal"]
-    for layer in layers:
-        if layer.id in (IDS["footprints"], IDS["relief"]):
-            SubElement(draped, "layer", id=layer.id)
-    if heights:
-        generator = SubElement(terrain, "generator", type="dem", layer=heights[0].id, resolution="64")
-        generator.set("skirt-height", "2")
-    else:
-        SubElement(terrain, "generator", type="flat")
-        terrain.set("elevation-offset", f"{ground / upright:.3f}")
-    SubElement(scene, "point-lights")  # without this element QGIS adds a lamp that bleaches what is near
-    lights = SubElement(scene, "directional-lights")
-    SubElement(
-        lights, "directional-light", x="0.5", y="-0.8", z="-0.4", color="255,255,255,255", intensity="0.9"
-    )
-    SubElement(
-        view,
-        "camera",
-        x="0",
-        y="0",
-        elev=f"{ground / upright:.3f}",
-        dist=f"{1.1 * width:.3f}",
-        pitch=f"{VIEW_PITCH_DEG:g}",
-        yaw="0",
-    )
+    heights = [layer.id for layer in layers if layer.kind == "gdal"]
+    relief = {"type": "dem", "layer": heights[0], "resolution": "64", "skirt-height": "2"} if heights else {}
+    sides = zip(("west", "south", "east", "north"), extent, strict=True)
+    draped = (layer.id for layer in layers if layer.id in (IDS["footprints"], IDS["relief"]))
+    return {
+        **{name: f"{value:.3f}" for name, value in sides},
+        "x": f"{0.5 * (west + east):.3f}",
+        "y": f"{0.5 * (south + north):.3f}",
+        "draped": _written("layer", ({"id": one} for one in draped)),
+        "generator": _written("generator", [relief or {"type": "flat"}]),
+        "offset": "0" if heights else f"{ground / upright:.3f}",
+        "ground": f"{ground / upright:.3f}",
+        "distance": f"{1.1 * width:.3f}",
+    }

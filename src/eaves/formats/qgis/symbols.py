@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
 FROM_EXPRESSION = "3"
@@ -35,17 +36,19 @@ def rgba(colour: str) -> str:
     return ",".join(str(int(digits[k : k + 2], 16)) for k in range(0, 8, 2))
 
 
-def fill(
-    colour: str,
+def symbol_layer(
+    fill: str,
     edge: str = "#333333",
     width: float = 0.15,
     pattern: str = "solid",
-    expressions: Mapping[str, str] | None = None,
+    shape: str = "",
+    tint: str = "",
 ) -> Element:
-    """A layer of a symbol: an area of one colour with an edge (width in mm)."""
-    layer = Element("layer", {"class": "SimpleFill", "enabled": "1", "locked": "0", "pass": "0"})
+    """A layer of a symbol: an area of one colour with an edge (width in mm); `tint` is an expression of its
+    colour, `shape` one of what is drawn instead of the feature."""
+    area = Element("layer", {"class": "SimpleFill", "enabled": "1", "locked": "0", "pass": "0"})
     values = {
-        "color": rgba(colour),
+        "color": rgba(fill),
         "style": pattern,
         "outline_color": rgba(edge),
         "outline_style": "solid" if width else "no",
@@ -53,20 +56,14 @@ def fill(
         "outline_width_unit": "MM",
         "joinstyle": "miter",
     }
-    option_map(layer, values)
-    if expressions:
-        data_defined(layer, "data_defined_properties", expressions)
-    return layer
-
-
-def generated(geometry: str, area: Element) -> Element:
-    """A layer of a symbol that draws, instead of the feature, what an expression makes of it."""
+    option_map(area, values)
+    if tint:
+        data_defined(area, "data_defined_properties", {"fillColor": tint})
+    if not shape:
+        return area
     layer = Element("layer", {"class": "GeometryGenerator", "enabled": "1", "locked": "0", "pass": "0"})
-    option_map(layer, {"SymbolType": "Fill", "geometryModifier": geometry, "units": "MapUnit"})
-    inner = SubElement(
-        layer, "symbol", type="fill", name="@0@0", alpha="1", clip_to_extent="1", force_rhr="0"
-    )
-    inner.append(area)
+    option_map(layer, {"SymbolType": "Fill", "geometryModifier": shape, "units": "MapUnit"})
+    layer.append(symbol("@0@0", [area]))
     return layer
 
 
@@ -77,51 +74,34 @@ def symbol(name: str, layers: Sequence[Element]) -> Element:
     return made
 
 
-def single(layers: Sequence[Element], farthest_first: str | None = None) -> Element:
+def single(layers: Sequence[Mapping[str, Any]], farthest: str | None = None) -> Element:
     """One symbol for all features, drawn by falling values of an expression where one is given."""
     renderer = Element("renderer-v2", type="singleSymbol", symbollevels="0", forceraster="0")
-    SubElement(renderer, "symbols").append(symbol("0", layers))
-    renderer.set("enableorderby", "1" if farthest_first else "0")
-    if farthest_first:
+    SubElement(renderer, "symbols").append(symbol("0", [symbol_layer(**one) for one in layers]))
+    renderer.set("enableorderby", "1" if farthest else "0")
+    if farthest:
         clause = SubElement(SubElement(renderer, "orderby"), "orderByClause", asc="0", nullsFirst="0")
-        clause.text = farthest_first
+        clause.text = farthest
     return renderer
 
 
-def categorised(expression: str, categories: Sequence[tuple[str, str, Element]]) -> Element:
-    """A symbol for each value of an expression: value, words of the legend, layer of the symbol."""
-    renderer = Element("renderer-v2", type="categorizedSymbol", attr=expression, enableorderby="0")
-    renderer.set("forceraster", "0")
-    renderer.set("symbollevels", "0")
-    listed = SubElement(renderer, "categories")
+def classified(by: str, classes: Sequence[Mapping[str, Any]]) -> Element:
+    """A symbol for each value, or range from `low` to `high`, of an expression."""
+    ranged = "low" in classes[0]
+    renderer = Element("renderer-v2", attr=by, enableorderby="0", forceraster="0", symbollevels="0")
+    renderer.set("type", "graduatedSymbol" if ranged else "categorizedSymbol")
+    if ranged:
+        renderer.set("graduatedMethod", "GraduatedColor")
+    listed = SubElement(renderer, "ranges" if ranged else "categories")
     symbols = SubElement(renderer, "symbols")
-    for number, (value, label, layer) in enumerate(categories):
-        SubElement(
-            listed, "category", value=value, label=label, symbol=str(number), render="true", type="string"
-        )
-        symbols.append(symbol(str(number), [layer]))
-    return renderer
-
-
-def graduated(expression: str, classes: Sequence[tuple[float, float, str, Element]]) -> Element:
-    """A symbol for each range of values: lower and upper end, words of the legend, layer of the symbol."""
-    renderer = Element("renderer-v2", type="graduatedSymbol", attr=expression, enableorderby="0")
-    renderer.set("graduatedMethod", "GraduatedColor")
-    renderer.set("forceraster", "0")
-    renderer.set("symbollevels", "0")
-    ranges = SubElement(renderer, "ranges")
-    symbols = SubElement(renderer, "symbols")
-    for number, (lower, upper, label, layer) in enumerate(classes):
-        SubElement(
-            ranges,
-            "range",
-            lower=f"{lower:.6f}",
-            upper=f"{upper:.6f}",
-            label=label,
-            symbol=str(number),
-            render="true",
-        )
-        symbols.append(symbol(str(number), [layer]))
+    for number, one in enumerate(classes):
+        if ranged:
+            entry = SubElement(listed, "range", lower=f"{one['low']:.6f}", upper=f"{one['high']:.6f}")
+        else:
+            entry = SubElement(listed, "category", value=one["value"], type="string")
+        entry.attrib |= {"label": one.get("label", one.get("value")), "symbol": str(number), "render": "true"}
+        drawn = {name: one[name] for name in ("fill", "edge", "width", "pattern") if name in one}
+        symbols.append(symbol(str(number), [symbol_layer(**drawn)]))
     return renderer
 
 
