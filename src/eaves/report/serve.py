@@ -7,6 +7,7 @@ nothing is asked of another server. Only tiles in sight are loaded: a run may be
 from __future__ import annotations
 
 import errno
+import gzip
 import json
 import shutil
 import webbrowser
@@ -54,7 +55,7 @@ KINDS = {
 }
 """The types of all that is served."""
 VIEWER = {
-    "tiles": ("index.html", "viewer.js", "three-tiles.js", "three-tiles.LICENSE.txt"),
+    "tiles": ("index.html", "viewer.js", "three-tiles.js.gz", "three-tiles.LICENSE.txt"),
     "page": ("style.css", "arrays.js", "colours.js"),
 }
 """Folder of this package → its files that the viewer is made of."""
@@ -91,11 +92,12 @@ def make_site(folder: str | Path, basemap: str | Path | None = None) -> Site:
     """
     folder = Path(folder)
     system = system_of_folder(folder)
-    made = {
-        name: files("eaves.report").joinpath(place, name).read_bytes()
-        for place, names in VIEWER.items()
-        for name in names
-    }
+    made = {}
+    for place, names in VIEWER.items():
+        for name in names:
+            content = files("eaves.report").joinpath(place, name).read_bytes()
+            packed = name.endswith(".gz")
+            made[name.removesuffix(".gz")] = gzip.decompress(content) if packed else content
     system = make_tiles(folder, system)
     made["about.json"] = as_bytes(describe_run(folder, system))
     heights, bounds = read_terrain(folder / "dtm.tif", system, None)
@@ -212,7 +214,7 @@ def write_site(site: Site, target: str | Path) -> Path:
     """
     target = Path(target)
     if target.resolve() == site.folder.resolve():
-        raise InputError.about(target, "is the folder of the run", "give another one to --static")
+        raise InputError.about(target, "is the folder of the run", "give another one to --site")
     for name, content in site.made.items():
         with atomic(target / name) as temporary:
             temporary.write_bytes(content)
