@@ -25,7 +25,7 @@ import numpy as np
 
 from benchmarks.table import keep
 from eaves.pipeline import build
-from eaves.run.run import RunOptions
+from eaves.run.options import RunOptions
 from eaves.simulate import scan_town, simulate_town, write_simulation
 
 SCHEDULER_PORT = 18786

@@ -26,10 +26,11 @@ from eaves.model.summary import Summary
 from eaves.run.clock import Clock
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import end_manifest
+from eaves.run.options import RunOptions, list_options
 from eaves.run.outputs import write_outputs
 from eaves.run.recipe import Recipe
 from eaves.run.region import Core, Region, import_methods, warn_of_wrong_boxes
-from eaves.run.run import Progress, Run, RunOptions, list_options, no_progress, open_run
+from eaves.run.run import Progress, Run, no_progress, open_run, request_of
 from eaves.run.workers import Workers
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ def build(
     with (
         lock_folder(run.folder, run.lock),
         report_full_disk(run.folder),
-        Workers(run.jobs, run.scheduler, run.memory) as workers,
+        Workers(run.jobs, run.options["scheduler"], run.memory) as workers,
     ):
         if run.by_tiles:
             from eaves.run.tiles import build_tiles  # late: most runs have no tiles
@@ -129,9 +130,9 @@ def build_region(region: Region, core: Core, sink: PointSink | None = None) -> S
     region.model(plans)
     region.budget.step("buildings")
     summary = write_outputs(region, [block for block in blocks if core.holds(block)], plans, sink)
-    if region.run.keep:
+    if region.run.options["keep"]:
         owners = [plan.owner_block for plan in plans]
-        region.store.keep_request({**region.run.request, "plan": region.run.plan}, blocks, owners)
+        region.store.keep_request(request_of(region.run), blocks, owners)
     elif summary.complete:
         region.store.discard()
     else:

@@ -13,7 +13,7 @@ import pytest
 
 import eaves
 from eaves.methods import REGISTRY
-from eaves.run.run import DEFAULT_OPTIONS, RunOptions
+from eaves.run.options import DEFAULT_OPTIONS, RunOptions
 
 SCRIPT = """
 import numpy as np

@@ -18,8 +18,9 @@ import numpy as np
 from eaves.formats import InputError
 from eaves.methods import resolve_method
 from eaves.model import Block
+from eaves.run.options import METHOD_OPTIONS
 from eaves.run.recipe import Recipe
-from eaves.run.run import METHOD_OPTIONS, WORK, Run, open_run
+from eaves.run.run import WORK, Run, open_run
 from eaves.run.store import REQUEST, Store
 from eaves.run.vegetation import VegetationRules
 

@@ -146,7 +146,7 @@ def rebuild(folder: Path, file: Path | None = None, progress: Progress = no_prog
         outputs = tuple(
             name for name in ("footprints", "models", "mask", "classified") if name in run.outputs
         )
-        region.run = replace(run, outputs=outputs)
+        region.run = run.with_options(outputs=outputs)
         plans = [OwnedBuildings(owner, ()) for owner in owners]
         keep_numbers(region.store, sorted(state.touched), numbers)
         points = EarlierPoints.of(folder, region.store, run.index)

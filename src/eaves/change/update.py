@@ -191,7 +191,7 @@ def update(
             region.store = RememberingStore(**vars(region.store))
         edits, orders, conflicts, owners, edited = edit_again(folder, region, blocks, owners, progress)
         outputs = tuple(name for name in run.outputs if name != "report")
-        region.run = replace(run, outputs=outputs)
+        region.run = run.with_options(outputs=outputs)
         others = {*versions.new, *versions.remodelled, *versions.gone, *(order.id for order in orders)}
         places = [*versions.outlines, *(one for order in orders for one in order.outlines)]
         lines = EarlierLines.read(folder / MODELS, others, places)
@@ -410,7 +410,7 @@ def model_changed(
         store=store,
         before=before,
         recipe=run.recipe,
-        snap=run.snap_footprints,
+        snap=run.options["snap_footprints"],
         changed=cells,
     )
     todo = list(region.workers.heaviest_first(todo, lambda one: len(one.now.buildings)))

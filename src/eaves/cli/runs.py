@@ -164,8 +164,8 @@ def run_build(
         from eaves.kernels import library
         from eaves.pipeline import build as build_files
         from eaves.report.build import build as build_with_report
+        from eaves.run.options import EVERYTHING
         from eaves.run.recipe import make_recipe
-        from eaves.run.run import EVERYTHING
         from eaves.run.workers import import_pyogrio_alone
 
         import_pyogrio_alone()

@@ -13,7 +13,7 @@ import numpy as np
 from eaves.evaluate import Evaluation, evaluate_files
 from eaves.methods import make_method, method_class
 from eaves.pipeline import build
-from eaves.run.run import RunOptions
+from eaves.run.options import RunOptions
 from eaves.run.sources import find_source
 
 COMPARISONS = {

@@ -30,9 +30,10 @@ from eaves.run.join import OwnedBuildings
 from eaves.run.manifest import begin_manifest, note_files
 from eaves.run.neighbours import party_walls
 from eaves.run.numbers import read_numbers
+from eaves.run.options import EVERYTHING
 from eaves.run.region import Region
 from eaves.run.review import REVIEW, review_rows, write_review
-from eaves.run.run import EVERYTHING, Run
+from eaves.run.run import Run
 from eaves.run.stock import stock_figures
 from eaves.run.store import Store
 from eaves.run.workers import peak_memory_mb
@@ -128,12 +129,12 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
         roofs, review = BuildingRows(store, owners, faces=True), review_rows(store.building_rows(owners))
         write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from)
         files.append(write_review(folder / REVIEW, review, system))
-        return files + export_footprints(folder, rows, roofs, system, run.formats, made_from), None
+        return files + export_footprints(folder, rows, roofs, system, run.options["formats"], made_from), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]
         lines = results.lines()
         write_cityjson_seq(files[0], lines, system, provenance=made_from, translate=run.translate)
-        return files + export_models(folder, results.answers, system, run.formats, made_from), None
+        return files + export_models(folder, results.answers, system, run.options["formats"], made_from), None
     if step == "mask":
         from eaves.run.rasters import write_mask
 

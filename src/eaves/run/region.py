@@ -91,7 +91,7 @@ class Region:
 
     def open_store(self) -> None:
         """Keep the parts of an earlier run that match, or start anew."""
-        if not (self.run.resume and self.store.matches(self.run.plan)):
+        if not (self.run.options["resume"] and self.store.matches(self.run.plan)):
             self.store.discard()
             self.store.prepare()
             self.store.keep_plan(self.run.plan)
@@ -157,7 +157,7 @@ class Region:
         """Whether the inputs are kept decompressed for the classified points."""
         run = self.run
         small = run.index.points <= COPIED_POINTS
-        return "classified" in run.outputs and small and not (run.by_tiles or run.keep)
+        return "classified" in run.outputs and small and not (run.by_tiles or run.options["keep"])
 
     def used_blocks(self) -> list[Block]:
         """The blocks that have points, without those that hold nothing but isolated."""
@@ -245,7 +245,7 @@ class Region:
             store=self.store,
             recipe=self.run.recipe,
             earlier=self.earlier,
-            marked=self.run.keep,
+            marked=self.run.options["keep"],
         )
         for done, outcome in enumerate(self.workers.run(work, left), 1):
             self.note(outcome, f"block {left[outcome.index].name}")
@@ -260,7 +260,7 @@ class Region:
         squares = [square for square in squares_of(seen, GROUND_SQUARE) if square in held]
         squares = [square for square in squares if not store.has("ground", square)]
         self.find_wide(squares)
-        groups = group_squares(squares, self.run.loaded_side)
+        groups = group_squares(squares, self.run.options["block"])
         work = partial(classify_squares, store=store, recipe=recipe, side=side)
         for outcome in self.workers.run(work, groups):
             self.note(outcome, f"ground of square {groups[outcome.index][0].name}")
@@ -292,7 +292,10 @@ class Region:
         left = [plan for plan in plans if not self.store.has("buildings", plan.owner_block)]
         left = self.workers.heaviest_first(left, lambda plan: len(plan.buildings))
         work = partial(
-            compute_buildings, store=self.store, recipe=self.run.recipe, snap=self.run.snap_footprints
+            compute_buildings,
+            store=self.store,
+            recipe=self.run.recipe,
+            snap=self.run.options["snap_footprints"],
         )
         for done, outcome in enumerate(self.workers.run(work, left), 1):
             self.note(outcome, f"buildings of block {left[outcome.index].owner_block.name}")

@@ -139,15 +139,15 @@ class TileTasks(Sequence[TileTask]):
         loaded = loaded_with(tile, ring, self.run.recipe.buffer)
         numbers = np.flatnonzero(self.run.index.meeting(seen_with(loaded, self.run).buffered(BOX_TOLERANCE)))
         index = self.run.index.subset(numbers)
+        names = tuple(name for name in WANTED if name in ("footprints", *self.run.outputs))
         mine = replace(
-            self.run,
+            self.run.with_options(outputs=names),
             index=index,
             given=None if self._given is None else self._given.near(loaded),
             addresses=self._addresses.near(loaded),
             plan={**self.run.plan, **index.describe(), "tile": tile.name},
             lost=(),
             failed=(),
-            outputs=tuple(name for name in WANTED if name in ("footprints", *self.run.outputs)),
         )
         return TileTask(tile, mine, tuple(int(number) for number in numbers), ring)
 
@@ -179,7 +179,7 @@ def compute_tile(task: TileTask, folder: Path, build_region: BuildRegion) -> Til
     """One tile with its files in its folder; an earlier run's where it matches."""
     place = folder / TILES_FOLDER / task.tile.name
     earlier = place / "run.json"
-    if task.run.resume and is_whole(place):
+    if task.run.options["resume"] and is_whole(place):
         run: dict[str, Any] = json.loads(earlier.read_text(encoding="utf-8"))
         told = json.loads(json.dumps(task.run.plan))
         if not run["incomplete"] and all(run.get(key) == value for key, value in told.items()):

@@ -1,0 +1,331 @@
+"""The options of a run, each declared once: signatures, docs, the command line and run.json follow."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any, ParamSpec, TypedDict, TypeVar, cast, get_args, get_type_hints
+
+from eaves.formats import InputError
+from eaves.methods import MethodChoice
+from eaves.model import BLOCK_SIDE, Bounds
+from eaves.model.checks import check_positive
+
+EVERYTHING = ("footprints", "models", "mask", "rasters", "classified", "report")
+"""The outputs there are; see `eaves.run.outputs`, and `eaves.report` for the last."""
+NARROWEST, WIDEST = 6.0, 100_000.0
+"""Sides of a block (m): the cells of all methods fit into the one, the steps of int32 across the other."""
+METHOD_OPTIONS = ("ground", "detect", "outline", "units", "roof", "reconstruct")
+POLYGONS = ("clip", "footprints", "party_walls")
+"""The options that name a file of polygons."""
+CHAIN_OPTIONS = ("source", "use_classes", "building_classes", "ground_classes", "classes", "lod")
+"""The options that, beside the methods, decide what a recipe is (`eaves.make_recipe`)."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """What is declared of a keyword beside its type: the sentence of docs and help, and its default."""
+
+    sentence: str
+    default: Any = None
+    again: bool = False
+    """Whether a kept run is opened with it again; a path is kept as one that holds from any folder."""
+    told: bool = False
+    """Whether run.json says it as it is given; what methods, inputs and polygons say follows from those."""
+    metavar: str | None = None
+    flag: str | None = None
+    """On the command line, where it is not the keyword's own name."""
+
+
+def method_option(flag: str) -> Option:
+    """The option of a stage."""
+    return Option(
+        "The method of the stage, its name, or a table of its parameters; None is the default.", flag=flag
+    )
+
+
+class RunOptions(TypedDict, total=False):
+    """The keywords of a run."""
+
+    ground: Annotated[MethodChoice, method_option("--ground-method")]
+    detect: Annotated[MethodChoice, method_option("--detect-method")]
+    outline: Annotated[MethodChoice, method_option("--outline-method")]
+    units: Annotated[MethodChoice, method_option("--units")]
+    roof: Annotated[MethodChoice, method_option("--roof-method")]
+    reconstruct: Annotated[MethodChoice, method_option("--reconstruct-method")]
+    source: Annotated[
+        str | None,
+        Option(
+            "One of the published systems, whole: chen_sun, xiao2014, ren_fcs, roof_attributes or "
+            "maas_vosselman."
+        ),
+    ]
+    use_classes: Annotated[
+        bool, Option("Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise.", False)
+    ]
+    building_classes: Annotated[
+        Sequence[int] | None,
+        Option("With `use_classes`: the files' classes of buildings; 6 and 67 if not given."),
+    ]
+    ground_classes: Annotated[
+        Sequence[int] | None, Option("With `use_classes`: the files' classes of the ground; 2 if not given.")
+    ]
+    classes: Annotated[
+        Sequence[int] | None,
+        Option(
+            "The classes to write: 2, 3, 4, 5, 6, 9, 14, 15, 17 if not given; 2, 3, 4, 5, 6 leaves water, "
+            "wires and bridges what they would be otherwise; 2, 6 vegetation, too."
+        ),
+    ]
+    as_published: Annotated[
+        bool, Option("Methods given by name take the numbers that their papers print.", False)
+    ]
+    lod: Annotated[
+        str | None,
+        Option(
+            "The finest level of detail: 0, 1.2, 1.3, 2.0, 2.2 or 2.3; what the source delivers, or 2.2, if "
+            "not given."
+        ),
+    ]
+    crs: Annotated[
+        str | None,
+        Option(
+            "EPSG code, compound code (28992+5709), or a file with WKT or PROJJSON, where files say none.",
+            again=True,
+        ),
+    ]
+    crs_force: Annotated[
+        bool,
+        Option(
+            "Use `crs` even where a file states another system, or its numbers do not fit it.", False, True
+        ),
+    ]
+    salvage: Annotated[bool, Option("Of files that are cut off, use what is whole.", False, True)]
+    bounds: Annotated[
+        Bounds | Sequence[float] | None,
+        Option(
+            "West, south, east, north in the unit of the files' reference system; points outside are not "
+            "used.",
+            again=True,
+            metavar="W,S,E,N",
+        ),
+    ]
+    clip: Annotated[str | Path | None, Option("File of polygons; points outside are not used.", again=True)]
+    footprints: Annotated[
+        str | Path | None,
+        Option(
+            "File of polygons to use instead of detected outlines: shapefile, GeoPackage, GeoJSON, "
+            "FlatGeobuf, GeoParquet.",
+            again=True,
+        ),
+    ]
+    id_field: Annotated[
+        str | None,
+        Option(
+            "Field of the footprints that holds their id; by default that of a known map, or they are "
+            "numbered.",
+            again=True,
+            told=True,
+        ),
+    ]
+    footprint_source: Annotated[
+        str | None,
+        Option(
+            "The map that footprints or party walls are from, if its columns do not show it: bag, bgt, "
+            "bdtopo, usa-structures, overture, osm, microsoft; `none` takes polygons as they are.",
+            again=True,
+        ),
+    ]
+    snap_footprints: Annotated[
+        bool, Option("Move given footprints to the eaves in the points.", False, again=True, told=True)
+    ]
+    party_walls: Annotated[
+        str | Path | None,
+        Option("File of polygons of addresses; detected blocks are split along their borders.", again=True),
+    ]
+    formats: Annotated[
+        Sequence[str],
+        Option(
+            "Further formats: gpkg, citygml, citygml3, cityjson, obj, obj-wireframe, glb, 3dtiles, dxf, "
+            "geojson, fgb, parquet.",
+            (),
+            again=True,
+        ),
+    ]
+    outputs: Annotated[
+        Sequence[str],
+        Option(
+            "Outputs to write: footprints, models, mask, rasters, classified, report; all for none.",
+            EVERYTHING,
+            again=True,
+        ),
+    ]
+    block: Annotated[
+        float,
+        Option(
+            "Side (m, ≥ 6) of the area whose points are loaded at once to find its ground, at least 240 m; "
+            "the result is the same.",
+            BLOCK_SIDE,
+            again=True,
+        ),
+    ]
+    jobs: Annotated[int, Option("Processes; 0 is one a core, one for small data.", 1)]
+    scheduler: Annotated[str | None, Option("Address of an existing Dask scheduler: tcp://host:port.")]
+    memory: Annotated[
+        str | None, Option("Bound of the processes' memory together: 4G, 1500M.", metavar="SIZE")
+    ]
+    resume: Annotated[bool, Option("Keep what an earlier run computed of the same.", False)]
+    keep: Annotated[
+        bool,
+        Option(
+            "Keep what `eaves update` needs in the folder, about 100 bytes a point.",
+            False,
+        ),
+    ]
+    per_tile: Annotated[
+        bool,
+        Option(
+            "Compute and write by tiles, each on its own, as for over 2 billion points.",
+            False,
+        ),
+    ]
+    classified: Annotated[
+        Path | None,
+        Option(
+            "File for the classified points of the one input, without extra dimensions and without a "
+            "run.json."
+        ),
+    ]
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A keyword as it is declared: its name, its type, and what follows from both."""
+
+    name: str
+    kind: Any
+    option: Option
+
+    @property
+    def flag(self) -> str:
+        """On the command line."""
+        return self.option.flag or f"--{self.name.replace('_', '-')}"
+
+    @property
+    def words(self) -> str:
+        """The type, as signatures and docs show it."""
+        return re.sub(r"(\w+\.)+", "", inspect.formatannotation(self.kind))
+
+
+DECLARED: dict[str, Declared] = {
+    name: Declared(name, *get_args(hint))
+    for name, hint in get_type_hints(RunOptions, include_extras=True).items()
+}
+"""All keywords of a run, in their order."""
+DEFAULT_OPTIONS = cast(RunOptions, {name: one.option.default for name, one in DECLARED.items()})
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def list_options(function: Callable[P, T]) -> Callable[P, T]:
+    """The function itself, with the keywords of `RunOptions` in the signature that `help` shows, and in its
+    docstring for the line `{options}`."""
+    known = inspect.signature(function)
+    own = [one for one in known.parameters.values() if one.kind is not inspect.Parameter.VAR_KEYWORD]
+    keywords = [
+        inspect.Parameter(
+            one.name, inspect.Parameter.KEYWORD_ONLY, default=one.option.default, annotation=one.words
+        )
+        for one in DECLARED.values()
+    ]
+    signature = known.replace(parameters=[*own, *keywords])
+    function.__signature__ = signature  # type: ignore[attr-defined]
+    lines = [
+        f"{one.name} : {one.words.replace(' | ', ' or ')}\n        {one.option.sentence}"
+        for one in DECLARED.values()
+    ]
+    function.__doc__ = (function.__doc__ or "").replace("{options}", "\n    ".join(lines))
+    return function
+
+
+def check_options(given: RunOptions) -> RunOptions:
+    """All options, those not given with their defaults, when they can be used together.
+
+    Raises
+    ------
+    TypeError, ValueError
+        When one does not exist, has another type, or is out of range.
+    InputError
+        When a block or bounds are numbers that no run can use, or an output does not exist.
+    """
+    unknown = given.keys() - DECLARED.keys()
+    if unknown:
+        raise TypeError(f"unknown option '{min(unknown)}' of a run; choose among: {', '.join(DECLARED)}")
+    options: RunOptions = {**DEFAULT_OPTIONS, **given}
+    options["outputs"] = tuple(options["outputs"] or EVERYTHING)
+    options["formats"] = tuple(options["formats"] or ())
+    check_positive(options["block"], "block")
+    check_outputs(options["outputs"])
+    jobs, side, bounds = options["jobs"], options["block"], options["bounds"]
+    if not isinstance(jobs, int) or jobs < 0:
+        raise ValueError(f"jobs must be a whole number, not {jobs!r}; 0 chooses for you")
+    if not NARROWEST <= side <= WIDEST:
+        raise InputError(f"--block {side}: the side of a block lies between {NARROWEST:g} and {WIDEST:g} m")
+    if bounds is not None:
+        options["bounds"] = checked_bounds(bounds)
+    if options["footprints"] is not None and options["party_walls"] is not None:
+        raise InputError(
+            f"{options['party_walls']}: party walls split blocks that are detected, and footprints are "
+            "given; leave one of --footprints and --party-walls out"
+        )
+    return options
+
+
+def checked_bounds(given: Bounds | Sequence[float]) -> Bounds:
+    """Bounds from four numbers, when they hold an area.
+
+    Raises
+    ------
+    ValueError, InputError
+        When they do not.
+    """
+    numbers = list(vars(given).values()) if isinstance(given, Bounds) else list(given)
+    if len(numbers) != len(fields(Bounds)):
+        raise ValueError(f"bounds must be west, south, east, north, not {given!r}; give four numbers")
+    west, south, east, north = numbers
+    text = ",".join(f"{side:g}" for side in numbers)
+    if not all(map(math.isfinite, numbers)):
+        raise InputError(f"--bounds {text}: not four numbers; write west,south,east,north")
+    if west >= east or south >= north:
+        raise InputError(f"--bounds {text}: west must be below east, south below north")
+    return Bounds(west, south, east, north)
+
+
+def check_outputs(names: Sequence[str]) -> None:
+    """Check the names of the outputs, and that what one is made of is among them.
+
+    Raises
+    ------
+    InputError
+        When one does not exist, or the report is asked for without the footprints.
+    """
+    for name in names:
+        if name not in EVERYTHING:
+            raise InputError(f"--outputs {name}: unknown output; choose among: {', '.join(EVERYTHING)}")
+    if "report" in names and "footprints" not in names:
+        raise InputError("--outputs report: the page is made of the other files; add footprints and models")
+
+
+def kept_options(options: RunOptions) -> dict[str, Any]:
+    """The options with which a kept run is opened again, as JSON."""
+    kept: dict[str, Any] = {name: options.get(name) for name, one in DECLARED.items() if one.option.again}
+    if options["bounds"] is not None:
+        kept["bounds"] = list(vars(options["bounds"]).values())
+    for name in POLYGONS:
+        kept[name] = None if kept[name] is None else str(Path(str(kept[name])).resolve())
+    return kept
