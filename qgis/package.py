@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from eaves.cli import compute
+from eaves.cli.options import with_signature
 from eaves.methods import DEFAULTS, REGISTRY, Method, method_class
 
 PLUGIN = Path(__file__).parent / "eaves"
@@ -49,7 +50,7 @@ BASIC = {"footprints", "id_field", "crs", "bounds", "lod", "use_classes", "metho
 
 def make_forms() -> dict[str, Any]:
     """All tools: the commands, and every method with its parameters."""
-    commands = {name: getattr(compute, name) for name in COMMANDS}
+    commands = {name: with_signature(getattr(compute, name)) for name in COMMANDS}
     options = {
         name: list(inspect.signature(command).parameters.values()) for name, command in commands.items()
     }

@@ -11,7 +11,7 @@ import pytest
 import typer
 from docs.build import outdated
 
-from eaves.cli.app import app
+from eaves.cli.app import make_app
 from tests.contracts.test_public_docstrings import PUBLIC
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -67,7 +67,7 @@ def commands_of(page: Path) -> list[str]:
 def test_a_command_as_printed_is_one_that_is_understood(line: str) -> None:
     """Every option exists and every value is of its kind; nothing is computed."""
     name, *words = shlex.split(line)[1:]
-    group = typer.main.get_command(app)
+    group = typer.main.get_command(make_app())
     command = group.commands[name]  # type: ignore[attr-defined]
     with command.make_context(name, words) as context:
         assert not context.args, f"left over: {context.args}"

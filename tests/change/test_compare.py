@@ -48,7 +48,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 def compared(*words: object) -> int:
     """The exit status of `eaves compare`."""
-    return int(cli.app(["compare", *map(str, words), "-q"], standalone_mode=False) or 0)
+    return int(cli.make_app()(["compare", *map(str, words), "-q"], standalone_mode=False) or 0)
 
 
 def changes(out: Path) -> dict[str, dict[str, object]]:
@@ -88,7 +88,7 @@ def test_the_layer_the_table_and_the_page_say_the_same(folders: tuple[Path, Path
     page = (out / "changes.html").read_text(encoding="utf-8")
     assert all(name in page for name in table)
     assert "http://" not in page.replace("http://www.w3.org", "")
-    assert cli.app(["validate", str(out)], standalone_mode=False) in (0, None)
+    assert cli.make_app()(["validate", str(out)], standalone_mode=False) in (0, None)
 
 
 def test_backwards_it_is_the_opposite(folders: tuple[Path, Path], tmp_path: Path) -> None:

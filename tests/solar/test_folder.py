@@ -9,7 +9,7 @@ import pyogrio
 import pyproj
 import pytest
 
-from eaves.cli.app import app
+from eaves.cli.app import make_app
 from eaves.formats import InputError
 from eaves.report.build import build
 from eaves.solar import folder as solar_folder
@@ -62,7 +62,7 @@ def test_grid_north_is_where_the_map_projection_has_it() -> None:
 def test_command_says_what_is_missing(nine: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(InputError, match="has no dsm"):
         measure_solar(tmp_path)
-    app(["solar", str(nine), "-q"], standalone_mode=False)
-    app(["solar", str(nine), "--latitude", "10"], standalone_mode=False)
+    make_app()(["solar", str(nine), "-q"], standalone_mode=False)
+    make_app()(["solar", str(nine), "--latitude", "10"], standalone_mode=False)
     told = capsys.readouterr().out
     assert "roof faces of 9 buildings" in told and "clear sky all year, an upper bound" in told

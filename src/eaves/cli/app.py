@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterable
@@ -10,6 +11,7 @@ from typing import Annotated
 import typer
 
 from eaves.cli.compute import build, detect, ground, reconstruct
+from eaves.cli.options import with_signature
 from eaves.cli.results import evaluate, export, solar, validate, view
 from eaves.cli.runs import (
     COMPLETE,
@@ -80,22 +82,31 @@ def make_app(commands: Iterable[Callable[..., None]] = (*COMMANDS, *SPELLINGS)) 
     )
     made.callback()(first)
     for command in commands:
-        made.command(hidden=command in SPELLINGS)(command)
+        made.command(hidden=command in SPELLINGS)(with_signature(command))
     return made
 
 
-app = make_app()
+def without_options(command: Callable[..., None]) -> Callable[..., None]:
+    """A command as the list of all shows it: the options of each cost more to read than to print."""
+
+    def listed() -> None:
+        pass
+
+    listed.__name__, listed.__doc__ = command.__name__, command.__doc__
+    return listed
 
 
 def main() -> None:
     """Entry point: a caller's mistake is one line and status 2, never a traceback."""
     report_aborts()
     collect_rarely()
-    # typer reads the options of every command it knows, and one is run
-    asked = [command for command in (*COMMANDS, *SPELLINGS) if command.__name__ in sys.argv[1:2]]
+    every: list[Callable[..., None]] = [*COMMANDS, *SPELLINGS]
+    asked = [command for command in every if command.__name__ in sys.argv[1:2]]
+    if not asked and "_EAVES_COMPLETE" not in os.environ:
+        asked = [without_options(command) for command in every if command not in SPELLINGS]
     with count_interrupts() as interrupts:
         try:
-            status = make_app(asked or (*COMMANDS, *SPELLINGS))(standalone_mode=False) or COMPLETE
+            status = make_app(asked or every)(standalone_mode=False) or COMPLETE
         except SystemExit as end:  # how typer passes Ctrl-C on
             status = end.code
         except (KeyboardInterrupt, typer.Abort) as end:  # typer takes a file's end for Ctrl-C, too

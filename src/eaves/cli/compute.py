@@ -2,146 +2,87 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from eaves.cli.options import (
-    Footprints,
-    FootprintSource,
-    Formats,
-    IdField,
-    Inputs,
-    Keep,
-    Lod,
-    MethodName,
-    Out,
-    Outputs,
-    PartyWalls,
-    PerTile,
-    Profile,
-    RunWords,
-    Snap,
-    SourceName,
-    Strict,
-    Units,
-    with_run_words,
-)
-from eaves.cli.runs import finish, names_in, run_build
+from eaves.cli.options import Config, Inputs, Out, Profile, Quiet, Strict, Verbose, with_run_options
+from eaves.cli.runs import finish, run_build
+
+if TYPE_CHECKING:
+    from eaves.run.options import RunOptions
+
+NO_MAP = ("footprints", "id_field", "footprint_source", "snap_footprints", "party_walls")
+SETTLED = ("classified", "outputs", "formats", "source", "keep", "per_tile")
 
 
-@with_run_words
+@with_run_options("classified")
 def build(
     inputs: Inputs,
     out: Out,
-    words: RunWords,
-    footprints: Footprints = None,
-    id_field: IdField = None,
-    footprint_source: FootprintSource = None,
-    snap_footprints: Snap = False,
-    party_walls: PartyWalls = None,
-    lod: Annotated[
-        str | None,
-        typer.Option(
-            help="Finest level of detail: 0, 1.2, 1.3, 2.0, 2.2 or 2.3, or what the source delivers."
-        ),
-    ] = None,
-    source: SourceName = None,
-    ground_method: MethodName = None,
-    detect_method: MethodName = None,
-    outline_method: MethodName = None,
-    units: Units = None,
-    roof_method: MethodName = None,
-    reconstruct_method: MethodName = None,
-    formats: Formats = "",
-    outputs: Outputs = "",
+    options: RunOptions,
+    config: Config = None,
     profile: Profile = False,
-    per_tile: PerTile = False,
-    keep: Keep = False,
     strict: Strict = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Points in; footprints, 3D buildings and a report out. Also rasters and the classified points."""
-    names = {"ground": ground_method, "detect": detect_method, "outline": outline_method}
-    names |= {"units": units, "roof": roof_method, "reconstruct": reconstruct_method}
-    summary = run_build(
-        inputs,
-        out,
-        words,
-        names,
-        lod=lod,
-        source=source,
-        footprints=footprints,
-        id_field=id_field,
-        footprint_source=footprint_source,
-        snap_footprints=snap_footprints,
-        party_walls=party_walls,
-        formats=names_in(formats),
-        outputs=names_in(outputs),
-        per_tile=per_tile,
-        keep=keep,
-    )
+    summary = run_build(inputs, out, options, config, quiet, verbose)
     if profile:
         typer.echo(summary.profile(), err=True)
-    finish(summary, words.quiet, strict)
+    finish(summary, quiet, strict)
 
 
-@with_run_words
-def ground(inputs: Inputs, out: Out, words: RunWords, method: MethodName = None) -> None:
+@with_run_options(
+    *("detect", "outline", "units", "roof", "reconstruct", "lod"),
+    *NO_MAP,
+    *SETTLED,
+    flags={"ground": "--method"},
+)
+def ground(
+    inputs: Inputs,
+    out: Out,
+    options: RunOptions,
+    config: Config = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
     """Which points are ground (class 2) and noise (7, 18). The same points, to OUT.laz or a folder."""
     single = out.suffix.lower() in (".laz", ".las")
-    summary = run_build(
-        inputs,
-        out.parent if single else out,
-        words,
-        {"ground": method},
-        lod="0",
-        outputs=("classified",),
-        classified=out if single else None,
-        ground_only=True,
-    )
-    finish(summary, words.quiet)
+    options |= {"lod": "0", "outputs": ("classified",), "classified": out if single else None}
+    folder = out.parent if single else out
+    finish(run_build(inputs, folder, options, config, quiet, verbose, ground_only=True), quiet)
 
 
-@with_run_words
+@with_run_options("units", "roof", "reconstruct", "lod", *NO_MAP, *SETTLED, flags={"detect": "--method"})
 def detect(
     inputs: Inputs,
     out: Out,
-    words: RunWords,
-    method: MethodName = None,
-    ground_method: MethodName = None,
-    outline_method: MethodName = None,
+    options: RunOptions,
+    config: Config = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Where buildings are: mask, footprints, classified points. The mask is a GeoTIFF with world file."""
-    names = {"detect": method, "ground": ground_method, "outline": outline_method}
-    outputs = ("footprints", "mask", "classified")
-    finish(run_build(inputs, out, words, names, lod="0", outputs=outputs), words.quiet)
+    options |= {"lod": "0", "outputs": ("footprints", "mask", "classified")}
+    finish(run_build(inputs, out, options, config, quiet, verbose), quiet)
 
 
-@with_run_words
+@with_run_options(
+    *("ground", "detect", "outline", "units", "party_walls"),
+    *SETTLED,
+    required=("footprints",),
+    flags={"reconstruct": "--method"},
+)
 def reconstruct(
     inputs: Inputs,
     out: Out,
-    words: RunWords,
-    footprints: Annotated[Path, typer.Option(help="The footprints to model.")],
-    id_field: IdField = None,
-    footprint_source: FootprintSource = None,
-    snap_footprints: Snap = False,
-    lod: Lod = "2.2",
-    roof_method: MethodName = None,
-    method: MethodName = None,
+    options: RunOptions,
+    config: Config = None,
     strict: Strict = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Models for given footprints. The points may be classified or not."""
-    summary = run_build(
-        inputs,
-        out,
-        words,
-        {"roof": roof_method, "reconstruct": method},
-        lod=lod,
-        footprints=footprints,
-        id_field=id_field,
-        footprint_source=footprint_source,
-        snap_footprints=snap_footprints,
-    )
-    finish(summary, words.quiet, strict)
+    finish(run_build(inputs, out, options, config, quiet, verbose), quiet, strict)

@@ -1,15 +1,19 @@
-"""The options that several commands share, each declared once."""
+"""The options of the commands: those of a run as `eaves.run.options` declares them, and what only a command
+line has."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+import re
+from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
+
+if TYPE_CHECKING:
+    from eaves.run.options import Declared
 
 Inputs = Annotated[
     list[str], typer.Argument(help="LAS, LAZ, COPC or text files, folders or globs.", metavar="INPUT…")
@@ -18,129 +22,137 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write.")]
 Crs = Annotated[
     str | None, typer.Option(help="EPSG code, compound code (28992+5709), or a WKT or PROJJSON file.")
 ]
-CrsForce = Annotated[bool, typer.Option("--crs-force", help="Believe --crs, whatever files and numbers say.")]
-Salvage = Annotated[bool, typer.Option("--salvage", help="Of files that are cut off, use what is whole.")]
-BoundsText = Annotated[str | None, typer.Option("--bounds", help="west,south,east,north in the CRS's unit.")]
-Clip = Annotated[Path | None, typer.Option(help="Polygons; points outside are not used.")]
-UseClasses = Annotated[bool, typer.Option("--use-classes", help="Use the file's classes.")]
-BuildingClasses = Annotated[
-    str | None, typer.Option(help="With --use-classes: the file's classes of buildings, 6,67 if not given.")
-]
-GroundClasses = Annotated[
-    str | None, typer.Option(help="With --use-classes: the file's classes of the ground, 2 if not given.")
-]
-Classes = Annotated[
-    str | None,
-    typer.Option(help="Classes to write: 2,3,4,5,6,9,14,15,17 if not given, or 2,3,4,5,6, or 2,6."),
-]
 Jobs = Annotated[int, typer.Option(help="Processes; 0: one a core, one for small data.", min=0)]
-Scheduler = Annotated[str | None, typer.Option(help="An existing Dask cluster: tcp://host:port.")]
-Memory = Annotated[
-    str | None, typer.Option(help="Bound of the processes' memory together: 4G, 1500M.", metavar="SIZE")
-]
-Resume = Annotated[bool, typer.Option("--resume", help="Keep parts that are done and match.")]
-PerTile = Annotated[
-    bool, typer.Option("--per-tile", help="Compute and write tile by tile, as for over 2 billion points.")
-]
-Keep = Annotated[
-    bool,
-    typer.Option("--keep", help="Keep what `eaves update` needs, about 100 bytes a point."),
-]
-Published = Annotated[
-    bool, typer.Option("--as-published", help="Every method with the numbers its paper prints.")
-]
 Config = Annotated[Path | None, typer.Option(help="TOML with a table per stage: method and parameters.")]
 Basemap = Annotated[Path | None, typer.Option(help="Aerial image (GeoTIFF) to lay over the terrain.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also what happens inside.")]
-Footprints = Annotated[
-    Path | None,
-    typer.Option(help="Footprints to use: shapefile, GeoPackage, GeoJSON, FlatGeobuf, GeoParquet."),
-]
-IdField = Annotated[str | None, typer.Option(help="Field of the footprints that holds their id.")]
-FootprintSource = Annotated[
-    str | None,
-    typer.Option(
-        help="Map they are from, if its columns do not tell: bag, bgt, bdtopo, usa-structures, overture, "
-        "osm, microsoft or none."
-    ),
-]
-Snap = Annotated[
-    bool, typer.Option("--snap-footprints", help="Move given footprints to the eaves in the points.")
-]
-PartyWalls = Annotated[
-    Path | None, typer.Option(help="Polygons of addresses that detected blocks are split into.")
-]
-BlockSide = Annotated[
-    float, typer.Option("--block", help="Side of what is loaded at once to find its ground (m).")
-]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
-Units = Annotated[
-    str | None, typer.Option(help="How blocks are divided into houses: a method's name, or off.")
-]
-MethodName = Annotated[str | None, typer.Option(help="Name of the method; see `eaves methods`.")]
-Formats = Annotated[
-    str,
-    typer.Option(
-        help="More formats: gpkg,citygml,citygml3,cityjson,obj,glb,3dtiles,dxf,geojson,fgb,parquet."
-    ),
-]
-Outputs = Annotated[
-    str, typer.Option(help="Only these, by commas: footprints,models,mask,rasters,classified,report.")
-]
 Profile = Annotated[bool, typer.Option("--profile", help="Also where the time went, by stage.")]
 SourceName = Annotated[
     str | None, typer.Option(help="A published system, whole; see `eaves methods --sources`.")
 ]
-Lod = Annotated[str, typer.Option(help="Finest level of detail: 0, 1.2, 1.3, 2.0, 2.2 or 2.3.")]
 
 
-@dataclass(frozen=True)
-class RunWords:
-    """The options of every command that computes."""
+def with_run_options(
+    *left_out: str, required: Sequence[str] = (), flags: Mapping[str, str] | None = None
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A decorator that gives a command all options of a run but some, in its keyword `options`.
 
-    crs: Crs = None
-    crs_force: CrsForce = False
-    salvage: Salvage = False
-    bounds: BoundsText = None
-    clip: Clip = None
-    use_classes: UseClasses = False
-    building_classes: BuildingClasses = None
-    ground_classes: GroundClasses = None
-    classes: Classes = None
-    as_published: Published = False
-    block: BlockSide = 240.0
-    jobs: Jobs = 0
-    scheduler: Scheduler = None
-    memory: Memory = None
-    resume: Resume = False
-    config: Config = None
-    quiet: Quiet = False
-    verbose: Verbose = False
+    Parameters
+    ----------
+    left_out
+        Keywords of a run that the command settles itself.
+    required
+        Those that must be given.
+    flags
+        Other names for some of them.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def whole(**values: Any) -> None:
+            options = {}
+            for name, one in taken(left_out).items():
+                value = given_value(one, values.pop(named((flags or {}).get(name, one.flag))))
+                if value is not None:
+                    options[name] = value
+            command(**values, options=options)
+
+        def signature() -> inspect.Signature:
+            shown = [
+                parameter_of(one, (flags or {}).get(name, one.flag), name in required)
+                for name, one in taken(left_out).items()
+            ]
+            hints = get_type_hints(command, localns={"RunOptions": dict}, include_extras=True)
+            own = [
+                one.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY)
+                for name, one in inspect.signature(command).parameters.items()
+                if name != "options"
+            ]
+            first = sum(one.default is inspect.Parameter.empty for one in own)
+            return inspect.Signature([*own[:first], *shown, *own[first:]])
+
+        whole.late_signature = signature  # type: ignore[attr-defined]
+        return whole
+
+    return decorate
 
 
-def with_run_words(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with the fields of `RunWords` as options of its own in place of its parameter `words`."""
-    names = [field.name for field in fields(RunWords)]
+def taken(left_out: Sequence[str]) -> dict[str, Declared]:
+    """The options of a run without some."""
+    from eaves.run.options import DECLARED
 
-    @wraps(command)
-    def whole(**values: Any) -> None:
-        words = RunWords(**{name: values.pop(name) for name in names})
-        command(**values, words=words)
+    return {name: one for name, one in DECLARED.items() if name not in left_out}
 
-    hints = get_type_hints(command, include_extras=True)
-    shared = get_type_hints(RunWords, include_extras=True)
-    own = [
-        one.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY)
-        for name, one in inspect.signature(command).parameters.items()
-        if name != "words"
-    ]
-    more = [
-        inspect.Parameter(
-            field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=shared[field.name]
-        )
-        for field in fields(RunWords)
-    ]
-    whole.__signature__ = inspect.Signature([*own, *more])  # type: ignore[attr-defined]
-    whole.__annotations__ = {one.name: one.annotation for one in (*own, *more)}
-    return whole
+
+def with_signature(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the options of a run in its signature: to import what they are takes .3 s."""
+    late = getattr(command, "late_signature", None)
+    if late is not None:
+        signature = command.__signature__ = late()  # type: ignore[attr-defined]
+        command.__annotations__ = {one.name: one.annotation for one in signature.parameters.values()}
+    return command
+
+
+def named(flag: str) -> str:
+    """The name of a flag's parameter."""
+    return flag.strip("-").replace("-", "_")
+
+
+def parameter_of(one: Declared, flag: str, required: bool) -> inspect.Parameter:
+    """An option of a run as a parameter that typer reads."""
+    from eaves.run.options import DECLARED, METHOD_OPTIONS
+
+    words = re.sub(r"`(\w+)`", lambda found: DECLARED[found[1]].flag if found[1] in DECLARED else found[0],
+                   one.option.sentence)  # fmt: skip
+    if one.name in METHOD_OPTIONS:
+        words = "A method's name; see `eaves methods`." + (" Or off." if one.name == "units" else "")
+    default: Any = one.option.default
+    kind: Any = str if "str" in one.words or "Sequence" in one.words else one.kind
+    kind, default = (kind, default) if isinstance(default, bool | float | int) else (kind | None, None)
+    if "Path" in one.words:
+        kind = Path if required else Path | None
+    about: Any = typer.Option(flag, help=words, metavar=one.option.metavar)
+    if one.name == "jobs":
+        default, about.min = 0, 0
+    return inspect.Parameter(
+        named(flag),
+        inspect.Parameter.KEYWORD_ONLY,
+        default=inspect.Parameter.empty if required else default,
+        annotation=Annotated[kind, about],
+    )
+
+
+def given_value(one: Declared, value: Any) -> Any:
+    """What was typed for an option as a run takes it.
+
+    Raises
+    ------
+    ValueError
+        When it is no list of numbers and has to be one.
+    """
+    from eaves.run.options import METHOD_OPTIONS
+
+    if not isinstance(value, str) or not value:
+        return None if value == "" else value
+    if one.name in METHOD_OPTIONS:
+        return {"method": value}
+    if one.name == "bounds":
+        return numbers_in(value, float, f"--bounds {value}: not four numbers; write west,south,east,north", 4)
+    if "Sequence[int]" in one.words:
+        return numbers_in(value, int, f"{one.flag} {value}: not whole numbers; write them as in 2,6")
+    if "Sequence" in one.words:
+        return tuple(name.strip() for name in value.split(",") if name.strip())
+    return value
+
+
+def numbers_in(text: str, kind: type, refusal: str, count: int | None = None) -> tuple[Any, ...]:
+    """The numbers of an option, by commas; ValueError with `refusal` where they are none."""
+    try:
+        numbers = tuple(kind(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(refusal) from None
+    if count is not None and len(numbers) != count:
+        raise ValueError(refusal)
+    return numbers

@@ -12,7 +12,7 @@ from eaves.cli.options import Basemap, Jobs, Quiet, SourceName
 from eaves.cli.runs import COMPLETE, INCOMPLETE, start_log
 
 if TYPE_CHECKING:
-    from eaves.run.run import RunOptions
+    from eaves.run.options import RunOptions
 
 
 MODELS = "buildings.city.jsonl"

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from eaves.cli.options import RunWords
     from eaves.model.summary import Summary
+    from eaves.run.options import RunOptions
 
 COMPLETE, INCOMPLETE, MISUSE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 """Exit statuses; the last two are the shell's for Ctrl-C and for `kill`."""
@@ -116,42 +116,14 @@ def read_config(path: Path | None) -> dict[str, dict[str, Any]]:
     return tables
 
 
-def parse_bounds(text: str | None) -> tuple[float, float, float, float] | None:
-    """The four numbers of `--bounds`."""
-    if not text:
-        return None
-    try:
-        west, south, east, north = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f"--bounds {text}: not four numbers; write west,south,east,north") from None
-    return west, south, east, north
-
-
-def names_in(text: str) -> tuple[str, ...]:
-    """The names of an option, by commas."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
-def parse_classes(name: str, text: str | None) -> tuple[int, ...] | None:
-    """The whole numbers of an option, by commas."""
-    if text is None:
-        return None
-    try:
-        return tuple(int(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f"--{name} {text}: not whole numbers; write them as in 2,6") from None
-
-
 def run_build(
     inputs: list[str],
     out: Path,
-    words: RunWords,
-    names: dict[str, str | None],
-    *,
-    lod: str | None,
-    source: str | None = None,
+    options: RunOptions,
+    config: Path | None,
+    quiet: bool,
+    verbose: bool,
     ground_only: bool = False,
-    **options: Any,
 ) -> Summary:
     """Build with progress on screen; the methods of the command line go before the configuration file's."""
     import os
@@ -164,47 +136,25 @@ def run_build(
         from eaves.kernels import library
         from eaves.pipeline import build as build_files
         from eaves.report.build import build as build_with_report
-        from eaves.run.options import EVERYTHING
-        from eaves.run.recipe import make_recipe
+        from eaves.run.options import DEFAULT_OPTIONS, EVERYTHING
+        from eaves.run.run import recipe_of
         from eaves.run.workers import import_pyogrio_alone
 
         import_pyogrio_alone()
-        settings = read_config(words.config)
-        named = {stage: {"method": name} for stage, name in names.items() if name}
-        recipe = make_recipe(
-            {stage: settings.get(stage, {}) | named.get(stage, {}) for stage in {*settings, *named}},
-            source=source,
-            published=words.as_published,
-            use_classes=words.use_classes,
-            lod=lod,
-            building_classes=parse_classes("building-classes", words.building_classes),
-            ground_classes=parse_classes("ground-classes", words.ground_classes),
-            classes=parse_classes("classes", words.classes),
-        )
-    start_log(words.quiet, words.verbose)
+        for stage, table in read_config(config).items():
+            options[stage] = {**table, **options.get(stage, {})}  # type: ignore[literal-required,dict-item]
+        recipe = recipe_of({**DEFAULT_OPTIONS, **options})
+        recipe = replace(recipe, detect=None) if ground_only else recipe
+    start_log(quiet, verbose)
     compiling = not library() and not compiled_pieces()
-    if compiling and not words.quiet:
+    if compiling and not quiet:
         typer.echo("compiling for this machine: this first run takes a minute or so longer", err=True)
     reported = "report" in (options.get("outputs") or EVERYTHING)
-    beside = compiling and words.jobs != 1 and words.scheduler is None and (os.cpu_count() or 1) > 1
-    with compiling_beside(beside), progress_display(words.quiet, compiling) as progress:
-        return (build_with_report if reported else build_files)(
-            inputs,
-            out,
-            replace(recipe, detect=None) if ground_only else recipe,
-            progress,
-            crs=words.crs,
-            crs_force=words.crs_force,
-            salvage=words.salvage,
-            bounds=parse_bounds(words.bounds),
-            clip=words.clip,
-            block=words.block,
-            jobs=words.jobs,
-            scheduler=words.scheduler,
-            memory=words.memory,
-            resume=words.resume,
-            **options,
-        )
+    alone = options["jobs"] == 1 or options.get("scheduler") is not None or (os.cpu_count() or 1) == 1
+    beside = compiling and not alone
+    with compiling_beside(beside), progress_display(quiet, compiling) as progress:
+        made = build_with_report if reported else build_files
+        return made(inputs, out, recipe, progress, **options)
 
 
 def compiled_pieces() -> int:
