@@ -14,11 +14,12 @@ $(BIN)/eaves: pyproject.toml
 demo: $(BIN)/eaves
 	$(BIN)/eaves demo --out demo-out
 
+# A process for each core; the tests of a file stay together, for they share what they build.
 test: $(BIN)/eaves
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-all: $(BIN)/eaves
-	$(BIN)/python -m pytest -m ""
+	$(BIN)/python -m pytest -n auto --dist loadfile -m ""
 
 bench: $(BIN)/eaves
 	$(BIN)/python -m benchmarks
