@@ -7,10 +7,9 @@ from scipy import ndimage
 
 from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.ground.toolkit.islands import find_islands, others_kernel
-from eaves.ground.toolkit.pits import StrayRules
 from eaves.model import Raster
 
-RULES = AdaptiveTin().rules_of(StrayRules)
+RULES = AdaptiveTin()
 
 
 def islands_at(height: float, roof: float, cells: int = 1) -> list[list[int]]:

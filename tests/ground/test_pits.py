@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from eaves.ground.adaptive_tin import AdaptiveTin
-from eaves.ground.toolkit.pits import StrayRules, find_strays
+from eaves.ground.toolkit.pits import find_strays
 from eaves.model import Mask, Raster, Values
 
-RULES = AdaptiveTin().rules_of(StrayRules)
+RULES = AdaptiveTin()
 
 
 def strays_of(z: Values, objects: Mask) -> Mask:

@@ -7,11 +7,11 @@ import pytest
 
 from eaves.ground import classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
-from eaves.ground.adaptive_tin.rim import Rim, rim_points
+from eaves.ground.adaptive_tin.rim import rim_points
 from eaves.model import Bounds, PointCloud
 
 BOUNDS = Bounds(0.0, 0.0, 40.0, 30.0)
-RULES = AdaptiveTin().rules_of(Rim)
+RULES = AdaptiveTin()
 
 
 def test_rim_points_go_on_with_the_slope() -> None:

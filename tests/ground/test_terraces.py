@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from eaves.ground.adaptive_tin import AdaptiveTin
-from eaves.ground.toolkit.terraces import TerraceRules, find_terraces
+from eaves.ground.toolkit.terraces import find_terraces
 from eaves.model import Mask, Raster
 from eaves.raster.interpolate import fill_linear
 
-RULES = AdaptiveTin().rules_of(TerraceRules)
+RULES = AdaptiveTin()
 CELL = 1.8
 """Side (m) of cells that hold one point each at 0.3 points/m²."""
 PIECE = np.s_[12:28, 12:18]

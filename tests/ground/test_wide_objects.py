@@ -8,12 +8,10 @@ import pytest
 from eaves.ground import classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.ground.toolkit.floor import FINEST_M, Floor
-from eaves.ground.toolkit.plateaus import Rules
-from eaves.ground.toolkit.wide_objects import OVER, WideObjects, WideRules, find_wide_objects
+from eaves.ground.toolkit.wide_objects import OVER, WideObjects, find_wide_objects
 from eaves.model import Bounds, Mask, PointCloud, Points
 
 METHOD = AdaptiveTin()
-RULES, WIDE = METHOD.rules_of(Rules), METHOD.rules_of(WideRules)
 
 
 def scatter(side: float = 200.0, density: float = 2.0, seed: int = 1) -> Points:
@@ -73,7 +71,7 @@ def test_what_the_rim_of_the_data_cuts_is_a_doubt() -> None:
     points = scatter()
     high = box(points, 150, 0, 200, 200)
     points[high, 2] += 5.0
-    patch = find_wide_objects(Floor.of(PointCloud.from_world(points)), RULES, WIDE)
+    patch = find_wide_objects(Floor.of(PointCloud.from_world(points)), METHOD)
     assert [doubt.reason.endswith("cut by the rim of the data") for doubt in patch.doubts] == [True]
     assert 150.0 < patch.doubts[0].x < 200.0
 
@@ -83,7 +81,7 @@ def test_the_terrain_beneath_goes_on_from_outside() -> None:
     hall = box(points, 50, 50, 150, 150)
     points[:, 2] += 0.05 * points[:, 0]
     points[hall, 2] = 15.0
-    wide = WideObjects((find_wide_objects(Floor.of(PointCloud.from_world(points)), RULES, WIDE),))
+    wide = WideObjects((find_wide_objects(Floor.of(PointCloud.from_world(points)), METHOD),))
     beneath = wide.terrain_beneath(Bounds(0.0, 0.0, 200.0, 200.0), (0.0, 0.0))
     assert len(beneath) > 3500
     assert np.abs(beneath[:, 2] - 0.05 * beneath[:, 0]).max() < 0.2
@@ -113,7 +111,7 @@ def test_floors_merge_to_the_floor_of_all() -> None:
 
 def test_cells_grow_with_the_spacing() -> None:
     cells = [
-        Floor.of(PointCloud.from_world(scatter(300.0, density))).in_wide_cells(WIDE.cell_points).cell
+        Floor.of(PointCloud.from_world(scatter(300.0, density))).in_wide_cells(METHOD.cell_points).cell
         for density in (4.0, 0.6, 0.1)
     ]
     assert cells == [FINEST_M, 2 * FINEST_M, 4 * FINEST_M]
@@ -123,9 +121,7 @@ def test_in_thin_data_what_stands_moves_with_the_data() -> None:
     points = scatter(180.0, 0.3)
     points[box(points, 50, 50, 130, 130), 2] += 6.0
     here, there = (
-        find_wide_objects(
-            Floor.of(PointCloud.from_world(points + [k * FINEST_M, k * FINEST_M, 0.0])), RULES, WIDE
-        )
+        find_wide_objects(Floor.of(PointCloud.from_world(points + [k * FINEST_M, k * FINEST_M, 0.0])), METHOD)
         for k in (4, 5)
     )
     assert (there.west, there.north) == (here.west + 1, here.north + 1)
@@ -138,7 +134,7 @@ def test_an_island_of_data_as_large_as_a_roof_is_a_doubt() -> None:
     points = scatter(60.0, 4.0)
     roof, rest = box(points, 40, 40, 55, 55), box(points, 0, 0, 60, 30)
     points[roof, 2] += 6.0 + 0.5 * np.abs(points[roof, 0] - 47.5)
-    patch = find_wide_objects(Floor.of(PointCloud.from_world(points[roof | rest])), RULES, WIDE)
+    patch = find_wide_objects(Floor.of(PointCloud.from_world(points[roof | rest])), METHOD)
     (doubt,) = (one for one in patch.doubts if one.y > 30.0)
     assert doubt.reason.endswith("with nothing measured around, which may be a roof")
     assert 40.0 < doubt.x < 55.0 and 200.0 < doubt.area_m2 < 300.0
@@ -147,7 +143,7 @@ def test_an_island_of_data_as_large_as_a_roof_is_a_doubt() -> None:
 def test_a_doubt_in_thin_data_is_said_once() -> None:
     points = scatter(200.0, 0.6)
     points[points[:, 0] > 150.0, 2] += 5.0
-    patch = find_wide_objects(Floor.of(PointCloud.from_world(points)), RULES, WIDE)
+    patch = find_wide_objects(Floor.of(PointCloud.from_world(points)), METHOD)
     assert len(patch.doubts) == 1 and 150.0 < patch.doubts[0].x < 200.0
 
 
@@ -155,7 +151,7 @@ def test_a_cropped_patch_says_the_same_of_what_it_holds() -> None:
     points = scatter()
     points[box(points, 50, 50, 150, 150), 2] += 6.0
     cloud = PointCloud.from_world(points)
-    patch = find_wide_objects(Floor.of(cloud), RULES, WIDE)
+    patch = find_wide_objects(Floor.of(cloud), METHOD)
     half = patch.cropped(Bounds(0.0, 0.0, 96.0, 240.0))
     whole, part = (WideObjects((one,)).place(cloud) for one in (patch, half))
     west = points[:, 0] < 96.0

@@ -8,9 +8,9 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.outline import regularise_outlines, trace_outline
-from eaves.outline.toolkit.hidden import Hiding, fill_hidden
+from eaves.outline.toolkit.hidden import HiddenCornerRules, fill_hidden
 
-LIMITS = Hiding(0.5, 0.25, float(np.radians(10.0)), 4, 2.0)
+LIMITS = HiddenCornerRules()
 NONE = np.zeros((0, 2))
 WHOLE = np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 8.0], [0.0, 8.0]])
 CUT = np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 5.0], [10.0, 5.4], [9.0, 8.0], [0.0, 8.0]])

@@ -25,7 +25,7 @@ def slab(west: float, south: float, east: float, north: float, z: float) -> NDAr
 def low(points: NDArray[np.float64]) -> NDArray[np.bool_]:
     mesh = triangulate(points[:, :2])
     assert mesh is not None
-    return low_parts(mesh, points[:, 2], 0.8, 50.0, GlobalFit().low_limits)
+    return low_parts(mesh, points[:, 2], 0.8, 50.0, GlobalFit())
 
 
 def test_a_balcony_is_low_and_the_roof_is_not() -> None:

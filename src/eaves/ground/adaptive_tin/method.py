@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,19 +13,14 @@ from eaves.ground.adaptive_tin.densification import Limits, densify, insert_resi
 from eaves.ground.adaptive_tin.rim import Rim, rim_points
 from eaves.ground.stage import GroundMethod
 from eaves.ground.toolkit.floor import Floor
-from eaves.ground.toolkit.pits import StrayRules
-from eaves.ground.toolkit.plateaus import Rules
 from eaves.ground.toolkit.seeds import Opening, lowest_of_cells, lowest_surface, seeds_by_opening
-from eaves.ground.toolkit.terraces import TerraceRules
 from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, WideRules, find_wide_objects
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud, Points
 from eaves.model.cloud import snap
 
-Kind = TypeVar("Kind")
 
-
-class AdaptiveTin(GroundMethod):
+class AdaptiveTin(Rim, Opening, WideRules, GroundMethod):
     """Ground by progressive densification of a TIN.
 
     The mask (N,) of the ground points.
@@ -123,172 +117,16 @@ class AdaptiveTin(GroundMethod):
         unit="m",
         gt=0,
     )
-    wall: float = parameter(
-        2.0, "Least height of the walls of a surface that stands on the terrain.", unit="m", gt=0
-    )
-    wall_cells: float = parameter(
-        0.8, "The same in sides of a cell of 1.5, 3 or 6 m, where that is more: less may be a slope.", ge=0
-    )
-    wall_share: float = parameter(
-        0.85, "Share of its rim to the terrain that must be walls, where it is known.", gt=0, le=1
-    )
-    rim_known: float = parameter(0.3, "Least share of its rim that must face terrain.", ge=0, le=1)
-    rim_void: float = parameter(
-        0.4, "Largest share of its rim beyond which nothing was measured.", ge=0, le=1
-    )
-    rim_look: float = parameter(
-        3.0,
-        "What is beyond the rim is looked for so far: walls and eaves hide the ground at their foot.",
-        unit="m",
-        gt=0,
-    )
-    rim_joined: float = parameter(
-        0.05,
-        "A surface that joins terrain on so much of its rim is judged even where it hardly meets terrain.",
-        ge=0,
-        le=1,
-    )
-    rim_stepped: float = parameter(
-        0.5,
-        "Surfaces of whose rim no more steps down are terrain before the doubtful are judged.",
-        ge=0,
-        le=1,
-    )
-    wide_step: float = parameter(
-        1.0, "Rise up to which cells join to a surface, per metre of their side.", ge=0
-    )
-    wide_step_least: float = parameter(1.0, "The same, at least.", unit="m", ge=0)
-    wide_step_most: float = parameter(2.0, "The same, at most.", unit="m", gt=0)
-    scrap_cells: int = parameter(8, "Surfaces of fewer cells are left out.", ge=0)
-    low_share: float = parameter(
-        0.1,
-        "A surface is low when no more of its rim steps down and it lies no wall over the widest.",
-        ge=0,
-        le=1,
-    )
-    low_slope: float = parameter(0.15, "Slope between them that is allowed for.", ge=0)
-    ringed_share: float = parameter(
-        0.01, "Where no more of its rim steps down it may lie `ringed_walls` higher.", ge=0, le=1
-    )
-    ringed_walls: float = parameter(2.0, "Walls that a yard on a terrace may lie higher.", ge=0)
-    cell_points: float = parameter(
-        2.5, "What is wide is looked for in cells half of which hold more points than this.", ge=0
-    )
-    echo_depth: float = parameter(
-        1.0, "A lowest point so far under the second of its cell is an echo gone astray.", unit="m", ge=0
-    )
-    echo_points: int = parameter(4, "Only in cells of at least so many points.", ge=2)
-    clear: float = parameter(
-        1.0, "Points so far over the terrain beneath a raised surface belong to it.", unit="m", ge=0
-    )
-    support_cells: int = parameter(
-        2, "The terrain beneath is drawn from that within so many cells of the raised surface.", ge=1
-    )
-    fringe_cells: int = parameter(
-        4, "Cells of no surface so near to a raised one are its parapets, flanks and walls.", ge=0
-    )
-    broad_cells: int = parameter(
-        5, "A surface narrower than this, in cells, is a way and no terrace: it may be a bridge.", ge=1
-    )
     wide_around: float = parameter(
         600.0,
         "What is wide is judged with all that lies so far around: a hall of 500 m with its surroundings.",
         unit="m",
         gt=0,
     )
-    wide_area: float = parameter(200.0, "Smaller surfaces are left to the opening.", unit="m²", gt=0)
-    window: float = parameter(
-        36.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
-    )
-    window_growth: float = parameter(
-        1.15, "Ratio of one window to the next, once they differ by more than a cell.", ge=1
-    )
-    first_slope: float = parameter(
-        0.12, "Rise, per metre of the window's radius, that makes an object in the first, rough pass.", gt=0
-    )
-    first_height: float = parameter(0.2, "Height that is added to it.", unit="m", ge=0)
-    slope_scale: float = parameter(
-        8.0,
-        "Standard deviation of the smoothing before the terrain's slope is measured: wider than a car.",
-        unit="m",
-        gt=0,
-    )
-    object_slope: float = parameter(
-        0.12, "Rise over the opened surface, per metre of the window's radius, that makes an object.", gt=0
-    )
-    slope_share: float = parameter(0.3, "Part of the terrain's slope that is added to it.", ge=0)
-    rough_share: float = parameter(
-        0.2, "Height that a cell of sloping terrain may rise more, per metre of cell and slope.", ge=0
-    )
-    level_share: float = parameter(
-        0.2, "A wide piece that meets the ground level on more of its rim is terrain.", ge=0, le=1
-    )
-    terrace_step: float = parameter(
-        0.3,
-        "A larger residual between two cells of 1 m parts pieces; it grows with the root of the cell.",
-        unit="m",
-        gt=0,
-    )
-    terrace_steep: float = parameter(
-        0.2,
-        "Share of the height difference that counts as residual where the slope goes on: walls go on too.",
-        ge=0,
-        le=1,
-    )
-    terrace_area: float = parameter(
-        200.0, "Smaller pieces must be level on twice `level_share` of the rim.", unit="m²", ge=0
-    )
-    terrace_area_least: float = parameter(
-        80.0, "Smaller pieces have a rim too short to judge.", unit="m²", ge=0
-    )
-    roof_height: float = parameter(
-        2.0, "A wide piece that is nowhere so high over the ground is no roof.", unit="m", gt=0
-    )
-    roof_share: float = parameter(0.1, "Share of its rim that may be higher all the same.", ge=0, le=1)
-    roof_cells: int = parameter(
-        5, "Wide, for that, is a piece with a cell so many cells from its rim: no car, hedge or boat.", ge=1
-    )
-    reached_share: float = parameter(
-        0.75, "A piece over `terrace_area` is terrain when a way leads to so much of it.", ge=0, le=1
-    )
-    terrace_rounds: int = parameter(2, "Terraces that may join the ground over one another.", ge=0)
-    hole_depth: float = parameter(
-        1.0, "A cell so far under all ground around holds an echo gone astray.", unit="m", ge=0
-    )
-    hole_cells: int = parameter(2, "The ground around is that within so many cells.", ge=1)
-    stray_rise: float = parameter(
-        0.7, "A cell so far over ground beside it may be part of a wall.", unit="m", ge=0
-    )
-    stray_under: float = parameter(
-        3.0, "It is when it lies so far under an object beside it.", unit="m", ge=0
-    )
-    stray_cells: float = parameter(
-        1.5, "The terrain's slope over so many cells is added to `stray_rise`.", ge=0
-    )
-    stray_rounds: int = parameter(2, "Rows of cells in which a slanting wall may stand.", ge=0)
-    island_cells: int = parameter(
-        3, "More cells of ground together among objects are taken for what they are.", ge=0
-    )
-    island_nearest: int = parameter(
-        12, "The terrain at fewer is foretold by so many of the nearest cells of ground.", ge=1
-    )
     first_cells: float = parameter(
         2.0,
         "The TIN begins with the lowest seeds of cells this wide, in cells; the others tell how rough it is.",
         gt=0,
-    )
-    rim_beyond: float = parameter(
-        5.0, "Points that foretell the terrain stand this far outside the data.", unit="m", gt=0
-    )
-    rim_apart: float = parameter(10.0, "Largest distance between two of them.", unit="m", gt=0)
-    rim_nearest: int = parameter(
-        32, "Each lies on the plane through so many of the nearest sure ground points.", ge=1
-    )
-    rim_stiffness: float = parameter(
-        1.0, "A plane through points scattered less than this is drawn level.", unit="m", gt=0
-    )
-    rim_farthest: float = parameter(
-        20.0, "The plane is level farther than this from the nearest ground point.", unit="m", ge=0
     )
     cell_least: float = parameter(
         0.7, "Side of the cells of the lowest points; one spacing where that is more.", unit="m", gt=0
@@ -344,10 +182,6 @@ class AdaptiveTin(GroundMethod):
     slant_most: float = parameter(0.9, "The same, at most.", unit="m", symbol="κ", ge=0)
     slope_cap: float = parameter(3.0, "Slopes above this add no more.", ge=0)
 
-    def rules_of(self, kind: type[Kind]) -> Kind:
-        """The rules of a step: a dataclass whose fields bear the names of parameters."""
-        return kind(**{field.name: getattr(self, field.name) for field in fields(kind)})  # type: ignore[arg-type]
-
     @property
     def buffer(self) -> float:
         return 40.0
@@ -359,7 +193,7 @@ class AdaptiveTin(GroundMethod):
     def find_wide_objects(self, floor: Floor) -> Patch | None:
         if self.seed_cell is not None:
             return None
-        return find_wide_objects(floor, self.rules_of(Rules), self.rules_of(WideRules))
+        return find_wide_objects(floor, self)
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
         return self.ground_mask_among(cloud, np.zeros(len(cloud), np.uint8), emit)
@@ -393,7 +227,7 @@ class AdaptiveTin(GroundMethod):
         first = seeds[lowest_of_cells(low, self.first_cells * cell)]
         waiting[first] = False
         rest = seeds[waiting[seeds]]
-        around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds, self.rules_of(Rim))
+        around = rim_points(xyz[first] if self.seed_cell is None else xyz[:0], bounds, self)
         xyz = np.concatenate([xyz, around])
         tin = Tin(xyz, np.concatenate([first, np.arange(len(cloud), len(xyz))]))
         residual = residuals(tin, xyz, rest, self.sliver_slope)
@@ -413,9 +247,8 @@ class AdaptiveTin(GroundMethod):
         """Numbers (K,) of the points the TIN begins with."""
         if self.seed_cell is not None:
             return lowest_of_cells(xyz, self.seed_cell, bounds)
-        opening = self.rules_of(Opening)
-        lowest = lowest_surface(xyz, bounds, cell, opening, standing)
-        return seeds_by_opening(lowest, opening, self.rules_of(TerraceRules), self.rules_of(StrayRules))
+        lowest = lowest_surface(xyz, bounds, cell, self, standing)
+        return seeds_by_opening(lowest, self)
 
     def limits(self, spacing: float, cell: float, noise: float) -> Limits:
         """What a point may differ from the surface to join it."""

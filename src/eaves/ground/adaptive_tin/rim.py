@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial import cKDTree
 
+from eaves.methods import Method, parameter
 from eaves.model import Bounds, Points
 from eaves.model.cloud import GRID_STEP
 
 
-@dataclass(frozen=True)
-class Rim:
-    """How the terrain is foretold beyond the data; each is the method's parameter of that name."""
+class Rim(Method):
+    """How the terrain is foretold beyond the data."""
 
-    rim_beyond: float
-    """Rim points stand this far (m) outside the bounds of the data: so near that the terrain can be
-    foretold."""
-    rim_apart: float
-    """Rim points are at most this far (m) apart."""
-    rim_nearest: int
-    """A rim point lies on the plane through so many of the nearest sure ground points."""
-    rim_stiffness: float
-    """A plane through points scattered less than this (m) is drawn level."""
-    rim_farthest: float
-    """The plane goes on no farther than this (m) from the nearest ground point, then it is level."""
+    rim_beyond: float = parameter(
+        5.0, "Points that foretell the terrain stand this far outside the data.", unit="m", gt=0
+    )
+    rim_apart: float = parameter(10.0, "Largest distance between two of them.", unit="m", gt=0)
+    rim_nearest: int = parameter(
+        32, "Each lies on the plane through so many of the nearest sure ground points.", ge=1
+    )
+    rim_stiffness: float = parameter(
+        1.0, "A plane through points scattered less than this is drawn level.", unit="m", gt=0
+    )
+    rim_farthest: float = parameter(
+        20.0, "The plane is level farther than this from the nearest ground point.", unit="m", ge=0
+    )
 
 
 def rim_points(sure: Points, bounds: Bounds, rules: Rim) -> Points:

@@ -2,34 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from eaves.kernels import kernel
+from eaves.methods import Method, parameter
 from eaves.model import Grid, Mask, Raster
 
 
-@dataclass(frozen=True)
-class StrayRules:
-    """When a lowest point is no ground; each is the method's parameter of that name."""
+class StrayRules(Method):
+    """When a lowest point is no ground."""
 
-    hole_depth: float
-    """A cell this far (m) under all ground within `hole_cells` holds an echo gone astray."""
-    hole_cells: int
-    """See `hole_depth`."""
-    stray_rise: float
-    """A cell this far (m) over ground beside it, and `stray_under` an object, is part of its wall."""
-    stray_under: float
-    """How far (m) a cell on a wall lies under the object beside it."""
-    stray_cells: float
-    """Ground beside a cell may lie lower by the slope of the terrain over this many cells."""
-    stray_rounds: int
-    """Rows of cells in which a slanting wall may stand."""
-    island_cells: int
-    """More cells of ground together are taken for what they are."""
-    island_nearest: int
-    """The terrain at an island is foretold by so many of the nearest cells of ground outside it."""
+    hole_depth: float = parameter(
+        1.0, "A cell so far under all ground around holds an echo gone astray.", unit="m", ge=0
+    )
+    hole_cells: int = parameter(2, "The ground around is that within so many cells.", ge=1)
+    stray_rise: float = parameter(
+        0.7, "A cell so far over ground beside it may be part of a wall.", unit="m", ge=0
+    )
+    stray_under: float = parameter(
+        3.0, "It is when it lies so far under an object beside it.", unit="m", ge=0
+    )
+    stray_cells: float = parameter(
+        1.5, "The terrain's slope over so many cells is added to `stray_rise`.", ge=0
+    )
+    stray_rounds: int = parameter(2, "Rows of cells in which a slanting wall may stand.", ge=0)
+    island_cells: int = parameter(
+        3, "More cells of ground together among objects are taken for what they are.", ge=0
+    )
+    island_nearest: int = parameter(
+        12, "The terrain at fewer is foretold by so many of the nearest cells of ground.", ge=1
+    )
 
 
 def find_strays(surface: Raster, slope: Grid, objects: Mask, occupied: Mask, rules: StrayRules) -> Mask:

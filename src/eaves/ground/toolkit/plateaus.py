@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from eaves.geometry.components import connected_groups_kernel
 from eaves.kernels import kernel
+from eaves.methods import Method, parameter
 from eaves.model import Grid, Labels, Mask, Values
 from eaves.raster.nearest import nearest_cells
 
@@ -20,47 +21,58 @@ UNKNOWN, DOWN, UP, LEVEL, VOID = 0, 1, 2, 3, 4
 KINDS = 5
 
 
-@dataclass(frozen=True)
-class Rules:
-    """When a surface stands over the terrain; each is the method's parameter of that name."""
+class PlateauRules(Method):
+    """When a surface stands over the terrain."""
 
-    wall: float
-    """Least height of a wall (m)."""
-    wall_cells: float
-    """The same in sides of a cell, where that is more: less may be a slope."""
-    wall_share: float
-    """Of the known rim, to be walls down to the terrain."""
-    rim_known: float
-    """Least share of the rim that must be known."""
-    rim_void: float
-    """Largest share of the rim beyond which nothing was measured, as at the rim of the data."""
-    rim_look: float
-    """What is beyond a rim is looked for this far (m): walls and eaves hide the ground at their foot."""
-    rim_joined: float
-    """A surface that joins terrain without a wall on so much of its rim is judged by itself, however little
-    of the rim meets terrain."""
-    rim_stepped: float
-    """Surfaces of whose rim no larger share steps down are terrain before the doubtful ones are judged."""
-    wide_area: float
-    """Least area of a surface that is judged (m²)."""
-    wide_step: float
-    """Cells join up to this rise, per metre of their side: a slope that earth and vaults keep."""
-    wide_step_least: float
-    """The same, at least (m)."""
-    wide_step_most: float
-    """The same, at most (m)."""
-    scrap_cells: int
-    """Surfaces of fewer cells are left out, as are cells that join none."""
-    low_share: float
-    """A surface is a low one when no larger share of its rim steps down, and it lies no wall higher than the
-    widest surface where that is nearest ..."""
-    low_slope: float
-    """... and a slope between them of so much is allowed for."""
-    ringed_share: float
-    """Where no larger share of the rim steps down, a low surface may lie `ringed_walls` higher: a yard on a
-    terrace, no valley of a roof, which ends in eaves."""
-    ringed_walls: float
-    """See `ringed_share`."""
+    wall: float = parameter(
+        2.0, "Least height of the walls of a surface that stands on the terrain.", unit="m", gt=0
+    )
+    wall_cells: float = parameter(
+        0.8, "The same in sides of a cell of 1.5, 3 or 6 m, where that is more: less may be a slope.", ge=0
+    )
+    wall_share: float = parameter(
+        0.85, "Share of its rim to the terrain that must be walls, where it is known.", gt=0, le=1
+    )
+    rim_known: float = parameter(0.3, "Least share of its rim that must face terrain.", ge=0, le=1)
+    rim_void: float = parameter(
+        0.4, "Largest share of its rim beyond which nothing was measured.", ge=0, le=1
+    )
+    rim_look: float = parameter(
+        3.0,
+        "What is beyond the rim is looked for so far: walls and eaves hide the ground at their foot.",
+        unit="m",
+        gt=0,
+    )
+    rim_joined: float = parameter(
+        0.05,
+        "A surface that joins terrain on so much of its rim is judged even where it hardly meets terrain.",
+        ge=0,
+        le=1,
+    )
+    rim_stepped: float = parameter(
+        0.5,
+        "Surfaces of whose rim no more steps down are terrain before the doubtful are judged.",
+        ge=0,
+        le=1,
+    )
+    wide_area: float = parameter(200.0, "Smaller surfaces are left to the opening.", unit="m²", gt=0)
+    wide_step: float = parameter(
+        1.0, "Rise up to which cells join to a surface, per metre of their side.", ge=0
+    )
+    wide_step_least: float = parameter(1.0, "The same, at least.", unit="m", ge=0)
+    wide_step_most: float = parameter(2.0, "The same, at most.", unit="m", gt=0)
+    scrap_cells: int = parameter(8, "Surfaces of fewer cells are left out.", ge=0)
+    low_share: float = parameter(
+        0.1,
+        "A surface is low when no more of its rim steps down and it lies no wall over the widest.",
+        ge=0,
+        le=1,
+    )
+    low_slope: float = parameter(0.15, "Slope between them that is allowed for.", ge=0)
+    ringed_share: float = parameter(
+        0.01, "Where no more of its rim steps down it may lie `ringed_walls` higher.", ge=0, le=1
+    )
+    ringed_walls: float = parameter(2.0, "Walls that a yard on a terrace may lie higher.", ge=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +111,7 @@ class Verdict:
     known: Values
 
 
-def find_surfaces(heights: Grid, cell: float, rules: Rules) -> Surfaces:
+def find_surfaces(heights: Grid, cell: float, rules: PlateauRules) -> Surfaces:
     """The surfaces in lowest heights (H, W), NaN where unknown, of cells of a side (m).
 
     Squares of two by two cells with no step between them join where they share two cells: a way from one
@@ -122,7 +134,7 @@ def find_surfaces(heights: Grid, cell: float, rules: Rules) -> Surfaces:
     return Surfaces(cell, z, label, np.asarray(area, np.float64), contacts, length.astype(np.float64))
 
 
-def judge_surfaces(surfaces: Surfaces, rules: Rules) -> Verdict:
+def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> Verdict:
     """Which surfaces are terrain, and which stand over it.
 
     The widest surface is terrain, and so are low ones, such as courtyards. All others are taken for raised,

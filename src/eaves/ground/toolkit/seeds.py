@@ -14,32 +14,38 @@ from eaves.ground.toolkit.pits import StrayRules, find_strays
 from eaves.ground.toolkit.terraces import TerraceRules, find_terraces
 from eaves.ground.toolkit.wide_objects import OVER, REACHED, Standing
 from eaves.kernels import kernel
+from eaves.methods import parameter
 from eaves.model import Bounds, Grid, Mask, Points, Raster
 from eaves.raster.grid import EMPTY, heights_of, lowest_points, whole_cells
 from eaves.raster.interpolate import fill_linear, fill_smooth
 
 
-@dataclass(frozen=True)
-class Opening:
-    """What an opening takes for objects; each is the method's parameter of that name."""
+class Opening(TerraceRules, StrayRules):
+    """What an opening takes for objects."""
 
-    window: float
-    """The widest window (m)."""
-    window_growth: float
-    """Ratio of one window to the next, once they differ by more than a cell."""
-    first_slope: float
-    """Rise over the opened surface, per metre of the radius, of an object in the first, rough pass."""
-    first_height: float
-    """Height (m) that is added to it."""
-    slope_scale: float
-    """The slope of the terrain is measured after smoothing with this standard deviation (m)."""
-    object_slope: float
-    """Rise over the opened surface, per metre of the radius, that makes an object."""
-    slope_share: float
-    """Part of the terrain's slope that is added to it."""
-    rough_share: float
-    """Height over the opened surface that a cell of sloping terrain is allowed, per metre of cell and
-    slope."""
+    window: float = parameter(
+        36.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
+    )
+    window_growth: float = parameter(
+        1.15, "Ratio of one window to the next, once they differ by more than a cell.", ge=1
+    )
+    first_slope: float = parameter(
+        0.12, "Rise, per metre of the window's radius, that makes an object in the first, rough pass.", gt=0
+    )
+    first_height: float = parameter(0.2, "Height that is added to it.", unit="m", ge=0)
+    slope_scale: float = parameter(
+        8.0,
+        "Standard deviation of the smoothing before the terrain's slope is measured: wider than a car.",
+        unit="m",
+        gt=0,
+    )
+    object_slope: float = parameter(
+        0.12, "Rise over the opened surface, per metre of the window's radius, that makes an object.", gt=0
+    )
+    slope_share: float = parameter(0.3, "Part of the terrain's slope that is added to it.", ge=0)
+    rough_share: float = parameter(
+        0.2, "Height that a cell of sloping terrain may rise more, per metre of cell and slope.", ge=0
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +102,7 @@ def lowest_surface(
     return LowestPoints(number, fill_linear(raw.with_(values=centred)), slope, place)
 
 
-def seeds_by_opening(
-    lowest: LowestPoints, opening: Opening, terraces: TerraceRules, strays: StrayRules
-) -> NDArray[np.int64]:
+def seeds_by_opening(lowest: LowestPoints, opening: Opening) -> NDArray[np.int64]:
     """Numbers (K,) of the lowest points that stand on no object up to the widest window wide.
 
     The opening is done twice: what stood between objects stands alone once they are gone. Then terraces
@@ -113,9 +117,9 @@ def seeds_by_opening(
     bare = surface.with_(values=np.where(objects | ~occupied, np.nan, surface.values).astype(np.float32))
     objects |= stands_out(fill_linear(bare).values, cell, opening, rise, 0.0, rough)
     reached = lowest.standing == REACHED
-    objects &= ~find_terraces(surface, objects, occupied, reached, terraces) | over
-    objects |= find_strays(surface, lowest.slope, objects, occupied, strays)
-    objects |= find_islands(surface, lowest.slope, occupied & ~objects, occupied, strays)
+    objects &= ~find_terraces(surface, objects, occupied, reached, opening) | over
+    objects |= find_strays(surface, lowest.slope, objects, occupied, opening)
+    objects |= find_islands(surface, lowest.slope, occupied & ~objects, occupied, opening)
     return np.asarray(lowest.number[occupied & ~objects])
 
 

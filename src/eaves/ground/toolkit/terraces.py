@@ -2,41 +2,50 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
+from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Raster
 from eaves.raster.nearest import ADJOINING, near_cells
 
 
-@dataclass(frozen=True)
-class TerraceRules:
-    """When an object cell is terrain; each is the method's parameter of that name."""
+class TerraceRules(Method):
+    """When an object cell is terrain."""
 
-    level_share: float
-    """A wide piece that meets the ground level on more of its rim is terrain."""
-    terrace_step: float
-    """A larger residual (m) between two cells of 1 m parts them; it grows with the root of the cell."""
-    terrace_steep: float
-    """Share of the height difference that counts as residual even where the slope goes on: walls go on
-    too."""
-    terrace_area: float
-    """Under this area (m²) twice the share of the rim must be level."""
-    terrace_area_least: float
-    """Under this area (m²) the rim is too short to judge."""
-    roof_height: float
-    """No roof is lower (m) on all but `roof_share` of its rim ..."""
-    roof_share: float
-    """See `roof_height`."""
-    roof_cells: int
-    """... and no car, hedge or boat is so wide that a cell of it lies so many cells from its rim."""
-    reached_share: float
-    """A wide piece is terrain when a way leads to so much of it: the coarse cells on its rim say nothing."""
-    terrace_rounds: int
-    """A terrace may join the ground over another terrace, and so on."""
+    level_share: float = parameter(
+        0.2, "A wide piece that meets the ground level on more of its rim is terrain.", ge=0, le=1
+    )
+    terrace_step: float = parameter(
+        0.3,
+        "A larger residual between two cells of 1 m parts pieces; it grows with the root of the cell.",
+        unit="m",
+        gt=0,
+    )
+    terrace_steep: float = parameter(
+        0.2,
+        "Share of the height difference that counts as residual where the slope goes on: walls go on too.",
+        ge=0,
+        le=1,
+    )
+    terrace_area: float = parameter(
+        200.0, "Smaller pieces must be level on twice `level_share` of the rim.", unit="m²", ge=0
+    )
+    terrace_area_least: float = parameter(
+        80.0, "Smaller pieces have a rim too short to judge.", unit="m²", ge=0
+    )
+    roof_height: float = parameter(
+        2.0, "A wide piece that is nowhere so high over the ground is no roof.", unit="m", gt=0
+    )
+    roof_share: float = parameter(0.1, "Share of its rim that may be higher all the same.", ge=0, le=1)
+    roof_cells: int = parameter(
+        5, "Wide, for that, is a piece with a cell so many cells from its rim: no car, hedge or boat.", ge=1
+    )
+    reached_share: float = parameter(
+        0.75, "A piece over `terrace_area` is terrain when a way leads to so much of it.", ge=0, le=1
+    )
+    terrace_rounds: int = parameter(2, "Terraces that may join the ground over one another.", ge=0)
 
 
 def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask, rules: TerraceRules) -> Mask:

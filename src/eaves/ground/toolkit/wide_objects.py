@@ -13,13 +13,14 @@ from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.plateaus import (
     DOWN,
     VOID,
-    Rules,
+    PlateauRules,
     Surfaces,
     Verdict,
     find_surfaces,
     judge_surfaces,
 )
 from eaves.kernels import kernel
+from eaves.methods import parameter
 from eaves.model import Bounds, Grid, Mask, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
 from eaves.model.doubt import Doubt
@@ -42,24 +43,28 @@ OVER, REACHED = 1, 2
 """A point over the terrain beneath a raised surface; one on a surface to which a way leads."""
 
 
-@dataclass(frozen=True)
-class WideRules:
-    """What belongs to a raised surface; each is the method's parameter of that name."""
+class WideRules(PlateauRules):
+    """What belongs to a raised surface."""
 
-    cell_points: float
-    """Cells are wide enough when half of those that hold points hold more than this many."""
-    echo_depth: float
-    """A lowest point of a cell this far (m) under the second is an echo gone astray ..."""
-    echo_points: int
-    """... in a cell of at least so many."""
-    clear: float
-    """Points this far (m) over the terrain beneath a raised surface belong to it."""
-    support_cells: int
-    """The terrain beneath is drawn from that within so many cells of the raised surface."""
-    fringe_cells: int
-    """Cells of no surface so near to a raised one are its parapets, steep flanks and walls."""
-    broad_cells: int
-    """A surface narrower than this, in cells, is a way and no terrace: it may be a bridge."""
+    cell_points: float = parameter(
+        2.5, "What is wide is looked for in cells half of which hold more points than this.", ge=0
+    )
+    echo_depth: float = parameter(
+        1.0, "A lowest point so far under the second of its cell is an echo gone astray.", unit="m", ge=0
+    )
+    echo_points: int = parameter(4, "Only in cells of at least so many points.", ge=2)
+    clear: float = parameter(
+        1.0, "Points so far over the terrain beneath a raised surface belong to it.", unit="m", ge=0
+    )
+    support_cells: int = parameter(
+        2, "The terrain beneath is drawn from that within so many cells of the raised surface.", ge=1
+    )
+    fringe_cells: int = parameter(
+        4, "Cells of no surface so near to a raised one are its parapets, flanks and walls.", ge=0
+    )
+    broad_cells: int = parameter(
+        5, "A surface narrower than this, in cells, is a way and no terrace: it may be a bridge.", ge=1
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +150,7 @@ class WideObjects:
         return tuple(one for one in some if bounds.contains(np.array([[one.x, one.y]]))[0])
 
 
-def find_wide_objects(floor: Floor, rules: Rules, wide: WideRules) -> Patch:
+def find_wide_objects(floor: Floor, rules: WideRules) -> Patch:
     """What stands over the terrain on a floor, in its cells.
 
     Where they hold too few points wider ones are looked at, in all places that their borders can have on
@@ -153,13 +158,13 @@ def find_wide_objects(floor: Floor, rules: Rules, wide: WideRules) -> Patch:
     it lies decides how much of a lane or a yard between buildings is seen. That costs what one look at the
     floor's own cells does.
     """
-    times = round(floor.in_wide_cells(wide.cell_points).cell / floor.cell)
+    times = round(floor.in_wide_cells(rules.cell_points).cell / floor.cell)
     if times == 1:
-        return find_in_cells(floor, rules, wide)
+        return find_in_cells(floor, rules)
     places = [(right, up) for right in range(times) for up in range(times)]
     return most_of(
         floor,
-        [find_in_cells(floor.in_shifted_cells(times, *place), rules, wide) for place in places],
+        [find_in_cells(floor.in_shifted_cells(times, *place), rules) for place in places],
         places,
     )
 
@@ -195,28 +200,28 @@ def most_of(floor: Floor, patches: Sequence[Patch], places: Sequence[tuple[int, 
     return Patch(floor.west, floor.north, floor.cell, ceiling, terrain, reached, clear, tuple(doubts))
 
 
-def find_in_cells(floor: Floor, rules: Rules, wide: WideRules) -> Patch:
+def find_in_cells(floor: Floor, rules: WideRules) -> Patch:
     """What stands over the terrain on a floor, seen in its cells as they are."""
-    surfaces = find_surfaces(floor.heights(wide.echo_depth, wide.echo_points), floor.cell, rules)
+    surfaces = find_surfaces(floor.heights(rules.echo_depth, rules.echo_points), floor.cell, rules)
     verdict = judge_surfaces(surfaces, rules)
     terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
     nothing = np.full(floor.shape, np.nan, np.float32)
     doubts = find_doubts(floor, surfaces, verdict, rules)
     widest = surfaces.label == np.argmax(surfaces.area)
-    broad = opened_by_square(widest, wide.broad_cells)
+    broad = opened_by_square(widest, rules.broad_cells)
     reached = np.where(broad, surfaces.z, np.nan).astype(np.float32)
     if not raised.any():
-        return Patch(floor.west, floor.north, floor.cell, nothing, nothing, reached, wide.clear, doubts)
+        return Patch(floor.west, floor.north, floor.cell, nothing, nothing, reached, rules.clear, doubts)
     inside = raised | enclosed(raised, terrain)
-    region = near_cells(inside, ADJOINING) | (near_cells(inside, wide.fringe_cells**2) & ~terrain)
-    support = terrain & near_cells(region, wide.support_cells**2) & np.isfinite(floor.lowest)
+    region = near_cells(inside, ADJOINING) | (near_cells(inside, rules.fringe_cells**2) & ~terrain)
+    support = terrain & near_cells(region, rules.support_cells**2) & np.isfinite(floor.lowest)
     beneath = nothing
     if support.sum() >= 3:
         wanted = region & ~terrain
         beneath = np.where(wanted, interpolate_cells(surfaces.z, support, wanted), nothing)
     known = terrain & np.isfinite(surfaces.z)
     ground = np.where(known, surfaces.z, beneath)
-    ceiling = np.where(region, ground + wide.clear + rise_within(ground, floor.cell), np.nan)
+    ceiling = np.where(region, ground + rules.clear + rise_within(ground, floor.cell), np.nan)
     core = ~near_cells(~inside, ADJOINING)
     return Patch(
         floor.west,
@@ -225,7 +230,7 @@ def find_in_cells(floor: Floor, rules: Rules, wide: WideRules) -> Patch:
         ceiling.astype(np.float32),
         np.where(core, ground, np.nan).astype(np.float32),
         reached,
-        wide.clear,
+        rules.clear,
         doubts,
     )
 
@@ -250,7 +255,7 @@ def rise_within(ground: Grid, cell: float) -> Grid:
     return np.asarray(np.nan_to_num(np.hypot(south, east)), np.float32)
 
 
-def find_doubts(floor: Floor, surfaces: Surfaces, verdict: Verdict, rules: Rules) -> tuple[Doubt, ...]:
+def find_doubts(floor: Floor, surfaces: Surfaces, verdict: Verdict, rules: WideRules) -> tuple[Doubt, ...]:
     """The large surfaces left in the terrain though much of their rim steps down, and islands of data as
     large as a roof: clips of a scan may hold a roof and nothing else.
 

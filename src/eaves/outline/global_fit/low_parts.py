@@ -2,44 +2,41 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.components import unite_kernel
 from eaves.kernels import kernel
+from eaves.methods import Method, parameter
 from eaves.model import Mask, Values
 from eaves.outline.toolkit.alpha import Mesh
 
 
-@dataclass(frozen=True)
-class LowLimits:
+class LowPartRules(Method):
     """Which surfaces are walls and balconies; lengths in metres."""
 
-    deep: float
-    """A small surface is less deep."""
-    step: float
-    """Neighbours are of one surface when they differ in height by no more than this, and"""
-    steep: float
-    """this times their distance in plan."""
-    wall: float
-    """Points of a wall lie in a strip this narrow."""
-    length: float
-    """A balcony is no longer."""
-    drop: float
-    """A small part this much under the roof beside it is no part of the roof."""
+    deep: float = parameter(1.7, "unless they are deeper than this", unit="m", ge=0)
+    low_step: float = parameter(
+        0.5, "neighbours are of one surface when they differ in height by no more than this", unit="m", ge=0
+    )
+    low_steep: float = parameter(1.2, "and this times their distance in plan: 50°", unit="m/m", ge=0)
+    low_wall: float = parameter(0.5, "points of a wall lie in a strip this narrow", unit="m", ge=0)
+    low_length: float = parameter(6.0, "a balcony is no longer than this", unit="m", ge=0)
+    low_drop: float = parameter(
+        1.5, "a small part this much under the roof beside it is no part of it", unit="m", ge=0
+    )
 
 
-def low_parts(mesh: Mesh, height: Values, reach: float, least: float, limits: LowLimits) -> Mask:
+def low_parts(mesh: Mesh, height: Values, reach: float, least: float, limits: LowPartRules) -> Mask:
     """Which points (N,) lie on small surfaces below a larger one beside them.
 
     Surfaces are points of `height` (N,) m that hang together over sides of the mesh up to `reach` (m)
     without a step. A surface of fewer than `least` points within the `limits` is small; it is low
-    when the large surface that it is next to, itself or over other small ones, is `limits.drop` higher there
-    than its mean.
+    when the large surface that it is next to, itself or over other small ones, is `low_drop` higher
+    there than its mean.
     """
-    return np.asarray(low_parts_kernel(mesh.xy, mesh.triangles, height, reach, least, *astuple(limits)))
+    by = limits.deep, limits.low_step, limits.low_steep, limits.low_wall, limits.low_length, limits.low_drop
+    return np.asarray(low_parts_kernel(mesh.xy, mesh.triangles, height, reach, least, *by))
 
 
 @kernel

@@ -13,17 +13,17 @@ from shapely import Polygon
 from eaves.geometry.rings import as_polygon, signed_area
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
-from eaves.outline.global_fit.low_parts import LowLimits, low_parts
+from eaves.outline.global_fit.low_parts import LowPartRules, low_parts
 from eaves.outline.stage import OutlineMethod
 from eaves.outline.toolkit.alpha import alpha_rings, triangulate, wide_radius
 from eaves.outline.toolkit.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
 from eaves.outline.toolkit.edges import Edges, common_axes, edge_shift_kernel, fit_edges
-from eaves.outline.toolkit.hidden import Hiding, fill_hidden
+from eaves.outline.toolkit.hidden import HiddenCornerRules, fill_hidden
 from eaves.outline.toolkit.polyline import cheapest_polyline
 from eaves.outline.toolkit.shared_edges import share_edges
 
 
-class GlobalFit(OutlineMethod):
+class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
     """The closed polyline of least cost through the boundary of the points.
 
     The alpha shape with a small disc gives the boundary points in order. Of all closed polylines along them
@@ -108,7 +108,6 @@ class GlobalFit(OutlineMethod):
     balcony: float = parameter(
         5.0, "surfaces smaller than this below a larger one do not count", unit="m²", ge=0
     )
-    deep: float = parameter(1.7, "unless they are deeper than this", unit="m", ge=0)
     min_hole: float = parameter(10.0, "inner boundaries smaller than this are dropped", unit="m²", ge=0)
     widest: float = parameter(2.0, "empty discs wider than this are gaps, in spacings", gt=0)
     wide_share: float = parameter(
@@ -116,15 +115,6 @@ class GlobalFit(OutlineMethod):
     )
     sparse_points: int = parameter(
         4, "fewer points outside together are noise, not a part seen badly", unit="points", ge=1
-    )
-    low_step: float = parameter(
-        0.5, "neighbours are of one surface when they differ in height by no more than this", unit="m", ge=0
-    )
-    low_steep: float = parameter(1.2, "and this times their distance in plan: 50°", unit="m/m", ge=0)
-    low_wall: float = parameter(0.5, "points of a wall lie in a strip this narrow", unit="m", ge=0)
-    low_length: float = parameter(6.0, "a balcony is no longer than this", unit="m", ge=0)
-    low_drop: float = parameter(
-        1.5, "a small part this much under the roof beside it is no part of it", unit="m", ge=0
     )
     strip_before: float = parameter(
         1.2, "points up to this far before an edge tell where they end, in spacings", gt=0
@@ -150,22 +140,6 @@ class GlobalFit(OutlineMethod):
         "a corner farther than this from the boundary is cut off, one of 30° still is not; in spacings",
         gt=0,
     )
-    hidden_cover: float = parameter(
-        0.5,
-        "crowns lie over at least this share of the area that edges beside a hidden corner add",
-        ge=0,
-        le=1,
-    )
-    hidden_seen: float = parameter(
-        0.25, "in which ground or another building is seen in at most this share", ge=0, le=1
-    )
-    hidden_turn: float = parameter(
-        10.0, "these edges meet at right angles or go on straight but for this", unit="°", ge=0.0, lt=45.0
-    )
-    hidden_edges: int = parameter(4, "most edges between them, that crowns made ragged", ge=1)
-    hidden_length: float = parameter(
-        2.0, "an edge grows by at most this many times its length into what is hidden", ge=0
-    )
     facing: float = parameter(
         10.0, "edges that turn from one another by more are no party wall", unit="°", ge=0.0, lt=90.0
     )
@@ -173,24 +147,12 @@ class GlobalFit(OutlineMethod):
         1.0, "shortest stretch along which two edges are a party wall", unit="m", gt=0
     )
 
-    @property
-    def low_limits(self) -> LowLimits:
-        """Which surfaces are walls and balconies."""
-        return LowLimits(
-            deep=self.deep,
-            step=self.low_step,
-            steep=self.low_steep,
-            wall=self.low_wall,
-            length=self.low_length,
-            drop=self.low_drop,
-        )
-
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3), with the spacing where they are sparse."""
         mesh = triangulate(points[:, :2])
         if mesh is not None:
             least = self.balcony / spacing**2
-            low = low_parts(mesh, points[:, 2], self.alpha * 2.0 * spacing, least, self.low_limits)
+            low = low_parts(mesh, points[:, 2], self.alpha * 2.0 * spacing, least, self)
             if low.any():
                 points = points[~low]
                 mesh = triangulate(points[:, :2])
@@ -245,16 +207,9 @@ class GlobalFit(OutlineMethod):
         """A polygon with what crowns hide of it."""
         assert boundary.crowns is not None
         none = np.zeros((0, 2))
-        limits = Hiding(
-            self.hidden_cover,
-            self.hidden_seen,
-            float(np.radians(self.hidden_turn)),
-            self.hidden_edges,
-            self.hidden_length,
-        )
         outer = np.asarray(shapely.orient_polygons(drawn).exterior.coords)[:-1]
         elsewhere = none if boundary.elsewhere is None else boundary.elsewhere
-        fuller = fill_hidden(outer, boundary.crowns, elsewhere, boundary.spacing, limits)
+        fuller = fill_hidden(outer, boundary.crowns, elsewhere, boundary.spacing, self)
         if len(fuller) == len(outer):
             return drawn
         return as_polygon(Polygon(fuller, drawn.interiors)) or drawn

@@ -6,12 +6,11 @@ Jogs at the distances of houses do.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
+from eaves.methods import Method, parameter
 from eaves.model import Mask, Points
 from eaves.units.row_walls.rows import CELL_M, Plan, Row
 
@@ -28,19 +27,29 @@ FEWEST_STEPS = 8
 """A shorter edge (in steps) tells nothing."""
 
 
-@dataclass(frozen=True)
-class EdgeLimits:
-    """What an edge of a row is; parameters of the method, which says what each means."""
+class EdgeRules(Method):
+    """What an edge of a row is."""
 
-    most_jog: float
-    level_cost: float
-    jog_cost: float
-    stray_cost: float
-    widest: float
-    """Of a unit (m)."""
+    most_jog: float = parameter(
+        1.0, "Deeper by more is a wing or an annex, which says nothing of a wall.", unit="m", gt=0.0
+    )
+    level_cost: float = parameter(
+        2.0,
+        "Logarithm of how many places an edge may have: some seven, a decimetre or two apart within the jog.",
+        ge=0.0,
+    )
+    jog_cost: float = parameter(
+        3.0,
+        "Logarithm of how many places along an edge a jog may have: a quarter of a metre each, one in 5 m.",
+        ge=0.0,
+    )
+    stray_cost: float = parameter(
+        3.0, "Logarithm of how much rarer points are beyond an edge than behind it: one in twenty.", ge=0.0
+    )
+    widest_usual: float = parameter(12.0, "Greatest usual width of a regular row.", unit="m", gt=0.0)
 
 
-def edge_gains(row: Row, plan: Plan, points: Points, limits: EdgeLimits) -> list[NDArray[np.float64]]:
+def edge_gains(row: Row, plan: Plan, points: Points, limits: EdgeRules) -> list[NDArray[np.float64]]:
     """For each edge of a row that has jogs, at most two, the log-likelihood (S + 1, K; first step, steps) of
     one straight edge over so many steps, over that of the best edges with jogs anywhere; from points (N, 3)
     of the main volume.
@@ -72,7 +81,7 @@ def edge_gains(row: Row, plan: Plan, points: Points, limits: EdgeLimits) -> list
         best = jogs_kernel(likely, limits.jog_cost)
         if best[-1] <= likely[0, -1]:
             continue
-        steps = np.arange(min(len(best), int(limits.widest / CELL_M) + 1))
+        steps = np.arange(min(len(best), int(2.0 * limits.widest_usual / CELL_M) + 1))
         ends = np.minimum(np.arange(len(best))[:, None] + steps, len(best) - 1)
         found.append(likely[:, : len(steps)] - (best[ends] - best[:, None]))
     return found

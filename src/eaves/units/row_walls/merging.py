@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.methods import Method, parameter
 from eaves.model import Points
 from eaves.units.row_walls.certainty import sure_in_row, sure_on_border
 from eaves.units.row_walls.division import RowUnits, Walls
@@ -15,14 +15,24 @@ from eaves.units.row_walls.evidence import wall_odds, wall_signs
 from eaves.units.row_walls.rows import CELL_M, Plan, Row
 
 
-@dataclass(frozen=True)
-class MergeLimits:
-    """What keeps two units apart; parameters of the method, which says what each means."""
+class MergeRules(Method):
+    """What keeps two units apart."""
 
-    odds: float
-    smallest: float
-    beside: float
-    shortest_border: float
+    border_odds: float = parameter(
+        -1.0, "Log-odds above which a border of two rows is a wall.", ge=-20.0, le=20.0
+    )
+    smallest_unit: float = parameter(
+        25.0,
+        "A smaller unit is part of the one it shares its longest border with.",
+        unit="m2",
+        ge=0.0,
+    )
+    beside: float = parameter(
+        3.0, "Points this near to a border of two rows are compared across it.", unit="m", gt=0.0
+    )
+    shortest_border: float = parameter(
+        2.0, "Units that share less do not stand wall to wall.", unit="m", ge=0.0
+    )
 
 
 def merged_units(
@@ -31,7 +41,7 @@ def merged_units(
     rows: Sequence[RowUnits],
     points: Points,
     noise: float,
-    limits: MergeLimits,
+    limits: MergeRules,
 ) -> tuple[NDArray[np.int32], Walls]:
     """The labels with the units of later rows given to those of earlier ones where no wall is seen between
     them, numbered without gaps; and the walls between them.
@@ -52,7 +62,7 @@ def merged_units(
         ]
         if not near:
             continue
-        if area[unit] < limits.smallest:
+        if area[unit] < limits.smallest_unit:
             other = max(near, key=lambda item: (item[0], -item[1]))[1]
             if head_of(target, other) != unit:
                 target[unit] = other
@@ -64,7 +74,7 @@ def merged_units(
             if target[unit] != unit and not (alone[unit - 1] and alone[other - 1]):
                 continue
             seen[other, unit] = border_odds(plan, places, points, noise, limits.beside)
-            if seen[other, unit] < limits.odds:
+            if seen[other, unit] < limits.border_odds:
                 one, two = sorted((head_of(target, unit), head_of(target, other)))
                 target[two] = one
     target = np.array([head_of(target, unit) for unit in range(count + 1)])

@@ -14,16 +14,16 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import Points, Values
 from eaves.units.row_walls.chain import best_walls, no_edges, total_of
 from eaves.units.row_walls.division import RowUnits, divide_outline, label_cells
-from eaves.units.row_walls.edges import EdgeLimits, edge_gains
+from eaves.units.row_walls.edges import EdgeRules, edge_gains
 from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
-from eaves.units.row_walls.merging import MergeLimits, merged_units
-from eaves.units.row_walls.rows import CELL_M, Plan, Row, RowLimits, rows_of
+from eaves.units.row_walls.merging import MergeRules, merged_units
+from eaves.units.row_walls.rows import CELL_M, Plan, Row, RowRules, rows_of
 from eaves.units.row_walls.several import odds_of_several
-from eaves.units.row_walls.volumes import VolumeLimits, main_volumes, of_main_volume
+from eaves.units.row_walls.volumes import VolumeRules, main_volumes, of_main_volume
 from eaves.units.stage import Division, UnitMethod
 
 
-class RowWalls(UnitMethod):
+class RowWalls(MergeRules, EdgeRules, RowRules, VolumeRules, UnitMethod):
     """The buildings that stand wall to wall in one detected block.
 
     What stands higher than an annex is the block's main volume. Behind each of its long fronts, longest
@@ -94,7 +94,6 @@ class RowWalls(UnitMethod):
         0.3, "Share of units of another width in a regular row.", symbol="q", gt=0.0, lt=1.0
     )
     width_range: float = parameter(1.7, "Range of the logarithm of widths of units.", symbol="r", gt=0.0)
-    widest_usual: float = parameter(12.0, "Greatest usual width of a regular row.", unit="m", gt=0.0)
     regular_gain: float = parameter(
         2.0, "Logarithm of how much better a usual width must explain a row than any width.", ge=0.0
     )
@@ -107,31 +106,11 @@ class RowWalls(UnitMethod):
     odd_share_at_edges: float = parameter(
         0.05, "Share of units of another width in a row that only its edges divide.", gt=0.0, lt=1.0
     )
-    level_cost: float = parameter(
-        2.0,
-        "Logarithm of how many places an edge may have: some seven, a decimetre or two apart within the jog.",
-        ge=0.0,
-    )
-    jog_cost: float = parameter(
-        3.0,
-        "Logarithm of how many places along an edge a jog may have: a quarter of a metre each, one in 5 m.",
-        ge=0.0,
-    )
-    stray_cost: float = parameter(
-        3.0, "Logarithm of how much rarer points are beyond an edge than behind it: one in twenty.", ge=0.0
-    )
-    most_jog: float = parameter(
-        1.0, "Deeper by more is a wing or an annex, which says nothing of a wall.", unit="m", gt=0.0
-    )
-    deepest: float = parameter(30.0, "Greatest depth of a row.", unit="m", gt=0.0)
     least_sure: float = parameter(
         0.5,
         "Least probability that a block is several buildings; under it a detached house of wings stays one.",
         ge=0.0,
         le=1.0,
-    )
-    border_odds: float = parameter(
-        -1.0, "Log-odds above which a border of two rows is a wall.", ge=-20.0, le=20.0
     )
     smallest_block: float = parameter(
         60.0,
@@ -141,78 +120,6 @@ class RowWalls(UnitMethod):
     )
     shortest_edge: float = parameter(
         5.0, "Length of edges in one direction that show how walls run.", unit="m", gt=0.0
-    )
-    annex: float = parameter(4.2, "An annex is lower: one storey, with its roof.", unit="m", gt=0.0)
-    house: float = parameter(
-        5.5,
-        "Only beside a volume this high is a low part an annex; where all is low, all is main volume.",
-        unit="m",
-        gt=0.0,
-    )
-    narrowest_annex: float = parameter(
-        1.5,
-        "Narrower low ground is an eave, a gap or a balcony, and stays with what stands beside it.",
-        unit="m",
-        ge=0.0,
-    )
-    smallest_volume: float = parameter(
-        15.0,
-        "A main volume is at least so large: less is a dormer, a chimney or a tree.",
-        unit="m2",
-        ge=0.0,
-    )
-    jog: float = parameter(
-        1.5,
-        "How far a front may step back and forth and is one: bays, porches, unequal overhangs.",
-        unit="m",
-        ge=0.0,
-    )
-    shortest_front: float = parameter(
-        5.0, "Two houses do not stand side by side on a shorter front.", unit="m", gt=0.0
-    )
-    most_deeper: float = parameter(
-        1.5,
-        "Where ground is deeper than this many times the row's median depth, another row stands behind.",
-        gt=1.0,
-    )
-    most_turn: float = parameter(
-        5.0,
-        "Angle by which jogs turn a front away from the edges it consists of, at most.",
-        unit="degree",
-        ge=0.0,
-        le=45.0,
-    )
-    shallowest: float = parameter(4.0, "No house is shallower.", unit="m", ge=0.0)
-    least_free: float = parameter(
-        0.5, "Share of its ground that a front must find unclaimed to make a row.", ge=0.0, le=1.0
-    )
-    most_lean: float = parameter(
-        40.0,
-        "Angle by which party walls lean from upright on the front, at most.",
-        unit="degree",
-        ge=0.0,
-        lt=90.0,
-    )
-    upright_trust: float = parameter(
-        1.3, "Upright walls are believed unless others explain this many times as much.", gt=0.0
-    )
-    most_change: float = parameter(
-        0.5,
-        "Changes of height over a metre count up to this when the direction of walls is sought.",
-        unit="m",
-        gt=0.0,
-    )
-    smallest_unit: float = parameter(
-        25.0,
-        "A smaller unit is part of the one it shares its longest border with.",
-        unit="m2",
-        ge=0.0,
-    )
-    beside: float = parameter(
-        3.0, "Points this near to a border of two rows are compared across it.", unit="m", gt=0.0
-    )
-    shortest_border: float = parameter(
-        2.0, "Units that share less do not stand wall to wall.", unit="m", ge=0.0
     )
     carried_on: float = parameter(
         15.0, "A wall is carried on through annexes and sheds by at most this much.", unit="m", gt=0.0
@@ -225,12 +132,12 @@ class RowWalls(UnitMethod):
         whole = Division((outline,), (1.0,))
         if outline.area < self.smallest_block:
             return whole
-        volumes = main_volumes(outline, points, height, self.volume_limits())
+        volumes = main_volumes(outline, points, height, self)
         plan = Plan.of(outline, volumes, points)
-        rows = list(rows_of(plan, directions_of(outline, self.shortest_edge), self.row_limits()))
+        rows = list(rows_of(plan, directions_of(outline, self.shortest_edge), self))
         if not rows:
             return whole
-        high = points[of_main_volume(height, self.volume_limits())]
+        high = points[of_main_volume(height, self)]
         noise = roof_noise(points)
         odds = [wall_odds(wall_signs(row, points, noise)) for row in rows]
         found = self.divided_rows(rows, odds, plan, high)
@@ -240,7 +147,7 @@ class RowWalls(UnitMethod):
             return whole
         label = np.zeros(plan.main.shape, np.int32)
         label_cells(plan, label, found, 1)
-        label, walls = merged_units(plan, label, found, points, noise, self.merge_limits())
+        label, walls = merged_units(plan, label, found, points, noise, self)
         if label.max() < 2:
             return whole
         parts, number = divide_outline(outline, plan, label, found, self.carried_on)
@@ -254,43 +161,14 @@ class RowWalls(UnitMethod):
             ],
         )
 
-    def volume_limits(self) -> VolumeLimits:
-        """What makes an annex and a main volume."""
-        return VolumeLimits(self.annex, self.house, self.narrowest_annex, self.smallest_volume)
-
-    def row_limits(self) -> RowLimits:
-        """What makes a row."""
-        return RowLimits(
-            deepest=self.deepest,
-            jog=self.jog,
-            shortest_front=self.shortest_front,
-            most_deeper=self.most_deeper,
-            most_turn=self.most_turn,
-            shallowest=self.shallowest,
-            least_free=self.least_free,
-            most_lean=self.most_lean,
-            upright_trust=self.upright_trust,
-            most_change=self.most_change,
-        )
-
-    def edge_limits(self) -> EdgeLimits:
-        """What an edge of a row is."""
-        widest = 2.0 * self.widest_usual
-        return EdgeLimits(self.most_jog, self.level_cost, self.jog_cost, self.stray_cost, widest)
-
-    def merge_limits(self) -> MergeLimits:
-        """What keeps two units apart."""
-        return MergeLimits(self.border_odds, self.smallest_unit, self.beside, self.shortest_border)
-
     def divided_rows(
         self, rows: Sequence[Row], log_odds: Sequence[Values], plan: Plan, points: Points
     ) -> list[RowUnits]:
         """The rows with their inner walls, from the log-odds of a wall at each step of each row, and the
         points (N, 3) of the main volume.
         """
-        limits = self.edge_limits()
         return [
-            self.walls_of(row, odds, edge_gains(row, plan, points, limits))
+            self.walls_of(row, odds, edge_gains(row, plan, points, self))
             for row, odds in zip(rows, log_odds, strict=True)
         ]
 

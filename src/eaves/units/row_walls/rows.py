@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
+from eaves.methods import Method, parameter
 from eaves.model import Mask, Points
 
 CELL_M = 0.25
@@ -21,20 +22,51 @@ LEAST_LEAN_DEG = 2.0
 """Directions nearer to upright than this are upright."""
 
 
-@dataclass(frozen=True)
-class RowLimits:
-    """What makes a row; parameters of the method, which says what each means."""
+class RowRules(Method):
+    """What makes a row."""
 
-    deepest: float
-    jog: float
-    shortest_front: float
-    most_deeper: float
-    most_turn: float
-    shallowest: float
-    least_free: float
-    most_lean: float
-    upright_trust: float
-    most_change: float
+    deepest: float = parameter(30.0, "Greatest depth of a row.", unit="m", gt=0.0)
+    jog: float = parameter(
+        1.5,
+        "How far a front may step back and forth and is one: bays, porches, unequal overhangs.",
+        unit="m",
+        ge=0.0,
+    )
+    shortest_front: float = parameter(
+        5.0, "Two houses do not stand side by side on a shorter front.", unit="m", gt=0.0
+    )
+    most_deeper: float = parameter(
+        1.5,
+        "Where ground is deeper than this many times the row's median depth, another row stands behind.",
+        gt=1.0,
+    )
+    most_turn: float = parameter(
+        5.0,
+        "Angle by which jogs turn a front away from the edges it consists of, at most.",
+        unit="degree",
+        ge=0.0,
+        le=45.0,
+    )
+    shallowest: float = parameter(4.0, "No house is shallower.", unit="m", ge=0.0)
+    least_free: float = parameter(
+        0.5, "Share of its ground that a front must find unclaimed to make a row.", ge=0.0, le=1.0
+    )
+    most_lean: float = parameter(
+        40.0,
+        "Angle by which party walls lean from upright on the front, at most.",
+        unit="degree",
+        ge=0.0,
+        lt=90.0,
+    )
+    upright_trust: float = parameter(
+        1.3, "Upright walls are believed unless others explain this many times as much.", gt=0.0
+    )
+    most_change: float = parameter(
+        0.5,
+        "Changes of height over a metre count up to this when the direction of walls is sought.",
+        unit="m",
+        gt=0.0,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +164,7 @@ class Row:
         return shapely.orient_polygons(Polygon(np.column_stack(corners)))
 
 
-def fronts_of(outline: Polygon, limits: RowLimits) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def fronts_of(outline: Polygon, limits: RowRules) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Start and end (2,) of the straight fronts of an outline, the interior on their left."""
     fronts = []
     for number, ring in enumerate((outline.exterior, *outline.interiors)):
@@ -163,7 +195,7 @@ def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[f
     return -round(float(np.hypot(*(end - start))), 3), float(start[0]), float(start[1])
 
 
-def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowLimits) -> Iterator[Row]:
+def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> Iterator[Row]:
     """The rows of a block's main volume, longest front first; what one claims no other has.
 
     `directions` (K, 2) are unit vectors along which walls may run, where they do not stand upright.
@@ -217,7 +249,7 @@ def ground_behind(
     along: NDArray[np.float64],
     across: NDArray[np.float64],
     length: float,
-    limits: RowLimits,
+    limits: RowRules,
 ) -> Row | None:
     """The ground behind a front, None where others have claimed it."""
     steps = int(length / CELL_M)

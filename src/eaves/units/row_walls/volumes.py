@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -11,23 +9,38 @@ from scipy import ndimage
 from shapely import Polygon
 
 from eaves.geometry.rings import polygon_parts
+from eaves.methods import Method, parameter
 from eaves.model import Mask, Points
 
 CELL_M = 0.5
 """Side of the cells (m) in which heights are compared."""
 
 
-@dataclass(frozen=True)
-class VolumeLimits:
-    """What makes an annex and a main volume; parameters of the method, which says what each means."""
+class VolumeRules(Method):
+    """What makes an annex and a main volume."""
 
-    annex: float
-    house: float
-    narrowest: float
-    smallest: float
+    annex: float = parameter(4.2, "An annex is lower: one storey, with its roof.", unit="m", gt=0.0)
+    house: float = parameter(
+        5.5,
+        "Only beside a volume this high is a low part an annex; where all is low, all is main volume.",
+        unit="m",
+        gt=0.0,
+    )
+    narrowest_annex: float = parameter(
+        1.5,
+        "Narrower low ground is an eave, a gap or a balcony, and stays with what stands beside it.",
+        unit="m",
+        ge=0.0,
+    )
+    smallest_volume: float = parameter(
+        15.0,
+        "A main volume is at least so large: less is a dormer, a chimney or a tree.",
+        unit="m2",
+        ge=0.0,
+    )
 
 
-def of_main_volume(height: NDArray[np.float64], limits: VolumeLimits) -> Mask:
+def of_main_volume(height: NDArray[np.float64], limits: VolumeRules) -> Mask:
     """Which points, by their heights over the terrain (N,), are not an annex's."""
     if len(height) == 0 or np.percentile(height, 75.0) < limits.house:
         return np.ones(len(height), np.bool_)
@@ -35,7 +48,7 @@ def of_main_volume(height: NDArray[np.float64], limits: VolumeLimits) -> Mask:
 
 
 def main_volumes(
-    outline: Polygon, points: Points, height: NDArray[np.float64], limits: VolumeLimits
+    outline: Polygon, points: Points, height: NDArray[np.float64], limits: VolumeRules
 ) -> list[Polygon]:
     """The parts of a block's outline that stand higher than an annex, from its roof points (N, 3) and their
     heights over the terrain (N,).
@@ -57,13 +70,13 @@ def main_volumes(
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     low = grid[tuple(nearest)] < limits.annex
     ground = low_ground(low, west, south)
-    half = 0.5 * limits.narrowest
+    half = 0.5 * limits.narrowest_annex
     ground = shapely.buffer(shapely.buffer(ground, -half, join_style="mitre"), half, join_style="mitre")
     if shapely.is_empty(ground):
         return [outline]
     main = shapely.difference(outline, ground)
     main = shapely.buffer(shapely.buffer(main, -half, join_style="mitre"), half, join_style="mitre")
-    parts = [part for part in polygon_parts(main) if part.area >= limits.smallest]
+    parts = [part for part in polygon_parts(main) if part.area >= limits.smallest_volume]
     return sorted(parts, key=lambda part: -part.area) or [outline]
 
 
