@@ -20,7 +20,7 @@ from eaves.reconstruct.toolkit.undersides import RoofPlan, walls_inside
 from eaves.roof import segment_roof
 from eaves.simulate import Flight, Town, scan_town
 from eaves.simulate.exact import ExactBuilding
-from eaves.simulate.houses import raised
+from eaves.simulate.houses import lifted
 from eaves.simulate.roofs import Masses, flat, gable, hip, make_building, shed, shifted, wing
 from eaves.simulate.surfaces import FASCIA, Surfaces
 from eaves.simulate.terrain import make_terrain
@@ -69,7 +69,7 @@ def draw_house(number: int, first: int, x: float, y: float, rng: np.random.Gener
         ("step", gable(length, width, slope) + shifted(flat(6.0, width - 2), length / 2 + 2.5, 0.0, -0.8)),
     )
     kind, masses = shapes[number % len(shapes)]
-    placed = raised(shifted(masses, x, y, 0.0, rng.uniform(0.0, np.pi)), 10.0 + rng.uniform(3.5, 6.5))
+    placed = lifted(shifted(masses, x, y, 0.0, rng.uniform(0.0, np.pi)), 10.0 + rng.uniform(3.5, 6.5))
     whole = make_building(placed, number, first, kind, 9.5, 0.0)
     start, _ = edges_inward(straight(whole.footprint))
     over = np.where(rng.random(len(start)) < 0.2, 0.0, rng.uniform(0.3, 0.8, len(start)))
@@ -86,7 +86,7 @@ def draw_canopy(number: int, first: int, x: float, y: float, rng: np.random.Gene
         ("barn", gable(rng.uniform(12.0, 20.0), rng.uniform(8.0, 12.0), 0.4), 4.5),
     )
     kind, masses, height = shapes[number // 2 % len(shapes)]
-    placed = raised(shifted(masses, x, y, 0.0, rng.uniform(0.0, np.pi)), 10.0 + height)
+    placed = lifted(shifted(masses, x, y, 0.0, rng.uniform(0.0, np.pi)), 10.0 + height)
     whole = make_building(placed, number, first, kind, 9.5, 0.0)
     start, _ = edges_inward(straight(whole.footprint))
     if number % 2:

@@ -20,7 +20,7 @@ from eaves.formats import write_geopackage, write_raster
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.geopackage import Row
 from eaves.formats.qgis.project import write_project
-from eaves.formats.qgis.styles import listed_styles, units_of
+from eaves.formats.qgis.styles import listed_styles, unit_lengths
 from eaves.model import CoordinateSystem, Raster
 from eaves.model.coordinates import LOCAL_METRES
 
@@ -115,7 +115,7 @@ def test_project_of_an_empty_run_is_written(tmp_path: Path) -> None:
 
 def test_units_are_those_of_the_system_also_where_the_data_are_already_converted() -> None:
     converted = CoordinateSystem(FEET.wkt)
-    assert units_of(converted) == units_of(FEET) == (0.3048, 0.3048)
+    assert unit_lengths(converted) == unit_lengths(FEET) == (0.3048, 0.3048)
 
 
 @pytest.fixture(scope="session")

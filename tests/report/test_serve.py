@@ -18,13 +18,13 @@ from pathlib import Path
 import pytest
 
 from eaves.model.summary import Summary
-from eaves.report.serve import Server, Site, make_site, open_server, write_site
+from eaves.report.serve import Server, TileSite, make_site, open_server, write_site
 
 from .browser import Browser, missing
 
 
 @pytest.fixture(scope="module")
-def site(nine_run: Summary, tmp_path_factory: pytest.TempPathFactory) -> Site:
+def site(nine_run: Summary, tmp_path_factory: pytest.TempPathFactory) -> TileSite:
     """The run without tiles, with a secret beside it and a way out."""
     folder = tmp_path_factory.mktemp("serve") / "run"
     folder.mkdir()
@@ -37,7 +37,7 @@ def site(nine_run: Summary, tmp_path_factory: pytest.TempPathFactory) -> Site:
 
 
 @pytest.fixture(scope="module")
-def server(site: Site) -> Iterator[Server]:
+def server(site: TileSite) -> Iterator[Server]:
     with open_server(site, 0) as serving:
         thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
@@ -55,7 +55,7 @@ def ask(server: Server, address: str, host: str = "127.0.0.1", method: str = "GE
     return answer.status, answer.getheader("Content-Type") or "", content
 
 
-def test_tiles_of_a_run_without_any_hold_every_building(site: Site) -> None:
+def test_tiles_of_a_run_without_any_hold_every_building(site: TileSite) -> None:
     count = 0
     for path in (site.folder / "3dtiles" / "content").glob("*.glb"):
         data = path.read_bytes()
@@ -64,7 +64,7 @@ def test_tiles_of_a_run_without_any_hold_every_building(site: Site) -> None:
     assert count == 9
 
 
-def test_the_ground_lies_under_the_tiles(site: Site) -> None:
+def test_the_ground_lies_under_the_tiles(site: TileSite) -> None:
     tileset = json.loads((site.folder / "3dtiles" / "tileset.json").read_text())
     ground = json.loads(site.made["ground.json"])
     *centre, radius = tileset["root"]["boundingVolume"]["sphere"]
@@ -111,7 +111,7 @@ def test_only_this_computer_is_served(server: Server) -> None:
     assert server.server_address[0] == "127.0.0.1"
 
 
-def test_a_port_in_use_is_one_line(site: Site) -> None:
+def test_a_port_in_use_is_one_line(site: TileSite) -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
@@ -120,7 +120,7 @@ def test_a_port_in_use_is_one_line(site: Site) -> None:
             open_server(site, port)
 
 
-def test_a_static_folder_holds_all_that_is_served(site: Site, tmp_path: Path) -> None:
+def test_a_static_folder_holds_all_that_is_served(site: TileSite, tmp_path: Path) -> None:
     page = write_site(site, tmp_path / "static")
     assert page.name == "index.html"
     there = {path.relative_to(page.parent).as_posix() for path in page.parent.rglob("*") if path.is_file()}
@@ -135,7 +135,7 @@ def test_a_folder_without_a_run_is_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_control_c_ends_it_without_an_error(site: Site) -> None:
+def test_control_c_ends_it_without_an_error(site: TileSite) -> None:
     command = [
         sys.executable,
         "-m",

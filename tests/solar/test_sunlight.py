@@ -11,7 +11,7 @@ import shapely
 
 from eaves.formats import InputError
 from eaves.model import Raster
-from eaves.solar.horizon import Places, horizons, lit_light, sky_shares
+from eaves.solar.horizon import HorizonPlaces, horizons, lit_light, sky_shares
 from eaves.solar.roofs import RoofFace, SolarRules, light_in_the_open, light_on_faces
 from eaves.solar.sun import (
     HOURS,
@@ -39,9 +39,9 @@ def tilted(slope: float, azimuth: float) -> np.ndarray:
     return np.array([np.sin(lean) * np.sin(turn), np.sin(lean) * np.cos(turn), np.cos(lean)])
 
 
-def one_place(z: float, plane: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Places:
+def one_place(z: float, plane: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> HorizonPlaces:
     xyz = np.array([[0.25, 0.25, z]])
-    return Places(xyz, np.ones(1, np.int32), np.array([[0.0, 0.0, 0.0], plane]))
+    return HorizonPlaces(xyz, np.ones(1, np.int32), np.array([[0.0, 0.0, 0.0], plane]))
 
 
 def test_sun_stands_where_the_solar_position_algorithm_has_it() -> None:

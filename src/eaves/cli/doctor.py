@@ -36,8 +36,8 @@ def describe_installation() -> Iterator[str]:
     from pyproj.datadir import get_user_data_dir  # type: ignore[attr-defined]
 
     yield f"eaves {version('eaves')}, Python {platform.python_version()}, {platform.platform()}"
-    yield "libraries: " + ", ".join(f"{name} {version_of(name)}" for name in LIBRARIES)
-    extras = [f"{extra} {'yes' if version_of(library) else 'no'}" for extra, library in EXTRAS.items()]
+    yield "libraries: " + ", ".join(f"{name} {library_version(name)}" for name in LIBRARIES)
+    extras = [f"{extra} {'yes' if library_version(library) else 'no'}" for extra, library in EXTRAS.items()]
     yield "extras: " + ", ".join(extras)
     known = pyogrio.list_drivers()
     drivers = [f"{name} {'yes' if 'w' in known.get(name, '') else 'NO'}" for name in DRIVERS]
@@ -53,7 +53,7 @@ def describe_installation() -> Iterator[str]:
     yield f"compiled code is kept in {cache_folder()}"
 
 
-def version_of(name: str) -> str:
+def library_version(name: str) -> str:
     """The version of a library, empty where it is missing."""
     try:
         return version(name)

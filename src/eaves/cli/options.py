@@ -54,7 +54,7 @@ def with_run_options(
         def whole(**values: Any) -> None:
             options = {}
             for name, one in taken(left_out).items():
-                value = given_value(one, values.pop(named((flags or {}).get(name, one.flag))))
+                value = given_value(one, values.pop(parameter_name((flags or {}).get(name, one.flag))))
                 if value is not None:
                     options[name] = value
             command(**values, options=options)
@@ -95,7 +95,7 @@ def with_signature(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-def named(flag: str) -> str:
+def parameter_name(flag: str) -> str:
     """The name of a flag's parameter."""
     return flag.strip("-").replace("-", "_")
 
@@ -117,7 +117,7 @@ def parameter_of(one: Declared, flag: str, required: bool) -> inspect.Parameter:
     if one.name == "jobs":
         default, about.min = 0, 0
     return inspect.Parameter(
-        named(flag),
+        parameter_name(flag),
         inspect.Parameter.KEYWORD_ONLY,
         default=inspect.Parameter.empty if required else default,
         annotation=Annotated[kind, about],
@@ -139,15 +139,17 @@ def given_value(one: Declared, value: Any) -> Any:
     if one.name in METHOD_OPTIONS:
         return {"method": value}
     if one.name == "bounds":
-        return numbers_in(value, float, f"--bounds {value}: not four numbers; write west,south,east,north", 4)
+        return parse_numbers(
+            value, float, f"--bounds {value}: not four numbers; write west,south,east,north", 4
+        )
     if "Sequence[int]" in one.words:
-        return numbers_in(value, int, f"{one.flag} {value}: not whole numbers; write them as in 2,6")
+        return parse_numbers(value, int, f"{one.flag} {value}: not whole numbers; write them as in 2,6")
     if "Sequence" in one.words:
         return tuple(name.strip() for name in value.split(",") if name.strip())
     return value
 
 
-def numbers_in(text: str, kind: type, refusal: str, count: int | None = None) -> tuple[Any, ...]:
+def parse_numbers(text: str, kind: type, refusal: str, count: int | None = None) -> tuple[Any, ...]:
     """The numbers of an option, by commas; ValueError with `refusal` where they are none."""
     try:
         numbers = tuple(kind(part) for part in text.split(","))

@@ -65,10 +65,10 @@ def read_buildings(path: str | Path, lod: str | None = None) -> list[CityBuildin
     for item in objects.values():
         if item.type in ("Building", "BuildingPart"):
             members[item.parents[0] if item.parents else item.id].append(item)
-    return [_building(name, items, lod) for name, items in members.items()]
+    return [_city_building(name, items, lod) for name, items in members.items()]
 
 
-def _building(name: str, items: list[CityObject], lod: str | None) -> CityBuilding:
+def _city_building(name: str, items: list[CityObject], lod: str | None) -> CityBuilding:
     geometries = [(item, geometry) for item in items for geometry in item.geometries]
     lods = tuple(sorted({geometry.lod for _, geometry in geometries}))
     wanted = lod if lod is not None else max((level for level in lods if level >= "1"), default="")

@@ -25,7 +25,7 @@ from eaves.evaluate.images import (
 from eaves.evaluate.labelled_points import SAME_POINT, pair_points, read_labelled_points
 from eaves.evaluate.matching import Numbers
 from eaves.evaluate.models import evaluate_models, lay_points
-from eaves.evaluate.report import Evaluation, rows_of, write_report
+from eaves.evaluate.report import Evaluation, evaluation_rows, write_report
 from eaves.evaluate.roof_planes import evaluate_planes
 from eaves.evaluate.scores import Agreement
 from eaves.evaluate.wireframes import compare_wireframes
@@ -109,7 +109,7 @@ def compare_ground(result: Path, reference: Path) -> Evaluation:
     near, which = cKDTree(mine.xyz).query(truth - shift, distance_upper_bound=SAME_POINT)
     same = np.isfinite(near)
     partner = np.asarray(which)[same]
-    score = evaluate_ground(_ground(mine, result)[partner], _ground(true, reference)[same])
+    score = evaluate_ground(_evaluate_ground(mine, result)[partner], _evaluate_ground(true, reference)[same])
     figures: dict[str, float | int | str] = {
         "points": score.points,
         "points without a partner": int((~same).sum()),
@@ -146,7 +146,7 @@ def compare_detection(result: Path, reference: Path) -> Evaluation:
         str(result),
         str(reference),
         figures,
-        rows_of(score.rows),
+        evaluation_rows(score.rows),
         map=score.map,
         grid=grid,
         system=true.system,
@@ -177,7 +177,7 @@ def compare_footprints(result: Path, reference: Path) -> Evaluation:
         "mean IoU of united groups": score.mean_iou_united,
         "RMS of outlines of united groups (m)": score.rms_united_m,
     }
-    rows = rows_of(score.rows)
+    rows = evaluation_rows(score.rows)
     return Evaluation(
         "footprints", str(result), str(reference), figures, rows, true.polygons, system=true.system
     )
@@ -200,7 +200,7 @@ def compare_planes(result: Path, reference: Path) -> Evaluation:
         "RMS in plan (m)": score.rms_xy_m,
         "RMS in height (m)": score.rms_z_m,
     }
-    return Evaluation("planes", str(result), str(reference), figures, rows_of(score.rows))
+    return Evaluation("planes", str(result), str(reference), figures, evaluation_rows(score.rows))
 
 
 def compare_models(result: Path, reference: Path, lod: str | None, footprints: Path | None) -> Evaluation:
@@ -240,7 +240,7 @@ def compare_models(result: Path, reference: Path, lod: str | None, footprints: P
         "height error (m)": score.height_error_m,
     }
     system = models[0].system if models else LOCAL_METRES
-    rows = rows_of(score.rows)
+    rows = evaluation_rows(score.rows)
     return Evaluation(
         "models", str(result), str(reference), figures, rows, tuple(places.values()), system=system
     )
@@ -263,7 +263,7 @@ def _figures(name: str, agreement: Agreement) -> dict[str, float | int | str]:
     }
 
 
-def _ground(cloud: PointCloud, path: Path) -> Mask:
+def _evaluate_ground(cloud: PointCloud, path: Path) -> Mask:
     """Ground points: class 2 of LAS, label 0 of text in the manner of the ISPRS filter test."""
     if cloud.classification is None:
         raise InputError.about(path, "has no classes", "give a classified cloud")

@@ -176,7 +176,7 @@ def evaluate_models(
     check_points(points)
     origin = _origin(points, models)
     local = points - [*origin, 0.0]
-    building = _footprint_of(local, footprints, origin)
+    building = _footprint_at(local, footprints, origin)
     use = np.flatnonzero((building >= 0) & (roof_point_mask(local) if masked else True))
     faces = collect_faces(
         [[ring - [*origin, 0.0] for ring in rings] for model in models for rings in model.roofs],
@@ -286,7 +286,7 @@ def _with_model(row: ModelRow, model: CityBuilding, truth: CityBuilding | None) 
     )
 
 
-def _footprint_of(
+def _footprint_at(
     local: Points, footprints: Mapping[str, Polygon | MultiPolygon], origin: tuple[float, float]
 ) -> np.ndarray:
     """The number (N,) of the footprint each point lies in, -1 for none; of several the last."""

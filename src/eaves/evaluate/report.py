@@ -107,8 +107,8 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> list[Path]:
         "what": evaluation.what,
         "result": evaluation.result,
         "reference": evaluation.reference,
-        "figures": _plain(evaluation.figures),
-        "rows": _plain(evaluation.rows),
+        "figures": _json_value(evaluation.figures),
+        "rows": _json_value(evaluation.rows),
     }
     with atomic(written[0]) as temporary:
         temporary.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -117,7 +117,7 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> list[Path]:
         with atomic(written[-1]) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, list(evaluation.rows[0]))
             writer.writeheader()
-            writer.writerows(_plain(evaluation.rows))
+            writer.writerows(_json_value(evaluation.rows))
     if evaluation.shapes:
         from eaves.formats.geopackage import Row, write_polygons
 
@@ -126,16 +126,16 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> list[Path]:
         write_polygons(written[-1], places, evaluation.system, layer=evaluation.what)
     if evaluation.map is not None and evaluation.grid is not None:
         written.append(stem.with_suffix(".tif"))
-        _write_map(written[-1], evaluation.map, evaluation.grid, evaluation.system)
+        _write_error_map(written[-1], evaluation.map, evaluation.grid, evaluation.system)
     return written
 
 
-def rows_of(rows: Sequence[Any]) -> tuple[dict[str, Any], ...]:
+def evaluation_rows(rows: Sequence[Any]) -> tuple[dict[str, Any], ...]:
     """Frozen rows as mappings."""
     return tuple(asdict(row) for row in rows)
 
 
-def _write_map(path: Path, values: NDArray[np.uint8], grid: Raster, system: CoordinateSystem) -> None:
+def _write_error_map(path: Path, values: NDArray[np.uint8], grid: Raster, system: CoordinateSystem) -> None:
     import rasterio
 
     from eaves.formats.geotiff import profile_of, transform_of
@@ -155,12 +155,12 @@ def _text(value: float | int | str) -> str:
     return str(value)
 
 
-def _plain(value: Any) -> Any:
+def _json_value(value: Any) -> Any:
     """A value as JSON and CSV hold it: NaN becomes None, mappings and lists are gone through."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _json_value(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [_json_value(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -137,7 +137,7 @@ def write_citygml(
                 if result.footprint is None:
                     continue
                 count += 1
-                writer = _Building(
+                writer = _GmlBuilding(
                     file, result, result.footprint, system, version, place, f"building-{count}"
                 )
                 writer.write()
@@ -152,7 +152,7 @@ def write_citygml(
                 file.write(f"<gml:description>{escape(provenance.sentence)}</gml:description>\n")
             if count:
                 corners = "".join(
-                    f"<gml:{name}>{numbers(corner[None])}</gml:{name}>"
+                    f"<gml:{name}>{position_text(corner[None])}</gml:{name}>"
                     for name, corner in (("lowerCorner", low), ("upperCorner", high))
                 )
                 box = f'<gml:Envelope{place} srsDimension="3">{corners}</gml:Envelope>'
@@ -168,7 +168,7 @@ write_citygml3 = partial(write_citygml, version=CITYGML_3)
 """`write_citygml` of version 3.0."""
 
 
-def numbers(points: Points) -> str:
+def position_text(points: Points) -> str:
     """Coordinates (N, 3) as a list of numbers."""
     return " ".join(f"{value:.{DECIMALS}f}" for value in points.ravel().tolist())
 
@@ -180,7 +180,7 @@ def xml_name(text: str) -> str:
     return name if name[:1].isalpha() or name[:1] == "_" else f"_x_{name}"
 
 
-class _Building:
+class _GmlBuilding:
     """Writes one building; `low` and `high` are its extent then."""
 
     def __init__(
@@ -340,7 +340,7 @@ class _Building:
                 np.maximum(self.high, world.max(axis=0)),
             )
             side = "interior" if number else "exterior"
-            listed = numbers(np.vstack([world, world[:1]]))
+            listed = position_text(np.vstack([world, world[:1]]))
             text.append(
                 f'<gml:{side}><gml:LinearRing><gml:posList srsDimension="3">{listed}</gml:posList>'
                 f"</gml:LinearRing></gml:{side}>"

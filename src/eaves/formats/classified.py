@@ -187,12 +187,12 @@ def _new_header(layout: LasHeader) -> laspy.LasHeader:
 def _las_pieces(
     layout: LasHeader, record: np.dtype[np.void], size: int, copies: Sequence[str | Path]
 ) -> Iterator[tuple[int, NDArray[np.void]]]:
-    for first, records in iter_copied(layout, size, copies) or _numbered(iter_records(layout, size)):
+    for first, records in iter_copied(layout, size, copies) or _numbered_pieces(iter_records(layout, size)):
         known = np.ascontiguousarray(records[:, : record.itemsize])
         yield first, known.reshape(-1).view(record)
 
 
-def _numbered(
+def _numbered_pieces(
     pieces: Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]],
 ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     for position, records in pieces:

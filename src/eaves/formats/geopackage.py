@@ -242,13 +242,13 @@ def read_polygons(
             path, f"holds {', '.join(sorted(kinds))} and must hold polygons", "choose another layer or file"
         )
     kinds_of = dict(zip(names, meta["dtypes"], strict=True))
-    kept = [n for n, shape in enumerate(shapes) if _has_coordinates(shape)]
+    kept = [n for n, shape in enumerate(shapes) if _is_placed(shape)]
     if keep_all:
         shapes[[n for n in range(len(shapes)) if n not in set(kept)]] = Polygon()
         kept = list(range(len(shapes)))
     if len(kept) < len(shapes):
         log.warning("%s: %d features without coordinates are left out", path, len(shapes) - len(kept))
-    polygons, system = _in_metres(path, shapes[kept], meta["crs"], target)
+    polygons, system = _shapes_in_metres(path, shapes[kept], meta["crs"], target)
     attributes = [
         {name: plain_value(columns[k][n], kinds_of[name]) for k, name in enumerate(names)} for n in kept
     ]
@@ -257,7 +257,7 @@ def read_polygons(
 
 
 @dataclass(frozen=True)
-class Layer:
+class VectorLayer:
     """A layer of a vector file: its name, the kind of its shapes (empty where it has none), its columns, how
     many features it has, and its reference system."""
 
@@ -268,7 +268,7 @@ class Layer:
     crs: str | None
 
 
-def list_vector_layers(path: Path) -> list[Layer]:
+def list_vector_layers(path: Path) -> list[VectorLayer]:
     """The layers of a vector file.
 
     Raises
@@ -283,11 +283,13 @@ def list_vector_layers(path: Path) -> list[Layer]:
     import pyogrio
 
     layers = []
-    with _opened(path) as (safe, _):
+    with _opened_vector(path) as (safe, _):
         for name, kind in pyogrio.list_layers(safe):
             info = pyogrio.read_info(safe, layer=name, force_feature_count=True)
             columns = tuple(map(str, info["fields"]))
-            layers.append(Layer(str(name), str(kind or ""), columns, int(info["features"]), info["crs"]))
+            layers.append(
+                VectorLayer(str(name), str(kind or ""), columns, int(info["features"]), info["crs"])
+            )
     return layers
 
 
@@ -295,7 +297,7 @@ def read_table(path: Path, layer: str, columns: Sequence[str]) -> list[dict[str,
     """Some columns of a layer, a row a feature, without shapes."""
     import pyogrio.raw
 
-    with _opened(path) as (safe, _):
+    with _opened_vector(path) as (safe, _):
         meta, _, _, values = pyogrio.raw.read(safe, layer=layer, columns=list(columns), read_geometry=False)
     names, kinds = [str(name) for name in meta["fields"]], list(map(str, meta["dtypes"]))
     plain = [
@@ -325,7 +327,7 @@ def _read_layer(
     import pyogrio.raw
 
     refusal = InputError.about(path, "is not a vector file that can be read", REMEDY)
-    with _opened(path) as (safe, driver):
+    with _opened_vector(path) as (safe, driver):
         layer = _chosen_layer(path, safe, layer)
         info = pyogrio.read_info(safe, layer=layer, force_feature_count=False)
         if info["driver"] not in (driver, f"{driver}Seq"):
@@ -344,7 +346,7 @@ def _read_layer(
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[Path, str]]:
+def _opened_vector(path: Path) -> Iterator[tuple[Path, str]]:
     """The file to give to pyogrio, and the driver that must open it; its errors become ours."""
     import pyogrio
     from pyogrio import errors
@@ -401,14 +403,14 @@ def _chosen_layer(path: Path, safe: Path, layer: str | None) -> str | None:
     return layer or next(iter(polygonal or names), None)
 
 
-def _has_coordinates(shape: BaseGeometry | None) -> bool:
+def _is_placed(shape: BaseGeometry | None) -> bool:
     """Whether there is a shape, not an empty one, and all its coordinates are numbers of this world."""
     if shape is None or shape.is_empty:
         return False
     return bool((np.abs(shapely.get_coordinates(shape)) <= FARTHEST[0]).all())  # false for NaN, too
 
 
-def _in_metres(
+def _shapes_in_metres(
     path: Path, shapes: NDArray[np.object_], crs: str | None, target: CoordinateSystem | None
 ) -> tuple[list[Polygon | MultiPolygon], CoordinateSystem]:
     source = parse_crs(crs, path) if crs else None

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from eaves.formats.atomic import atomic
 from eaves.formats.cityjson import attributes_of, clean, footprint_of
 from eaves.formats.errors import InputError
-from eaves.formats.meshes import COLOURS, SURFACES, Mesh, mesh_of
+from eaves.formats.meshes import COLOURS, SURFACES, BuildingMesh, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Points
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
@@ -115,7 +115,7 @@ def y_up(xyz: Points) -> NDArray[np.float32]:
     return np.column_stack([xyz[:, 0], xyz[:, 2], -xyz[:, 1]]).astype(np.float32)
 
 
-def mesh_primitives(parts: GlbParts, mesh: Mesh, base: float) -> list[Json]:
+def mesh_primitives(parts: GlbParts, mesh: BuildingMesh, base: float) -> list[Json]:
     """Primitives of a mesh, one for every kind of surface it has; heights are written above `base`."""
     primitives = []
     for kind in range(len(SURFACES)):
@@ -205,7 +205,7 @@ class GlbParts:
             used = sorted({one["material"] for one in primitives})
             for one in primitives:
                 one["material"] = used.index(one["material"])
-            document |= self.lists | {"materials": materials(used), "buffers": [{"byteLength": binary}]}
+            document |= self.lists | {"materials": glb_materials(used), "buffers": [{"byteLength": binary}]}
             document["bufferViews"] = views
         text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
         text += b" " * (-len(text) % ALIGNMENT)
@@ -222,7 +222,7 @@ class GlbParts:
                 shutil.copyfileobj(file, target)
 
 
-def materials(kinds: Sequence[int]) -> list[Json]:
+def glb_materials(kinds: Sequence[int]) -> list[Json]:
     """One matt material for every kind of surface, by their numbers in `SURFACES`."""
     return [
         {

@@ -44,7 +44,7 @@ def iter_las(
     for position, records in iter_records(header, size, rectangle, EVERYTHING if copy else NEEDED, part):
         if copy is not None:
             copy.write(records.data)
-        yield _decode(header, position, records)
+        yield _decode_records(header, position, records)
 
 
 def iter_records(
@@ -132,7 +132,7 @@ def numbered(
         first += len(records)
 
 
-def _decode(header: LasHeader, position: NDArray[np.int64], records: NDArray[np.uint8]) -> Chunk:
+def _decode_records(header: LasHeader, position: NDArray[np.int64], records: NDArray[np.uint8]) -> Chunk:
     """The fields of LAS 1.4, tables 7 (formats 0 to 5) and 16 (6 to 10)."""
     stored = [
         np.ndarray(len(records), "<i4", records, 4 * axis, (header.record_length,)) for axis in range(3)

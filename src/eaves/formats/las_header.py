@@ -182,9 +182,9 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int, salvage: bool) ->
     if minor >= 4:
         first_evlr, evlr_count, long_count = struct.unpack_from("<QIQ", head, 235)
         count = long_count or count
-    records = _read_records(file, path, header_size, record_count, data_offset, VLR_HEADER)
+    records = _read_vlrs(file, path, header_size, record_count, data_offset, VLR_HEADER)
     try:
-        records += _read_records(file, path, first_evlr, evlr_count, size, EVLR_HEADER)
+        records += _read_vlrs(file, path, first_evlr, evlr_count, size, EVLR_HEADER)
     except InputError:
         if not salvage:
             raise
@@ -210,7 +210,7 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int, salvage: bool) ->
         room=room,
         first=_first_point(file, data_offset + (8 if compressed else 0), scales, offsets) if count else (),
     )
-    _check_points(header, refuse)
+    _check_point_bytes(header, refuse)
     return header
 
 
@@ -226,7 +226,7 @@ def _first_point(
     return tuple(number * scale + offset for number, scale, offset in stored)
 
 
-def _check_points(header: LasHeader, refuse: object) -> None:
+def _check_point_bytes(header: LasHeader, refuse: object) -> None:
     path, space = header.path, header.size - header.data_offset
     if not header.compressed:
         if header.count * header.record_length > space:
@@ -274,7 +274,7 @@ def _check_laszip(header: LasHeader) -> None:
         )
 
 
-def _read_records(
+def _read_vlrs(
     file: BinaryIO, path: Path, start: int, count: int, end: int, header_length: int
 ) -> tuple[tuple[str, int, bytes], ...]:
     """The records that matter among `count` ones from byte `start`, none of which may pass byte `end`."""

@@ -73,7 +73,7 @@ def write_lod_layers(
             count += 1
             for lod in model.solids:
                 rows = waiting.setdefault(lod, [])
-                rows += surface_rows(model, lod)
+                rows += lod_rows(model, lod)
                 if len(rows) >= PIECE_ROWS:
                     append_rows(temporary, rows, system, layer_of(lod), KINDS)
                     rows.clear()
@@ -89,7 +89,7 @@ def layer_of(lod: str) -> str:
     return "lod_" + lod.replace(".", "_")
 
 
-def surface_rows(model: BuildingModel, lod: str) -> Iterator[Row]:
+def lod_rows(model: BuildingModel, lod: str) -> Iterator[Row]:
     """The rows of one building at one level, in world metres."""
     origin = np.array([*model.footprint.origin, 0.0])
     for surface in SURFACES:

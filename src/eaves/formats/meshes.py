@@ -28,7 +28,7 @@ Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class BuildingMesh:
     """The triangles of one building, outward-oriented.
 
     `vertices` (V, 3) in metres about the footprint's origin, shared by the faces; `triangles` (T, 3) vertex
@@ -56,14 +56,14 @@ class Mesh:
         return self.vertices[pairs[:, 1]], self.normal[pairs[:, 0]], numbers.reshape(-1, 3)
 
 
-def mesh_of(result: BuildingModel | Failure) -> Mesh | None:
+def mesh_of(result: BuildingModel | Failure) -> BuildingMesh | None:
     """The mesh of the finest level of a building; None for a failure and for a model without solids."""
     if not isinstance(result, BuildingModel) or not result.solids:
         return None
     return mesh_of_solids(result.solids[result.lod])
 
 
-def mesh_of_solids(solids: Iterable[Solid]) -> Mesh:
+def mesh_of_solids(solids: Iterable[Solid]) -> BuildingMesh:
     """One mesh of several solids; faces without area have no triangles."""
     vertices: list[Points] = []
     triangles: list[tuple[int, int, int]] = []
@@ -80,7 +80,7 @@ def mesh_of_solids(solids: Iterable[Solid]) -> Mesh:
             normals.append(unit_normal(solid.vertices[list(face.rings[0])]))
         vertices.append(solid.vertices)
         start += len(solid.vertices)
-    return Mesh(
+    return BuildingMesh(
         vertices=np.concatenate(vertices) if vertices else np.zeros((0, 3)),
         triangles=np.array(triangles, np.int64).reshape(-1, 3),
         face=np.array(faces, np.int64),
@@ -116,7 +116,7 @@ def triangulate_faces(solid: Solid) -> list[list[tuple[int, int, int]]]:
         numbers.append(number)
         named = zip(np.concatenate(flat).tolist(), (v for ring in face.rings for v in ring), strict=True)
         vertex_at.append({tuple(xy): vertex for xy, vertex in named})
-    for number, names, cover in zip(numbers, vertex_at, triangulate(polygons), strict=True):
+    for number, names, cover in zip(numbers, vertex_at, triangulate_solids(polygons), strict=True):
         if cover is None:
             outer = solid.faces[number].rings[0]
             result[number] = [(outer[0], outer[k], outer[k + 1]) for k in range(1, len(outer) - 1)]
@@ -127,7 +127,7 @@ def triangulate_faces(solid: Solid) -> list[list[tuple[int, int, int]]]:
     return result
 
 
-def triangulate(polygons: Sequence[shapely.Polygon]) -> list[NDArray[np.object_] | None]:
+def triangulate_solids(polygons: Sequence[shapely.Polygon]) -> list[NDArray[np.object_] | None]:
     """The triangles of every polygon; None where they do not cover it, as for one that touches itself."""
     covers: list[NDArray[np.object_] | None] = []
     for polygon in polygons:

@@ -98,11 +98,11 @@ def write_obj(
             start += len(world)
             count += 1
     with atomic(path.with_suffix(".mtl")) as temporary:
-        temporary.write_text(materials(), encoding="utf-8", newline="\n")
+        temporary.write_text(material_lines(), encoding="utf-8", newline="\n")
     return count
 
 
-def materials() -> str:
+def material_lines() -> str:
     """One matt material for every kind of surface."""
     lines = []
     for surface, colour in COLOURS.items():

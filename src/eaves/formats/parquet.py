@@ -15,7 +15,7 @@ import shapely
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.errors import InputError
-from eaves.formats.geopackage import Layer, Row, column_of
+from eaves.formats.geopackage import Row, VectorLayer, column_of
 from eaves.model import CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
@@ -121,7 +121,7 @@ def geo_metadata(
     return {"version": VERSION, "primary_column": "geometry", "columns": {"geometry": column}}
 
 
-def parquet_layer(path: Path) -> Layer:
+def parquet_layer(path: Path) -> VectorLayer:
     """The one layer of a GeoParquet file.
 
     Raises
@@ -132,7 +132,7 @@ def parquet_layer(path: Path) -> Layer:
     with opened_parquet(path) as (file, about, crs):
         names = [name for name in file.schema_arrow.names if name not in (about["primary_column"], "bbox")]
         kinds = about["columns"][about["primary_column"]].get("geometry_types") or ["Polygon"]
-        return Layer(path.stem, ", ".join(kinds), tuple(names), file.metadata.num_rows, crs)
+        return VectorLayer(path.stem, ", ".join(kinds), tuple(names), file.metadata.num_rows, crs)
 
 
 def read_geoparquet(

@@ -122,15 +122,15 @@ def open_source(path: str | Path, crs: str | None = None, salvage: bool = False)
     >>> open_source(write_simulation(nine_roofs_on_a_slope(density=1.0), "nine")["points"]).count
     10404
     """
-    return _opened(path, crs, lambda file: b"", salvage)[0]
+    return _open_any(path, crs, lambda file: b"", salvage)[0]
 
 
 def open_marked(path: str | Path, crs: str | None = None, salvage: bool = False) -> tuple[Source, bytes]:
     """What `open_source` gives, and the file's fingerprint, for one opening."""
-    return _opened(path, crs, fingerprint, salvage)
+    return _open_any(path, crs, fingerprint, salvage)
 
 
-def _opened(
+def _open_any(
     path: str | Path, crs: str | None, look: Callable[[BinaryIO], bytes], salvage: bool
 ) -> tuple[Source, bytes]:
     path = Path(path)

@@ -43,12 +43,12 @@ def read_text_layout(path: Path) -> TextLayout:
     names: list[str] = []
     try:
         with path.open(encoding="utf-8-sig") as file:
-            for number, line in enumerate(_lines(file, path)):
+            for number, line in enumerate(_split_lines(file, path)):
                 content = line.split("#")[0].strip()
                 separator = next(mark for mark in SEPARATORS if mark is None or mark in content)
                 words = [word.strip().strip('"') for word in content.split(separator)] if content else []
-                if len(words) >= 3 and all(_is_number(word) for word in words[:3]):
-                    return _layout(path, separator, [name.lower() for name in names], len(words), number)
+                if len(words) >= 3 and all(_is_decimal(word) for word in words[:3]):
+                    return _text_layout(path, separator, [name.lower() for name in names], len(words), number)
                 if words and names:
                     break
                 names = words or names
@@ -70,7 +70,7 @@ def iter_text(layout: TextLayout, size: int) -> Iterator[Chunk]:
     columns = layout.columns if layout.label is None else (*layout.columns, layout.label)
     first, line_number = 0, layout.skip
     with layout.path.open(encoding="utf-8-sig") as file:
-        lines = _lines(file, layout.path)
+        lines = _split_lines(file, layout.path)
         for _ in islice(lines, layout.skip):
             pass
         while batch := list(islice(lines, size)):
@@ -95,7 +95,7 @@ def _numbers(layout: TextLayout, lines: list[str], columns: tuple[int, ...], bef
         ) from None
 
 
-def _layout(path: Path, separator: str | None, names: list[str], width: int, skip: int) -> TextLayout:
+def _text_layout(path: Path, separator: str | None, names: list[str], width: int, skip: int) -> TextLayout:
     if {"x", "y", "z"} <= set(names):
         label = next((names.index(name) for name in LABEL_NAMES if name in names), None)
         return TextLayout(
@@ -104,7 +104,7 @@ def _layout(path: Path, separator: str | None, names: list[str], width: int, ski
     return TextLayout(path, separator, (0, 1, 2), 3 if width == LABELLED_COLUMNS else None, skip)
 
 
-def _lines(file: TextIO, path: Path) -> Iterator[str]:
+def _split_lines(file: TextIO, path: Path) -> Iterator[str]:
     while line := file.readline(LONGEST_LINE):
         if len(line) == LONGEST_LINE:
             raise InputError.about(
@@ -113,7 +113,7 @@ def _lines(file: TextIO, path: Path) -> Iterator[str]:
         yield line
 
 
-def _is_number(word: str) -> bool:
+def _is_decimal(word: str) -> bool:
     try:
         float(word)
     except ValueError:

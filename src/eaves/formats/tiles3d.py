@@ -30,8 +30,8 @@ from eaves.formats.crs import horizontal_crs, pyproj_crs
 from eaves.formats.crs_check import vertical_datum
 from eaves.formats.features import EXTENSIONS, add_feature_numbers, add_property_table
 from eaves.formats.glb import GlbParts, Json, scene_extras, y_up
-from eaves.formats.meshes import SURFACES, Mesh, mesh_of
-from eaves.formats.tiles_overview import NODE_PRISMS, TILE_PRISMS, Prism, about, largest, prism_of
+from eaves.formats.meshes import SURFACES, BuildingMesh, mesh_of
+from eaves.formats.tiles_overview import NODE_PRISMS, TILE_PRISMS, Prism, describe_overview, largest, prism_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
@@ -106,7 +106,7 @@ def write_3dtiles(
     leaves: list[Leaf] = []
     overviews = count = 0
 
-    def tile_of(name: str, buildings: Sequence[tuple[BuildingModel, Mesh]]) -> Leaf:
+    def tile_of(name: str, buildings: Sequence[tuple[BuildingModel, BuildingMesh]]) -> Leaf:
         """Write a tile of buildings, whose meshes count from the first one's origin."""
         origin = buildings[0][0].footprint.origin
         with atomic(folder / name) as temporary:
@@ -122,7 +122,9 @@ def write_3dtiles(
         if not prisms:
             return {}
         overviews += 1
-        return tile_of(f"overview/{overviews}.glb", about(prisms[0][1].footprint.origin, prisms)).tile
+        return tile_of(
+            f"overview/{overviews}.glb", describe_overview(prisms[0][1].footprint.origin, prisms)
+        ).tile
 
     for _, buildings in by_origin(models):
         leaf = tile_of(f"content/{len(leaves) + 1}.glb", buildings)
@@ -147,7 +149,7 @@ def write_3dtiles(
 
 def by_origin(
     models: Iterable[BuildingModel | Failure],
-) -> Iterator[tuple[tuple[float, float], list[tuple[BuildingModel, Mesh]]]]:
+) -> Iterator[tuple[tuple[float, float], list[tuple[BuildingModel, BuildingMesh]]]]:
     """The buildings that have a mesh, by the origin they share."""
     solid = (
         (model, mesh)
@@ -160,7 +162,7 @@ def by_origin(
 
 def write_content(
     path: Path,
-    buildings: Sequence[tuple[BuildingModel, Mesh]],
+    buildings: Sequence[tuple[BuildingModel, BuildingMesh]],
     origin: tuple[float, float],
     system: CoordinateSystem,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from eaves.formats.meshes import SURFACES, Mesh, mesh_of_solids
+from eaves.formats.meshes import SURFACES, BuildingMesh, mesh_of_solids
 from eaves.model import BuildingModel, Face, Points, Solid
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
 
@@ -24,11 +24,11 @@ STRAIGHT = 1.0
 KEPT = ("roof_type", "h_ground", "h_ridge", "rmse_m", "area_m2")
 """Attributes of the buildings that prisms keep: what a viewer colours by."""
 
-Prism = tuple[float, BuildingModel, Mesh]
+Prism = tuple[float, BuildingModel, BuildingMesh]
 """Area (m²), building, mesh about the building's origin."""
 
 
-def prism_of(model: BuildingModel, mesh: Mesh) -> Prism | None:
+def prism_of(model: BuildingModel, mesh: BuildingMesh) -> Prism | None:
     """The hull of a building's footprint up to the mean height of its roof; None where it has no roof."""
     roof = mesh.triangles_of(SURFACES.index(ROOF_SURFACE))
     hull = model.footprint.polygon.convex_hull.simplify(STRAIGHT)
@@ -58,11 +58,13 @@ def largest(prisms: Iterable[Prism], count: int) -> list[Prism]:
     return heapq.nlargest(count, prisms, key=lambda prism: (prism[0], prism[1].footprint.id))
 
 
-def about(origin: tuple[float, float], prisms: Sequence[Prism]) -> list[tuple[BuildingModel, Mesh]]:
+def describe_overview(
+    origin: tuple[float, float], prisms: Sequence[Prism]
+) -> list[tuple[BuildingModel, BuildingMesh]]:
     """Buildings with their meshes moved to one origin (world m)."""
     moved = []
     for _, model, mesh in prisms:
         east, north = (one - two for one, two in zip(model.footprint.origin, origin, strict=True))
         vertices = mesh.vertices + [east, north, 0.0]
-        moved.append((model, Mesh(vertices, mesh.triangles, mesh.face, mesh.surface, mesh.normal)))
+        moved.append((model, BuildingMesh(vertices, mesh.triangles, mesh.face, mesh.surface, mesh.normal)))
     return moved

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eaves.model import Mask, Points, Raster
 from eaves.report.contents import Contents, finest_faces, read_contents
 from eaves.report.plan import SUN_ALTITUDE_DEG, SUN_AZIMUTH_DEG
-from eaves.report.surfaces import SURFACES, cut_into_triangles, edges_of
+from eaves.report.surfaces import SURFACES, cut_into_triangles, face_edges
 
 ROOF_COLOUR, WALL_COLOUR, EARTH_COLOUR, TREE_COLOUR = "#dd7a5b", "#f3eee4", "#cdd2b6", "#6f8f56"
 FLAT_ROOF_COLOUR, EDGE_COLOUR = "#cdc7bc", "#4a4038"
@@ -34,9 +34,9 @@ def models_figure(
     """The finest models from `azimuth` (degrees clockwise from south-on) and `elevation` over the horizon."""
     contents = read_contents(folder, points=POINTS_DRAWN)
     view = view_matrix(azimuth, elevation)
-    corners, colours, points = scene_of(contents)
+    corners, colours, points = drawn_scene(contents)
     finest = contents.faces.take(finest_faces(contents.faces))
-    lines = split_lines(finest.corners[edges_of(finest)[0]])
+    lines = split_lines(finest.corners[face_edges(finest)[0]])
     lines = lines[over_terrain(contents, lines)]
     seen, spots, rims = corners @ view.T, points @ view.T, lines @ view.T
     rim_depth = rims[:, :, 2].mean(axis=1) + IN_FRONT
@@ -83,7 +83,7 @@ def view_matrix(azimuth_deg: float, elevation_deg: float) -> NDArray[np.float64]
     return np.stack([right, np.cross(back, right), back])
 
 
-def scene_of(contents: Contents) -> tuple[Points, NDArray[np.float64], Points]:
+def drawn_scene(contents: Contents) -> tuple[Points, NDArray[np.float64], Points]:
     """Triangles (T, 3, 3) of terrain and finest models, their shaded colours (T, 3), and the points (N, 3) of
     trees."""
     surfaces = cut_into_triangles(contents.faces.take(finest_faces(contents.faces)))

@@ -79,7 +79,7 @@ def read_basemap(path: str | Path, system: CoordinateSystem, bounds: Bounds) -> 
                 longest = max(sides[2] - sides[0], sides[3] - sides[1])
                 pixels = min(PIXELS, max(1, round(longest / cell)))
                 while True:
-                    shape = shape_of(sides, pixels)
+                    shape = image_shape(sides, pixels)
                     colours, known = warped(image, wkt, sides, shape)
                     if not known.any():
                         refuse_elsewhere(path, (0.0, 0.0, 0.0, 0.0), sides, system)
@@ -91,7 +91,7 @@ def read_basemap(path: str | Path, system: CoordinateSystem, bounds: Bounds) -> 
             raise InputError.about(path, "is not an image that can be read", "give a GeoTIFF") from None
 
 
-def shape_of(sides: tuple[float, ...], pixels: int) -> tuple[int, int]:
+def image_shape(sides: tuple[float, ...], pixels: int) -> tuple[int, int]:
     """Rows and columns of square pixels over a rectangle, the longest side of so many."""
     west, south, east, north = sides
     cell = max(east - west, north - south) / pixels

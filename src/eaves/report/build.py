@@ -10,7 +10,7 @@ from typing import Unpack
 from eaves.pipeline import build as build_files
 from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, import_libraries
 from eaves.report.notebook import Results
-from eaves.report.page_file import write_report
+from eaves.report.page_file import write_run_page
 from eaves.report.sample import PointSample
 from eaves.run.options import EVERYTHING, RunOptions, list_options
 from eaves.run.recipe import Recipe
@@ -76,5 +76,5 @@ def build(
         if several and step == "buildings" and done == 1:  # the others compute meanwhile
             import_libraries()
 
-    report = partial(write_report, received=sample)
+    report = partial(write_run_page, received=sample)
     return Results.of(build_files(inputs, out, recipe, show, sample, report, **options))

@@ -77,7 +77,7 @@ def render_changes(comparison: Comparison) -> str:
     changes = list(comparison.changes)
     if len(changes) > ROWS_SHOWN:
         changes = [one for one in changes if one.verdict.change != UNCHANGED][:ROWS_SHOWN]
-    bounds = extent_of(comparison)
+    bounds = page_extent(comparison)
     pixel = max(FINEST, max(bounds.width, bounds.height) / PIXELS)
     pictures = [picture_of(epoch, comparison, bounds, pixel) for epoch in (comparison.old, comparison.new)]
     outlines: dict[str, list[dict[str, str]]] = {
@@ -110,7 +110,7 @@ def render_changes(comparison: Comparison) -> str:
     )
 
 
-def extent_of(comparison: Comparison) -> Bounds:
+def page_extent(comparison: Comparison) -> Bounds:
     """World metres of all buildings, with a margin."""
     polygons = [change.polygon for change in comparison.changes]
     if not polygons:
@@ -137,7 +137,7 @@ def picture_of(epoch: Epoch, comparison: Comparison, bounds: Bounds, pixel: floa
     shape = max(1, round(bounds.height / pixel)), max(1, round(bounds.width / pixel))
     path = epoch.folder / "dsm.tif"
     heights = read_heights(path, comparison, bounds, shape) if path.exists() else np.full(shape, np.nan)
-    grey = shade(heights, pixel)
+    grey = relief_shade(heights, pixel)
     with MemoryFile() as memory:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
@@ -187,7 +187,7 @@ def padded(image: Any, sides: tuple[float, ...], shape: tuple[int, int]) -> NDAr
     return values
 
 
-def shade(heights: NDArray[np.float64], pixel: float) -> NDArray[np.uint8]:
+def relief_shade(heights: NDArray[np.float64], pixel: float) -> NDArray[np.uint8]:
     """The light (H, W) on a surface of heights; white where none are known."""
     if min(heights.shape) < 2:
         return np.full(heights.shape, 255, np.uint8)

@@ -100,7 +100,7 @@ def read_contents(
     shown = nearest_buildings(polygons, buildings, None if around is None else place_of(around, rows, folder))
     others = [rows[k] for k in sorted(set(range(found)).difference(shown.tolist()))]
     polygons, rows = [polygons[k] for k in shown], [rows[k] for k in shown]
-    window = window_of(polygons) if len(shown) < found else None
+    window = drawn_window(polygons) if len(shown) < found else None
     terrain, bounds = read_terrain(folder / "dtm.tif", system, window)
     image = None if basemap is None else lay_image(folder, basemap, system, bounds)
     sample = sample_points(
@@ -202,7 +202,7 @@ def nearest_buildings(
     return np.asarray(np.sort(np.argsort(away, kind="stable")[:limit]))
 
 
-def window_of(polygons: list[Polygon | MultiPolygon]) -> Bounds:
+def drawn_window(polygons: list[Polygon | MultiPolygon]) -> Bounds:
     """World metres around polygons, with a margin."""
     west, south, east, north = (float(value) for value in shapely.total_bounds(polygons))
     return Bounds(west, south, east, north).buffered(MARGIN)
@@ -249,7 +249,7 @@ def middle_of(
 ) -> tuple[float, float]:
     """The middle (whole world metres) of what is drawn."""
     if bounds is None and polygons:
-        bounds = window_of(polygons)
+        bounds = drawn_window(polygons)
     if bounds is None and len(sample):
         bounds = Bounds.of(sample.xyz)
     if bounds is None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from eaves.formats.crs import horizontal_crs
-from eaves.formats.meshes import Mesh, mesh_of
+from eaves.formats.meshes import BuildingMesh, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, PointCloud, Raster, Scene
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.pictures import class_colours
@@ -50,7 +50,7 @@ def to_geopandas(
     >>> len(eaves.to_geopandas([building.model() for building in truth.buildings]))
     9
     """
-    geopandas = library("geopandas", EXTRA)
+    geopandas = required_library("geopandas", EXTRA)
     if isinstance(what, Summary):
         return geopandas.read_file(what.folder / "footprints.gpkg", layer="footprints")
     several = [what] if isinstance(what, Footprint | BuildingModel | Failure) else list(what)
@@ -108,7 +108,7 @@ def to_xarray(what: Raster | Scene, origin: tuple[float, float] = (0.0, 0.0), na
     >>> find_spec("xarray") is None or eaves.to_xarray(raster).shape == (2, 3)
     True
     """
-    xarray = library("xarray", EXTRA)
+    xarray = required_library("xarray", EXTRA)
     if isinstance(what, Scene):
         place = what.cloud.origin
         return xarray.Dataset({key: to_xarray(getattr(what, key), place, key) for key in ("dtm", "dsm")})
@@ -147,7 +147,7 @@ def to_trimesh(model: BuildingModel) -> Any:
     >>> eaves.to_trimesh(nine_roofs_on_a_slope(density=1.0).buildings[0].model()).is_watertight
     True
     """
-    trimesh = library("trimesh", EXTRA)
+    trimesh = required_library("trimesh", EXTRA)
     mesh = solid_mesh(model)
     about = {"id": model.footprint.id, "lod": model.lod, "origin": model.footprint.origin}
     return trimesh.Trimesh(mesh.vertices, mesh.triangles, metadata=about, process=False)
@@ -182,7 +182,7 @@ def to_open3d(what: PointCloud | BuildingModel) -> Any:
     >>> find_spec("open3d") is None or len(eaves.to_open3d(cloud).points) == len(cloud)
     True
     """
-    open3d = library("open3d", "open3d")
+    open3d = required_library("open3d", "open3d")
     if isinstance(what, PointCloud):
         points = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(what.xyz))
         if what.classification is not None:
@@ -198,7 +198,7 @@ def to_open3d(what: PointCloud | BuildingModel) -> Any:
     return made
 
 
-def solid_mesh(model: BuildingModel) -> Mesh:
+def solid_mesh(model: BuildingModel) -> BuildingMesh:
     """The triangles of a model; ValueError where it has no solids."""
     mesh = mesh_of(model)
     if mesh is None:
@@ -240,14 +240,14 @@ def explore(
     True
     """
     for name in ("folium", "mapclassify"):
-        library(name, EXTRA)
+        required_library(name, EXTRA)
     table = to_geopandas(what, system)
     if "lod" in table.columns:
         options = {"column": "lod", "categorical": True, **options}
     return table.explore(**options)
 
 
-def library(name: str, remedy: str) -> Any:
+def required_library(name: str, remedy: str) -> Any:
     """A library that is not needed elsewhere.
 
     Raises

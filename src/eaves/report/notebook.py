@@ -16,7 +16,7 @@ from eaves.formats import iter_cityjson, read_polygons
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
-from eaves.report.convert import explore, library
+from eaves.report.convert import explore, required_library
 from eaves.report.sample import Sample, classified_files, sample_points
 from eaves.report.surfaces import collect_city_faces, cut_into_triangles
 
@@ -104,7 +104,7 @@ def summary_html(summary: Summary) -> str:
 
 def footprint_frame(folder: Path, layer: str = "footprints") -> Any:
     """A layer of footprints.gpkg as a geopandas.GeoDataFrame, in the run's reference system."""
-    return library("geopandas", "eaves[notebook]").read_file(folder / "footprints.gpkg", layer=layer)
+    return required_library("geopandas", "eaves[notebook]").read_file(folder / "footprints.gpkg", layer=layer)
 
 
 def point_arrays(folder: Path, building: int | None = None) -> Sample:
@@ -117,7 +117,7 @@ def point_arrays(folder: Path, building: int | None = None) -> Sample:
 def building_meshes(folder: Path) -> dict[str, Any]:
     """A trimesh.Trimesh of every building's finest model by id, in metres about the building's lowest corner,
     which `metadata["origin"]` holds."""
-    trimesh = library("trimesh", "eaves[notebook]")
+    trimesh = required_library("trimesh", "eaves[notebook]")
     _, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="footprints")
     ids = [str(row["id"]) for row in rows]
     models = iter_cityjson(folder / "buildings.city.jsonl")

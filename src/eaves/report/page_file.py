@@ -28,7 +28,7 @@ from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.summary import Summary
 from eaves.report.contents import Contents, local_rings, read_contents
 from eaves.report.sample import PointSample
-from eaves.report.surfaces import CityFace, CityFaces, cut_into_triangles, edges_of, in_pieces
+from eaves.report.surfaces import CityFace, CityFaces, cut_into_triangles, face_edges, in_pieces
 
 SCRIPTS = (
     *("arrays", "camera", "draw", "pace", "pick", "measure", "profile", "shade"),
@@ -73,7 +73,7 @@ DRAPE = 0.15
 DRAPE_STEP = 3.0
 
 
-def write_report(summary: Summary, received: PointSample | None = None) -> Path:
+def write_run_page(summary: Summary, received: PointSample | None = None) -> Path:
     """Write report.html into the run's folder; its path. `received` has received the run write its points."""
     return write_page(read_contents(summary.folder, received=received), summary.as_text())
 
@@ -122,7 +122,7 @@ def iter_data(contents: Contents) -> Iterator[str]:
     about = as_json(page_data(contents))
     yield about.removesuffix("}") + ',"arrays":{'
     for number, (name, values) in enumerate(iter_arrays(contents)):
-        yield "," * (number > 0) + f"{as_json(name)}:{as_json(pack(values))}"
+        yield "," * (number > 0) + f"{as_json(name)}:{as_json(packed_array(values))}"
     yield "}}"
 
 
@@ -190,28 +190,28 @@ def page_arrays(contents: Contents) -> dict[str, NDArray[Any]]:
 
 def iter_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     """Points, triangles, edges, outlines and terrain; buildings count from 1, 0 is none."""
-    yield from point_arrays(contents)
+    yield from page_points(contents)
     yield from triangle_arrays(contents)
-    corners = millimetres(contents.faces.corners)
-    ends, edge_face = edges_of(contents.faces)
+    corners = as_millimetres(contents.faces.corners)
+    ends, edge_face = face_edges(contents.faces)
     yield "edge_xyz", corners[ends]
     yield "edge_building", (contents.faces.building[edge_face] + 1).astype(np.uint32)
     yield "edge_lod", contents.faces.lod[edge_face].astype(np.uint8)
     outlines, outline_row = draped_outlines(contents)
-    yield "outline_xyz", millimetres(outlines)
+    yield "outline_xyz", as_millimetres(outlines)
     yield "outline_building", outline_row.astype(np.uint32)
     heights = np.nan_to_num(contents.terrain * MILLIMETRES, nan=UNKNOWN_HEIGHT)
     yield "terrain", np.round(heights).astype(np.int32)
 
 
-def point_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
+def page_points(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     """The arrays (N,) of the points."""
     points = contents.points
     numbers = {int(row["number"]): place for place, row in enumerate(contents.rows, 1) if row.get("number")}
     row_of = np.zeros(max([*numbers, int(points.building.max(initial=0))], default=0) + 1, np.uint32)
     row_of[list(numbers)] = list(numbers.values())
     distance = np.clip(np.nan_to_num(contents.distance * MILLIMETRES, nan=1e9), -32767, UNKNOWN_DISTANCE)
-    yield "point_xyz", millimetres(points.xyz)
+    yield "point_xyz", as_millimetres(points.xyz)
     yield "point_class", points.classification
     yield "point_building", row_of[points.building]
     yield "point_plane", np.where(points.plane > 0, points.plane % 255 + 1, 0).astype(np.uint8)
@@ -226,7 +226,7 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     figures: dict[str, list[NDArray[Any]]] = {name: [] for name in KINDS}
     for piece in chain(in_pieces(contents.faces), in_pieces(flat)):
         surfaces = cut_into_triangles(piece)
-        corners.append(millimetres(surfaces.corners))
+        corners.append(as_millimetres(surfaces.corners))
         for name, values in figures.items():
             values.append(surfaces.figure(name).astype(KINDS[name]))
     whole = np.concatenate(corners)
@@ -237,13 +237,13 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
         yield f"triangle_{name}", np.concatenate([np.zeros(0, KINDS[name]), *figures[name]])
 
 
-def millimetres(xyz: Points) -> NDArray[np.int32]:
+def as_millimetres(xyz: Points) -> NDArray[np.int32]:
     """Coordinates as whole millimetres."""
     whole = np.clip(xyz * MILLIMETRES, -UNKNOWN_HEIGHT, UNKNOWN_HEIGHT)
     return np.asarray(np.rint(whole, out=whole), np.int32)
 
 
-def pack(values: NDArray[Any]) -> dict[str, str]:
+def packed_array(values: NDArray[Any]) -> dict[str, str]:
     """Base64 of the deflated bytes, those of one significance together."""
     flat = np.ascontiguousarray(values).reshape(-1)
     stored = flat.astype(flat.dtype.newbyteorder("<"), copy=False)

@@ -26,7 +26,7 @@ DARKEST = -0.9
 DIRECTIONS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 
 
-def shade(heights: NDArray[np.float32], cell: float) -> NDArray[np.float64]:
+def hillshade(heights: NDArray[np.float32], cell: float) -> NDArray[np.float64]:
     """Hillshade (H, W) in 0 to 1 of a raster with row 0 north; NaN where the heights are."""
     padded = np.pad(heights.astype(np.float64), 1, mode="edge")
     down = np.gradient(padded, cell, axis=0)[1:-1, 1:-1]
@@ -53,7 +53,7 @@ def draw_shade(axes: Axes, path: Path) -> None:
     raster, _ = read_raster(path)
     bounds = raster.bounds
     axes.imshow(
-        shade(raster.values, raster.cell),
+        hillshade(raster.values, raster.cell),
         cmap="gray",
         extent=(bounds.west, bounds.east, bounds.south, bounds.north),
         vmin=DARKEST,
@@ -62,7 +62,7 @@ def draw_shade(axes: Axes, path: Path) -> None:
     )
 
 
-def draw_plan(axes: Axes, folder: Path, surface: str = "dsm") -> None:
+def draw_run_plan(axes: Axes, folder: Path, surface: str = "dsm") -> None:
     """Draw a run's plan into axes, in metres of its reference system."""
     draw_shade(axes, folder / f"{surface}.tif")
     if has_layer(folder / "footprints.gpkg", "roof_planes"):
@@ -100,7 +100,7 @@ def plan_figure(folder: str | Path, size_inches: float = 9.0) -> Figure:
     """A run's plan: roof faces coloured by azimuth, outlines black (LoD 2.2), blue (coarser), red (none)."""
     figure = Figure(figsize=(size_inches, size_inches), layout="constrained")
     axes = figure.subplots()
-    draw_plan(axes, Path(folder))
+    draw_run_plan(axes, Path(folder))
     keys: list[Artist] = [
         Patch(facecolor=face_colour(45.0, 45.0 * k), edgecolor="0.3", linewidth=0.3, label=f"faces {name}")
         for k, name in enumerate(DIRECTIONS)

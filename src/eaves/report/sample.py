@@ -166,7 +166,7 @@ def sample_points(
     received
         What was taken when the files were written; where it is the same, the files are not read again.
     """
-    layouts = [_layout(path) for path in files]
+    layouts = [_las_layout(path) for path in files]
     total = sum(layout.count for layout in layouts)
     crossing = [layout for layout in layouts if bounds is None or _crosses(layout, bounds, system)]
     candidates = sum(layout.count for layout in crossing)
@@ -193,7 +193,7 @@ def sample_points(
     return Sample(**joined, total=total, on_buildings=on_buildings)
 
 
-def _layout(path: Path) -> LasHeader:
+def _las_layout(path: Path) -> LasHeader:
     layout = open_source(path).layout
     if not isinstance(layout, LasHeader):
         raise InputError.about(path, "is no LAZ file", "give the folder of a run of eaves build")

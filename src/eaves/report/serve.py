@@ -35,7 +35,7 @@ from eaves.model.building import LODS
 from eaves.model.columns import COLUMNS
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.report.contents import lay_image, read_terrain, system_of_folder
-from eaves.report.page_file import MILLIMETRES, UNKNOWN_HEIGHT, pack
+from eaves.report.page_file import MILLIMETRES, UNKNOWN_HEIGHT, packed_array
 from eaves.run.manifest import add_to_manifest
 
 HOST = "127.0.0.1"
@@ -62,7 +62,7 @@ VIEWER = {
 
 
 @dataclass(frozen=True)
-class Site:
+class TileSite:
     """What is served of a run: files made in memory, by name, and of its folder the tiles and the page."""
 
     folder: Path
@@ -82,7 +82,7 @@ class Site:
             return None
 
 
-def make_site(folder: str | Path, basemap: str | Path | None = None) -> Site:
+def make_site(folder: str | Path, basemap: str | Path | None = None) -> TileSite:
     """The site of a run's folder, with an aerial image; its tiles are made when they are missing.
 
     Raises
@@ -99,14 +99,14 @@ def make_site(folder: str | Path, basemap: str | Path | None = None) -> Site:
             packed = name.endswith(".gz")
             made[name.removesuffix(".gz")] = gzip.decompress(content) if packed else content
     system = make_tiles(folder, system)
-    made["about.json"] = as_bytes(describe_run(folder, system))
+    made["about.json"] = as_bytes(about_run(folder, system))
     heights, bounds = read_terrain(folder / "dtm.tif", system, None)
     image = None if basemap is None else lay_image(folder, basemap, system, bounds)
     if image is not None:
         made[IMAGE] = image.jpeg
     ground = describe_ground(heights, bounds, system)
     made["ground.json"] = as_bytes(ground | {"image": IMAGE if image else ""})
-    return Site(folder, made)
+    return TileSite(folder, made)
 
 
 def as_bytes(value: Any) -> bytes:
@@ -164,7 +164,7 @@ def model_of(parts: list[CityObject]) -> BuildingModel | None:
     return BuildingModel(footprint, {finest: solids}, (), attributes)
 
 
-def describe_run(folder: Path, system: CoordinateSystem) -> dict[str, Any]:
+def about_run(folder: Path, system: CoordinateSystem) -> dict[str, Any]:
     """What the viewer says of the run."""
     path = folder / "run.json"
     run = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -187,7 +187,7 @@ def describe_ground(
     rows, columns = heights.shape
     known = np.isfinite(heights)
     if bounds is None or not known.any():
-        return {"rows": 0, "columns": 0, "centre": [0, 0, 0], "xyz": pack(np.zeros(0, np.int32))}
+        return {"rows": 0, "columns": 0, "centre": [0, 0, 0], "xyz": packed_array(np.zeros(0, np.int32))}
     x = bounds.west + (np.arange(columns) + 0.5) * bounds.width / columns
     y = bounds.north - (np.arange(rows) + 0.5) * bounds.height / rows
     world = np.column_stack([np.tile(x, rows), np.repeat(y, columns), np.nan_to_num(heights).ravel()])
@@ -195,7 +195,7 @@ def describe_ground(
     centre = places[known.ravel()].mean(axis=0)
     whole = np.rint((places - centre) * MILLIMETRES)
     whole[~known.ravel()] = UNKNOWN_HEIGHT
-    xyz = pack(whole.astype(np.int32))
+    xyz = packed_array(whole.astype(np.int32))
     return {"rows": rows, "columns": columns, "centre": centre.tolist(), "xyz": xyz}
 
 
@@ -204,7 +204,7 @@ def placed(earth: Earth, world: Points) -> Points:
     return earth.geocentric(world) if earth.known else world
 
 
-def write_site(site: Site, target: str | Path) -> Path:
+def write_site(site: TileSite, target: str | Path) -> Path:
     """Write the site into a folder for any web server; the path of its first page.
 
     Raises
@@ -230,7 +230,7 @@ class Handler(BaseHTTPRequestHandler):
 
     protocol_version = "HTTP/1.1"
 
-    def __init__(self, *words: Any, site: Site) -> None:
+    def __init__(self, *words: Any, site: TileSite) -> None:
         self.site = site
         super().__init__(*words)
 
@@ -277,7 +277,7 @@ class Server(ThreadingHTTPServer):
         """Let go of a connection that broke."""
 
 
-def open_server(site: Site, port: int = PORT) -> Server:
+def open_server(site: TileSite, port: int = PORT) -> Server:
     """A server that listens on this computer only; `port` 0 takes any free one.
 
     Raises
@@ -293,7 +293,9 @@ def open_server(site: Site, port: int = PORT) -> Server:
         raise ValueError(f"--port {port}: {why}; give another, or 0 for any free one") from None
 
 
-def serve_run(site: Site, port: int = PORT, show: bool = True, say: Callable[[str], object] = print) -> None:
+def serve_run(
+    site: TileSite, port: int = PORT, show: bool = True, say: Callable[[str], object] = print
+) -> None:
     """Serve until Ctrl-C; `say` gets the address."""
     with open_server(site, port) as server:
         address = f"http://{HOST}:{server.server_address[1]}/"

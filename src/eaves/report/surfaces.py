@@ -109,7 +109,7 @@ def in_pieces(faces: CityFaces, size: int = PIECE_FACES) -> Iterator[CityFaces]:
 
 
 @dataclass(frozen=True, eq=False)
-class Surfaces:
+class FaceTriangles:
     """Triangles of faces: `corners` (T, 3, 3), counter-clockwise from outside; `face` (T,) numbers in
     `faces`."""
 
@@ -151,10 +151,10 @@ def whole_millimetres(error: float | None) -> int:
     return UNKNOWN_ERROR if error is None else min(round(1000.0 * error), UNKNOWN_ERROR - 1)
 
 
-def cut_into_triangles(faces: CityFaces) -> Surfaces:
+def cut_into_triangles(faces: CityFaces) -> FaceTriangles:
     """Constrained Delaunay triangles of planar faces, found on each face's own plane."""
     if not len(faces):
-        return Surfaces(np.zeros((0, 3, 3)), np.zeros(0, np.int64), faces)
+        return FaceTriangles(np.zeros((0, 3, 3)), np.zeros(0, np.int64), faces)
     own, sizes, counts = faces.corners, np.diff(faces.ring_start), np.diff(faces.face_start)
     ring_face = np.repeat(np.arange(len(faces)), counts)
     number = np.repeat(ring_face, sizes)
@@ -168,11 +168,11 @@ def cut_into_triangles(faces: CityFaces) -> Surfaces:
     shapes[broken] = shapely.buffer(shapes[broken], 0)
     pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(shapes), return_index=True)
     uv = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-    clockwise = _twice_area(uv) < 0
+    clockwise = _signed_area(uv) < 0
     uv[clockwise] = uv[clockwise][:, ::-1]
     corners = frame[owner, None, 0] + np.einsum("tkc,tcd->tkd", uv, frame[owner, 1:3])
     _take_own_corners(corners, uv, owner, own, places, number)
-    return Surfaces(np.asarray(corners), np.asarray(owner, np.int64), faces)
+    return FaceTriangles(np.asarray(corners), np.asarray(owner, np.int64), faces)
 
 
 def _take_own_corners(
@@ -200,7 +200,7 @@ def _take_own_corners(
     corners.reshape(-1, 3)[hit] = own[found[hit]]
 
 
-def edges_of(faces: CityFaces) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def face_edges(faces: CityFaces) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Which corners every ring edge goes between, (E, 2), and the number (E,) of its face."""
     size = np.diff(faces.ring_start)
     following = following_places(size).astype(np.int32)
@@ -229,6 +229,6 @@ def _frames(corners: Points, sizes: NDArray[np.int64], outer: NDArray[np.int64])
     return np.stack([corners[start[outer]], first, second, normal], axis=1)
 
 
-def _twice_area(corner: NDArray[np.float64]) -> NDArray[np.float64]:
+def _signed_area(corner: NDArray[np.float64]) -> NDArray[np.float64]:
     one, two = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     return np.asarray(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])

@@ -92,7 +92,9 @@ def sweep(
     folder = Path(out)
     for value in [default, *(value for value in values if value != default)]:
         given = {} if value is default else {key: value}
-        place = folder / ("default" if value is default else f"{value:g}" if is_number(value) else str(value))
+        place = folder / (
+            "default" if value is default else f"{value:g}" if is_numeric(value) else str(value)
+        )
         chosen: Any = {**(options or {}), "source": source, "outputs": outputs}
         chosen[stage] = {"method": cls.name, **given}
         if what != "models":
@@ -102,13 +104,13 @@ def sweep(
         rows.append(
             {key: "derived" if value is None else value, "is default": value is default, **numbers_of(found)}
         )
-    rows.sort(key=lambda row: row[key] if is_number(row[key]) else -np.inf)
+    rows.sort(key=lambda row: row[key] if is_numeric(row[key]) else -np.inf)
     write_table(folder, parameter, cls.name, rows, key)
     draw(folder / "sweep.png", f"{stage}/{cls.name}: {key}", key, rows)
     return rows
 
 
-def is_number(value: object) -> bool:
+def is_numeric(value: object) -> bool:
     """Whether a value has a place on an axis."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
@@ -155,7 +157,7 @@ def parse_values(text: str) -> list[Any]:
 
 def numbers_of(evaluation: Evaluation) -> Row:
     """The figures of an evaluation that are numbers."""
-    return {name: value for name, value in evaluation.figures.items() if is_number(value)}
+    return {name: value for name, value in evaluation.figures.items() if is_numeric(value)}
 
 
 def write_table(folder: Path, parameter: str, method: str, rows: list[Row], key: str) -> None:
@@ -168,7 +170,7 @@ def write_table(folder: Path, parameter: str, method: str, rows: list[Row], key:
     shown = [key, *changing(rows, key)]
     text = [f"# {parameter} of {method}", "", "| " + " | ".join(shown) + " |", "|" + "---|" * len(shown)]
     for row in rows:
-        cells = [f"{row[name]:.4g}" if is_number(row[name]) else str(row[name]) for name in shown]
+        cells = [f"{row[name]:.4g}" if is_numeric(row[name]) else str(row[name]) for name in shown]
         cells[0] += " (default)" if row["is default"] else ""
         text.append("| " + " | ".join(cells) + " |")
     (folder / "sweep.md").write_text("\n".join(text) + "\n", encoding="utf-8")
@@ -192,7 +194,7 @@ def draw(path: Path, title: str, key: str, rows: list[Row]) -> None:
     figure = Figure(figsize=(3.4 * columns, 2.4 * lines + 0.4), layout="constrained")
     panels = np.atleast_1d(figure.subplots(lines, columns)).ravel()
     sets = [row for row in rows if row[key] != "derived"]
-    places = [row[key] if is_number(row[key]) else number for number, row in enumerate(sets)]
+    places = [row[key] if is_numeric(row[key]) else number for number, row in enumerate(sets)]
     for panel in panels[len(names) :]:
         panel.set_axis_off()
     for panel, name in zip(panels, names, strict=False):

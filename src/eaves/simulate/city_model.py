@@ -107,7 +107,7 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
     faces = 1
     for name, solid, _ in solids:
         local = Solid(solid.vertices - [*origin, 0.0], solid.faces)
-        building = _building(name, local, len(buildings) + 1, faces)
+        building = _exact_building(name, local, len(buildings) + 1, faces)
         if building is None:
             logger.warning("%s: '%s' has no roof to scan and is left out", path, name)
             continue
@@ -140,20 +140,20 @@ def _shells(found: CityObject) -> tuple[Solid, ...]:
     return tuple(solid for solid in shells if solid.faces)
 
 
-def _building(name: str, solid: Solid, number: int, first_face: int) -> ExactBuilding | None:
+def _exact_building(name: str, solid: Solid, number: int, first_face: int) -> ExactBuilding | None:
     """The building of a shell: roof faces numbered, other faces classified; None when it has no roof."""
     shell: list[Face] = []
     faces: list[ExactFace] = []
     for face in solid.faces:
         corners = solid.vertices[list(face.rings[0])]
-        normal = _normal(corners)
+        normal = _face_normal(corners)
         surface = face.surface or _guess(normal)
         if surface == ROOF_SURFACE and abs(normal[2]) > LOWEST_ROOF_NORMAL:
             polygon = as_polygon(
                 Polygon(corners[:, :2], [solid.vertices[list(r)][:, :2] for r in face.rings[1:]])
             )
             if polygon is not None:
-                exact = ExactFace(polygon, _plane_through(corners, normal), first_face + len(faces))
+                exact = ExactFace(polygon, _plane_of_face(corners, normal), first_face + len(faces))
                 shell.append(Face(face.rings, ROOF_SURFACE, len(faces)))
                 faces.append(exact)
                 continue
@@ -199,7 +199,7 @@ def _tile(faces: list[ExactFace], grid: float) -> list[tuple[Polygon, int]]:
     ]
 
 
-def _normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def _face_normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit normal (3,) of a ring (K, 3) by Newell's sum; zero for a ring without area."""
     after = np.roll(corners, -1, axis=0)
     total = np.cross(corners - corners[0], after - corners[0]).sum(axis=0)
@@ -213,7 +213,7 @@ def _guess(normal: NDArray[np.float64]) -> str:
     return GROUND_SURFACE if normal[2] < -LOWEST_ROOF_NORMAL else WALL_SURFACE
 
 
-def _plane_through(corners: NDArray[np.float64], normal: NDArray[np.float64]) -> tuple[float, float, float]:
+def _plane_of_face(corners: NDArray[np.float64], normal: NDArray[np.float64]) -> tuple[float, float, float]:
     a, b = -normal[0] / normal[2], -normal[1] / normal[2]
     centre = corners.mean(axis=0)
     return float(a), float(b), float(centre[2] - a * centre[0] - b * centre[1])

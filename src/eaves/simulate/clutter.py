@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from eaves.model.cloud import BUILDING
 from eaves.simulate.exact import ExactBuilding, ExactFace
-from eaves.simulate.surfaces import UP, Surfaces, box, curtain, fan
+from eaves.simulate.surfaces import UP, Surfaces, curtain, fan, upright_box
 
 FROM_EDGE = 0.6
 """Nothing stands nearer to the edge of a face (m)."""
@@ -78,10 +78,10 @@ def _piece(
     angle = float(np.arctan2(gradient[1], gradient[0]))
     if np.hypot(*gradient) < FLAT:
         size = rng.uniform(0.3, 2.0), rng.uniform(0.3, 1.6), rng.uniform(0.3, 1.5)
-        return box(place[0], place[1], foot - 0.1, size, rng.uniform(0.0, np.pi))
+        return upright_box(place[0], place[1], foot - 0.1, size, rng.uniform(0.0, np.pi))
     if rng.random() < 0.5:
         wide = rng.uniform(0.15, 0.35)
-        return box(place[0], place[1], foot - 0.3, (wide, wide, rng.uniform(0.6, 1.0)), angle)
+        return upright_box(place[0], place[1], foot - 0.3, (wide, wide, rng.uniform(0.6, 1.0)), angle)
     return _raised(face, place, angle, (1.0, 0.8), 0.12)
 
 
@@ -136,6 +136,6 @@ def _balconies(
 def _balcony(middle: NDArray[np.float64], level: float, deep: float, angle: float) -> list[Patch]:
     """A slab 3 m wide with a parapet of 1 m around it."""
     return [
-        *box(middle[0], middle[1], level - 0.2, (3.0, deep, 0.2), angle),
-        *box(middle[0], middle[1], level, (3.0, deep, 1.0), angle, with_top=False),
+        *upright_box(middle[0], middle[1], level - 0.2, (3.0, deep, 0.2), angle),
+        *upright_box(middle[0], middle[1], level, (3.0, deep, 1.0), angle, with_top=False),
     ]

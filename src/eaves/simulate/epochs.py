@@ -23,7 +23,7 @@ from eaves.simulate.flight import Flight, Pattern
 from eaves.simulate.masses import Mass
 from eaves.simulate.roofs import make_building
 from eaves.simulate.scanner import Scanner, scan_town
-from eaves.simulate.streets import Block, TownStyle, draw_block
+from eaves.simulate.streets import CityBlock, TownStyle, draw_block
 from eaves.simulate.surfaces import Surfaces
 from eaves.simulate.terrain import TerrainKind
 from eaves.simulate.town import RIM, Site, Town, lay_site, put_extras
@@ -163,7 +163,7 @@ def simulate_epochs(
     if not 0.0 <= changed <= 1.0:
         raise ValueError(f"changed must be a share between 0 and 1, not {changed}")
     site, plots, corridor = lay_site(area_km2, None, terrain, seed, style)
-    blocks: list[Block] = []
+    blocks: list[CityBlock] = []
     for number, plot in enumerate(plots):
         whole = bool(site.bounds.buffered(-RIM).contains(plot.corners()).all())
         blocks.append(draw_block(plot, style, whole, True, np.random.default_rng([seed, 34, number])))
@@ -177,7 +177,7 @@ def simulate_epochs(
         for pair in pairs:
             building = pair.buildings[epoch]
             if building is not None:
-                there.add(_numbered(building, there.faces + 1))
+                there.add(_renumbered(building, there.faces + 1))
         for number, (plot, block) in enumerate(zip(plots, blocks, strict=True)):
             parked = np.random.default_rng([seed, 52, epoch, number]).random(len(block.cars)) < CARS_KEPT
             cars = [car for car, here in zip(block.cars, parked, strict=True) if here]
@@ -327,7 +327,7 @@ def _roof_heights(building: ExactBuilding, step: float = 0.5) -> tuple[np.ndarra
     return np.concatenate(places), np.concatenate(heights)
 
 
-def _numbered(building: ExactBuilding, first: int) -> ExactBuilding:
+def _renumbered(building: ExactBuilding, first: int) -> ExactBuilding:
     """A building with its faces numbered from `first`."""
     faces = tuple(replace(face, number=first + order) for order, face in enumerate(building.faces))
     return replace(building, faces=faces)

@@ -111,7 +111,7 @@ class ExactBuilding:
     def translated(self, x: float, y: float) -> ExactBuilding:
         """The building in coordinates about an origin that lies (−x, −y) metres away."""
         faces = tuple(
-            ExactFace(translate(face.polygon, x, y), _moved(face.coefficients, x, y), face.number)
+            ExactFace(translate(face.polygon, x, y), _moved_plane(face.coefficients, x, y), face.number)
             for face in self.faces
         )
         return replace(
@@ -128,7 +128,7 @@ def _moved_solid(solid: Solid | None, x: float, y: float) -> Solid | None:
     return None if solid is None else Solid(solid.vertices + np.array([x, y, 0.0]), solid.faces)
 
 
-def _moved(plane: Plane, x: float, y: float) -> Plane:
+def _moved_plane(plane: Plane, x: float, y: float) -> Plane:
     a, b, c = plane
     return a, b, c - a * x - b * y
 

@@ -70,12 +70,12 @@ def write_simulation(
     """
     target = Path(folder)
     paths = {name: target / name for name in (POINTS, MODELS, VECTORS, SUMMARY)}
-    _write_points(scene, paths[POINTS])
+    _write_cloud(scene, paths[POINTS])
     origin = scene.cloud.origin
     models = [building.model(origin) for building in scene.buildings]
     write_cityjson(paths[MODELS], models, scene.cloud.system)
     with undated():
-        write_geopackage(paths[VECTORS], *_rows(scene), scene.cloud.system)
+        write_geopackage(paths[VECTORS], *_layer_rows(scene), scene.cloud.system)
     with atomic(paths[SUMMARY]) as temporary:
         temporary.write_text(
             json.dumps({**(settings or {}), **_counts(scene)}, indent=1, sort_keys=True) + "\n",
@@ -102,7 +102,7 @@ def undated() -> Iterator[None]:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
 
-def _write_points(scene: ExactScene, path: Path) -> None:
+def _write_cloud(scene: ExactScene, path: Path) -> None:
     cloud = scene.cloud
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.creation_date = UNDATED
@@ -129,7 +129,7 @@ def _write_points(scene: ExactScene, path: Path) -> None:
         las.write(file, do_compress=True)
 
 
-def _rows(scene: ExactScene) -> tuple[list[Row], list[Row]]:
+def _layer_rows(scene: ExactScene) -> tuple[list[Row], list[Row]]:
     """The rows of the layers `footprints` and `roof_planes`, in world metres."""
     footprints, planes = [], []
     for building in scene.buildings:

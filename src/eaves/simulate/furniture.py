@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model.cloud import BRIDGE_DECK, UNCLASSIFIED, WIRE, WIRE_TOWER
-from eaves.simulate.surfaces import UP, Surfaces, box, curtain, fan
+from eaves.simulate.surfaces import UP, Surfaces, curtain, fan, upright_box
 from eaves.simulate.terrain import Corridor, Terrain
 
 
 def park_car(x: float, y: float, ground: float, angle: float, rng: np.random.Generator) -> Surfaces:
     """A car, or one time in eight a van: a body and a cabin."""
     if rng.random() < 0.125:
-        return Surfaces.of(box(x, y, ground + 0.3, (5.5, 2.0, 2.1), angle), UNCLASSIFIED)
+        return Surfaces.of(upright_box(x, y, ground + 0.3, (5.5, 2.0, 2.1), angle), UNCLASSIFIED)
     length, height = rng.uniform(3.8, 4.9), rng.uniform(1.4, 1.65)
-    body = box(x, y, ground + 0.2, (length, 1.8, 0.65), angle)
-    cabin = box(x, y, ground + 0.8, (0.55 * length, 1.6, height - 0.8), angle)
+    body = upright_box(x, y, ground + 0.2, (length, 1.8, 0.65), angle)
+    cabin = upright_box(x, y, ground + 0.8, (0.55 * length, 1.6, height - 0.8), angle)
     return Surfaces.of([*body, *cabin], UNCLASSIFIED)
 
 
@@ -47,8 +47,8 @@ def hang_power_line(
     angle = float(np.arctan2(along[1], along[0]))
     masts = []
     for foot, level in zip(feet, ground, strict=True):
-        masts += box(foot[0], foot[1], level - 0.5, (0.5, 0.5, height + 0.5), angle)
-        masts += box(foot[0], foot[1], level + height - 0.3, (0.3, 5.0, 0.3), angle)
+        masts += upright_box(foot[0], foot[1], level - 0.5, (0.5, 0.5, height + 0.5), angle)
+        masts += upright_box(foot[0], foot[1], level + height - 0.3, (0.3, 5.0, 0.3), angle)
     wires = []
     share = np.linspace(0.0, 1.0, 13)
     for aside in (-2.4, 0.0, 2.4):

@@ -75,7 +75,7 @@ class Design:
         return shapely.union_all([mass.polygon for mass in self.masses])
 
 
-def raised(masses: Masses, height: float) -> Masses:
+def lifted(masses: Masses, height: float) -> Masses:
     """Masses lifted by `height` (m)."""
     return shifted(masses, 0.0, 0.0, height)
 
@@ -115,7 +115,7 @@ def draw_detached(rng: np.random.Generator) -> Design:
     if kind not in ("flat", "flat with parapet", "shed") and rng.random() < 0.5:
         masses += (_chimney_on(masses, length, width, rng),)
     overhang = 0.0 if "flat" in kind else rng.uniform(0.1, 0.8)
-    return Design(kind, raised(masses, eaves), overhang)
+    return Design(kind, lifted(masses, eaves), overhang)
 
 
 def _with_wing(length: float, width: float, slope: float, rng: np.random.Generator, at_end: bool) -> Masses:
@@ -162,7 +162,7 @@ def draw_garden_shed(rng: np.random.Generator) -> Design:
     """A shed or garage: 2.5 to 6 m by 2.2 to 3.5 m, flat or a low gable."""
     length, width = rng.uniform(2.5, 6.0), rng.uniform(2.2, 3.5)
     masses = flat(length, width) if rng.random() < 0.6 else gable(length, width, rng.uniform(0.2, 0.5))
-    return Design("garden shed", raised(masses, rng.uniform(2.1, 2.7)))
+    return Design("garden shed", lifted(masses, rng.uniform(2.1, 2.7)))
 
 
 def draw_row(frontage: float, rng: np.random.Generator) -> Design:
@@ -206,7 +206,7 @@ def draw_town_house(frontage: float, depth: float, rng: np.random.Generator) -> 
         masses += (
             chimney(rng.uniform(-0.3, 0.3) * frontage, 0.5, _height_on(masses[0], 0.0, 0.5) + 1.2, 0.9),
         )
-    masses = raised(masses, eaves)
+    masses = lifted(masses, eaves)
     if rng.random() < 0.6:
         long = rng.uniform(2.5, 6.0)
         plan = rectangle(frontage * rng.uniform(0.4, 1.0), long + 1.0, 0.0, depth / 2 + long / 2 - 0.5)
@@ -221,9 +221,9 @@ def draw_perimeter(length: float, width: float, rng: np.random.Generator) -> Des
     sides = str(rng.choice(["SEWN", "SEW", "SE"], p=[0.5, 0.3, 0.2]))
     if rng.random() < 0.65:
         slope = float(np.tan(np.radians(rng.uniform(25.0, 45.0))))
-        masses = tuple(_mitred(length, width, deep, slope, side, sides) for side in sides)
-        return Design(f"{_LETTER[sides]} pitched", raised(masses, eaves), rng.uniform(0.1, 0.5))
-    wings = [_mitred(length, width, deep, 0.0, side, sides).polygon for side in sides]
+        masses = tuple(_mitred_wing(length, width, deep, slope, side, sides) for side in sides)
+        return Design(f"{_LETTER[sides]} pitched", lifted(masses, eaves), rng.uniform(0.1, 0.5))
+    wings = [_mitred_wing(length, width, deep, 0.0, side, sides).polygon for side in sides]
     outline = shapely.union_all(wings, grid_size=0.001)
     inner = shapely.buffer(outline, -0.3, join_style="mitre")
     parapet = rng.uniform(0.4, 1.1)
@@ -231,13 +231,13 @@ def draw_perimeter(length: float, width: float, rng: np.random.Generator) -> Des
         Mass(outline, ((0.0, 0.0, 0.0),)),
         Mass(shapely.difference(outline, inner), ((0.0, 0.0, parapet),), "parapet"),
     )
-    return Design(f"{_LETTER[sides]} flat", raised(whole, eaves))
+    return Design(f"{_LETTER[sides]} flat", lifted(whole, eaves))
 
 
 _LETTER = {"SEWN": "courtyard", "SEW": "U-shape", "SE": "L-shape"}
 
 
-def _mitred(length: float, width: float, deep: float, slope: float, side: str, sides: str) -> Mass:
+def _mitred_wing(length: float, width: float, deep: float, slope: float, side: str, sides: str) -> Mass:
     """One wing of a block, cut at 45° where the next wing is there, straight where it is not."""
     along, across = (length, width) if side in "SN" else (width, length)
     first, last = {"S": ("W", "E"), "N": ("E", "W"), "E": ("S", "N"), "W": ("N", "S")}[side]
@@ -253,10 +253,10 @@ def draw_slab(length: float, rng: np.random.Generator) -> Design:
     """A slab of flats, 4 to 12 storeys, parapet, lift houses, sometimes set-back upper storeys (terraces)."""
     length, width = min(length, rng.uniform(28.0, 60.0)), rng.uniform(11.0, 14.0)
     height = STOREY * rng.integers(4, 13)
-    masses = raised(flat(length, width, rng.uniform(0.4, 1.1)), height)
+    masses = lifted(flat(length, width, rng.uniform(0.4, 1.1)), height)
     for step in range(int(rng.integers(0, 3))):
         inset = 2.5 * (step + 1)
-        masses += raised(flat(length - 2 * inset, width - 0.8 * inset), height + STOREY * (step + 1))
+        masses += lifted(flat(length - 2 * inset, width - 0.8 * inset), height + STOREY * (step + 1))
     top = max(mass.planes[0][2] for mass in masses)
     for x in rng.uniform(-0.3, 0.3, int(rng.integers(1, 3))) * length:
         masses += shifted(flat(rng.uniform(3.0, 6.0), rng.uniform(3.0, 5.0)), float(x), 0.0, top + 2.6)
@@ -266,8 +266,8 @@ def draw_slab(length: float, rng: np.random.Generator) -> Design:
 def draw_tower(rng: np.random.Generator) -> Design:
     """A tower block, 12 to 22 storeys, with a plant room."""
     side, height = rng.uniform(16.0, 24.0), STOREY * rng.integers(12, 23)
-    masses = raised(flat(side, side * rng.uniform(0.8, 1.0), 1.1), height)
-    return Design("tower", masses + raised(flat(0.4 * side, 0.3 * side), height + 3.5))
+    masses = lifted(flat(side, side * rng.uniform(0.8, 1.0), 1.1), height)
+    return Design("tower", masses + lifted(flat(0.4 * side, 0.3 * side), height + 3.5))
 
 
 def draw_hall(length: float, width: float, rng: np.random.Generator) -> Design:
@@ -278,25 +278,25 @@ def draw_hall(length: float, width: float, rng: np.random.Generator) -> Design:
         masses = flat(length, width, rng.uniform(0.2, 0.8))
         for x in np.linspace(-0.35, 0.35, 4) * length:
             masses += shifted(gable(2.0, 0.6 * width, 0.6), float(x), 0.0, 0.3)
-        return Design("hall", raised(masses, eaves))
+        return Design("hall", lifted(masses, eaves))
     if pick < 0.75:
         masses = gable(length, width, float(np.tan(np.radians(rng.uniform(4.0, 12.0)))))
-        return Design("hall", raised(masses, eaves), 0.3)
+        return Design("hall", lifted(masses, eaves), 0.3)
     count = int(length // 9.0)
     tooth = length / count
     teeth = shifted(shed(width, tooth, rng.uniform(0.3, 0.6)), 0.0, 0.0, 0.0, np.pi / 2)
     masses = tuple(m for k in range(count) for m in shifted(teeth, (k - (count - 1) / 2) * tooth, 0.0))
-    return Design("saw teeth", raised(masses, eaves))
+    return Design("saw teeth", lifted(masses, eaves))
 
 
 def draw_church(rng: np.random.Generator) -> Design:
     """A church: steep nave, transept, a tower with a spire."""
     length, width, eaves = rng.uniform(24.0, 36.0), rng.uniform(10.0, 14.0), rng.uniform(8.0, 12.0)
     slope = float(np.tan(np.radians(rng.uniform(45.0, 56.0))))
-    masses = raised(gable(length, width, slope), eaves)
-    masses += raised(
+    masses = lifted(gable(length, width, slope), eaves)
+    masses += lifted(
         shifted(gable(width + 10.0, 0.8 * width, slope), 0.2 * length, 0.0, 0.0, np.pi / 2), eaves
     )
     side = rng.uniform(5.0, 7.0)
-    spire = raised(pyramid(side, rng.uniform(2.0, 3.0)), eaves + slope * width / 2 + rng.uniform(4.0, 9.0))
+    spire = lifted(pyramid(side, rng.uniform(2.0, 3.0)), eaves + slope * width / 2 + rng.uniform(4.0, 9.0))
     return Design("church", masses + shifted(spire, -length / 2 - side / 2 + 0.5, 0.0))

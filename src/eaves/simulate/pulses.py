@@ -132,7 +132,7 @@ def fullness_kernel(x, y, z, seed):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def inside_kernel(bodies, k, shape, x, y, z):  # type: ignore[no-untyped-def]
+def inside_leaves_kernel(bodies, k, shape, x, y, z):  # type: ignore[no-untyped-def]
     """Whether a point is inside body number k of the leaves."""
     dx, dy, w = x - bodies[k, 0], y - bodies[k, 1], (z - bodies[k, 2]) / bodies[k, 5]
     if w < -1.0 or w > 1.0:
@@ -249,7 +249,7 @@ def trace_kernel(  # type: ignore[no-untyped-def]
                             loss, kind = 0.0, -1
                             for m in range(leaf_starts[square], leaf_starts[square + 1]):
                                 k = leaf_members[m]
-                                if inside_kernel(bodies, k, shapes[k], x, y, z):
+                                if inside_leaves_kernel(bodies, k, shapes[k], x, y, z):
                                     loss = max(loss, bodies[k, 8])
                                     kind = leaf_label[k]
                             if kind >= 0:

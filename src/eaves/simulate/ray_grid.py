@@ -61,10 +61,10 @@ def index_town(terrain: Terrain, surfaces: Surfaces, foliage: Foliage) -> RayGri
     """The index of everything a pulse can meet."""
     columns, rows = terrain.water.shape
     plan = (surfaces.corners[:, :, :2] - [terrain.west, terrain.south]) / terrain.cell
-    starts, members = _squares_of(plan, columns, rows)
+    starts, members = _squares_under(plan, columns, rows)
     leaf_plan = _boxes_of(foliage)
     leaf_plan = (leaf_plan - [terrain.west, terrain.south]) / terrain.cell
-    leaf_starts, leaf_members = _squares_of(leaf_plan, columns, rows)
+    leaf_starts, leaf_members = _squares_under(leaf_plan, columns, rows)
     tops = np.maximum.reduce(
         [
             terrain.heights[:-1, :-1],
@@ -118,7 +118,7 @@ def _boxes_of(foliage: Foliage) -> NDArray[np.float64]:
     return np.asarray(np.stack([x, y], axis=1)[:, None, :] + corners)
 
 
-def _squares_of(
+def _squares_under(
     plan: NDArray[np.float64], columns: int, rows: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """For convex polygons in plan (T, K, 2), in units of squares: starts (columns·rows + 1,) and members."""

@@ -37,9 +37,9 @@ def extrude_partition(faces: Sequence[tuple[Polygon, Plane]], base: float) -> So
     ValueError
         When the solid would touch itself in an edge or a vertex, or a roof reaches down to its base.
     """
-    rings = [[_nodes(ring) for ring in _rings_of(polygon)] for polygon, _ in faces]
-    _drop_straight_nodes(rings)
-    _split_crossings(rings, [plane for _, plane in faces])
+    rings = [[_nodes(ring) for ring in _oriented_rings(polygon)] for polygon, _ in faces]
+    _leave_out_straight_nodes(rings)
+    _add_crossing_nodes(rings, [plane for _, plane in faces])
     if any(_narrowest(face) < NARROWEST for face in rings):
         raise ValueError("a face is narrower somewhere than rounding allows")
     levels = _levels_at_nodes(rings, [plane for _, plane in faces])
@@ -80,7 +80,7 @@ def extrude_partition(faces: Sequence[tuple[Polygon, Plane]], base: float) -> So
     return solid
 
 
-def _rings_of(polygon: Polygon) -> list[shapely.LinearRing]:
+def _oriented_rings(polygon: Polygon) -> list[shapely.LinearRing]:
     turned = shapely.orient_polygons(polygon)
     return [turned.exterior, *turned.interiors]
 
@@ -117,7 +117,7 @@ def _height(node: Node, plane: Plane) -> float:
     return plane[0] * node[0] * COORDINATE_STEP + plane[1] * node[1] * COORDINATE_STEP + plane[2]
 
 
-def _drop_straight_nodes(rings: list[list[Ring]]) -> None:
+def _leave_out_straight_nodes(rings: list[list[Ring]]) -> None:
     """Take out, in place, nodes inside a straight edge at which no third face begins."""
     degree = Counter(
         node for edge in {tuple(sorted(e)) for face in rings for e in _edges(face)} for node in edge
@@ -138,7 +138,7 @@ def _straight(p: Node, q: Node, r: Node) -> bool:
     return abs(ux * vy - uy * vx) <= 2 * np.hypot(ux, uy) and ux * (r[0] - q[0]) + uy * (r[1] - q[1]) > 0
 
 
-def _split_crossings(rings: list[list[Ring]], planes: list[Plane]) -> None:
+def _add_crossing_nodes(rings: list[list[Ring]], planes: list[Plane]) -> None:
     """Put a node, in place, where the roofs on the two sides of an edge change order."""
     left = {edge: number for number, face in enumerate(rings) for edge in _edges(face)}
     inserted: dict[tuple[Node, Node], Node] = {}

@@ -90,7 +90,7 @@ Segment = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class CityBlock:
     """What one block of the town holds, in town coordinates. Trees and shrubs are places (x, y)."""
 
     placements: list[Placement] = field(default_factory=list)
@@ -157,12 +157,12 @@ def lay_streets(
     return [near[k] for k in rng.permutation(len(near))], strip
 
 
-def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.random.Generator) -> Block:
+def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.random.Generator) -> CityBlock:
     """What stands on a plot, drawn by the town's style, with its street trees and parked cars.
 
     A plot that is not `whole` gets small houses only; one that is not `built` is a park.
     """
-    blocks: dict[str, Callable[[Plot, Block, np.random.Generator], None]] = {
+    blocks: dict[str, Callable[[Plot, CityBlock, np.random.Generator], None]] = {
         "detached": _detached,
         "rows": _rows,
         "perimeter": _perimeter,
@@ -173,7 +173,7 @@ def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.r
         "tower": _tower,
         "park": _park,
     }
-    block = Block()
+    block = CityBlock()
     shares = BLOCK_SHARES[style]
     kind = str(rng.choice(list(shares), p=list(shares.values())))
     if not whole and kind not in SMALL_BLOCKS:
@@ -184,7 +184,7 @@ def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.r
     return block
 
 
-def _along_street(plot: Plot, block: Block, side: float, rng: np.random.Generator) -> None:
+def _along_street(plot: Plot, block: CityBlock, side: float, rng: np.random.Generator) -> None:
     """Trees every 7 to 12 m on four streets in five, and cars at the kerb."""
     kerb = side * (plot.depth / 2 + 2.0)
     if rng.random() < 0.8:
@@ -197,7 +197,7 @@ def _along_street(plot: Plot, block: Block, side: float, rng: np.random.Generato
             block.cars.append((float(x), float(y), plot.angle + rng.normal(0.0, 0.03)))
 
 
-def _put(plot: Plot, block: Block, design: Design, u: float, v: float, turn: float = 0.0) -> None:
+def _put(plot: Plot, block: CityBlock, design: Design, u: float, v: float, turn: float = 0.0) -> None:
     x, y = plot.at(u, v)
     block.placements.append(Placement(design, float(x), float(y), plot.angle + turn))
 
@@ -207,7 +207,7 @@ def _scatter(plot: Plot, count: int, rng: np.random.Generator) -> list[NDArray[n
     return [plot.at(float(a), float(b)) for a, b in zip(u, v, strict=True)]
 
 
-def _detached(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+def _detached(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     """Two rows of lots back to back; each has a house, often a shed, a hedge or fence, two or three trees."""
     for side in (-1.0, 1.0):
         u = -plot.length / 2
@@ -241,7 +241,7 @@ def _detached(plot: Plot, block: Block, rng: np.random.Generator) -> None:
             u += frontage
 
 
-def _rows(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+def _rows(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     """Two rows of houses back to back with sheds at the ends of the gardens."""
     for side in (-1.0, 1.0):
         room = plot.length - 4.0
@@ -265,7 +265,7 @@ def _rows(plot: Plot, block: Block, rng: np.random.Generator) -> None:
     block.hedges.append((plot.at(-plot.length / 2 + 3.0, 0.0), plot.at(plot.length / 2 - 3.0, 0.0)))
 
 
-def _perimeter(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+def _perimeter(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     """One building around a courtyard with trees."""
     _put(plot, block, draw_perimeter(plot.length - 4.0, plot.depth - 4.0, rng), 0.0, 0.0)
     inner = Plot(plot.x, plot.y, plot.angle, plot.length - 34.0, plot.depth - 34.0)
@@ -273,7 +273,7 @@ def _perimeter(plot: Plot, block: Block, rng: np.random.Generator) -> None:
     block.shrubs.extend(_scatter(inner, 10, rng))
 
 
-def _town_houses(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+def _town_houses(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     """Two rows of separate buildings wall to wall, each of its own height."""
     for side in (-1.0, 1.0):
         u = -plot.length / 2 + 2.0
@@ -293,7 +293,7 @@ def _town_houses(plot: Plot, block: Block, rng: np.random.Generator) -> None:
     block.trees.extend(_scatter(inner, int(rng.integers(8, 22)), rng))
 
 
-def _slabs(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+def _slabs(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     """Slabs of flats on a lawn with trees and parked cars."""
     _put(plot, block, draw_slab(plot.length - 12.0, rng), 0.0, -plot.depth / 2 + 11.0)
     if plot.depth > 50.0:
@@ -301,7 +301,7 @@ def _slabs(plot: Plot, block: Block, rng: np.random.Generator) -> None:
     block.trees.extend(_scatter(plot, int(rng.integers(15, 35)), rng))
 
 
-def _hall(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+def _hall(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     """An industrial hall with a fenced yard."""
     length, width = rng.uniform(0.55, 0.85) * plot.length, rng.uniform(0.5, 0.75) * plot.depth
     _put(plot, block, draw_hall(length, width, rng), 0.0, 0.0)
@@ -314,17 +314,17 @@ def _hall(plot: Plot, block: Block, rng: np.random.Generator) -> None:
             block.cars.append((float(x), float(y), plot.angle + np.pi / 2))
 
 
-def _church(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+def _church(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     _put(plot, block, draw_church(rng), 0.0, 0.0)
     block.trees.extend(_scatter(plot, 20, rng))
 
 
-def _tower(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+def _tower(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     _put(plot, block, draw_tower(rng), rng.uniform(-0.2, 0.2) * plot.length, 0.0)
     block.trees.extend(_scatter(plot, 15, rng))
 
 
-def _park(plot: Plot, block: Block, rng: np.random.Generator) -> None:
+def _park(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     """Trees and shrubs, a hut."""
     block.trees.extend(_scatter(plot, int(plot.length * plot.depth / 50.0), rng))
     block.shrubs.extend(_scatter(plot, 25, rng))

@@ -66,7 +66,7 @@ class Surfaces:
         )
 
 
-def triangulate(polygon: Polygon) -> NDArray[np.float64]:
+def tile_polygon(polygon: Polygon) -> NDArray[np.float64]:
     """Triangles (T, 3, 2) that tile a polygon with holes, counter-clockwise."""
     parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
     if len(parts) == 0:
@@ -90,7 +90,7 @@ def building_surfaces(building: ExactBuilding) -> Surfaces:
         return _shell_surfaces(building, building.shell)
     parts = []
     for face in building.faces:
-        plan = triangulate(face.polygon)
+        plan = tile_polygon(face.polygon)
         z = face.height_at(plan.reshape(-1, 2)).reshape(-1, 3, 1)
         parts.append(Surfaces.of([np.concatenate([plan, z], axis=2)], BUILDING, building.number, face.number))
     overhangs = not building.walls.equals(building.footprint)
@@ -137,7 +137,7 @@ def triangulate_in_space(rings: list[NDArray[np.float64]]) -> NDArray[np.float64
     polygon = as_polygon(Polygon(outer[:, kept], [ring[:, kept] for ring in rings[1:]]))
     if polygon is None:
         return np.zeros((0, 3, 3))
-    plan = triangulate(polygon)
+    plan = tile_polygon(polygon)
     corners = np.empty((*plan.shape[:2], 3))
     corners[..., kept] = plan
     centre = outer.mean(axis=0)
@@ -160,7 +160,7 @@ def _walls_under_eaves(building: ExactBuilding) -> list[NDArray[np.float64]]:
     return walls
 
 
-def box(
+def upright_box(
     x: float, y: float, z: float, size: tuple[float, float, float], angle: float, with_top: bool = True
 ) -> list[NDArray[np.float64]]:
     """Triangles of an upright box: its middle in plan, the height of its foot, its size, its direction."""

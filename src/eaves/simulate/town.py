@@ -19,7 +19,7 @@ from eaves.simulate.furniture import hang_power_line, park_car, put_fence, span_
 from eaves.simulate.masses import Mass, Plane
 from eaves.simulate.ray_grid import RayGrid, index_town
 from eaves.simulate.roofs import make_building
-from eaves.simulate.streets import Block, Placement, Plot, TownStyle, draw_block, lay_streets
+from eaves.simulate.streets import CityBlock, Placement, Plot, TownStyle, draw_block, lay_streets
 from eaves.simulate.surfaces import Surfaces, building_surfaces
 from eaves.simulate.terrain import Corridor, Terrain, TerrainKind, cut_corridor, make_terrain
 from eaves.simulate.vegetation import Foliage, grow_hedge, grow_shrub, grow_tree
@@ -323,7 +323,7 @@ class Site:
             self.surfaces.append(install(building, free, rng))
 
     def furnish(
-        self, plot: Plot, block: Block, trees: float, leaf_loss: float, rng: np.random.Generator
+        self, plot: Plot, block: CityBlock, trees: float, leaf_loss: float, rng: np.random.Generator
     ) -> None:
         """Plant and park what the block holds, where no building stands."""
         near = self.near(Bounds.of(plot.corners()).buffered(GARDEN_REACH))

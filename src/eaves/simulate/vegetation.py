@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model.cloud import HIGH_VEGETATION, LOW_VEGETATION, MEDIUM_VEGETATION
-from eaves.simulate.surfaces import Surfaces, box
+from eaves.simulate.surfaces import Surfaces, upright_box
 
 ELLIPSOID, CONE, BLOCK = 0, 1, 2
 """Shapes of a body of leaves: a broad crown or shrub, a conifer, a clipped hedge."""
@@ -84,7 +84,7 @@ def grow_tree(
         centre = (x, y, ground + (height + clear) / 2)
         parts.append(_one(CONE, centre, half, 0.0, 1.6 * leaf_loss, height))
     thick = 0.02 * height + 0.08
-    trunk = box(x, y, ground - 0.5, (thick, thick, 0.5 * height), 0.0)
+    trunk = upright_box(x, y, ground - 0.5, (thick, thick, 0.5 * height), 0.0)
     return Foliage.join(parts), Surfaces.of(trunk, HIGH_VEGETATION)
 
 

@@ -27,7 +27,7 @@ NAME = "solar.gpkg"
 
 
 @dataclass(frozen=True)
-class Site:
+class SolarSite:
     """A place on Earth: degrees, and by how many of them grid north lies clockwise of true north there."""
 
     latitude: float
@@ -183,14 +183,16 @@ def boxes_heights(faces: Sequence[RoofFace]) -> np.ndarray[Any, Any]:
     return np.array([face.polygon.exterior.coords[0][2] for face in faces])
 
 
-def hours_at(site: Site, height: float, rules: SolarRules, weather: Weather | None) -> Hours:
+def hours_at(site: SolarSite, height: float, rules: SolarRules, weather: Weather | None) -> Hours:
     """Sun and sky of a year at a place."""
     if weather is not None:
         return weather.hours(site.latitude, site.longitude)
     return clear_hours(site.latitude, site.longitude, rules.turbidity, height)
 
 
-def site_of(system: CoordinateSystem, xy: tuple[float, float], place: tuple[float, float] | None) -> Site:
+def site_of(
+    system: CoordinateSystem, xy: tuple[float, float], place: tuple[float, float] | None
+) -> SolarSite:
     """The place of world metres `xy`.
 
     Raises
@@ -200,7 +202,7 @@ def site_of(system: CoordinateSystem, xy: tuple[float, float], place: tuple[floa
     """
     crs = horizontal_crs(system)
     if place is not None:
-        return Site(place[0], place[1], 0.0 if crs is None else convergence_of(crs, *place))
+        return SolarSite(place[0], place[1], 0.0 if crs is None else convergence_of(crs, *place))
     if crs is None:
         raise InputError("the data have no reference system, so the sun's way is unknown; give --latitude")
     from pyproj import Transformer
@@ -210,7 +212,7 @@ def site_of(system: CoordinateSystem, xy: tuple[float, float], place: tuple[floa
     longitude, latitude = to_degrees.transform(xy[0] / unit, xy[1] / unit)
     if not (math.isfinite(latitude) and math.isfinite(longitude)):
         raise InputError("the roofs lie outside their reference system; check --crs, or give --latitude")
-    return Site(latitude, longitude, convergence_of(crs, latitude, longitude))
+    return SolarSite(latitude, longitude, convergence_of(crs, latitude, longitude))
 
 
 NORTHWARDS = 100.0

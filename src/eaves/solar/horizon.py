@@ -15,7 +15,7 @@ PATCH = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class HorizonPlaces:
     """Places (N,) on roof faces: `xyz` (N, 3), `face` (N,) their face's number from 1, and of every face
     from 0 its plane z = a·x + b·y + c (F + 1, 3); row 0 is unused."""
 
@@ -27,7 +27,7 @@ class Places:
 def horizons(
     dsm: Raster,
     face_at: NDArray[np.int32],
-    places: Places,
+    places: HorizonPlaces,
     directions: int,
     reach: float,
     clearance: float,

@@ -14,7 +14,7 @@ from shapely import Polygon
 
 from eaves.geometry.rings import area_vector
 from eaves.model import Raster, Values
-from eaves.solar.horizon import Places, horizons, lit_light, sky_shares
+from eaves.solar.horizon import HorizonPlaces, horizons, lit_light, sky_shares
 from eaves.solar.sun import MONTHS, Hours, light_on_plane
 
 
@@ -199,7 +199,9 @@ def light_on_face(
     row, column = cells
     x: Values = np.asarray(dsm.west + (column + 0.5) * dsm.cell, np.float64)
     y: Values = np.asarray(dsm.north - (row + 0.5) * dsm.cell, np.float64)
-    places = Places(np.column_stack([x, y, a * x + b * y + c]), np.full(len(x), number, np.int32), planes)
+    places = HorizonPlaces(
+        np.column_stack([x, y, a * x + b * y + c]), np.full(len(x), number, np.int32), planes
+    )
     horizon = horizons(dsm, face_at, places, rules.directions, rules.reach, rules.clearance)
     grid_normal = np.array([-a, -b, 1.0]) / np.sqrt(a * a + b * b + 1.0)
     turn = np.radians(convergence)
@@ -220,8 +222,8 @@ def light_on_face(
     usable = usable_cells(
         face, x, y, ~over & np.isfinite(surface), light.sum(axis=1), cells, dsm, rules, best
     )
-    area_m2 = float(np.linalg.norm(area_vector(rings_of(face.polygon)[0])))
-    area_m2 -= sum(float(np.linalg.norm(area_vector(ring))) for ring in rings_of(face.polygon)[1:])
+    area_m2 = float(np.linalg.norm(area_vector(face_rings(face.polygon)[0])))
+    area_m2 -= sum(float(np.linalg.norm(area_vector(ring))) for ring in face_rings(face.polygon)[1:])
     return FaceLight(
         month=np.asarray(light.mean(axis=0)),
         open_month=light_in_the_open(hours, normal, rules),
@@ -232,7 +234,7 @@ def light_on_face(
     )
 
 
-def rings_of(polygon: Polygon) -> list[NDArray[np.float64]]:
+def face_rings(polygon: Polygon) -> list[NDArray[np.float64]]:
     """The rings of a polygon with heights, without repeated point, the outer one first."""
     return [
         shapely.get_coordinates(ring, include_z=True)[:-1] for ring in (polygon.exterior, *polygon.interiors)

@@ -18,7 +18,7 @@ from pyproj.enums import WktVersion
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import epsg_of, horizontal_crs
 from eaves.formats.qgis import symbols
-from eaves.formats.qgis.styles import VERSION, Style, styles_of, units_of
+from eaves.formats.qgis.styles import VERSION, Style, styles_of, unit_lengths
 from eaves.model import CoordinateSystem
 
 RELIEF_LIGHT_DEG = (315.0, 45.0)
@@ -35,7 +35,7 @@ FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True, eq=False)
-class _Layer:
+class _ProjectLayer:
     """A layer of the project: where it is read from and how it is drawn."""
 
     id: str
@@ -76,9 +76,9 @@ def write_project(path: Path, footprints: Path, rasters: Sequence[Path], system:
     text = Template(files("eaves.formats.qgis").joinpath("project.xml").read_text("utf-8")).substitute(
         version=VERSION,
         crs=_reference(system),
-        tree=_written("layer-tree-layer", map(_in_tree, layers)),
+        tree=_xml_text("layer-tree-layer", map(_in_tree, layers)),
         layers="".join(tostring(_as_element(layer, system), "unicode") for layer in layers),
-        order=_written("layer", ({"id": layer.id} for layer in layers)),
+        order=_xml_text("layer", ({"id": layer.id} for layer in layers)),
         themes=_themes(layers),
         **_view_in_3d(layers, extent, ground, system),
     )
@@ -87,12 +87,12 @@ def write_project(path: Path, footprints: Path, rasters: Sequence[Path], system:
         archive.writestr(entry, text, zipfile.ZIP_DEFLATED)
 
 
-def _written(tag: str, attributes: Iterable[Mapping[str, str]]) -> str:
+def _xml_text(tag: str, attributes: Iterable[Mapping[str, str]]) -> str:
     """Elements without content as text."""
     return "".join(tostring(Element(tag, dict(one)), "unicode") for one in attributes)
 
 
-def _in_tree(layer: _Layer) -> dict[str, str]:
+def _in_tree(layer: _ProjectLayer) -> dict[str, str]:
     """How the tree of layers lists one."""
     return {
         "id": layer.id,
@@ -127,7 +127,7 @@ def _look(footprints: Path) -> tuple[tuple[float, ...], dict[str, list[str]], fl
 
 def _layers(
     footprints: Path, rasters: Sequence[Path], columns: dict[str, list[str]], system: CoordinateSystem
-) -> list[_Layer]:
+) -> list[_ProjectLayer]:
     """The layers from the top down."""
     roofs = styles_of("roof_planes", columns.get("roof_planes", []), system)
     prints = styles_of("footprints", columns["footprints"], system)
@@ -135,26 +135,36 @@ def _layers(
     layers = []
     if "doubts" in columns:
         doubts = styles_of("doubts", columns["doubts"], system)
-        layers.append(_Layer(IDS["doubts"], "Doubts", source + "doubts", "ogr", doubts[0].elements, doubts))
+        layers.append(
+            _ProjectLayer(IDS["doubts"], "Doubts", source + "doubts", "ogr", doubts[0].elements, doubts)
+        )
     if roofs:
         layers.append(
-            _Layer(IDS["roof_planes"], "Roof planes", source + "roof_planes", "ogr", roofs[0].elements, roofs)
+            _ProjectLayer(
+                IDS["roof_planes"], "Roof planes", source + "roof_planes", "ogr", roofs[0].elements, roofs
+            )
         )
         if "h_high" in columns["roof_planes"]:
             walls = (symbols.nothing_flat(), _walls(system))
-            layers.append(_Layer(IDS["walls"], "Walls (3D view)", source + "roof_planes", "ogr", walls))
+            layers.append(
+                _ProjectLayer(IDS["walls"], "Walls (3D view)", source + "roof_planes", "ogr", walls)
+            )
     layers.append(
-        _Layer(IDS["footprints"], "Buildings", source + "footprints", "ogr", prints[0].elements, prints)
+        _ProjectLayer(
+            IDS["footprints"], "Buildings", source + "footprints", "ogr", prints[0].elements, prints
+        )
     )
     for terrain in rasters:
         if terrain.stem == "dtm":
-            layers.append(_Layer(IDS["relief"], "Relief", f"./{terrain.name}", "gdal", (_hillshade(system),)))
+            layers.append(
+                _ProjectLayer(IDS["relief"], "Relief", f"./{terrain.name}", "gdal", (_hillshade(system),))
+            )
     return layers
 
 
 def _walls(system: CoordinateSystem) -> Element:
     """Roof planes drawn down to the ground: what shows below the roof are its walls."""
-    unit = units_of(system)[1]
+    unit = unit_lengths(system)[1]
     drop = f'("h_high" - "h_ground") / {unit:.9g}'
     return symbols.raised_polygons(
         WALL_COLOUR, {"height": f"-{drop}", "extrusionHeight": f"{drop} - {WALL_GAP_M / unit:.3g}"}
@@ -164,7 +174,7 @@ def _walls(system: CoordinateSystem) -> Element:
 def _hillshade(system: CoordinateSystem) -> Element:
     pipe = Element("pipe")
     azimuth, altitude = RELIEF_LIGHT_DEG
-    across, upright = units_of(system)
+    across, upright = unit_lengths(system)
     SubElement(
         pipe,
         "rasterrenderer",
@@ -196,7 +206,7 @@ def _reference(system: CoordinateSystem) -> str:
     return tostring(place, "unicode")
 
 
-def _as_element(layer: _Layer, system: CoordinateSystem) -> Element:
+def _as_element(layer: _ProjectLayer, system: CoordinateSystem) -> Element:
     made = Element("maplayer", type="vector" if layer.kind == "ogr" else "raster")
     if layer.kind == "ogr":
         made.set("geometry", "Polygon")
@@ -220,7 +230,7 @@ def _root_of(style: Style) -> list[Element]:
     return [root]
 
 
-def _themes(layers: Sequence[_Layer]) -> str:
+def _themes(layers: Sequence[_ProjectLayer]) -> str:
     """Two themes: the map, and the oblique one without the roof planes."""
     names = {style.name for layer in layers for style in layer.styles}
     themes: list[tuple[str, dict[str, str], tuple[str, ...]]] = [("Map", {}, ())]
@@ -238,10 +248,10 @@ def _themes(layers: Sequence[_Layer]) -> str:
 
 
 def _view_in_3d(
-    layers: Sequence[_Layer], extent: Sequence[float], ground: float, system: CoordinateSystem
+    layers: Sequence[_ProjectLayer], extent: Sequence[float], ground: float, system: CoordinateSystem
 ) -> dict[str, str]:
     """The words of the template for a 3D map over the terrain, looking north at the middle of the run."""
-    across, upright = units_of(system)
+    across, upright = unit_lengths(system)
     west, south, east, north = extent
     width = float(np.clip(max(east - west, north - south), 20.0 / across, WIDEST_VIEW_M / across))
     heights = [layer.id for layer in layers if layer.kind == "gdal"]
@@ -252,8 +262,8 @@ def _view_in_3d(
         **{name: f"{value:.3f}" for name, value in sides},
         "x": f"{0.5 * (west + east):.3f}",
         "y": f"{0.5 * (south + north):.3f}",
-        "draped": _written("layer", ({"id": one} for one in draped)),
-        "generator": _written("generator", [relief or {"type": "flat"}]),
+        "draped": _xml_text("layer", ({"id": one} for one in draped)),
+        "generator": _xml_text("generator", [relief or {"type": "flat"}]),
         "offset": "0" if heights else f"{ground / upright:.3f}",
         "ground": f"{ground / upright:.3f}",
         "distance": f"{1.1 * width:.3f}",

@@ -57,7 +57,7 @@ def styles_of(layer: str, columns: Sequence[str], system: CoordinateSystem) -> l
     return [
         Style(one["name"], one["meaning"], (renderer_of(one, system), *beside))
         for one in about["styles"]
-        if one.get("needs", columns[0]) in columns and one.get("unless") not in columns
+        if one.get("needs") in (None, *columns) and one.get("unless") not in columns
     ]
 
 
@@ -65,12 +65,12 @@ def renderer_of(style: dict[str, Any], system: CoordinateSystem) -> Element:
     """The renderer of a style: by classes, or one symbol for all features."""
     if "by" in style:
         return classified(style["by"], style["classes"])
-    unit = f"{units_of(system)[0]:.9g}"
+    unit = f"{unit_lengths(system)[0]:.9g}"
     layers = [{**one, "shape": one.get("shape", "").replace("{unit}", unit)} for one in style["layers"]]
     return single(layers, style.get("farthest"))
 
 
-def units_of(system: CoordinateSystem) -> tuple[float, float]:
+def unit_lengths(system: CoordinateSystem) -> tuple[float, float]:
     """Metres a unit, along the ground and upright, of the system as it is registered."""
     if system.wkt is None:
         return system.horizontal_unit_m, system.vertical_unit_m

@@ -132,7 +132,7 @@ def raised_polygons(
             "rendered-facade": "3",
         },
     )
-    material = SubElement(made, "material", diffuse=rgba(colour), ambient=rgba(shade(colour, 0.35)))
+    material = SubElement(made, "material", diffuse=rgba(colour), ambient=rgba(darkened(colour, 0.35)))
     material.set("specular", rgba("#101010"))
     material.set("shininess", "0")
     if tint:
@@ -143,7 +143,7 @@ def raised_polygons(
     return renderer
 
 
-def shade(colour: str, share: float) -> str:
+def darkened(colour: str, share: float) -> str:
     """A colour at a share of its brightness."""
     parts = [int(float(part) * share) for part in rgba(colour).split(",")[:3]]
     return "#" + "".join(f"{part:02x}" for part in parts)
