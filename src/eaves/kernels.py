@@ -70,7 +70,7 @@ class Kernel:
 
     @property
     def _numba_type_(self) -> Any:
-        """What numba takes this for where another kernel calls it."""
+        """The type that numba gives it where another kernel calls it."""
         return self.dispatcher._numba_type_
 
     @functools.cached_property
@@ -92,7 +92,7 @@ def inlined_kernel(function: Callable[..., Any]) -> Any:
 
 
 def raw_sort(value: Any) -> Any:
-    """What tells arguments apart, before their sort is named."""
+    """A key that differs between arguments of different sorts."""
     if type(value) is np.ndarray:
         return value.dtype, value.ndim, value.flags.num
     return (type(value), *map(raw_sort, value)) if isinstance(value, tuple) else type(value)

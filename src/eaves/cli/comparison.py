@@ -1,4 +1,4 @@
-"""What `eaves compare` does: scans built where they are not yet, epochs compared, files and page written."""
+"""The command `eaves compare`: scans built if they are not yet, epochs compared, files and page written."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from eaves.run.run import claim
 
 log = logging.getLogger("eaves")
 WANTED = ("footprints", "models", "rasters", "classified")
-"""What is written of a scan that is built first."""
+"""The outputs of a scan that is built first."""
 
 
 def run_comparison(

@@ -31,7 +31,7 @@ MEASURES = {
     "planes": ("planes, completeness", "planes, correctness", "RMS in height (m)"),
     "models": ("median distance (m)", "within 0.1 m", "within 0.5 m", "models at LoD 2.2", "invalid models"),
 }
-"""What is printed of each evaluation; the rest is in the folder `evaluation`."""
+"""The figures printed of each evaluation; the rest is in the folder `evaluation`."""
 
 
 def run_demo(folder: Path, progress: Progress) -> int:

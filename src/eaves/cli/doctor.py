@@ -1,4 +1,4 @@
-"""What `eaves doctor` looks at: versions, drivers, grids, cores, caches; and a small scene built."""
+"""The checks of `eaves doctor`: versions, drivers, grids, cores, caches; and a small scene built."""
 
 from __future__ import annotations
 

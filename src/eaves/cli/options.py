@@ -125,7 +125,7 @@ def parameter_of(one: Declared, flag: str, required: bool) -> inspect.Parameter:
 
 
 def given_value(one: Declared, value: Any) -> Any:
-    """What was typed for an option as a run takes it.
+    """The typed value of an option as a run takes it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the commands share: configuration, log, progress, exit statuses, and the run itself."""
+"""The parts that commands share: configuration, log, progress, exit statuses, and the run itself."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WHERE_TO_OPEN = {
     "in Blender": "buildings.glb",
     "in Cesium": "tileset.json",
 }
-"""What the last lines of a run point to, where it was written."""
+"""The files that the last lines of a run name, where they were written."""
 
 
 @contextmanager
@@ -50,7 +50,7 @@ ABORTED = (
     b"fewer --jobs, and run again with --resume\n"
 )
 _kept: list[object] = []
-"""What the C library calls must not be collected."""
+"""References that keep the functions called by the C library from being collected."""
 
 
 def report_aborts() -> None:
@@ -191,7 +191,7 @@ def start_log(quiet: bool, verbose: bool = False) -> None:
     handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
     logger = logging.getLogger("eaves")
     logger.handlers[:] = [handler]
-    if not verbose:  # what other libraries remark is theirs; what matters of it is said in our words
+    if not verbose:  # the remarks of other libraries are repeated in this package's words where they matter
         warnings.simplefilter("ignore")
         logging.getLogger().handlers[:] = logging.getLogger().handlers or [logging.NullHandler()]
     logger.setLevel(level)

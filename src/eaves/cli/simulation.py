@@ -1,4 +1,4 @@
-"""What `eaves simulate` does: the words checked, the town drawn or read, scanned and written."""
+"""The command `eaves simulate`: the words checked, the town drawn or read, scanned and written."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def run_epochs(
     drawn = {name: value for name, value in town.items() if name not in ("model", "buildings")}
     epochs = simulate_epochs(**drawn, seed=seed, changed=changed)
     surveys = Survey(**scan), later_survey(new_density, scan["noise"])
-    told = []
+    reports = []
     for name, survey, there, own in zip(
         ("old", "new"), surveys, (epochs.old, epochs.new), (seed, seed + NEXT_SEED), strict=True
     ):
@@ -83,9 +83,9 @@ def run_epochs(
         scene = scene if crs is None else scene.placed(crs)
         settings = {**drawn, "epoch": name, "changed": changed, "seed": seed, "survey": asdict(survey)}
         files = write_simulation(scene, out / name, settings)
-        told.append(f"{len(scene.cloud):,} points, {len(scene.buildings)} buildings; {files['points']}")
+        reports.append(f"{len(scene.cloud):,} points, {len(scene.buildings)} buildings; {files['points']}")
     files = write_changes(epochs.changes, scene, out, {**drawn, "changed": changed, "seed": seed})
-    return "\n".join([*told, f"what changed: {files['layer']}"])
+    return "\n".join([*reports, f"what changed: {files['layer']}"])
 
 
 NEXT_SEED = 1_000_003

@@ -28,7 +28,7 @@ def compare(
     jobs: Jobs = 0,
     quiet: Quiet = False,
 ) -> None:
-    """What was built, raised, extended or taken down between two epochs. A layer, a table, a page.
+    """Find what was built, raised, extended or taken down between two epochs. A layer, a table, a page.
 
     Scans that were not built yet are built first, into OUT/old and OUT/new:
 

@@ -103,13 +103,15 @@ def evaluate_files(
 
 def compare_ground(result: Path, reference: Path) -> Evaluation:
     """Ground classes of the points both clouds hold, matched by place."""
-    mine, true = (read(path) for path in (result, reference))
+    judged, true = (read(path) for path in (result, reference))
     truth = true.xyz + [*true.origin, 0.0]
-    shift = np.array([mine.origin[0], mine.origin[1], 0.0])
-    near, which = cKDTree(mine.xyz).query(truth - shift, distance_upper_bound=SAME_POINT)
+    shift = np.array([judged.origin[0], judged.origin[1], 0.0])
+    near, which = cKDTree(judged.xyz).query(truth - shift, distance_upper_bound=SAME_POINT)
     same = np.isfinite(near)
     partner = np.asarray(which)[same]
-    score = evaluate_ground(_evaluate_ground(mine, result)[partner], _evaluate_ground(true, reference)[same])
+    score = evaluate_ground(
+        _evaluate_ground(judged, result)[partner], _evaluate_ground(true, reference)[same]
+    )
     figures: dict[str, float | int | str] = {
         "points": score.points,
         "points without a partner": int((~same).sum()),
@@ -125,9 +127,9 @@ def compare_ground(result: Path, reference: Path) -> Evaluation:
 def compare_detection(result: Path, reference: Path) -> Evaluation:
     """Label images of two sets of buildings."""
     true = open_buildings(reference)
-    mine = open_buildings(result, true.system)
-    grid = common_grid(mine, true)
-    labels, _ = mine.label_image(grid)
+    judged = open_buildings(result, true.system)
+    grid = common_grid(judged, true)
+    labels, _ = judged.label_image(grid)
     truth, known = true.label_image(grid)
     score = evaluate_detection(labels, truth, grid.cell, known)
     figures = {
@@ -156,13 +158,13 @@ def compare_detection(result: Path, reference: Path) -> Evaluation:
 def compare_footprints(result: Path, reference: Path) -> Evaluation:
     """Polygons against polygons."""
     true = open_buildings(reference)
-    mine = open_buildings(result, true.system)
-    for path, source in ((result, mine), (reference, true)):
+    judged = open_buildings(result, true.system)
+    for path, source in ((result, judged), (reference, true)):
         if source.raster is not None or source.cloud is not None:
             raise InputError.about(
                 path, "holds no polygons", "give GeoPackage, GeoJSON, shapefile or CityJSON"
             )
-    score = evaluate_footprints(mine.polygons, true.polygons, mine.ids, true.ids)
+    score = evaluate_footprints(judged.polygons, true.polygons, judged.ids, true.ids)
     figures = {
         **_figures("area", score.area),
         "footprints": score.results,
@@ -188,8 +190,8 @@ def compare_planes(result: Path, reference: Path) -> Evaluation:
     if kind_of(result) == kind_of(reference) == "cloud":
         score = evaluate_planes(*pair_points(read_labelled_points(result), read_labelled_points(reference)))
     else:
-        mine, true = open_buildings(result), open_buildings(reference)
-        grid = common_grid(mine, true, CELL)
+        judged, true = open_buildings(result), open_buildings(reference)
+        grid = common_grid(judged, true, CELL)
         (labels, height), (truth, true_height) = (_planes(path, grid) for path in (result, reference))
         heights = (height, true_height) if height is not None and true_height is not None else (None, None)
         score = evaluate_planes(labels, truth, grid.cell**2, *heights)

@@ -185,10 +185,10 @@ def _united(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> tuple[di
     everyone = np.concatenate([found, wanted])
     order = np.argsort(group, kind="stable")
     for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if count else []:
-        mine, true = everyone[members[members < len(found)]], everyone[members[members >= len(found)]]
-        relations[relation_of(len(true), len(mine))] += 1
-        if len(mine) and len(true):
-            here, there = (shapely.union_all(shapes, grid_size=COORDINATE_STEP) for shapes in (mine, true))
+        drawn, true = everyone[members[members < len(found)]], everyone[members[members >= len(found)]]
+        relations[relation_of(len(true), len(drawn))] += 1
+        if len(drawn) and len(true):
+            here, there = (shapely.union_all(shapes, grid_size=COORDINATE_STEP) for shapes in (drawn, true))
             both = float(here.intersection(there).area)
             overlaps.append(ratio(both, here.area + there.area - both))
             offsets.append(outline_distances(here, there))

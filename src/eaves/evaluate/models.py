@@ -26,7 +26,7 @@ WITHIN = (0.1, 0.2, 0.5)
 """Distances (m) within which the share of roof points is reported."""
 
 MISSED_RMSE = 1.0
-"""What a building without any face under its points counts as in the mean of the RMSE (m)."""
+"""The RMSE (m) of a building without any face under its points, in the mean."""
 
 MOST_SPOTS = 20_000_000
 """Of the grid over a roof face, 5 km² with its usual step: more is damage, and does not fit the memory."""
@@ -192,8 +192,8 @@ def evaluate_models(
     ends = np.searchsorted(building[use][order], np.arange(len(shapes) + 1))
     rows = []
     for number, name in enumerate(footprints):
-        mine = order[ends[number] : ends[number + 1]]
-        row = _row(name, distance[mine], vertical[mine])
+        own = order[ends[number] : ends[number + 1]]
+        row = _row(name, distance[own], vertical[own])
         if number in of_footprint:
             true = reference[truth[number]] if number in truth else None
             row = _with_model(row, models[of_footprint[number]], true)

@@ -133,17 +133,17 @@ def _labels_together(matching: Matching) -> NDArray[np.int64]:
 
 def _rms_in_plan(matching: Matching, result: Numbers, reference: Numbers, cell: float) -> float:
     """RMS (m) of the rims of planes from the rims of the reference planes they belong to, group by group."""
-    mine = _group_image(result, matching.result.label, matching.groups[0])
+    judged = _group_image(result, matching.result.label, matching.groups[0])
     true = _group_image(reference, matching.reference.label, matching.groups[1])
     distances = [np.zeros(0)]
-    boxes = zip(ndimage.find_objects(mine), ndimage.find_objects(true), strict=False)
+    boxes = zip(ndimage.find_objects(judged), ndimage.find_objects(true), strict=False)
     for group, (one, two) in enumerate(boxes, 1):
         if one is None or two is None:
             continue
         window = tuple(
             slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, two, strict=True)
         )
-        rims = rim_of(mine[window] == group, cell), rim_of(true[window] == group, cell)
+        rims = rim_of(judged[window] == group, cell), rim_of(true[window] == group, cell)
         distances.append(rim_distances(*rims, cell))
     return root_mean_square(np.concatenate(distances))
 

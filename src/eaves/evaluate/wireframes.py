@@ -104,8 +104,8 @@ def evaluate_wireframe(
     partner[one] = two
     known = {frozenset(edge) for edge in reference.edges.tolist()}
     joined = partner[result.edges.reshape(-1, 2)]
-    mine = {frozenset(edge) for edge in joined.tolist() if min(edge) >= 0}
-    shared = len(known & mine)
+    drawn = {frozenset(edge) for edge in joined.tolist() if min(edge) >= 0}
+    shared = len(known & drawn)
     offsets = distance[one, two]
     return WireframeScore(
         Agreement(len(one), len(reference.corners), len(one), len(result.corners)),
@@ -185,8 +185,8 @@ def compare_wireframes(result: Path, reference: Path) -> Evaluation:
         if path.suffix.lower() != ".obj":
             raise InputError.about(path, "is no wireframe", "compare OBJ with OBJ")
     scores, rows = [], []
-    for mine, true in pairs:
-        found = read_wireframe(mine) if mine.exists() or len(pairs) == 1 else NOTHING
+    for drawn, true in pairs:
+        found = read_wireframe(drawn) if drawn.exists() or len(pairs) == 1 else NOTHING
         score = evaluate_wireframe(found, read_wireframe(true))
         scores.append(score)
         rows.append({"roof": true.stem, **figures_of(score)})

@@ -50,23 +50,23 @@ def split_buildings(
         assert isinstance(footprint, Footprint)
         owner = nearest_part(building, [part.polygon for part in parts])
         for k, part in enumerate(parts):
-            mine = owner == k
+            inside = owner == k
             if k > 0:
                 number += 1
             pieces.append(
                 replace(
                     building,
-                    xyz=building.xyz[mine],
-                    point_id=building.point_id[mine],
-                    part=building.part[mine],
-                    not_last=None if building.not_last is None else building.not_last[mine],
+                    xyz=building.xyz[inside],
+                    point_id=building.point_id[inside],
+                    part=building.part[inside],
+                    not_last=None if building.not_last is None else building.not_last[inside],
                     number=building.number if k == 0 else number,
                     block=footprint,
                     wall_certainty=certainty[k],
                 )
             )
             reason = "no point of the block lies in this address"
-            outlines.append(part if mine.any() else Failure("no_points", reason, "tiling", part))
+            outlines.append(part if inside.any() else Failure("no_points", reason, "tiling", part))
     return pieces, outlines
 
 

@@ -33,7 +33,7 @@ def repair_footprints(
 
     A shape of several parts, or one that crosses itself, becomes several footprints, the largest first; all
     but the first get "-2", "-3", … behind the id. So does an id that was given before.
-    `unusable_footprints` tells which shapes are left out, and why.
+    `unusable_footprints` says which shapes are left out, and why.
     """
     found: list[Footprint] = []
     used: set[str] = set()

@@ -1,6 +1,6 @@
 """The maps whose layouts are known: which columns tell them, what names a building, whose work they are.
 
-Layouts are told by their columns alone, so a file needs no telling name. Column names are compared without
+Layouts are recognised by their columns alone, whatever the file is named. Column names are compared without
 regard to case: shapefiles and databases change it.
 """
 
@@ -21,7 +21,7 @@ class Layout:
     """A map's layout. Names of columns are in lower case, alternatives in the order of preference."""
 
     name: str
-    """What `--footprint-source` calls it."""
+    """The name in `--footprint-source`."""
     title: str
     holder: str
     """Who is to be named where the data, or what is made from them, are shown."""
@@ -205,9 +205,9 @@ LAYOUTS = (
         said={"map_height_m": ("height",)},
     ),
 )
-"""The layouts, those told by more columns first: the first that fits is taken."""
+"""The layouts, those recognised by more columns first: the first that fits is taken."""
 NO_SOURCE = "none"
-"""What `--footprint-source` is for polygons that are to be taken as they are."""
+"""The value of `--footprint-source` for polygons that are to be taken as they are."""
 SOURCE_NAMES = (*(layout.name for layout in LAYOUTS), NO_SOURCE)
 
 
@@ -222,7 +222,7 @@ def layout_of(columns: Sequence[str]) -> Layout | None:
 
 @dataclass(frozen=True, eq=False)
 class Reader:
-    """What a layout says of the rows of one layer."""
+    """The rows of one layer as a layout reads them."""
 
     layout: Layout
     columns: Mapping[str, str]
@@ -239,24 +239,24 @@ class Reader:
         for name in names:
             column = self.columns.get(name)
             if column is not None:
-                told = text_of(row.get(column))
+                stated = text_of(row.get(column))
             else:
                 folded = self.unfolded(row) if folded is None else folded
-                told = folded.get(name, "")
-            if told:
-                return told
+                stated = folded.get(name, "")
+            if stated:
+                return stated
         return ""
 
     def unfolded(self, row: Attributes) -> dict[str, str]:
         """The columns that one column holds as text."""
         column = self.columns.get(self.layout.folded or "")
         text = "" if column is None else text_of(row.get(column))
-        return {key.lower(): told for key, told in re.findall(r'"([^"]+)"\s*=>\s*"([^"]*)"', text)}
+        return {key.lower(): stated for key, stated in re.findall(r'"([^"]+)"\s*=>\s*"([^"]*)"', text)}
 
     def id_of(self, row: Attributes) -> str:
         """The building's id; empty where it has none."""
-        told = self.value(row, self.layout.id_fields)
-        return told.zfill(self.layout.id_width) if told.isdigit() else told
+        stated = self.value(row, self.layout.id_fields)
+        return stated.zfill(self.layout.id_width) if stated.isdigit() else stated
 
     def is_current_building(self, row: Attributes) -> bool:
         """Whether the polygon is a building, in a version that still holds."""
@@ -268,9 +268,9 @@ class Reader:
     def absence(self, row: Attributes) -> str:
         """Why nothing stands there, as the map says it: `status Pand gesloopt`; empty where it does not."""
         for name, gone in self.layout.gone.items():
-            told = self.value(row, [name])
-            if told.lower() in gone:
-                return f"{name} {told}"
+            stated = self.value(row, [name])
+            if stated.lower() in gone:
+                return f"{name} {stated}"
         return ""
 
     def attributes(self, row: Attributes) -> dict[str, Any]:
@@ -284,8 +284,8 @@ class Reader:
         if street:
             added["address"] = ", ".join(filter(None, (street, place)))
         for name, columns in self.layout.said.items():
-            told = self.value(row, columns)
-            known = told if name == "use" else number_of(told)
+            stated = self.value(row, columns)
+            known = stated if name == "use" else number_of(stated)
             if known not in (None, ""):
                 added[name] = known
         return {**row, **{name: value for name, value in added.items() if name not in self.columns}}

@@ -69,7 +69,7 @@ class Map:
     """A layer of the same file with the addresses of its buildings."""
 
     def describe(self) -> dict[str, str]:
-        """What run.json says of it."""
+        """The facts of it in run.json."""
         return {
             "source": self.layout.name,
             "layer": self.layer.name,
@@ -162,8 +162,8 @@ def read_map(
     name = id_field or next((one for one in known.layout.id_fields if one in reader.columns), None)
     ids = [str(rows[n][id_field]) if id_field else reader.id_of(rows[n]) for n in kept]
     ids = [one or numbers[n] for n, one in zip(kept, ids, strict=True)]
-    told = addresses_of(path, known.addresses, set(ids), known.layout.id_width)
-    attributes = [reader.attributes(rows[n]) | told.get(one, {}) for n, one in zip(kept, ids, strict=True)]
+    stated = addresses_of(path, known.addresses, set(ids), known.layout.id_width)
+    attributes = [reader.attributes(rows[n]) | stated.get(one, {}) for n, one in zip(kept, ids, strict=True)]
     log.info(
         "%s: read as %s (layer %s, ids %s), %s of %s polygons are buildings near the points; %s",
         *(path, known.layout.title, known.layer.name, "numbered" if name is None else f"from {name}"),
@@ -181,8 +181,8 @@ def without_absent(footprints: list[Footprint], known: Map) -> tuple[list[Footpr
         if not reason:
             standing.append(footprint)
             continue
-        told = f"nothing stands there, says {known.layout.title}: {reason}"
-        absent.append(Failure("not_standing", told, "outline", footprint))
+        stated = f"nothing stands there, says {known.layout.title}: {reason}"
+        absent.append(Failure("not_standing", stated, "outline", footprint))
     return standing, absent
 
 
@@ -198,7 +198,7 @@ ADDRESS_COLUMNS: tuple[tuple[str, ...], ...] = (
 """Columns of the BAG's addressable objects: the building's id, street, number, letter, addition, postcode,
 town."""
 ADDRESSES_TOLD = 3
-"""A building of more addresses is told by so many, and how many more there are."""
+"""A building of more addresses lists so many, and how many more there are."""
 
 
 def address_columns(columns: Sequence[str]) -> list[str | None]:
@@ -217,12 +217,12 @@ def addresses_of(path: Path, layer: str | None, ids: set[str], width: int) -> di
     names = address_columns(columns)
     found: dict[str, set[tuple[str, int, str, str]]] = {}
     for row in read_table(path, layer, [name for name in names if name is not None]):
-        told = ["" if name is None else text_of(row[name]) for name in names]
-        street, number, letter, addition, postcode, town = told[1:]
+        stated = ["" if name is None else text_of(row[name]) for name in names]
+        street, number, letter, addition, postcode, town = stated[1:]
         house = number + letter + (f"-{addition}" if addition else "")
         place = " ".join(filter(None, (postcode, town)))
         known = (street, int(number) if number.isdigit() else 0, house, place)
-        for one in told[0].split(","):  # an object may lie in several buildings
+        for one in stated[0].split(","):  # an object may lie in several buildings
             building = one.strip().zfill(width)
             if building in ids:
                 found.setdefault(building, set()).add(known)
@@ -238,7 +238,7 @@ def addresses_of(path: Path, layer: str | None, ids: set[str], width: int) -> di
 
 
 def refuse_ids(path: Path, id_field: str, ids: Sequence[object]) -> None:
-    """Nothing, when every footprint has an id of its own.
+    """Refuse footprints that share an id.
 
     Raises
     ------

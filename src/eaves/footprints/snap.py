@@ -21,7 +21,7 @@ LEAST_LENGTH = 3.0
 BLUR_M, BESIDE_M, LEAST_POINTS = 0.1, 0.5, 9
 """As in the global fit: blur of an edge (m), reach from roof to wall points (m), points that tell."""
 STIFFNESS = 0.05
-"""Weight of staying in place, against 1 for an edge that tells: keeps blunt corners from sliding away."""
+"""Weight of staying in place, against 1 for a measured edge: keeps blunt corners from sliding away."""
 
 
 def snap_footprints(footprints: Sequence[Footprint], points: Points, spacing: float) -> list[Footprint]:
@@ -40,11 +40,11 @@ def snap_footprints(footprints: Sequence[Footprint], points: Points, spacing: fl
     moved = base = nodes
     for together in (True, False):
         shift, normal, length = edge_shifts(moved, first, second, points, spacing)
-        told = np.isfinite(shift)
-        if not told.any():
+        known = np.isfinite(shift)
+        if not known.any():
             break
         if together:
-            moved = base = moved + common_shift(shift[told], normal[told], length[told])
+            moved = base = moved + common_shift(shift[known], normal[known], length[known])
         else:
             moved = moved + vertex_moves(len(nodes), first, second, shift, normal, length)
     base, moved = (np.round(xy / COORDINATE_STEP) * COORDINATE_STEP for xy in (base, moved))
@@ -142,8 +142,8 @@ def vertex_moves(
     length: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """How far (count, 2) each vertex goes to take its edges by `shift` (E,) along their normals."""
-    told = np.isfinite(shift)
-    step = np.where(told, shift, 0.0)
+    known = np.isfinite(shift)
+    step = np.where(known, shift, 0.0)
     matrix = np.tile(STIFFNESS * np.eye(2), (count, 1, 1))
     right = np.zeros((count, 2))
     weight = np.minimum(length / 3.0, 1.0)

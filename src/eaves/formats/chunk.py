@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eaves.model import Mask, Points
 
 FARTHEST = (2e8, 2e8, 1e5)
-"""What no coordinate of a survey exceeds, in metres or feet: false eastings with a zone reach 6e7 m."""
+"""The largest coordinates of any survey, in metres or feet: false eastings with a zone reach 6e7 m."""
 
 
 @dataclass(frozen=True, eq=False)

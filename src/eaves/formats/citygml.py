@@ -30,14 +30,14 @@ DECIMALS = 4
 STANDARD = ("roofType", "measuredHeight", "storeysAboveGround")
 """Attributes of the standard's own."""
 LEVELS = {"1": ("1.3", "1.2"), "2": ("2.3", "2.2", "2.0")}
-"""CityGML's level → ours, the finest first."""
+"""CityGML's level → level of detail here, the finest first."""
 
 Result = BuildingModel | Failure
 
 
 @dataclass(frozen=True)
 class Version:
-    """What the two versions spell differently."""
+    """The names that differ between the two versions."""
 
     name: str
     spaces: Mapping[str, str]
@@ -230,8 +230,8 @@ class _GmlBuilding:
         for number in range(max((len(parts) for parts in several.values()), default=0)):
             name = f"{self.identifier}-{number + 1}"
             self.file.write(f'<{self.version.part}><bldg:BuildingPart gml:id="{name}">\n')
-            mine = {level: parts[number] for level, parts in several.items() if number < len(parts)}
-            self._geometry(mine, None, None)
+            of_part = {level: parts[number] for level, parts in several.items() if number < len(parts)}
+            self._geometry(of_part, None, None)
             self.file.write(f"</bldg:BuildingPart></{self.version.part}>\n")
         self.file.write("</bldg:Building></core:cityObjectMember>\n")
 

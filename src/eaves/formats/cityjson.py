@@ -220,7 +220,7 @@ def footprint_of(result: Result) -> Footprint | None:
 
 
 def attributes_of(result: Result) -> Json:
-    """What is written about a building: its footprint's attributes, overruled by its own; why it failed."""
+    """The attributes written for a building: its footprint's, overruled by its own; why it failed."""
     footprint = result.footprint
     attributes: Json = {} if footprint is None else {"score": footprint.score, **footprint.attributes}
     if isinstance(result, BuildingModel):
@@ -331,11 +331,11 @@ def _add_objects(objects: dict[str, Json], new: dict[str, Json]) -> None:
     """Add the objects of one building. Where a part has the id of a building, the part gets another one."""
     for name in list(new):
         while name in objects:
-            theirs = objects if "parents" in objects[name] else new
-            if "parents" not in theirs[name]:
+            holder = objects if "parents" in objects[name] else new
+            if "parents" not in holder[name]:
                 raise ValueError(f"two buildings have the id {name!r}")
-            _rename_part(theirs, name, {*objects, *new})
-            if theirs is new:
+            _rename_part(holder, name, {*objects, *new})
+            if holder is new:
                 break
     objects.update(new)
 
@@ -399,9 +399,9 @@ def _solid(
         if key not in number_of:
             number_of[key] = len(surfaces)
             about: Json = {"type": face.surface}
-            told = {ROOF_SURFACE: given, WALL_SURFACE: walls}.get(face.surface, ())
-            if face.plane is not None and 0 <= face.plane < len(told):
-                about |= clean(told[face.plane])
+            details = {ROOF_SURFACE: given, WALL_SURFACE: walls}.get(face.surface, ())
+            if face.plane is not None and 0 <= face.plane < len(details):
+                about |= clean(details[face.plane])
             surfaces.append(about)
         shell.append(boundary)
         values.append(number_of[key])

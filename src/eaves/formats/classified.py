@@ -111,8 +111,8 @@ def write_classified(
         _add_dimensions(header, arrays)
     header.vlrs = VLRList([vlr for vlr in header.vlrs if vlr.user_id != OWNER])
     if provenance:
-        told = json.dumps(provenance.members).encode()
-        header.vlrs.append(laspy.VLR(OWNER, 1, "provenance", told))
+        origins = json.dumps(provenance.members).encode()
+        header.vlrs.append(laspy.VLR(OWNER, 1, "provenance", origins))
     with (
         atomic(path) as temporary,
         temporary.open("w+b") as file,

@@ -122,7 +122,7 @@ def horizontal_crs(system: CoordinateSystem) -> pyproj.CRS | None:
 
 
 def degrees_remedy(longitude: float, latitude: float) -> str:
-    """What to do with data in degrees: the EPSG code of the UTM zone of the place."""
+    """The remedy for data in degrees: the EPSG code of the UTM zone of the place."""
     if not (-180 <= longitude <= 180 and -90 <= latitude <= 90):
         return "the coordinates do not fit that system; pass the right one with crs= or --crs"
     zone = min(int((longitude + 180) // 6) + 1, 60)
@@ -144,10 +144,10 @@ def agree(systems: Iterable[tuple[Path, CoordinateSystem]]) -> CoordinateSystem:
         "reproject them to one system, run them apart, or pass the system of all of them as crs= or --crs"
     )
     for path, system in pairs:
-        for mine, others in zip(system.unit_m, chosen.unit_m, strict=True):
-            if abs(mine - others) > SAME_UNIT * others:
+        for unit, others in zip(system.unit_m, chosen.unit_m, strict=True):
+            if abs(unit - others) > SAME_UNIT * others:
                 raise InputError.about(
-                    path, f"its units ({mine:.6g} m) are not those of {chosen_path} ({others:.6g} m)", remedy
+                    path, f"its units ({unit:.6g} m) are not those of {chosen_path} ({others:.6g} m)", remedy
                 )
         if system.wkt != chosen.wkt and not _same_plane(system, chosen):
             raise InputError.about(

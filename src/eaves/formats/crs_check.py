@@ -27,7 +27,7 @@ FORCE = "or, if it is meant, say so with --crs-force"
 
 
 def refuse_conflict(path: Path, said: str, own: pyproj.CRS | None, box: Bounds) -> None:
-    """Nothing, when the system the caller says and the file's `own` put its box at the same place.
+    """Refuse a stated system that puts the file's box elsewhere than its `own` does.
 
     The box is in the units of the file. A system with heights in place of one without is no conflict.
 
@@ -38,12 +38,12 @@ def refuse_conflict(path: Path, said: str, own: pyproj.CRS | None, box: Bounds) 
     """
     if own is None:
         return
-    theirs, ours = plane_of(own), plane_of(parse_crs(said))
-    if theirs.equals(ours, ignore_axis_order=True) and same_heights(own, parse_crs(said)):
+    stated, given = plane_of(own), plane_of(parse_crs(said))
+    if stated.equals(given, ignore_axis_order=True) and same_heights(own, parse_crs(said)):
         return
     x, y = (box.west + box.east) / 2, (box.south + box.north) / 2
-    east, north = pyproj.Transformer.from_crs(theirs, ours, always_xy=True).transform(x, y)
-    unit = ours.axis_info[0].unit_conversion_factor if ours.axis_info else 1.0
+    east, north = pyproj.Transformer.from_crs(stated, given, always_xy=True).transform(x, y)
+    unit = given.axis_info[0].unit_conversion_factor if given.axis_info else 1.0
     near = np.isfinite([east, north]).all() and np.hypot(east - x, north - y) * unit <= SAME_PLACE
     if near and same_heights(own, parse_crs(said)):
         return
@@ -66,7 +66,7 @@ def same_heights(one: pyproj.CRS, other: pyproj.CRS) -> bool:
 
 
 def refuse_numbers(path: Path, system: CoordinateSystem, box: Bounds) -> None:
-    """Nothing, when the box (in the file's units) can lie in the area its system is made for; a warning where
+    """Refuse a box (in the file's units) that cannot lie in its system's area of use; a warning where
     it lies elsewhere and nothing explains it.
 
     Raises
@@ -145,7 +145,7 @@ def area_of(system: CoordinateSystem) -> Area | None:
 
 
 def vertical_datum(system: CoordinateSystem) -> dict[str, str | None]:
-    """What heights are measured from: its `name`, and the `status`.
+    """The datum of the heights: its `name`, and the `status`.
 
     `known`: PROJ relates it to the ellipsoid. `geoid missing`: it has a name, but this computer lacks the
     grid for that. `unknown`: the files do not say.

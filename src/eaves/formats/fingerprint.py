@@ -30,7 +30,7 @@ def fingerprint(file: BinaryIO) -> bytes:
 
 
 def refuse_change(path: Path, mark: bytes) -> None:
-    """Nothing, when a file still has the fingerprint it had.
+    """Refuse a file that no longer has the fingerprint it had.
 
     Raises
     ------

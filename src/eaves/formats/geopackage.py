@@ -136,11 +136,11 @@ def read_upright(path: Path, layer: str, system: CoordinateSystem) -> list[Row]:
     names, kinds = [str(name) for name in meta["fields"]], [str(kind) for kind in meta["dtypes"]]
     rows = []
     for number, shape in enumerate(shapes):
-        told = {
+        attribute_values = {
             name: plain_value(column[number], kind)
             for name, kind, column in zip(names, kinds, columns, strict=True)
         }
-        rows += [Row(part, told) for part in (() if shape is None else shapely.get_parts(shape))]
+        rows += [Row(part, attribute_values) for part in (() if shape is None else shapely.get_parts(shape))]
     return rows
 
 
@@ -317,7 +317,7 @@ def is_parquet(path: Path) -> bool:
 def _read_layer(
     path: Path, layer: str | None, within: Bounds | None, target: CoordinateSystem | None
 ) -> tuple[dict[str, Any], NDArray[np.int64], NDArray[np.object_], list[Any]]:
-    """What pyogrio reads of a layer: its description, the features' numbers from 1, their geometries as WKB
+    """A layer as pyogrio reads it: its description, the features' numbers from 1, their geometries as WKB
     and their columns."""
     if is_parquet(path):
         from eaves.formats.parquet import read_geoparquet
@@ -347,7 +347,7 @@ def _read_layer(
 
 @contextmanager
 def _opened_vector(path: Path) -> Iterator[tuple[Path, str]]:
-    """The file to give to pyogrio, and the driver that must open it; its errors become ours."""
+    """The file to give to pyogrio, and the driver that must open it; its errors become InputError."""
     import pyogrio
     from pyogrio import errors
 
@@ -439,7 +439,7 @@ def _shapes_in_metres(
 
 @dataclass
 class _Schema:
-    """What all rows of a layer have in common."""
+    """The types that all rows of a layer share."""
 
     kinds: dict[str, set[type]] = field(default_factory=dict)
     """Types of the known values by column, in the order of their coming."""

@@ -104,7 +104,7 @@ def write_glb(
 
 
 def scene_extras(system: CoordinateSystem, origin: tuple[float, float]) -> Json:
-    """What is needed to put the scene back on the map."""
+    """The reference that puts the scene back on the map."""
     unit = np.array(system.unit_m)
     extras = {"origin": (np.array([*origin, 0.0]) / unit).tolist(), "unit_m": unit.tolist()}
     return extras | {"crs": system.code, "wkt": system.wkt, "axes": "x east, y up, -z north, metres"}

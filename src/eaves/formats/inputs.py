@@ -47,7 +47,7 @@ def find_inputs(paths: str | Path | Sequence[str | Path]) -> list[Path]:
 
 
 def list_inputs(paths: str | Path | Sequence[str | Path]) -> list[str]:
-    """What `find_inputs` gives, as text: of a million paths a quarter of the memory and of the time."""
+    """The answer of `find_inputs` as text: of a million paths a quarter of the memory and of the time."""
     found: dict[str, str] = {}
     for given in [paths] if isinstance(paths, str | Path) else paths:
         if not str(given):

@@ -61,7 +61,7 @@ class LasHeader:
     salvaged: bool = False
     """Whether only the whole chunks of a file without a table of them are read."""
     chunks: Any = None
-    """Where those chunks are (`laz.ChunkTable`), if the file tells."""
+    """Where those chunks are (`laz.ChunkTable`), if the file states it."""
 
     def record(self, owner: str, number: int) -> bytes | None:
         """The data of one record, None when there is none."""

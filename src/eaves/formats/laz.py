@@ -120,7 +120,7 @@ def decompress(
 
 
 def guard(header: LasHeader, call: Callable[[], Any]) -> Any:
-    """What a call into lazrs returns; any complaint of it, a Rust panic included, becomes an InputError."""
+    """The answer of a call into lazrs; any complaint of it, a Rust panic included, becomes an InputError."""
     try:
         return call()
     except (lazrs.LazrsError, ValueError, TypeError, OverflowError, OSError, MemoryError):

@@ -29,7 +29,7 @@ CORNER_TURN_DEG = 10.0
 """A vertex of a roof face is a corner where its ring turns by more."""
 
 DRAWN_DETAIL = 0.8
-"""What is smaller than this (m) is drawn as one corner: head and foot of a low step, a parapet, a jog.
+"""A detail smaller than this (m) is drawn as one corner: head and foot of a low step, a parapet, a jog.
 Corners of Building3D are paired over 1 m."""
 
 DECIMALS = 3
@@ -185,11 +185,11 @@ def corner_groups(corners: Points, detail: float) -> NDArray[np.int64]:
     together = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(corners))
     answer = np.zeros(len(corners), np.int64)
     count = 0
-    for mine in members(together, int(together.max()) + 1):
-        group = np.zeros(len(mine), np.int64)
-        if len(mine) > 1:
-            group = fcluster(linkage(corners[mine], "complete"), detail, "distance").astype(np.int64) - 1
-        answer[mine] = count + group
+    for nearby in members(together, int(together.max()) + 1):
+        group = np.zeros(len(nearby), np.int64)
+        if len(nearby) > 1:
+            group = fcluster(linkage(corners[nearby], "complete"), detail, "distance").astype(np.int64) - 1
+        answer[nearby] = count + group
         count += int(group.max()) + 1
     return answer
 

@@ -31,7 +31,7 @@ DEGREES = "OGC:CRS84"
 
 
 def require_pyarrow() -> None:
-    """Nothing, where pyarrow is installed.
+    """Refuse to go on without pyarrow.
 
     Raises
     ------
@@ -199,8 +199,12 @@ def opened_parquet(path: Path) -> Iterator[tuple[Any, dict[str, Any], str | None
             column = about["columns"][about["primary_column"]]
             if column["encoding"] != "WKB" or about["primary_column"] not in file.schema_arrow.names:
                 raise refusal
-            told = column.get("crs", DEGREES)
-            yield file, about, None if told is None else told if isinstance(told, str) else json.dumps(told)
+            stated = column.get("crs", DEGREES)
+            yield (
+                file,
+                about,
+                None if stated is None else stated if isinstance(stated, str) else json.dumps(stated),
+            )
     except (pyarrow.ArrowException, KeyError, TypeError, ValueError, OSError) as error:
         if isinstance(error, InputError):
             raise

@@ -35,7 +35,7 @@ def corrected(header: LasHeader, file: BinaryIO, salvage: bool = False) -> LasHe
     Raises
     ------
     InputError
-        When points are there that the header does not count, and how many cannot be told.
+        When points are there that the header does not count, and their number is not known.
     """
     if not header.compressed and salvage:
         return replace(header, salvaged=True)  # its count is that of what is there
@@ -53,7 +53,7 @@ def corrected(header: LasHeader, file: BinaryIO, salvage: bool = False) -> LasHe
 
 
 def check_chunks(header: LasHeader) -> None:
-    """Nothing, when a compressed file has its table of chunks.
+    """Refuse a compressed file without its table of chunks.
 
     Raises
     ------

@@ -29,7 +29,7 @@ from eaves.model.coordinates import LOCAL_METRES
 Corner = tuple[float, float, float]
 FIELDS = ("return_number", "number_of_returns", "classification")
 MISSING = {"return_number": 1, "number_of_returns": 1, "classification": 0}
-"""What stands for a field in points of files that lack it."""
+"""The values of a field in points of files that lack it."""
 
 log = logging.getLogger("eaves")
 
@@ -126,7 +126,7 @@ def open_source(path: str | Path, crs: str | None = None, salvage: bool = False)
 
 
 def open_marked(path: str | Path, crs: str | None = None, salvage: bool = False) -> tuple[Source, bytes]:
-    """What `open_source` gives, and the file's fingerprint, for one opening."""
+    """The answer of `open_source`, and the file's fingerprint, for one opening."""
     return _open_any(path, crs, fingerprint, salvage)
 
 
@@ -380,7 +380,7 @@ def _box_is_likely(header: LasHeader) -> bool:
 
 @dataclass(frozen=True)
 class _Projection:
-    """What decides a file's system: its projection records, or what the caller gives instead."""
+    """The facts that decide a file's system: its projection records, or what the caller gives instead."""
 
     records: tuple[tuple[str, int, bytes], ...]
     crs: str | None

@@ -250,7 +250,8 @@ def node_of(
     if len(leaves) <= CHILDREN or len(np.unique(quarter)) == 1:
         return node | {"children": [within(leaf.tile, frame) for leaf in leaves]}
     quarters = [
-        [leaf for leaf, mine in zip(leaves, quarter, strict=True) if mine == number] for number in range(4)
+        [leaf for leaf, quarter_of in zip(leaves, quarter, strict=True) if quarter_of == number]
+        for number in range(4)
     ]
     return node | {"children": [node_of(quarter, draw, frame) for quarter in quarters if quarter]}
 

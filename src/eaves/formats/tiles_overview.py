@@ -1,4 +1,4 @@
-"""What 3D Tiles show from afar: prisms in place of the largest buildings under a node.
+"""The view of 3D Tiles from afar: prisms in place of the largest buildings under a node.
 
 Tiles of whole models come into view from a few of their diameters away. Over a city, which is larger, nothing
 would be seen: every node over tiles therefore has a content of its own, which they replace as one comes near.

@@ -33,7 +33,7 @@ LEADING = re.compile(
     rb'"(links|stac_version|stac_extensions|conformsTo|command_line|objectIdFieldName|geometryType|arcs)"'
     rb"|gdal_streamed_alg|\\u00[2-7]"
 )
-"""Members by which other drivers take a JSON file for theirs, or words in which they could hide."""
+"""Members by which other drivers take a JSON file for one of their own, or words in which they could hide."""
 OFFLINE = {
     "GDAL_HTTP_PROXY": "http://127.0.0.1:9",
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": "{none}",
@@ -81,19 +81,19 @@ def leads_elsewhere(path: Path) -> bool:
 
 
 def plain_geojson(path: Path) -> dict[str, object]:
-    """What is GeoJSON of a JSON file: features, system, name."""
+    """The members of a JSON file that are GeoJSON: features, system, name."""
     try:
-        told = json.loads(path.read_text(encoding="utf-8-sig"))
+        document = json.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError):
         raise InputError.about(path, "is not a vector file that can be read", REMEDY) from None
-    if not isinstance(told, dict) or told.get("type") not in GEOJSON_TYPES:
+    if not isinstance(document, dict) or document.get("type") not in GEOJSON_TYPES:
         raise InputError.about(path, "is JSON, but no GeoJSON", REMEDY)
     kept = ("type", "features", "crs", "name", "geometry", "properties", "coordinates", "geometries", "id")
-    return {key: told[key] for key in kept if key in told}
+    return {key: document[key] for key in kept if key in document}
 
 
 def refuse_virtual_tables(path: Path) -> None:
-    """Nothing, when no table of a database is made by a module that could read other files."""
+    """Refuse a database with a table made by a module that could read other files."""
     try:
         connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
         try:

@@ -41,8 +41,8 @@ def write_vrt(path: str | Path, pieces: Sequence[Path], tags: Mapping[str, str] 
         file.write(f'<VRTDataset rasterXSize="{columns}" rasterYSize="{rows}">\n')
         if crs is not None:
             file.write(f'<SRS dataAxisToSRSAxisMapping="1,2">{escape(crs.to_wkt())}</SRS>\n')
-        told = "".join(f"<MDI key={quoteattr(key)}>{escape(text)}</MDI>" for key, text in tags.items())
-        file.write(f"<Metadata>{told}</Metadata>\n" if told else "")
+        metadata = "".join(f"<MDI key={quoteattr(key)}>{escape(text)}</MDI>" for key, text in tags.items())
+        file.write(f"<Metadata>{metadata}</Metadata>\n" if metadata else "")
         file.write(f"<GeoTransform>{west!r}, {cell!r}, 0.0, {north!r}, 0.0, {-cell!r}</GeoTransform>\n")
         file.write(f'<VRTRasterBand dataType="{KINDS[kind]}" band="1">\n')
         if missing is not None:

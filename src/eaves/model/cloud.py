@@ -39,7 +39,7 @@ class PointCloud:
     return_number, number_of_returns : ndarray (N,) of uint8 or None
         Number of each return in its pulse, from 1, and how many the pulse has.
     classification : ndarray (N,) of uint8 or None
-        LAS classes: the file's until `classify_ground`, ours (1, 2, 6, 7, 18) after it.
+        LAS classes: the file's until `classify_ground`, those of this package (1, 2, 6, 7, 18) after it.
     part : ndarray (N,) of uint8 or None
         Walls, trees and small regions (codes of `model.scene`) that a ground filter found.
     point_id : ndarray (N,) of int64 or None

@@ -1,4 +1,4 @@
-"""What the columns of the tables are: title, unit, meaning. Maps, plug-ins and schemas are made from it."""
+"""The columns of the tables: title, unit, meaning. Maps, plug-ins and schemas are made from it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What points, rasters, outlines and models look like in a notebook: small pictures, by numpy alone."""
+"""Pictures of points, rasters, outlines and models in a notebook: small ones, by numpy alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What results are made from: the files of the points, and what their heights are measured from."""
+"""The origin of results: the files of the points, and what their heights are measured from."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 PREFIX = "eaves_"
-"""What the names of these tags begin with in files that hold tags of others, too."""
+"""The beginning of the names of these tags in files that hold tags of others, too."""
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """What every output says of where it comes from; an empty one says nothing.
+    """The origin that every output states; an empty one states none.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the passes return: the result of a block, the points of a building, the result of a building."""
+"""The results of the passes: the result of a block, the points of a building, the result of a building."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What detectors get, a classified cloud with its rasters, and what they return."""
+"""The input of detectors, a classified cloud with its rasters, and their answer."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Raster:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What detectors get: a classified cloud with its rasters, all about the same origin.
+    """The input of detectors: a classified cloud with its rasters, all about the same origin.
 
     Parameters
     ----------

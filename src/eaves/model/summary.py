@@ -1,4 +1,4 @@
-"""What a run found and wrote."""
+"""The summary of a run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run found and wrote. `found` is always `modelled` plus the failures.
+    """The numbers and files of a run. `found` is always `modelled` plus the failures.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Summary:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What the manifest says of the run."""
+        """The facts of the run in the manifest."""
         return {name: self.run.get(name) for name in ("crs", "vertical_datum", "files", "inputs_sha256")}
 
     @property
@@ -111,13 +111,13 @@ class Summary:
         return "\n".join([*self._doubts(), self._last_line()])
 
     def _doubts(self) -> list[str]:
-        """How many places the scan left undecided, and where they are told; nothing where there are none."""
+        """How many places the scan left undecided, and which file lists them; empty where there are none."""
         doubts = self.run.get("doubts") or {}
         if not doubts.get("count"):
             return []
         if doubts["see"]:
             return [f"doubts: {doubts['count']:,}, see {doubts['see']}"]
-        largest = doubts["largest"][0]  # no file tells of them
+        largest = doubts["largest"][0]  # no file lists them
         return [
             f"doubts: {doubts['count']:,}, the largest at {largest['x']:.1f}, {largest['y']:.1f}: "
             + largest["reason"]

@@ -46,12 +46,12 @@ def models_figure(
     edges = np.quantile(depth, np.linspace(0, 1, SLABS + 1)) if len(depth) else np.zeros(2)
     edges[-1], first = np.inf, -np.inf
     for order, last in enumerate(edges[1:]):
-        mine = np.flatnonzero((depth >= first) & (depth < last))
-        mine = mine[np.argsort(depth[mine], kind="stable")]
-        shades = colours[mine]
+        slab = np.flatnonzero((depth >= first) & (depth < last))
+        slab = slab[np.argsort(depth[slab], kind="stable")]
+        shades = colours[slab]
         axes.add_collection(
             PolyCollection(
-                list(seen[mine][:, :, :2]),
+                list(seen[slab][:, :, :2]),
                 facecolors=shades,
                 edgecolors=shades,
                 linewidths=0.25,

@@ -164,7 +164,7 @@ def read_heights(
 
 
 def padded(image: Any, sides: tuple[float, ...], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """What a picture shows of a rectangle, NaN beyond its rim."""
+    """The part of a picture in a rectangle, NaN beyond its rim."""
     west, south, east, north = sides
     b = image.bounds
     values = np.full(shape, np.nan)

@@ -1,4 +1,4 @@
-"""What a run's folder holds, brought to one local frame and to a size a page can draw."""
+"""The contents of a run's folder, brought to one local frame and to a size a page can draw."""
 
 from __future__ import annotations
 

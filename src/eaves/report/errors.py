@@ -36,8 +36,8 @@ def agreement(folder: Path, reference: Path) -> Raster:
         return Raster(codes, labels.west, labels.north, labels.cell)
     mask, system = read_raster(folder / "mask.tif")
     true = rasterize(read_polygons(reference, target=system)[0], mask.bounds, mask.cell).values > 0
-    mine = mask.values > 0
-    values = np.select([mine & true, true, mine], [TRUE_POSITIVE, FALSE_NEGATIVE, FALSE_POSITIVE], 0)
+    drawn = mask.values > 0
+    values = np.select([drawn & true, true, drawn], [TRUE_POSITIVE, FALSE_NEGATIVE, FALSE_POSITIVE], 0)
     return Raster(values.astype(np.float32), mask.west, mask.north, mask.cell)
 
 

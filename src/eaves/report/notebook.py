@@ -26,7 +26,7 @@ FILE_DIGITS = 4
 
 @dataclass(frozen=True)
 class Results(Summary):
-    """What a run found and wrote, with its results as tables, arrays and meshes for notebooks.
+    """The summary of a run, with its results as tables, arrays and meshes for notebooks.
 
     Parameters
     ----------
@@ -124,10 +124,10 @@ def building_meshes(folder: Path) -> dict[str, Any]:
     faces = collect_city_faces(models, {name: number for number, name in enumerate(ids)})
     finest, meshes = finest_faces(faces), {}
     for number, name in enumerate(ids):
-        mine = faces.take(finest & (faces.building == number))
-        if not mine:
+        own = faces.take(finest & (faces.building == number))
+        if not own:
             continue
-        corners = cut_into_triangles(mine).corners
+        corners = cut_into_triangles(own).corners
         origin = np.floor(corners.min(axis=(0, 1)))
         meshes[name] = trimesh.Trimesh(
             np.round(corners - origin, FILE_DIGITS).reshape(-1, 3),

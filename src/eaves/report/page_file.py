@@ -61,7 +61,7 @@ KINDS: dict[str, type[np.unsignedinteger[Any]]] = {
     "kind": np.uint8,
     "error": np.uint16,
 }
-"""What the page knows of a triangle."""
+"""The attributes of a triangle on the page."""
 MILLIMETRES = 1000.0
 UNKNOWN_DISTANCE = 32767
 UNKNOWN_HEIGHT = 2_000_000_000
@@ -118,7 +118,7 @@ def iter_page(contents: Contents, text: str) -> Iterator[str]:
 
 
 def iter_data(contents: Contents) -> Iterator[str]:
-    """What the script reads, as JSON, array by array."""
+    """The data of the script as JSON, array by array."""
     about = as_json(page_data(contents))
     yield about.removesuffix("}") + ',"arrays":{'
     for number, (name, values) in enumerate(iter_arrays(contents)):
@@ -136,10 +136,10 @@ def say_shown(contents: Contents) -> str:
     sample, rows = contents.points, len(contents.rows)
     parts = [f"all {len(sample):,} points drawn"]
     if len(sample) < sample.total:
-        ours = int(np.count_nonzero(sample.building))
+        shown = int(np.count_nonzero(sample.building))
         parts = [
             f"{len(sample):,} of {sample.total:,} points drawn (thinned for the page)",
-            f"on buildings {ours:,} of {sample.on_buildings:,}",
+            f"on buildings {shown:,} of {sample.on_buildings:,}",
         ]
     parts.append(
         f"{rows:,} of {contents.buildings:,} buildings, those nearest to the middle"
@@ -158,7 +158,7 @@ def lods_of(contents: Contents) -> list[str]:
 
 
 def page_data(contents: Contents) -> dict[str, Any]:
-    """What the script reads besides the arrays: rows and names."""
+    """The data of the script besides the arrays: rows and names."""
     rows = [*contents.rows, *contents.others]
     there = [name for name in COLUMNS if any(row.get(name) is not None for row in rows)]
     numbers = {name for name in there if any(isinstance(row.get(name), int | float) for row in rows)}

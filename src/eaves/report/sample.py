@@ -22,7 +22,7 @@ from eaves.model import Bounds, CoordinateSystem, Mask, Points
 POINTS_READ = 12_000_000
 """Of more points than this only evenly spread pieces of the files are decompressed: some 6 s of work."""
 BUILDING_SHARE = 0.7
-"""Of the points drawn, the share that buildings may take before theirs are thinned."""
+"""Of the points drawn, the share that buildings may take before their points are thinned."""
 SELECTION = NEEDED | lazrs.SELECTIVE_DECOMPRESS_ALL_EXTRA_BYTES
 EXTRA: dict[str, Any] = {"building_id": np.int32, "plane_id": np.int32, "part": np.uint8}
 """Dimensions a run adds to its points; zero where a file has none."""
@@ -67,7 +67,7 @@ class Thinning:
     """Of every n-th piece of the files, the shares of the points of buildings and of the others to take."""
 
     every: int
-    ours: float
+    on_roofs: float
     others: float
 
     @classmethod
@@ -78,13 +78,13 @@ class Thinning:
         every = max(1, -(-candidates // POINTS_READ))
         if candidates <= limit:
             return cls(every, 1.0, 1.0)
-        ours = max(min(expected, candidates), 1)
-        share = min(1.0, max(BUILDING_SHARE * limit / ours, limit / candidates))
-        return cls(every, share, max(0.0, limit - share * ours) / max(candidates - ours, 1))
+        on_roofs = max(min(expected, candidates), 1)
+        share = min(1.0, max(BUILDING_SHARE * limit / on_roofs, limit / candidates))
+        return cls(every, share, max(0.0, limit - share * on_roofs) / max(candidates - on_roofs, 1))
 
     def keeps(self, position: NDArray[np.int64], building: NDArray[np.int32]) -> Mask:
         """Which points (N,) to take, by their places in their file and the numbers of their buildings."""
-        share = np.where(building > 0, self.ours, self.others)
+        share = np.where(building > 0, self.on_roofs, self.others)
         return np.asarray(scattered(position) < self.every * share)
 
 

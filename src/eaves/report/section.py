@@ -47,9 +47,9 @@ def section_figure(
     heights = contents.points.xyz[:, 2] + contents.base
     classes = contents.points.classification
     for code, (name, colour) in [*COLOURS.items(), (None, OTHER)]:
-        mine = near & (classes == code if code else ~np.isin(classes, list(COLOURS)))
-        if mine.any():
-            axes.plot(along[mine], heights[mine], ".", color=colour, markersize=2.2, label=f"{name} points")
+        shown = near & (classes == code if code else ~np.isin(classes, list(COLOURS)))
+        if shown.any():
+            axes.plot(along[shown], heights[shown], ".", color=colour, markersize=2.2, label=f"{name} points")
     for label, colour, thick, only in (("neighbours", "0.55", 0.9, False), ("model", "black", 1.6, True)):
         cuts = cut_models(contents, centre, direction, number, only)
         cuts = cuts[(np.abs(cuts[:, :, 0]) <= reach).all(axis=1)] + [0.0, contents.base]

@@ -63,13 +63,13 @@ VIEWER = {
 
 @dataclass(frozen=True)
 class TileSite:
-    """What is served of a run: files made in memory, by name, and of its folder the tiles and the page."""
+    """The files served of a run: files made in memory, by name, and of its folder the tiles and the page."""
 
     folder: Path
     made: dict[str, bytes]
 
     def find(self, address: str) -> bytes | Path | None:
-        """What an address stands for; None for all that is not of the site, wherever it points."""
+        """The file behind an address; None for all that is not of the site, wherever it points."""
         name = unquote(urlsplit(address).path).lstrip("/") or "index.html"
         if name in self.made:
             return self.made[name]
@@ -165,7 +165,7 @@ def model_of(parts: list[CityObject]) -> BuildingModel | None:
 
 
 def about_run(folder: Path, system: CoordinateSystem) -> dict[str, Any]:
-    """What the viewer says of the run."""
+    """The facts of the run that the viewer shows."""
     path = folder / "run.json"
     run = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     names = [Path(entry["path"]).name for entry in run.get("inputs", ())]

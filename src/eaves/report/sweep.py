@@ -55,7 +55,7 @@ def sweep(
     reference
         What `eaves evaluate` takes for the stage: a classified cloud, polygons, models.
     method
-        Name of the stage's method; by default the source's, or ours.
+        Name of the stage's method; by default the source's, or the default.
     source
         A published system whose chain the other stages take.
     options

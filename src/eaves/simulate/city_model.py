@@ -44,7 +44,7 @@ CLOSING_GRIDS = (0.001, 0.005, 0.01, 0.02)
 """Grids (m) to which the corners of roof faces are snapped, in turn, until a solid closes over them."""
 
 LARGEST = (10_000.0, 10_000.0, 900.0)
-"""What a town may measure (m): terrain and points are held in memory, and surveys fly 1,000 m above it."""
+"""The largest extent of a town (m): terrain and points are held in memory, and surveys fly 1,000 m high."""
 
 SMOOTHING = 5.0
 """Standard deviation (m) of the filter that rounds the terrain between buildings."""

@@ -1,4 +1,4 @@
-"""What is on buildings and in no reference model: vents, skylights, solar panels, plant, balconies.
+"""Objects on buildings that no reference model has: vents, skylights, solar panels, plant, balconies.
 
 Their points are building points that lie on no roof face; without them a simulated roof is too clean.
 """
@@ -17,7 +17,7 @@ from eaves.simulate.exact import ExactBuilding, ExactFace
 from eaves.simulate.surfaces import UP, Surfaces, curtain, fan, upright_box
 
 FROM_EDGE = 0.6
-"""Nothing stands nearer to the edge of a face (m)."""
+"""The least distance of objects from the edge of a face (m)."""
 
 FLAT = 0.09
 """Tangent of the slope (5°) below which a face carries plant instead of skylights."""
@@ -29,7 +29,7 @@ PANELS_SHARE = 0.15
 """Share of the pitched faces with room for them that carry solar panels."""
 
 BALCONY_KINDS = ("town house", "slab", "tower", "courtyard", "U-shape")
-"""What buildings have balconies: those whose kind begins so."""
+"""The beginnings of the kinds of buildings with balconies."""
 
 BALCONY_SHARE = 0.35
 """Share of the places for a balcony that have one."""

@@ -30,7 +30,7 @@ from eaves.simulate.town import RIM, Site, Town, lay_site, put_extras
 from eaves.simulate.vegetation import Foliage
 
 CHANGES = ("new", "demolished", "raised", "lowered", "extended", "partly demolished", "roof replaced")
-"""What can become of a building, beside `unchanged`."""
+"""The changes that a building can undergo, beside `unchanged`."""
 
 SMALLEST_M2 = 10.0
 """A smaller building is left as it is (m²)."""
@@ -55,7 +55,7 @@ Masses = tuple[Mass, ...]
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What became of one building, exactly.
+    """The exact change of one building.
 
     Parameters
     ----------
@@ -500,7 +500,7 @@ def write_changes(
     """
     paths = {"layer": Path(folder) / "changes.gpkg", "table": Path(folder) / "changes.json"}
     x, y = scene.cloud.origin
-    rows, told = [], []
+    rows, listed = [], []
     for one in changes:
         place = one.new or one.old
         assert place is not None
@@ -511,12 +511,12 @@ def write_changes(
             "area_m2": one.area_m2,
             "volume_m3": one.volume_m3,
         }
-        told.append(values)
+        listed.append(values)
         rows.append(Row(affine_transform(place, [1, 0, 0, 1, x, y]), values))
     with undated():
         write_polygons(paths["layer"], rows, scene.cloud.system, "changes")
     counts = {kind: sum(one.change == kind for one in changes) for kind in ("unchanged", *CHANGES)}
     with atomic(paths["table"]) as temporary:
-        about = {"settings": settings or {}, "counts": counts, "buildings": told}
+        about = {"settings": settings or {}, "counts": counts, "buildings": listed}
         temporary.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
     return paths

@@ -1,4 +1,4 @@
-"""What else stands in a town: cars, fences, power lines, bridges."""
+"""Street furniture: cars, fences, power lines, bridges."""
 
 from __future__ import annotations
 

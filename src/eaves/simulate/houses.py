@@ -1,4 +1,4 @@
-"""What buildings a town has: the shapes, sizes and slopes they are drawn from, and the drawing of one."""
+"""The buildings of a town: the shapes, sizes and slopes they are drawn from, and the drawing of one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What roof a building has that is put together from simple masses.
+"""The roof of a building that is put together from simple masses.
 
 A mass is a plan polygon under the lowest of a few planes: a gable is the lower of two, a hip of four, a
 mansard of eight. A building is several masses, and its roof is the highest of them: wings, dormers,

@@ -91,7 +91,7 @@ Segment = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class CityBlock:
-    """What one block of the town holds, in town coordinates. Trees and shrubs are places (x, y)."""
+    """The contents of one block of the town, in town coordinates. Trees and shrubs are places (x, y)."""
 
     placements: list[Placement] = field(default_factory=list)
     trees: list[NDArray[np.float64]] = field(default_factory=list)
@@ -158,7 +158,7 @@ def lay_streets(
 
 
 def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.random.Generator) -> CityBlock:
-    """What stands on a plot, drawn by the town's style, with its street trees and parked cars.
+    """The buildings and trees of a plot, drawn by the town's style, with its street trees and parked cars.
 
     A plot that is not `whole` gets small houses only; one that is not `built` is a park.
     """

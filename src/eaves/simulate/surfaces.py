@@ -1,4 +1,4 @@
-"""What a pulse can hit: triangles with labels, made from buildings and other solid things."""
+"""The surfaces that a pulse can hit: triangles with labels, made from buildings and other solid things."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ SHORTEST_CORRIDOR = 250.0
 """A town whose side is shorter (m) has no canal and no embankment."""
 
 GARDEN_REACH = 12.0
-"""What a block plants and parks stands at most this far outside its plot (m)."""
+"""The trees and cars of a block stand at most this far outside its plot (m)."""
 
 SEARCH = 50.0
 """Side of the squares in which neighbours are looked up (m)."""

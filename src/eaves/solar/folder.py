@@ -37,7 +37,7 @@ class SolarSite:
 
 @dataclass(frozen=True)
 class SolarSummary:
-    """What was found: numbers of roof faces and buildings, and sums over all of them."""
+    """The result: numbers of roof faces and buildings, and sums over all of them."""
 
     path: Path
     faces: int
@@ -146,15 +146,15 @@ def measure_solar(
 def square_light(
     roofs: Sequence[Row],
     boxes: np.ndarray[Any, Any],
-    mine: Sequence[int],
+    own_faces: Sequence[int],
     window: RasterWindow,
     rules: SolarRules,
     weather: Weather | None,
     place: tuple[float, float] | None,
 ) -> Iterator[tuple[int, FaceLight]]:
-    """The light on the faces `mine` of one square, with all that stands within reach."""
-    west, south = boxes[mine, :2].min(axis=0)
-    east, north = boxes[mine, 2:].max(axis=0)
+    """The light on the faces `own_faces` of one square, with all that stands within reach."""
+    west, south = boxes[own_faces, :2].min(axis=0)
+    east, north = boxes[own_faces, 2:].max(axis=0)
     wanted = Bounds(west, south, east, north)
     seen = wanted.buffered(rules.reach)
     corner = (math.floor(west), math.floor(south))
@@ -170,7 +170,7 @@ def square_light(
     height = float(np.nanmean(boxes_heights(faces)))
     hours = hours_at(site, height, rules, weather)
     best = best_in_the_open(hours, rules)
-    chosen = set(mine)
+    chosen = set(own_faces)
     found = light_on_faces(
         faces, dsm, hours, site.convergence, rules, best, lambda one: int(near[one]) in chosen
     )
@@ -231,7 +231,7 @@ def convergence_of(crs: Any, latitude: float, longitude: float) -> float:
 
 
 def roof_row(row: Mapping[str, Any], light: FaceLight, rules: SolarRules) -> dict[str, Any]:
-    """What the layer `roofs` says of a face."""
+    """The attributes of a face in the layer `roofs`."""
     kept = ("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2")
     year, in_the_open = float(light.month.sum()), float(light.open_month.sum())
     area = float(row.get("area_m2") or 0.0)
@@ -260,10 +260,10 @@ def building_rows(
     """The buildings that have roof faces, with the sums over these."""
     sums: dict[str, dict[str, float]] = {}
     for row in roofs:
-        mine = sums.setdefault(str(row["building_id"]), dict.fromkeys(("roof_area_m2", *SUMS), 0.0))
-        mine["roof_area_m2"] += row["area_m2"] or 0.0
+        total = sums.setdefault(str(row["building_id"]), dict.fromkeys(("roof_area_m2", *SUMS), 0.0))
+        total["roof_area_m2"] += row["area_m2"] or 0.0
         for name in SUMS:
-            mine[name] += row[name]
+            total[name] += row[name]
     found = []
     for shape, outline in zip(shapes, outlines, strict=True):
         name = str(outline["id"])

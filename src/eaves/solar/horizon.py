@@ -1,4 +1,4 @@
-"""What stands before the sky: horizons in all directions from places on roofs, and how much sky is left."""
+"""Obstacles before the sky: horizons in all directions from places on roofs, and how much sky is left."""
 
 from __future__ import annotations
 

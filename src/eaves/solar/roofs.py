@@ -20,7 +20,7 @@ from eaves.solar.sun import MONTHS, Hours, light_on_plane
 
 @dataclass(frozen=True)
 class SolarRules:
-    """What sunlight on roofs is computed with."""
+    """The parameters of sunlight on roofs."""
 
     turbidity: float = 3.0
     """Linke's turbidity of the clear sky: 2 is mountain air, 3 the countryside of the middle latitudes, 5 a
@@ -33,7 +33,7 @@ class SolarRules:
     reach: float = 300.0
     """Distance (m) up to which things stand in the way: 25 m of height are 5° there. Mountains are not."""
     clearance: float = 0.3
-    """What rises higher (m) over its roof face is no noise but stands there: dormers, chimneys, crowns."""
+    """Points that rise higher (m) over their face are no noise but objects: dormers, chimneys, crowns."""
     edge: float = 0.3
     """Distance (m) that panels keep from the rim of a face."""
     smallest: float = 3.4
@@ -64,7 +64,7 @@ class RoofFace:
 
 @dataclass(frozen=True, eq=False)
 class FaceLight:
-    """What one roof face gets in a year."""
+    """The light on one roof face in a year."""
 
     month: Values
     """kWh/m² (12,), mean over the face."""
@@ -108,7 +108,7 @@ def light_on_faces(
     best: float,
     wanted: Callable[[int], bool] = lambda number: True,
 ) -> dict[int, FaceLight]:
-    """What the wanted faces get, by their number in `faces`; all of them stand in the way.
+    """The light on the wanted faces, by their number in `faces`; all of them stand in the way.
 
     Parameters
     ----------
@@ -160,9 +160,9 @@ def number_cells(faces: Sequence[RoofFace], planes: NDArray[np.float64], dsm: Ra
         a, b, c = planes[number]
         z = a * grid_x + b * grid_y + c
         here = (slice(top, low), slice(left, right))
-        mine = inside & (z > height[here])
-        face_at[here] = np.where(mine, number, face_at[here])
-        height[here] = np.where(mine, z, height[here])
+        on_top = inside & (z > height[here])
+        face_at[here] = np.where(on_top, number, face_at[here])
+        height[here] = np.where(on_top, z, height[here])
     return face_at
 
 
@@ -194,7 +194,7 @@ def light_on_face(
     rules: SolarRules,
     best: float,
 ) -> FaceLight:
-    """What one face gets: the light of every hour at its cells, as far as sun and sky are seen there."""
+    """The light on one face: that of every hour at its cells, as far as sun and sky are seen there."""
     a, b, c = planes[number]
     row, column = cells
     x: Values = np.asarray(dsm.west + (column + 0.5) * dsm.cell, np.float64)

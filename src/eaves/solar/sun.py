@@ -43,7 +43,7 @@ class Hours:
 
     @property
     def level(self) -> Values:
-        """What comes on a level plane in the open (W/m²)."""
+        """The light on a level plane in the open (W/m²)."""
         return np.asarray(self.direct * np.sin(np.radians(self.elevation)) + self.diffuse)
 
 

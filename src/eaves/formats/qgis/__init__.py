@@ -1,1 +1,1 @@
-"""What QGIS needs to open a result as a map: styles, names of columns, a project."""
+"""The files that open a result as a map in QGIS: styles, names of columns, a project."""

@@ -30,7 +30,7 @@ CREATE TABLE IF NOT EXISTS gpkg_extensions (
     scope TEXT NOT NULL, CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name));
 """
 STANDARD = "https://json-schema.org/"
-"""What the metadata is written after; there is no standard for so little."""
+"""The standard named for the metadata; there is no standard for so little."""
 SCHEMA_EXTENSION = ("gpkg_schema", "http://www.geopackage.org/spec121/#extension_schema", "read-write")
 
 
@@ -59,9 +59,10 @@ def describe_layers(path: Path, system: CoordinateSystem, provenance: Provenance
     with closing(sqlite3.connect(path)) as database, database:
         if provenance:
             database.executescript(METADATA_TABLES)
-            told = json.dumps(provenance.members)
+            origins = json.dumps(provenance.members)
             database.execute(
-                "INSERT INTO gpkg_metadata VALUES (1, 'dataset', ?, 'application/json', ?)", (STANDARD, told)
+                "INSERT INTO gpkg_metadata VALUES (1, 'dataset', ?, 'application/json', ?)",
+                (STANDARD, origins),
             )
             database.execute(
                 "INSERT INTO gpkg_metadata_reference SELECT 'geopackage', NULL, NULL, NULL, "
