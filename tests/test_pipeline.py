@@ -88,13 +88,13 @@ def test_resume_does_not_compute_what_is_done(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from eaves import pipeline
-    from eaves.run import region
+    from eaves.run import block
 
     monkeypatch.setattr(pipeline, "write_outputs", lambda *args, **kwargs: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         pipeline.build(nine_roofs_file, tmp_path)
     monkeypatch.undo()
-    monkeypatch.setattr(region, "block_pass", lambda *args: 1 / 0)
+    monkeypatch.setattr(block, "block_pass", lambda *args: 1 / 0)
     assert pipeline.build(nine_roofs_file, tmp_path, resume=True).complete
     summary = pipeline.build(nine_roofs_file, tmp_path)
     assert not summary.complete
@@ -105,9 +105,9 @@ def test_a_broken_building_keeps_the_others(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from eaves import pipeline
-    from eaves.run import region
+    from eaves.run import owned
 
-    real, seen = region.building_pass, []
+    real, seen = owned.building_pass, []
 
     def fails_once(*words: Any) -> object:
         seen.append(1)
@@ -115,7 +115,7 @@ def test_a_broken_building_keeps_the_others(
             raise RuntimeError("on purpose")
         return real(*words)
 
-    monkeypatch.setattr(region, "building_pass", fails_once)
+    monkeypatch.setattr(owned, "building_pass", fails_once)
     summary = pipeline.build(nine_roofs_file, tmp_path)
     assert summary.found == 9
     assert summary.failures == {"internal_error": 1}

@@ -1,42 +1,40 @@
 """The flow from files to files. Read this file first.
 
 ```
-open_run ─→ partition ─→ blocks ─→ join ─→ buildings ─→ outputs
-            points by    ground,    regions   outline,     files
-            block        rasters,   across    roof planes,
-                         regions    seams     solids
+open_run ─→ read ─→ replace ─→ wide ─→ ground ─→ regions ─→ join ─→ buildings ─→ outputs ─→ report
+            points   by later   what is  squares   blocks     across   outline,     files      page and
+            by block scans'     wide     of the    rasters,   seams    roof planes,            pictures
+                                         world     regions             solids
 ```
 
-What a block is computed with is in `run/block.py`, what a building is computed with in `run/building.py`;
-both call the stages (`ground`, `detect`, `outline`, `units`, `roof`, `reconstruct`, `validate`).
+Each step is a function of `run/region.py` on one region, which keeps its results with their keys in the
+region's store (`run/store.py`, `run/keys.py`): what is found there by its key is not computed.
 """
 
 from __future__ import annotations
 
-import logging
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
-from eaves.formats.atomic import report_full_disk
+from eaves.formats.atomic import DiskFullError, report_full_disk
+from eaves.model import Block
 from eaves.model.summary import Summary
-from eaves.run.clock import Clock
+from eaves.run import region as steps
 from eaves.run.lock import lock_folder
-from eaves.run.manifest import end_manifest
+from eaves.run.manifest import begin_manifest, end_manifest
 from eaves.run.options import RunOptions, list_options
 from eaves.run.outputs import write_outputs
 from eaves.run.recipe import Recipe
-from eaves.run.region import Core, Region, import_methods, warn_of_wrong_boxes
-from eaves.run.run import Progress, Run, no_progress, open_run, request_of
+from eaves.run.region import Core, Region, TooNarrowError
+from eaves.run.run import Progress, Run, no_progress, open_run
 from eaves.run.workers import Workers
 
 if TYPE_CHECKING:
     from eaves.run.classified_points import PointSink
-
-log = logging.getLogger("eaves")
+    from eaves.run.tiles import TileDone, TileTask
 
 
 @list_options
@@ -46,7 +44,6 @@ def build(
     recipe: Recipe | None = None,
     progress: Progress = no_progress,
     sink: PointSink | None = None,
-    report: Callable[[Summary], Path] | None = None,
     **options: Unpack[RunOptions],
 ) -> Summary:
     """Footprints, models, rasters and classified points of all inputs, written to the folder `out`.
@@ -63,8 +60,6 @@ def build(
         Called with the step, how much of it is done, and how much there is.
     sink
         Receives the classified points as they are written; not in a run by tiles.
-    report
-        Writes one more file from the results; not in a run by tiles, which is more than a page holds.
     options
         The keywords of `eaves.build`.
 
@@ -76,65 +71,115 @@ def build(
         When the disk is full; what is done stays for a run with `resume`.
     """
     run = open_run(inputs, out, recipe, progress, **options)
+    with hold_folder(run) as workers:
+        summary = build_run(run, workers, progress, sink)
+        end_run(run, summary)
+        return summary
+
+
+@contextmanager
+def hold_folder(run: Run) -> Iterator[Workers]:
+    """The workers of a run that has its output folder for itself until the block ends."""
     with (
         lock_folder(run.folder, run.lock),
         report_full_disk(run.folder),
         Workers(run.jobs, run.options["scheduler"], run.memory) as workers,
     ):
-        if run.by_tiles:
-            from eaves.run.tiles import build_tiles  # late: most runs have no tiles
-
-            summary = build_tiles(run, workers, progress, build_region)
-        else:
-            summary = build_whole(run, workers, progress, sink)
-            if report is not None:
-                clock, before = Clock(), time.perf_counter()
-                summary = replace(summary, files=(*summary.files, report(summary)))
-                clock.lap("report")
-                summary = summary.with_step("report", clock.laps["report"], time.perf_counter() - before)
-        if run.classified is None:
-            end_manifest(run.folder, summary.files, summary.about, summary.complete)
-        return summary
+        yield workers
 
 
-def build_whole(run: Run, workers: Workers, progress: Progress, sink: PointSink | None) -> Summary:
-    """The whole run as one region."""
+def build_run(
+    run: Run, workers: Workers, progress: Progress = no_progress, sink: PointSink | None = None
+) -> Summary:
+    """All files of a run but for the report: as one region, or tile by tile."""
+    if run.by_tiles:
+        return build_tiles(run, workers, progress)
     if run.memory is not None or run.index.spans_blocks(run.side, run.window.bounds):
-        workers.start(partial(import_methods, run.recipe))
-    region = Region(run, run.work_folder, workers, progress)
-    summary = build_region(region, Core(holds=lambda block: True), sink)
-    warn_of_wrong_boxes(run.index, region.wrong_boxes)
+        workers.start(partial(steps.import_methods, run.recipe))
+    region = steps.open_region(run, workers, progress)
+    summary = build_region(region, sink)
+    steps.warn_of_wrong_boxes(run.index, region.wrong_boxes)
     return summary
 
 
-def build_region(region: Region, core: Core, sink: PointSink | None = None) -> Summary:
-    """The buildings, rasters and points of the core's blocks; the working folder goes when nothing failed.
+def end_run(run: Run, summary: Summary) -> None:
+    """Say that all files of the run are there; a run that writes one file alone leaves no list of them."""
+    if run.classified is None:
+        end_manifest(run.folder, summary.files, summary.about, summary.complete)
+
+
+def build_region(region: Region, sink: PointSink | None = None) -> Summary:
+    """The buildings, rasters and points of the region's core; its results go when nothing failed.
 
     Raises
     ------
     TooNarrowError
         When the bounds loaded do not hold the core's buildings.
     """
-    region.open_store()
-    region.partition()
-    region.budget.step("read")
-    blocks = region.used_blocks()
-    if core.loaded is None:
-        region.check_points()
-    region.check_rasters(blocks)
-    if not any(map(core.holds, blocks)):
-        log.warning("no points left to use: see the bounds, the clip area and the files")
-    plans = region.join(blocks, core)  # computes the blocks on the way
-    plans = [plan for plan in plans if core.holds(plan.owner_block)]
-    region.budget.step("blocks")
-    region.model(plans)
-    region.budget.step("buildings")
-    summary = write_outputs(region, [block for block in blocks if core.holds(block)], plans, sink)
-    if region.run.options["keep"]:
-        owners = [plan.owner_block for plan in plans]
-        region.store.keep_request(request_of(region.run), blocks, owners)
-    elif summary.complete:
-        region.store.discard()
-    else:
-        region.store.drop_records()
+    bring_points(region)
+    owners = find_buildings(region)
+    summary = write_outputs(region, owners, sink)
+    steps.end_region(region, summary.complete)
     return summary
+
+
+def bring_points(region: Region) -> None:
+    """Every step from the files to the points of the region's blocks."""
+    steps.read_points(region)
+    steps.replace_points(region)
+    steps.use_blocks(region)
+
+
+def find_buildings(region: Region) -> list[Block]:
+    """Every step from the points to the buildings of the region's core; the blocks that own them."""
+    todo, done = region.own_blocks, list[Block]()
+    while todo:
+        steps.find_wide(region, todo)
+        steps.find_ground(region, todo)
+        steps.find_regions(region, todo)
+        done += todo
+        todo = steps.blocks_ahead(region, done)
+    plans = steps.join_buildings(region, done)
+    steps.model_buildings(region, plans)
+    return [plan.owner_block for plan in plans]
+
+
+def build_tiles(run: Run, workers: Workers, progress: Progress) -> Summary:
+    """The whole run, tile by tile: folders `tiles/<column>_<row>`, and over them one footprints.gpkg and one
+    virtual raster each of terrain, surface and mask.
+
+    An input whose header puts it elsewhere than its points is found out by the first tile that reads it; the
+    tiles it does lie in are then computed with it.
+    """
+    from eaves.run.tiles import Tiles  # late: most runs have none
+
+    begin_manifest(run.folder)
+    tiles = Tiles(run)
+    while tiles.todo:
+        for count, outcome in enumerate(workers.run(build_tile, tiles.tasks()), 1):
+            if outcome.full:
+                raise DiskFullError(outcome.error)
+            tiles.note(outcome)
+            progress("tiles", count, len(tiles.todo))
+        tiles.look_again()
+    steps.warn_of_wrong_boxes(run.index, tiles.wrong_boxes)
+    return tiles.merge(workers, progress)
+
+
+def build_tile(task: TileTask) -> TileDone:
+    """One tile with its files in its folder; an earlier run's where it matches."""
+    from eaves.run.tiles import known_tile, widened
+
+    earlier = known_tile(task)
+    if earlier is not None:
+        return earlier
+    while True:
+        region = steps.open_region(task.run, Workers(), no_progress, Core(task.tile.holds, task.loaded))
+        try:
+            summary = build_region(region)
+            break
+        except TooNarrowError:
+            region.store.discard()
+            task = widened(task)
+    end_manifest(task.run.folder, summary.files, summary.about, summary.complete)
+    return task.done(region.wrong_boxes)

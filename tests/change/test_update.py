@@ -18,7 +18,6 @@ from pyproj import CRS
 
 from eaves.change.edits import FLAT_ROOF, NO_BUILDING, Edit, write_edits
 from eaves.change.kept import open_kept
-from eaves.change.points import GAP_CELLS, pair_same, replace_points
 from eaves.change.rebuild import rebuild
 from eaves.change.update import Updated, date_of, update
 from eaves.change.versions import lines_of, terminated
@@ -28,7 +27,8 @@ from eaves.model.coordinates import LOCAL_METRES
 from eaves.pipeline import build
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import check_folder
-from eaves.run.store import RECORD, Store
+from eaves.run.replace import GAP_CELLS, keep_gone, pair_same, replace_in
+from eaves.run.store import RECORD, Store, Task
 from eaves.simulate import ExactFace, nine_roofs_on_a_slope, write_simulation
 from eaves.simulate.roofs import PITCH, sample_from_above
 
@@ -47,7 +47,7 @@ def points_at(*places: Sequence[float]) -> np.ndarray:
 
 def store_with(folder: Path, old: np.ndarray, *new: np.ndarray) -> Store:
     """A store with a file of earlier points and files of new ones."""
-    store = Store(folder)
+    store = Store(folder / "work")
     store.prepare()
     store.points_path(HOME).mkdir()
     for number, records in enumerate((old, *new)):
@@ -72,10 +72,9 @@ def test_earlier_points_give_way_in_gaps_up_to_their_width_alone(
     west = [(x + 0.5, y + 0.5, 0.0) for x in range(5) for y in range(9)]
     new = points_at(*west, *((x + 5 + gap, y, z) for x, y, z in west))
     store = store_with(tmp_path, points_at((6.5, 4.5, 1.0), (30.5, 4.5, 1.0)), new)
-    done = replace_points(store, 1, HOME.side)
-    assert store.superseded().tolist() == ([] if stays else [0])
+    done = replace_in(store, HOME, (1,))
+    assert done.gone.tolist() == ([] if stays else [0])
     assert (done.came, done.went) == (len(new), 1 - stays)
-    assert store.count_points(HOME) == len(new) + 1 + stays
 
 
 def test_what_is_covered_does_not_depend_on_the_tiles__nor_on_their_order(tmp_path: Path) -> None:
@@ -86,8 +85,9 @@ def test_what_is_covered_does_not_depend_on_the_tiles__nor_on_their_order(tmp_pa
     left = []
     for k, tiles in enumerate(((new,), (new[cut], new[~cut]), (new[~cut], new[cut]))):
         store = store_with(tmp_path / str(k), old, *tiles)
-        replace_points(store, 1, HOME.side)
+        keep_gone(Task(HOME, ""), store, (1,))
         left.append(sorted(map(tuple, store.read_points(HOME)["xyz"].tolist())))
+        assert store.count_points(HOME) == len(left[-1])
     assert left[0] == left[1] == left[2]
     assert len(new) < len(left[0]) < len(old) + len(new)
 
@@ -95,8 +95,7 @@ def test_what_is_covered_does_not_depend_on_the_tiles__nor_on_their_order(tmp_pa
 def test_a_tile_delivered_again_changes_nothing(tmp_path: Path) -> None:
     old = points_at(*(np.random.default_rng(6).random((200, 3)) * 20))
     store = store_with(tmp_path, old, old[::-1])
-    done = replace_points(store, 1, HOME.side)
-    assert not done.places
+    keep_gone(Task(HOME, ""), store, (1,))
     assert np.array_equal(store.read_points(HOME), old)
 
 

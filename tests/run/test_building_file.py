@@ -11,7 +11,15 @@ import shapely
 from eaves.model import Failure, Footprint
 from eaves.model.results import BuildingResult
 from eaves.run import building_file
-from eaves.run.building_file import ANSWERS, ROWS, SavedBuilding, read_planes, read_section, save_buildings
+from eaves.run.building_file import (
+    ANSWERS,
+    ROWS,
+    SavedBuilding,
+    building_arrays,
+    read_planes,
+    read_section,
+)
+from eaves.run.part_file import save_part
 
 
 def some_results() -> list[BuildingResult]:
@@ -34,18 +42,18 @@ def test_a_building_that_is_written_again_is_not_decoded_and_keeps_its_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first, second = some_results(), some_results()
-    save_buildings(tmp_path / "a.npz", first)
+    save_part(tmp_path / "a.npz", building_arrays(first))
     saved = saved_in(tmp_path / "a.npz")
     assert [one.row.values["id"] for one in saved] == ["b0", "b1", "b2"]
     unpack, decoded = building_file.unpack_item, list[bytes]()
     monkeypatch.setattr(building_file, "unpack_item", lambda data: decoded.append(data) or unpack(data))
-    save_buildings(tmp_path / "b.npz", [saved[0], second[1], saved[2]])
+    save_part(tmp_path / "b.npz", building_arrays([saved[0], second[1], saved[2]]))
     assert not decoded
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
 
 
 def test_a_building_is_decoded_alone_and_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    save_buildings(tmp_path / "a.npz", some_results())
+    save_part(tmp_path / "a.npz", building_arrays(some_results()))
     one = saved_in(tmp_path / "a.npz")[2]
     unpack, decoded = building_file.unpack_item, list[bytes]()
     monkeypatch.setattr(building_file, "unpack_item", lambda data: decoded.append(data) or unpack(data))

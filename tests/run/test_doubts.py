@@ -20,8 +20,9 @@ from eaves.pipeline import build
 from eaves.report.view import describe_run
 from eaves.run import tiles
 from eaves.run.block import block_pass
-from eaves.run.block_file import BlockFile, save_block
+from eaves.run.block_file import BlockFile, block_arrays
 from eaves.run.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
+from eaves.run.part_file import save_part
 from eaves.run.recipe import make_recipe
 from eaves.run.rows import BuildingRow
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
@@ -37,7 +38,7 @@ def test_a_doubt_is_kept_by_the_block_it_lies_in(tmp_path: Path) -> None:
     result = block_pass(classify_ground(cut), block, make_recipe())
     assert {doubt.stage for doubt in result.doubts} == {"detect"}
     assert any("rim of the data" in doubt.reason for doubt in result.doubts)
-    save_block(tmp_path / "block.npz", result)
+    save_part(tmp_path / "block.npz", block_arrays(result))
     with BlockFile(tmp_path / "block.npz", block) as file:
         found = file.metadata().doubts
     for read, written in zip(found, result.doubts, strict=True):

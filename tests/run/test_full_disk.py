@@ -82,9 +82,9 @@ def count_blocks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Counts the blocks computed from now on."""
     real, computed = Store.save_block, list[int]()
 
-    def counted(store: Store, result: Any) -> None:
+    def counted(store: Store, *words: Any) -> None:
         computed.append(1)
-        real(store, result)
+        real(store, *words)
 
     monkeypatch.setattr(Store, "save_block", counted)
     return computed

@@ -97,7 +97,7 @@ def cut(path: Path) -> None:
         ("parts/*.json", cut),
         ("blocks/*.npz", lambda path: path.write_bytes(b"")),
         ("buildings/*.npz", cut),
-        ("plan.json", cut),
+        ("blocks/*.key", cut),
     ],
 )
 def test_a_damaged_part_is_named_and_computed_again(

@@ -19,17 +19,19 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from eaves.change.edits import EDITS, read_edits, settle
-from eaves.change.kept import open_kept, read_request
-from eaves.change.rebuild import State
+from eaves.change.corrected import as_found, outlines_in
+from eaves.change.edits import read_edits, settle
+from eaves.change.kept import open_kept
+from eaves.change.rebuild import kept_edits
 from eaves.detect.consensus.classifier import ScoreWeights, Weights, measured_terms, write_weights
 from eaves.detect.consensus.method import Consensus
 from eaves.formats import InputError
 from eaves.formats.atomic import atomic
 from eaves.model import Block, Values
-from eaves.run.block import see_block
+from eaves.run.block import load_block, see_block
+from eaves.run.keys import BLOCKS
 from eaves.run.recipe import Recipe
-from eaves.run.region import load_block, store_of
+from eaves.run.region import store_of
 from eaves.run.run import Progress, no_progress
 from eaves.run.store import Store
 
@@ -147,16 +149,15 @@ def calibrate(
         When the folder keeps no parts, its detector has no weights, or an edit cannot be read.
     """
     folder = Path(folder)
-    run, request = open_kept(folder), read_request(folder)
+    run = open_kept(folder)
     method = run.recipe.detect
     if not isinstance(method, Consensus):
         raise InputError.about(folder, "was built with a detector that has no weights", "use consensus")
-    store = store_of(run, run.work_folder)
-    state = State(store, request.blocks, request.owners, run.recipe)
-    found = state.found()
-    edits = list(read_edits(folder / EDITS, store.system)) if (folder / EDITS).exists() else []
+    store = store_of(run)
+    found = outlines_in(as_found(store), run.side)
+    edits = kept_edits(folder, store)
     if file is not None:
-        edits += read_edits(file, store.system, {**found, **state.shown()})
+        edits += read_edits(file, store.system, {**found, **outlines_in(store, run.side)})
     orders, _ = settle(edits, found)
     truths = np.array([bool(order.outlines) for order in orders], bool)
     outlines = [shapely.union_all(order.outlines) if order.outlines else found[order.id] for order in orders]
@@ -168,7 +169,8 @@ def calibrate(
     shipped = method.judged_by
     start = np.array([*shipped.surface, *shipped.cell])
     detector = leave_one_out(judged, held, start)
-    scores = {str(row.values["id"]): float(row.values["score"]) for row in state.as_found_rows()}
+    rows = as_found(store).building_rows(as_found(store).owners(run.side))
+    scores = {str(row.values["id"]): float(row.values["score"]) for row in rows}
     known = [k for k, order in enumerate(orders) if order.known and order.id in scores]
     score_check, scale = check_score(np.array([scores[orders[k].id] for k in known]), truths[known])
     weights = shipped
@@ -220,7 +222,7 @@ def gather(
     held: list[Places] = []
     everything = shapely.STRtree(list(outlines))
     for done, (block, mine) in enumerate(sorted(by_block.items()), 1):
-        if store.has("blocks", block):
+        if store.has(BLOCKS, block):
             seen = See(store, recipe, method, block)
             for k in mine:
                 terms = seen.mean_terms(outlines[k])
@@ -241,7 +243,8 @@ class See:
     """A block as the detector sees it: the terms of its surfaces and cells, by the shipped weights."""
 
     def __init__(self, store: Store, recipe: Recipe, method: Consensus, block: Block) -> None:
-        _, scene, _ = see_block(*load_block(block, store, recipe))
+        cloud, wide, decks = load_block(block, store, recipe)
+        _, scene, _ = see_block(cloud, block, recipe, wide, decks)
         candidate = method.candidates(scene)
         _, self.evidence, self.segments = method.find_surfaces(scene, candidate)
         self.weights, self.origin = method.judged_by, block.origin

@@ -1,7 +1,7 @@
-"""What a run keeps (`eaves build --keep`) so that it can be corrected: its parts, and its request.
+"""A run that keeps what it computed (`eaves build --keep`), opened again: to be corrected, or updated.
 
-Without the parts every correction would read, classify and detect everything again. They take about 100 bytes
-a point.
+Without its results every correction would read, classify and detect everything again. They take about 100
+bytes a point.
 """
 
 from __future__ import annotations
@@ -17,28 +17,30 @@ import numpy as np
 
 from eaves.formats import InputError
 from eaves.methods import resolve_method
-from eaves.model import Block
+from eaves.run.index import Index
 from eaves.run.options import METHOD_OPTIONS
 from eaves.run.recipe import Recipe
 from eaves.run.run import WORK, Run, open_run
-from eaves.run.store import REQUEST, Store
+from eaves.run.store import REQUEST
 from eaves.run.vegetation import VegetationRules
 
 MODELS = "buildings.city.jsonl"
 """The file of a run's models."""
 
 REMEDY = "build it again with --keep"
+DECISIVE = ("version", "methods", "use_classes", "lod", "clip", "footprints", "party_walls")
+"""Of a run's plan: where one of these is another, the results are."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Request:
-    """What a run was asked for, and the blocks it computed."""
+    """What a kept run was asked for, and the updates that it went through."""
 
-    inputs: tuple[str, ...]
+    inputs: Sequence[str]
     options: dict[str, Any]
     plan: dict[str, Any]
-    blocks: tuple[Block, ...]
-    owners: tuple[Block, ...]
+    generations: Sequence[int]
+    updates: Sequence[dict[str, Any]]
 
 
 def read_request(folder: Path) -> Request:
@@ -47,63 +49,64 @@ def read_request(folder: Path) -> Request:
     Raises
     ------
     InputError
-        When it keeps none, or it is damaged.
+        When it keeps none, or it is damaged, or of another version.
     """
     path = folder / WORK / REQUEST
     if not folder.is_dir():
         raise InputError.about(folder, "does not exist", "give what `eaves build --keep` wrote")
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
-        blocks, owners = (
-            tuple(Block(int(column), int(row)) for column, row in told[name]) for name in ("blocks", "owners")
-        )
-        return Request(tuple(told["inputs"]), told["options"], told["plan"], blocks, owners)
+        return Request(**json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         raise InputError.about(folder, "keeps no parts of its run", REMEDY) from None
-    except (ValueError, KeyError, TypeError, RecursionError):
+    except TypeError:
+        raise InputError.about(folder, "keeps parts that another version of eaves wrote", REMEDY) from None
+    except (ValueError, RecursionError):
         raise InputError.about(path, "is damaged", REMEDY) from None
 
 
-def write_request(store: Store, request: Request) -> None:
-    """Write a request beside the parts."""
-    store.keep_request(
-        {"inputs": list(request.inputs), "options": request.options, "plan": request.plan},
-        request.blocks,
-        request.owners,
-    )
+def open_kept(folder: Path, new: Sequence[str] = (), out: Path | None = None, jobs: int = 1) -> Run:
+    """The run of a folder that keeps its results, opened again; with `new` inputs, a later scan, into `out`.
 
-
-def open_kept(folder: Path) -> Run:
-    """The run of a folder that keeps its parts, opened again.
+    Points keep their ids, for the inputs keep their order.
 
     Raises
     ------
     InputError
-        When the folder keeps none, or an input is missing, has changed, or another version made the parts.
+        When the folder keeps none, an input is missing, has changed or cannot be used, or another version
+        made the results.
     """
     request = read_request(folder)
-    run = open_run(
-        list(request.inputs), folder, recipe_of(request.plan), keep=True, resume=True, **request.options
-    )
-    run = replace(ordered(run, request.inputs), translate=frame_of(folder))
-    for key in ("version", "methods", "use_classes", "lod", "clip", "footprints", "party_walls"):
+    inputs = [*request.inputs, *new]
+    options = {**request.options, "jobs": jobs}
+    run = open_run(inputs, out or folder, recipe_of(request.plan), keep=True, resume=True, **options)
+    broken = [reason for reason in run.failed if any(path in reason for path in new)]
+    if broken:
+        raise InputError(broken[0])
+    index = ordered(run.index, inputs)
+    for key in DECISIVE:
         if run.plan.get(key) != request.plan.get(key):
             raise InputError.about(
                 folder, f"keeps parts of a run with another {key.replace('_', ' ')}", REMEDY
             )
-    if marks_of(run.plan) != marks_of(request.plan):
+    count = len(index) - len(new)
+    if marks_of(index.subset(np.arange(count)).describe()) != marks_of(request.plan):
         raise InputError.about(folder, "keeps parts of inputs that have changed since", REMEDY)
-    return run
-
-
-def ordered(run: Run, inputs: Sequence[str]) -> Run:
-    """The run with its inputs in an order of their true paths: that in which points were given their ids."""
-    places = {os.path.realpath(path): k for k, path in enumerate(inputs)}
-    order = sorted(
-        range(len(run.index)), key=lambda k: places.get(os.path.realpath(run.index.path(k)), len(places))
+    return replace(
+        run,
+        index=index,
+        plan={**run.plan, **index.describe()},
+        inputs=tuple(inputs),
+        generations=(*request.generations, count) if new else tuple(request.generations),
+        updates=tuple(request.updates),
+        translate=frame_of(folder),
     )
-    index = run.index.subset(np.array(order, np.int64))
-    return replace(run, index=index, plan={**run.plan, **index.describe()})
+
+
+def ordered(index: Index, inputs: Sequence[str]) -> Index:
+    """The index with its files in an order of their true paths."""
+    places = {os.path.realpath(path): k for k, path in enumerate(inputs)}
+    order = sorted(range(len(index)), key=lambda k: places.get(os.path.realpath(index.path(k)), len(places)))
+    return index.subset(np.array(order, np.int64))
 
 
 def frame_of(folder: Path) -> tuple[float, ...] | None:

@@ -18,12 +18,12 @@ from shapely import Polygon
 
 from eaves.change.edits import HALF
 from eaves.formats.atomic import atomic
-from eaves.model import Block, BuildingModel, Failure
+from eaves.model import BLOCK_SIDE, Block, BuildingModel, Failure
 from eaves.model.results import BuildingResult
 from eaves.run.building_file import SavedBuilding
-from eaves.run.earlier_lines import id_of
+from eaves.run.keys import BUILDINGS, Step
 from eaves.run.part_file import pack_item
-from eaves.run.store import Store
+from eaves.run.store import NAMED, Store, link_file
 
 HISTORY = "history.city.jsonl"
 """File of the versions that are no more: a line each, with `terminationDate`."""
@@ -39,23 +39,25 @@ class Versions:
     new: list[str] = field(default_factory=list)
     remodelled: list[str] = field(default_factory=list)
     gone: list[str] = field(default_factory=list)
-    outlines: list[Polygon] = field(default_factory=list)
-    """Of all of them (world metres), as they were and as they are."""
+
+    @property
+    def ended(self) -> list[str]:
+        """Those of which a version is no more."""
+        return [*self.gone, *self.remodelled]
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A result with its place: the owner block, the number in it, the outline in world metres."""
+    """A result with its place: the owner block, the outline in world metres."""
 
     owner: Block
-    number: int
     result: BuildingResult
     polygon: Polygon
 
     @classmethod
     def of(cls, owner: Block, saved: SavedBuilding) -> Placed:
         """A building as it was saved."""
-        return cls(owner, saved.number, saved.result, saved.row.polygon)
+        return cls(owner, saved.result, saved.row.polygon)
 
     @property
     def id(self) -> str:
@@ -65,63 +67,60 @@ class Placed:
 
 
 def name_versions(
-    after: Store,
-    before: Store,
-    modelled: Mapping[Block, Sequence[bool]],
-    taken: set[str],
-    date: str,
-) -> Versions:
-    """Give the buildings of the owner blocks that were computed again their ids and versions, in `after`.
+    after: Store, before: Store, owners: Sequence[Block], ended: set[str], date: str
+) -> tuple[Versions, set[Block]]:
+    """Give the buildings their ids and versions, in a layer over those of `after`; what became of them, and
+    the owner blocks whose buildings are others than before.
 
     Parameters
     ----------
     after, before
-        What was found now, and by the earlier run.
-    modelled
-        Owner block → which of its results are the earlier ones.
-    taken
-        Ids that no new building may get: those of other blocks, and of what is no more.
+        What was found now, and by the earlier run with the names that it gave.
+    owners
+        The blocks that own buildings now.
+    ended
+        Ids of buildings that are no more, which no new one may get.
     date
         Of the update, as `YYYY-MM-DD`.
     """
-    results: dict[Block, list[BuildingResult | SavedBuilding]] = {}
-    kept, fresh = set[str](), list[Placed]()
-    for owner, taken_over in modelled.items():
-        saved = after.saved_buildings(owner)
-        results[owner] = [*saved]
-        kept |= {str(one.row.values["id"]) for one, known in zip(saved, taken_over, strict=True) if known}
-        fresh += [Placed.of(owner, one) for one, known in zip(saved, taken_over, strict=True) if not known]
-    earlier = [
-        Placed.of(owner, one)
-        for owner in modelled
-        for one in before.saved_buildings(owner)
-        if str(one.row.values["id"]) not in kept
-    ]
+    found = after.with_layers(BUILDINGS.name)
+    side = owners[0].side if owners else BLOCK_SIDE
+    known = set(before.found(BUILDINGS, before.owners(side)))
+    same = {name for name, key in found.found(BUILDINGS, owners) if (name, key) in known}
+    changed = {one for one in (*owners, *before.owners(side)) if one.name not in same}
+    named = Step(NAMED)
+    for owner in owners:
+        if owner.name in same and before.has(named, owner):
+            for suffix in (".npz", ".key"):
+                path = before.path(named, owner).with_suffix(suffix)
+                link_file(path, after.path(named, owner).with_suffix(suffix))
+    fresh, earlier = (
+        [Placed.of(owner, one) for owner in sorted(changed) for one in store.saved_buildings(owner)]
+        for store in (found, before)
+    )
     partners = match(earlier, fresh)
-    told = Versions()
-    used = {*taken, *kept, *(one.id for one in earlier)}
+    stay = (row.values["id"] for row in before.building_rows([one for one in owners if one.name in same]))
+    used = {*ended, *map(str, stay), *(one.id for one in earlier)}
     names: dict[int, str] = {}
     for k, one in enumerate(fresh):
         names[k] = earlier[partners[k]].id if k in partners else unused(one.id, used)
         used.add(names[k])
+    told = Versions()
     blocks = block_names(fresh, earlier, partners, names)
+    results: dict[Block, list[BuildingResult]] = {}
     for k, one in enumerate(fresh):
         old = earlier[partners[k]].result if k in partners else None
-        result, same = versioned(one.result, names[k], blocks, old, date)
-        results[one.owner][one.number] = result
+        result, is_same = versioned(one.result, names[k], blocks, old, date)
+        results.setdefault(one.owner, []).append(result)
         if old is None:
             told.new.append(names[k])
-            told.outlines.append(one.polygon)
-        elif not same:
+        elif not is_same:
             told.remodelled.append(names[k])
-            told.outlines.extend([one.polygon, earlier[partners[k]].polygon])
     matched = set(partners.values())
-    ended = [one for k, one in enumerate(earlier) if k not in matched]
-    told.gone.extend(one.id for one in ended)
-    told.outlines.extend(one.polygon for one in ended)
-    for owner in {one.owner for one in fresh}:
-        after.save_buildings(owner, results[owner])
-    return told
+    told.gone.extend(one.id for k, one in enumerate(earlier) if k not in matched)
+    for owner, some in results.items():
+        after.with_layers(NAMED).save_buildings(owner, some)
+    return told, changed
 
 
 def match(earlier: Sequence[Placed], fresh: Sequence[Placed]) -> dict[int, int]:
@@ -228,7 +227,7 @@ def lines_of(path: Path) -> dict[str, str]:
         return {}
     with path.open("rb") as file:
         next(file, None)
-        return {id_of(line): line.decode("utf-8") for line in file}
+        return {str(json.loads(line)["id"]): line.decode("utf-8") for line in file}
 
 
 def known_ids(folder: Path) -> set[str]:

@@ -42,8 +42,6 @@ class BlockResult:
     seconds: dict[str, float] = field(default_factory=dict)
     keeps_low: bool = False
     """Whether buildings are to know what lies below and around them: walls, ground."""
-    inputs: str = ""
-    """The mark of what it follows from (`eaves.run.mark`)."""
 
     @property
     def extent(self) -> Bounds:

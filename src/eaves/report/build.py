@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
 from eaves.pipeline import build as build_files
-from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, import_libraries
+from eaves.pipeline import build_run, end_run, hold_folder
+from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN
 from eaves.report.notebook import Results
 from eaves.report.page_file import write_run_page
 from eaves.report.sample import PointSample
+from eaves.run.clock import Clock
 from eaves.run.options import EVERYTHING, RunOptions, list_options
 from eaves.run.recipe import Recipe
-from eaves.run.run import Progress, no_progress
+from eaves.run.run import Progress, no_progress, open_run
 
 
 @list_options
@@ -68,13 +71,14 @@ def build(
     """
     if "report" not in (options.get("outputs") or EVERYTHING):
         return Results.of(build_files(inputs, out, recipe, progress, **options))
+    run = open_run(inputs, out, recipe, progress, **options)
     sample = PointSample(POINTS_SHOWN, BUILDINGS_SHOWN)
-    several = options.get("jobs", 1) != 1 or options.get("scheduler") is not None
-
-    def show(step: str, done: int, total: int) -> None:
-        progress(step, done, total)
-        if several and step == "buildings" and done == 1:  # the others compute meanwhile
-            import_libraries()
-
-    report = partial(write_run_page, received=sample)
-    return Results.of(build_files(inputs, out, recipe, show, sample, report, **options))
+    with hold_folder(run) as workers:
+        summary = build_run(run, workers, progress, sample)
+        if not run.by_tiles:
+            clock, before = Clock(), time.perf_counter()
+            summary = replace(summary, files=(*summary.files, write_run_page(summary, received=sample)))
+            clock.lap("report")
+            summary = summary.with_step("report", clock.laps["report"], time.perf_counter() - before)
+        end_run(run, summary)
+        return Results.of(summary)

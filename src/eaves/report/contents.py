@@ -20,7 +20,7 @@ from shapely import MultiPolygon, Polygon
 from eaves.formats import InputError, iter_cityjson, read_polygons
 from eaves.formats.crs import parse_crs, system_of
 from eaves.geometry.roof_fit import collect_faces, fit_roof
-from eaves.model import Bounds, CoordinateSystem, Mask, Points, Raster, Values
+from eaves.model import Bounds, CoordinateSystem, Mask, Points, Values
 from eaves.model.building import LODS
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.scene import ROOF
@@ -147,15 +147,6 @@ def lay_image(folder: Path, path: str | Path, system: CoordinateSystem, bounds: 
     if bounds is None:
         raise InputError.about(folder, "has no terrain to lay an image on", "build it with its rasters")
     return read_basemap(path, system, bounds)
-
-
-def import_libraries() -> None:
-    """Load the library and the kernels that reading contents takes: the better part of a second."""
-    import pyogrio.raw  # noqa: F401
-
-    face = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    fit_roof(face[:1], collect_faces([[face]], [0]))
-    Raster(np.zeros((2, 2), np.float32), 0.0, 0.0, 1.0).at(face[:1, :2])
 
 
 def points_of(rows: list[dict[str, Any]]) -> int:

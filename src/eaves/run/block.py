@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.detect import detect_buildings
+from eaves.ground.toolkit.floor import COARSEST_M
 from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, Mask, PointCloud, Points, Raster, Regions
 from eaves.model.cloud import BRIDGE_DECK, GROUND, HIGH_NOISE, WIRE, WIRE_TOWER
@@ -16,11 +17,13 @@ from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.model.scene import Scene
 from eaves.raster.surfaces import scene_of, two_scenes
-from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.run.clock import Clock
 from eaves.run.decks import Decks, wet_or_bridged
+from eaves.run.keys import BLOCKS, key_of
 from eaves.run.recipe import SEAM, Recipe
+from eaves.run.store import Store, Task
 from eaves.run.vegetation import vegetation_classes
+from eaves.run.wide import load_decks, load_wide
 from eaves.run.wires import find_towers, find_wires
 
 
@@ -81,8 +84,36 @@ def block_pass(
             *(doubt for one in decks for doubt in one.cropped(block.bounds).doubts),
         ),
         seconds=clock.laps,
-        keeps_low=recipe.lod == OVERHANGS,
+        keeps_low=recipe.keeps_low,
     )
+
+
+def keep_block(task: Task, store: Store, recipe: Recipe) -> None:
+    """The block pass for one block, kept in the store."""
+    block = task.unit
+    cloud, wide, decks = loaded = load_block(block, store, recipe)
+    seen = block.bounds.buffered(recipe.scene_buffer)
+    beneath: list[object] = [one.cropped(seen.buffered(COARSEST_M)) for one in decks]
+    if wide is not None:
+        local = seen.translated(-block.origin[0], -block.origin[1])
+        beneath += [wide.terrain_beneath(local, block.origin), wide.doubts_in(block.bounds)]
+    taken = key_of(BLOCKS.key(recipe), cloud, beneath)
+    if store.recalls(BLOCKS, block, task.read, taken):
+        return
+    result = block_pass(cloud, block, recipe, *loaded[1:])
+    result.seconds["ground"] = store.ground_seconds(block)
+    store.save_block(result, task.read, taken)
+
+
+def load_block(
+    block: Block, store: Store, recipe: Recipe
+) -> tuple[PointCloud, WideObjects | None, tuple[Decks, ...]]:
+    """The points, the wide objects and the decks that `block_pass` takes, from the store."""
+    seen = block.bounds.buffered(recipe.scene_buffer)
+    wide = load_wide(store, seen) if recipe.sees_wide else None
+    decks = load_decks(store, seen) if recipe.sees_wide and recipe.marks_others else ()
+    cloud, _ = store.load_points(seen, block.origin, block.side, classified=True)
+    return cloud, wide, decks
 
 
 def see_block(

@@ -17,7 +17,7 @@ from eaves.model.cloud import GRID_STEP, GROUND, NOISE_CLASSES
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
-from eaves.run.part_file import open_part, save_part
+from eaves.run.part_file import open_part
 
 CANDIDATE_HEIGHT = 1.0
 """Points lower than this (m) over the terrain belong to no roof."""
@@ -90,23 +90,22 @@ def extent_of(notes: Sequence[BlockMetadata]) -> Bounds:
     return Bounds(float(west), float(south), float(east), float(north))
 
 
-def save_block(path: Path, result: BlockResult) -> None:
-    """Write a result, whole or not at all."""
+def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
+    """A result as the arrays of its file."""
     high = (result.height >= CANDIDATE_HEIGHT) & ~np.isin(result.classification, (GROUND, *NOISE_CLASSES))
     low = result.keeps_low & ~np.isin(result.classification, NOISE_CLASSES)
     some = np.flatnonzero((result.label > 0) | high | low)
     count = int(max(result.label.max(initial=0), result.seam_label.max(initial=0)))
     extent = result.extent
     about = {
-        "seconds": result.seconds,
         "spacing": result.spacing,
         "extent": [extent.west, extent.south, extent.east, extent.north],
         "doubts": [asdict(doubt) for doubt in result.doubts],
         "corner": [result.dtm.west, result.dtm.north, result.dtm.cell],
-        "inputs": result.inputs,
     }
-    arrays: dict[str, NDArray[Any]] = {
-        "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
+    return {
+        "seconds": as_json(result.seconds),
+        "about": as_json(about),
         "point_id": result.point_id,
         "classification": result.classification,
         "vegetation": result.vegetation,
@@ -124,7 +123,11 @@ def save_block(path: Path, result: BlockResult) -> None:
         "seam_label": result.seam_label,
         "sides": sides_of(result, count),
     }
-    save_part(path, arrays)
+
+
+def as_json(value: object) -> NDArray[np.uint8]:
+    """A value as JSON in bytes."""
+    return np.frombuffer(json.dumps(value).encode(), np.uint8)
 
 
 def ground_cells(result: BlockResult) -> NDArray[np.uint8]:
@@ -167,13 +170,14 @@ class BlockFile:
         self._file.close()
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """One array, read now; see `save_block` for the names."""
+        """One array, read now; see `block_arrays` for the names."""
         return np.asarray(self._file[name])
 
     def metadata(self) -> BlockMetadata:
         """Extent, seconds and doubts."""
         doubts = tuple(Doubt(**doubt) for doubt in self.about["doubts"])
-        return BlockMetadata(self.block, Bounds(*self.about["extent"]), self.about["seconds"], doubts)
+        seconds = json.loads(self._file["seconds"].tobytes())
+        return BlockMetadata(self.block, Bounds(*self.about["extent"]), seconds, doubts)
 
     def raster(self, name: str) -> Raster:
         """`dtm`, `dsm` or `ground` (1 where a cell holds a ground point), about the block's corner."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from eaves.model import Labels
 from eaves.model.results import BuildingResult
-from eaves.run.part_file import open_part, pack_item, save_part, unpack_item
+from eaves.run.part_file import open_part, pack_item, unpack_item
 from eaves.run.rows import BuildingRow
 
 ROWS, ANSWERS = "rows", "answers"
@@ -57,6 +57,8 @@ class SavedBuilding:
     number: int
     point_id: NDArray[np.int64]
     plane: Labels
+    key: str = ""
+    """Of all that it follows from (`eaves.run.keys`)."""
 
     @property
     def row(self) -> BuildingRow:
@@ -70,35 +72,30 @@ class SavedBuilding:
         return BuildingResult(self.answers[self.number], self.point_id, self.plane, dict(self.row.seconds))
 
 
-def save_buildings(path: Path, results: Sequence[BuildingResult | SavedBuilding]) -> dict[str, Section]:
-    """Write buildings, whole or not at all; the sections of the file, with what is decoded of them."""
-    rows, answers = Section([], row_of), Section([])
-    items: tuple[list[bytes], list[bytes]] = ([], [])
-    for number, one in enumerate(results):
+def building_arrays(
+    results: Sequence[BuildingResult | SavedBuilding], keys: Sequence[str] = ()
+) -> dict[str, NDArray[Any]]:
+    """Buildings, with the keys of what they follow from, as the arrays of their file."""
+    sections: dict[str, list[bytes]] = {ROWS: [], ANSWERS: []}
+    for one in results:
         if isinstance(one, SavedBuilding):
-            row, packed = one.row, (one.rows.items[one.number], one.answers.items[one.number])
-            if one.number in one.answers.known:
-                answers.known[number] = one.answers.known[one.number]
+            sections[ROWS].append(one.rows.items[one.number])
+            sections[ANSWERS].append(one.answers.items[one.number])
         else:
-            row, answers.known[number] = BuildingRow.of(one.outcome, one.seconds), one.outcome
-            packed = pack_item(vars(row)), pack_item(one.outcome)
-        rows.known[number] = row
-        for some, item in zip(items, packed, strict=True):
-            some.append(item)
-    rows.items, answers.items = items
-    arrays: dict[str, NDArray[Any]] = {}
-    for name, section in ((ROWS, rows), (ANSWERS, answers)):
-        arrays[name] = np.frombuffer(b"".join(section.items), np.uint8)
-        arrays[f"{name}-ends"] = np.cumsum([len(item) for item in section.items], dtype=np.int64)
+            sections[ROWS].append(pack_item(vars(BuildingRow.of(one.outcome, one.seconds))))
+            sections[ANSWERS].append(pack_item(one.outcome))
+    arrays: dict[str, NDArray[Any]] = {"keys": np.array([*keys] or [""] * len(results), "S32")}
+    for name, items in sections.items():
+        arrays[name] = np.frombuffer(b"".join(items), np.uint8)
+        arrays[f"{name}-ends"] = np.cumsum([len(item) for item in items], dtype=np.int64)
     arrays["points"] = np.array([len(one.point_id) for one in results], np.int64)
     arrays["point_id"] = np.concatenate([np.zeros(0, np.int64), *(one.point_id for one in results)])
     arrays["plane"] = np.concatenate([np.zeros(0, np.int32), *(one.plane for one in results)])
-    save_part(path, arrays)
-    return {ROWS: rows, ANSWERS: answers}
+    return arrays
 
 
 def read_section(path: Path, name: str, keeps: bool = False) -> Section:
-    """A section of a file that `save_buildings` wrote; see `Section`."""
+    """A section of a file of `building_arrays`; see `Section`."""
     with open_part(path) as file:
         blob, ends = file[name].tobytes(), file[f"{name}-ends"].tolist()
     items = [blob[first:end] for first, end in zip([0, *ends], ends, strict=False)]
@@ -112,12 +109,13 @@ def read_small_section(path: Path, name: str, mark: tuple[int, int]) -> Section:
     return read_section(path, name, keeps=True)
 
 
-def read_planes(path: Path) -> list[tuple[NDArray[np.int64], Labels]]:
-    """Ids and roof planes (0 for none) of the points of each building of a file."""
+def read_planes(path: Path) -> list[tuple[NDArray[np.int64], Labels, str]]:
+    """Ids and roof planes (0 for none) of the points of each building of a file, and its key."""
     with open_part(path) as file:
         ends: NDArray[np.int64] = np.cumsum(file["points"])[:-1]
         pieces = (np.split(file[name], ends) for name in ("point_id", "plane"))
-        return list(zip(*pieces, strict=True))[: len(file["points"])]
+        keys = [key.decode() for key in file["keys"].tolist()]
+        return list(zip(*(list(some)[: len(keys)] for some in pieces), keys, strict=True))
 
 
 def row_of(values: Mapping[str, Any]) -> BuildingRow:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import shutil
@@ -18,9 +19,11 @@ from eaves.formats import InputError, write_classified
 from eaves.formats.atomic import atomic
 from eaves.formats.classified import SUPERSEDED, UNCHANGED
 from eaves.formats.fingerprint import refuse_change
-from eaves.model import Block
+from eaves.model import BLOCK_SIDE, Block
 from eaves.model.cloud import BUILDING
+from eaves.model.provenance import Provenance
 from eaves.run.index import Index
+from eaves.run.keys import GONE, key_of
 from eaves.run.manifest import entry_of, known_files
 from eaves.run.numbers import read_numbers
 from eaves.run.partition import file_slices
@@ -38,8 +41,8 @@ TYPES: dict[str, Any] = {
 
 PIECE = 1 << 20
 """Values that are compared, or written, at a time."""
-LABELS = "labels"
-"""Folder, beside the parts of a run, of what its classified points were written from."""
+KEYS = "classified.json"
+"""Beside the results that are kept: the keys of what the classified points follow from, by their names."""
 
 
 class PointSink(Protocol):
@@ -73,38 +76,16 @@ class Column:
         return np.fromfile(self.path, self.dtype, stop - start, offset=(self.first + start) * size)
 
 
-@dataclass(frozen=True)
-class EarlierPoints:
-    """The classified points that an earlier run wrote of the first inputs of this one."""
-
-    labels: Path
-    """Folder of what they were written from."""
-    files: tuple[Path | None, ...]
-    """One an input; None where the file is not as the run wrote it."""
-
-    @classmethod
-    def of(cls, folder: Path, store: Store, index: Index) -> EarlierPoints:
-        """Those in the folder of a run that kept its parts in `store`."""
-        known, names, files = known_files(folder), set[str](), []
-        for number in range(len(index)):
-            path = folder / classified_name(index.path(number), len(index) == 1, names)
-            entry = known.get(path.name)
-            files.append(path if entry and path.exists() and entry_of(path) == entry else None)
-        return cls(store.folder / LABELS, tuple(files))
-
-    def file_of(self, number: int, columns: Mapping[str, Column]) -> Path | None:
-        """The file of an input, where it was written from just these columns."""
-        path = self.files[number] if number < len(self.files) else None
-        return path if path is not None and all(map(self._had, columns.items())) else None
-
-    def _had(self, told: tuple[str, Column]) -> bool:
-        name, now = told
-        path, size = self.labels / f"{name}.bin", np.dtype(now.dtype).itemsize
-        if not path.exists() or path.stat().st_size < (now.first + now.count) * size:
-            return False
-        then = replace(now, path=path)
-        pieces = (slice(first, first + PIECE) for first in range(0, now.count, PIECE))
-        return all(np.array_equal(now[piece], then[piece]) for piece in pieces)
+def known_copies(folder: Path, store: Store) -> dict[str, Path]:
+    """The classified points in a run's folder by the keys of what they follow from, those that are as the run
+    wrote them."""
+    keys, path = known_files(folder), store.folder / KEYS
+    told = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    return {
+        key: folder / name
+        for name, key in told.items()
+        if name in keys and (folder / name).exists() and entry_of(folder / name) == keys[name]
+    }
 
 
 def write_points(
@@ -113,9 +94,9 @@ def write_points(
     blocks: Sequence[Block],
     owners: Sequence[Block],
     sink: PointSink | None = None,
-    earlier: EarlierPoints | None = None,
+    copies: Mapping[str, Path] | None = None,
 ) -> list[Path]:
-    """The classified points of every input; those that `earlier` has just so are copied from there.
+    """The classified points of every input; those of which there are `copies` by their keys are copied.
 
     Raises
     ------
@@ -123,33 +104,30 @@ def write_points(
         When an input is no longer what it was when the run began.
     """
     index, single = run.index, run.classified
-    labels = store.folder / f"{LABELS}-new"
+    labels = store.folder / "labels"
     gather_labels(labels, store, index, blocks, owners)
-    copies = copies_of(store, index)
-    written: list[Path] = []
+    records = copies_of(store, index)
+    written: dict[Path, str] = {}
     names: set[str] = set()
-    starts = index.starts
     for number in range(len(index)):
         path = single or run.folder / classified_name(index.path(number), len(index) == 1, names)
-        mine = {
-            name: Column(labels / f"{name}.bin", dtype, int(starts[number]), index.count(number))
-            for name, dtype in TYPES.items()
-        }
-        known = earlier.file_of(number, mine) if earlier is not None and sink is None else None
-        classes = mine.pop("classes")
+        columns = columns_of(labels, index, number)
+        made_from = replace(run.provenance, sources=(index.path(number).name,), count=1)
+        key = key_of_columns(columns, index.mark(number), made_from) if run.options["keep"] else ""
+        known = (copies or {}).get(key)
+        classes, others = columns["classes"], {} if single else {**columns}
+        others.pop("classes", None)
         try:
-            write = None if sink is None else partial(sink.write, path)
-            made_from = replace(run.provenance, sources=(index.path(number).name,), count=1)
-            if known is None:
-                source, extra = index.source(number), {} if single else mine
-                copied = copies.get(number, [])
+            if known is None or sink is not None:
+                write = None if sink is None else partial(sink.write, path)
+                source, copied = index.source(number), records.get(number, [])
                 write_classified(
-                    source, path, classes, extra, sink=write, provenance=made_from, copies=copied
+                    source, path, classes, others, sink=write, provenance=made_from, copies=copied
                 )
             elif known != path:
                 with atomic(path) as temporary:
                     shutil.copyfile(known, temporary)
-            written.append(path)
+            written[path] = key
         except InputError as error:  # a damaged file; scattering it has said so
             log.debug("%s", error)
             names.discard(path.stem.casefold())
@@ -158,9 +136,26 @@ def write_points(
         except InputError:
             path.unlink(missing_ok=True)
             raise
-    shutil.rmtree(store.folder / LABELS, ignore_errors=True)
-    labels.rename(store.folder / LABELS)
-    return written
+    shutil.rmtree(labels)
+    if run.options["keep"]:
+        with atomic(store.folder / KEYS) as temporary:
+            told = {path.name: key for path, key in written.items()}
+            temporary.write_text(json.dumps(told), encoding="utf-8")
+    return list(written)
+
+
+def columns_of(labels: Path, index: Index, number: int) -> dict[str, Column]:
+    """What is said of each point of an input, by name."""
+    first, count = int(index.starts[number]), index.count(number)
+    return {name: Column(labels / f"{name}.bin", dtype, first, count) for name, dtype in TYPES.items()}
+
+
+def key_of_columns(columns: Mapping[str, Column], mark: bytes, made_from: Provenance) -> str:
+    """The key of all that a classified file follows from."""
+    pieces = (
+        column[first : first + PIECE] for column in columns.values() for first in range(0, len(column), PIECE)
+    )
+    return key_of(mark, made_from, [key_of(piece) for piece in pieces])
 
 
 def copies_of(store: Store, index: Index) -> dict[int, list[Path]]:
@@ -207,7 +202,8 @@ def gather_labels(
         classes[opened("building_id")[point_id] > 0] = BUILDING
         opened("classes")[point_id] = classes
         opened("part")[point_id] = part
-    opened("classes")[store.superseded()] = SUPERSEDED
+    for block in store.units(GONE, BLOCK_SIDE):
+        opened("classes")[store.gone(block)] = SUPERSEDED
 
 
 def fill_file(path: Path, dtype: Any, count: int, value: int, piece: int = PIECE) -> None:

@@ -18,6 +18,7 @@ from eaves.model.scene import WALL
 from eaves.raster.surfaces import CELL
 from eaves.run.block_file import Candidates
 from eaves.run.join import BuildingPlan, OwnedBuildings
+from eaves.run.keys import BLOCKS
 from eaves.run.store import Store
 
 MARGIN = 2.0
@@ -56,7 +57,7 @@ class Gatherer:
     def candidates(self, block: Block) -> Candidates | None:
         """The points of a block that can be a building's; None where it failed or has no points."""
         if block not in self._candidates:
-            if not self._store.has("blocks", block):
+            if not self._store.has(BLOCKS, block):
                 return None
             while len(self._candidates) >= self._keep:
                 self._candidates.pop(next(iter(self._candidates)))
@@ -67,7 +68,7 @@ class Gatherer:
     def terrain_of(self, block: Block, name: str = "dtm") -> Raster | None:
         """The terrain of a block, or where its ground was seen; None where it failed or has no points."""
         if (block, name) not in self._terrain:
-            if not self._store.has("blocks", block):
+            if not self._store.has(BLOCKS, block):
                 return None
             while len(self._terrain) >= 4 * self._keep:
                 self._terrain.pop(next(iter(self._terrain)))

@@ -8,16 +8,20 @@ way the terrain goes on at a rim are measured in what a filter sees. So a filter
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.ground import classify_ground
+from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, PointCloud
-from eaves.model.cloud import GROUND, UNCLASSIFIED
+from eaves.model.cloud import GROUND as GROUND_CLASS
+from eaves.model.cloud import UNCLASSIFIED
 from eaves.run.clock import Clock
+from eaves.run.keys import GROUND, key_of
 from eaves.run.recipe import Recipe
-from eaves.run.store import GroundPiece, Store
+from eaves.run.store import SECONDS, Piece, Store, Task
 from eaves.run.wide import load_wide
 from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, around_squares
 
@@ -32,68 +36,81 @@ def seen_from(bounds: Bounds, recipe: Recipe) -> Bounds:
     return around_squares(near, WIDE_SQUARE).buffered(recipe.ground.wide_buffer)
 
 
-def group_squares(squares: Sequence[Block], side: float) -> list[list[Block]]:
+def group_squares(tasks: Sequence[Task], side: float) -> list[list[Task]]:
     """The squares that are loaded at once: those with their corner in one block of a side (m)."""
-    groups: dict[Block, list[Block]] = {}
-    for square in squares:
-        groups.setdefault(Block.at(*square.origin, side) if side > GROUND_SQUARE else square, []).append(
-            square
-        )
+    groups: dict[Block, list[Task]] = {}
+    for task in tasks:
+        square: Block = task.unit
+        home = Block.at(*square.origin, side) if side > GROUND_SQUARE else square
+        groups.setdefault(home, []).append(task)
     return list(groups.values())
 
 
-def classify_squares(squares: Sequence[Block], store: Store, recipe: Recipe, side: float) -> None:
+def classify_squares(tasks: Sequence[Task], store: Store, recipe: Recipe, side: float) -> None:
     """The ground stage for the points in some squares, kept in the store; `side` is that of the blocks."""
-    reach = recipe.ground.buffer
+    reach, squares = recipe.ground.buffer, [task.unit for task in tasks]
     seen = squares[0].bounds.buffered(reach)
     for square in squares[1:]:
         seen = seen.union(square.bounds.buffered(reach))
     cloud, pieces = store.load_points(seen, squares[0].origin, side)
     cloud = cloud.with_(point_id=None)
-    ends = np.cumsum([0, *(len(piece.which) for piece in pieces)])
     for row in sorted({square.row for square in squares}):
-        line = [square for square in squares if square.row == row]
-        low, high = line[0].bounds.south - reach, line[0].bounds.north + reach
+        line = [task for task in tasks if task.unit.row == row]
+        low, high = line[0].unit.bounds.south - reach, line[0].unit.bounds.north + reach
         strip = points_in(cloud, Bounds(seen.west, low, seen.east, high)) if len(squares) > 1 else None
-        for square in line:
-            clock = Clock()
+        for task in line:
             near = np.arange(len(cloud))
             if len(squares) > 1:
-                near = points_in(cloud, square.bounds.buffered(reach), strip)
+                near = points_in(cloud, task.unit.bounds.buffered(reach), strip)
             some = cloud if len(near) == len(cloud) else cloud.take(near)
-            inside, classes, part = classify_square(some, square, store, recipe)
-            inner, first = near[inside], np.searchsorted(near[inside], ends)
-            ground = [
-                GroundPiece(
-                    piece.block,
-                    piece.which[inner[start:end] - offset],
-                    classes[start:end],
-                    None if part is None else part[start:end],
-                )
-                for piece, offset, start, end in zip(pieces, ends[:-1], first[:-1], first[1:], strict=True)
-                if end > start
-            ]
-            clock.lap("ground")
-            store.save_ground(square, ground, {"seconds": clock.laps["ground"]})
+            keep_ground(task, some.about(task.unit.origin), near, pieces, store, recipe)
+
+
+def keep_ground(
+    task: Task, cloud: PointCloud, near: Numbers, pieces: Sequence[Piece], store: Store, recipe: Recipe
+) -> None:
+    """The ground of a square, kept in the store block by block.
+
+    `cloud` holds the points of the square and of its surroundings up to the method's buffer, and no others;
+    `near` are their numbers (N,) among those of the `pieces`.
+    """
+    clock, square = Clock(), task.unit
+    ends = np.cumsum([0, *(len(piece.which) for piece in pieces)])
+    inside = np.flatnonzero(Bounds(0.0, 0.0, square.side, square.side).contains(cloud.xyz))
+    inner, first = near[inside], np.searchsorted(near[inside], ends)
+    own = {
+        piece.block.name: (slice(start, end), piece.which[inner[start:end] - offset].astype(np.int32))
+        for piece, offset, start, end in zip(pieces, ends[:-1], first[:-1], first[1:], strict=True)
+        if end > start
+    }
+    bounds = square.bounds.buffered(recipe.ground.buffer)
+    wide = load_wide(store, bounds) if recipe.sees_wide else None
+    patches = () if wide is None else [one.cropped(bounds.buffered(one.cell)) for one in wide.patches]
+    taken = key_of(GROUND.key(recipe), cloud, [number for _, number in own.values()], patches)
+    if store.recalls(GROUND, square, task.read, taken):
+        return
+    classes, part = classify_square(cloud, inside, wide, recipe)
+    arrays: dict[str, NDArray[Any]] = {}
+    for name, (some, number) in own.items():
+        arrays |= {f"number-{name}": number, f"class-{name}": classes[some]}
+        if part is not None:
+            arrays[f"part-{name}"] = part[some]
+    clock.lap("ground")
+    arrays[SECONDS] = np.array(clock.laps["ground"])
+    store.save(GROUND, square, arrays, task.read, taken)
 
 
 def classify_square(
-    cloud: PointCloud, square: Block, store: Store, recipe: Recipe
-) -> tuple[Numbers, NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """Numbers (K,) of the points in the square, their classes, and the parts the filter found on the way.
-
-    `cloud` holds the points of the square and of its surroundings up to the method's buffer, and no others.
-    """
-    cloud = cloud.about(square.origin)
+    cloud: PointCloud, inside: Numbers, wide: WideObjects | None, recipe: Recipe
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """The classes of the points `inside` (K,) a square, and the parts the filter found on the way."""
     if recipe.use_classes:
         cloud = with_ground_classes(cloud, recipe.ground_classes)
-    wide = load_wide(store, square.bounds.buffered(recipe.ground.buffer)) if recipe.sees_wide else None
-    inside = np.flatnonzero(Bounds(0.0, 0.0, square.side, square.side).contains(cloud.xyz))
     if len(inside) == 0:
-        return inside, np.zeros(0, np.uint8), None
+        return np.zeros(0, np.uint8), None
     found = classify_ground(cloud, recipe.ground, use_classes=recipe.use_classes, wide=wide)
     assert found.classification is not None
-    return inside, found.classification[inside], None if found.part is None else found.part[inside]
+    return found.classification[inside], None if found.part is None else found.part[inside]
 
 
 def points_in(cloud: PointCloud, bounds: Bounds, among: Numbers | None = None) -> Numbers:
@@ -107,8 +124,8 @@ def points_in(cloud: PointCloud, bounds: Bounds, among: Numbers | None = None) -
 def with_ground_classes(cloud: PointCloud, numbers: tuple[int, ...]) -> PointCloud:
     """The cloud whose file means ground by these classes: they become 2, and a 2 that is none of them 1."""
     given = cloud.classification
-    if given is None or numbers == (GROUND,):
+    if given is None or numbers == (GROUND_CLASS,):
         return cloud
-    classes = np.where(given == GROUND, np.uint8(UNCLASSIFIED), given)
-    classes[np.isin(given, numbers)] = GROUND
+    classes = np.where(given == GROUND_CLASS, np.uint8(UNCLASSIFIED), given)
+    classes[np.isin(given, numbers)] = GROUND_CLASS
     return cloud.with_(classification=classes)

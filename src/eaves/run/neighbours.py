@@ -10,7 +10,6 @@ import shapely
 
 from eaves.model import Block, BuildingModel, Failure
 from eaves.run.building_file import ANSWERS
-from eaves.run.earlier_lines import EarlierLines
 from eaves.run.party_wall_areas import PARTY_GAP, Walls
 from eaves.run.stock import wall_figures
 from eaves.run.store import Store
@@ -19,14 +18,9 @@ HOMES_IN_MEMORY = 16
 """Home blocks whose buildings are kept while those around them are looked at."""
 
 
-def party_walls(
-    store: Store, owners: Sequence[Block], earlier: EarlierLines | None = None
-) -> list[dict[str, float] | None]:
+def party_walls(store: Store, owners: Sequence[Block]) -> list[dict[str, float] | None]:
     """The walls each building shares with others, and its free ones, in the order of the store's results;
-    None for a building without solids.
-
-    Those of `earlier` that hold are taken from there; a line of it that tells of other walls is dropped.
-    """
+    None for a building without solids."""
 
     @lru_cache(maxsize=HOMES_IN_MEMORY)
     def load(owner: int) -> Callable[[int], Walls | None]:
@@ -34,29 +28,20 @@ def party_walls(
         answers = store.section(owners[owner], ANSWERS)
         return lru_cache(maxsize=None)(lambda number: walls_of(answers[number]))
 
-    places: list[tuple[int, int]] = []
-    polygons, names = [], []
-    for owner in range(len(owners)):
-        for number, row in enumerate(store.building_rows([owners[owner]])):
-            places.append((owner, number))
-            polygons.append(row.polygon)
-            names.append(str(row.values["id"]))
-    shapes = np.array(polygons, object)
+    places = [
+        (owner, number, row.polygon)
+        for owner in range(len(owners))
+        for number, row in enumerate(store.building_rows([owners[owner]]))
+    ]
+    shapes = np.array([polygon for *_, polygon in places], object)
     one, other = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=PARTY_GAP)
     order = np.lexsort((other, one))
     one, other = one[order], other[order]
     first = np.searchsorted(one, np.arange(len(places) + 1))
-    known = np.zeros(len(places), bool) if earlier is None else earlier.holds(names, shapes)
-    found = []
-    for number, name in enumerate(names):
-        if earlier is not None and known[number]:
-            found.append(earlier.walls[name])
-            continue
-        near = [places[k] for k in other[first[number] : first[number + 1]]]
-        found.append(shared_by(places[number], near, load))
-        if earlier is not None and name in earlier.places and earlier.walls[name] != found[-1]:
-            del earlier.places[name]
-    return found
+    return [
+        shared_by(place, [places[k][:2] for k in other[first[number] : first[number + 1]]], load)
+        for number, (*place, _) in enumerate(places)
+    ]
 
 
 def walls_of(answer: BuildingModel | Failure) -> Walls | None:
@@ -65,13 +50,13 @@ def walls_of(answer: BuildingModel | Failure) -> Walls | None:
 
 
 def shared_by(
-    place: tuple[int, int],
-    near: Sequence[tuple[int, int]],
+    place: Sequence[int],
+    near: Sequence[Sequence[int]],
     load: Callable[[int], Callable[[int], Walls | None]],
 ) -> dict[str, float] | None:
     """The walls (m², `wall_figures`) of the building at `place`, an owner and a number in it."""
     mine = load(place[0])(place[1])
     if mine is None:
         return None
-    others = [load(owner)(number) for owner, number in near if (owner, number) != place]
+    others = [load(owner)(number) for owner, number in near if [owner, number] != [*place]]
     return wall_figures(mine, [walls for walls in others if walls is not None])

@@ -8,10 +8,7 @@ from dataclasses import dataclass, replace
 
 from eaves.formats.atomic import atomic
 from eaves.model import Block
-from eaves.run.store import Store
-
-NUMBERS = "numbers.json"
-"""Beside the parts of a run that was updated or corrected; else buildings are numbered in their order."""
+from eaves.run.store import NUMBERS, Store
 
 
 @dataclass(frozen=True)

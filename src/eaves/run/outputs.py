@@ -7,10 +7,10 @@ import shutil
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from glob import escape
-from itertools import chain, islice, repeat
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,12 +21,10 @@ from eaves.formats.qgis.project import write_project
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.block_file import BlockMetadata, extent_of
-from eaves.run.building_file import ANSWERS
 from eaves.run.clock import Clock
 from eaves.run.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
-from eaves.run.earlier_lines import EarlierLines
 from eaves.run.exports import export_footprints, export_models
-from eaves.run.join import OwnedBuildings
+from eaves.run.keys import BLOCKS
 from eaves.run.manifest import begin_manifest, note_files
 from eaves.run.neighbours import party_walls
 from eaves.run.numbers import read_numbers
@@ -39,7 +37,7 @@ from eaves.run.store import Store
 from eaves.run.workers import peak_memory_mb
 
 if TYPE_CHECKING:
-    from eaves.run.classified_points import EarlierPoints, PointSink
+    from eaves.run.classified_points import PointSink
 
 LONGEST_FIRST = ("classified", "models", "footprints", "rasters", "mask")
 
@@ -81,27 +79,8 @@ class Results:
     shared: Sequence[dict[str, float] | None]
     """The walls of the buildings (`wall_figures`), where known."""
     doubts: Sequence[Row] = ()
-    earlier: EarlierLines | None = None
-    """Models that an earlier run wrote, to be written again as they are."""
-    points: EarlierPoints | None = None
-    """Classified points that it wrote, likewise."""
-
-    def lines(self) -> Iterator[BuildingModel | Failure | str]:
-        """All models and failures, or their earlier lines; what only these are needed of is not decoded."""
-        if self.earlier is None or not self.earlier.places:
-            yield from self.answers()
-            return
-        areas = iter(self.shared)
-        for owner in self.owners:
-            names = [str(row.values["id"]) for row in self.store.building_rows([owner])]
-            own = list(islice(areas, len(names)))
-            known = self.earlier.read_lines(names)
-            if all(line is not None for line in known):
-                yield from (line for line in known if line is not None)
-                continue
-            answers = self.store.section(owner, ANSWERS)
-            for number, (line, walls) in enumerate(zip(known, own or repeat(None), strict=False)):
-                yield with_walls(answers[number], walls) if line is None else line
+    copies: Mapping[str, Path] = field(default_factory=dict)
+    """Classified points that an earlier run wrote, by the keys of what they follow from."""
 
     def answers(self) -> Iterator[BuildingModel | Failure]:
         """All models and failures, owner block by owner block, the models with their party walls."""
@@ -132,8 +111,8 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
         return files + export_footprints(folder, rows, roofs, system, run.options["formats"], made_from), None
     if step == "models":
         files = [folder / "buildings.city.jsonl"]
-        lines = results.lines()
-        write_cityjson_seq(files[0], lines, system, provenance=made_from, translate=run.translate)
+        answers = results.answers()
+        write_cityjson_seq(files[0], answers, system, provenance=made_from, translate=run.translate)
         return files + export_models(folder, results.answers, system, run.options["formats"], made_from), None
     if step == "mask":
         from eaves.run.rasters import write_mask
@@ -147,33 +126,30 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
         return write_surfaces(store, results.blocks, results.extent, folder, made_from), None
     from eaves.run.classified_points import write_points
 
-    return write_points(store, run, results.blocks, owners, sink, results.points), sink
+    return write_points(store, run, results.blocks, owners, sink, results.copies), sink
 
 
 def write_outputs(
     region: Region,
-    blocks: Sequence[Block],
-    plans: Sequence[OwnedBuildings],
+    owners: Sequence[Block],
     sink: PointSink | None = None,
-    earlier: EarlierLines | None = None,
-    points: EarlierPoints | None = None,
+    copies: Mapping[str, Path] | None = None,
 ) -> Summary:
     """Write what is wanted of a region, each file whole or not at all; what came out.
 
-    `blocks` and `plans` are those the files are to show; blocks that failed are left out. `earlier` are the
-    models that are written as they were, and `points` the classified points.
+    Shown are the blocks of the core but for those that failed, and the buildings of its `owners`. Of `copies`
+    (key → file) are the classified points that an earlier run wrote just so.
     """
     run, store, workers, progress = region.run, region.store, region.workers, region.progress
-    owners = [plan.owner_block for plan in plans]
     steps = [name for name in EVERYTHING if name in run.outputs and name != "report"]
     clock = Clock()
-    shared = party_walls(store, owners, earlier) if {"footprints", "models"} & set(steps) else []
+    shared = party_walls(store, owners) if {"footprints", "models"} & set(steps) else []
     clock.lap("party walls")
-    metadata = read_metadata(store, blocks)
+    metadata = read_metadata(store, region.own_blocks)
     places = (doubt for one in metadata for doubt in one.doubts)
     doubts = doubt_rows(chain(places, face_doubts(store.building_rows(owners))), run.side)
     used = [one.block for one in metadata]
-    results = Results(run, store, used, owners, extent_of(metadata), shared, doubts, earlier, points)
+    results = Results(run, store, used, owners, extent_of(metadata), shared, doubts, copies or {})
     if sink is not None:
         sizes = [int(row.values.get("points") or 0) for row in store.building_rows(owners)]
         sink.start(run.index.points, len(sizes), sum(sizes))
@@ -261,7 +237,7 @@ def read_metadata(store: Store, blocks: Sequence[Block]) -> list[BlockMetadata]:
     """The metadata of all blocks that were computed."""
     metadata = []
     for block in blocks:
-        if store.has("blocks", block):
+        if store.has(BLOCKS, block):
             with store.open_block(block) as file:
                 metadata.append(file.metadata())
     return metadata

@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -23,6 +23,7 @@ from eaves.formats.fingerprint import refuse_change
 from eaves.model import Block, Bounds, Points
 from eaves.model.cloud import GRID_STEP
 from eaves.run.index import Index
+from eaves.run.keys import key_of
 from eaves.run.store import RECORD, Store
 from eaves.run.world_squares import ring
 
@@ -76,6 +77,19 @@ class SliceResult:
 
 
 @dataclass(frozen=True)
+class PartMark:
+    """What is known of a part that is in place."""
+
+    key: str
+    records: int
+    """Read of it."""
+    unread: str | None
+    """Why not all were."""
+    blocks: Mapping[str, Sequence[int]]
+    """Bytes and checksum of its file in each block, by the block's name."""
+
+
+@dataclass(frozen=True)
 class Window:
     """Which points a run uses, world metres: those in the bounds and the clip area, where given."""
 
@@ -104,29 +118,53 @@ def file_slices(index: Index) -> list[FileSlice]:
     return parts
 
 
-def mark_of(part: FileSlice, store: Store) -> Path:
-    """The file that says that a part is in place."""
-    return store.folder / "parts" / f"{part.name}.json"
+def key_of_part(part: FileSlice, store: Store, side: float, window: Window) -> str:
+    """The key of all that the points of a part follow from."""
+    return key_of(part.mark, part.first, part.k, part.n, part.crs, store.system, side, window)
 
 
-def earlier(part: FileSlice, store: Store) -> tuple[int, str | None] | None:
-    """Records read of a part, and why not all, when an earlier run did it and its points are as it left
-    them; None when none did."""
-    path = mark_of(part, store)
+def known_parts(store: Store, keys: Mapping[str, str]) -> dict[str, PartMark]:
+    """The marks of the parts that are in place with their keys, by name, and whose points are as they were
+    left; what else lies in the folders of points is removed."""
+    known = {name: mark for name, key in keys.items() if (mark := known_part(store, name, key)) is not None}
+    for path in (store.folder / "points").glob("*/*.bin"):
+        if path.stem not in known:
+            path.unlink()
+    for folder in (store.folder / "points").iterdir():
+        if not any(folder.iterdir()):
+            folder.rmdir()
+    for path in (store.folder / "parts").iterdir():
+        if path.stem not in known:
+            path.unlink()
+    return known
+
+
+def known_part(store: Store, name: str, key: str) -> PartMark | None:
+    """The mark of a part; None where there is none of the key, or its points are not as they were left."""
+    path = store.folder / "parts" / f"{name}.json"
     try:
-        mark = json.loads(path.read_text(encoding="utf-8"))
-        told, files = (int(mark["records"]), mark["unread"]), dict(mark["blocks"])
+        mark = PartMark(**json.loads(path.read_text(encoding="utf-8")))
+        files = {block: (int(size), int(checksum)) for block, (size, checksum) in mark.blocks.items()}
     except FileNotFoundError:
         return None
-    except (ValueError, KeyError, TypeError, RecursionError):
+    except (ValueError, TypeError, AttributeError, RecursionError):
         log.warning("%s: the part is damaged; its points are read again", path)
         return None
-    for block, (size, checksum) in files.items():
-        place = store.folder / "points" / block / f"{part.name}.bin"
+    for block, (size, checksum) in files.items() if mark.key == key else ():
+        place = store.folder / "points" / block / f"{name}.bin"
         if not place.exists() or place.stat().st_size != size or crc32(place.read_bytes()) != checksum:
             log.warning("%s: the part is damaged; its points are read again", place)
             return None
-    return told
+    return mark if mark.key == key else None
+
+
+def keys_of_points(store: Store) -> dict[str, str]:
+    """The key of the points of each block, by its name, as its files and what is gone of them say."""
+    files: dict[str, list[Any]] = {}
+    for path in sorted((store.folder / "parts").glob("*.json")):
+        for block, file in json.loads(path.read_text(encoding="utf-8"))["blocks"].items():
+            files.setdefault(block, []).append([path.stem, file])
+    return {block: key_of(some) for block, some in files.items()}
 
 
 def partition_slice(
@@ -136,11 +174,13 @@ def partition_slice(
     window: Window,
     progress: Callable[[int], None] = lambda points: None,
     copied: bool = False,
+    key: str = "",
 ) -> SliceResult:
     """Write every usable point of a part to its block's folder; the mark in `parts/` comes last.
 
-    Where they are `copied`, the records of a compressed file are kept whole as well: the classified points
-    are written from them, for to decompress them again costs many times as much.
+    `key` is that of `key_of_part`, which the mark bears. Where they are `copied`, the records of a compressed
+    file are kept whole as well: the classified points are written from them, for to decompress them again
+    costs many times as much.
 
     Withheld points and points without a position stay out. `progress` is called with the number of points
     read. Of a damaged input the points before the damage are used; a resumed run tries it again.
@@ -166,9 +206,9 @@ def partition_slice(
     writer.finish(unread is None)
     inside = part.box.buffered(BOX_TOLERANCE)
     lies = seen is not None and inside.union(seen) != inside
-    with atomic(mark_of(part, store)) as temporary:
-        mark = {"records": read, "unread": unread, "blocks": writer.written}
-        temporary.write_text(json.dumps(mark), encoding="utf-8")
+    with atomic(store.folder / "parts" / f"{part.name}.json") as temporary:
+        mark = PartMark(key, read, unread, writer.written)
+        temporary.write_text(json.dumps(vars(mark)), encoding="utf-8")
     return SliceResult(part.number, read, unread, seen if lies else None)
 
 

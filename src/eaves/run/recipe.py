@@ -26,6 +26,7 @@ from eaves.model.cloud import (
 )
 from eaves.outline import OutlineMethod
 from eaves.reconstruct import Reconstructor
+from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.reconstruct.overhangs import OverhangRules
 from eaves.roof import RoofMethod
 from eaves.run.sources import find_source, with_source
@@ -110,6 +111,11 @@ class Recipe:
     def marks_others(self) -> bool:
         """Whether water, wires and decks of bridges are told from the rest."""
         return self.others and self.marks_vegetation
+
+    @property
+    def keeps_low(self) -> bool:
+        """Whether buildings are to know what lies below and around them: walls, ground."""
+        return self.lod == OVERHANGS
 
     @property
     def scene_buffer(self) -> float:

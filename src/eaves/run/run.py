@@ -77,6 +77,10 @@ class Run:
     """Given polygons that cannot be modelled, with the reason: each has its row all the same."""
     addresses: Sequence[Footprint] = ()
     """What lies between known party walls; detected blocks are split into them."""
+    generations: tuple[int, ...] = ()
+    """Numbers of the first inputs of each later scan, whose points take the place of earlier ones."""
+    updates: tuple[Mapping[str, Any], ...] = ()
+    """What each of them changed."""
     failed: tuple[str, ...] = ()
     """Inputs that could not be opened, with the reason."""
     translate: tuple[float, ...] | None = None
@@ -241,7 +245,8 @@ def check_whole(index: Index, options: RunOptions) -> None:
 
 def request_of(run: Run) -> dict[str, Any]:
     """What a run is opened with again, as JSON, with paths that hold from any folder."""
-    return {"inputs": list(run.inputs), "options": kept_options(run.options), "plan": run.plan}
+    told = {"inputs": list(run.inputs), "options": kept_options(run.options), "plan": run.plan}
+    return {**told, "generations": list(run.generations), "updates": list(run.updates)}
 
 
 def warn_of_heights(system: CoordinateSystem, formats: Sequence[str]) -> None:

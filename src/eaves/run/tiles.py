@@ -6,9 +6,8 @@ import json
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, overload
 
@@ -18,20 +17,18 @@ from numpy.typing import NDArray
 
 from eaves.footprints.read import as_box
 from eaves.formats import InputError
-from eaves.formats.atomic import DiskFullError
 from eaves.model import Block, Bounds, Footprint
 from eaves.model.summary import Summary
 from eaves.run.ground_squares import seen_from
 from eaves.run.index import Index
 from eaves.run.join import assign_footprints
-from eaves.run.manifest import MANIFEST, begin_manifest, check_folder, end_manifest
+from eaves.run.manifest import MANIFEST, check_folder
 from eaves.run.outputs import write_map, write_run
 from eaves.run.partition import BOX_TOLERANCE, Window
-from eaves.run.region import Core, Region, TooNarrowError, warn_of_wrong_boxes
 from eaves.run.review import REVIEW
 from eaves.run.rows import BuildingRow
-from eaves.run.run import Progress, Run, no_progress
-from eaves.run.workers import Workers, peak_memory_mb
+from eaves.run.run import Progress, Run
+from eaves.run.workers import Outcome, Workers, peak_memory_mb
 from eaves.run.world_squares import within
 
 log = logging.getLogger("eaves")
@@ -39,8 +36,6 @@ log = logging.getLogger("eaves")
 TILE_BLOCKS = 16
 """Blocks a side of a tile: 3.84 km with blocks of 240 m. Neighbours' blocks are computed again only where a
 building crosses over, files on the border are read again: a tenth to a third more work."""
-BuildRegion = Callable[[Region, Core], Summary]
-"""`eaves.pipeline.build_region`; handed in, for nothing here imports the flow."""
 TILES_FOLDER = "tiles"
 WANTED = ("footprints", "models", "rasters")
 """What a tile writes on its own; the mask needs the footprints of its neighbours and comes with the merge."""
@@ -110,8 +105,33 @@ class TileTask:
     run: Run
     numbers: tuple[int, ...]
     """The inputs' numbers in the whole index."""
+    window: Window
+    """Of the whole run."""
     ring: int = 1
     """So many blocks around the tile can be computed with it."""
+
+    @property
+    def loaded(self) -> Bounds:
+        """World metres of the points that it is computed from."""
+        return loaded_with(self.tile, self.ring, self.run.recipe.buffer)
+
+    def done(self, wrong_boxes: Mapping[int, Bounds]) -> TileDone:
+        """What came of it, with the true boxes of inputs, by number in its own index."""
+        run = json.loads((self.run.folder / "run.json").read_text(encoding="utf-8"))
+        return TileDone(run, {self.numbers[number]: box for number, box in wrong_boxes.items()})
+
+
+def with_ring(task: TileTask, ring: int) -> TileTask:
+    """A task with so many blocks around its tile, and the points that these need."""
+    task = replace(task, ring=ring)
+    bounds = within(seen_with(task.loaded, task.run), task.window.bounds)
+    return replace(task, run=replace(task.run, window=Window(bounds, task.window.clip)))
+
+
+def widened(task: TileTask) -> TileTask:
+    """A task with one more ring of blocks: a building goes on beyond those that it had."""
+    log.info("tile %s: a building goes on far beyond it; it is computed again", task.tile.name)
+    return with_ring(task, task.ring + 1)
 
 
 class TileTasks(Sequence[TileTask]):
@@ -134,14 +154,15 @@ class TileTasks(Sequence[TileTask]):
             return [self[n] for n in range(len(self))[k]]
         return self._make(self.tiles[k])
 
-    def _make(self, tile: Tile, ring: int = 1) -> TileTask:
+    def _make(self, tile: Tile) -> TileTask:
         """A tile's part of the run: the inputs whose box comes near enough, the footprints likewise."""
-        loaded = loaded_with(tile, ring, self.run.recipe.buffer)
+        loaded = loaded_with(tile, 1, self.run.recipe.buffer)
         numbers = np.flatnonzero(self.run.index.meeting(seen_with(loaded, self.run).buffered(BOX_TOLERANCE)))
         index = self.run.index.subset(numbers)
         names = tuple(name for name in WANTED if name in ("footprints", *self.run.outputs))
         mine = replace(
             self.run.with_options(outputs=names),
+            folder=self.run.folder / TILES_FOLDER / tile.name,
             index=index,
             given=None if self._given is None else self._given.near(loaded),
             addresses=self._addresses.near(loaded),
@@ -149,7 +170,8 @@ class TileTasks(Sequence[TileTask]):
             lost=(),
             failed=(),
         )
-        return TileTask(tile, mine, tuple(int(number) for number in numbers), ring)
+        task = TileTask(tile, mine, tuple(int(number) for number in numbers), self.run.window)
+        return with_ring(task, 1)
 
 
 class FootprintSearch:
@@ -175,35 +197,17 @@ def seen_with(loaded: Bounds, run: Run) -> Bounds:
     return seen_from(loaded, run.recipe)
 
 
-def compute_tile(task: TileTask, folder: Path, build_region: BuildRegion) -> TileDone:
-    """One tile with its files in its folder; an earlier run's where it matches."""
-    place = folder / TILES_FOLDER / task.tile.name
-    earlier = place / "run.json"
+def known_tile(task: TileTask) -> TileDone | None:
+    """What an earlier run wrote of a tile, where it matches; None where it is to be computed."""
+    place, path = task.run.folder, task.run.folder / "run.json"
     if task.run.options["resume"] and is_whole(place):
-        run: dict[str, Any] = json.loads(earlier.read_text(encoding="utf-8"))
+        run = json.loads(path.read_text(encoding="utf-8"))
         told = json.loads(json.dumps(task.run.plan))
         if not run["incomplete"] and all(run.get(key) == value for key, value in told.items()):
             return TileDone(run, {})
-    earlier.unlink(missing_ok=True)
+    path.unlink(missing_ok=True)
     place.mkdir(parents=True, exist_ok=True)
-    ring = task.ring
-    while True:
-        loaded = loaded_with(task.tile, ring, task.run.recipe.buffer)
-        seen = seen_with(loaded, task.run)
-        window = Window(within(seen, task.run.window.bounds), task.run.window.clip)
-        mine = replace(task.run, folder=place, window=window)
-        region = Region(mine, place / ".eaves-work", Workers(), no_progress)
-        try:
-            summary = build_region(region, Core(task.tile.holds, loaded))
-            break
-        except TooNarrowError:
-            ring += 1
-            region.store.discard()
-            log.info("tile %s: a building goes on far beyond it; it is computed again", task.tile.name)
-    end_manifest(place, summary.files, summary.about, summary.complete)
-    run = json.loads((place / "run.json").read_text(encoding="utf-8"))
-    assert summary.found == run["found"]
-    return TileDone(run, {task.numbers[number]: box for number, box in region.wrong_boxes.items()})
+    return None
 
 
 def is_whole(place: Path) -> bool:
@@ -219,68 +223,76 @@ def is_whole(place: Path) -> bool:
     return not wrong
 
 
-def build_tiles(run: Run, workers: Workers, progress: Progress, build_region: BuildRegion) -> Summary:
-    """The whole run, tile by tile: folders `tiles/<column>_<row>`, and over them one footprints.gpkg and one
-    virtual raster each of terrain, surface and mask.
+class Tiles:
+    """The tiles of a run on their way: which are to be computed, and what came of the others."""
 
-    An input whose header puts it elsewhere than its points is found out by the first tile that reads it; the
-    tiles it does lie in are then computed with it.
-    """
-    from eaves.run.merge import merge_footprints, merge_masks, merge_rasters  # late: few runs need rasterio
+    def __init__(self, run: Run) -> None:
+        self.run, self.index = run, run.index
+        self.done: dict[Tile, TileDone] = {}
+        self.failed: dict[Tile, str] = {}
+        self.wrong_boxes: dict[int, Bounds] = {}
+        self.peak = peak_memory_mb()
+        self.todo = plan_tiles(self.index, run.side, run.window.bounds)
+        self._new: dict[int, Bounds] = {}
+        if "classified" in run.outputs:
+            log.warning("classified points are not written tile by tile; run eaves build --bounds for a part")
 
-    folder = run.folder
-    if "classified" in run.outputs:
-        log.warning("classified points are not written tile by tile; run eaves build --bounds for a part")
-    done: dict[Tile, TileDone] = {}
-    failed: dict[Tile, str] = {}
-    wrong_boxes: dict[int, Bounds] = {}
-    work = partial(compute_tile, folder=folder, build_region=build_region)
-    peak, index = peak_memory_mb(), run.index
-    begin_manifest(folder)
-    todo = plan_tiles(index, run.side, run.window.bounds)
-    while todo:
-        tasks = TileTasks(replace(run, index=index), todo)
-        new: dict[int, Bounds] = {}
-        for count, outcome in enumerate(workers.run(work, tasks), 1):
-            tile = todo[outcome.index]
-            peak = max(peak, outcome.peak_mb)
-            if outcome.full:
-                raise DiskFullError(outcome.error)
-            if outcome.answer is None:
-                failed[tile] = f"tile {tile.name}: {outcome.error}"
-                log.error("%s", failed[tile])
-            else:
-                done[tile] = outcome.answer
-                new |= {k: box for k, box in outcome.answer.wrong_boxes.items() if k not in wrong_boxes}
-            progress("tiles", count, len(todo))
-        wrong_boxes |= new
-        old, index = index, index.with_boxes(new)
-        tiles = plan_tiles(index, run.side, run.window.bounds) if new else []
-        known = done.keys() | failed.keys()
-        todo = [tile for tile in tiles if tile not in known or differs(tile, run, old, index)]
-    warn_of_wrong_boxes(run.index, wrong_boxes)
-    tiles = [tile for tile in sorted(done) if (folder / TILES_FOLDER / tile.name / "dtm.tif").exists()]
-    places = [folder / TILES_FOLDER / tile.name for tile in tiles]
-    files = [folder / "footprints.gpkg", folder / REVIEW]
-    lost = rows_of_no_tile(run, {*done, *failed})
-    doubts = merge_footprints(files[0], places, run.index.system, lost, run.side, run.provenance)
-    progress("merge", 1, 3)
-    if places:
-        merge_masks(files[0], places, run.index.system, workers, run.provenance)
-        progress("merge", 2, 3)
-        files += merge_rasters(folder, places, run.provenance)
-    files.append(write_map(folder, files, run.index.system))
-    progress("merge", 3, 3)
-    runs = [done[tile].run for tile in sorted(done)]
-    reasons = [*run.failed, *failed.values(), *(reason for one in runs for reason in one["incomplete"])]
-    files += [folder / TILES_FOLDER / tile.name / MANIFEST for tile in sorted(done)]
-    files.append(folder / "run.json")
-    missing = Counter(row.code for row in lost)
-    runs.append({"found": len(lost), "failures": missing, **{name: {} for name in COUNTED}})
-    summary = total_of(runs, run, folder, files, tuple(dict.fromkeys(reasons)), peak)
-    summary = replace(summary, run={**summary.run, "doubts": doubts})
-    write_run(summary)
-    return summary
+    def tasks(self) -> TileTasks:
+        """Those to be computed, with all that they need."""
+        return TileTasks(replace(self.run, index=self.index), self.todo)
+
+    def note(self, outcome: Outcome) -> None:
+        """Take down what came of a tile."""
+        tile = self.todo[outcome.index]
+        self.peak = max(self.peak, outcome.peak_mb)
+        if outcome.answer is None:
+            self.failed[tile] = f"tile {tile.name}: {outcome.error}"
+            log.error("%s", self.failed[tile])
+        else:
+            self.done[tile] = outcome.answer
+            boxes = outcome.answer.wrong_boxes.items()
+            self._new |= {number: box for number, box in boxes if number not in self.wrong_boxes}
+
+    def look_again(self) -> None:
+        """Find the tiles that meet other inputs now that the true boxes of some are known."""
+        new, self._new = self._new, {}
+        self.wrong_boxes |= new
+        old, self.index = self.index, self.index.with_boxes(new)
+        tiles = plan_tiles(self.index, self.run.side, self.run.window.bounds) if new else []
+        known = self.done.keys() | self.failed.keys()
+        self.todo = [one for one in tiles if one not in known or differs(one, self.run, old, self.index)]
+
+    def merge(self, workers: Workers, progress: Progress) -> Summary:
+        """Put together what the tiles wrote."""
+        from eaves.run.merge import merge_footprints, merge_masks, merge_rasters  # late: needs rasterio
+
+        run, folder = self.run, self.run.folder
+        files = [folder / "footprints.gpkg", folder / REVIEW]
+        places = [folder / TILES_FOLDER / tile.name for tile in sorted(self.done)]
+        with_terrain = [place for place in places if (place / "dtm.tif").exists()]
+        lost = rows_of_no_tile(run, {*self.done, *self.failed})
+        doubts = merge_footprints(files[0], with_terrain, run.index.system, lost, run.side, run.provenance)
+        progress("merge", 1, 3)
+        if with_terrain:
+            merge_masks(files[0], with_terrain, run.index.system, workers, run.provenance)
+            progress("merge", 2, 3)
+            files += merge_rasters(folder, with_terrain, run.provenance)
+        files.append(write_map(folder, files, run.index.system))
+        progress("merge", 3, 3)
+        files += [place / MANIFEST for place in places]
+        files.append(folder / "run.json")
+        summary = self._summary(lost, files)
+        summary = replace(summary, run={**summary.run, "doubts": doubts})
+        write_run(summary)
+        return summary
+
+    def _summary(self, lost: Sequence[BuildingRow], files: Sequence[Path]) -> Summary:
+        runs = [self.done[tile].run for tile in sorted(self.done)]
+        failed = [*self.run.failed, *self.failed.values()]
+        failed += [reason for one in runs for reason in one["incomplete"]]
+        missing = Counter(row.code for row in lost)
+        runs.append({"found": len(lost), "failures": missing, **{name: {} for name in COUNTED}})
+        return total_of(runs, self.run, files, tuple(dict.fromkeys(failed)), self.peak)
 
 
 COUNTED = ("by_lod", "fallbacks", "stage_cpu_seconds")
@@ -311,7 +323,6 @@ def differs(tile: Tile, run: Run, old: Index, new: Index) -> bool:
 def total_of(
     runs: Sequence[dict[str, Any]],
     run: Run,
-    folder: Path,
     files: Sequence[Path],
     failed: tuple[str, ...],
     peak: float,
@@ -323,7 +334,7 @@ def total_of(
             counter.update(one[name])
     found = sum(one["found"] for one in runs)
     return Summary(
-        folder=folder,
+        folder=run.folder,
         points=run.index.points,
         found=found,
         modelled=sum(one.get("modelled", 0) for one in runs),

@@ -4,50 +4,48 @@ from __future__ import annotations
 
 import numpy as np
 
-from eaves.ground import GroundMethod
 from eaves.ground.toolkit.floor import COARSEST_M, Floor
 from eaves.ground.toolkit.wide_objects import Patch, WideObjects
-from eaves.model import Block, Bounds
+from eaves.model import Bounds
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
 from eaves.model.doubt import Doubt
 from eaves.run.decks import Decks, decks_of, look_around
-from eaves.run.mark import mark_of
-from eaves.run.part_file import load_value, open_part, pack, save_part, save_value
-from eaves.run.store import Store, extent_of, link_file
+from eaves.run.keys import DECKS, FLOORS, WIDE, key_of
+from eaves.run.part_file import load_value, pack
+from eaves.run.recipe import Recipe
+from eaves.run.store import Store, Task, extent_of
 from eaves.run.world_squares import WIDE_SQUARE, squares_of, within
 
 TYPES = {cls.__name__: cls for cls in (Floor, Patch, Doubt, Decks)}
 """The classes of the parts kept here."""
-INPUTS = "inputs"
-"""Array of a part of decks: the mark of what they follow from."""
 EMPTY_RIM = 24 * COARSEST_M
 """So much (m) is looked at around the data, as far as decks are followed: more, being empty, changes
 nothing."""
 
 
-def keep_floor(block: Block, store: Store) -> None:
+def keep_floor(task: Task, store: Store) -> None:
     """The floor of a block's points, kept in the store; what the file calls noise stays out."""
+    block = task.unit
     records = store.read_points(block)
     if store.has_classes:
         used = np.flatnonzero(~np.isin(records["classification"], NOISE_CLASSES))
         records = records if len(used) == len(records) else records.take(used)
     floor = Floor.empty(extent_of(records["xyz"], block) or Bounds(*block.origin, *block.origin))
     floor.add(records["xyz"], 1.0, [round(value / GRID_STEP) for value in block.origin])
-    save_value(store.path("floors", block), floor)
+    store.save(FLOORS, block, pack("value", floor), task.read)
 
 
-def keep_square(
-    square: Block, store: Store, side: float, ground: GroundMethod, earlier: Store | None = None
-) -> None:
-    """What stands over the terrain in a square, kept in the store; `side` is that of the blocks.
-
-    Decks are taken from the store of an `earlier` run where they follow from the same.
-    """
+def keep_square(task: Task, store: Store, side: float, recipe: Recipe) -> None:
+    """What stands over the terrain in a square, and the decks of bridges there, kept in the store; `side` is
+    that of the blocks."""
+    square, ground = task.unit, recipe.ground
     seen = square.bounds.buffered(ground.wide_buffer)
-    blocks = (block for block in squares_of([seen], side) if store.has("floors", block))
-    floors = [load_value(store.path("floors", block), TYPES) for block in blocks]
+    blocks = (block for block in squares_of([seen], side) if store.has(FLOORS, block))
+    floors = [load_value(store.path(FLOORS, block), TYPES) for block in blocks]
     patches: tuple[Patch, ...] = ()
-    if floors:
+    if not floors:
+        store.remove(DECKS, square)
+    else:
         extent = floors[0].bounds
         for one in floors[1:]:
             extent = extent.union(one.bounds)
@@ -56,32 +54,19 @@ def keep_square(
             floor.merge(one)
         patch = ground.find_wide_objects(floor)
         patches = () if patch is None else (patch.cropped(square.bounds),)
-        keep_decks(square, store, floor, patch, earlier)
-    save_value(store.path("squares", square), patches)
-
-
-def keep_decks(
-    square: Block, store: Store, floor: Floor, raised: Patch | None, earlier: Store | None
-) -> None:
-    """The decks of bridges in a square, kept in the store."""
-    seen, roofs = look_around(floor, square.bounds, raised)
-    mark = mark_of(seen.west, seen.north, seen.cell, seen.level, seen.water, roofs)
-    path = store.path("decks", square)
-    if earlier is not None and earlier.has("decks", square):
-        with open_part(earlier.path("decks", square)) as file:
-            known = file[INPUTS].tobytes().decode() if INPUTS in file else ""
-        if known == mark:
-            link_file(earlier.path("decks", square), path)
-            return
-    found = pack("value", decks_of(seen, roofs, square.bounds))
-    save_part(path, {**found, INPUTS: np.frombuffer(mark.encode(), np.uint8)})
+        look = look_around(floor, square.bounds, patch)
+        taken = key_of(DECKS.key(recipe), *look)
+        if not store.recalls(DECKS, square, task.read, taken):
+            found = decks_of(*look, square.bounds)
+            store.save(DECKS, square, pack("value", found), task.read, taken)
+    store.save(WIDE, square, pack("value", patches), task.read)
 
 
 def load_wide(store: Store, bounds: Bounds) -> WideObjects:
     """What stands over the terrain within `bounds`, world metres."""
     patches = []
     for square in squares_of([bounds], WIDE_SQUARE):
-        path = store.path("squares", square)
+        path = store.path(WIDE, square)
         if path.exists():
             patches += load_value(path, TYPES)
     return WideObjects(tuple(patches))
@@ -89,5 +74,5 @@ def load_wide(store: Store, bounds: Bounds) -> WideObjects:
 
 def load_decks(store: Store, bounds: Bounds) -> tuple[Decks, ...]:
     """The decks of bridges within `bounds`, world metres."""
-    paths = [store.path("decks", square) for square in squares_of([bounds], WIDE_SQUARE)]
+    paths = [store.path(DECKS, square) for square in squares_of([bounds], WIDE_SQUARE)]
     return tuple(load_value(path, TYPES) for path in paths if path.exists())

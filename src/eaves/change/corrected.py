@@ -1,0 +1,145 @@
+"""Edits carried out: buildings modelled again by what a user says of them, in a layer over those found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import shapely
+from shapely import Polygon
+
+from eaves.change.edits import Order
+from eaves.change.versions import version_of
+from eaves.model import Block, BuildingModel, Failure, Footprint
+from eaves.model.results import BuildingResult
+from eaves.run.building import building_pass
+from eaves.run.building_file import SavedBuilding
+from eaves.run.gather import Gatherer
+from eaves.run.join import BuildingPlan, about, block_of
+from eaves.run.keys import BUILDINGS, Step
+from eaves.run.region import Region
+from eaves.run.store import EDITED, NAMED, Store
+
+OVERLAP_M2 = 1.0
+"""An edited outline that covers more of a neighbour than this (m²) is told."""
+
+
+@dataclass
+class Corrected:
+    """What came of edits: ids of buildings modelled and removed, edits that gave no model with the reason,
+    and the owner blocks whose buildings are others now."""
+
+    modelled: list[str] = field(default_factory=list)
+    removed: list[str] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+    touched: set[Block] = field(default_factory=set)
+
+
+def as_found(store: Store) -> Store:
+    """The store as its run found the buildings, before any edit."""
+    return store.with_layers(NAMED, BUILDINGS.name)
+
+
+def outlines_in(store: Store, side: float) -> dict[str, Polygon]:
+    """Id → outline (world metres) of the buildings of a store."""
+    return {str(row.values["id"]): row.polygon for row in store.building_rows(store.owners(side))}
+
+
+def correct(region: Region, orders: Sequence[Order]) -> Corrected:
+    """Carry out all orders on a region's buildings, and take back what is ordered no more."""
+    store, side = region.store, region.run.side
+    found, edited = as_found(store), store.with_layers(EDITED)
+    home = {
+        str(row.values["id"]): owner for owner in found.owners(side) for row in found.building_rows([owner])
+    }
+    by_owner: dict[Block, list[Order]] = {}
+    for order in orders:
+        owner = home.get(order.id) or block_of(Footprint(order.outlines[0]), side)
+        by_owner.setdefault(owner, []).append(order)
+    done = Corrected(touched={*by_owner, *edited.owners(side)})
+    for count, owner in enumerate(sorted(done.touched), 1):
+        if owner in by_owner:
+            edited.save_buildings(owner, corrected(region, owner, by_owner[owner], done))
+        else:
+            edited.remove(Step(EDITED), owner)
+        region.progress("buildings", count, len(done.touched))
+    return done
+
+
+def corrected(
+    region: Region, owner: Block, orders: Sequence[Order], done: Corrected
+) -> list[BuildingResult | SavedBuilding]:
+    """The buildings of an owner block after its orders."""
+    results: list[BuildingResult | SavedBuilding] = []
+    wanted = {order.id: order for order in orders}
+    for saved in as_found(region.store).saved_buildings(owner):
+        order = wanted.pop(str(saved.row.values["id"]), None)
+        if order is None:
+            results.append(saved)
+        elif not order.outlines:
+            done.removed.append(order.id)
+        else:
+            results += model_order(region, owner, order, len(results), done, version_of(saved.result))
+    for order in wanted.values():
+        results += model_order(region, owner, order, len(results), done, {})
+    return results
+
+
+def model_order(
+    region: Region, owner: Block, order: Order, before: int, done: Corrected, version: Mapping[str, Any]
+) -> list[BuildingResult]:
+    """One building for each outline of an order, with the `version` of the building as it was found."""
+    results = []
+    for number, outline in enumerate(order.outlines, 1):
+        name = order.id if number == 1 else f"{order.id}-{number}"
+        given = about(Footprint(outline, id=name, attributes=dict(order.provenance)), owner.origin)
+        if given is None:
+            done.failed.append(f"{name}: its outline has no area")
+            continue
+        result = model_outline(region, owner, given, before + number, order.flat)
+        outcome = result.outcome
+        if isinstance(outcome, BuildingModel):
+            block = {"block_id": order.id} if len(order.outlines) > 1 else {}
+            attributes = {**outcome.attributes, **order.provenance, **block, **version}
+            result = replace(result, outcome=outcome.with_(attributes=attributes))
+        else:
+            done.failed.append(f"{name}: {outcome.reason}")
+        done.modelled.append(name)
+        results.append(result)
+    return results
+
+
+def model_outline(region: Region, owner: Block, given: Footprint, number: int, flat: bool) -> BuildingResult:
+    """What comes of an outline about the owner block's corner."""
+    store, recipe = region.store, region.run.recipe
+    west, south, east, north = given.polygon.bounds
+    x, y = owner.origin
+    first, last = Block.at(west + x, south + y, owner.side), Block.at(east + x, north + y, owner.side)
+    under = tuple(
+        (block, 0)
+        for block in region.blocks
+        if first.column <= block.column <= last.column and first.row <= block.row <= last.row
+    )
+    building = Gatherer(store).gather(owner, BuildingPlan(number, under, given))
+    if isinstance(building, Failure):
+        return BuildingResult.without_points(building)
+    return building_pass(building, given, recipe, store.system.horizontal_unit_m, flat=flat)
+
+
+def overlaps(orders: Sequence[Order], shown: Mapping[str, Polygon]) -> list[str]:
+    """Edited outlines that cover a part of another building that is shown."""
+    edited = {order.id: shapely.union_all(order.outlines) for order in orders if order.outlines}
+    names = list(shown)
+    tree = shapely.STRtree([shown[name] for name in names])
+    told = []
+    for name, outline in edited.items():
+        for k in tree.query(outline, predicate="intersects"):
+            other = names[k]
+            own = other == name or other.startswith(f"{name}-")
+            if own or (other in edited and other < name):
+                continue
+            area = shapely.intersection(outline, shown[other]).area
+            if area > OVERLAP_M2:
+                told.append(f"{name}: its outline covers {area:.1f} m² of {other}")
+    return told
