@@ -1,4 +1,4 @@
-"""What the schemas of CityJSON 2.0 ask of each object, written as JSON schema for `schema.breaks`.
+"""The schemas of CityJSON 2.0 for each object, as JSON schema.
 
 Own words for the rules of https://www.cityjson.org/schemas/2.0.2; the lists of types are theirs. What
 geometry, semantics and references mean, and how they are nested, is checked in `structure.py` and `files.py`.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from eaves.validate.schema import Schema
+from eaves.validate.schema import Schema, registry_of
 
 TEXT: Schema = {"type": "string"}
 NUMBER: Schema = {"type": "number"}
@@ -154,7 +154,7 @@ def object_of(kind: str) -> Schema:
     """A city object; its geometries, which may be many, are checked each by its own type."""
     known = {**COMMON, "geometry": list_of(OBJECT)}
     if kind in _ADDRESSED:
-        known["address"] = list_of(record({"location": {"$ref": "MultiPoint"}}))
+        known["address"] = list_of(record({"location": {"$ref": "shapes#/MultiPoint"}}))
     if kind == "CityObjectGroup":
         known["children_roles"] = list_of({"type": ["string", "null"]})
     needed = ("parents",) if kind in SECOND_LEVEL else ("children",) if kind == "CityObjectGroup" else ()
@@ -268,7 +268,8 @@ SHAPES: dict[str, Schema] = {
     "Texture": _TEXTURE,
     "metadata": METADATA,
 }
-"""What extensions name of CityJSON's schemas."""
+"""The parts of CityJSON's schemas that extensions name."""
+SCHEMAS = registry_of(SHAPES)
 PLUS = r"^\+"
 _EXTRA = {"type": "object", "patternProperties": {PLUS: True}, "additionalProperties": False}
 EXTENSION = record(

@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from referencing import Resource
+from referencing.jsonschema import DRAFT7
+
 from eaves.formats import InputError
-from eaves.validate.cityjson_schema import EXTENSION, SHAPES
-from eaves.validate.schema import Schema, breaks
+from eaves.validate.cityjson_schema import EXTENSION, SCHEMAS
+from eaves.validate.schema import breaks
 
-
-def named(reference: str) -> Schema | bool:
-    """What a name of CityJSON's schemas stands for: the last part of a `$ref`.
-
-    Raises
-    ------
-    ValueError
-        When there is none.
-    """
-    name = reference.rpartition("/")[2]
-    if name not in SHAPES:
-        raise ValueError(f"{reference!r} is no part of CityJSON's schemas")
-    return SHAPES[name]
+OWN = "urn:extension"
+"""Address of an extension's own file among the schemas."""
 
 
 @dataclass(frozen=True)
@@ -54,16 +46,13 @@ class Extension:
             found = found.get(step, {})
         return dict(found)
 
-    def named(self, reference: str) -> Schema | bool:
-        """What a `$ref` of the file stands for: a part of itself or of CityJSON's schemas."""
-        if not reference.startswith("#/"):
-            return named(reference)
-        found: Any = self.document
-        for step in reference[2:].split("/"):
-            found = found.get(step.replace("~1", "/").replace("~0", "~")) if isinstance(found, dict) else None
-        if not isinstance(found, dict | bool):
-            raise ValueError(f"{reference!r} names nothing in {self.path}")
-        return found
+    def breaks(self, value: Any, part: str, added: str) -> Iterator[str]:
+        """The breaks, by a value, of the schema that it adds to a part under a name."""
+        place = "/".join(step.replace("~", "~0").replace("/", "~1") for step in (*part.split("/"), added))
+        known = SCHEMAS.with_resource(
+            OWN, Resource.from_contents(dict(self.document), default_specification=DRAFT7)
+        )
+        return breaks(value, {"$ref": f"{OWN}#/{place}"}, known)
 
 
 def read_extension(path: str | Path) -> Extension:
@@ -81,6 +70,6 @@ def read_extension(path: str | Path) -> Extension:
         raise InputError.about(path, f"cannot be read ({error.strerror})", "check the path") from None
     except (ValueError, RecursionError) as error:
         raise InputError.about(path, f"is not JSON ({error})", remedy) from None
-    for broken in breaks(document, EXTENSION, named):
+    for broken in breaks(document, EXTENSION, SCHEMAS):
         raise InputError.about(path, f"defines no extension: {broken}", remedy)
     return Extension(Path(path), document)

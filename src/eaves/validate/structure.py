@@ -21,11 +21,12 @@ from eaves.validate.cityjson_schema import (
     HEAD,
     INSTANCE,
     OBJECTS,
+    SCHEMAS,
     SECOND_LEVEL,
     SURFACES,
 )
 from eaves.validate.codes import make_finding
-from eaves.validate.extensions import Extension, named
+from eaves.validate.extensions import Extension
 from eaves.validate.schema import breaks
 
 SEMANTIC_DEPTH = {
@@ -70,12 +71,9 @@ class Rules:
             appearance if isinstance(appearance, dict) else {},
         )
 
-    def added(self, part: str, name: str) -> tuple[Extension, Any] | None:
-        """The extension that adds something by this name, with what it says of it."""
-        for extension in self.extensions:
-            if (schema := extension.added(part).get(name)) is not None:
-                return extension, schema
-        return None
+    def adding(self, part: str, name: str) -> Extension | None:
+        """The extension that adds something by this name."""
+        return next((one for one in self.extensions if name in one.added(part)), None)
 
     @property
     def all_known(self) -> bool:
@@ -97,7 +95,7 @@ def check_head(head: dict[str, Any], rules: Rules) -> Iterator[Finding]:
             if not isinstance(head.get(name), kind):
                 yield make_finding(915, "", "file", f"it has no {name}, which must be there, be it empty")
         return
-    for broken in breaks(head, HEAD, named):
+    for broken in breaks(head, HEAD, SCHEMAS):
         yield make_finding(915, "", "file", broken)
     for name, value in head.items():
         if name.startswith("+"):
@@ -118,7 +116,7 @@ def check_feature(document: Any, rules: Rules) -> Iterator[Finding]:
         yield make_finding(915, "", "file", 'a line is not an object of type "CityJSONFeature"')
         return
     name = document.get("id")
-    for broken in breaks(document, FEATURE, named):
+    for broken in breaks(document, FEATURE, SCHEMAS):
         yield make_finding(915, str(name or ""), "feature", broken)
     objects = document.get("CityObjects")
     if isinstance(name, str) and isinstance(objects, dict) and name not in objects:
@@ -152,7 +150,7 @@ def check_object(name: str, item: dict[str, Any], kind: Any, rules: Rules) -> It
     if isinstance(kind, str) and kind in OBJECTS:
         if rules.strict:
             schema = {key: one for key, one in OBJECTS[kind].items() if key != "required"}
-            for broken in breaks(item, schema, named):
+            for broken in breaks(item, schema, SCHEMAS):
                 yield make_finding(915, name, "object", broken)
             if kind == "CityObjectGroup" and "children" not in item:
                 yield make_finding(915, name, "object", "it has no children")
@@ -177,11 +175,11 @@ def check_added(
     if not rules.declared:
         yield make_finding(911, name, where, f"{added!r} belongs to an extension, and none is declared")
         return
-    found = rules.added(f"{part}/{owner}" if owner else part, added)
-    if found is not None:
-        extension, schema = found
+    part = f"{part}/{owner}" if owner else part
+    extension = rules.adding(part, added)
+    if extension is not None:
         try:
-            for broken in breaks(value, schema, extension.named):
+            for broken in extension.breaks(value, part, added):
                 yield make_finding(915, name, where, f"by extension {extension.name}, {broken}")
         except ValueError as error:
             raise InputError.about(extension.path, f"cannot be followed: {error}", "correct it") from None
@@ -216,7 +214,7 @@ def check_geometry(
             yield make_finding(911, name, where, f"{kind!r} is no type of geometry")
         return
     if rules.strict:
-        for broken in breaks(geometry, GEOMETRIES[kind], named):
+        for broken in breaks(geometry, GEOMETRIES[kind], SCHEMAS):
             yield make_finding(915, name, where, broken)
     if kind == INSTANCE:
         number = geometry.get("template")
