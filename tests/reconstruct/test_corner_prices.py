@@ -8,7 +8,6 @@ import shapely
 
 from eaves.model import Points
 from eaves.reconstruct.arrangement import Arrangement
-from eaves.reconstruct.toolkit.cell_labels import highest_allowed
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
 from eaves.reconstruct.toolkit.coverage import Coverage, coverage_of
 from eaves.reconstruct.toolkit.half_edges import Integers
@@ -23,14 +22,13 @@ def settled(cells: list[list[tuple[float, float]]], roof: Points, planes: list[n
     assert plan is not None
     labels: Integers = np.arange(len(cells))
     method = Arrangement()
-    known, costs = np.array([*planes, planes[0]]), method.costs(SPACING)
+    known = np.array([*planes, planes[0]])
     answer, kept = settle_corners(
         plan,
         labels,
         roof,
         known,
-        highest_allowed(roof, known, SPACING, costs.least_rise),
-        costs,
+        method,
         method.corner_points,
         method.corner_reach,
     )

@@ -12,7 +12,7 @@ from eaves.reconstruct.toolkit.attributes import measure_volume
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.extrude import extrude, split_crossings
 from eaves.reconstruct.toolkit.overlay import arrange
-from eaves.reconstruct.toolkit.simplification import SHORTEST_BORDER, absorb_slivers
+from eaves.reconstruct.toolkit.simplification import SHORTEST_BORDER
 from eaves.reconstruct.toolkit.soundness import bend_defect, find_defect, fold_defect, on_own_plane
 
 SQUARE = shapely.box(0, 0, 4, 4)
@@ -158,14 +158,3 @@ def test_corner_of_a_steep_face_bends_the_same_way_in_plan_and_from_the_side(
     face = Face(((0, 1, 2, 3, 4),), ROOF_SURFACE, 0)
     defect = bend_defect(Solid(np.array(corners), (face,)), [0])
     assert (defect == "") is sound
-
-
-@pytest.mark.parametrize(("highest", "cells"), [(8.9, 2), (9.1, 1)])
-def test_sliver_stays_where_its_neighbour_would_rise_too_high(highest: float, cells: int) -> None:
-    # a slope of 45° that may not reach the eastern edge, where a strip 0.15 m wide is level
-    plan = arrange(shapely.box(0.0, 0.0, 4.0, 4.0), np.array([[3.85, 0.0, 3.85, 4.0]]))
-    assert plan is not None
-    labels = (plan.area < 1.0).astype(np.int64)
-    planes = np.array([[1.0, 0.0, 5.0], [0.0, 0.0, 6.0]])
-    tidied, _ = absorb_slivers(plan, labels, 0.3, 0.2, planes, np.array([highest, 99.0]))
-    assert tidied.count == cells

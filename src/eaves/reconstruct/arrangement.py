@@ -1,8 +1,7 @@
-"""The default reconstructor: a plan of lines, labelled by a graph cut, raised to solids."""
+"""The default reconstructor: a plan of lines, labelled at least cost, raised to solids."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,7 +11,7 @@ from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Values
 from eaves.reconstruct.toolkit.attributes import Surface, describe, surface_heights
-from eaves.reconstruct.toolkit.cell_labels import LabelCosts, hold_down, label_cells, plane_reach
+from eaves.reconstruct.toolkit.cell_labels import LabelCosts, label_cells, plane_reach
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import (
@@ -24,42 +23,41 @@ from eaves.reconstruct.toolkit.evidence import (
     support_of,
 )
 from eaves.reconstruct.toolkit.extrude import extrude_plan, without_numbers
-from eaves.reconstruct.toolkit.levels import coarse_solids, simple_solids
-from eaves.reconstruct.toolkit.line_limits import LineReconstructor
+from eaves.reconstruct.toolkit.levels import coarse_solids
+from eaves.reconstruct.toolkit.line_reconstructor import LineReconstructor
 from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_superstructures
 
 
-class Arrangement(LineReconstructor):
+class Arrangement(LineReconstructor, LabelCosts, ObjectLimits):
     """The solids at LoD 1.2, 1.3, 2.0 and 2.2 from one plan.
 
     Lines cut the footprint into cells: where two roof planes meet, where heights jump between the points
-    of two planes, the sides of planes that are rectangles, and the footprint itself; lines that nearly
-    coincide become one, and each is lengthened to the next, so that it cuts. All is rounded to a 1 mm
-    grid by snap rounding, which keeps the plan a plan. A graph cut gives every cell the plane that fits
-    its points, at a cost for each metre of border, most where heights jump, and for each plane, and
-    never one that would leave the heights its own points support. Cells with one plane are merged,
-    slivers and short edges go, and the plan is raised with vertices that all faces share. The coarser
-    levels merge the same cells further: LoD 2.0 labels them at higher costs, 1.3 and 1.2 level them.
+    of two planes, the sides of the rectangle around each plane, and the footprint itself; each is lengthened
+    to the next, so that it cuts. All is rounded to a 1 mm grid by snap rounding, which keeps the plan a plan.
+    Every cell gets the plane that fits its points, at a cost for each metre of border, most where heights
+    jump, and for each plane. Cells with one plane are merged, slivers and short edges go, and the plan is
+    raised with vertices that all faces share. The coarser levels merge the same cells further: LoD 2.0 gives
+    small faces to their neighbours, 1.3 and 1.2 level them.
 
     Formula
     -------
     min Σ_cells Σ_points a² [min((d/τ)², 1) + min(d/g, 1)] + β Σ_borders length · s(jump) + γ · planes in use,
 
-    d the distance of a roof point from the cell's plane, less 3 cm of noise, a the spacing, τ, g the
-    limits, β, γ the prices; s grows with the height of the jump from 0.2 where the planes meet to 1 where
-    they are half a metre apart. γ counts in points where these are dense: what a part must show to be worth
-    its description is a number of points, not an area. Solved by expansion moves [boykov2001], and
-    planes that cost more than they save are given up. A corner then stays where it is only when its moving
-    into the next one, or onto the line between its neighbours, would cost the points more than
-    `corner_points` for each corner that saves.
+    d the distance of a roof point from the cell's plane, a the spacing, τ, g the limits, β, γ the prices; s
+    grows with the height of the jump from 0.2 where the planes meet to 1 where they are half a metre apart. γ
+    counts in points: what a part must show to be worth its description is a number of points, not an area.
+    Cells choose in the order of what it matters to them, then cells, regions and whole planes move to what is
+    cheaper for them; expansion moves [boykov2001] come to the same sums. A corner then stays where it is only
+    when its moving into the next one, or onto the line between its neighbours, would cost the points more
+    than `corner_points` for each corner that saves.
 
     Fidelity
     --------
-    Own method, on ideas of the 3DBAG's [peters2022]: lines, arrangement, graph cut, extrusion; its 3 m
-    jump for LoD 1.3 and its 70th percentile are kept. Regularisation, the support rule, rectangles,
-    levels for clutter, and the shared columns are ours.
+    Own method, on ideas of the 3DBAG's [peters2022]: lines, arrangement, labels of least
+    cost, extrusion; its 3 m jump for LoD 1.3 and its 70th percentile are kept. Regularisation, the support
+    rule, rectangles, levels for clutter, and the shared columns are ours.
 
     Fails where
     -----------
@@ -73,42 +71,20 @@ class Arrangement(LineReconstructor):
 
     Complexity
     ----------
-    O(N log N) in points; lines are at most six a plane, so cells are bounded; each cut is polynomial in
-    cells.
+    O(N log N) in points; lines are at most six a plane, so cells are bounded; each round of moves is linear
+    in cells times planes.
 
     References
     ----------
-    [peters2022], [boykov2001], [kolmogorov2004].
+    [peters2022], [boykov2001].
     """
 
     name: ClassVar[str] = "arrangement"
     idea: ClassVar[str] = (
-        "Lines cut the footprint into cells; a graph cut gives each its plane; the plan is raised."
+        "Lines cut the footprint into cells; each gets the plane that costs least; the plan is raised."
     )
     paper: ClassVar[str] = "peters2022"
 
-    residual_limit: float = parameter(
-        0.35, "Distance from a plane at which a point's residual stops growing.", unit="m", symbol="τ", gt=0.0
-    )
-    gross_limit: float = parameter(
-        2.0, "Distance at which a point's gross residual, added, stops growing.", unit="m", symbol="g", gt=0.0
-    )
-    border_cost: float = parameter(
-        0.3,
-        "Price of a metre of border with a jump, as square metres of residual.",
-        unit="m",
-        symbol="β",
-        ge=0.0,
-    )
-    plane_cost: float = parameter(
-        0.8, "Highest price of a plane in use, in square metres of residual.", unit="m2", symbol="γ", ge=0.0
-    )
-    plane_points: float = parameter(
-        4.0,
-        "The same as points: a plane, three numbers and the corners around it, is worth stating when it "
-        "explains so many.",
-        ge=0.0,
-    )
     corner_points: float = parameter(
         4.0,
         "Points that a corner of the roof must explain, or it goes: two numbers, one more for a second "
@@ -119,123 +95,11 @@ class Arrangement(LineReconstructor):
     extension: float = parameter(
         1.0, "How far a line reaches beyond its evidence before it ends on the next one.", unit="m", ge=0.0
     )
-    overshoot: float = parameter(
-        0.5, "How far a plane may rise above or fall below its own points.", unit="m", ge=0.0
-    )
-    reach_beyond: float = parameter(
-        1.0, "How far in plan a sloped plane may run beyond its own points.", unit="m", ge=0.0
-    )
-    narrowest: float = parameter(0.5, "Width of the narrowest roof face, in spacings.", ge=0.0)
     smallest: float = parameter(
-        0.3, "Area of the smallest roof face where points are not dense.", unit="m2", ge=0.0
-    )
-    smallest_points: float = parameter(4.0, "Points on the smallest roof face where they are dense.", ge=0.0)
-    farthest: float = parameter(
-        5.0,
-        "How near a cell must be to the rectangle around a plane's points to get that plane.",
-        unit="m",
-        ge=0.0,
-    )
-    support_trim: float = parameter(
-        1.0,
-        "Percentage of a plane's points, lowest and highest, whose heights do not support it.",
-        unit="percent",
-        ge=0.0,
-        lt=50.0,
-    )
-    free_misfit: float = parameter(
-        0.03,
-        "Distance from a plane that costs nothing: noise, which no other plane explains better.",
-        unit="m",
-        ge=0.0,
-    )
-    least_rise: float = parameter(
-        0.25,
-        "How far a roof may rise over the highest of its points: the ridge between two points.",
-        unit="m",
-        ge=0.0,
-    )
-    unknown_cost: float = parameter(
-        0.3,
-        "Price of a square metre under the level that stands for no plane, as square metres of residual.",
-        ge=0.0,
-    )
-    meeting_share: float = parameter(
-        0.2,
-        "Share of the price of a border that is due where the two planes meet: ridges and valleys are cheap.",
-        ge=0.0,
-        le=1.0,
-    )
-    full_jump: float = parameter(
-        0.5, "Height of a jump from which on a border costs its full price.", unit="m", gt=0.0
-    )
-    least_width: float = parameter(
-        0.1, "Roof faces narrower than this are slivers at any density.", unit="m", ge=0.0
-    )
-    least_area: float = parameter(
         0.1, "Roof faces smaller than this are not built, however many points they hold.", unit="m2", ge=0.0
     )
-    superstructure_points: int = parameter(
-        8, "Points that show an object on the roof which the solids leave out.", ge=4
-    )
-    superstructure_height: float = parameter(
-        0.4, "Least height of such an object over the roof.", unit="m", gt=0.0
-    )
-    superstructure_gap: float = parameter(
-        1.6, "Points of one object have another this many spacings away or nearer.", gt=0.0
-    )
-    superstructure_level: float = parameter(
-        0.35,
-        "Points this near to the top of an object lie on it; a chimney's pots stand out by less.",
-        unit="m",
-        gt=0.0,
-    )
-    superstructure_inside: float = parameter(
-        0.8, "Least share of an object's outline inside the footprint.", ge=0.0, le=1.0
-    )
-    superstructure_on_top: float = parameter(
-        0.5,
-        "Least share of an object's points on its top: those of a crown are strewn over its height.",
-        ge=0.0,
-        le=1.0,
-    )
-    superstructure_largest: float = parameter(
-        6.0, "Larger objects are parts of the roof that it lacks, not objects on it.", unit="m2", gt=0.0
-    )
-    superstructure_highest: float = parameter(
-        6.0, "Objects higher than this over the roof are crowns, masts and cranes.", unit="m", gt=0.0
-    )
-    superstructure_beside: float = parameter(
-        1.5,
-        "Points that the roof within so many spacings explains lie where a border is drawn a little off.",
-        ge=0.0,
-    )
-    superstructure_beside_least: float = parameter(0.2, "The same, at least.", unit="m", ge=0.0)
-    superstructure_beside_most: float = parameter(
-        0.5,
-        "The same, at most; farther up a slope the roof would explain an object, too.",
-        unit="m",
-        ge=0.0,
-    )
-    superstructure_least: float = parameter(
-        0.0,
-        "Smaller objects are left out of what is written; the solids are as they are.",
-        unit="m2",
-        ge=0.0,
-    )
-    superstructure_flat: float = parameter(
-        0.18,
-        "Rise per metre under which a roof is flat, 10°: plant and lift housings stand on it, else chimneys "
-        "and dormers.",
-        ge=0.0,
-    )
-    largest_chimney: float = parameter(1.5, "Area of the largest chimney.", unit="m2", gt=0.0)
-    lowest_lift_housing: float = parameter(1.6, "Height of the lowest lift housing.", unit="m", gt=0.0)
     level_jump: float = parameter(
         3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", gt=0.0
-    )
-    simple_cost: float = parameter(
-        8.0, "Price of a plane in use at LoD 2.0, in square metres of residual.", unit="m2", ge=0.0
     )
     simple_smallest: float = parameter(
         10.0,
@@ -261,9 +125,6 @@ class Arrangement(LineReconstructor):
         unit="m",
         ge=0.0,
     )
-    least_fit: float = parameter(
-        0.5, "Share of roof points that LoD 2 explains to half a metre, or it is given up.", ge=0.0, le=1.0
-    )
 
     under_base: float = parameter(
         0.05,
@@ -288,14 +149,13 @@ class Arrangement(LineReconstructor):
             reason = f"{len(roof)} roof points inside the footprint"
             return Failure("too_few_points", reason, self.stage, footprint)
         spacing = spacing_on_roof(roof, footprint.polygon)
-        labels, coefficients = support_of(points, top, planes, spacing, ground, self.clutter_limits())
+        labels, coefficients = support_of(points, top, planes, spacing, ground, self)
         plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
         if plan is None:
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
-        costs = self.costs(spacing)
-        reach = plane_reach(roof, labels, coefficients, spacing, ground, costs)
+        reach = plane_reach(roof, labels, coefficients, spacing, ground, self)
         located = plan.cells_of(roof)
-        chosen = label_cells(plan, reach, costs, located)
+        chosen = label_cells(plan, reach, self, located)
         located = plan.cells_merged(chosen, located)
         merged, chosen = plan.merged(chosen)
         plan, chosen = settle_corners(
@@ -303,9 +163,8 @@ class Arrangement(LineReconstructor):
             chosen,
             roof,
             coefficients,
-            reach.highest,
-            costs,
-            self.corner_price(spacing),
+            self,
+            self.corner_points,
             self.corner_reach,
         )
         if plan is not merged:
@@ -313,18 +172,9 @@ class Arrangement(LineReconstructor):
         if emit is not ignore:
             emit("plan", plan.polygons())
         emit("plane of each cell", chosen)
-        smallest_face = max(self.least_area, min(self.smallest, self.smallest_points * spacing**2))
-        limits = (smallest_face, max(self.least_width, self.narrowest * spacing))
-        fine = extrude_plan(
-            plan,
-            chosen,
-            coefficients,
-            ground,
-            *limits,
-            lambda tidied, kept: hold_down(tidied, kept, reach, costs),
-            reach.highest,
-        )
-        solids = coarse_solids(plan, roof, ground, self.level_jump, limits, located)
+        known = (plan, chosen, coefficients, ground)
+        fine = extrude_plan(*known, self.smallest)
+        solids = coarse_solids(plan, roof, ground, self.level_jump, self.smallest, located)
         errors: dict[str, Values] = {}
         for lod, parts in solids.items():
             alike = next((other for other in errors if solids[other] is parts), None)
@@ -332,9 +182,8 @@ class Arrangement(LineReconstructor):
                 self.errors(surface_heights(parts, roof[:, :2]), roof) if alike is None else errors[alike]
             )
         if planes and plan.count > 1:
-            higher = self.simple_costs(costs)
-            smallest = (self.simple_smallest, limits[1])
-            simple = simple_solids(plan, reach, ground, higher, smallest, self.simple_share, located)
+            smallest = min(self.simple_smallest, self.simple_share * float(plan.area.sum()))
+            simple = without_numbers(extrude_plan(*known, smallest).solids)
             error = self.errors(surface_heights(simple, roof[:, :2]), roof)
             if simple and not self.compare("2.0", error, errors):
                 solids["2.0"], errors["2.0"] = simple, error
@@ -368,7 +217,7 @@ class Arrangement(LineReconstructor):
                 surface,
                 footprint.polygon,
                 spacing,
-                self.object_limits(),
+                self,
             )
             facts["installation_count"] = len(objects)
             model = model.with_(installations=objects)
@@ -386,60 +235,11 @@ class Arrangement(LineReconstructor):
         """The cells the candidate lines cut the footprint into; the footprint alone when they cannot be
         rounded.
         """
-        lines = candidate_lines(roof, labels, planes, footprint.polygon, spacing, self.line_limits())
+        lines = candidate_lines(roof, labels, planes, footprint.polygon, spacing, self)
         segments = extend(lines, footprint.polygon, self.extension)
         emit("lines", segments)
         plan = arrange(footprint.polygon, segments)
         return plan if plan is not None else arrange(footprint.polygon, np.zeros((0, 4)))
-
-    def costs(self, spacing: float) -> LabelCosts:
-        """The costs at LoD 2.2: points where they are dense, so that smaller parts are seen."""
-        return LabelCosts(
-            self.residual_limit,
-            self.gross_limit,
-            self.border_cost,
-            min(self.plane_cost, self.plane_points * spacing**2),
-            self.overshoot,
-            self.reach_beyond,
-            self.farthest,
-            self.support_trim,
-            self.free_misfit,
-            self.least_rise,
-            self.unknown_cost,
-            self.meeting_share,
-            self.full_jump,
-        )
-
-    def corner_price(self, spacing: float) -> float:
-        """The price of a corner in points: where they are sparse no more than the highest of a plane."""
-        return min(self.corner_points, self.plane_cost / spacing**2)
-
-    def simple_costs(self, costs: LabelCosts) -> LabelCosts:
-        """The costs at LoD 2.0; that of a border grows as lengths do with areas."""
-        if self.plane_cost <= 0.0:
-            return replace(costs, plane=self.simple_cost)
-        dearer = float(np.sqrt(self.simple_cost / self.plane_cost))
-        return replace(costs, plane=self.simple_cost, border=dearer * self.border_cost)
-
-    def object_limits(self) -> ObjectLimits:
-        """What makes an object on the roof."""
-        return ObjectLimits(
-            points=self.superstructure_points,
-            height=self.superstructure_height,
-            together=self.superstructure_gap,
-            level=self.superstructure_level,
-            inside=self.superstructure_inside,
-            on_top=self.superstructure_on_top,
-            least=self.superstructure_least,
-            largest=self.superstructure_largest,
-            highest=self.superstructure_highest,
-            beside=self.superstructure_beside,
-            least_beside=self.superstructure_beside_least,
-            most_beside=self.superstructure_beside_most,
-            flat=self.superstructure_flat,
-            chimney=self.largest_chimney,
-            lift_housing=self.lowest_lift_housing,
-        )
 
     def flattened(self, roof: Points, ground: float) -> dict[str, Any]:
         """Why a base (m) so near to the roof points (N, 3) leaves no room for the roof; empty if it does."""
@@ -458,9 +258,7 @@ class Arrangement(LineReconstructor):
         """Why a level with errors (N,; m) is given up for one of those `coarser`, as attributes; empty if
         not.
         """
-        rmse, share = float(np.sqrt(np.mean(error**2))), float(np.mean(error < 0.5))
-        if share < self.least_fit:
-            return fallen_back("poor_fit", f"LoD {lod} is within 0.5 m of {share:.0%} of the roof only")
+        rmse = float(np.sqrt(np.mean(error**2)))
         for other, its_error in sorted(coarser.items(), reverse=True):
             its = float(np.sqrt(np.mean(its_error**2)))
             if rmse > its + self.worse_by:

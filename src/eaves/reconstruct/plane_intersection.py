@@ -21,7 +21,7 @@ from eaves.reconstruct.toolkit.evidence import (
 from eaves.reconstruct.toolkit.extrude import extrude_plan
 from eaves.reconstruct.toolkit.half_edges import Integers
 from eaves.reconstruct.toolkit.levels import coarse_solids
-from eaves.reconstruct.toolkit.line_limits import LineReconstructor
+from eaves.reconstruct.toolkit.line_reconstructor import LineReconstructor
 from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 
@@ -69,7 +69,6 @@ class PlaneIntersection(LineReconstructor):
     extension: float = parameter(
         1.0, "How far a line reaches beyond its evidence before it ends on the next one.", unit="m", ge=0.0
     )
-    narrowest: float = parameter(0.5, "Width of the narrowest roof face, in spacings.", ge=0.0)
     smallest: float = parameter(0.5, "Area of the smallest roof face.", unit="m2", ge=0.0)
     level_jump: float = parameter(
         3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", gt=0.0
@@ -93,19 +92,18 @@ class PlaneIntersection(LineReconstructor):
         if not planes:
             return Failure("no_plane", "no roof plane was found among the points", self.stage, footprint)
         spacing = measure_spacing(roof)
-        labels, coefficients = support_of(points, top, planes, spacing, ground, self.clutter_limits())
-        lines = candidate_lines(roof, labels, coefficients, footprint.polygon, spacing, self.line_limits())
+        labels, coefficients = support_of(points, top, planes, spacing, ground, self)
+        lines = candidate_lines(roof, labels, coefficients, footprint.polygon, spacing, self)
         emit("lines", extend(lines, footprint.polygon, self.extension))
         plan = arrange(footprint.polygon, extend(lines, footprint.polygon, self.extension))
         if plan is None:
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
         plan, chosen = plan.merged(vote(plan, roof, labels, len(coefficients)))
         emit("plan", plan.polygons())
-        limits = (self.smallest, self.narrowest * spacing)
-        fine = extrude_plan(plan, chosen, coefficients, ground, *limits)
+        fine = extrude_plan(plan, chosen, coefficients, ground, self.smallest)
         if not fine.solids:
             return Failure("not_closed", f"the polyhedron has {fine.defect}", self.stage, footprint)
-        solids = {**coarse_solids(plan, roof, ground, self.level_jump, limits), "2.2": fine.solids}
+        solids = {**coarse_solids(plan, roof, ground, self.level_jump, self.smallest), "2.2": fine.solids}
         model = BuildingModel(footprint, solids)
         model = model.with_(planes=faces_as_planes(model, coefficients[fine.labels], points, top))
         return model.with_(attributes=describe(model, points[inside], roof, ground))

@@ -154,8 +154,8 @@ class MaasVosselman(Reconstructor):
         labels, faces = np.full(len(roof), -1, np.int32), np.zeros((0, 3))
         lines = [cuts]
         if others:
-            labels, faces = support_of(points, top, planes, spacing, ground, self.faces.clutter_limits())
-            found = candidate_lines(roof, labels, faces, footprint.polygon, spacing, self.faces.line_limits())
+            labels, faces = support_of(points, top, planes, spacing, ground, self.faces)
+            found = candidate_lines(roof, labels, faces, footprint.polygon, spacing, self.faces)
             lines += [
                 inside(extend(found, footprint.polygon, self.faces.extension), piece) for piece in others
             ]
@@ -170,11 +170,13 @@ class MaasVosselman(Reconstructor):
             return None
         chosen, coefficients = label_cells(plan, primitives, roof, labels, faces)
         plan, chosen = plan.merged(chosen)
-        limits = (self.faces.smallest, self.faces.narrowest * spacing)
-        fine = extrude_plan(plan, chosen, coefficients, ground, *limits)
+        fine = extrude_plan(plan, chosen, coefficients, ground, self.faces.smallest)
         if not fine.solids:
             return None
-        solids = {**coarse_solids(plan, roof, ground, self.faces.level_jump, limits), "2.2": fine.solids}
+        solids = {
+            **coarse_solids(plan, roof, ground, self.faces.level_jump, self.faces.smallest),
+            "2.2": fine.solids,
+        }
         model = BuildingModel(footprint, solids)
         model = model.with_(planes=faces_as_planes(model, coefficients[fine.labels], points, top))
         seen = points[points_inside(points, footprint.polygon)]

@@ -6,45 +6,67 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
-from eaves.geometry.percentiles import group_percentiles
 from eaves.kernels import kernel
+from eaves.methods import parameter
 from eaves.model import Labels, Points, Values
-from eaves.reconstruct.toolkit.alpha_expansion import LARGEST, HeightSteps, alpha_expansion
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF
 from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
+from eaves.reconstruct.toolkit.labelling import LARGEST, Borders, label_nodes
 
 RUNAWAY = 1e3
-"""Cost (m²) of a metre beyond the heights a plane's points support: more than any residual."""
+"""Cost (m²) of a metre under the lowest roof: more than any residual."""
 
 GAUSS_PLACES = (0.2113, 0.7887)
 """Where along a border its jump is measured: the two places of Gauss and Legendre's rule."""
 
 
-@dataclass(frozen=True)
-class LabelCosts:
-    """What a label costs; the parameters of the method, under the same names."""
+class LabelCosts(BaseModel):
+    """What a label costs: parameters of a method that labels cells."""
 
-    residual_limit: float
-    gross_limit: float
-    border: float
-    plane: float
-    overshoot: float
-    reach_beyond: float
-    farthest: float
-    support_trim: float
-    free_misfit: float
-    least_rise: float
-    unknown: float
-    meeting_share: float
-    full_jump: float
+    residual_limit: float = parameter(
+        0.35, "Distance from a plane at which a point's residual stops growing.", unit="m", symbol="τ", gt=0.0
+    )
+    gross_limit: float = parameter(
+        2.0, "Distance at which a point's gross residual, added, stops growing.", unit="m", symbol="g", gt=0.0
+    )
+    border_cost: float = parameter(
+        0.3,
+        "Price of a metre of border with a jump, as square metres of residual.",
+        unit="m",
+        symbol="β",
+        ge=0.0,
+    )
+    meeting_share: float = parameter(
+        0.2,
+        "Share of the price of a border that is due where the two planes meet: ridges and valleys are cheap.",
+        ge=0.0,
+        le=1.0,
+    )
+    full_jump: float = parameter(
+        0.5, "Height of a jump from which on a border costs its full price.", unit="m", gt=0.0
+    )
+    plane_points: float = parameter(
+        4.0,
+        "Price of a plane in use, in points: three numbers and the corners around it are worth stating when "
+        "they explain so many.",
+        symbol="γ",
+        ge=0.0,
+    )
+    farthest: float = parameter(
+        5.0,
+        "How near a cell must be to the rectangle around a plane's points to get that plane.",
+        unit="m",
+        ge=0.0,
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneReach:
     """The roof points (N, 3), the planes (P, 3: a, b, c) they support, and where these may be: in the
-    rectangles `box` (P, 4), between `floor` and `ceiling` (P,; m), and nowhere over `highest` (P,; m).
+    rectangles `box` (P, 4), not under `lowest` (m).
 
     The last plane is the level that stands for no plane at all and may be anywhere.
     """
@@ -53,9 +75,7 @@ class PlaneReach:
     planes: NDArray[np.float64]
     spacing: float
     box: NDArray[np.float64]
-    floor: Values
-    ceiling: Values
-    highest: Values
+    lowest: float
 
 
 def plane_reach(
@@ -66,38 +86,16 @@ def plane_reach(
     ground: float,
     costs: LabelCosts,
 ) -> PlaneReach:
-    """Where planes (P, 3) may be: near the rectangles around their own points and near the heights of these.
+    """Where planes (P, 3) may be: near the rectangles around their own points, and over the base.
 
     `labels` (N,) say which of them each roof point (N, 3) supports.
     """
-    count = len(planes)
-    mine = labels >= 0
-    group, places = labels[mine], roof[mine]
-    order = np.lexsort((places[:, 2], group))
-    first = np.searchsorted(group[order], np.arange(count))
-    some = np.bincount(group, minlength=count) > 0
-    box = np.full((count, 4), np.inf)
-    box[:, 2:] = -np.inf
-    if some.any():
-        box[some, :2] = np.minimum.reduceat(places[order, :2], first[some])
-        box[some, 2:] = np.maximum.reduceat(places[order, :2], first[some])
-    box += costs.farthest * np.array([-1.0, -1.0, 1.0, 1.0])
+    box = np.full((len(planes), 4), np.inf)
+    np.minimum.at(box[:, :2], labels[labels >= 0], roof[labels >= 0, :2])
+    np.minimum.at(box[:, 2:], labels[labels >= 0], -roof[labels >= 0, :2])
+    box = (box - costs.farthest) * np.array([1.0, 1.0, -1.0, -1.0])
     box[-1] = -np.inf, -np.inf, np.inf, np.inf
-    ends = costs.support_trim, 100.0 - costs.support_trim
-    low, high = (group_percentiles(places[order, 2], group[order], count, percent) for percent in ends)
-    margin = costs.overshoot + costs.reach_beyond * np.hypot(planes[:, 0], planes[:, 1])
-    floor = np.where(np.isnan(low), -np.inf, low) - margin
-    ceiling = np.where(np.isnan(high), np.inf, high) + margin
-    highest = highest_allowed(roof, planes, spacing, costs.least_rise)
-    return PlaneReach(
-        roof,
-        planes,
-        spacing,
-        box,
-        np.maximum(floor, ground + LOWEST_ROOF),
-        np.minimum(ceiling, highest),
-        highest,
-    )
+    return PlaneReach(roof, planes, spacing, box, ground + LOWEST_ROOF)
 
 
 def label_cells(
@@ -110,9 +108,15 @@ def label_cells(
     edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
     start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
     places = np.stack([start + share * (end - start) for share in GAUSS_PLACES], axis=1)
-    steps = HeightSteps(places, planes, costs.meeting_share, costs.full_jump)
-    border = costs.border * coverage.length[halves]
-    return alpha_expansion(data, edges, border, np.full(len(planes), costs.plane), steps)
+    borders = Borders(
+        edges,
+        costs.border_cost * coverage.length[halves],
+        places,
+        planes,
+        costs.meeting_share,
+        costs.full_jump,
+    )
+    return label_nodes(data, borders, costs.plane_points * reach.spacing**2)
 
 
 def cell_costs(
@@ -134,41 +138,13 @@ def cell_costs(
         reach.planes,
         np.array([np.sqrt(1.0 + a**2 + b**2) for a, b, _ in reach.planes.tolist()]),
         reach.box,
-        reach.floor,
-        reach.ceiling,
+        reach.lowest,
         costs.residual_limit,
         costs.gross_limit,
-        costs.free_misfit,
         reach.spacing**2,
     )
-    data[:, -1] += costs.unknown * coverage.area + 1e-6
+    data[:, -1] += 1e-6  # of equals a plane goes before the level that stands for none
     return np.asarray(np.minimum(data, LARGEST))
-
-
-def hold_down(coverage: Coverage, chosen: Integers, reach: PlaneReach, costs: LabelCosts) -> Integers:
-    """The plane (C,) of every cell, `chosen` but for those that rise above what `highest_allowed` allows;
-    they get the plane of least cost.
-    """
-    halves = np.flatnonzero(coverage.cell >= 0)
-    cell, corner = coverage.cell[halves], coverage.nodes[coverage.start[halves]]
-    a, b, c = reach.planes[chosen[cell]].T
-    over = cell[corner[:, 0] * a + corner[:, 1] * b + c > reach.highest[chosen[cell]]]
-    if len(over) == 0:
-        return chosen
-    over = np.unique(over)
-    answer = chosen.copy()
-    answer[over] = cell_costs(coverage, reach, costs, coverage.cells_of(reach.roof))[over].argmin(axis=1)
-    return answer
-
-
-def highest_allowed(roof: Points, planes: NDArray[np.float64], spacing: float, least: float) -> Values:
-    """The height (P,; m) no plane may rise above: a little over the highest of all roof points (N, 3).
-
-    That is `least` (m), and more where the slope is steep and points are sparse: a ridge rises so far between
-    two points.
-    """
-    rise = 0.25 * spacing * np.hypot(planes[:, 0], planes[:, 1])
-    return np.asarray(roof[:, 2].max() + np.maximum(rise, least))
 
 
 @kernel
@@ -180,18 +156,16 @@ def cell_costs_kernel(
     planes: NDArray[np.float64],
     steepness: Values,
     box: NDArray[np.float64],
-    floor: Values,
-    ceiling: Values,
+    lowest: float,
     residual_limit: float,
     gross_limit: float,
-    free_misfit: float,
     point_area: float,
 ) -> NDArray[np.float64]:
-    """The residual (C, P; m²) of every plane's points in every cell, and of heights its own do not support.
+    """The residual (C, P; m²) of every plane's points in every cell, and of heights under the lowest.
 
     Points `first[c]` to `first[c + 1]` of `places` (K, 3) are in cell c, the `corners` (M, 2) likewise from
-    `start`. `steepness` (P,) is √(1 + a² + b²), `box` (P, 4) where a plane may be, `floor` and `ceiling`
-    (P,; m) the heights it may have.
+    `start`. `steepness` (P,) is √(1 + a² + b²), `box` (P, 4) where a plane may be, not under the
+    `lowest` (m).
     """
     data = np.full((len(first) - 1, len(planes)), LARGEST)
     for cell in range(len(first) - 1):
@@ -206,11 +180,11 @@ def cell_costs_kernel(
             beyond = 0.0
             for corner in range(start[cell], start[cell + 1]):
                 over = corners[corner, 0] * a + corners[corner, 1] * b + c
-                beyond = max(beyond, floor[plane] - over, over - ceiling[plane])
+                beyond = max(beyond, lowest - over)
             cost = 0.0
             for point in range(first[cell], first[cell + 1]):
                 residual = abs(places[point, 2] - places[point, 0] * a - places[point, 1] * b - c)
-                residual = max(residual / steepness[plane] - free_misfit, 0.0)
+                residual = residual / steepness[plane]
                 share = residual / residual_limit
                 cost += (min(share * share, 1.0) + min(residual / gross_limit, 1.0)) * point_area
             data[cell, plane] = cost + RUNAWAY * beyond

@@ -28,7 +28,6 @@ def settle_corners(
     labels: Integers,
     roof: Points,
     planes: NDArray[np.float64],
-    highest: Values,
     costs: LabelCosts,
     price: float,
     reach: float,
@@ -41,16 +40,15 @@ def settle_corners(
 
         Σ_points [c(d of the new plane) − c(d of the old)] < price · corners,  c(d) = min((d/τ)², 1) + d/τ,
 
-    d the distance less the misfit that is free, τ the limit of residuals, both as for the labels. A step of
+    d the distance, τ the limit of residuals, as for the labels. A step of
     metres is never given up for a few corners, as the distance counts in full. Corners are those of the
-    solids: one for each height over a node. Corners of the outline stay, other nodes on it move along it; no
-    face may rise over the `highest` (P,; m) that its plane may.
+    solids: one for each height over a node. Corners of the outline stay, other nodes on it move along it.
     """
     for careful in (False, True):
         refused: set[tuple[float, ...]] = set()
         plan, kept = coverage, labels
         for _ in range(MOST_ROUNDS):
-            pairs = worthwhile_moves(plan, kept, roof, planes, highest, costs, price, reach)
+            pairs = worthwhile_moves(plan, kept, roof, planes, costs, price, reach)
             moved = make_moves(plan, kept, pairs, refused, careful) if len(pairs) else None
             if moved is None:
                 break
@@ -65,7 +63,6 @@ def worthwhile_moves(
     labels: Integers,
     roof: Points,
     planes: NDArray[np.float64],
-    highest: Values,
     costs: LabelCosts,
     price: float,
     reach: float,
@@ -73,15 +70,14 @@ def worthwhile_moves(
     """Pairs (K, 2) of a node and the neighbour it should move into, the best first."""
     known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, *coverage.neighbours)
     node, into, saved, triangles, move, gets, has = moves_kernel(
-        *known, labels, planes, highest, corner_rank(coverage), reach
+        *known, labels, planes, corner_rank(coverage), reach
     )
     gain = price * saved
     if len(triangles):
         ends = np.roll(triangles, -1, axis=1).reshape(-1, 2)
         owner = np.repeat(np.arange(len(triangles)), 3)
         point, swept = points_in_polygons(roof, triangles.reshape(-1, 2), ends, owner, len(triangles))
-        limits = (costs.free_misfit, costs.residual_limit)
-        gain -= changes_kernel(roof, point, swept, planes, gets, has, move, len(node), *limits)
+        gain -= changes_kernel(roof, point, swept, planes, gets, has, move, len(node), costs.residual_limit)
     order = np.argsort(-gain, kind="stable")
     return np.asarray(np.column_stack([node, into])[order[gain[order] > 0.0]])
 
@@ -142,7 +138,6 @@ def changes_kernel(
     has: Integers,
     move: Integers,
     count: int,
-    free_misfit: float,
     residual_limit: float,
 ) -> Values:
     """What each of `count` moves costs the points (N, 3) that it sweeps: pairs of `point` (K,) and triangle
@@ -154,7 +149,7 @@ def changes_kernel(
         for side in range(2):
             a, b, c = planes[gets[swept[pair]] if side == 0 else has[swept[pair]]]
             away = abs(z - a * x - b * y - c) / np.sqrt(1.0 + a * a + b * b)
-            share = max(away - free_misfit, 0.0) / residual_limit
+            share = away / residual_limit
             cost = min(share * share, 1.0) + share
             change = cost if side == 0 else change - cost
         total[move[swept[pair]]] += change
@@ -171,7 +166,6 @@ def moves_kernel(
     following: Integers,
     labels: Integers,
     planes: NDArray[np.float64],
-    highest: Values,
     rank: Integers,
     reach: float,
 ) -> tuple[Integers, Integers, Values, NDArray[np.float64], Integers, Integers, Integers]:
@@ -179,7 +173,7 @@ def moves_kernel(
     sweep: triangles (T, 3, 2), the move of each, the label its points get, and the one they have, (T,).
 
     A point swept by several edges goes from cell to cell, so that the changes add up. `labels` (C,) of the
-    `planes` (P, 3), each with the height (P,; m) it may not rise above, `rank` (V,) as by `corner_rank`.
+    `planes` (P, 3), `rank` (V,) as by `corner_rank`.
     """
     leaving, first = leaving_kernel(start, len(nodes))
     found, swept = 0, 0
@@ -221,17 +215,16 @@ def moves_kernel(
                     heights[count] = a * nodes[at, 0] + b * nodes[at, 1] + c
                     count += 1
             before += corners_kernel(heights, count)
-        count, over = 0, False
-        for place in range(2):
-            for one in at_v if place == 0 else at_w:
+        count = 0
+        for some in (at_v, at_w):
+            for one in some:
                 mine = cell[one]
                 if mine != OUTSIDE and mine != closed_left and mine != closed_right:
                     a, b, c = planes[labels[mine]]
                     heights[count] = a * nodes[w, 0] + b * nodes[w, 1] + c
-                    over = over or (place == 0 and heights[count] > highest[labels[mine]])
                     count += 1
         fewer = before - corners_kernel(heights, count)
-        if fewer <= 0 or over:
+        if fewer <= 0:
             continue
         node[found], into[found], saved[found] = v, w, fewer
         for edge in at_v:

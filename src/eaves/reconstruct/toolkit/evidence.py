@@ -14,7 +14,7 @@ from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygons_of
 from eaves.model import BuildingModel, Labels, Points, RoofPlane
 from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
-from eaves.reconstruct.toolkit.line_limits import ClutterLimits
+from eaves.reconstruct.toolkit.line_reconstructor import LineReconstructor
 from eaves.reconstruct.toolkit.plan_lines import main_directions, turn_by
 
 PRISM_PERCENTILE = 70.0
@@ -57,7 +57,7 @@ def spacing_on_roof(roof: Points, polygon: Polygon) -> float:
 
 
 def level_unexplained(
-    points: Points, labels: Labels, count: int, spacing: float, limits: ClutterLimits
+    points: Points, labels: Labels, count: int, spacing: float, limits: LineReconstructor
 ) -> tuple[Labels, list[float]]:
     """Labels (N,) with clusters of the points that have none numbered from `count` on, and their heights (m).
 
@@ -66,11 +66,11 @@ def level_unexplained(
     answer = labels.copy()
     loose = np.flatnonzero(labels < 0)
     heights: list[float] = []
-    fewest = max(limits.points, int(np.ceil(limits.area / spacing**2)))
+    fewest = max(limits.clutter_points, int(np.ceil(limits.clutter_area / spacing**2)))
     if len(loose) < fewest:
         return answer, heights
-    scaled = points[loose] * np.array([1.0, 1.0, limits.reach * spacing / limits.step])
-    pairs = cKDTree(scaled).query_pairs(limits.reach * spacing, output_type="ndarray")
+    scaled = points[loose] * np.array([1.0, 1.0, limits.clutter_reach * spacing / limits.clutter_step])
+    pairs = cKDTree(scaled).query_pairs(limits.clutter_reach * spacing, output_type="ndarray")
     cluster = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(loose))
     sizes = np.bincount(cluster)
     most = max(MOST_PLANES - count, 0)
@@ -88,7 +88,7 @@ def support_of(
     planes: list[RoofPlane],
     spacing: float,
     ground: float,
-    limits: ClutterLimits,
+    limits: LineReconstructor,
 ) -> tuple[Labels, NDArray[np.float64]]:
     """The plane of each roof point, -1 for none (T,), and the coefficients of the planes (P, 3).
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.model import Face, Mask, Points, Solid, Values
+from eaves.model import Face, Mask, Points, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.reconstruct.toolkit.columns import SAME_HEIGHT, columns_kernel, crossings_kernel
 from eaves.reconstruct.toolkit.coverage import Coverage
@@ -176,7 +176,8 @@ def highest_corner(
     for corner in peak[np.argsort(opening[peak], kind="stable")].tolist():
         one, other = int(leaving[corner]), int(leaving[(corner + 1) % len(leaving)])
         reach = min(CORNER, 0.4 * float(coverage.length[[one, other]].min()))
-        if not opening_is_flat(coverage, one, other) and reach >= 5.0 * COORDINATE_STEP:
+        chord = 2.0 * reach * np.sin(0.5 * opening[corner])  # of 180° and more no chord cuts the corner
+        if opening[corner] < np.pi and chord >= 5.0 * COORDINATE_STEP:
             return one, other
     return None
 
@@ -208,20 +209,8 @@ def cut_corners(coverage: Coverage, corners: list[tuple[int, int]]) -> tuple[Cov
     return cut.merged(np.concatenate([np.arange(coverage.count), lower]))
 
 
-def opening_is_flat(coverage: Coverage, first: int, second: int) -> bool:
-    """Whether the corner between two half-edges from one node is 180 degrees or more, so that no chord
-    cuts it.
-    """
-    a = coverage.nodes[coverage.end[first]] - coverage.nodes[coverage.start[first]]
-    b = coverage.nodes[coverage.end[second]] - coverage.nodes[coverage.start[second]]
-    return bool(a[0] * b[1] - a[1] * b[0] <= 0.0)
-
-
 FIRMNESS = (1.0, 2.5, 6.0)
-"""Multiples of the shortest edge and the narrowest face, tried in turn until the solids are sound."""
-
-JOG = 0.15
-"""A border inside the plan that leaves a straight line by less than this (m) is straight."""
+"""Multiples of the shortest edge, tried in turn until the solids are sound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,24 +231,14 @@ def extrude_plan(
     planes: NDArray[np.float64],
     ground: float,
     smallest: float,
-    narrowest: float,
-    held_down: Callable[[Coverage, Integers], Integers] | None = None,
-    highest: Values | None = None,
 ) -> Extrusion:
     """The solids over a plan whose cells carry `labels` (C,) of `planes` (P, 3), or why there are none.
 
-    Faces smaller (m²) or narrower (m) than the limits go to their neighbours, unless these would rise over
-    the `highest` (P,; m) that their planes may: as long as the solids are sound with such a face.
-    `held_down` gives cells that rise too high even so another label.
+    Faces smaller than the limit (m²), or narrower than the shortest edge, go to their neighbours.
     """
     defect = ""
-    anywhere = np.full(len(planes), np.inf)
-    for limit, firmness in product((anywhere,) if highest is None else (highest, anywhere), FIRMNESS):
-        tidied, kept = tidy(
-            plan, labels, smallest, firmness * narrowest, firmness * SHORTEST_EDGE, planes, limit
-        )
-        if held_down is not None:
-            tidied, kept = tidied.merged(held_down(tidied, kept))
+    for firmness in FIRMNESS:
+        tidied, kept = tidy(plan, labels, smallest, firmness * SHORTEST_EDGE)
         solids = extrude(tidied, planes[kept], ground)
         if solids is None:
             defect = "the plan touches itself"
@@ -270,25 +249,14 @@ def extrude_plan(
     return Extrusion((), np.zeros(0, np.int64), defect)
 
 
-def tidy(
-    plan: Coverage,
-    labels: Integers,
-    smallest: float,
-    narrowest: float,
-    shortest: float,
-    planes: NDArray[np.float64],
-    highest: Values,
-) -> tuple[Coverage, Integers]:
+def tidy(plan: Coverage, labels: Integers, smallest: float, shortest: float) -> tuple[Coverage, Integers]:
     """The plan without slivers, short edges, needless nodes and necks, and the label (C,) of each cell."""
-    plan, labels = absorb_slivers(plan, labels, smallest, narrowest, planes, highest)
+    plan, labels = absorb_slivers(plan, labels, smallest, shortest)
     plan, labels = drop_straight_nodes(plan, labels)
     plan, labels = merge_short_edges(plan, labels, shortest)
     plan, labels = plan.merged(labels)
-    plan, labels = absorb_slivers(plan, labels, smallest, narrowest, planes, highest)
+    plan, labels = absorb_slivers(plan, labels, smallest, shortest)
     plan, labels = drop_straight_nodes(plan, labels)
-    straight = drop_straight_nodes(plan, labels, JOG)
-    if straight[0] is not plan and is_sound(straight[0]):
-        plan, labels = straight
     return weld_necks(plan, labels)
 
 

@@ -9,16 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.components import unite_kernel
-from eaves.geometry.sums import pairwise_sum_kernel
 from eaves.kernels import inlined_kernel, kernel
 
 Integers = NDArray[np.int64]
 
 OUTSIDE = -1
 """The cell number of everything that is not covered."""
-
-PAIRWISE = 8
-"""Rings of this many edges and more are summed pairwise, which keeps more digits."""
 
 
 @kernel
@@ -144,27 +140,23 @@ def straighten_kernel(
     cell: Integers,
     count: int,
     reach: float,
-    inner: float,
     rounds: int,
 ) -> tuple[NDArray[np.float64], Integers, Integers, Integers, Integers]:
     """Nodes, starts, ends and cells without nodes of two edges on the line of their neighbours, and which of
     `count` cells are kept.
 
-    Nodes inside may be `inner` (m) away from that line, those on the outline `reach`. Nodes side by side go
-    in different rounds.
+    Nodes may be `reach` (m) away from that line. Nodes side by side go in different rounds.
     """
     kept = np.arange(count)
     for _ in range(rounds):
         size = len(nodes)
         degree, one, other = np.zeros(size, np.int64), np.full(size, -1), np.full(size, -1)
-        on_outline = np.zeros(size, np.bool_)
         for half in range(len(start)):
             node = start[half]
             degree[node] += 1
             if one[node] < 0:
                 one[node] = end[half]
             other[node] = end[half]
-            on_outline[node] |= cell[half] == OUTSIDE
         chosen, target, found = np.zeros(size, np.bool_), np.arange(size), False
         for node in range(size):
             if degree[node] != 2:
@@ -175,7 +167,7 @@ def straighten_kernel(
             length = max(np.hypot(chord_x, chord_y), 1e-9)
             away = abs(chord_x * y - chord_y * x) / length
             along = (x * chord_x + y * chord_y) / (length * length)
-            needless = away <= (reach if on_outline[node] else inner) and 0.0 < along < 1.0
+            needless = away <= reach and 0.0 < along < 1.0
             if needless and not chosen[a] and not chosen[b]:
                 chosen[node], target[node], found = True, a, True
         if not found:
@@ -315,7 +307,7 @@ def rings_kernel(
     """
     halves, first = ring_order_kernel(following)
     ring_cell, ring_area = np.empty(len(first) - 1, np.int64), np.empty(len(first) - 1)
-    area, outer, cross = np.zeros(count), np.full(count, -1), np.empty(len(halves))
+    area, outer = np.zeros(count), np.full(count, -1)
     for ring in range(len(first) - 1):
         mine = cell[halves[first[ring]]]
         total = 0.0
@@ -323,10 +315,7 @@ def rings_kernel(
             half = halves[place]
             ax, ay = nodes[start[half], 0] - nodes[0, 0], nodes[start[half], 1] - nodes[0, 1]
             bx, by = nodes[end[half], 0] - nodes[0, 0], nodes[end[half], 1] - nodes[0, 1]
-            cross[place] = ax * by - bx * ay
-            total += cross[place]
-        if first[ring + 1] - first[ring] >= PAIRWISE:
-            total = pairwise_sum_kernel(cross[first[ring] : first[ring + 1]])
+            total += ax * by - bx * ay
         ring_cell[ring], ring_area[ring] = mine, 0.5 * total
         if mine >= 0:
             area[mine] += ring_area[ring]
@@ -346,54 +335,29 @@ def sliver_kernel(
     cell: Integers,
     twin: Integers,
     area: NDArray[np.float64],
-    labels: Integers,
     smallest: float,
     narrowest: float,
-    planes: NDArray[np.float64],
-    highest: NDArray[np.float64],
 ) -> tuple[int, int]:
     """The smallest of the cells under an `area` (C,; m²) of `smallest` or narrower (m) than `narrowest`, and
-    the neighbour it shares most with, by `labels` (C,) of one of the `planes` (P, 3) that does not rise over
-    its `highest` (P,; m) there, unless the cell's own does; -1 where there is none.
+    the neighbour it shares most with; -1 where there is none.
 
     The width is that of the rectangle that has the cell's area and perimeter; a square's where none has.
     """
-    perimeter, shared = np.zeros(len(area)), np.zeros(len(area))
+    length, perimeter, shared = np.empty(len(start)), np.zeros(len(area)), np.zeros(len(area))
     for half in range(len(start)):
+        a, b = nodes[start[half]], nodes[end[half]]
+        length[half] = np.hypot(b[0] - a[0], b[1] - a[1])
         if cell[half] != OUTSIDE:
-            a, b = nodes[start[half]], nodes[end[half]]
-            length = np.hypot(b[0] - a[0], b[1] - a[1])
-            perimeter[cell[half]] += length
+            perimeter[cell[half]] += length[half]
             if cell[twin[half]] != OUTSIDE:
-                shared[cell[half]] += length
-    tried = np.zeros(len(area), np.bool_)
-    while True:
-        worst = -1
-        for one in range(len(area)):
-            excess = np.sqrt(max(perimeter[one] * perimeter[one] - 16.0 * area[one], 0.0))
-            bad = area[one] < smallest or 0.25 * (perimeter[one] - excess) < narrowest
-            if bad and shared[one] > 0.0 and not tried[one] and (worst < 0 or area[one] < area[worst]):
-                worst = one
-        if worst < 0:
-            return -1, -1
-        tried[worst] = True
-        beside = np.zeros(len(area))
-        for half in range(len(start)):
-            if cell[half] == worst and cell[twin[half]] != OUTSIDE:
-                a, b = nodes[start[half]], nodes[end[half]]
-                beside[cell[twin[half]]] += np.hypot(b[0] - a[0], b[1] - a[1])
-        rises = np.zeros(len(area), np.bool_)
-        for half in range(len(start)):
-            if cell[half] == worst:
-                x, y = nodes[start[half]]
-                for one in range(len(area)):
-                    if one == worst or beside[one] > 0.0:
-                        p = planes[labels[one]]
-                        rises[one] |= p[0] * x + p[1] * y + p[2] > highest[labels[one]]
-        best = -1
-        for one in range(len(area)):
-            may = beside[one] > 0.0 and (rises[worst] or not rises[one])
-            if may and (best < 0 or beside[one] > beside[best]):
-                best = one
-        if best >= 0:
-            return worst, best
+                shared[cell[half]] += length[half]
+    excess = np.sqrt(np.maximum(perimeter * perimeter - 16.0 * area, 0.0))
+    bad = ((area < smallest) | (0.25 * (perimeter - excess) < narrowest)) & (shared > 0.0)
+    if not bad.any():
+        return -1, -1
+    worst = np.where(bad, area, np.inf).argmin()
+    beside = np.zeros(len(area))
+    for half in range(len(start)):
+        if cell[half] == worst and cell[twin[half]] != OUTSIDE:
+            beside[cell[twin[half]]] += length[half]
+    return int(worst), int(beside.argmax())

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from eaves.geometry.percentiles import group_percentiles, quantile
 from eaves.model import Points, Solid, Values
-from eaves.reconstruct.toolkit.cell_labels import LabelCosts, PlaneReach, hold_down, label_cells
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF, PRISM_PERCENTILE
 from eaves.reconstruct.toolkit.extrude import extrude_plan, without_numbers
@@ -70,11 +69,11 @@ def coarse_solids(
     roof: Points,
     ground: float,
     jump: float,
-    limits: tuple[float, float],
+    smallest: float,
     located: tuple[Integers, Integers] | None = None,
 ) -> dict[str, tuple[Solid, ...]]:
-    """The sound solids at LoD 1.2 and 1.3 over a plan; `limits` are the smallest (m²) and the narrowest
-    (m) face, `located` the roof points and the cells they lie in, where these are known.
+    """The sound solids at LoD 1.2 and 1.3 over a plan; `smallest` (m²) is the least face, `located` the roof
+    points and the cells they lie in, where these are known.
     """
     point, cell = located or plan.cells_of(roof)
     heights = roof[point, 2]
@@ -86,36 +85,7 @@ def coarse_solids(
                 answer[lod] = answer["1.2"]
             continue
         level, planes = flat_plan(plan, group, cell, heights, ground)
-        raised = extrude_plan(level, np.arange(level.count), planes, ground, *limits)
+        raised = extrude_plan(level, np.arange(level.count), planes, ground, smallest)
         if raised.solids:
             answer[lod] = without_numbers(raised.solids)
     return answer
-
-
-def simple_solids(
-    plan: Coverage,
-    reach: PlaneReach,
-    ground: float,
-    costs: LabelCosts,
-    limits: tuple[float, float],
-    share: float,
-    located: tuple[Integers, Integers],
-) -> tuple[Solid, ...]:
-    """The solids at LoD 2.0: the main roof faces, without dormers and other small parts; none if not sound.
-
-    The cells of the finest plan are labelled once more, at higher costs. The smallest face (m²) of
-    `limits` is at most this `share` of the plan, so that a shed keeps both its slopes.
-    """
-    simple, kept = plan.merged(label_cells(plan, reach, costs, located))
-    smallest = min(limits[0], share * float(plan.area.sum()))
-    raised = extrude_plan(
-        simple,
-        kept,
-        reach.planes,
-        ground,
-        smallest,
-        limits[1],
-        lambda plan, kept: hold_down(plan, kept, reach, costs),
-        reach.highest,
-    )
-    return without_numbers(raised.solids)

@@ -1,9 +1,10 @@
-"""Candidate lines for the plan of a roof: where planes meet, where heights step; their alignment."""
+"""Candidate lines for the plan of a roof: where planes meet, where heights step, around each plane."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -13,11 +14,10 @@ from shapely import Polygon
 from eaves.geometry.components import members
 from eaves.geometry.percentiles import column_percentiles
 from eaves.geometry.tin import Tin
+from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.kernels import kernel
 from eaves.model import Labels, Mask, Points, Values
-from eaves.reconstruct.toolkit.height_steps import fall_angles, step_lines
-from eaves.reconstruct.toolkit.line import SAME_DIRECTION_DEG, Line, laid_on
-from eaves.reconstruct.toolkit.line_limits import LineLimits
+from eaves.reconstruct.toolkit.line_reconstructor import LineReconstructor
 
 LINES_PER_PLANE = 6
 """The best supported lines that are used, for each plane: the plan of a roof has three borders a plane."""
@@ -25,47 +25,48 @@ LINES_PER_PLANE = 6
 FEWEST_LINES = 80
 """Lines that are used however few planes there are."""
 
-RECTANGLE_WEIGHT = 1e-3
-"""Support of a rectangle's side per square metre: any line found among border places goes before."""
-
 OVERSHOOT = 0.01
 """How far (m) a line runs past the one it ends on, so that rounding leaves no gap."""
 
 PARALLEL = 1e-3
 """A stretch that comes this little (m) nearer to a line runs along it and does not cross it."""
 
+SAME_DIRECTION_DEG = 4.0
+"""Directions nearer than this are one."""
 
-def border_samples(
-    points: Points, labels: Labels, polygon: Polygon, spacing: float, limits: LineLimits
-) -> tuple[NDArray[np.int64], NDArray[np.float64], Values]:
-    """Pairs of planes (M, 2) whose points are neighbours, the places between (M, 2), and their weights (M,).
+FEWEST_PLACES = 3
+"""Border places that make a line."""
 
-    Neighbours are those of a triangulation. A place weighs what its height difference is worth, up to 1 m.
+MOST_TOGETHER = 2000
+"""Places among which lines are sought together; more are divided, which bounds the work."""
 
-    Across a gap the place is half a spacing from the higher point: the gap is the shadow of its wall.
-    """
-    known = points[labels >= 0]
-    mark = labels[labels >= 0]
-    nothing = np.zeros((0, 2), np.int64), np.zeros((0, 2)), np.zeros(0)
-    if len(np.unique(mark)) < 2:
-        return nothing
+FLAT = np.tan(np.radians(FLAT_SLOPE_DEG))
+"""Rise per metre under which a plane has no direction, and two planes no line in which they meet."""
+
+
+class Line(NamedTuple):
+    """A stretch of the line `normal · x = offset`, from `low` to `high` along its direction (turned left of
+    the normal), which `support` border places show."""
+
+    x: float
+    y: float
+    offset: float
+    low: float
+    high: float
+    support: float
+
+
+def border_places(
+    points: Points, labels: Labels, polygon: Polygon
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Pairs of planes (M, 2) whose points are neighbours in a triangulation; the places between (M, 2)."""
+    known, mark = points[labels >= 0], labels[labels >= 0].astype(np.int64)
     simplices = Tin(known[:, :2]).triangles
-    if len(simplices) == 0:
-        return nothing
-    ends = np.vstack([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [2, 0]]]).astype(np.int64)
-    ends = ends[mark[ends[:, 0]] != mark[ends[:, 1]]]
-    sides = np.unique(ends.min(axis=1) * len(known) + ends.max(axis=1))
-    ends = np.column_stack([sides // len(known), sides % len(known)])
-    higher_first = known[ends[:, 0], 2] >= known[ends[:, 1], 2]
-    high = np.where(higher_first, ends[:, 0], ends[:, 1])
-    low = np.where(higher_first, ends[:, 1], ends[:, 0])
-    step = known[low, :2] - known[high, :2]
-    gap = np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9)
-    share = np.where(gap > limits.wide_gap * spacing, 0.5 * spacing / gap, 0.5)
-    places = known[high, :2] + share[:, None] * step
+    ends = np.sort(np.vstack([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [2, 0]]]), axis=1)
+    ends = np.unique(ends[mark[ends[:, 0]] != mark[ends[:, 1]]], axis=0)
+    places = 0.5 * (known[ends[:, 0], :2] + known[ends[:, 1], :2])
     inside = shapely.contains_xy(polygon, places[:, 0], places[:, 1])
-    weight = np.clip(known[high, 2] - known[low, 2], limits.least_weight, 1.0)
-    return np.sort(mark[ends[inside]], axis=1).astype(np.int64), places[inside], weight[inside]
+    return np.sort(mark[ends[inside]], axis=1), places[inside]
 
 
 @lru_cache(maxsize=4)
@@ -99,92 +100,166 @@ def turn_by(angle: float) -> NDArray[np.float64]:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
+def line_directions(main: Values, planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Normals (A, 2) along and across the footprint's `main` angles (K,), and the falls of planes (P, 3)."""
+    angles = [*main, *(main + np.pi / 2)]
+    for a, b, _ in planes[np.hypot(planes[:, 0], planes[:, 1]) > FLAT].tolist():
+        for angle in (np.arctan2(b, a), np.arctan2(a, -b)):
+            apart = np.abs(np.mod(angle - np.array(angles) + np.pi / 2, np.pi) - np.pi / 2)
+            if apart.min(initial=np.pi) > np.radians(SAME_DIRECTION_DEG):
+                angles.append(angle)
+    return np.column_stack([-np.sin(angles), np.cos(angles)])
+
+
 def candidate_lines(
     points: Points,
     labels: Labels,
     planes: NDArray[np.float64],
     polygon: Polygon,
     spacing: float,
-    limits: LineLimits,
+    limits: LineReconstructor,
 ) -> list[Line]:
-    """The lines along which the roof may change its plane.
+    """The lines along which the roof may change its plane: where two meet, best supported first, where
+    heights step, and the sides of the rectangle around the points of each.
 
     `labels` (N,) are the planes of the points (N, 3), -1 for none; `planes` (P, 3) their coefficients.
     """
-    pairs, places, weights = border_samples(points, labels, polygon, spacing, limits)
-    lines: list[Line] = []
+    pairs, places = border_places(points, labels, polygon)
+    meeting: list[Line] = []
     jumps = np.ones(len(places), bool)
     found, number = np.unique(pairs[:, 0] * len(planes) + pairs[:, 1], return_inverse=True)
     for pair, mine in zip(found.tolist(), members(number, len(found)), strict=True):
         a, b = divmod(pair, len(planes))
-        meeting, near = meeting_line(places[mine], planes[a], planes[b], spacing, limits.meeting_jump)
-        if meeting is not None:
-            lines.append(meeting)
+        line, near = meeting_line(places[mine], planes[a] - planes[b], spacing)
+        if line is not None:
+            meeting.append(line)
             jumps[mine[near]] = False
-    if len(found):
-        used, main = np.unique(pairs), main_directions(polygon)
-        lines += step_lines(
-            places[jumps], weights[jumps], main, fall_angles(planes[used], limits.least_fall), spacing, limits
-        )
-        of_plane = members(labels, len(planes))
-        for one in used.tolist():
-            lines += rectangle_lines(points[of_plane[one], :2], main, spacing, limits)
-    return align(lines, polygon, spacing, limits)[: FEWEST_LINES + LINES_PER_PLANE * len(planes)]
+    used, main = np.unique(pairs), main_directions(polygon)
+    across = line_directions(main, planes[used])
+    stepping = [line for some in divide(places[jumps]) for line in step_lines(some, across, spacing, limits)]
+    of_plane = members(labels, len(planes))
+    around = [line for one in used for line in rectangle(points[of_plane[one], :2], main, spacing, limits)]
+    lines = [
+        line
+        for kind in (meeting, stepping, around)
+        for line in sorted(kind, key=lambda line: (-line.support, line.low - line.high, line.offset))
+    ]
+    return distinct_lines(lines, 0.5 * spacing)[: FEWEST_LINES + LINES_PER_PLANE * len(planes)]
+
+
+def distinct_lines(lines: list[Line], reach: float) -> list[Line]:
+    """The lines without those that run within `reach` (m) of a better one, from end to end."""
+    rows, kept = np.array(lines, np.float64).reshape(-1, 6), np.zeros(len(lines), bool)
+    normal, direction = rows[:, :2], rows[:, 1::-1] * [-1.0, 1.0]
+    for number, (x, y, offset, low, high, _) in enumerate(rows.tolist()):
+        ends = np.array([[x * offset - y * along, y * offset + x * along] for along in (low, high)])
+        along = ends @ direction[kept].T
+        beside = np.abs(ends @ normal[kept].T - rows[kept, 2]) <= reach
+        beside &= (along >= rows[kept, 3] - reach) & (along <= rows[kept, 4] + reach)
+        kept[number] = not beside.all(axis=0).any()
+    return [lines[number] for number in np.flatnonzero(kept)]
 
 
 def meeting_line(
-    places: NDArray[np.float64],
-    one: NDArray[np.float64],
-    other: NDArray[np.float64],
-    spacing: float,
-    jump: float,
+    places: NDArray[np.float64], apart: NDArray[np.float64], spacing: float
 ) -> tuple[Line | None, Mask]:
-    """The line in which two planes meet, where their border (M, 2) runs along it; which places do (M,).
-
-    Their heights differ there by less than `jump` (m).
+    """The line in which two planes meet, a, b, c `apart` (3,), where their border (M, 2) runs along it; which
+    places do (M,).
     """
-    a, b, c = one - other
+    a, b, c = apart
     steep = float(np.hypot(a, b))
-    if steep < 0.02:
-        return None, np.zeros(len(places), bool)
-    nx, ny, offset = a / steep, b / steep, -c / steep
-    away = places @ np.array([nx, ny]) - offset
-    near = (np.abs(away) < max(1.5 * spacing, 0.3)) & (np.abs(away) * steep < max(jump, steep * spacing))
-    if near.sum() < 3:
-        return None, np.zeros(len(places), bool)
-    along = places[near] @ np.array([-ny, nx])
-    low, high = float(along.min()), float(along.max())
-    if high - low < 2.0 * spacing:
-        return None, np.zeros(len(places), bool)
-    return Line((nx, ny), offset, low, high, float(near.sum()), True), near
+    away = (places @ apart[:2] + c) / max(steep, FLAT)
+    along = places @ np.array([-b, a]) / max(steep, FLAT)
+    near = np.abs(away) < spacing
+    if steep < FLAT or near.sum() < FEWEST_PLACES or np.ptp(along[near]) < 2.0 * spacing:
+        return None, near
+    low, high = float(along[near].min()), float(along[near].max())
+    return Line(a / steep, b / steep, -c / steep, low, high, float(near.sum())), near
 
 
-def rectangle_lines(
-    places: NDArray[np.float64], main: Values, spacing: float, limits: LineLimits
+def divide(places: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+    """The places (M, 2) in groups of at most `MOST_TOGETHER`, halved across their longer side."""
+    if len(places) <= MOST_TOGETHER:
+        yield places
+        return
+    order = np.argsort(places[:, int(np.argmax(np.ptp(places, axis=0)))], kind="stable")
+    for half in np.array_split(places[order], 2):
+        yield from divide(half)
+
+
+def step_lines(
+    places: NDArray[np.float64], normals: NDArray[np.float64], spacing: float, limits: LineReconstructor
+) -> Iterator[Line]:
+    """Lines across `normals` (A, 2) through places (M, 2), again and again the strip with most of them in it;
+    of each its longest stretch without a gap.
+    """
+    width, gap = max(limits.strip_width * spacing, 0.25), max(2.5 * spacing, 0.8)
+    offsets = normals @ places.T
+    order = np.argsort(offsets, axis=1, kind="stable")
+    columns = np.take_along_axis(offsets, order, axis=1)
+    left = np.ones(len(places), bool)
+    while left.sum() >= FEWEST_PLACES:
+        best, start, end = fullest_strip_kernel(columns, order, left, width)
+        strip = order[best, start:end]
+        strip = strip[left[strip]]
+        nx, ny = normals[best].tolist()
+        along = places[strip] @ np.array([-ny, nx])
+        turn = np.argsort(along, kind="stable")
+        breaks = np.flatnonzero(np.diff(along[turn]) > gap) + 1
+        stretch = max(np.split(turn, breaks), key=len)
+        low, high = float(along[stretch].min()), float(along[stretch].max())
+        if len(stretch) >= FEWEST_PLACES and high - low >= max(2.0 * spacing, 0.6):
+            middle = float(np.median(offsets[best, strip[stretch]]))
+            yield Line(nx, ny, middle, low, high, float(len(stretch)))
+        left[strip[stretch]] = False
+
+
+@kernel
+def fullest_strip_kernel(
+    columns: NDArray[np.float64], order: NDArray[np.int64], left: Mask, width: float
+) -> tuple[int, int, int]:
+    """Direction, and first and last position in its column, of the strip with the most places in it.
+
+    `columns` (A, M) are the offsets of the places `order` (A, M) in each direction, ascending; only those
+    still `left` count.
+    """
+    most, best, start, stop = 0, 0, 0, 0
+    for number in range(columns.shape[0]):
+        total, end = 0, 0
+        for first in range(columns.shape[1]):
+            if not left[order[number, first]]:
+                continue
+            while end < columns.shape[1] and columns[number, end] <= columns[number, first] + width:
+                total += left[order[number, end]]
+                end += 1
+            if total > most:
+                most, best, start, stop = total, number, first, end
+            total -= 1
+    return best, start, stop
+
+
+def rectangle(
+    places: NDArray[np.float64], main: Values, spacing: float, limits: LineReconstructor
 ) -> list[Line]:
-    """The sides of the rectangle around a plane's points (K, 2), when they fill one along a main direction.
+    """The sides of the least rectangle along a main direction around a plane's points (K, 2).
 
     The sides of a dormer are too short to gather border places; its rectangle is not.
     """
     if len(places) < limits.rectangle_points or len(main) == 0:
         return []
-    best: tuple[float, float, Values, Values] | None = None
-    for angle in main.tolist():
-        turned = places @ turn_by(angle)
-        low, high = column_percentiles(turned, (limits.rectangle_trim, 100.0 - limits.rectangle_trim))
-        low, high = low - 0.5 * spacing, high + 0.5 * spacing
-        area = float(np.prod(high - low))
-        if best is None or area < best[0]:
-            best = area, angle, low, high
-    assert best is not None
-    area, angle, low, high = best
-    if len(places) * spacing**2 < limits.rectangle_filling * area:
-        return []
-    cosine, sine = float(np.cos(angle)), float(np.sin(angle))
-    weight = RECTANGLE_WEIGHT * len(places) * spacing**2
-    across = [Line((cosine, sine), float(u), low[1], high[1], weight, False) for u in (low[0], high[0])]
-    along = [Line((-sine, cosine), float(v), -high[0], -low[0], weight, False) for v in (low[1], high[1])]
-    return [*across, *along]
+    trim = limits.rectangle_trim
+    boxes = [
+        column_percentiles(places @ turn_by(angle), (trim, 100.0 - trim))
+        + [[-0.5 * spacing], [0.5 * spacing]]
+        for angle in main.tolist()
+    ]
+    best = int(np.argmin([np.prod(high - low) for low, high in boxes]))
+    (west, south), (east, north) = boxes[best].tolist()
+    x, y, support = float(np.cos(main[best])), float(np.sin(main[best])), float(len(places))
+    return [
+        *(Line(x, y, side, south, north, support) for side in (west, east)),
+        *(Line(-y, x, side, -east, -west, support) for side in (south, north)),
+    ]
 
 
 def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.float64]:
@@ -192,13 +267,9 @@ def extend(lines: list[Line], polygon: Polygon, extension: float) -> NDArray[np.
 
     A line that reaches only as far as its evidence would hang free and cut nothing.
     """
-    if not lines:
-        return np.zeros((0, 4))
-    normal = np.array([line.normal for line in lines])
-    offset = np.array([line.offset for line in lines])
-    low = np.array([line.low for line in lines]) - extension
-    high = np.array([line.high for line in lines]) + extension
-    direction = np.column_stack([-normal[:, 1], normal[:, 0]])
+    x, y, offset, low, high, _ = np.array(lines, np.float64).reshape(-1, 6).T
+    normal, direction = np.column_stack([x, y]), np.column_stack([-y, x])
+    low, high = low - extension, high + extension
     foot = normal * offset[:, None]
     rings = [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
     starts = np.vstack([foot + direction * low[:, None], *(ring[:-1] for ring in rings)])
@@ -239,94 +310,3 @@ def free_ways_kernel(
             if along <= low[line]:
                 down[line] = min(down[line], low[line] - along)
     return up, down
-
-
-def align(lines: list[Line], polygon: Polygon, spacing: float, limits: LineLimits) -> list[Line]:
-    """The lines, best supported first; a jump that nearly runs along a footprint edge or a better line
-    lies on it.
-
-    A jump beside an edge of the footprint, and the side of a rectangle beside a line, add nothing and go.
-    """
-    near, beside = max(0.5 * spacing, limits.same_line), max(0.5 * spacing, 0.15)
-    edges = footprint_edges(polygon, limits.shortest_edge)
-    fixed = FixedLines(edges, len(edges) + len(lines))
-    answer: list[Line] = []
-    for line in sorted(
-        lines, key=lambda line: (not line.meeting, -line.support, line.low - line.high, line.offset)
-    ):
-        if line.meeting:
-            answer.append(line)
-            fixed.add(line)
-            continue
-        moved: Line | None = None
-        needless = False
-        for number, apart in fixed.beside(line, near):
-            other = fixed.lines[number]
-            onto = laid_on(line, other)
-            covered = other.low - near <= onto.low and onto.high <= other.high + near
-            edge = number < len(edges)
-            if edge and covered and apart > beside:
-                continue
-            needless = covered and (edge or line.support < 1.0)
-            moved = onto
-            break
-        if moved is None:
-            fixed.add(line)
-        if not needless:
-            answer.append(moved or line)
-    return answer
-
-
-class FixedLines:
-    """The lines that others may be laid on, in the order they were fixed."""
-
-    def __init__(self, lines: list[Line], most: int) -> None:
-        self.lines: list[Line] = []
-        self.rows = np.zeros((most, 3))
-        for line in lines:
-            self.add(line)
-
-    def add(self, line: Line) -> None:
-        """Take one more line as fixed."""
-        self.rows[len(self.lines)] = *line.normal, line.offset
-        self.lines.append(line)
-
-    def beside(self, line: Line, near: float) -> list[tuple[int, float]]:
-        """Number and distance (m) from the middle of `line` of the lines that run beside it, nearer than
-        `near`; the nearest first."""
-        most = float(np.sin(np.radians(SAME_DIRECTION_DEG)))
-        found, apart = beside_kernel(self.rows, len(self.lines), *line.middle, *line.normal, near, most)
-        order = np.argsort(apart, kind="stable")
-        return list(zip(found[order].tolist(), apart[order].tolist(), strict=True))
-
-
-@kernel
-def beside_kernel(
-    rows: NDArray[np.float64], count: int, x: float, y: float, nx: float, ny: float, near: float, most: float
-) -> tuple[NDArray[np.int64], Values]:
-    """The numbers of those of the first `count` lines (L, 3: normal, offset) that pass x, y within `near` (m)
-    and whose direction has a sine of at most `most` to the normal nx, ny; and their distances."""
-    found, apart = np.empty(count, np.int64), np.empty(count)
-    size = 0
-    for row in range(count):
-        away = abs(rows[row, 0] * x + rows[row, 1] * y - rows[row, 2])
-        if away <= near and abs(nx * rows[row, 1] - ny * rows[row, 0]) <= most:
-            found[size], apart[size] = row, away
-            size += 1
-    return found[:size], apart[:size]
-
-
-def footprint_edges(polygon: Polygon, shortest: float) -> list[Line]:
-    """The edges of the footprint that are long enough to align with: at least `shortest` (m)."""
-    answer = []
-    for ring in (polygon.exterior, *polygon.interiors):
-        places = np.asarray(ring.coords)[:, :2]
-        for start, end in pairwise(places):
-            dx, dy = (end - start).tolist()
-            length = float(np.hypot(dx, dy))
-            if length >= shortest:
-                nx, ny = dy / length, -dx / length
-                low = float(start @ np.array([-ny, nx]))
-                offset = float(start @ np.array([nx, ny]))
-                answer.append(Line((nx, ny), offset, low, low + length, length, True))
-    return answer

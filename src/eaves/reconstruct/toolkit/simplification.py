@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from eaves.model import Values
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.half_edges import (
     OUTSIDE,
@@ -68,15 +66,10 @@ def is_clear(coverage: Coverage) -> bool:
     return bool(clear_plan_kernel(coverage.nodes[coverage.start[ring]], begin, np.arange(len(begin))))
 
 
-def drop_straight_nodes(
-    coverage: Coverage, labels: Integers, inner: float = STRAIGHT
-) -> tuple[Coverage, Integers]:
-    """The coverage, and its labels (C,), without nodes of two edges on the line of their neighbours.
-
-    Nodes inside the coverage may be `inner` (m) away from that line, those on the outline `STRAIGHT`.
-    """
+def drop_straight_nodes(coverage: Coverage, labels: Integers) -> tuple[Coverage, Integers]:
+    """The coverage, and its labels (C,), without nodes of two edges on the line of their neighbours."""
     known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.count)
-    *parts, kept = straighten_kernel(*known, STRAIGHT, inner, ROUNDS)
+    *parts, kept = straighten_kernel(*known, STRAIGHT, ROUNDS)
     if len(parts[1]) == len(coverage.start):
         return coverage, labels
     return Coverage(*parts), labels[kept]
@@ -145,20 +138,13 @@ def absorb_slivers(
     labels: Integers,
     smallest_area: float,
     narrowest: float,
-    planes: NDArray[np.float64],
-    highest: Values,
 ) -> tuple[Coverage, Integers]:
-    """The coverage with cells too small (m²) or narrow (m) given to the neighbour they share most with.
-
-    None goes to a neighbour whose plane of `planes` (P, 3) would rise over its `highest` (P,; m) in it; what
-    no neighbour may take stays.
-    """
-    limits = float(smallest_area), float(narrowest), np.ascontiguousarray(planes), highest
+    """The coverage with cells too small (m²) or narrow (m) given to the neighbour they share most with."""
     for _ in range(ROUNDS):
         if coverage.count < 2:
             break
         known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin, coverage.area)
-        worst, beside = sliver_kernel(*known, np.ascontiguousarray(labels, np.int64), *limits)
+        worst, beside = sliver_kernel(*known, float(smallest_area), float(narrowest))
         if worst < 0:
             break
         given = labels.copy()

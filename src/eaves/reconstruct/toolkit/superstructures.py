@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from pydantic import BaseModel
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.percentiles import quantile
+from eaves.methods import parameter
 from eaves.model import Installation, Points, Solid, Values
 from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
 from eaves.reconstruct.toolkit.plan_lines import main_directions, turn_by
@@ -20,25 +20,65 @@ PLACES = 9
 """Places on each side of an object at which the roof beside it is looked up."""
 
 
-@dataclass(frozen=True)
-class ObjectLimits:
-    """What makes an object on a roof; parameters of the method, which says what each means."""
+class ObjectLimits(BaseModel):
+    """What makes an object on a roof: parameters of a method that finds them."""
 
-    points: int
-    height: float
-    together: float
-    level: float
-    inside: float
-    on_top: float
-    least: float
-    largest: float
-    highest: float
-    beside: float
-    least_beside: float
-    most_beside: float
-    flat: float
-    chimney: float
-    lift_housing: float
+    superstructure_points: int = parameter(
+        8, "Points that show an object on the roof which the solids leave out.", ge=4
+    )
+    superstructure_height: float = parameter(
+        0.4, "Least height of such an object over the roof.", unit="m", gt=0.0
+    )
+    superstructure_gap: float = parameter(
+        1.6, "Points of one object have another this many spacings away or nearer.", gt=0.0
+    )
+    superstructure_level: float = parameter(
+        0.35,
+        "Points this near to the top of an object lie on it; a chimney's pots stand out by less.",
+        unit="m",
+        gt=0.0,
+    )
+    superstructure_inside: float = parameter(
+        0.8, "Least share of an object's outline inside the footprint.", ge=0.0, le=1.0
+    )
+    superstructure_on_top: float = parameter(
+        0.5,
+        "Least share of an object's points on its top: those of a crown are strewn over its height.",
+        ge=0.0,
+        le=1.0,
+    )
+    superstructure_largest: float = parameter(
+        6.0, "Larger objects are parts of the roof that it lacks, not objects on it.", unit="m2", gt=0.0
+    )
+    superstructure_highest: float = parameter(
+        6.0, "Objects higher than this over the roof are crowns, masts and cranes.", unit="m", gt=0.0
+    )
+    superstructure_beside: float = parameter(
+        1.5,
+        "Points that the roof within so many spacings explains lie where a border is drawn a little off.",
+        ge=0.0,
+    )
+    superstructure_beside_least: float = parameter(0.2, "The same, at least.", unit="m", ge=0.0)
+    superstructure_beside_most: float = parameter(
+        0.5,
+        "The same, at most; farther up a slope the roof would explain an object, too.",
+        unit="m",
+        ge=0.0,
+    )
+    superstructure_least: float = parameter(
+        0.0,
+        "Smaller objects are left out of what is written; the solids are as they are.",
+        unit="m2",
+        ge=0.0,
+    )
+    superstructure_flat: float = parameter(
+        0.18,
+        "Rise per metre under which a roof is flat, 10°: plant and lift housings stand on it, else chimneys "
+        "and dormers.",
+        ge=0.0,
+    )
+    largest_chimney: float = parameter(1.5, "Area of the largest chimney.", unit="m2", gt=0.0)
+    lowest_lift_housing: float = parameter(1.6, "Height of the lowest lift housing.", unit="m", gt=0.0)
 
 
 def find_superstructures(
@@ -51,31 +91,35 @@ def find_superstructures(
 ) -> tuple[Installation, ...]:
     """The objects that roof points (N, 3) show above the model, largest first.
 
-    Points higher over the roof than `limits.height` (m) stand together where they are near in plan. An object
-    has `limits.points` of them, most on one level, is no wider strip along a border of the roof, and no
-    crown. Its outline is the rectangle along the building's main direction, wider than its points by half a
-    spacing.
+    Points higher over the roof than `superstructure_height` (m) stand together where they are near in plan.
+    An object has `superstructure_points` of them, most on one level, is no wider strip along a border of the
+    roof, and no crown. Its outline is the rectangle along the building's main direction, wider than its
+    points by half a spacing.
     """
     height, _, _ = surface or surface_heights(solids, roof[:, :2])
     over = roof[:, 2] - height
-    high = np.flatnonzero((over > limits.height) & (over < limits.highest))
-    if len(high) < limits.points:
+    high = np.flatnonzero((over > limits.superstructure_height) & (over < limits.superstructure_highest))
+    if len(high) < limits.superstructure_points:
         return ()
     main = main_directions(polygon)
     if len(main) == 0:
         return ()
-    pairs = cKDTree(roof[high, :2]).query_pairs(limits.together * spacing, output_type="ndarray")
+    pairs = cKDTree(roof[high, :2]).query_pairs(limits.superstructure_gap * spacing, output_type="ndarray")
     group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(high))
     turn = turn_by(float(main[0]))
-    clusters = [mine for mine in members(group, int(group.max()) + 1) if len(mine) >= limits.points]
+    clusters = [
+        mine for mine in members(group, int(group.max()) + 1) if len(mine) >= limits.superstructure_points
+    ]
     turned = np.column_stack([roof[high, :2] @ turn, roof[high, 2]])
     found = []
-    for cluster in join_overlapping(clusters, turned, 0.5 * limits.together * spacing, limits.level):
+    for cluster in join_overlapping(
+        clusters, turned, 0.5 * limits.superstructure_gap * spacing, limits.superstructure_level
+    ):
         mine = high[cluster]
         one = describe_object(solids, roof[mine], over[mine], turn, spacing, limits)
-        if one is None or one.polygon.area < limits.least:
+        if one is None or one.polygon.area < limits.superstructure_least:
             continue
-        if one.polygon.intersection(polygon).area > limits.inside * one.polygon.area:
+        if one.polygon.intersection(polygon).area > limits.superstructure_inside * one.polygon.area:
             found.append(one)
     return tuple(sorted(found, key=lambda one: (-one.polygon.area, one.polygon.centroid.x)))
 
@@ -120,21 +164,30 @@ def describe_object(
     `turn` (2, 2) lays its sides along the axes.
     """
     top = top_of(points)
-    if np.mean(np.abs(points[:, 2] - top) < limits.level + 0.5 * np.ptp(over)) < limits.on_top:
+    if (
+        np.mean(np.abs(points[:, 2] - top) < limits.superstructure_level + 0.5 * np.ptp(over))
+        < limits.superstructure_on_top
+    ):
         return None
     local = points[:, :2] @ turn
     low, high = local.min(axis=0) - 0.5 * spacing, local.max(axis=0) + 0.5 * spacing
     sides = np.sort(high - low)
     filled = len(points) * spacing**2 / float(np.prod(sides))
     if (
-        np.prod(sides) > limits.largest
+        np.prod(sides) > limits.superstructure_largest
         or filled < 0.4
         or sides[0] < 1.5 * spacing
         or sides[1] > 5.0 * sides[0]
     ):
         return None
-    beside = float(np.clip(limits.beside * spacing, limits.least_beside, limits.most_beside))
-    if explained_beside(solids, points, beside, limits.level):
+    beside = float(
+        np.clip(
+            limits.superstructure_beside * spacing,
+            limits.superstructure_beside_least,
+            limits.superstructure_beside_most,
+        )
+    )
+    if explained_beside(solids, points, beside, limits.superstructure_level):
         return None
     ring = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     corners = np.vstack([ring, ring.mean(axis=0)]) @ turn.T
@@ -146,13 +199,17 @@ def describe_object(
     base = float(np.nanmin(under))
     rise = float(np.sqrt(max(1.0 / cosine[-1] ** 2 - 1.0, 0.0)))
     area, above = float(np.prod(sides)), float(np.median(over))
-    if above < limits.height or top - base < limits.height:
+    if above < limits.superstructure_height or top - base < limits.superstructure_height:
         return None
-    if rise < limits.flat:
-        kind = "lift_housing" if area > 2.0 and above >= limits.lift_housing else "plant"
-        kind = "chimney" if area <= limits.chimney and above >= 0.8 and sides[1] < 2.0 * sides[0] else kind
+    if rise < limits.superstructure_flat:
+        kind = "lift_housing" if area > 2.0 and above >= limits.lowest_lift_housing else "plant"
+        kind = (
+            "chimney"
+            if area <= limits.largest_chimney and above >= 0.8 and sides[1] < 2.0 * sides[0]
+            else kind
+        )
     else:
-        kind = "chimney" if area <= limits.chimney else "dormer"
+        kind = "chimney" if area <= limits.largest_chimney else "dormer"
     return Installation(kind, Polygon(corners[:-1]), base, top, above, len(points))
 
 
@@ -192,5 +249,5 @@ def continued_beside(
     )
     height, cosine, face = surface_heights(solids, np.vstack([rim, local]) @ turn.T)
     under = np.isin(face[: len(rim)], face[len(rim) :])
-    level = cosine[: len(rim)] > np.cos(np.arctan(limits.flat))
-    return bool((level & ~under & (np.abs(height[: len(rim)] - top) < limits.level)).any())
+    level = cosine[: len(rim)] > np.cos(np.arctan(limits.superstructure_flat))
+    return bool((level & ~under & (np.abs(height[: len(rim)] - top) < limits.superstructure_level)).any())
