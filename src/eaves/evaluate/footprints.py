@@ -8,18 +8,15 @@ and compared as groups.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely import MultiPolygon, Polygon
 
-from eaves.evaluate.matching import HALF, RELATIONS, relation_of
+from eaves.evaluate.matching import Matching, Objects
 from eaves.evaluate.scores import Agreement, ratio, root_mean_square
 from eaves.geometry.tolerance import COORDINATE_STEP
 
@@ -169,38 +166,32 @@ def evaluate_footprints(
 
 def _united(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> tuple[dict[str, int], float, float]:
     """How many groups of each relation there are; mean IoU of their unions, RMS (m) of their outlines."""
-    two, one = (
-        shapely.STRtree(found).query(wanted, predicate="intersects")
-        if len(found) and len(wanted)
-        else np.zeros((2, 0), np.int64)
-    )
+    two, one = _meeting(found, wanted)
     shared = shapely.area(shapely.intersection(found[one], wanted[two]))
-    partners = (shared >= HALF * shapely.area(found[one])) | (shared >= HALF * shapely.area(wanted[two]))
-    count = len(found) + len(wanted)
-    ends = one[partners], two[partners] + len(found)
-    links = coo_array((np.ones(len(ends[0])), ends), shape=(count, count))
-    _, group = connected_components(links, directed=False)
-    relations: Counter[str] = Counter()
+    judged, true = (Objects(np.arange(len(shapes)), shapely.area(shapes)) for shapes in (found, wanted))
+    matching = Matching(judged, true, one, two, shared)
     overlaps, offsets = [], [np.zeros(0)]
-    everyone = np.concatenate([found, wanted])
-    order = np.argsort(group, kind="stable")
-    for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if count else []:
-        drawn, true = everyone[members[members < len(found)]], everyone[members[members >= len(found)]]
-        relations[relation_of(len(true), len(drawn))] += 1
-        if len(drawn) and len(true):
-            here, there = (shapely.union_all(shapes, grid_size=COORDINATE_STEP) for shapes in (drawn, true))
-            both = float(here.intersection(there).area)
-            overlaps.append(ratio(both, here.area + there.area - both))
-            offsets.append(outline_distances(here, there))
-    named = {name: relations[name] for name in RELATIONS}
-    return named, _mean(overlaps), root_mean_square(np.concatenate(offsets))
+    for group in np.intersect1d(*matching.groups):
+        here, there = (
+            shapely.union_all(shapes[own == group], grid_size=COORDINATE_STEP)
+            for shapes, own in zip((found, wanted), matching.groups, strict=True)
+        )
+        both = float(here.intersection(there).area)
+        overlaps.append(ratio(both, here.area + there.area - both))
+        offsets.append(outline_distances(here, there))
+    return matching.relations, _mean(overlaps), root_mean_square(np.concatenate(offsets))
+
+
+def _meeting(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> NDArray[np.int64]:
+    """The numbers (2, P) of the wanted and found shapes that meet."""
+    if len(found) == 0 or len(wanted) == 0:
+        return np.zeros((2, 0), np.int64)
+    return np.asarray(shapely.STRtree(found).query(wanted, predicate="intersects"))
 
 
 def pair_by_overlap(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> dict[int, int]:
     """Reference → result of the pairs that share most area, each polygon in one pair at most."""
-    if len(found) == 0 or len(wanted) == 0:
-        return {}
-    two, one = shapely.STRtree(found).query(wanted, predicate="intersects")
+    two, one = _meeting(found, wanted)
     shared = shapely.area(shapely.intersection(found[one], wanted[two]))
     pairs: dict[int, int] = {}
     taken: set[int] = set()
