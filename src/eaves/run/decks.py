@@ -15,6 +15,7 @@ from eaves.kernels import kernel
 from eaves.model import Bounds, Grid, Labels, Mask, PointCloud, Values
 from eaves.model.cloud import BRIDGE_DECK, GRID_STEP, WATER
 from eaves.model.doubt import Doubt
+from eaves.raster.groups import group_cells, neighbour_pairs, steps_within
 from eaves.raster.squares import closed_by_square, grown_by_square, opened_by_square
 
 LINES = ((0, 1), (1, 1), (1, 0), (1, -1))
@@ -196,7 +197,7 @@ def find_decks(
     between, sides, line = find_between(z, water, cell, rules)
     land = terrain_beside(z, known & ~between & ~roofs, between, water, cell, rules)
     joined = carried_on(z, land, rules)
-    label, _ = label_kernel(z, between, np.float32(rules.step), rules.gap)
+    label, _ = even_groups(z, between, rules.step, rules.gap)
     deck, wet, doubts = np.zeros(known.shape, bool), np.zeros(known.shape, bool), []
     for number, window in enumerate(ndimage.find_objects(label), 1):
         rows, columns = (slice(max(0, one.start - 3), one.stop + 3) for one in window)
@@ -235,7 +236,7 @@ def find_decks(
 def grown(deck: Mask, z: Grid, allowed: Mask, rules: DeckRules) -> Mask:
     """Decks (H, W) with the cells next to them that go on from them, of those allowed."""
     reach = grown_by_square(deck, 2 * rules.gap + 1) & (allowed | deck)
-    label, _ = label_kernel(z, reach, np.float32(rules.step), 1)
+    label, _ = even_groups(z, reach, rules.step, 1)
     with_deck = np.unique(label[deck])
     return np.asarray(np.isin(label, with_deck[with_deck > 0]))
 
@@ -303,7 +304,7 @@ def find_between(
 
 def terrain_beside(z: Grid, level: Mask, between: Mask, water: Mask, cell: float, rules: DeckRules) -> Mask:
     """The cells (H, W) of broad surfaces that do not fall off all round: terrain, not roofs."""
-    label, count = label_kernel(z, level, np.float32(rules.step), 1)
+    label, count = even_groups(z, level, rules.step, 1)
     area = np.bincount(label.ravel(), minlength=count + 1) * cell * cell
     falls, rim = rims_kernel(z, label, count, between, water, np.float32(rules.fall))
     broad = (area >= rules.terrain_area) & (falls <= rules.terrain_falls * rim)
@@ -346,32 +347,15 @@ def ends_of(mine: Mask, z: Grid, joined: Mask, line: NDArray[np.uint8]) -> tuple
     return ends, high - low + 1.0, middle, float(np.hypot(*slopes))
 
 
-@kernel
-def label_kernel(z: Grid, mask: Mask, step: float, reach: int) -> tuple[Labels, int]:
+def even_groups(z: Grid, mask: Mask, step: float, reach: int) -> tuple[Labels, int]:
     """Numbers (H, W) of the groups of cells of a mask that go on from each other, and how many there are.
 
     Cells up to `reach` apart go on from each other when they differ by `step` (m) or less.
     """
-    rows, columns = z.shape
-    label = np.zeros((rows, columns), np.int32)
-    stack = np.empty(rows * columns, np.int64)
-    count = 0
-    for first in range(rows * columns):
-        if not mask[first // columns, first % columns] or label[first // columns, first % columns]:
-            continue
-        count += 1
-        label[first // columns, first % columns] = count
-        stack[0], used = first, 1
-        while used:
-            used -= 1
-            r, c = stack[used] // columns, stack[used] % columns
-            for y in range(max(0, r - reach), min(rows, r + reach + 1)):
-                for x in range(max(0, c - reach), min(columns, c + reach + 1)):
-                    if mask[y, x] and not label[y, x] and abs(z[y, x] - z[r, c]) <= step:
-                        label[y, x] = count
-                        stack[used] = y * columns + x
-                        used += 1
-    return label, count
+    one, two = neighbour_pairs(mask, steps=steps_within(reach))
+    level = z.ravel()
+    joined = np.abs(level[one] - level[two]) <= np.float32(step)
+    return group_cells(mask, one[joined], two[joined])
 
 
 @kernel

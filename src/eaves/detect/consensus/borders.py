@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from eaves.detect.consensus.evidence import Evidence, neighbour_pairs
+from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.segments import level_at
 from eaves.model import Mask, Values
+from eaves.raster.groups import neighbour_pairs
 
 UNIT = 100.0
 """Capacities are whole numbers: hundredths of a unit of log odds (a definition, not a threshold)."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.detect.consensus.windows import WindowLimits, best_planes, window_sum
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import sums_of
 from eaves.model import Labels, Mask, Points, Scene, Values
+from eaves.raster.groups import ONWARD, Numbers, numbers_in, shifted
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,26 +86,6 @@ def gather_evidence(
     )
 
 
-Numbers = NDArray[np.int64]
-ONWARD = ((0, 1), (1, 0), (1, 1), (1, -1))
-"""Steps down and right to four of the eight neighbours of a cell: the others step back to it."""
-
-
-def neighbour_pairs(mask: Mask, some: Mask | None = None) -> tuple[Numbers, Numbers]:
-    """Flat numbers of all pairs of eight-neighbouring cells that are both set in `mask` (H, W), and at least
-    one of them in `some` (H, W) where that is given."""
-    one, two = [], []
-    for step in ONWARD:
-        a, b = shifted(mask.shape, step)
-        both = mask[a] & mask[b]
-        if some is not None:
-            both &= some[a] | some[b]
-        here, there = numbers_in(both, step, mask.shape)
-        one.append(here)
-        two.append(there)
-    return np.concatenate(one), np.concatenate(two)
-
-
 def rim_pairs(region: Labels, occupied: Mask) -> tuple[Numbers, Numbers]:
     """Flat numbers of the cells of regions (H, W) and of their eight-neighbours that are in none and
     occupied (H, W), pair by pair."""
@@ -119,20 +99,3 @@ def rim_pairs(region: Labels, occupied: Mask) -> tuple[Numbers, Numbers]:
             this.append(here)
             that.append(there)
     return np.concatenate(inner), np.concatenate(outer)
-
-
-def shifted(shape: tuple[int, ...], step: tuple[int, int]) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """The cells (H, W) from which a step down and right leads to another, and those it leads to."""
-    (rows, columns), (down, right) = shape, step
-    return (
-        (slice(0, rows - down), slice(max(0, -right), columns - max(0, right))),
-        (slice(down, rows), slice(max(0, right), columns - max(0, -right))),
-    )
-
-
-def numbers_in(both: Mask, step: tuple[int, int], shape: tuple[int, ...]) -> tuple[Numbers, Numbers]:
-    """Flat numbers in a raster of a shape (H, W) of the cells set among those of `shifted`, and of those that
-    the step leads to."""
-    row, column = np.nonzero(both)
-    here = row * shape[1] + column + max(0, -step[1])
-    return here, here + step[0] * shape[1] + step[1]

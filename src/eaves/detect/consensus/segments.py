@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from eaves.detect.consensus.evidence import Evidence, neighbour_pairs
+from eaves.detect.consensus.evidence import Evidence
 from eaves.model import Labels, Mask, Values
+from eaves.raster.groups import group_cells, neighbour_pairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,19 +46,11 @@ def find_segments(evidence: Evidence, smooth: Mask, max_gap: float, tall_height:
     back = np.abs(level_at(evidence, two, one, 1.0) - level[one])
     gap = np.maximum(ahead, back)
     joined = gap < max_gap
-    number = np.full(smooth.size, -1)
-    members = np.flatnonzero(smooth)
-    number[members] = np.arange(len(members))
-    graph = coo_array(
-        (np.ones(int(joined.sum()), np.int8), (number[one[joined]], number[two[joined]])), (len(members),) * 2
-    )
-    count, group = connected_components(graph, directed=False)
-    flat = np.zeros(smooth.size, np.int32)
-    flat[members] = group + 1
-    label: Labels = flat.reshape(smooth.shape)
+    label, count = group_cells(smooth, one[joined], two[joined])
+    group = label[smooth] - 1
 
     def mean(values: Values) -> Values:
-        total = np.bincount(group, weights=values.ravel()[members], minlength=count)
+        total = np.bincount(group, weights=values[smooth], minlength=count)
         return np.asarray(total / np.maximum(size, 1), np.float64)
 
     size = np.bincount(group, minlength=count).astype(np.float64)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Raster
+from eaves.raster.groups import BESIDE, group_cells, neighbour_pairs
 from eaves.raster.nearest import ADJOINING, near_cells
 
 
@@ -64,7 +65,7 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask,
     residual = residual_kernel(z, rules.terrace_steep)
     left = objects.copy()
     for _ in range(rules.terrace_rounds):
-        piece, count = pieces_kernel(left, residual, step)
+        piece, count = pieces_of(left, residual, step)
         # cells without a point of their own kind beside them were interpolated, and have no area
         near = [near_cells(occupied & kind, ADJOINING) for kind in (left, ~left)]
         known = np.where(left, *near)
@@ -82,6 +83,14 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask,
             break
         left &= ~terrain[piece]
     return objects & ~left
+
+
+def pieces_of(objects: Mask, residual: NDArray[np.float64], step: float) -> tuple[Labels, int]:
+    """Numbers (H, W) of object cells joined by residuals under `step`, 0 elsewhere; how many there are."""
+    one, two = neighbour_pairs(objects, steps=BESIDE)
+    columns = objects.shape[1]
+    joined = residual[np.where(two - one == columns, 1, 0), *np.divmod(one, columns)] < step
+    return group_cells(objects, one[joined], two[joined])
 
 
 @kernel
@@ -108,34 +117,6 @@ def residual_kernel(z: NDArray[np.float64], steep_share: float) -> NDArray[np.fl
                 bend = min(abs(here - before), abs(here - after)) + steep_share * abs(here)
                 residual[k, row, column] = min(abs(here), bend)
     return residual
-
-
-@kernel
-def pieces_kernel(objects: Mask, residual: NDArray[np.float64], step: float) -> tuple[Labels, int]:
-    """Labels (H, W) of object cells joined by residuals under `step`, 0 elsewhere, and how many there are."""
-    rows, columns = objects.shape
-    piece = np.zeros((rows, columns), np.int32)
-    stack = np.empty(rows * columns, np.int64)
-    count = 0
-    for first in range(rows * columns):
-        if piece[first // columns, first % columns] != 0 or not objects[first // columns, first % columns]:
-            continue
-        count += 1
-        piece[first // columns, first % columns] = count
-        stack[0], top = first, 1
-        while top > 0:
-            top -= 1
-            row, column = stack[top] // columns, stack[top] % columns
-            for side in range(4):
-                r = row + (1 if side == 1 else (-1 if side == 3 else 0))
-                c = column + (1 if side == 0 else (-1 if side == 2 else 0))
-                if r < 0 or c < 0 or r >= rows or c >= columns or piece[r, c] != 0 or not objects[r, c]:
-                    continue
-                if residual[side % 2, min(row, r), min(column, c)] < step:
-                    piece[r, c] = count
-                    stack[top] = r * columns + c
-                    top += 1
-    return piece, count
 
 
 @kernel

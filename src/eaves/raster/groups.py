@@ -1,0 +1,71 @@
+"""Pairs of neighbouring cells, and the groups of cells that some of the pairs join."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eaves.geometry.components import connected_groups_kernel
+from eaves.model import Labels, Mask
+
+Numbers = NDArray[np.int64]
+Step = tuple[int, int]
+BESIDE: tuple[Step, ...] = ((0, 1), (1, 0))
+"""Steps down and right to two of the four cells that share a side with a cell: the others step back to it."""
+ONWARD: tuple[Step, ...] = (*BESIDE, (1, 1), (1, -1))
+"""The same to four of the eight neighbours."""
+
+
+def steps_within(reach: int) -> tuple[Step, ...]:
+    """Steps to half of the cells at most `reach` rows and columns away."""
+    return tuple(
+        (down, right)
+        for down in range(reach + 1)
+        for right in range(-reach, reach + 1)
+        if down > 0 or right > 0
+    )
+
+
+def neighbour_pairs(
+    mask: Mask, some: Mask | None = None, steps: tuple[Step, ...] = ONWARD
+) -> tuple[Numbers, Numbers]:
+    """Flat numbers of all pairs of cells a step apart that are both set in `mask` (H, W), and at least one of
+    them in `some` (H, W) where that is given."""
+    pairs = []
+    for step in steps:
+        a, b = shifted(mask.shape, step)
+        both = mask[a] & mask[b]
+        if some is not None:
+            both &= some[a] | some[b]
+        pairs.append(numbers_in(both, step, mask.shape))
+    one, two = zip(*pairs, strict=True)
+    return np.concatenate(one), np.concatenate(two)
+
+
+def shifted(shape: tuple[int, ...], step: Step) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """The cells (H, W) from which a step down and right leads to another, and those it leads to."""
+    (rows, columns), (down, right) = shape, step
+    return (
+        (slice(0, max(0, rows - down)), slice(max(0, -right), max(0, columns - max(0, right)))),
+        (slice(down, rows), slice(max(0, right), max(0, columns - max(0, -right)))),
+    )
+
+
+def numbers_in(both: Mask, step: Step, shape: tuple[int, ...]) -> tuple[Numbers, Numbers]:
+    """Flat numbers in a raster of a shape (H, W) of the cells set among those of `shifted`, and of those that
+    the step leads to."""
+    row, column = np.nonzero(both)
+    here = row * shape[1] + column + max(0, -step[1])
+    return here, here + step[0] * shape[1] + step[1]
+
+
+def group_cells(mask: Mask, one: Numbers, two: Numbers) -> tuple[Labels, int]:
+    """Numbers (H, W) of the groups of cells of a mask that pairs (K,) of them join, 0 elsewhere, in the order
+    of their first cells; how many there are."""
+    cells = np.flatnonzero(mask)
+    place = np.zeros(mask.size, np.int64)
+    place[cells] = np.arange(len(cells))
+    group = connected_groups_kernel(place[one], place[two], len(cells))
+    label = np.zeros(mask.shape, np.int32)
+    label.ravel()[cells] = group + 1
+    return label, int(group.max(initial=-1)) + 1
