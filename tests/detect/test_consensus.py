@@ -148,7 +148,7 @@ def test_a_terrace_on_a_slope_is_not_a_building() -> None:
 
 def test_the_residual_beside_a_ridge_is_that_of_the_faces() -> None:
     scene, what = two_houses_and_a_tree(8.0).scene()
-    evidence = gather_evidence(scene, scene.cloud.xyz, what == 1, 0.5, Consensus().window_limits)
+    evidence = gather_evidence(scene, scene.cloud.xyz, what == 1, 0.5, Consensus())
     assert np.median(evidence.residual[evidence.candidate]) < 0.03
     assert (evidence.residual[evidence.candidate] < 0.12).mean() > 0.9
     segments = find_segments(evidence, evidence.candidate & (evidence.residual < 0.12), 0.12, 2.0)

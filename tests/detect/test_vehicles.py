@@ -29,9 +29,7 @@ def top(
 
 
 def is_vehicle(xyz: NDArray[np.float64]) -> bool:
-    return bool(
-        measure_tops(xyz, xyz[:, 2], np.ones(len(xyz), np.int32), 2, Consensus().vehicle_limits).vehicle[1]
-    )
+    return bool(measure_tops(xyz, xyz[:, 2], np.ones(len(xyz), np.int32), 2, Consensus()).vehicle[1])
 
 
 @pytest.mark.parametrize("turned_deg", [0.0, 30.0, 90.0, 135.0])
@@ -54,9 +52,7 @@ def test_few_points_tell_no_pitch() -> None:
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_hardly_any_points_are_no_error(count: int) -> None:
     same = np.zeros((count, 3))
-    assert measure_tops(
-        same, same[:, 2], np.ones(count, np.int32), 2, Consensus().vehicle_limits
-    ).vehicle.shape == (2,)
+    assert measure_tops(same, same[:, 2], np.ones(count, np.int32), 2, Consensus()).vehicle.shape == (2,)
 
 
 def test_the_score_falls_the_more_a_region_is_like_a_van() -> None:

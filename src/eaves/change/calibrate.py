@@ -249,7 +249,7 @@ class See:
         _, self.evidence, self.segments = method.find_surfaces(scene, candidate)
         self.weights, self.origin = method.judged_by, block.origin
         self.terms = measured_terms(
-            self.evidence, self.segments, method.tolerance(scene.spacing), self.weights, method.judgement
+            self.evidence, self.segments, method.tolerance(scene.spacing), self.weights, method
         )
         self.seen = self.evidence.candidate.ravel()
         self.large = self.terms.large.ravel()

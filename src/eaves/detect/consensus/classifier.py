@@ -13,6 +13,7 @@ from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.segments import Segments, least_around
 from eaves.detect.consensus.separation import NOTHING, Separation, separate
 from eaves.detect.stage import TALL_SHARE
+from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Values
 
 SURFACE_SHAPE = ("constant", "area", "rough", "width", "height", "company", "enclosed")
@@ -101,28 +102,51 @@ STOREY_M = 3.0
 fitted to this term."""
 
 
-@dataclass(frozen=True)
-class Judgement:
+class EvidenceRules(Method):
     """How the evidence is weighed, beside the weights."""
 
-    enclosed: float
-    """Roof on all sides within so much (m) encloses a cell."""
-    company: int
-    """Side (cells) of the square in which the share of smooth cells is counted."""
-    small: float
-    """Smaller surfaces (m²) say no more than their cells do."""
-    rounds: int
-    """Rounds of expectation maximisation."""
-    low_odds: float
-    """Log odds, at most, of a surface that is nowhere as high as a building."""
-    least_spread: float
-    """A measure's spread below this is chance."""
-    most_log_ratio: float
-    """Log likelihood ratio, at most, of one measure."""
-    even_area: float
-    """No crown has a surface as large (m²) and as even."""
-    even_residual: float
-    """The residual of such a surface, at most, in largest residuals."""
+    enclosed: float = parameter(
+        6.0,
+        "What stands on a roof has roof on all sides within so much; a tree beside one has not.",
+        unit="m",
+        gt=0.0,
+    )
+    company: int = parameter(
+        7,
+        "Side of the square in which the share of smooth cells is counted: two windows and the cell between.",
+        unit="cells",
+        ge=1,
+    )
+    small_surface: float = parameter(
+        2.0, "Smaller surfaces say no more than their cells do.", unit="m²", ge=0.0
+    )
+    rounds: int = parameter(
+        3,
+        "Rounds of measuring echoes and penetration; after three they change by less than a hundredth.",
+        ge=0,
+    )
+    low_odds: float = parameter(
+        -3.0,
+        "Log odds, at most, of a surface nowhere as high as a building: a wall, a hedge, a terrace.",
+        le=0.0,
+    )
+    least_spread: float = parameter(
+        0.02,
+        "Least spread of echoes or penetration: shares are counted of tens of points, less is chance.",
+        gt=0.0,
+    )
+    most_log_ratio: float = parameter(
+        4.0, "Log likelihood ratio, at most, of echoes or penetration: fifty to one.", gt=0.0
+    )
+    even_area: float = parameter(
+        20.0,
+        "No crown has a surface as large and even: there echoes tell nothing against glass or slats.",
+        unit="m²",
+        ge=0.0,
+    )
+    even_residual: float = parameter(
+        0.25, "The residual of such a surface is at most so many times `max_residual`.", ge=0.0
+    )
 
 
 def smooth_share(candidate: Mask, smooth: Mask, size: int) -> Values:
@@ -229,46 +253,48 @@ class Terms:
 
 
 def measured_terms(
-    evidence: Evidence, segments: Segments, max_residual: float, weights: Weights, by: Judgement
+    evidence: Evidence, segments: Segments, max_residual: float, weights: Weights, limits: EvidenceRules
 ) -> Terms:
     """The terms of all surfaces and cells, with what echoes and penetration tell in this very scan.
 
     First the odds are those of shape alone; the cells that they call roofs and crowns give the measures'
     separation, which gives better odds, and so once more (expectation maximisation, [dempster1977]).
     """
-    large = np.r_[False, segments.area >= by.small][segments.label]
+    large = np.r_[False, segments.area >= limits.small_surface][segments.label]
     seen = evidence.candidate
-    company = smooth_share(seen, segments.label > 0, by.company)
+    company = smooth_share(seen, segments.label > 0, limits.company)
     roofs = np.r_[False, segments.area >= SHED_M2][segments.label]
-    enclosed = enclosure(roofs, round(by.enclosed / evidence.cells.side))
+    enclosed = enclosure(roofs, round(limits.enclosed / evidence.cells.side))
     of_surfaces = surface_shape(segments, company, enclosed, max_residual)
     of_cells = cell_shape(evidence, company, enclosed, max_residual)
     inner_multi_return_share = least_around(evidence.multi_return_share, seen)
     inner_penetration_share = least_around(evidence.penetration, seen)
-    even = (segments.area >= by.even_area) & (segments.residual <= by.even_residual * max_residual)
+    even = (segments.area >= limits.even_area) & (segments.residual <= limits.even_residual * max_residual)
     echoes = penetration = inner_echoes = inner_penetration = NOTHING
     of_seen, several, through = of_cells[seen], evidence.multi_return_share[seen], evidence.penetration[seen]
-    for rounds_left in range(by.rounds, -1, -1):
+    for rounds_left in range(limits.rounds, -1, -1):
         surface = with_echoes(
             of_surfaces,
             segments.multi_return_share,
             segments.penetration,
             inner_echoes,
             inner_penetration,
-            by.most_log_ratio,
+            limits.most_log_ratio,
         )
         surface = without_objections(surface, even, weights)
         if not rounds_left:
             break
-        of_surface = np.r_[0.0, segment_odds(segments, surface, weights, by.low_odds)][segments.label[seen]]
-        cell = with_echoes(of_seen, several, through, echoes, penetration, by.most_log_ratio)
+        of_surface = np.r_[0.0, segment_odds(segments, surface, weights, limits.low_odds)][
+            segments.label[seen]
+        ]
+        cell = with_echoes(of_seen, several, through, echoes, penetration, limits.most_log_ratio)
         odds = np.where(large[seen], of_surface, cell_odds(cell, weights))
         likely = 1.0 / (1.0 + np.exp(-odds))
-        echoes = separate(several, likely, by.least_spread)
-        penetration = separate(through, likely, by.least_spread)
-        inner_echoes = separate(inner_multi_return_share[seen], likely, by.least_spread)
-        inner_penetration = separate(inner_penetration_share[seen], likely, by.least_spread)
-    return Terms(surface, of_cells, evidence, by.most_log_ratio, large, echoes, penetration)
+        echoes = separate(several, likely, limits.least_spread)
+        penetration = separate(through, likely, limits.least_spread)
+        inner_echoes = separate(inner_multi_return_share[seen], likely, limits.least_spread)
+        inner_penetration = separate(inner_penetration_share[seen], likely, limits.least_spread)
+    return Terms(surface, of_cells, evidence, limits.most_log_ratio, large, echoes, penetration)
 
 
 def without_objections(terms: Values, even: Mask, weights: Weights) -> Values:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy import ndimage
 
 from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.stage import MIN_AREA_M2
+from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Values
 from eaves.model.doubt import Doubt
 from eaves.raster.squares import grown_by_square
@@ -16,22 +15,36 @@ from eaves.raster.squares import grown_by_square
 STAGE = "detect"
 
 
-@dataclass(frozen=True)
-class DoubtLimits:
+class DoubtRules(Method):
     """When a region is doubtful."""
 
-    unsure: float
-    """A score between this and one less this is as likely a mistake as not."""
-    attached: float
-    """Share of the rim that continues the terrain."""
-    on_rim: float
-    """Share of the rim that lies on the rim of the data."""
-    afloat: float
-    """Share of the rim that is water, or where nothing returned beside water."""
+    doubt_score: float = parameter(
+        0.2, "A region with a score between this and one less this is doubtful.", ge=0.0, le=0.5
+    )
+    doubt_attached: float = parameter(
+        0.25,
+        "A region that goes on in the terrain along more of its rim is doubtful, unless along all but "
+        "less than this share, which is rock.",
+        ge=0.0,
+        le=1.0,
+    )
+    doubt_rim: float = parameter(
+        0.1,
+        "A region with more of its rim on the rim of the data is doubtful: chance gaps touch less.",
+        ge=0.0,
+        le=1.0,
+    )
+    doubt_afloat: float = parameter(
+        0.6,
+        "A region with water, or nothing, along more of its rim is doubtful: a house by a canal has land on "
+        "three sides.",
+        ge=0.0,
+        le=1.0,
+    )
 
 
 def region_doubts(
-    evidence: Evidence, region: Labels, score: Values, attached: Values, water: Mask, limits: DoubtLimits
+    evidence: Evidence, region: Labels, score: Values, attached: Values, water: Mask, limits: DoubtRules
 ) -> list[Doubt]:
     """Doubts about regions 1…K of cells (H, W).
 
@@ -76,15 +89,15 @@ def region_doubts(
 
         if size < MIN_AREA_M2:
             continue
-        if limits.unsure <= score[number - 1] <= 1.0 - limits.unsure:
+        if limits.doubt_score <= score[number - 1] <= 1.0 - limits.doubt_score:
             found.append(doubt(mine, f"a roof or not: score {score[number - 1]:.2f}"))
-        if attached[number] > limits.attached:
+        if attached[number] > limits.doubt_attached:
             share = round(100 * attached[number])
             found.append(doubt(mine, f"a roof or a rock: {share} % of its rim continues the terrain"))
         wet = rim & water[around]
-        if wet.any() and (wet | (rim & empty[around])).sum() > limits.afloat * rim.sum():
+        if wet.any() and (wet | (rim & empty[around])).sum() > limits.doubt_afloat * rim.sum():
             found.append(doubt(mine, "a building or a ship: there is water all round"))
-        if open_rim.sum() > limits.on_rim * rim.sum():
+        if open_rim.sum() > limits.doubt_rim * rim.sum():
             found.append(doubt(open_rim, "a building on the rim of the data"))
     return found
 

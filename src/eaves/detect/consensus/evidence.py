@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eaves.detect.consensus.windows import WindowLimits, best_planes, window_sum
+from eaves.detect.consensus.windows import WindowRules, best_planes, window_sum
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import sums_of
 from eaves.model import Labels, Mask, Points, Scene, Values
@@ -43,9 +43,7 @@ class Evidence:
         return self.cells.shape
 
 
-def gather_evidence(
-    scene: Scene, xyz: Points, candidate: Mask, side: float, limits: WindowLimits
-) -> Evidence:
+def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float, limits: WindowRules) -> Evidence:
     """Evidence on cells of the given side (m).
 
     `candidate` (N,) marks the points that could be roofs; xyz (N, 3) counts heights from a level near them.

@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.detect.consensus.evidence import Evidence
+from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Points, Values
 
 
-@dataclass(frozen=True)
-class HiddenLimits:
+class HiddenRoofRules(Method):
     """When a plane is carried on below a crown."""
 
-    on_plane: float
-    """A point no farther (m) from the plane, in height, is of the roof."""
-    least_on: int
-    """Points of a cell that must lie on the plane."""
-    most_below: float
-    """Points of a cell, at most, below the plane for each on it."""
-    longest: float
-    """So far (m) a plane is carried on."""
+    hidden_on_plane: float = parameter(
+        0.1, "Points no farther from a plane carried on below a crown are of the roof.", unit="m", gt=0.0
+    )
+    hidden_points: int = parameter(
+        1, "Points of a cell that must lie on that plane: few echoes get through a crown.", ge=1
+    )
+    hidden_below: float = parameter(
+        0.5,
+        "Points below that plane, at most, for each on it: beyond a roof the beam goes on to the ground.",
+        ge=0.0,
+    )
+    hidden_reach: float = parameter(6.0, "How far a plane is carried on below a crown.", unit="m", ge=0.0)
 
 
 def find_hidden_roofs(
-    evidence: Evidence, xyz: Points, usable: Mask, region: Labels, surface: Mask, limits: HiddenLimits
+    evidence: Evidence, xyz: Points, usable: Mask, region: Labels, surface: Mask, limits: HiddenRoofRules
 ) -> NDArray[np.int32]:
     """The region of each point (N,) on a building's plane carried on below a crown, 0 for the others.
 
@@ -47,7 +49,7 @@ def find_hidden_roofs(
         y = xyz[points, 1] - evidence.cells.north + (row + 0.5) * side
         return np.asarray(xyz[points, 2] - level[cells] - east[cells] * x - north[cells] * y, np.float64)
 
-    for _ in range(round(limits.longest / side)):
+    for _ in range(round(limits.hidden_reach / side)):
         source = np.repeat(front, 8)
         target = (front[:, None] + evidence.cells.neighbours).ravel()
         free = open_[target]
@@ -55,9 +57,9 @@ def find_hidden_roofs(
         which, points = evidence.cells.points_of(target)
         which, points = which[usable[points]], points[usable[points]]
         rise = above_plane(points, source[which])
-        on = np.bincount(which[np.abs(rise) <= limits.on_plane], minlength=len(target))
-        below = np.bincount(which[rise < -limits.on_plane], minlength=len(target))
-        good = (on >= limits.least_on) & (below <= limits.most_below * on)
+        on = np.bincount(which[np.abs(rise) <= limits.hidden_on_plane], minlength=len(target))
+        below = np.bincount(which[rise < -limits.hidden_on_plane], minlength=len(target))
+        good = (on >= limits.hidden_points) & (below <= limits.hidden_below * on)
         source, target, on = source[good], target[good], on[good]
         order = np.lexsort((source, -on, target))
         source, target = source[order], target[order]
@@ -73,6 +75,6 @@ def find_hidden_roofs(
 
     found = np.zeros(len(xyz), np.int32)
     inside = np.flatnonzero((hidden[evidence.cells.cell] > 0) & usable)
-    inside = inside[np.abs(above_plane(inside, evidence.cells.cell[inside])) <= limits.on_plane]
+    inside = inside[np.abs(above_plane(inside, evidence.cells.cell[inside])) <= limits.hidden_on_plane]
     found[inside] = hidden[evidence.cells.cell[inside]]
     return found

@@ -11,7 +11,7 @@ from eaves.detect.consensus.attachment import attached_share
 from eaves.detect.consensus.borders import cut_cells
 from eaves.detect.consensus.classifier import (
     FITTED,
-    Judgement,
+    EvidenceRules,
     Terms,
     Weights,
     measured_terms,
@@ -20,20 +20,20 @@ from eaves.detect.consensus.classifier import (
     segment_odds,
 )
 from eaves.detect.consensus.doubts import (
-    DoubtLimits,
+    DoubtRules,
     container_doubts,
     crown_doubts,
     region_doubts,
     void_doubts,
 )
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
-from eaves.detect.consensus.hidden_roofs import HiddenLimits, find_hidden_roofs
+from eaves.detect.consensus.hidden_roofs import HiddenRoofRules, find_hidden_roofs
 from eaves.detect.consensus.limbs import without_limbs
 from eaves.detect.consensus.members import part_of_points
 from eaves.detect.consensus.segments import Segments, find_segments, square_width
-from eaves.detect.consensus.vehicles import VehicleLimits, measure_tops
-from eaves.detect.consensus.voids import VoidLimits, find_roof_voids, raise_rims
-from eaves.detect.consensus.windows import WindowLimits
+from eaves.detect.consensus.vehicles import VehicleRules, measure_tops
+from eaves.detect.consensus.voids import VoidRules, find_roof_voids, raise_rims
+from eaves.detect.consensus.windows import WindowRules
 from eaves.detect.stage import MIN_HEIGHT_M, Detector
 from eaves.detect.toolkit.cells import side_near
 from eaves.methods import Emit, ignore, parameter
@@ -53,7 +53,7 @@ LEAST_TOLERANCE_M, TOLERANCE = 0.12, 0.11
 windows that span a ridge miss one plane."""
 
 
-class Consensus(Detector):
+class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRules, WindowRules, Detector):
     """Building labels from planes, echoes, penetration, height, size and width together.
 
     Points well above the terrain are gathered in cells of about two points. Each cell is given the best
@@ -154,86 +154,7 @@ class Consensus(Detector):
         unit="m",
         ge=0.0,
     )
-    window_points: int = parameter(
-        6,
-        "Points of a window with a plane: three would always fit, six leave half for the residual.",
-        ge=4,
-    )
-    window_width: float = parameter(
-        0.25, "A window whose points are narrower than this share of a cell is a line.", ge=0.0
-    )
-    window_price: float = parameter(
-        2.0, "Times the residual of a window two cells wide, as few points fit by chance.", gt=0.0
-    )
-    enclosed: float = parameter(
-        6.0,
-        "What stands on a roof has roof on all sides within so much; a tree beside one has not.",
-        unit="m",
-        gt=0.0,
-    )
-    company: int = parameter(
-        7,
-        "Side of the square in which the share of smooth cells is counted: two windows and the cell between.",
-        unit="cells",
-        ge=1,
-    )
-    small_surface: float = parameter(
-        2.0, "Smaller surfaces say no more than their cells do.", unit="m²", ge=0.0
-    )
-    rounds: int = parameter(
-        3,
-        "Rounds of measuring echoes and penetration; after three they change by less than a hundredth.",
-        ge=0,
-    )
-    low_odds: float = parameter(
-        -3.0,
-        "Log odds, at most, of a surface nowhere as high as a building: a wall, a hedge, a terrace.",
-        le=0.0,
-    )
-    least_spread: float = parameter(
-        0.02,
-        "Least spread of echoes or penetration: shares are counted of tens of points, less is chance.",
-        gt=0.0,
-    )
-    most_log_ratio: float = parameter(
-        4.0, "Log likelihood ratio, at most, of echoes or penetration: fifty to one.", gt=0.0
-    )
-    even_area: float = parameter(
-        20.0,
-        "No crown has a surface as large and even: there echoes tell nothing against glass or slats.",
-        unit="m²",
-        ge=0.0,
-    )
-    even_residual: float = parameter(
-        0.25, "The residual of such a surface is at most so many times `max_residual`.", ge=0.0
-    )
     rim_odds: float = parameter(3.0, "Log odds of the rim of a roof that swallows the beam.", ge=0.0)
-    void_area: float = parameter(
-        6.0,
-        "Smaller holes in the data are closed by the outline and are no roofs of their own.",
-        unit="m²",
-        ge=0.0,
-    )
-    void_most_area: float = parameter(
-        400.0, "Larger holes are courts, ponds or the outside of the survey.", unit="m²", gt=0.0
-    )
-    void_width: float = parameter(2.0, "Narrower holes are the shadow of a wall.", unit="m", ge=0.0)
-    void_width_cells: float = parameter(3.0, "Narrower holes are chance.", unit="cells", ge=0.0)
-    void_rim_share: float = parameter(
-        0.7, "Share of a hole's rim, at least, well above the terrain.", ge=0.0, le=1.0
-    )
-    void_rim_spread: float = parameter(
-        1.0,
-        "Range of the rim's heights, at most, without the lowest and the highest tenth: it is level.",
-        unit="m",
-        gt=0.0,
-    )
-    void_rim_several: float = parameter(
-        0.5,
-        "Share, at most, of the rim's points from pulses with several returns: it is no crown.",
-        ge=0.0,
-        le=1.0,
-    )
     core_share: float = parameter(0.4, "Least share of roof surfaces in a building.", ge=0.0, le=1.0)
     core_share_echoes: float = parameter(
         0.2,
@@ -253,18 +174,6 @@ class Consensus(Detector):
         unit="m",
         gt=0.0,
     )
-    hidden_on_plane: float = parameter(
-        0.1, "Points no farther from a plane carried on below a crown are of the roof.", unit="m", gt=0.0
-    )
-    hidden_points: int = parameter(
-        1, "Points of a cell that must lie on that plane: few echoes get through a crown.", ge=1
-    )
-    hidden_below: float = parameter(
-        0.5,
-        "Points below that plane, at most, for each on it: beyond a roof the beam goes on to the ground.",
-        ge=0.0,
-    )
-    hidden_reach: float = parameter(6.0, "How far a plane is carried on below a crown.", unit="m", ge=0.0)
     wall_below_plane: float = parameter(
         0.5, "At a building's rim a point this far under its cell's plane is on the wall.", unit="m", gt=0.0
     )
@@ -277,58 +186,8 @@ class Consensus(Detector):
     vehicle_area: float = parameter(
         60.0, "An articulated lorry, with the cells at its rim, is no larger.", unit="m²", ge=0.0
     )
-    vehicle_width: float = parameter(
-        2.45,
-        "Vehicles and containers are narrower: the legal limit is 2.55 m, and points stop short of edges.",
-        unit="m",
-        ge=0.0,
-    )
-    vehicle_length: float = parameter(1.9, "They are at least so many times longer than wide.", ge=0.0)
-    vehicle_height: float = parameter(4.2, "Their tops are lower.", unit="m", ge=0.0)
-    vehicle_level: float = parameter(
-        0.6,
-        "Half the range of heights on top of a vehicle; what leaves it is something else.",
-        unit="m",
-        gt=0.0,
-    )
-    vehicle_flat: float = parameter(
-        0.75, "Share of a vehicle at that level; a shed with a pitched roof has less.", ge=0.0, le=1.0
-    )
-    vehicle_tilt: float = parameter(
-        10.0, "A vehicle's top leans less to the side.", unit="degree", ge=0.0, lt=90.0
-    )
-    vehicle_uneven: float = parameter(
-        0.07,
-        "Half of its points lie closer to one plane; a pitched roof is told by either.",
-        unit="m",
-        ge=0.0,
-    )
-    container_short: float = parameter(
-        0.4,
-        "Points fall short of the length, width and height of containers by so much, at most; what agrees in "
-        "all three is doubtful.",
-        unit="m",
-        ge=0.0,
-    )
     container_area: float = parameter(
         200.0, "Larger regions are no stack of containers: three by six of the long ones.", unit="m²", ge=0.0
-    )
-    vehicle_points: int = parameter(20, "Fewer points on top tell nothing of a pitched roof.", ge=0)
-    doubt_score: float = parameter(
-        0.2, "A region with a score between this and one less this is doubtful.", ge=0.0, le=0.5
-    )
-    doubt_attached: float = parameter(
-        0.25,
-        "A region that goes on in the terrain along more of its rim is doubtful, unless along all but "
-        "less than this share, which is rock.",
-        ge=0.0,
-        le=1.0,
-    )
-    doubt_rim: float = parameter(
-        0.1,
-        "A region with more of its rim on the rim of the data is doubtful: chance gaps touch less.",
-        ge=0.0,
-        le=1.0,
     )
 
     doubt_uneven: float = parameter(
@@ -339,75 +198,10 @@ class Consensus(Detector):
     doubt_echoes: float = parameter(
         0.5, "Echoes tell little, from 0 to 1, below this: the means are one spread apart.", ge=0.0, le=1.0
     )
-    doubt_afloat: float = parameter(
-        0.6,
-        "A region with water, or nothing, along more of its rim is doubtful: a house by a canal has land on "
-        "three sides.",
-        ge=0.0,
-        le=1.0,
-    )
 
     @property
     def buffer(self) -> float:
         return 30.0
-
-    @property
-    def window_limits(self) -> WindowLimits:
-        """Which windows have a plane."""
-        return WindowLimits(self.window_points, self.window_width, self.window_price)
-
-    @property
-    def judgement(self) -> Judgement:
-        """How the evidence is weighed, beside the weights."""
-        return Judgement(
-            enclosed=self.enclosed,
-            company=self.company,
-            small=self.small_surface,
-            rounds=self.rounds,
-            low_odds=self.low_odds,
-            least_spread=self.least_spread,
-            most_log_ratio=self.most_log_ratio,
-            even_area=self.even_area,
-            even_residual=self.even_residual,
-        )
-
-    @property
-    def void_limits(self) -> VoidLimits:
-        """Which holes in the data are roofs."""
-        return VoidLimits(
-            area=self.void_area,
-            most_area=self.void_most_area,
-            width=self.void_width,
-            width_cells=self.void_width_cells,
-            rim_share=self.void_rim_share,
-            rim_spread=self.void_rim_spread,
-            rim_several=self.void_rim_several,
-        )
-
-    @property
-    def hidden_limits(self) -> HiddenLimits:
-        """When a plane is carried on below a crown."""
-        return HiddenLimits(self.hidden_on_plane, self.hidden_points, self.hidden_below, self.hidden_reach)
-
-    @property
-    def vehicle_limits(self) -> VehicleLimits:
-        """What vehicles and containers are like."""
-        return VehicleLimits(
-            width=self.vehicle_width,
-            length=self.vehicle_length,
-            height=self.vehicle_height,
-            level=self.vehicle_level,
-            flat=self.vehicle_flat,
-            tilt=self.vehicle_tilt,
-            uneven=self.vehicle_uneven,
-            points=self.vehicle_points,
-            short=self.container_short,
-        )
-
-    @property
-    def doubt_limits(self) -> DoubtLimits:
-        """When a region is doubtful."""
-        return DoubtLimits(self.doubt_score, self.doubt_attached, self.doubt_rim, self.doubt_afloat)
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
         candidate = self.candidates(scene)
@@ -416,22 +210,20 @@ class Consensus(Detector):
         xyz, evidence, segments = self.find_surfaces(scene, candidate)
         emit("residual", evidence.residual)
         emit("segments", segments.label)
-        terms = measured_terms(
-            evidence, segments, self.tolerance(scene.spacing), self.judged_by, self.judgement
-        )
+        terms = measured_terms(evidence, segments, self.tolerance(scene.spacing), self.judged_by, self)
         building, roof, void, odds = self.settle(evidence, segments, terms, emit)
         region, attached, rocks = self.keep_buildings(building, roof, evidence, terms.echoes.power)
         emit("regions", region)
         surface = roof & (segments.label > 0)
-        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface, self.hidden_limits)
+        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface, self)
         emit("hidden", hidden)
         regions, containers = self.regions_of(scene, xyz, evidence, region, hidden, odds)
         water = wet_cells(scene, evidence)
         none = np.zeros(rocks.max(initial=0))
         crowns_pass = terms.echoes.power < self.doubt_echoes
         doubts = [
-            *region_doubts(evidence, region, regions.score, attached, water, self.doubt_limits),
-            *region_doubts(evidence, rocks, none, attached, water, self.doubt_limits),
+            *region_doubts(evidence, region, regions.score, attached, water, self),
+            *region_doubts(evidence, rocks, none, attached, water, self),
             *container_doubts(region, evidence, containers),
             *(crown_doubts(region, evidence, surface, self.doubt_uneven) if crowns_pass else ()),
             *void_doubts(evidence, void & (region > 0)),
@@ -443,7 +235,7 @@ class Consensus(Detector):
         xyz = scene.cloud.xyz - [0.0, 0.0, np.floor(scene.cloud.xyz[candidate, 2].min())]
         wide = min(CELL_SPACINGS * scene.spacing, WIDE_CELL_M)
         side = self.cell or side_near(max(LEAST_CELL_M, scene.spacing, wide))
-        evidence = gather_evidence(scene, xyz, candidate, side, self.window_limits)
+        evidence = gather_evidence(scene, xyz, candidate, side, self)
         most = self.tolerance(scene.spacing)
         smooth = evidence.candidate & (evidence.residual < most)
         return xyz, evidence, find_segments(evidence, smooth, most, MIN_HEIGHT_M)
@@ -469,7 +261,7 @@ class Consensus(Detector):
         emitted = np.r_[0.0, segment_odds(segments, terms.surface, weights, self.low_odds)][segments.label]
         odds = np.where(terms.large, emitted, terms.cell_odds(weights))
         emit("odds", odds)
-        void, rims = find_roof_voids(evidence, self.void_limits)
+        void, rims = find_roof_voids(evidence, self)
         odds, roof = raise_rims(odds, rims, self.rim_odds), (emitted > 0.0) | void
         side = evidence.cells.side
         odds = np.where(near_cells(roof, int((self.max_rough / side) ** 2 + 1e-9)), odds, -self.sure)
@@ -537,9 +329,7 @@ class Consensus(Detector):
         size = np.bincount(region.ravel()) * evidence.cells.side**2
         vehicle_size = size <= self.vehicle_area
         small = np.where(size[number] <= max(self.vehicle_area, self.container_area), number, 0)
-        tops = measure_tops(
-            xyz, scene.height, np.where(part == ROOF, small, 0), len(size), self.vehicle_limits
-        )
+        tops = measure_tops(xyz, scene.height, np.where(part == ROOF, small, 0), len(size), self)
         vehicle = tops.vehicle & vehicle_size
         part[vehicle[number]] = 0
         number[vehicle[number]] = 0

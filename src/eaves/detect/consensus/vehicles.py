@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Points, Values
 
 LEAST_VARIANCE_M2 = 1e-6
@@ -19,28 +20,43 @@ MOST_CONTAINERS = 6
 """Freight containers (ISO 668), and so many side by side or stacked (definitions)."""
 
 
-@dataclass(frozen=True)
-class VehicleLimits:
+class VehicleRules(Method):
     """What road vehicles and containers are like."""
 
-    width: float
-    """They are narrower (m)."""
-    length: float
-    """They are at least so many times longer than wide."""
-    height: float
-    """Their tops are lower (m)."""
-    level: float
-    """Half the range (m) of heights on top; what leaves it is something else."""
-    flat: float
-    """Share of their points, at least, at that level; a shed with a pitched roof has less."""
-    tilt: float
-    """Degrees; their tops lean less to the side."""
-    uneven: float
-    """Half their points at that level lie closer (m) to one plane."""
-    points: int
-    """Fewer points on top tell nothing of a pitched roof."""
-    short: float
-    """So much (m) the points may fall short of the length, width and height of containers."""
+    vehicle_width: float = parameter(
+        2.45,
+        "Vehicles and containers are narrower: the legal limit is 2.55 m, and points stop short of edges.",
+        unit="m",
+        ge=0.0,
+    )
+    vehicle_length: float = parameter(1.9, "They are at least so many times longer than wide.", ge=0.0)
+    vehicle_height: float = parameter(4.2, "Their tops are lower.", unit="m", ge=0.0)
+    vehicle_level: float = parameter(
+        0.6,
+        "Half the range of heights on top of a vehicle; what leaves it is something else.",
+        unit="m",
+        gt=0.0,
+    )
+    vehicle_flat: float = parameter(
+        0.75, "Share of a vehicle at that level; a shed with a pitched roof has less.", ge=0.0, le=1.0
+    )
+    vehicle_tilt: float = parameter(
+        10.0, "A vehicle's top leans less to the side.", unit="degree", ge=0.0, lt=90.0
+    )
+    vehicle_uneven: float = parameter(
+        0.07,
+        "Half of its points lie closer to one plane; a pitched roof is told by either.",
+        unit="m",
+        ge=0.0,
+    )
+    vehicle_points: int = parameter(20, "Fewer points on top tell nothing of a pitched roof.", ge=0)
+    container_short: float = parameter(
+        0.4,
+        "Points fall short of the length, width and height of containers by so much, at most; what agrees in "
+        "all three is doubtful.",
+        unit="m",
+        ge=0.0,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +73,7 @@ class Tops:
     """Whether it is as long, wide, high and level as containers side by side or stacked."""
 
 
-def measure_tops(xyz: Points, height: Values, number: Labels, count: int, limits: VehicleLimits) -> Tops:
+def measure_tops(xyz: Points, height: Values, number: Labels, count: int, limits: VehicleRules) -> Tops:
     """The tops of the regions 0…`count` - 1 of points (N, 3), of which `number` (N,) tells the region.
 
     Length and width are those of the rectangle with the same second moments as the points at the level of the
@@ -65,7 +81,7 @@ def measure_tops(xyz: Points, height: Values, number: Labels, count: int, limits
     """
     inside = np.flatnonzero(number > 0)
     low = middle_of_groups(height[inside], number[inside], count)
-    level = inside[np.abs(height[inside] - low[number[inside]]) < limits.level]
+    level = inside[np.abs(height[inside] - low[number[inside]]) < limits.vehicle_level]
     which = number[level]
     size = np.bincount(which, minlength=count)
 
@@ -81,8 +97,12 @@ def measure_tops(xyz: Points, height: Values, number: Labels, count: int, limits
     middle, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
     length = np.sqrt(12 * (middle + spread))
     width = np.sqrt(12 * np.maximum(middle - spread, 0.0))
-    narrow = (width < limits.width) & (length > limits.length * width) & (low < limits.height)
-    flat = size >= limits.flat * np.bincount(number[inside], minlength=count)
+    narrow = (
+        (width < limits.vehicle_width)
+        & (length > limits.vehicle_length * width)
+        & (low < limits.vehicle_height)
+    )
+    flat = size >= limits.vehicle_flat * np.bincount(number[inside], minlength=count)
     flat[0] = False
 
     along = 0.5 * np.arctan2(2 * xy, xx - yy)
@@ -91,15 +111,15 @@ def measure_tops(xyz: Points, height: Values, number: Labels, count: int, limits
     climb = product(rise, u) / np.maximum(product(u, u), LEAST_VARIANCE_M2)
     tilt = product(rise, v) / np.maximum(product(v, v), LEAST_VARIANCE_M2)
     rest = middle_of_groups(np.abs(rise - climb[which] * u - tilt[which] * v), which, count)
-    pitched = (np.abs(tilt) > np.tan(np.radians(limits.tilt))) | (rest > limits.uneven)
-    vehicle = narrow & flat & ~(pitched & (size >= limits.points))
+    pitched = (np.abs(tilt) > np.tan(np.radians(limits.vehicle_tilt))) | (rest > limits.vehicle_uneven)
+    vehicle = narrow & flat & ~(pitched & (size >= limits.vehicle_points))
     some = size > 0
-    boxes = flat & ~pitched & (size >= limits.points)
-    boxes &= falls_short(length, CONTAINER_LENGTHS_M, limits.short)
+    boxes = flat & ~pitched & (size >= limits.vehicle_points)
+    boxes &= falls_short(length, CONTAINER_LENGTHS_M, limits.container_short)
     beside: Values = CONTAINER_WIDTH_M * np.arange(1.0, MOST_CONTAINERS + 1)
-    boxes &= falls_short(width, beside, limits.short)
+    boxes &= falls_short(width, beside, limits.container_short)
     stacked: Values = np.outer(CONTAINER_HEIGHTS_M, np.arange(1, MOST_CONTAINERS + 1)).ravel()
-    boxes &= falls_short(low, stacked, limits.short)
+    boxes &= falls_short(low, stacked, limits.container_short)
     return Tops(np.where(some, low, np.inf), np.where(some, width, np.inf), vehicle, boxes)
 
 

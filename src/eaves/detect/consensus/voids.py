@@ -2,46 +2,57 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy import ndimage
 
 from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.segments import inner_width
+from eaves.methods import Method, parameter
 from eaves.model import Mask, Values
 from eaves.raster.squares import grown_by_square
 
 
-@dataclass(frozen=True)
-class VoidLimits:
+class VoidRules(Method):
     """Which holes in the data are roofs."""
 
-    area: float
-    """Smaller holes (m²) are closed by the outline."""
-    most_area: float
-    """Larger ones (m²) are courts, ponds or the outside of the survey."""
-    width: float
-    width_cells: float
-    """Chance leaves single cells empty, and the shadow of a wall is a strip: least width (m; cells)."""
-    rim_share: float
-    """Share of the rim, at least, well above the terrain."""
-    rim_spread: float
-    """Range (m), at most, of the rim's heights without the lowest and the highest tenth."""
-    rim_several: float
-    """Share, at most, of the rim's points from pulses with several returns: it is no crown."""
+    void_area: float = parameter(
+        6.0,
+        "Smaller holes in the data are closed by the outline and are no roofs of their own.",
+        unit="m²",
+        ge=0.0,
+    )
+    void_most_area: float = parameter(
+        400.0, "Larger holes are courts, ponds or the outside of the survey.", unit="m²", gt=0.0
+    )
+    void_width: float = parameter(2.0, "Narrower holes are the shadow of a wall.", unit="m", ge=0.0)
+    void_width_cells: float = parameter(3.0, "Narrower holes are chance.", unit="cells", ge=0.0)
+    void_rim_share: float = parameter(
+        0.7, "Share of a hole's rim, at least, well above the terrain.", ge=0.0, le=1.0
+    )
+    void_rim_spread: float = parameter(
+        1.0,
+        "Range of the rim's heights, at most, without the lowest and the highest tenth: it is level.",
+        unit="m",
+        gt=0.0,
+    )
+    void_rim_several: float = parameter(
+        0.5,
+        "Share, at most, of the rim's points from pulses with several returns: it is no crown.",
+        ge=0.0,
+        le=1.0,
+    )
 
 
-def find_roof_voids(evidence: Evidence, limits: VoidLimits) -> tuple[Mask, Mask]:
+def find_roof_voids(evidence: Evidence, limits: VoidRules) -> tuple[Mask, Mask]:
     """Empty cells (H, W) that a level, raised rim surrounds, and the raised cells of those rims (H, W)."""
     empty = (evidence.cells.count == 0).reshape(evidence.shape)
     found, count = ndimage.label(empty)
     side = evidence.cells.side
     area = np.bincount(found.ravel(), minlength=count + 1)[1:] * side * side
     width = inner_width(np.asarray(found, np.int32), count)
-    wide = (width >= limits.width_cells) & (width * side >= limits.width)
+    wide = (width >= limits.void_width_cells) & (width * side >= limits.void_width)
     void, rims = np.zeros(evidence.shape, bool), np.zeros(evidence.shape, bool)
-    likely = np.flatnonzero(wide & (area >= limits.area) & (area <= limits.most_area)) + 1
+    likely = np.flatnonzero(wide & (area >= limits.void_area) & (area <= limits.void_most_area)) + 1
     number_of = np.zeros(count + 1, np.int32)
     number_of[likely] = np.arange(1, len(likely) + 1)
     holes = number_of[found]
@@ -53,12 +64,12 @@ def find_roof_voids(evidence: Evidence, limits: VoidLimits) -> tuple[Mask, Mask]
         hole = holes[window] == number
         rim = grown_by_square(hole, 3) & ~hole
         raised = rim & evidence.candidate[window]
-        if raised.sum() < limits.rim_share * rim.sum():
+        if raised.sum() < limits.void_rim_share * rim.sum():
             continue
         low, high = np.percentile(evidence.height[window][raised], (10, 90))
         if (
-            high - low <= limits.rim_spread
-            and evidence.multi_return_share[window][raised].mean() <= limits.rim_several
+            high - low <= limits.void_rim_spread
+            and evidence.multi_return_share[window][raised].mean() <= limits.void_rim_several
         ):
             void[window] |= hole
             rims[window] |= raised

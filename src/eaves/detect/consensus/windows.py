@@ -2,33 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import Sums
 from eaves.kernels import kernel
+from eaves.methods import Method, parameter
 from eaves.model import Values
 
 LEAST_DETERMINANT = 1e-12
 """Of the moments in plan (m⁴): a line has no slope of its own (a tolerance)."""
 
 
-@dataclass(frozen=True)
-class WindowLimits:
+class WindowRules(Method):
     """Which windows have a plane, and how those of two sizes compare."""
 
-    points: int
-    """Fewer points fit a plane by chance."""
-    width: float
-    """A window whose points are narrower than this share of a cell is a line, not a surface."""
-    price: float
-    """What the residual of a window of two by two cells is multiplied with."""
+    window_points: int = parameter(
+        6,
+        "Points of a window with a plane: three would always fit, six leave half for the residual.",
+        ge=4,
+    )
+    window_width: float = parameter(
+        0.25, "A window whose points are narrower than this share of a cell is a line.", ge=0.0
+    )
+    window_price: float = parameter(
+        2.0, "Times the residual of a window two cells wide, as few points fit by chance.", gt=0.0
+    )
 
 
-def best_planes(sums: Sums, cells: Cells, limits: WindowLimits) -> tuple[Values, Values, Values, Values]:
+def best_planes(sums: Sums, cells: Cells, limits: WindowRules) -> tuple[Values, Values, Values, Values]:
     """The best window's plane of each cell: slopes, height at the cell's middle, residual; (H, W) each.
 
     Every cell lies in nine windows of three by three cells and in four of two by two; near a ridge or an
@@ -36,7 +39,7 @@ def best_planes(sums: Sums, cells: Cells, limits: WindowLimits) -> tuple[Values,
     """
     best = np.zeros((4, *cells.shape))
     best[3] = np.inf
-    for size, price in ((3, 1.0), (2, limits.price)):
+    for size, price in ((3, 1.0), (2, limits.window_price)):
         planes = planes_of_windows(sums, cells, size, limits)
         planes[3] *= price
         which = least_around_kernel(planes[3].reshape(cells.shape), size)
@@ -47,11 +50,11 @@ def best_planes(sums: Sums, cells: Cells, limits: WindowLimits) -> tuple[Values,
     return best[0], best[1], best[2] + best[0] * x[None, :] + best[1] * y[:, None], best[3]
 
 
-def planes_of_windows(sums: Sums, cells: Cells, size: int, limits: WindowLimits) -> NDArray[np.float64]:
+def planes_of_windows(sums: Sums, cells: Cells, size: int, limits: WindowRules) -> NDArray[np.float64]:
     """Slopes, height at the origin and residual (4, H · W) of each cell's window; inf where none fits."""
     planes = np.zeros((4, *cells.shape))
     planes[3] = np.inf
-    planes_kernel(sums, size, limits.points, limits.width * cells.side, planes)
+    planes_kernel(sums, size, limits.window_points, limits.window_width * cells.side, planes)
     return planes.reshape(4, -1)
 
 
