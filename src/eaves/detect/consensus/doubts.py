@@ -126,18 +126,6 @@ def crown_doubts(region: Labels, evidence: Evidence, roofs: Mask, most: float) -
     return found
 
 
-def container_doubts(region: Labels, evidence: Evidence, containers: Mask) -> list[Doubt]:
-    """Doubts about the regions 1…K of cells (H, W) whose tops are those of stacked containers, (K + 1,)."""
-    found = []
-    for number in np.flatnonzero(containers[1:]) + 1:
-        mine = region == number
-        size = float(mine.sum()) * evidence.cells.side**2
-        found.append(
-            doubt_at(evidence, mine, (0, 0), size, "a building or containers: as long, wide and high")
-        )
-    return found
-
-
 def void_doubts(evidence: Evidence, void: Mask) -> list[Doubt]:
     """Doubts about the holes (H, W) that were taken for roofs because their rims are level and raised."""
     found, _ = ndimage.label(void)

@@ -21,7 +21,6 @@ from eaves.detect.consensus.classifier import (
 )
 from eaves.detect.consensus.doubts import (
     DoubtRules,
-    container_doubts,
     crown_doubts,
     region_doubts,
     void_doubts,
@@ -89,9 +88,8 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
     Fails where
     -----------
     Dense clipped hedges over 2 m high and wide; roofs wholly covered by crowns; glass roofs seen through;
-    containers and site huts are buildings when wider than a vehicle, with a doubt where length, width and
-    height agree; so are ships with water all round; sheds narrower than three cells at 1
-    point/m². Without returns crowns that touch a roof at its height, or stand in a court, may be taken for
+    containers and site huts are buildings when wider than a vehicle; so are ships, with a doubt where water
+    is all round; sheds narrower than three cells at 1 point/m² are lost. Without returns crowns that touch a roof at its height, or stand in a court, may be taken for
     part of it. A scene that is all forest has no roofs to compare its crowns with: shape alone judges it. The
     means are those of a block of 240 m with 30 m around it: what stands farther away changes nothing.
 
@@ -155,19 +153,6 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         ge=0.0,
     )
     rim_odds: float = parameter(3.0, "Log odds of the rim of a roof that swallows the beam.", ge=0.0)
-    core_share: float = parameter(0.4, "Least share of roof surfaces in a building.", ge=0.0, le=1.0)
-    core_share_echoes: float = parameter(
-        0.2,
-        "The same where echoes tell roofs from crowns for certain: dormers and chimneys break up a roof.",
-        ge=0.0,
-        le=1.0,
-    )
-    core_share_side: float = parameter(
-        0.18,
-        "The same times a cell's side, if less: windows fit into less of a face the wider cells are.",
-        unit="m",
-        ge=0.0,
-    )
     continues: float = parameter(
         0.3,
         "Terrain that misses a region's carried-on surface by less goes on from it: two steps of a stair.",
@@ -185,9 +170,6 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
     )
     vehicle_area: float = parameter(
         60.0, "An articulated lorry, with the cells at its rim, is no larger.", unit="m²", ge=0.0
-    )
-    container_area: float = parameter(
-        200.0, "Larger regions are no stack of containers: three by six of the long ones.", unit="m²", ge=0.0
     )
 
     doubt_uneven: float = parameter(
@@ -212,19 +194,18 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         emit("segments", segments.label)
         terms = measured_terms(evidence, segments, self.tolerance(scene.spacing), self.judged_by, self)
         building, roof, void, odds = self.settle(evidence, segments, terms, emit)
-        region, attached, rocks = self.keep_buildings(building, roof, evidence, terms.echoes.power)
+        region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
         surface = roof & (segments.label > 0)
         hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface, self)
         emit("hidden", hidden)
-        regions, containers = self.regions_of(scene, xyz, evidence, region, hidden, odds)
+        regions = self.regions_of(scene, xyz, evidence, region, hidden, odds)
         water = wet_cells(scene, evidence)
         none = np.zeros(rocks.max(initial=0))
         crowns_pass = terms.echoes.power < self.doubt_echoes
         doubts = [
             *region_doubts(evidence, region, regions.score, attached, water, self),
             *region_doubts(evidence, rocks, none, attached, water, self),
-            *container_doubts(region, evidence, containers),
             *(crown_doubts(region, evidence, surface, self.doubt_uneven) if crowns_pass else ()),
             *void_doubts(evidence, void & (region > 0)),
         ]
@@ -274,12 +255,10 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         """The weights of the evidence."""
         return FITTED if self.weights is None else read_weights(self.weights)
 
-    def keep_buildings(
-        self, building: Mask, roof: Mask, evidence: Evidence, echoes: float
-    ) -> tuple[Labels, Values, Labels]:
+    def keep_buildings(self, building: Mask, roof: Mask, evidence: Evidence) -> tuple[Labels, Values, Labels]:
         """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces; the
         share of each group's rim that continues the terrain; the groups (H, W) dropped for that alone, and
-        not without doubt. Where echoes tell roofs from crowns, 0 to 1, less of a core is enough."""
+        not without doubt."""
         building = without_limbs(building, evidence, self.limb_width)
         found, count = ndimage.label(building, np.ones((3, 3)))
         label: Labels = np.asarray(found, np.int32)
@@ -292,12 +271,8 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         width = np.zeros(count + 1)
         width[label.ravel()] = wide[np.where(building, closed, 0).ravel()]
         side = evidence.cells.side
-        area = np.bincount(label.ravel(), minlength=count + 1) * side * side
         core = np.bincount(label.ravel(), weights=roof.ravel(), minlength=count + 1) * side * side
-        width *= side
-        share = min(self.core_share, self.core_share_side / side)
-        share -= echoes * max(0.0, share - self.core_share_echoes)
-        good = (core >= self.min_core) & (core >= share * area) & (width >= self.min_width)
+        good = (core >= self.min_core) & (side * width >= self.min_width)
         good[0] = False
         attached = attached_share(evidence, label, count, self.continues)
         loose = attached <= self.max_attached
@@ -310,9 +285,8 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
 
     def regions_of(
         self, scene: Scene, xyz: Points, evidence: Evidence, region: Labels, hidden: Labels, odds: Values
-    ) -> tuple[Regions, Mask]:
-        """The points of the buildings' cells, without vehicles, their parts, and the buildings' scores; which
-        of the regions 0…K look like containers (K + 1,)."""
+    ) -> Regions:
+        """The points of the buildings' cells, without vehicles, their parts, and the buildings' scores."""
         above = ~scene.cloud.ground & ~scene.cloud.noise & (scene.height > 0.5)
         number = np.where(above, region.ravel()[evidence.cells.cell], 0).astype(np.int32)
         part = part_of_points(
@@ -328,14 +302,14 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         part[hidden > 0] = ROOF
         size = np.bincount(region.ravel()) * evidence.cells.side**2
         vehicle_size = size <= self.vehicle_area
-        small = np.where(size[number] <= max(self.vehicle_area, self.container_area), number, 0)
+        small = np.where(vehicle_size[number], number, 0)
         tops = measure_tops(xyz, scene.height, np.where(part == ROOF, small, 0), len(size), self)
         vehicle = tops.vehicle & vehicle_size
         part[vehicle[number]] = 0
         number[vehicle[number]] = 0
         width, low = (np.where(vehicle_size, one, np.inf) for one in (tops.width, tops.low))
         score = score_regions(region, odds, width[1:], low[1:], self.judged_by.score)
-        return Regions(number, score, part), tops.containers & ~vehicle
+        return Regions(number, score, part)
 
 
 def wet_cells(scene: Scene, evidence: Evidence) -> Mask:

@@ -1,4 +1,4 @@
-"""Which regions are road vehicles or containers: narrow, long, low, and level on top."""
+"""Which regions are road vehicles: narrow, long, low, and level on top."""
 
 from __future__ import annotations
 
@@ -13,19 +13,12 @@ LEAST_VARIANCE_M2 = 1e-6
 """Of the coordinates across a region: narrower ones have no slope (m², a tolerance)."""
 
 
-CONTAINER_LENGTHS_M: Values = np.array([6.06, 12.19])
-CONTAINER_WIDTH_M = 2.44
-CONTAINER_HEIGHTS_M: Values = np.array([2.59, 2.90])
-MOST_CONTAINERS = 6
-"""Freight containers (ISO 668), and so many side by side or stacked (definitions)."""
-
-
 class VehicleRules(Method):
-    """What road vehicles and containers are like."""
+    """What road vehicles are like."""
 
     vehicle_width: float = parameter(
         2.45,
-        "Vehicles and containers are narrower: the legal limit is 2.55 m, and points stop short of edges.",
+        "Vehicles are narrower: the legal limit is 2.55 m, and points stop short of edges.",
         unit="m",
         ge=0.0,
     )
@@ -50,13 +43,6 @@ class VehicleRules(Method):
         ge=0.0,
     )
     vehicle_points: int = parameter(20, "Fewer points on top tell nothing of a pitched roof.", ge=0)
-    container_short: float = parameter(
-        0.4,
-        "Points fall short of the length, width and height of containers by so much, at most; what agrees in "
-        "all three is doubtful.",
-        unit="m",
-        ge=0.0,
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +54,7 @@ class Tops:
     width: Values
     """Width (m) of the rectangle with the same second moments as the points near the middle height."""
     vehicle: Mask
-    """Whether it is as long, narrow, low and level as a van, a lorry or a container."""
-    containers: Mask
-    """Whether it is as long, wide, high and level as containers side by side or stacked."""
+    """Whether it is as long, narrow, low and level as a van or a lorry."""
 
 
 def measure_tops(xyz: Points, height: Values, number: Labels, count: int, limits: VehicleRules) -> Tops:
@@ -114,19 +98,7 @@ def measure_tops(xyz: Points, height: Values, number: Labels, count: int, limits
     pitched = (np.abs(tilt) > np.tan(np.radians(limits.vehicle_tilt))) | (rest > limits.vehicle_uneven)
     vehicle = narrow & flat & ~(pitched & (size >= limits.vehicle_points))
     some = size > 0
-    boxes = flat & ~pitched & (size >= limits.vehicle_points)
-    boxes &= falls_short(length, CONTAINER_LENGTHS_M, limits.container_short)
-    beside: Values = CONTAINER_WIDTH_M * np.arange(1.0, MOST_CONTAINERS + 1)
-    boxes &= falls_short(width, beside, limits.container_short)
-    stacked: Values = np.outer(CONTAINER_HEIGHTS_M, np.arange(1, MOST_CONTAINERS + 1)).ravel()
-    boxes &= falls_short(low, stacked, limits.container_short)
-    return Tops(np.where(some, low, np.inf), np.where(some, width, np.inf), vehicle, boxes)
-
-
-def falls_short(values: Values, of: Values, most: float) -> Mask:
-    """Which values (K,) are no larger than one of some (M,), and short of it by so much at most."""
-    short = of[None, :] - values[:, None]
-    return np.asarray(((short >= -0.25 * most) & (short <= most)).any(axis=1), np.bool_)
+    return Tops(np.where(some, low, np.inf), np.where(some, width, np.inf), vehicle)
 
 
 def middle_of_groups(values: Values, which: Labels, count: int) -> Values:
