@@ -143,13 +143,13 @@ def regression(terms: Values, truth: Values, weight: Values, ridge: float = RIDG
 
 def samples(row: Row, weights: Weights) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
     """Terms, truth and weight of the surfaces of a row, and of its cells."""
-    terms = measured_terms(row.evidence, row.segments, row.max_residual, weights, Consensus().judgement)
+    terms = measured_terms(row.evidence, row.segments, row.max_residual, weights, Consensus())
     size = row.segments.area
     use = (size >= 2.0) & np.isfinite(row.true_surface) & (row.segments.tall > 0.1)
     share = np.sqrt(size[use])
     whole = min(ROW_WEIGHT, float(use.sum()))
     surface = [terms.surface[use], row.true_surface[use], whole * share / max(share.sum(), 1.0)]
-    rest: Mask = row.evidence.candidate & ~terms.large & np.isfinite(row.true_cell)
+    rest: Mask = row.evidence.candidate & (row.segments.label == 0) & np.isfinite(row.true_cell)
     chosen = np.flatnonzero(rest)
     if len(chosen) > CELLS_A_ROW:
         chosen = np.random.default_rng(0).choice(chosen, CELLS_A_ROW, replace=False)

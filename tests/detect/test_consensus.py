@@ -11,7 +11,7 @@ from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
 from eaves.detect.consensus.borders import source_side
 from eaves.detect.consensus.evidence import gather_evidence
-from eaves.detect.consensus.segments import find_segments, inner_width, square_width
+from eaves.detect.consensus.segments import find_segments, inner_width
 from eaves.detect.consensus.windows import planes_kernel, window_sum
 from eaves.detect.toolkit.plane_moments import sums_of
 from eaves.model.scene import ROOF, WALL
@@ -180,7 +180,6 @@ def test_the_width_of_a_segment_is_that_of_its_largest_square() -> None:
     assert inner_width(label, 2).tolist() == [5.0, 1.0]
     label[:, 11] = 3
     label[1:9, 8:10] = 4
-    assert square_width(label, 5).tolist() == [5.0, 1.0, 1.0, 2.0, 0.0]
 
 
 def test_the_cut_is_the_least() -> None:

@@ -14,7 +14,7 @@ from eaves.simulate.exact import ExactScene
 from eaves.simulate.standard import StandardScene
 from tests.detect.made_scenes import MadeScene
 
-LEAST_SPREAD, MOST = Consensus().least_spread, Consensus().most_log_ratio
+MOST = Consensus().most_log_ratio
 
 
 def two_groups(roof: float, crown: float, spread: float, count: int = 4000) -> tuple[np.ndarray, np.ndarray]:
@@ -25,7 +25,7 @@ def two_groups(roof: float, crown: float, spread: float, count: int = 4000) -> t
 
 
 def test_the_log_ratio_is_that_of_two_normal_distributions() -> None:
-    found = separate(*two_groups(0.1, 0.6, 0.2), LEAST_SPREAD)
+    found = separate(*two_groups(0.1, 0.6, 0.2))
     value = np.array([0.1, 0.35, 0.5])
     exact = ((value - 0.6) ** 2 - (value - 0.1) ** 2) / (2 * 0.2**2)
     assert found.log_ratio(value, MOST) == pytest.approx(exact, abs=0.15)
@@ -34,30 +34,30 @@ def test_the_log_ratio_is_that_of_two_normal_distributions() -> None:
 
 @pytest.mark.parametrize("value", [0.0, 0.3, 1.0])
 def test_a_measure_that_is_alike_on_both_tells_nothing(value: float) -> None:
-    silent = separate(*two_groups(0.3, 0.3, 0.1), LEAST_SPREAD)
+    silent = separate(*two_groups(0.3, 0.3, 0.1))
     assert abs(silent.log_ratio(np.array([value]), MOST)[0]) < 0.3
     assert silent.power < 0.01
     assert NOTHING.log_ratio(np.array([value]), MOST)[0] == 0.0
 
 
 def test_a_measure_without_values_tells_nothing() -> None:
-    assert separate(np.zeros(100), np.repeat([1.0, 0.0], 50), LEAST_SPREAD) == NOTHING
-    assert separate(np.ones(100), np.ones(100), LEAST_SPREAD) == NOTHING
+    assert separate(np.zeros(100), np.repeat([1.0, 0.0], 50)) == NOTHING
+    assert separate(np.ones(100), np.ones(100)) == NOTHING
 
 
 def test_a_measure_the_wrong_way_round_tells_nothing() -> None:
-    assert separate(*two_groups(0.6, 0.1, 0.2), LEAST_SPREAD) == NOTHING
+    assert separate(*two_groups(0.6, 0.1, 0.2)) == NOTHING
 
 
 def test_what_is_told_grows_smoothly_with_the_distance() -> None:
-    told = [separate(*two_groups(0.1, 0.1 + far, 0.1), LEAST_SPREAD).power for far in (0.01, 0.03, 0.1, 0.3)]
+    told = [separate(*two_groups(0.1, 0.1 + far, 0.1)).power for far in (0.01, 0.03, 0.1, 0.3)]
     assert told == sorted(told)
     assert told[0] < 0.05 and told[-1] > 0.85
 
 
 def test_no_measure_is_surer_than_fifty_to_one() -> None:
     values, roof = two_groups(0.0, 1.0, 0.01)
-    assert np.abs(separate(values, roof, LEAST_SPREAD).log_ratio(values, MOST)).max() == MOST
+    assert np.abs(separate(values, roof).log_ratio(values, MOST)).max() == MOST
 
 
 def town_iou(exact: ExactScene, share: float | None) -> float:

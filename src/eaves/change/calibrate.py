@@ -252,8 +252,8 @@ class See:
             self.evidence, self.segments, method.tolerance(scene.spacing), self.weights, method
         )
         self.seen = self.evidence.candidate.ravel()
-        self.large = self.terms.large.ravel()
         self.label = self.segments.label.ravel()
+        self.large = self.label > 0
         self.cells = self.terms.cell.reshape(self.large.size, -1)
         self.xy = self.evidence.cells.centres(np.arange(self.evidence.cells.size)) + np.array(block.origin)
 

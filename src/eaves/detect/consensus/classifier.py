@@ -117,23 +117,10 @@ class EvidenceRules(Method):
         unit="cells",
         ge=1,
     )
-    small_surface: float = parameter(
-        2.0, "Smaller surfaces say no more than their cells do.", unit="m²", ge=0.0
-    )
     rounds: int = parameter(
         3,
         "Rounds of measuring echoes and penetration; after three they change by less than a hundredth.",
         ge=0,
-    )
-    low_odds: float = parameter(
-        -3.0,
-        "Log odds, at most, of a surface nowhere as high as a building: a wall, a hedge, a terrace.",
-        le=0.0,
-    )
-    least_spread: float = parameter(
-        0.02,
-        "Least spread of echoes or penetration: shares are counted of tens of points, less is chance.",
-        gt=0.0,
     )
     most_log_ratio: float = parameter(
         4.0, "Log likelihood ratio, at most, of echoes or penetration: fifty to one.", gt=0.0
@@ -223,14 +210,12 @@ ROWS_AT_ONCE = 64
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """What the odds of surfaces (K, T) and of cells are made of; `large` (H, W) marks the cells that their
-    surface speaks for, `shape` (H, W, S) is that of `cell_shape`."""
+    """The terms of surfaces (K, T) and of cells; `shape` (H, W, S) is that of `cell_shape`."""
 
     surface: Values
     shape: Values
     evidence: Evidence
     most_log_ratio: float
-    large: Mask
     echoes: Separation
     penetration: Separation
 
@@ -260,7 +245,6 @@ def measured_terms(
     First the odds are those of shape alone; the cells that they call roofs and crowns give the measures'
     separation, which gives better odds, and so once more (expectation maximisation, [dempster1977]).
     """
-    large = np.r_[False, segments.area >= limits.small_surface][segments.label]
     seen = evidence.candidate
     company = smooth_share(seen, segments.label > 0, limits.company)
     roofs = np.r_[False, segments.area >= SHED_M2][segments.label]
@@ -284,17 +268,16 @@ def measured_terms(
         surface = without_objections(surface, even, weights)
         if not rounds_left:
             break
-        of_surface = np.r_[0.0, segment_odds(segments, surface, weights, limits.low_odds)][
-            segments.label[seen]
-        ]
+        of_surface = surface_odds(segments, surface, weights, limits.most_log_ratio)
+        of_surface = np.r_[0.0, of_surface][segments.label[seen]]
         cell = with_echoes(of_seen, several, through, echoes, penetration, limits.most_log_ratio)
-        odds = np.where(large[seen], of_surface, cell_odds(cell, weights))
+        odds = np.where(segments.label[seen] > 0, of_surface, cell_odds(cell, weights))
         likely = 1.0 / (1.0 + np.exp(-odds))
-        echoes = separate(several, likely, limits.least_spread)
-        penetration = separate(through, likely, limits.least_spread)
-        inner_echoes = separate(inner_multi_return_share[seen], likely, limits.least_spread)
-        inner_penetration = separate(inner_penetration_share[seen], likely, limits.least_spread)
-    return Terms(surface, of_cells, evidence, limits.most_log_ratio, large, echoes, penetration)
+        echoes = separate(several, likely)
+        penetration = separate(through, likely)
+        inner_echoes = separate(inner_multi_return_share[seen], likely)
+        inner_penetration = separate(inner_penetration_share[seen], likely)
+    return Terms(surface, of_cells, evidence, limits.most_log_ratio, echoes, penetration)
 
 
 def without_objections(terms: Values, even: Mask, weights: Weights) -> Values:
@@ -307,12 +290,11 @@ def without_objections(terms: Values, even: Mask, weights: Weights) -> Values:
     return answer
 
 
-def segment_odds(segments: Segments, terms: Values, weights: Weights, low_odds: float) -> Values:
-    """Log odds (K,) that each surface is a roof, of its terms (K, T); at most `low_odds` where none of it is
-    as high as a building."""
+def surface_odds(segments: Segments, terms: Values, weights: Weights, sure: float) -> Values:
+    """Log odds (K,) that each surface is a roof, of its terms (K, T); one nowhere as high as a building (a
+    wall, a hedge, a terrace) is none, which is as `sure` as one measure can be."""
     odds = terms @ np.array(weights.surface)
-    low = segments.tall <= TALL_SHARE
-    return np.asarray(np.where(low, np.minimum(odds, low_odds), odds), np.float64)
+    return np.asarray(np.where(segments.tall <= TALL_SHARE, np.minimum(odds, -sure), odds), np.float64)
 
 
 def cell_odds(terms: Values, weights: Weights) -> Values:

@@ -17,7 +17,7 @@ from eaves.detect.consensus.classifier import (
     measured_terms,
     read_weights,
     score_regions,
-    segment_odds,
+    surface_odds,
 )
 from eaves.detect.consensus.doubts import (
     DoubtRules,
@@ -29,7 +29,7 @@ from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.hidden_roofs import HiddenRoofRules, find_hidden_roofs
 from eaves.detect.consensus.limbs import without_limbs
 from eaves.detect.consensus.members import part_of_points
-from eaves.detect.consensus.segments import Segments, find_segments, square_width
+from eaves.detect.consensus.segments import Segments, find_segments
 from eaves.detect.consensus.vehicles import VehicleRules, measure_tops
 from eaves.detect.consensus.voids import VoidRules, find_roof_voids, raise_rims
 from eaves.detect.consensus.windows import WindowRules
@@ -39,8 +39,6 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, Regions, Scene, Values
 from eaves.model.cloud import WATER
 from eaves.model.scene import ROOF
-from eaves.raster.nearest import near_cells
-from eaves.raster.squares import closed_by_square
 
 CELL_SPACINGS, WIDE_CELL_M, LEAST_CELL_M = 1.4, 1.0, 0.5
 """The rule for `cell`: its width in spacings up to a wide cell (m), above it one spacing, and at least so
@@ -89,9 +87,10 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
     -----------
     Dense clipped hedges over 2 m high and wide; roofs wholly covered by crowns; glass roofs seen through;
     containers and site huts are buildings when wider than a vehicle; so are ships, with a doubt where water
-    is all round; sheds narrower than three cells at 1 point/m² are lost. Without returns crowns that touch a roof at its height, or stand in a court, may be taken for
-    part of it. A scene that is all forest has no roofs to compare its crowns with: shape alone judges it. The
-    means are those of a block of 240 m with 30 m around it: what stands farther away changes nothing.
+    is all round; sheds narrower than three cells at 1 point/m² are lost. Without returns crowns that touch a
+    roof at its height, or stand in a court, may be taken for part of it. A scene that is all forest has no
+    roofs to compare its crowns with: shape alone judges it. The means are those of a block of 240 m with 30 m
+    around it: what stands farther away changes nothing.
 
     Complexity
     ----------
@@ -133,10 +132,6 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
     sure: float = parameter(
         6.0, "Cells with larger odds (log) either way are settled before the cut.", gt=0.0
     )
-    max_rough: float = parameter(
-        6.0, "Cells farther than this from a roof surface are no building.", unit="m", gt=0.0
-    )
-    min_core: float = parameter(3.0, "Least area of roof surfaces in a building.", unit="m²", ge=0.0)
     max_attached: float = parameter(
         0.5, "A region that goes on in the terrain along a larger share of its rim is rock.", ge=0.0, le=1.0
     )
@@ -145,7 +140,6 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         "Weights of the evidence, a file (JSON) or the JSON itself; default: those fitted to all labelled "
         "surveys.",
     )
-    min_width: float = parameter(1.5, "Side of a square that fits into every building.", unit="m", ge=0.0)
     limb_width: float = parameter(
         2.5,
         "Limbs of a building that no square so wide fits into are fences and hedges: a room is wider.",
@@ -161,12 +155,6 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
     )
     wall_below_plane: float = parameter(
         0.5, "At a building's rim a point this far under its cell's plane is on the wall.", unit="m", gt=0.0
-    )
-    wall_below_top: float = parameter(
-        1.0,
-        "There, in a cell without a plane, a point this far under the highest one is on the wall.",
-        unit="m",
-        gt=0.0,
     )
     vehicle_area: float = parameter(
         60.0, "An articulated lorry, with the cells at its rim, is no larger.", unit="m²", ge=0.0
@@ -239,13 +227,12 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         """The building cells, those of roof surfaces, those of roofs without points, the log odds of every
         cell; (H, W) each."""
         weights = self.judged_by
-        emitted = np.r_[0.0, segment_odds(segments, terms.surface, weights, self.low_odds)][segments.label]
-        odds = np.where(terms.large, emitted, terms.cell_odds(weights))
+        emitted = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
+        emitted = np.r_[0.0, emitted][segments.label]
+        odds = np.where(segments.label > 0, emitted, terms.cell_odds(weights))
         emit("odds", odds)
         void, rims = find_roof_voids(evidence, self)
         odds, roof = raise_rims(odds, rims, self.rim_odds), (emitted > 0.0) | void
-        side = evidence.cells.side
-        odds = np.where(near_cells(roof, int((self.max_rough / side) ** 2 + 1e-9)), odds, -self.sure)
         building = void | cut_cells(evidence, odds, self.sure, self.smoothness, self.max_jump)
         emit("cut", building)
         return building, roof, void, odds
@@ -262,17 +249,8 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         building = without_limbs(building, evidence, self.limb_width)
         found, count = ndimage.label(building, np.ones((3, 3)))
         label: Labels = np.asarray(found, np.int32)
-        # at one spacing a third of the cells is empty by chance: they narrow no building
-        empty = (evidence.cells.count == 0).reshape(evidence.shape)
-        closed, closed_count = ndimage.label(
-            building | (closed_by_square(building, 3) & empty), np.ones((3, 3))
-        )
-        wide = np.r_[0.0, square_width(np.asarray(closed, np.int32), closed_count)]
-        width = np.zeros(count + 1)
-        width[label.ravel()] = wide[np.where(building, closed, 0).ravel()]
-        side = evidence.cells.side
-        core = np.bincount(label.ravel(), weights=roof.ravel(), minlength=count + 1) * side * side
-        good = (core >= self.min_core) & (side * width >= self.min_width)
+        core = np.bincount(label.ravel(), weights=roof.ravel(), minlength=count + 1)
+        good = core > 0
         good[0] = False
         attached = attached_share(evidence, label, count, self.continues)
         loose = attached <= self.max_attached
@@ -296,7 +274,6 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
             region,
             self.tolerance(scene.spacing),
             self.wall_below_plane,
-            self.wall_below_top,
         )
         number = np.where(hidden > 0, hidden, number)
         part[hidden > 0] = ROOF

@@ -85,16 +85,6 @@ def level_at(
     return np.asarray(level - evidence.north.ravel()[cells] * (to_row - row) * side, np.float64)
 
 
-def square_width(label: Labels, count: int) -> Values:
-    """Side (cells) of the largest square inside each segment 1…`count` of labels (H, W)."""
-    corner = label.copy()
-    for other in (label[1:, :-1], label[:-1, 1:], label[1:, 1:]):
-        corner[:-1, :-1][label[:-1, :-1] != other] = 0
-    corner[-1], corner[:, -1] = 0, 0
-    even = inner_width(corner, count)
-    return np.maximum(inner_width(label, count), np.where(even > 0.0, even + 1.0, 0.0))
-
-
 def inner_width(label: Labels, count: int) -> Values:
     """Side (cells), an odd number, of the largest square with a middle cell in each segment 1…`count`."""
     width = np.zeros(count + 1)

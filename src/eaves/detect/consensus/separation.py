@@ -44,10 +44,8 @@ NOTHING = Separation(0.0, 0.0, 1.0, 0.0)
 """The measure tells nothing."""
 
 
-def separate(value: Values, roof: Values, least_spread: float) -> Separation:
+def separate(value: Values, roof: Values) -> Separation:
     """The separation of values (K,) of cells, of which `roof` (K,) is the probability of each to be a roof.
-
-    A spread below `least_spread` is chance.
 
     Crowns split more pulses and let more of them through than roofs: a measure that is the other way round in
     a scan is no witness there.
@@ -60,7 +58,7 @@ def separate(value: Values, roof: Values, least_spread: float) -> Separation:
     on_crowns = float((crown * value).sum()) / weight_crown
     scatter = float((roof * (value - on_roofs) ** 2).sum()) / weight_roof
     scatter += float((crown * (value - on_crowns) ** 2).sum()) / weight_crown
-    spread = max(least_spread, float(np.sqrt(scatter / 2)))
+    spread = max(1e-3, float(np.sqrt(scatter / 2)))
     distance = on_crowns - on_roofs
     if distance <= 0.0:
         return NOTHING
