@@ -22,8 +22,8 @@ def part_of_points(
     """Codes (N,) for the points (N, 3) of regions `number` (N,), 0 for the others.
 
     Walls show only at the rim of a region; whatever lies inside it (chimneys, machinery, the floor of a
-    light well) counts as roof. There a point `below_plane` (m) under its cell's plane is on the wall, and in a
-    cell without a plane one twice as far under the highest.
+    light well) counts as roof. There a point `below_plane` (m) under its cell's plane is on the wall, and in
+    a cell without a plane one twice as far under the highest.
     """
     part = np.where(number > 0, ROOF, 0).astype(np.uint8)
     inner = shrunk_by_square(region > 0, 5)
