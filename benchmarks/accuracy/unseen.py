@@ -46,8 +46,8 @@ ALL_IN, LEFT_OUT = "consensus, all in", "consensus, left out"
 COLUMNS = (*PUBLISHED, ALL_IN, LEFT_OUT)
 COMMIT = "commit"
 SHOWN = (*COLUMNS, "ahead of the best", "all in less left out", COMMIT)
-DECIDING = ("ground", "detect", "raster", "geometry")
-RUN_STEPS = ("block", "decks", "wide", "ground_squares", "world_squares")
+DECIDING = ("ground", "detect", "surroundings", "raster", "geometry")
+RUN_STEPS = ("block", "wide", "ground_squares", "world_squares")
 """Folders and steps of a run whose sources decide what is found."""
 WEIGHTS = Path(__file__).with_name("detection_weights.json")
 SOURCES = Path(__file__).parents[2] / "src/eaves"

@@ -11,8 +11,8 @@ import pytest
 from eaves.model import PointCloud
 from eaves.pipeline import build
 from eaves.run.recipe import make_recipe
-from eaves.run.vegetation import VegetationRules, vegetation_classes
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
+from eaves.surroundings.vegetation import VegetationRules, vegetation_classes
 
 
 def classes_of(folder: Path) -> np.ndarray:

@@ -22,7 +22,7 @@ from eaves.run.options import METHOD_OPTIONS
 from eaves.run.recipe import Recipe
 from eaves.run.run import WORK, Run, open_run
 from eaves.run.store import REQUEST
-from eaves.run.vegetation import VegetationRules
+from eaves.surroundings.vegetation import VegetationRules
 
 MODELS = "buildings.city.jsonl"
 """The file of a run's models."""

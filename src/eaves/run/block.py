@@ -18,13 +18,13 @@ from eaves.model.results import BlockResult
 from eaves.model.scene import Scene
 from eaves.raster.surfaces import scene_of, two_scenes
 from eaves.run.clock import Clock
-from eaves.run.decks import Decks, wet_or_bridged
 from eaves.run.keys import BLOCKS, key_of
 from eaves.run.recipe import SEAM, Recipe
 from eaves.run.store import Store, Task
-from eaves.run.vegetation import vegetation_classes
 from eaves.run.wide import load_decks, load_wide
-from eaves.run.wires import find_towers, find_wires
+from eaves.surroundings.decks import Decks, wet_or_bridged
+from eaves.surroundings.vegetation import vegetation_classes
+from eaves.surroundings.wires import find_towers, find_wires
 
 
 def block_pass(

@@ -30,7 +30,7 @@ from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.reconstruct.overhangs import OverhangRules
 from eaves.roof import RoofMethod
 from eaves.run.sources import find_source, with_source
-from eaves.run.vegetation import VegetationRules
+from eaves.surroundings.vegetation import VegetationRules
 from eaves.units import UnitMethod
 
 LARGEST_CLASS = 255

@@ -12,7 +12,7 @@ from tests.conftest import blocks_of
 
 import eaves
 from eaves.model import Grid, Mask
-from eaves.run.decks import find_decks
+from eaves.surroundings.decks import find_decks
 
 CELL = 1.5
 SHAPE = 120, 120

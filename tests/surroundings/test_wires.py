@@ -7,7 +7,7 @@ import pytest
 
 from eaves.model import PointCloud
 from eaves.model.cloud import GROUND, UNCLASSIFIED
-from eaves.run.wires import find_towers, find_wires
+from eaves.surroundings.wires import find_towers, find_wires
 
 SPAN, MAST = 40.0, 14.0
 WIRES, MASTS, CROWN, ROOF = 1, 2, 3, 4

@@ -1,0 +1,1 @@
+"""The rest of the points: water, bridges, wires and their towers, vegetation."""
