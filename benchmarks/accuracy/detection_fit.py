@@ -149,7 +149,7 @@ def samples(row: Row, weights: Weights) -> tuple[list[NDArray[np.float64]], list
     share = np.sqrt(size[use])
     whole = min(ROW_WEIGHT, float(use.sum()))
     surface = [terms.surface[use], row.true_surface[use], whole * share / max(share.sum(), 1.0)]
-    rest: Mask = row.evidence.candidate & (row.segments.label == 0) & np.isfinite(row.true_cell)
+    rest: Mask = row.evidence.candidate & ~terms.large & np.isfinite(row.true_cell)
     chosen = np.flatnonzero(rest)
     if len(chosen) > CELLS_A_ROW:
         chosen = np.random.default_rng(0).choice(chosen, CELLS_A_ROW, replace=False)

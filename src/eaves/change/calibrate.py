@@ -253,7 +253,7 @@ class See:
         )
         self.seen = self.evidence.candidate.ravel()
         self.label = self.segments.label.ravel()
-        self.large = self.label > 0
+        self.large = self.terms.large.ravel()
         self.cells = self.terms.cell.reshape(self.large.size, -1)
         self.xy = self.evidence.cells.centres(np.arange(self.evidence.cells.size)) + np.array(block.origin)
 

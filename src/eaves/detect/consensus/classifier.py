@@ -117,6 +117,9 @@ class EvidenceRules(Method):
         unit="cells",
         ge=1,
     )
+    small_surface: float = parameter(
+        2.0, "Smaller surfaces say no more than their cells do.", unit="m²", ge=0.0
+    )
     rounds: int = parameter(
         3,
         "Rounds of measuring echoes and penetration; after three they change by less than a hundredth.",
@@ -210,12 +213,14 @@ ROWS_AT_ONCE = 64
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """The terms of surfaces (K, T) and of cells; `shape` (H, W, S) is that of `cell_shape`."""
+    """The terms of surfaces (K, T) and of cells; `large` (H, W) marks the cells that their
+    surface speaks for, `shape` (H, W, S) is that of `cell_shape`."""
 
     surface: Values
     shape: Values
     evidence: Evidence
     most_log_ratio: float
+    large: Mask
     echoes: Separation
     penetration: Separation
 
@@ -245,6 +250,7 @@ def measured_terms(
     First the odds are those of shape alone; the cells that they call roofs and crowns give the measures'
     separation, which gives better odds, and so once more (expectation maximisation, [dempster1977]).
     """
+    large = np.r_[False, segments.area >= limits.small_surface][segments.label]
     seen = evidence.candidate
     company = smooth_share(seen, segments.label > 0, limits.company)
     roofs = np.r_[False, segments.area >= SHED_M2][segments.label]
@@ -271,13 +277,13 @@ def measured_terms(
         of_surface = surface_odds(segments, surface, weights, limits.most_log_ratio)
         of_surface = np.r_[0.0, of_surface][segments.label[seen]]
         cell = with_echoes(of_seen, several, through, echoes, penetration, limits.most_log_ratio)
-        odds = np.where(segments.label[seen] > 0, of_surface, cell_odds(cell, weights))
+        odds = np.where(large[seen], of_surface, cell_odds(cell, weights))
         likely = 1.0 / (1.0 + np.exp(-odds))
         echoes = separate(several, likely)
         penetration = separate(through, likely)
         inner_echoes = separate(inner_multi_return_share[seen], likely)
         inner_penetration = separate(inner_penetration_share[seen], likely)
-    return Terms(surface, of_cells, evidence, limits.most_log_ratio, echoes, penetration)
+    return Terms(surface, of_cells, evidence, limits.most_log_ratio, large, echoes, penetration)
 
 
 def without_objections(terms: Values, even: Mask, weights: Weights) -> Values:

@@ -229,7 +229,7 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         weights = self.judged_by
         emitted = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
         emitted = np.r_[0.0, emitted][segments.label]
-        odds = np.where(segments.label > 0, emitted, terms.cell_odds(weights))
+        odds = np.where(terms.large, emitted, terms.cell_odds(weights))
         emit("odds", odds)
         void, rims = find_roof_voids(evidence, self)
         odds, roof = raise_rims(odds, rims, self.rim_odds), (emitted > 0.0) | void
