@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,15 @@ import shapely
 
 from eaves.evaluate.city import read_buildings
 from eaves.formats import write_cityjson
-from eaves.model import BuildingModel, Footprint
+from eaves.model import BuildingModel, Footprint, Installation, Solid
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
+from eaves.reconstruct.toolkit.attributes import surface_heights
+from eaves.reconstruct.toolkit.bodies import stand_bodies
 from eaves.reconstruct.toolkit.superstructures import join_overlapping
 from eaves.roof import segment_roof
 from eaves.simulate.roofs import Masses, chimney, gable, make_building
-from eaves.validate import validate_file
+from eaves.validate import validate_file, validate_model
 
 GABLE = gable(14, 9, 0.8)
 
@@ -71,6 +74,29 @@ def test_bare_roof_has_no_object() -> None:
 
 def test_large_dormer_is_in_the_solid__not_an_object() -> None:
     assert modelled((*GABLE, chimney(0.0, 2.2, 3.4, side=2.0)), 30.0).installations == ()
+
+
+@pytest.mark.parametrize("y", [0.0, 0.2, 1.5])
+def test_body_of_an_object_stands_on_the_roof__across_the_ridge_too(y: float) -> None:
+    model = modelled(GABLE, 30.0)
+    (body,) = stand_bodies(model.solids["2.2"], [shapely.box(2.6, y - 0.4, 3.4, y + 0.4)], [4.5])
+    assert body is not None
+    lowest = body.vertices[body.vertices[:, 2] < 4.49]
+    assert np.ptp(lowest[:, 2]) > 0.1 and body.vertices[:, 2].max() == pytest.approx(4.5)
+    above = lowest[:, 2] - surface_heights(model.solids["2.2"], lowest[:, :2])[0]
+    assert above.min() > 0.0 and above.max() < 0.02
+    one = Installation("chimney", shapely.box(2.6, y - 0.4, 3.4, y + 0.4), 4.5, 1.0, 9, body)
+    assert validate_model(model.with_(installations=(one,))) == []
+    sunk = replace(one, solid=Solid(body.vertices - [0.0, 0.0, 0.1], body.faces))
+    assert [found.code for found in validate_model(model.with_(installations=(sunk,)))] == [601]
+
+
+def test_objects_side_by_side_share_no_volume() -> None:
+    roof = modelled(GABLE, 10.0).solids["2.2"]
+    outlines = [shapely.box(1.0, -1.0, 2.0, 1.0), shapely.box(1.5, -0.5, 3.0, 0.5)]
+    one, other = (body for body in stand_bodies(roof, outlines, [4.6, 4.8]) if body is not None)
+    assert one.vertices[:, 0].max() == pytest.approx(2.0)
+    assert other.vertices[:, 0].min() == pytest.approx(2.0)
 
 
 def test_objects_are_children_of_their_building_in_cityjson(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ Run `python -m tests.validate.make_files`. Coordinates are millimetres; the tran
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -96,12 +97,12 @@ def city_of(objects: dict[str, Any], **changes: Any) -> dict[str, Any]:
     }
 
 
-def parts(*solids: dict[str, Any]) -> dict[str, Any]:
-    """A document with a building of several BuildingParts."""
+def parts(*solids: dict[str, Any], kind: str = "BuildingPart", own: Sequence[Any] = ()) -> dict[str, Any]:
+    """A document with a building, with solids of its `own`, and several BuildingParts or other children."""
     names = [f"part {number}" for number in range(len(solids))]
-    objects: dict[str, Any] = {"building": {"type": "Building", "children": names}}
+    objects: dict[str, Any] = {"building": {"type": "Building", "children": names, "geometry": list(own)}}
     for name, item in zip(names, solids, strict=True):
-        objects[name] = {"type": "BuildingPart", "parents": ["building"], "geometry": [item]}
+        objects[name] = {"type": kind, "parents": ["building"], "geometry": [item]}
     return city_of(objects)
 
 
@@ -305,6 +306,12 @@ def documents() -> dict[str, dict[str, Any]]:
         ),
         "601_buildingparts_overlap_inside_invalid": parts(
             solid(room), solid(box(1000, 1000, 1000, 2000, 2000, 2000))
+        ),
+        "601_buildingparts_overlap_installation_invalid": parts(
+            solid(box(200, 200, 999, 800, 800, 2000)), kind="BuildingInstallation", own=[solid(CUBE)]
+        ),
+        "601_buildingparts_overlap_installation_valid": parts(
+            solid(box(200, 200, 1000, 800, 800, 2000)), kind="BuildingInstallation", own=[solid(CUBE)]
         ),
         "601_buildingparts_overlap_valid": parts(solid(west), solid(box(1000, 500, 0, 2000, 1500, 2000))),
         "901_invalid_input_file_invalid": city(solid(CUBE), vertices=[[0, 0, 0]]),

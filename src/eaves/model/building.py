@@ -216,7 +216,7 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Installation:
-    """An object on a roof that the building's solids leave out: a block over its outline in plan.
+    """An object on a roof that the building's solids leave out.
 
     Parameters
     ----------
@@ -224,40 +224,29 @@ class Installation:
         `chimney`, `dormer`, `plant` or `lift_housing`, by its size and the roof it stands on.
     polygon : Polygon
         Its outline, in metres about the footprint's origin.
-    base, top : float
-        Lowest roof under it, height of its top (m).
+    top : float
+        Height of its top (m).
     height : float
         Median height of its points over the roof (m).
     points : int
         Points that show it.
+    solid : Solid
+        Its body: what stands over the building's solids, and shares no volume with them.
 
     Examples
     --------
     >>> import shapely
     >>> from eaves.model import Installation
-    >>> len(Installation("chimney", shapely.box(0, 0, 1, 1), 8.0, 9.5, 1.2, 20).solid.faces)
-    6
+    >>> Installation("chimney", shapely.box(0, 0, 1, 1), 9.5, 1.2, 20).solid.faces
+    ()
     """
 
     kind: str
     polygon: Polygon
-    base: float
     top: float
     height: float
     points: int
-
-    @property
-    def solid(self) -> Solid:
-        """The block from the lowest roof under the object to its top."""
-        ring = np.asarray(shapely.orient_polygons(self.polygon).exterior.coords)[:-1, :2]
-        count = len(ring)
-        vertices = np.vstack([np.column_stack([ring, np.full(count, z)]) for z in (self.base, self.top)])
-        faces = [Face((tuple(range(count - 1, -1, -1)),), GROUND_SURFACE)]
-        faces.append(Face((tuple(range(count, 2 * count)),), ROOF_SURFACE))
-        for corner in range(count):
-            after = (corner + 1) % count
-            faces.append(Face(((corner, after, count + after, count + corner),), WALL_SURFACE))
-        return Solid(np.round(vertices, 3), tuple(faces))
+    solid: Solid = Solid(np.zeros((0, 3)), ())
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,9 @@ from eaves.run.recipe import Recipe
 from eaves.validate import Tolerances, validate_model
 from eaves.validate.models import find_invalid
 
+OBJECTS = "2.2"
+"""The first level of detail with objects on the roof."""
+
 MEASURED, INTERPOLATED, NEAREST = "measured", "interpolated", "nearest ground"
 """Where the height of a base can be from; the column `ground_source` says it."""
 
@@ -179,26 +182,34 @@ def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, ob
 
 
 def keep_valid(model: BuildingModel, finest: str, unit_m: float = 1.0) -> BuildingModel | Failure:
-    """The model without the levels that are finer than asked for or not valid, and why they went.
+    """The model without the levels and objects that are finer than asked for or not valid, and why they went.
 
     Other validators take their limits in the unit of the file: in feet they are a third of those in metres.
     """
     limits = limits_in(unit_m)
     wanted = {lod: solids for lod, solids in model.solids.items() if lod <= finest}
     bad: dict[str, Finding] = {}
-    if validate_model(different_levels(model.with_(solids=wanted)), limits):
+    bare = model.with_(solids=wanted, installations=())
+    if validate_model(different_levels(bare), limits):
         for lod, solids in wanted.items():
-            found = validate_model(model.with_(solids={lod: solids}), limits)
+            found = validate_model(bare.with_(solids={lod: solids}), limits)
             if found:
                 bad[lod] = found[0]
     good = {lod: solids for lod, solids in wanted.items() if lod not in bad}
     reasons = "; ".join(f"LoD {lod}: {one.code} {one.name} {one.detail}" for lod, one in sorted(bad.items()))
     if not good:
         return Failure("invalid_solid", reasons or "no solid", "reconstruct")
-    kept = model.with_(solids=good)
+    kept = bare.with_(solids=good)
     attributes = {**model.attributes, "lod": kept.lod}
     if bad and max(bad) > kept.lod:
         attributes |= {"fallback_code": "invalid_solid", "fallback_reason": reasons}
+    if kept.lod >= OBJECTS:
+        roof = kept.with_(solids={kept.lod: good[kept.lod]})
+        for one in model.installations:
+            more = roof.with_(installations=(*roof.installations, one))
+            roof = roof if validate_model(more, limits) else more
+        attributes |= {"installation_count": len(roof.installations)} if model.installations else {}
+        kept = kept.with_(installations=roof.installations)
     return kept.with_(attributes=attributes)
 
 

@@ -37,7 +37,10 @@ RULES: dict[int, tuple[str, str]] = {
     501: ("INTERSECTION_SOLIDS", "The solids of a composite do not overlap."),
     502: ("DUPLICATED_SOLIDS", "No two solids of a composite are identical."),
     503: ("DISCONNECTED_SOLIDS", "The solids of a composite form one solid."),
-    601: ("BUILDINGPARTS_OVERLAP", "The solids of a building and of its parts do not overlap."),
+    601: (
+        "BUILDINGPARTS_OVERLAP",
+        "The solids of a building, its parts and its installations do not overlap.",
+    ),
     901: (
         "INVALID_INPUT_FILE",
         "The file is CityJSON; its boundaries name existing vertices.",

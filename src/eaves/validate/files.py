@@ -28,6 +28,9 @@ DEPTH = {"MultiSurface": 2, "CompositeSurface": 2, "Solid": 3, "MultiSolid": 4, 
 THIN = {"MultiPoint": 0, "MultiLineString": 1, "GeometryInstance": 0}
 """The same of those without a surface: only that their vertices exist is checked."""
 
+OF_BUILDING = ("BuildingPart", "BuildingInstallation")
+"""City objects whose solids share no volume with their building's."""
+
 VERSIONS = ("1.0", "1.1", "2.0")
 
 FEATURES_AT_ONCE = 2_000
@@ -229,7 +232,9 @@ def _check_batch(
             continue
         findings += check_objects(document, rules)
         for name, item in document.get("CityObjects", {}).items():
-            for found in _object_primitives(name, item, len(places), count):
+            for found in _object_primitives(
+                name, item, len(places), count, family_of(name, document["CityObjects"])
+            ):
                 if isinstance(found, Finding):
                     findings.append(found)
                 else:
@@ -260,16 +265,24 @@ def _check_templates(head: dict[str, Any], tolerances: Tolerances | None) -> lis
     return findings + check_primitives(alone, places, PLAIN.step, tolerances)
 
 
+def family_of(name: str, objects: dict[str, Any]) -> str:
+    """The building that a city object is a part of, or stands on; else the object itself."""
+    for _ in objects:
+        item = objects.get(name)
+        parents = item.get("parents") if isinstance(item, dict) and item.get("type") in OF_BUILDING else None
+        if not isinstance(parents, list) or not parents:
+            break
+        name = str(parents[0])
+    return name
+
+
 def _object_primitives(
-    name: str, item: Any, vertex_count: int, first_vertex: int
+    name: str, item: Any, vertex_count: int, first_vertex: int, family: str = ""
 ) -> Iterator[Primitive | Finding]:
     """Surfaces and solids of a city object, vertices raised by `first_vertex`; 901 for those ill-formed."""
     if not isinstance(item, dict) or not isinstance(item.get("geometry", []), list):
         yield make_finding(901, name, "object", "it is not an object with a list of geometries")
         return
-    parents = item.get("parents")
-    part_of = isinstance(parents, list) and parents and item.get("type") == "BuildingPart"
-    family = str(parents[0]) if part_of and parents else name
     for number, geometry in enumerate(item.get("geometry", [])):
         where = f"geometry {number}"
         if not isinstance(geometry, dict) or not isinstance(geometry.get("type"), str):

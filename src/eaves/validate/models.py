@@ -18,8 +18,9 @@ from eaves.validate.primitives import Primitive, Tolerances, check_primitives, f
 def validate_model(model: BuildingModel, tolerances: Tolerances | None = None) -> list[Finding]:
     """All findings of a model, on its coordinates rounded to the written grid; none means valid.
 
-    Each part of a level of detail is checked as a solid, and the parts of one level against each other. The
-    levels appear in `where`, parts by their number in `building`: `id/0`, `id/1`, …
+    Each part of a level of detail is checked as a solid, and the parts of one level against each other and,
+    of the finest, against the objects on the roof. The levels appear in `where`, parts and objects by their
+    number in `building`: `id/0`, `id/1`, …, `id/i1`, …
 
     Parameters
     ----------
@@ -71,13 +72,18 @@ def find_invalid(models: Sequence[BuildingModel], tolerances: Tolerances | None 
 def primitives_of(model: BuildingModel, first: int = 0) -> tuple[list[Primitive], NDArray[np.int64]]:
     """The solids of a model, and their vertices (V, 3) in whole steps, which are counted from `first`."""
     primitives, vertices, count = [], [np.zeros((0, 3), np.int64)], first
-    for lod, parts in sorted(model.solids.items()):
-        for number, solid in enumerate(parts):
-            name = model.footprint.id if len(parts) == 1 else f"{model.footprint.id}/{number}"
-            if not np.isfinite(solid.vertices).all():
-                raise ValueError(f"building '{name}' at lod {lod} has a vertex that is not finite")
-            shell = [[[count + vertex for vertex in ring] for ring in face.rings] for face in solid.faces]
-            primitives.append(Primitive(name, model.footprint.id, lod, "Solid", [[shell]]))
-            vertices.append(to_grid(solid.vertices, COORDINATE_STEP))
-            count += len(solid.vertices)
+    own = [
+        (lod, "" if len(parts) == 1 else f"/{number}", solid)
+        for lod, parts in sorted(model.solids.items())
+        for number, solid in enumerate(parts)
+    ]
+    own += [(model.lod, f"/i{number}", one.solid) for number, one in enumerate(model.installations, 1)]
+    for lod, suffix, solid in own:
+        name = f"{model.footprint.id}{suffix}"
+        if not np.isfinite(solid.vertices).all():
+            raise ValueError(f"building '{name}' at lod {lod} has a vertex that is not finite")
+        shell = [[[count + vertex for vertex in ring] for ring in face.rings] for face in solid.faces]
+        primitives.append(Primitive(name, model.footprint.id, lod, "Solid", [[shell]]))
+        vertices.append(to_grid(solid.vertices, COORDINATE_STEP))
+        count += len(solid.vertices)
     return primitives, np.concatenate(vertices)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from eaves.geometry.percentiles import quantile
 from eaves.methods import parameter
 from eaves.model import Installation, Points, Solid, Values
 from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
+from eaves.reconstruct.toolkit.bodies import stand_bodies
 from eaves.reconstruct.toolkit.plan_lines import main_directions, turn_by
 
 PLACES = 9
@@ -121,7 +124,11 @@ def find_superstructures(
             continue
         if one.polygon.intersection(polygon).area > limits.superstructure_inside * one.polygon.area:
             found.append(one)
-    return tuple(sorted(found, key=lambda one: (-one.polygon.area, one.polygon.centroid.x)))
+    found.sort(key=lambda one: (-one.polygon.area, one.polygon.centroid.x))
+    bodies = stand_bodies(solids, [one.polygon for one in found], [one.top for one in found])
+    return tuple(
+        replace(one, solid=body) for one, body in zip(found, bodies, strict=True) if body is not None
+    )
 
 
 def join_overlapping(
@@ -210,7 +217,7 @@ def describe_object(
         )
     else:
         kind = "chimney" if area <= limits.largest_chimney else "dormer"
-    return Installation(kind, Polygon(corners[:-1]), base, top, above, len(points))
+    return Installation(kind, Polygon(corners[:-1]), top, above, len(points))
 
 
 def explained_beside(solids: tuple[Solid, ...], points: Points, beside: float, level: float) -> bool:

@@ -131,14 +131,22 @@ def build_overhanging(
     Inside the walls the building stands on its base; outside them the roof is a slab of the `thickness` (m,
     upright). No solids when the plan cannot be drawn.
     """
-    none = np.zeros((0, 2))
     drawn = draw_plan(roof, walls, thickness)
     if drawn is None:
-        return (), none
+        return (), np.zeros((0, 2))
     plan, face, stands = drawn
     floors = np.where(
         stands[:, None], np.array([0.0, 0.0, roof.base]), roof.planes[face] - np.array([0.0, 0.0, thickness])
     )
+    return close_slabs(plan, roof, face, stands, floors)
+
+
+def close_slabs(
+    plan: Coverage, roof: RoofPlan, face: Integers, stands: NDArray[np.bool_], floors: NDArray[np.float64]
+) -> tuple[tuple[Solid, ...], NDArray[np.float64]]:
+    """The solids between the planes `floors` (C, 3) of the cells and the roof over them, `face` (C,), and the
+    places (K, 2) where they touch themselves; those that `stand` (C,) do so on the ground.
+    """
     for _ in range(SPLITS):
         halves, places = crossings(plan, roof.planes[face], floors)
         if len(halves) == 0:
@@ -150,7 +158,7 @@ def build_overhanging(
         built, places = close_slab(plan, group == number, roof, face, stands, floors)
         solids.append(built)
         touching.append(places)
-    return tuple(solids), np.concatenate([none, *touching])
+    return tuple(solids), np.concatenate([np.zeros((0, 2)), *touching])
 
 
 def draw_plan(
@@ -161,18 +169,11 @@ def draw_plan(
     """
     borders = shapely.boundary(roof.polygons)
     inner = through_corners(wall_segments(walls, borders), shapely.get_coordinates(borders))
-    net = shapely.union_all(np.append(borders, inner), grid_size=COORDINATE_STEP)
-    cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
-    middle = shapely.point_on_surface(cells)
-    tree = shapely.STRtree(roof.polygons)
-    cell, over = tree.query(middle, predicate="within")
-    face = np.full(len(cells), -1)
-    face[cell] = over
-    cells, middle, face = cells[face >= 0], middle[face >= 0], face[face >= 0]
-    plan = coverage_of(cells, COORDINATE_STEP) if len(cells) else None
+    cells, face = cells_of(roof.polygons, np.append(borders, inner))
+    plan = coverage_of(cells, COORDINATE_STEP)
     if plan is None:
         return None
-    stands = shapely.within(middle, walls)
+    stands = shapely.within(shapely.point_on_surface(cells), walls)
     a, b, c = roof.planes[face].T
     low = [
         float((a[k] * xy[:, 0] + b[k] * xy[:, 1] + c[k]).min())
@@ -185,6 +186,16 @@ def draw_plan(
     stands |= hanging_alone(plan, roof, face, stands, thickness)
     plan, label = plan.merged(2 * face + stands)
     return plan, label // 2, (label % 2).astype(bool)
+
+
+def cells_of(
+    polygons: NDArray[np.object_], lines: NDArray[np.object_]
+) -> tuple[NDArray[np.object_], Integers]:
+    """The cells (C,) that lines cut polygons into, on the grid of coordinates, and the polygon of each."""
+    net = shapely.union_all(lines, grid_size=COORDINATE_STEP)
+    cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
+    cell, owner = shapely.STRtree(polygons).query(shapely.point_on_surface(cells), predicate="within")
+    return cells[cell], owner
 
 
 def wall_segments(walls: BaseGeometry, borders: NDArray[np.object_]) -> NDArray[np.float64]:
