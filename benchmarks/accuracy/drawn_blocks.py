@@ -17,7 +17,7 @@ from shapely import Polygon, box
 
 from eaves.simulate.houses import draw_church, draw_hall, draw_slab
 from eaves.simulate.masses import Mass
-from eaves.simulate.roofs import Masses, chimney, flat, gable, hip, shed, shifted
+from eaves.simulate.roofs import Masses, chimney, flat, gable, hip, shed, shifted_masses
 
 DEPTH, SLOPE, NOISE = 9.0, 0.8, 0.03
 """Of the rows (m; rise per metre; m)."""
@@ -65,7 +65,7 @@ def detached_house(rng: np.random.Generator) -> Masses:
     eaves = rng.uniform(2.6, 3.2) + STOREY * two
     hipped = rng.random() < 0.5
     main = hip(length, width, slope, slope * rng.uniform(0.8, 1.4)) if hipped else gable(length, width, slope)
-    masses = shifted(main, 0.0, 0.0, eaves)
+    masses = shifted_masses(main, 0.0, 0.0, eaves)
     if rng.random() < 0.75:
         span, end = float(rng.uniform(5.8, 7.5)), rng.choice([-1, 1])
         place = end * (length - span) / 2 + rng.uniform(-1.5, 1.5) * (rng.random() < 0.5)
@@ -78,10 +78,10 @@ def detached_house(rng: np.random.Generator) -> Masses:
         long, deep, end = rng.uniform(4.0, 8.0), width * rng.uniform(0.55, 0.95), rng.choice([-1, 1])
         lower = STOREY if two and rng.random() < 0.6 else rng.choice([0.0, rng.uniform(0.3, 1.2)])
         aside = rng.uniform(-1.0, 1.0) * (width - deep) / 2
-        masses += shifted(gable(long, deep, slope), end * (length + long) / 2, aside, eaves - lower)
+        masses += shifted_masses(gable(long, deep, slope), end * (length + long) / 2, aside, eaves - lower)
     if rng.random() < 0.4:
         porch = shed(rng.uniform(3.0, 7.0), 3.0, 0.15)
-        masses += shifted(porch, rng.uniform(-0.3, 0.3) * length, -width / 2 - 1.4, 2.4)
+        masses += shifted_masses(porch, rng.uniform(-0.3, 0.3) * length, -width / 2 - 1.4, 2.4)
     if rng.random() < 0.4:
         x, y = rng.uniform(-0.3, 0.3) * length, rng.uniform(-0.2, 0.2) * width
         masses += (chimney(x, y, eaves + slope * width / 2 + 0.7, 0.9),)
@@ -94,7 +94,7 @@ def cross_wing(
     """A gable or a hip across the main ridge, from it out to `long` (m), on either side."""
     whole = hip(2.0 * long, span, slope) if rng.random() < 0.5 else gable(2.0 * long, span, slope)
     half = Mass(box(0.0, -span / 2, long, span / 2), whole[0].planes)
-    return shifted((half,), place, 0.0, eaves, rng.choice([-1, 1]) * np.pi / 2)
+    return shifted_masses((half,), place, 0.0, eaves, rng.choice([-1, 1]) * np.pi / 2)
 
 
 def large_building(rng: np.random.Generator) -> Masses:
@@ -108,13 +108,13 @@ def large_building(rng: np.random.Generator) -> Masses:
         return draw_church(rng).masses
     if kind == 4:
         return draw_slab(60.0, rng).masses
-    masses = shifted(
+    masses = shifted_masses(
         gable(rng.uniform(30.0, 60.0), rng.uniform(10.0, 14.0), rng.uniform(0.2, 0.6)), 0, 0, 6.0
     )
     for _ in range(int(rng.integers(1, 4))):
         side = gable(rng.uniform(15.0, 30.0), rng.uniform(8.0, 12.0), rng.uniform(0.2, 0.6))
         x, y = rng.uniform(-20.0, 20.0), rng.choice([-1, 1]) * rng.uniform(8.0, 14.0)
-        masses += shifted(side, x, y, rng.uniform(3.0, 8.0), np.pi / 2)
+        masses += shifted_masses(side, x, y, rng.uniform(3.0, 8.0), np.pi / 2)
     return masses
 
 
@@ -122,7 +122,7 @@ def factory(rng: np.random.Generator) -> Masses:
     """A hall with one to five parts of other heights at its sides and up to three on its roof."""
     length, width, height = rng.uniform(25.0, 90.0), rng.uniform(18.0, 50.0), rng.uniform(6.0, 12.0)
     hall = flat(length, width) if rng.random() < 0.5 else gable(length, width, rng.uniform(0.05, 0.2))
-    masses = shifted(hall, 0.0, 0.0, height)
+    masses = shifted_masses(hall, 0.0, 0.0, height)
     for _ in range(int(rng.integers(1, 6))):
         long, wide = rng.uniform(8.0, 35.0), rng.uniform(8.0, 25.0)
         along, end = rng.uniform(-0.4, 0.4), rng.choice([-1, 1])
@@ -131,11 +131,11 @@ def factory(rng: np.random.Generator) -> Masses:
             over, out = end * ((length + long) / 2 - 1.0), along * width
         other = float(rng.choice([0.0, -rng.uniform(0.3, 4.0), rng.uniform(0.3, 4.0)]))
         part = flat(long, wide) if rng.random() < 0.6 else gable(long, wide, rng.uniform(0.1, 0.5))
-        masses += shifted(part, over, out, max(height + other, 3.0))
+        masses += shifted_masses(part, over, out, max(height + other, 3.0))
     for _ in range(int(rng.integers(0, 4))):
         part = flat(rng.uniform(3.0, 15.0), rng.uniform(3.0, 15.0))
         place = rng.uniform(-0.3, 0.3, 2) * (length, width)
-        masses += shifted(part, float(place[0]), float(place[1]), height + rng.uniform(0.5, 3.0))
+        masses += shifted_masses(part, float(place[0]), float(place[1]), height + rng.uniform(0.5, 3.0))
     return masses
 
 

@@ -21,8 +21,8 @@ from eaves.roof import segment_roof
 from eaves.simulate import Flight, Town, scan_town
 from eaves.simulate.exact import ExactBuilding
 from eaves.simulate.houses import lifted
-from eaves.simulate.roofs import Masses, flat, gable, hip, make_building, shed, shifted, wing
-from eaves.simulate.surfaces import FASCIA, Surfaces
+from eaves.simulate.roofs import Masses, flat, gable, hip, make_building, shed, shifted_masses, wing
+from eaves.simulate.surfaces import FASCIA, ScannedSurfaces
 from eaves.simulate.terrain import make_terrain
 from eaves.simulate.vegetation import Foliage, grow_shrub
 from eaves.validate.models import validate_model
@@ -66,10 +66,13 @@ def draw_house(number: int, first: int, x: float, y: float, rng: np.random.Gener
         ("flat", flat(length, width)),
         ("shed", shed(length, width, 0.25)),
         ("L-shape", gable(length + 4, width, slope) + wing(width / 2 + 6, width - 1.5, slope, 3.0, 1.0)),
-        ("step", gable(length, width, slope) + shifted(flat(6.0, width - 2), length / 2 + 2.5, 0.0, -0.8)),
+        (
+            "step",
+            gable(length, width, slope) + shifted_masses(flat(6.0, width - 2), length / 2 + 2.5, 0.0, -0.8),
+        ),
     )
     kind, masses = shapes[number % len(shapes)]
-    placed = lifted(shifted(masses, x, y, 0.0, rng.uniform(0.0, np.pi)), 10.0 + rng.uniform(3.5, 6.5))
+    placed = lifted(shifted_masses(masses, x, y, 0.0, rng.uniform(0.0, np.pi)), 10.0 + rng.uniform(3.5, 6.5))
     whole = make_building(placed, number, first, kind, 9.5, 0.0)
     start, _ = edges_inward(straight(whole.footprint))
     over = np.where(rng.random(len(start)) < 0.2, 0.0, rng.uniform(0.3, 0.8, len(start)))
@@ -86,7 +89,7 @@ def draw_canopy(number: int, first: int, x: float, y: float, rng: np.random.Gene
         ("barn", gable(rng.uniform(12.0, 20.0), rng.uniform(8.0, 12.0), 0.4), 4.5),
     )
     kind, masses, height = shapes[number // 2 % len(shapes)]
-    placed = lifted(shifted(masses, x, y, 0.0, rng.uniform(0.0, np.pi)), 10.0 + height)
+    placed = lifted(shifted_masses(masses, x, y, 0.0, rng.uniform(0.0, np.pi)), 10.0 + height)
     whole = make_building(placed, number, first, kind, 9.5, 0.0)
     start, _ = edges_inward(straight(whole.footprint))
     if number % 2:
@@ -118,7 +121,7 @@ def scene(density: float, canopies: bool, seed: int) -> Iterator[tuple[Case, Poi
                 place = rim.interpolate(rng.uniform(), normalized=True)
                 plants.append(grow_shrub(place.x, place.y, 10.0, rng))
     buildings = tuple(one.building for one in cases)
-    town = Town(bounds, ground, buildings, Surfaces.of([], 1), Foliage.join(plants))
+    town = Town(bounds, ground, buildings, ScannedSurfaces.of([], 1), Foliage.join(plants))
     scan = scan_town(town, density, seed=seed, flight=Flight())
     xyz = scan.cloud.xyz
     for case in cases:

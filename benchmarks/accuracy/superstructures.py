@@ -18,7 +18,7 @@ from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.toolkit.attributes import surface_heights
 from eaves.roof import segment_roof
 from eaves.simulate.masses import Mass
-from eaves.simulate.roofs import Masses, flat, gable, hip, make_building, rectangle
+from eaves.simulate.roofs import Masses, flat, gable, hip, make_building, plan_rectangle
 from eaves.validate.models import validate_model
 
 COMMAND = "python -m benchmarks.accuracy.superstructures"
@@ -60,7 +60,7 @@ def furnished(
         long, wide = np.sqrt(area * stretch), np.sqrt(area / stretch)
         x = west + (place + 0.5) * (east - west) / 3.0 + rng.uniform(-0.6, 0.6)
         y = rng.choice([-1, 1]) * rng.uniform(1.5, 0.5 * (north - south) - 1.6)
-        block = rectangle(long, wide, x, float(y))
+        block = plan_rectangle(long, wide, x, float(y))
         corners = shapely.get_coordinates(block)
         foot = max(min(a * u + b * v + c for a, b, c in roof.planes) for u, v in corners)
         top = foot + rng.uniform(0.5, 1.5)

@@ -18,14 +18,14 @@ from eaves.reconstruct.overhangs import edges_inward
 from eaves.reconstruct.toolkit.attributes import face_vectors, measure_volume
 from eaves.reconstruct.toolkit.undersides import RoofPlan, build_overhanging, walls_inside
 from eaves.simulate import scan_town, simulate_town, write_simulation
-from eaves.simulate.roofs import Masses, flat, gable, hip, make_building, shifted, wing
+from eaves.simulate.roofs import Masses, flat, gable, hip, make_building, shifted_masses, wing
 
 THICK = 0.25
 
 
 def roof_of(masses: Masses, height: float = 4.0) -> BuildingModel:
     """The exact building of masses whose eaves lie so high over a base of 0 m."""
-    return make_building(shifted(masses, 0.0, 0.0, height, 0.3), 1, 1, "", 0.0, 0.0).model()
+    return make_building(shifted_masses(masses, 0.0, 0.0, height, 0.3), 1, 1, "", 0.0, 0.0).model()
 
 
 def area_of(solid: Solid, surface: str) -> float:
@@ -51,7 +51,7 @@ def built(model: BuildingModel, over: float | list[float]) -> BuildingModel:
         gable(12.0, 8.0, 0.8),
         hip(14.0, 9.0, 0.6),
         gable(16.0, 9.0, 0.8) + wing(14.0, 7.0, 0.8, 4.5, 1.0),
-        gable(12.0, 8.0, 0.8) + shifted(flat(6.0, 6.0), 8.5, 0.0, -1.0),
+        gable(12.0, 8.0, 0.8) + shifted_masses(flat(6.0, 6.0), 8.5, 0.0, -1.0),
     ],
     ids=["flat", "gable", "hip", "L-shape", "step"],
 )
@@ -107,7 +107,7 @@ def scanned(
     """A flat roof of 12 by 8 m at 4 m whose edges have these overhangs, a point per m² of wall; all
     points and their heights over the ground.
     """
-    model = make_building(shifted(flat(12.0, 8.0), 0.0, 0.0, 4.0), 1, 1, "", 0.0, 0.0).model()
+    model = make_building(shifted_masses(flat(12.0, 8.0), 0.0, 0.0, 4.0), 1, 1, "", 0.0, 0.0).model()
     start, end = edges_inward(model.footprint.polygon)
     parts = [np.column_stack([rng.uniform((-6, -4), (6, 4), (900, 2)), np.full(900, 4.0)])]
     for edge, width in over.items():

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.image import imread
 
 from eaves.model.summary import Summary
-from eaves.report.axonometry import split_lines, split_triangles, view_matrix
+from eaves.report.axonometry import cut_lines, cut_triangles, view_matrix
 from eaves.report.errors import agreement
 from eaves.report.plot import plot_run
 
@@ -48,7 +48,7 @@ def test_wrong_options_raise_different_errors(nine_run: Summary, tmp_path: Path)
 
 def test_pieces_of_faces_and_edges_keep_area_and_length() -> None:
     corners = np.array([[[0.0, 0, 0], [40, 0, 0], [0, 30, 10]]])
-    parts, whole = split_triangles(corners)
+    parts, whole = cut_triangles(corners)
 
     def area(triangles: np.ndarray) -> float:
         one, two = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
@@ -57,7 +57,7 @@ def test_pieces_of_faces_and_edges_keep_area_and_length() -> None:
     assert len(parts) > 30
     assert set(whole) == {0}
     assert np.isclose(area(parts), area(corners))
-    lines = split_lines(corners[:, :2])
+    lines = cut_lines(corners[:, :2])
     assert len(lines) == 8
     assert np.isclose(np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1).sum(), 40)
     assert np.allclose(view_matrix(-30, 38) @ view_matrix(-30, 38).T, np.eye(3))

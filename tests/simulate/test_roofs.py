@@ -23,10 +23,10 @@ from eaves.simulate.roofs import (
     mansard,
     nine_roofs_on_a_slope,
     nine_shapes,
+    plan_rectangle,
     pyramid,
-    rectangle,
     shed,
-    shifted,
+    shifted_masses,
     wing,
 )
 
@@ -63,7 +63,7 @@ def volume(solid: Solid) -> float:
 @pytest.mark.parametrize("angle", [0.0, 0.4, 2.0])
 def test_solid_is_closed_and_holds_the_volume_under_its_roof(name: str, angle: float) -> None:
     masses, count = SHAPES[name]
-    building = make_building(shifted(masses, 31.7, 12.3, 5.0, angle), 1, 1, name, 0.0, 0.3)
+    building = make_building(shifted_masses(masses, 31.7, 12.3, 5.0, angle), 1, 1, name, 0.0, 0.3)
     solid = building.solid()
     assert len(building.faces) == count
     below = sum(
@@ -92,8 +92,8 @@ def test_ridge_of_a_gable_lies_on_both_planes() -> None:
 
 
 def test_part_that_touches_in_a_point_is_refused() -> None:
-    block = Mass(rectangle(4, 4), ((0.0, 0.0, 3.0),))
-    diagonal = Mass(rectangle(4, 4, 4, 4), ((0.0, 0.0, 3.0),))
+    block = Mass(plan_rectangle(4, 4), ((0.0, 0.0, 3.0),))
+    diagonal = Mass(plan_rectangle(4, 4, 4, 4), ((0.0, 0.0, 3.0),))
     with pytest.raises(ValueError, match="connected"):
         make_building((block, diagonal), 1, 1, "pair", 0.0, 0.0)
 

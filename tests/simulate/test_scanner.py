@@ -20,8 +20,8 @@ from eaves.simulate import (
 from eaves.simulate.exact import ExactBuilding, ExactScene
 from eaves.simulate.pulses import Receiver, gaussian_beam, pencil_beam, trace_pulses
 from eaves.simulate.ray_grid import index_town
-from eaves.simulate.roofs import gable, make_building, shifted
-from eaves.simulate.surfaces import Surfaces, building_surfaces
+from eaves.simulate.roofs import gable, make_building, shifted_masses
+from eaves.simulate.surfaces import ScannedSurfaces, building_surfaces
 from eaves.simulate.terrain import MARGIN, Terrain
 from eaves.simulate.town import Town
 from eaves.simulate.vegetation import BLOCK, Foliage
@@ -38,11 +38,11 @@ def level_ground(height: float = 5.0) -> Terrain:
 
 def town_of(*buildings: ExactBuilding, foliage: Foliage | None = None) -> Town:
     bounds = Bounds(0.0, 0.0, SIDE, SIDE)
-    return Town(bounds, level_ground(), buildings, Surfaces.of([], 0), foliage or Foliage.none())
+    return Town(bounds, level_ground(), buildings, ScannedSurfaces.of([], 0), foliage or Foliage.none())
 
 
 def house(overhang: float = 0.0) -> ExactBuilding:
-    return make_building(shifted(gable(16, 10, 0.8), 30, 30, 11.0, 0.4), 1, 1, "gable", 5.0, overhang)
+    return make_building(shifted_masses(gable(16, 10, 0.8), 30, 30, 11.0, 0.4), 1, 1, "gable", 5.0, overhang)
 
 
 def leaves(loss: float) -> Foliage:
@@ -175,7 +175,7 @@ def test_beam_holds_the_whole_energy() -> None:
 
 
 def test_grid_without_anything_traces_the_terrain() -> None:
-    grid = index_town(level_ground(), Surfaces.of([], 0), Foliage.none())
+    grid = index_town(level_ground(), ScannedSurfaces.of([], 0), Foliage.none())
     down = np.array([[0.0, 0.0, -1.0]])
     ranges, _, echoes = trace_pulses(
         grid, np.array([[30.0, 30.0, 105.0]]), down, 0.0, pencil_beam(), Receiver(), 0

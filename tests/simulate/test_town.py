@@ -24,7 +24,7 @@ from eaves.simulate.houses import (
     draw_tower,
     draw_town_house,
 )
-from eaves.simulate.roofs import make_building, shifted
+from eaves.simulate.roofs import make_building, shifted_masses
 from eaves.simulate.terrain import Corridor, cut_corridor, make_terrain
 from eaves.simulate.town import Town
 from eaves.validate import validate_model
@@ -83,7 +83,7 @@ def test_every_kind_of_building_makes_a_closed_solid(seed: int) -> None:
     ]
     closed = 0
     for design in designs:
-        masses = shifted(design.masses, 40.0, 40.0, angle=0.3)
+        masses = shifted_masses(design.masses, 40.0, 40.0, angle=0.3)
         try:
             building = make_building(masses, 1, 1, design.kind, -1.0, design.overhang)
             assert validate_model(building.model()) == []

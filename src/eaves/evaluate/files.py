@@ -109,9 +109,7 @@ def compare_ground(result: Path, reference: Path) -> Evaluation:
     near, which = cKDTree(judged.xyz).query(truth - shift, distance_upper_bound=SAME_POINT)
     same = np.isfinite(near)
     partner = np.asarray(which)[same]
-    score = evaluate_ground(
-        _evaluate_ground(judged, result)[partner], _evaluate_ground(true, reference)[same]
-    )
+    score = evaluate_ground(_ground_classes(judged, result)[partner], _ground_classes(true, reference)[same])
     figures: dict[str, float | int | str] = {
         "points": score.points,
         "points without a partner": int((~same).sum()),
@@ -265,7 +263,7 @@ def _figures(name: str, agreement: Agreement) -> dict[str, float | int | str]:
     }
 
 
-def _evaluate_ground(cloud: PointCloud, path: Path) -> Mask:
+def _ground_classes(cloud: PointCloud, path: Path) -> Mask:
     """Ground points: class 2 of LAS, label 0 of text in the manner of the ISPRS filter test."""
     if cloud.classification is None:
         raise InputError.about(path, "has no classes", "give a classified cloud")

@@ -154,10 +154,10 @@ def evaluate_footprints(
         len(paired),
         len(wanted),
         len(found),
-        _mean([row.iou for row in paired]),
+        mean_of([row.iou for row in paired]),
         root_mean_square(np.concatenate(offsets) if offsets else np.zeros(0)),
         float(np.median([row.hausdorff_m for row in paired])) if paired else float("nan"),
-        _mean([row.polis_m for row in paired if row.polis_m is not None]),
+        mean_of([row.polis_m for row in paired if row.polis_m is not None]),
         ratio(sum(row.vertices or 0 for row in paired), sum(row.vertices_reference for row in paired)),
         tuple(rows),
         *_united(found, wanted),
@@ -179,7 +179,7 @@ def _united(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> tuple[di
         both = float(here.intersection(there).area)
         overlaps.append(ratio(both, here.area + there.area - both))
         offsets.append(outline_distances(here, there))
-    return matching.relations, _mean(overlaps), root_mean_square(np.concatenate(offsets))
+    return matching.relations, mean_of(overlaps), root_mean_square(np.concatenate(offsets))
 
 
 def _meeting(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> NDArray[np.int64]:
@@ -252,5 +252,5 @@ def _compared(
     )
 
 
-def _mean(values: Sequence[float]) -> float:
+def mean_of(values: Sequence[float]) -> float:
     return float(np.mean(values)) if values else float("nan")

@@ -16,7 +16,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from eaves.evaluate.city import CityBuilding
-from eaves.evaluate.footprints import pair_by_overlap
+from eaves.evaluate.footprints import mean_of, pair_by_overlap
 from eaves.evaluate.scores import ratio, root_mean_square
 from eaves.geometry.roof_fit import collect_faces, fit_roof, roof_point_mask
 from eaves.model import Finding, Points, Values
@@ -211,12 +211,12 @@ def evaluate_models(
         len(seen),
         len(use),
         ratio(float((~hit).sum()), len(use)),
-        _median(distance[hit]),
-        _median(vertical[hit]),
-        _mean([row.rmse_m for row in seen]),
-        _median(np.array([row.rmse_m for row in seen])),
-        _mean([MISSED_RMSE if row.rmse95_m is None else row.rmse95_m for row in seen]),
-        _median(np.array([MISSED_RMSE if row.rmse95_m is None else row.rmse95_m for row in seen])),
+        _median_or_nan(distance[hit]),
+        _median_or_nan(vertical[hit]),
+        mean_of([row.rmse_m for row in seen]),
+        _median_or_nan(np.array([row.rmse_m for row in seen])),
+        mean_of([MISSED_RMSE if row.rmse95_m is None else row.rmse95_m for row in seen]),
+        _median_or_nan(np.array([MISSED_RMSE if row.rmse95_m is None else row.rmse95_m for row in seen])),
         {limit: ratio(float((near < limit).sum()), len(use)) for limit in WITHIN},
         len(modelled),
         ratio(sum(len(model.faces) for model in modelled), len(modelled)),
@@ -225,8 +225,8 @@ def evaluate_models(
         dict(sorted(Counter(model.lod for model in modelled).items())),
         dict(sorted(Counter(finding.code for finding in findings).items())),
         len({finding.building for finding in findings}),
-        _mean(shares),
-        _mean([abs(row.height_error_m) for row in rows if row.height_error_m is not None]),
+        mean_of(shares),
+        mean_of([abs(row.height_error_m) for row in rows if row.height_error_m is not None]),
         tuple(rows),
     )
 
@@ -308,9 +308,5 @@ def _origin(points: Points, buildings: Sequence[CityBuilding]) -> tuple[float, f
     return float(x), float(y)
 
 
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values)) if len(values) else float("nan")
-
-
-def _median(values: Values) -> float:
+def _median_or_nan(values: Values) -> float:
     return float(np.median(values)) if len(values) else float("nan")

@@ -152,13 +152,14 @@ def agree(systems: Iterable[tuple[Path, CoordinateSystem]]) -> CoordinateSystem:
         if system.wkt != chosen.wkt and not _same_plane(system, chosen):
             raise InputError.about(
                 path,
-                f"its system ({describe(system)}) is not that of {chosen_path} ({describe(chosen)})",
+                f"its system ({describe_system(system)}) is not that of {chosen_path} "
+                f"({describe_system(chosen)})",
                 remedy,
             )
     return chosen
 
 
-def describe(system: CoordinateSystem) -> str:
+def describe_system(system: CoordinateSystem) -> str:
     """Code, else name, else `none`."""
     crs = pyproj_crs(system)
     return system.code or (crs.name if crs is not None else "none")

@@ -38,7 +38,7 @@ def refuse_conflict(path: Path, said: str, own: pyproj.CRS | None, box: Bounds) 
     """
     if own is None:
         return
-    stated, given = plane_of(own), plane_of(parse_crs(said))
+    stated, given = plane_part(own), plane_part(parse_crs(said))
     if stated.equals(given, ignore_axis_order=True) and same_heights(own, parse_crs(said)):
         return
     x, y = (box.west + box.east) / 2, (box.south + box.north) / 2
@@ -52,7 +52,7 @@ def refuse_conflict(path: Path, said: str, own: pyproj.CRS | None, box: Bounds) 
     )
 
 
-def plane_of(crs: pyproj.CRS) -> pyproj.CRS:
+def plane_part(crs: pyproj.CRS) -> pyproj.CRS:
     """The plane part of a system."""
     plain = crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
     first = plain.sub_crs_list[0] if plain.is_compound else plain
@@ -74,7 +74,7 @@ def refuse_numbers(path: Path, system: CoordinateSystem, box: Bounds) -> None:
     InputError
         When it would lie there in other units, or with x and y exchanged, or is in degrees.
     """
-    area = area_of(system)
+    area = area_of_use(system)
     if area is None:
         return
     x, y = (box.west + box.east) / 2, (box.south + box.north) / 2
@@ -130,7 +130,7 @@ class Area:
 
 
 @lru_cache(maxsize=64)  # the tiles of a country ask the same a million times
-def area_of(system: CoordinateSystem) -> Area | None:
+def area_of_use(system: CoordinateSystem) -> Area | None:
     """The area of a system's plane part, or of its code's; None when neither states one."""
     crs = horizontal_crs(system)
     if crs is None or crs.geodetic_crs is None:

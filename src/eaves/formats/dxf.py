@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from eaves.formats.atomic import atomic
-from eaves.formats.crs import describe
+from eaves.formats.crs import describe_system
 from eaves.formats.obj_wireframe import roof_wireframe
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.coordinates import LOCAL_METRES
@@ -69,7 +69,7 @@ def write_dxf(
     count = 0
     unit = np.array(system.unit_m)
     with atomic(path) as temporary, temporary.open("w", encoding="ascii", errors="replace") as file:
-        remarks = " ".join(f"eaves, {describe(system)} {provenance.sentence}".split())
+        remarks = " ".join(f"eaves, {describe_system(system)} {provenance.sentence}".split())
         file.write(f"999\n{remarks}\n0\nSECTION\n2\nENTITIES\n")
         for model in models:
             if not isinstance(model, BuildingModel) or not model.solids:

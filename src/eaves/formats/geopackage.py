@@ -20,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.formats.atomic import atomic
 from eaves.formats.chunk import FARTHEST
-from eaves.formats.crs import describe, horizontal_crs, parse_crs, system_of
+from eaves.formats.crs import describe_system, horizontal_crs, parse_crs, system_of
 from eaves.formats.errors import InputError
 from eaves.formats.qgis.tables import describe_layers
 from eaves.formats.vector_files import OFFLINE, REMEDY, checked_vector
@@ -425,7 +425,7 @@ def _shapes_in_metres(
                 assert target is not None
                 raise InputError.about(
                     path,
-                    f"cannot be reprojected to {describe(target)}",
+                    f"cannot be reprojected to {describe_system(target)}",
                     "reproject it, for example with ogr2ogr",
                 )
     system = target

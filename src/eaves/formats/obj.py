@@ -17,7 +17,7 @@ import numpy as np
 
 from eaves.formats.atomic import atomic
 from eaves.formats.cityjson import footprint_of
-from eaves.formats.crs import describe
+from eaves.formats.crs import describe_system
 from eaves.formats.meshes import COLOURS, SURFACES, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.coordinates import LOCAL_METRES
@@ -71,7 +71,8 @@ def write_obj(
     count, start = 0, 1
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         file.write(
-            f"# eaves: buildings as east, up, south from an offset (east, north, up) in {describe(system)}\n"
+            "# eaves: buildings as east, up, south from an offset (east, north, up) in "
+            f"{describe_system(system)}\n"
         )
         file.write(f"# {provenance.sentence}\n" if provenance else "")
         for number, model in enumerate(models, 1):

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from eaves.formats.atomic import atomic
 from eaves.formats.cityjson import footprint_of
-from eaves.formats.crs import describe
+from eaves.formats.crs import describe_system
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Points, Solid
@@ -291,7 +291,7 @@ def write_obj_wireframe(
     unit = np.array(system.unit_m)
     count, start = 0, 1
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(f"# eaves: corners and edges of roofs; coordinates are in {describe(system)}\n")
+        file.write(f"# eaves: corners and edges of roofs; coordinates are in {describe_system(system)}\n")
         file.write(f"# {provenance.sentence}\n" if provenance else "")
         for number, model in enumerate(models, 1):
             footprint = footprint_of(model)

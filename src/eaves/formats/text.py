@@ -76,7 +76,7 @@ def iter_text(layout: TextLayout, size: int) -> Iterator[Chunk]:
         while batch := list(islice(lines, size)):
             used = [line for line in batch if line.strip() and not line.lstrip().startswith("#")]
             if used:
-                values = _numbers(layout, used, columns, line_number)
+                values = _parsed_numbers(layout, used, columns, line_number)
                 label = None
                 if layout.label is not None:
                     label = np.clip(np.nan_to_num(values[:, 3]), 0, 255).astype(np.uint8)
@@ -86,7 +86,9 @@ def iter_text(layout: TextLayout, size: int) -> Iterator[Chunk]:
             line_number += len(batch)
 
 
-def _numbers(layout: TextLayout, lines: list[str], columns: tuple[int, ...], before: int) -> np.ndarray:
+def _parsed_numbers(
+    layout: TextLayout, lines: list[str], columns: tuple[int, ...], before: int
+) -> np.ndarray:
     try:
         return np.loadtxt(lines, delimiter=layout.separator, usecols=columns, ndmin=2, comments="#")
     except ValueError as error:

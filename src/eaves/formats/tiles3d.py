@@ -238,7 +238,7 @@ def node_of(
     frame = np.array(overview["transform"]).reshape(4, 4).T if overview else parent
     node: Json = {}
     if overview:
-        node = {"transform": within(overview, parent)["transform"], "refine": "REPLACE"}
+        node = {"transform": framed_tile(overview, parent)["transform"], "refine": "REPLACE"}
         node["content"] = overview["content"]
     if frame is not None:  # its axes are a map's: up to a thousandth longer or shorter than metres
         centre, radius = (np.linalg.inv(frame) @ [*centre, 1.0])[:3], radius * STRETCH
@@ -248,7 +248,7 @@ def node_of(
     split = (middles.min(axis=0) + middles.max(axis=0)) / 2
     quarter = (middles[:, 0] > split[0]) + 2 * (middles[:, 1] > split[1])
     if len(leaves) <= CHILDREN or len(np.unique(quarter)) == 1:
-        return node | {"children": [within(leaf.tile, frame) for leaf in leaves]}
+        return node | {"children": [framed_tile(leaf.tile, frame) for leaf in leaves]}
     quarters = [
         [leaf for leaf, quarter_of in zip(leaves, quarter, strict=True) if quarter_of == number]
         for number in range(4)
@@ -256,7 +256,7 @@ def node_of(
     return node | {"children": [node_of(quarter, draw, frame) for quarter in quarters if quarter]}
 
 
-def within(tile: Json, frame: Matrix | None) -> Json:
+def framed_tile(tile: Json, frame: Matrix | None) -> Json:
     """A tile that stands in the tileset's frame, below one of another frame (4, 4)."""
     if frame is None:
         return tile

@@ -37,13 +37,13 @@ def prism_of(model: BuildingModel, mesh: BuildingMesh) -> Prism | None:
     corners = np.asarray(hull.exterior.coords)[:-1, :2]
     corners = corners if hull.exterior.is_ccw else corners[::-1]
     base, top = float(mesh.vertices[:, 2].min()), float(mesh.vertices[roof, 2].mean())
-    solid = upright(corners, base, top)
+    solid = standing_prisms(corners, base, top)
     kept = {name: model.attributes[name] for name in KEPT if name in model.attributes}
     plain = model.with_(solids={model.lod: ()}, planes=(), installations=(), attributes=kept)
     return hull.area, plain, mesh_of_solids([solid])
 
 
-def upright(corners: Points, base: float, top: float) -> Solid:
+def standing_prisms(corners: Points, base: float, top: float) -> Solid:
     """Walls and roof over counter-clockwise corners (M, 2)."""
     count = len(corners)
     vertices = np.vstack([np.column_stack([corners, np.full(count, height)]) for height in (base, top)])

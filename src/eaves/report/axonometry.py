@@ -36,7 +36,7 @@ def models_figure(
     view = view_matrix(azimuth, elevation)
     corners, colours, points = drawn_scene(contents)
     finest = contents.faces.take(finest_faces(contents.faces))
-    lines = split_lines(finest.corners[face_edges(finest)[0]])
+    lines = cut_lines(finest.corners[face_edges(finest)[0]])
     lines = lines[over_terrain(contents, lines)]
     seen, spots, rims = corners @ view.T, points @ view.T, lines @ view.T
     rim_depth = rims[:, :, 2].mean(axis=1) + IN_FRONT
@@ -88,7 +88,7 @@ def drawn_scene(contents: Contents) -> tuple[Points, NDArray[np.float64], Points
     trees."""
     surfaces = cut_into_triangles(contents.faces.take(finest_faces(contents.faces)))
     ground = terrain_triangles(contents)
-    parts, whole = split_triangles(surfaces.corners)
+    parts, whole = cut_triangles(surfaces.corners)
     seen = over_terrain(contents, parts)
     parts, whole = parts[seen], whole[seen]
     corners = np.concatenate([parts, ground])
@@ -117,7 +117,7 @@ def over_terrain(contents: Contents, pieces: Points) -> Mask:
     return np.asarray(~(middle[:, 2] < ground - SUNKEN))
 
 
-def split_triangles(corners: Points) -> tuple[Points, NDArray[np.int64]]:
+def cut_triangles(corners: Points) -> tuple[Points, NDArray[np.int64]]:
     """Triangles (T, 3, 3) halved across their longest side until it is short, and which each came from."""
     owner = np.arange(len(corners))
     done, origin = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)]
@@ -135,7 +135,7 @@ def split_triangles(corners: Points) -> tuple[Points, NDArray[np.int64]]:
     return np.concatenate(done), np.concatenate(origin)
 
 
-def split_lines(ends: Points) -> Points:
+def cut_lines(ends: Points) -> Points:
     """Segments (E, 2, 3) cut into equal pieces no longer than `PIECE`."""
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     count = np.maximum(np.ceil(length / PIECE), 1).astype(np.int64)

@@ -19,7 +19,7 @@ from rasterio.vrt import WarpedVRT
 from rasterio.warp import transform_bounds
 
 from eaves.formats import InputError
-from eaves.formats.crs import describe, horizontal_crs
+from eaves.formats.crs import describe_system, horizontal_crs
 from eaves.model import Bounds, CoordinateSystem, Mask
 
 PIXELS = 2048
@@ -108,7 +108,7 @@ def refuse_elsewhere(
     shown, wanted = (",".join(f"{side:.0f}" for side in rectangle) for rectangle in (covered, sides))
     raise InputError.about(
         path,
-        f"shows nothing of the run: {shown} in {describe(system)}, which lies in {wanted}",
+        f"shows nothing of the run: {shown} in {describe_system(system)}, which lies in {wanted}",
         "give an image of the place",
     )
 

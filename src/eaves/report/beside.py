@@ -10,7 +10,7 @@ from string import Template
 
 from eaves.formats import InputError
 from eaves.formats.atomic import atomic
-from eaves.formats.crs import describe, horizontal_crs
+from eaves.formats.crs import describe_system, horizontal_crs
 from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, Contents, read_contents
 from eaves.report.page_file import iter_page
 from eaves.report.view import describe_run, log, refuse_no_run
@@ -53,7 +53,7 @@ def refuse_other_system(left: Contents, right: Contents) -> None:
     if systems[0] != systems[1]:
         raise InputError.about(
             right.folder,
-            f"is in {describe(right.system)} and {left.folder} in {describe(left.system)}",
+            f"is in {describe_system(right.system)} and {left.folder} in {describe_system(left.system)}",
             "build both in one system, or use eaves compare",
         )
 

@@ -65,12 +65,12 @@ def to_geopandas(
             if isinstance(one, Footprint)
             else building_row(one)
         )
-        shapes.append(scaled(world_polygon(outline), unit))
+        shapes.append(in_units(world_polygon(outline), unit))
         rows.append(about)
     return geopandas.GeoDataFrame(rows, geometry=shapes, crs=horizontal_crs(system))
 
 
-def scaled(polygon: Any, unit: float) -> Any:
+def in_units(polygon: Any, unit: float) -> Any:
     """A polygon of metres in another unit."""
     import shapely
 

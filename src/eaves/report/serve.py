@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from eaves.formats import CityObject, InputError, iter_cityjson, write_3dtiles
 from eaves.formats.atomic import atomic
-from eaves.formats.crs import describe
+from eaves.formats.crs import describe_system
 from eaves.formats.tiles3d import Earth
 from eaves.model import BLOCK_SIDE, Bounds, BuildingModel, CoordinateSystem, Footprint, Points
 from eaves.model.building import LODS
@@ -173,7 +173,7 @@ def about_run(folder: Path, system: CoordinateSystem) -> dict[str, Any]:
     found, modelled = run.get("found", 0), run.get("modelled", 0)
     return {
         "title": f"{title}: buildings by eaves",
-        "headline": f"{found:,} buildings, {modelled:,} with a model; {describe(system)}",
+        "headline": f"{found:,} buildings, {modelled:,} with a model; {describe_system(system)}",
         "buildings": modelled,
         "columns": {name: [column.label, column.meaning] for name, column in COLUMNS.items()},
         "page": PAGE if (folder / PAGE).exists() else "",

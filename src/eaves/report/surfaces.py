@@ -168,7 +168,7 @@ def cut_into_triangles(faces: CityFaces) -> FaceTriangles:
     shapes[broken] = shapely.buffer(shapes[broken], 0)
     pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(shapes), return_index=True)
     uv = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-    clockwise = _signed_area(uv) < 0
+    clockwise = _triangle_area(uv) < 0
     uv[clockwise] = uv[clockwise][:, ::-1]
     corners = frame[owner, None, 0] + np.einsum("tkc,tcd->tkd", uv, frame[owner, 1:3])
     _take_own_corners(corners, uv, owner, own, places, number)
@@ -229,6 +229,6 @@ def _frames(corners: Points, sizes: NDArray[np.int64], outer: NDArray[np.int64])
     return np.stack([corners[start[outer]], first, second, normal], axis=1)
 
 
-def _signed_area(corner: NDArray[np.float64]) -> NDArray[np.float64]:
+def _triangle_area(corner: NDArray[np.float64]) -> NDArray[np.float64]:
     one, two = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     return np.asarray(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])

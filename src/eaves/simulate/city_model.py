@@ -21,7 +21,7 @@ from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.simulate.exact import ExactBuilding, ExactFace
 from eaves.simulate.solids import extrude_partition
-from eaves.simulate.surfaces import Surfaces
+from eaves.simulate.surfaces import ScannedSurfaces
 from eaves.simulate.terrain import CELL, MARGIN, Terrain
 from eaves.simulate.town import TRUNK_CLEARANCE, Town
 from eaves.simulate.vegetation import Foliage, grow_tree
@@ -238,7 +238,7 @@ def _terrain_through(buildings: list[ExactBuilding], bounds: Bounds) -> Terrain:
 
 def _scatter_trees(
     buildings: list[ExactBuilding], bounds: Bounds, terrain: Terrain, trees: float, seed: int
-) -> tuple[Surfaces, Foliage]:
+) -> tuple[ScannedSurfaces, Foliage]:
     rng = np.random.default_rng([seed, 41])
     count = round(trees * TREES_PER_HECTARE * bounds.width * bounds.height / 1e4)
     places = rng.uniform((bounds.west, bounds.south), (bounds.east, bounds.north), (count, 2))
@@ -247,4 +247,4 @@ def _scatter_trees(
     free = places[~shapely.contains_xy(built, places[:, 0], places[:, 1])]
     ground = terrain.at(free)
     grown = [grow_tree(float(x), float(y), float(z), rng) for (x, y), z in zip(free, ground, strict=True)]
-    return Surfaces.join([trunk for _, trunk in grown]), Foliage.join([leaves for leaves, _ in grown])
+    return ScannedSurfaces.join([trunk for _, trunk in grown]), Foliage.join([leaves for leaves, _ in grown])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from eaves.model.cloud import BUILDING
 from eaves.simulate.exact import ExactBuilding, ExactFace
-from eaves.simulate.surfaces import UP, Surfaces, curtain, fan, upright_box
+from eaves.simulate.surfaces import UP, ScannedSurfaces, curtain, fan, upright_box
 
 FROM_EDGE = 0.6
 """The least distance of objects from the edge of a face (m)."""
@@ -42,7 +42,7 @@ Patch = NDArray[np.float64]
 
 def install(
     building: ExactBuilding, free: Callable[[NDArray[np.float64]], bool], rng: np.random.Generator
-) -> Surfaces:
+) -> ScannedSurfaces:
     """The clutter of one building; `free` returns whether nothing is built at a place (x, y)."""
     pieces: list[Patch] = []
     for face in building.faces:
@@ -58,7 +58,7 @@ def install(
             pieces += _panels(face, inner, gradient, rng)
     if building.kind.startswith(BALCONY_KINDS):
         pieces += _balconies(building, free, rng)
-    return Surfaces.of(pieces, BUILDING, building.number)
+    return ScannedSurfaces.of(pieces, BUILDING, building.number)
 
 
 def _somewhere(inner: shapely.Polygon, rng: np.random.Generator) -> NDArray[np.float64] | None:

@@ -24,9 +24,9 @@ from eaves.simulate.masses import Mass
 from eaves.simulate.roofs import make_building
 from eaves.simulate.scanner import Scanner, scan_town
 from eaves.simulate.streets import CityBlock, TownStyle, draw_block
-from eaves.simulate.surfaces import Surfaces
+from eaves.simulate.surfaces import ScannedSurfaces
 from eaves.simulate.terrain import TerrainKind
-from eaves.simulate.town import RIM, Site, Town, lay_site, put_extras
+from eaves.simulate.town import RIM, BuildingSite, Town, lay_site, put_extras
 from eaves.simulate.vegetation import Foliage
 
 CHANGES = ("new", "demolished", "raised", "lowered", "extended", "partly demolished", "roof replaced")
@@ -173,7 +173,7 @@ def simulate_epochs(
     extras = put_extras(site.bounds, site.terrain, corridor, np.random.default_rng([seed, 36]))
     towns = []
     for epoch in (0, 1):
-        there = Site(site.bounds, site.terrain)
+        there = BuildingSite(site.bounds, site.terrain)
         for pair in pairs:
             building = pair.buildings[epoch]
             if building is not None:
@@ -185,7 +185,7 @@ def simulate_epochs(
             there.furnish(plot, replace(block, cars=cars), trees, leaf_loss[epoch], rng)
         if clutter:
             there.install(seed)
-        surfaces = Surfaces.join([*there.surfaces, *extras])
+        surfaces = ScannedSurfaces.join([*there.surfaces, *extras])
         towns.append(
             Town(site.bounds, site.terrain, tuple(there.buildings), surfaces, Foliage.join(there.leaves))
         )
@@ -200,7 +200,7 @@ class _Pair:
     buildings: tuple[ExactBuilding | None, ExactBuilding | None]
 
 
-def _draw_changes(site: Site, share: float, rng: np.random.Generator) -> list[_Pair]:
+def _draw_changes(site: BuildingSite, share: float, rng: np.random.Generator) -> list[_Pair]:
     """The buildings of a site at both times; a change that a building has no room for becomes another."""
     large = [k for k, one in enumerate(site.buildings) if one.footprint.area >= SMALLEST_M2]
     chosen = rng.permutation(large)[: round(share * len(large))].tolist()
@@ -230,7 +230,7 @@ def _draw_changes(site: Site, share: float, rng: np.random.Generator) -> list[_P
     return pairs
 
 
-def _made(site: Site, k: int, masses: Masses) -> ExactBuilding | None:
+def _made(site: BuildingSite, k: int, masses: Masses) -> ExactBuilding | None:
     """A building of a site with other masses; None where they make no closed solid, or stand in another."""
     was = site.buildings[k]
     try:
@@ -241,7 +241,7 @@ def _made(site: Site, k: int, masses: Masses) -> ExactBuilding | None:
     return made
 
 
-def _shifted_roof(site: Site, k: int, way: float) -> ExactBuilding | None:
+def _shifted_roof(site: BuildingSite, k: int, way: float) -> ExactBuilding | None:
     """A building with its roof higher by `way` (m)."""
     masses = tuple(mass.translated(0.0, 0.0, 0.0, way) for mass in site.masses[k])
     made = _made(site, k, masses)
@@ -255,7 +255,7 @@ def _lowest_eaves(building: ExactBuilding) -> float:
     return float(min(heights))
 
 
-def _extended(site: Site, k: int, rng: np.random.Generator) -> ExactBuilding | None:
+def _extended(site: BuildingSite, k: int, rng: np.random.Generator) -> ExactBuilding | None:
     """A building with a flat annex of 4 m² or more at one of its walls; None where there is no room."""
     was = site.buildings[k]
     corners = shapely.get_coordinates(was.footprint.exterior)
@@ -283,7 +283,7 @@ def _extended(site: Site, k: int, rng: np.random.Generator) -> ExactBuilding | N
     return None
 
 
-def _with_other_roof(site: Site, k: int, rng: np.random.Generator) -> ExactBuilding | None:
+def _with_other_roof(site: BuildingSite, k: int, rng: np.random.Generator) -> ExactBuilding | None:
     """A building with a gable in place of a flat roof, or a flat roof in place of any other, at the old one's
     mean height; None where old and new are much alike."""
     was = site.buildings[k]

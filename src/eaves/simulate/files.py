@@ -75,7 +75,7 @@ def write_simulation(
     models = [building.model(origin) for building in scene.buildings]
     write_cityjson(paths[MODELS], models, scene.cloud.system)
     with undated():
-        write_geopackage(paths[VECTORS], *_layer_rows(scene), scene.cloud.system)
+        write_geopackage(paths[VECTORS], *_vector_rows(scene), scene.cloud.system)
     with atomic(paths[SUMMARY]) as temporary:
         temporary.write_text(
             json.dumps({**(settings or {}), **_counts(scene)}, indent=1, sort_keys=True) + "\n",
@@ -129,7 +129,7 @@ def _write_cloud(scene: ExactScene, path: Path) -> None:
         las.write(file, do_compress=True)
 
 
-def _layer_rows(scene: ExactScene) -> tuple[list[Row], list[Row]]:
+def _vector_rows(scene: ExactScene) -> tuple[list[Row], list[Row]]:
     """The rows of the layers `footprints` and `roof_planes`, in world metres."""
     footprints, planes = [], []
     for building in scene.buildings:

@@ -8,35 +8,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model.cloud import BRIDGE_DECK, UNCLASSIFIED, WIRE, WIRE_TOWER
-from eaves.simulate.surfaces import UP, Surfaces, curtain, fan, upright_box
+from eaves.simulate.surfaces import UP, ScannedSurfaces, curtain, fan, upright_box
 from eaves.simulate.terrain import Corridor, Terrain
 
 
-def park_car(x: float, y: float, ground: float, angle: float, rng: np.random.Generator) -> Surfaces:
+def park_car(x: float, y: float, ground: float, angle: float, rng: np.random.Generator) -> ScannedSurfaces:
     """A car, or one time in eight a van: a body and a cabin."""
     if rng.random() < 0.125:
-        return Surfaces.of(upright_box(x, y, ground + 0.3, (5.5, 2.0, 2.1), angle), UNCLASSIFIED)
+        return ScannedSurfaces.of(upright_box(x, y, ground + 0.3, (5.5, 2.0, 2.1), angle), UNCLASSIFIED)
     length, height = rng.uniform(3.8, 4.9), rng.uniform(1.4, 1.65)
     body = upright_box(x, y, ground + 0.2, (length, 1.8, 0.65), angle)
     cabin = upright_box(x, y, ground + 0.8, (0.55 * length, 1.6, height - 0.8), angle)
-    return Surfaces.of([*body, *cabin], UNCLASSIFIED)
+    return ScannedSurfaces.of([*body, *cabin], UNCLASSIFIED)
 
 
 def put_fence(
     start: NDArray[np.float64], end: NDArray[np.float64], terrain: Terrain, rng: np.random.Generator
-) -> Surfaces:
+) -> ScannedSurfaces:
     """A thin fence or garden wall of 0.9 to 2 m along a segment; it follows the ground in steps of 2 m."""
     length = float(np.hypot(*(end - start)))
     plan = start + np.linspace(0.0, 1.0, max(2, int(length / 2.0) + 1))[:, None] * (end - start)
     low = np.column_stack([plan, terrain.at(plan) - 0.2])
     high = low + (0.2 + rng.uniform(0.9, 2.0)) * UP
     pieces = [curtain(low[k : k + 2], high[k : k + 2]) for k in range(len(plan) - 1)]
-    return Surfaces.of(pieces, UNCLASSIFIED)
+    return ScannedSurfaces.of(pieces, UNCLASSIFIED)
 
 
 def hang_power_line(
     start: NDArray[np.float64], end: NDArray[np.float64], terrain: Terrain, rng: np.random.Generator
-) -> Surfaces:
+) -> ScannedSurfaces:
     """Masts every 60 m or so, 16 to 26 m high, and three wires between them that sag by 2 %."""
     length = float(np.hypot(*(end - start)))
     spans = max(1, round(length / 60.0))
@@ -57,7 +57,7 @@ def hang_power_line(
             line = ends[0] + share[:, None] * (ends[1] - ends[0])
             line[:, 2] -= 0.02 * (length / spans) * 4 * share * (1 - share)
             wires += [_ribbon(line[m], line[m + 1], left, 0.04) for m in range(len(share) - 1)]
-    return Surfaces.join([Surfaces.of(masts, WIRE_TOWER), Surfaces.of(wires, WIRE)])
+    return ScannedSurfaces.join([ScannedSurfaces.of(masts, WIRE_TOWER), ScannedSurfaces.of(wires, WIRE)])
 
 
 def _ribbon(
@@ -68,7 +68,7 @@ def _ribbon(
     return fan(np.stack([p - side, q - side, q + side, p + side]))
 
 
-def span_bridge(x: float, y: float, corridor: Corridor, terrain: Terrain) -> Surfaces:
+def span_bridge(x: float, y: float, corridor: Corridor, terrain: Terrain) -> ScannedSurfaces:
     """A bridge 8 m wide across a canal, its axis through (x, y), its deck joining the ground of the banks."""
     across = np.array([-np.sin(corridor.angle), np.cos(corridor.angle)])
     along = np.array([across[1], -across[0]])
@@ -97,4 +97,4 @@ def span_bridge(x: float, y: float, corridor: Corridor, terrain: Terrain) -> Sur
         for a, b in ((0, 1), (3, 2)):
             rail = deck[[a, b]]
             pieces.append(curtain(rail, rail + UP))
-    return Surfaces.of(pieces, BRIDGE_DECK)
+    return ScannedSurfaces.of(pieces, BRIDGE_DECK)

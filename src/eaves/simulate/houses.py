@@ -20,10 +20,10 @@ from eaves.simulate.roofs import (
     gambrel,
     hip,
     mansard,
+    plan_rectangle,
     pyramid,
-    rectangle,
     shed,
-    shifted,
+    shifted_masses,
     wing,
 )
 
@@ -77,7 +77,7 @@ class Design:
 
 def lifted(masses: Masses, height: float) -> Masses:
     """Masses lifted by `height` (m)."""
-    return shifted(masses, 0.0, 0.0, height)
+    return shifted_masses(masses, 0.0, 0.0, height)
 
 
 def _tangent(kind: str, rng: np.random.Generator) -> float:
@@ -183,7 +183,7 @@ def draw_row(frontage: float, rng: np.random.Generator) -> Design:
             part += _dormers(house + 1.0, depth, part[0], rng)
         if rng.random() < 0.5:
             part += (chimney(0.0, 0.3, slope * depth / 2 + 0.8, 0.7),)
-        masses += shifted(part, x, push, eaves + lift)
+        masses += shifted_masses(part, x, push, eaves + lift)
     return Design("row houses", masses, rng.uniform(0.0, 0.4))
 
 
@@ -197,7 +197,7 @@ def draw_town_house(frontage: float, depth: float, rng: np.random.Generator) -> 
         sides = gambrel(frontage, depth, float(np.tan(np.radians(rng.uniform(60.0, 72.0)))), _upper(rng), 1.2)
         masses = sides
     elif pick < 0.75:
-        masses = shifted(
+        masses = shifted_masses(
             gable(depth, frontage, float(np.tan(np.radians(rng.uniform(30.0, 45.0))))), 0, 0, 0, np.pi / 2
         )
     else:
@@ -209,7 +209,7 @@ def draw_town_house(frontage: float, depth: float, rng: np.random.Generator) -> 
     masses = lifted(masses, eaves)
     if rng.random() < 0.6:
         long = rng.uniform(2.5, 6.0)
-        plan = rectangle(frontage * rng.uniform(0.4, 1.0), long + 1.0, 0.0, depth / 2 + long / 2 - 0.5)
+        plan = plan_rectangle(frontage * rng.uniform(0.4, 1.0), long + 1.0, 0.0, depth / 2 + long / 2 - 0.5)
         masses += (Mass(plan, ((0.0, 0.0, STOREY * rng.integers(1, 3) + 0.4),), "annex"),)
     return Design("town house", masses)
 
@@ -259,7 +259,7 @@ def draw_slab(length: float, rng: np.random.Generator) -> Design:
         masses += lifted(flat(length - 2 * inset, width - 0.8 * inset), height + STOREY * (step + 1))
     top = max(mass.planes[0][2] for mass in masses)
     for x in rng.uniform(-0.3, 0.3, int(rng.integers(1, 3))) * length:
-        masses += shifted(flat(rng.uniform(3.0, 6.0), rng.uniform(3.0, 5.0)), float(x), 0.0, top + 2.6)
+        masses += shifted_masses(flat(rng.uniform(3.0, 6.0), rng.uniform(3.0, 5.0)), float(x), 0.0, top + 2.6)
     return Design("slab", masses)
 
 
@@ -277,15 +277,15 @@ def draw_hall(length: float, width: float, rng: np.random.Generator) -> Design:
     if pick < 0.45:
         masses = flat(length, width, rng.uniform(0.2, 0.8))
         for x in np.linspace(-0.35, 0.35, 4) * length:
-            masses += shifted(gable(2.0, 0.6 * width, 0.6), float(x), 0.0, 0.3)
+            masses += shifted_masses(gable(2.0, 0.6 * width, 0.6), float(x), 0.0, 0.3)
         return Design("hall", lifted(masses, eaves))
     if pick < 0.75:
         masses = gable(length, width, float(np.tan(np.radians(rng.uniform(4.0, 12.0)))))
         return Design("hall", lifted(masses, eaves), 0.3)
     count = int(length // 9.0)
     tooth = length / count
-    teeth = shifted(shed(width, tooth, rng.uniform(0.3, 0.6)), 0.0, 0.0, 0.0, np.pi / 2)
-    masses = tuple(m for k in range(count) for m in shifted(teeth, (k - (count - 1) / 2) * tooth, 0.0))
+    teeth = shifted_masses(shed(width, tooth, rng.uniform(0.3, 0.6)), 0.0, 0.0, 0.0, np.pi / 2)
+    masses = tuple(m for k in range(count) for m in shifted_masses(teeth, (k - (count - 1) / 2) * tooth, 0.0))
     return Design("saw teeth", lifted(masses, eaves))
 
 
@@ -295,8 +295,8 @@ def draw_church(rng: np.random.Generator) -> Design:
     slope = float(np.tan(np.radians(rng.uniform(45.0, 56.0))))
     masses = lifted(gable(length, width, slope), eaves)
     masses += lifted(
-        shifted(gable(width + 10.0, 0.8 * width, slope), 0.2 * length, 0.0, 0.0, np.pi / 2), eaves
+        shifted_masses(gable(width + 10.0, 0.8 * width, slope), 0.2 * length, 0.0, 0.0, np.pi / 2), eaves
     )
     side = rng.uniform(5.0, 7.0)
     spire = lifted(pyramid(side, rng.uniform(2.0, 3.0)), eaves + slope * width / 2 + rng.uniform(4.0, 9.0))
-    return Design("church", masses + shifted(spire, -length / 2 - side / 2 + 0.5, 0.0))
+    return Design("church", masses + shifted_masses(spire, -length / 2 - side / 2 + 0.5, 0.0))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from eaves.kernels import kernel
 from eaves.model.cloud import GROUND, WATER
-from eaves.simulate.surfaces import Surfaces
+from eaves.simulate.surfaces import ScannedSurfaces
 from eaves.simulate.terrain import Terrain
 from eaves.simulate.vegetation import Foliage
 
@@ -57,7 +57,7 @@ class RayGrid:
         return float(self.tops.max())
 
 
-def index_town(terrain: Terrain, surfaces: Surfaces, foliage: Foliage) -> RayGrid:
+def index_town(terrain: Terrain, surfaces: ScannedSurfaces, foliage: Foliage) -> RayGrid:
     """The index of everything a pulse can meet."""
     columns, rows = terrain.water.shape
     plan = (surfaces.corners[:, :, :2] - [terrain.west, terrain.south]) / terrain.cell

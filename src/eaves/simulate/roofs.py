@@ -18,25 +18,25 @@ from eaves.simulate.masses import Mass, Plane, roof_partition
 Masses = tuple[Mass, ...]
 
 
-def rectangle(length: float, width: float, x: float = 0.0, y: float = 0.0) -> Polygon:
+def plan_rectangle(length: float, width: float, x: float = 0.0, y: float = 0.0) -> Polygon:
     """A rectangle about (x, y), `length` along x."""
     return shapely.box(x - length / 2, y - width / 2, x + length / 2, y + width / 2)
 
 
 def flat(length: float, width: float, parapet: float = 0.0, thickness: float = 0.3) -> Masses:
     """A flat roof, with a parapet of that height when it is above 0."""
-    outline = rectangle(length, width)
+    outline = plan_rectangle(length, width)
     roof = Mass(outline, ((0.0, 0.0, 0.0),))
     if parapet <= 0.0:
         return (roof,)
-    inner = rectangle(length - 2 * thickness, width - 2 * thickness)
+    inner = plan_rectangle(length - 2 * thickness, width - 2 * thickness)
     rim = Polygon(outline.exterior, [inner.exterior])
     return roof, Mass(rim, ((0.0, 0.0, parapet),), "parapet")
 
 
 def shed(length: float, width: float, slope: float) -> Masses:
     """One plane that rises towards +y from the eaves at y = −width/2; `slope` is its tangent."""
-    return (Mass(rectangle(length, width), ((0.0, slope, slope * width / 2),)),)
+    return (Mass(plan_rectangle(length, width), ((0.0, slope, slope * width / 2),)),)
 
 
 def gable(length: float, width: float, slope: float, ridge_at: float = 0.5) -> Masses:
@@ -44,7 +44,7 @@ def gable(length: float, width: float, slope: float, ridge_at: float = 0.5) -> M
     rise, front = slope * width / 2, ridge_at * width
     back = width - front
     a, b = rise / front, rise / back
-    return (Mass(rectangle(length, width), ((0.0, a, a * width / 2), (0.0, -b, b * width / 2))),)
+    return (Mass(plan_rectangle(length, width), ((0.0, a, a * width / 2), (0.0, -b, b * width / 2))),)
 
 
 def hip(
@@ -64,14 +64,14 @@ def pyramid(side: float, slope: float) -> Masses:
 
 def gambrel(length: float, width: float, slope: float, upper_slope: float, knee: float) -> Masses:
     """A gable whose slope changes at `knee` metres from the eaves, steep below."""
-    return (Mass(rectangle(length, width), _broken(width, slope, upper_slope, knee, along_x=False)),)
+    return (Mass(plan_rectangle(length, width), _broken(width, slope, upper_slope, knee, along_x=False)),)
 
 
 def mansard(length: float, width: float, slope: float, upper_slope: float, knee: float) -> Masses:
     """Steep planes on four sides up to `knee` metres from the eaves, a shallow hip above."""
     sides = _broken(width, slope, upper_slope, knee, along_x=False)
     ends = _broken(length, slope, upper_slope, knee, along_x=True)
-    return (Mass(rectangle(length, width), sides + ends),)
+    return (Mass(plan_rectangle(length, width), sides + ends),)
 
 
 def _broken(span: float, slope: float, upper: float, knee: float, along_x: bool) -> tuple[Plane, ...]:
@@ -84,19 +84,19 @@ def _broken(span: float, slope: float, upper: float, knee: float, along_x: bool)
     return tuple(planes)
 
 
-def shifted(masses: Masses, x: float, y: float, z: float = 0.0, angle: float = 0.0) -> Masses:
+def shifted_masses(masses: Masses, x: float, y: float, z: float = 0.0, angle: float = 0.0) -> Masses:
     """Masses turned by `angle` (radians) and moved."""
     return tuple(mass.translated(angle, x, y, z) for mass in masses)
 
 
 def wing(length: float, width: float, slope: float, x: float, side: float) -> Masses:
     """A gable at a right angle to the main ridge, from the ridge out to `length` (m) on that side (±1)."""
-    return shifted(gable(length, width, slope), x, side * length / 2, angle=np.pi / 2)
+    return shifted_masses(gable(length, width, slope), x, side * length / 2, angle=np.pi / 2)
 
 
 def chimney(x: float, y: float, top: float, side: float = 0.8) -> Mass:
     """A square block up to the height `top`."""
-    return Mass(rectangle(side, side, x, y), ((0.0, 0.0, top),), "chimney")
+    return Mass(plan_rectangle(side, side, x, y), ((0.0, 0.0, top),), "chimney")
 
 
 def gable_dormer(x: float, front: float, back: float, width: float, eaves: float, slope: float) -> Mass:
@@ -189,11 +189,11 @@ def nine_roofs_on_a_slope(density: float = 10.0, noise: float = 0.02, seed: int 
     turns = np.random.default_rng([seed, 1]).uniform(0.0, np.pi, 9)
     for order, (kind, masses) in enumerate(nine_shapes()):
         x, y = PITCH * (order % 3 + 0.5), PITCH * (order // 3 + 0.5)
-        placed = shifted(masses, x, y, angle=turns[order])
+        placed = shifted_masses(masses, x, y, angle=turns[order])
         outline = shapely.union_all([mass.polygon for mass in placed])
         ground = _ground_at(shapely.get_coordinates(outline))
         eaves = float(ground.max()) + 3.0 + 0.5 * order
-        placed = shifted(placed, 0.0, 0.0, eaves)
+        placed = shifted_masses(placed, 0.0, 0.0, eaves)
         building = make_building(placed, order + 1, face, kind, float(ground.min()), overhang=0.0)
         buildings.append(building)
         face += len(building.faces)

@@ -202,7 +202,7 @@ def _put(plot: Plot, block: CityBlock, design: Design, u: float, v: float, turn:
     block.placements.append(Placement(design, float(x), float(y), plot.angle + turn))
 
 
-def _scatter(plot: Plot, count: int, rng: np.random.Generator) -> list[NDArray[np.float64]]:
+def _scatter_houses(plot: Plot, count: int, rng: np.random.Generator) -> list[NDArray[np.float64]]:
     u, v = rng.uniform(-0.5, 0.5, (2, count)) * [[plot.length], [plot.depth]]
     return [plot.at(float(a), float(b)) for a, b in zip(u, v, strict=True)]
 
@@ -269,8 +269,8 @@ def _perimeter(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     """One building around a courtyard with trees."""
     _put(plot, block, draw_perimeter(plot.length - 4.0, plot.depth - 4.0, rng), 0.0, 0.0)
     inner = Plot(plot.x, plot.y, plot.angle, plot.length - 34.0, plot.depth - 34.0)
-    block.trees.extend(_scatter(inner, int(rng.integers(6, 16)), rng))
-    block.shrubs.extend(_scatter(inner, 10, rng))
+    block.trees.extend(_scatter_houses(inner, int(rng.integers(6, 16)), rng))
+    block.shrubs.extend(_scatter_houses(inner, 10, rng))
 
 
 def _town_houses(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
@@ -290,7 +290,7 @@ def _town_houses(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None
             )
             u += frontage
     inner = Plot(plot.x, plot.y, plot.angle, plot.length - 8.0, plot.depth - 30.0)
-    block.trees.extend(_scatter(inner, int(rng.integers(8, 22)), rng))
+    block.trees.extend(_scatter_houses(inner, int(rng.integers(8, 22)), rng))
 
 
 def _slabs(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
@@ -298,7 +298,7 @@ def _slabs(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     _put(plot, block, draw_slab(plot.length - 12.0, rng), 0.0, -plot.depth / 2 + 11.0)
     if plot.depth > 50.0:
         _put(plot, block, draw_slab(plot.length - 20.0, rng), rng.uniform(-4.0, 4.0), plot.depth / 2 - 11.0)
-    block.trees.extend(_scatter(plot, int(rng.integers(15, 35)), rng))
+    block.trees.extend(_scatter_houses(plot, int(rng.integers(15, 35)), rng))
 
 
 def _hall(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
@@ -316,16 +316,16 @@ def _hall(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
 
 def _church(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     _put(plot, block, draw_church(rng), 0.0, 0.0)
-    block.trees.extend(_scatter(plot, 20, rng))
+    block.trees.extend(_scatter_houses(plot, 20, rng))
 
 
 def _tower(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     _put(plot, block, draw_tower(rng), rng.uniform(-0.2, 0.2) * plot.length, 0.0)
-    block.trees.extend(_scatter(plot, 15, rng))
+    block.trees.extend(_scatter_houses(plot, 15, rng))
 
 
 def _park(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
     """Trees and shrubs, a hut."""
-    block.trees.extend(_scatter(plot, int(plot.length * plot.depth / 50.0), rng))
-    block.shrubs.extend(_scatter(plot, 25, rng))
+    block.trees.extend(_scatter_houses(plot, int(plot.length * plot.depth / 50.0), rng))
+    block.shrubs.extend(_scatter_houses(plot, 25, rng))
     _put(plot, block, draw_garden_shed(rng), 0.0, 0.0)

@@ -31,7 +31,7 @@ BELOW_ROOF = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Surfaces:
+class ScannedSurfaces:
     """T triangles (T, 3, 3) in local metres, and what each is: LAS class, building, roof face (0: none)."""
 
     corners: NDArray[np.float64]
@@ -42,7 +42,7 @@ class Surfaces:
     @classmethod
     def of(
         cls, corners: Iterable[NDArray[np.float64]], truth_class: int, building: int = 0, plane: int = 0
-    ) -> Surfaces:
+    ) -> ScannedSurfaces:
         """Triangles that all are the same thing."""
         listed = [np.asarray(part, np.float64).reshape(-1, 3, 3) for part in corners]
         stacked = np.concatenate([np.zeros((0, 3, 3)), *listed])
@@ -55,7 +55,7 @@ class Surfaces:
         )
 
     @classmethod
-    def join(cls, parts: Iterable[Surfaces]) -> Surfaces:
+    def join(cls, parts: Iterable[ScannedSurfaces]) -> ScannedSurfaces:
         """All the triangles of the parts, in order."""
         all_parts = [cls.of([], 0), *parts]
         return cls(
@@ -84,7 +84,7 @@ def curtain(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.f
     return fan(np.stack([low[0], low[1], high[1], high[0]]))
 
 
-def building_surfaces(building: ExactBuilding) -> Surfaces:
+def building_surfaces(building: ExactBuilding) -> ScannedSurfaces:
     """The roof faces, the walls (set back under overhanging eaves), the fascia boards, the walls at steps."""
     if building.shell is not None:
         return _shell_surfaces(building, building.shell)
@@ -92,7 +92,9 @@ def building_surfaces(building: ExactBuilding) -> Surfaces:
     for face in building.faces:
         plan = tile_polygon(face.polygon)
         z = face.height_at(plan.reshape(-1, 2)).reshape(-1, 3, 1)
-        parts.append(Surfaces.of([np.concatenate([plan, z], axis=2)], BUILDING, building.number, face.number))
+        parts.append(
+            ScannedSurfaces.of([np.concatenate([plan, z], axis=2)], BUILDING, building.number, face.number)
+        )
     overhangs = not building.walls.equals(building.footprint)
     walls = []
     solid = building.solid()
@@ -108,22 +110,22 @@ def building_surfaces(building: ExactBuilding) -> Surfaces:
             walls.append(fan(corners))
     if overhangs:
         walls += _walls_under_eaves(building)
-    return Surfaces.join([*parts, Surfaces.of(walls, BUILDING, building.number)])
+    return ScannedSurfaces.join([*parts, ScannedSurfaces.of(walls, BUILDING, building.number)])
 
 
-def _shell_surfaces(building: ExactBuilding, shell: Solid) -> Surfaces:
+def _shell_surfaces(building: ExactBuilding, shell: Solid) -> ScannedSurfaces:
     """The faces of a city model as they are, and its lowest ring sunk a little into the ground."""
     parts = []
     for face in shell.faces:
         number = 0 if face.plane is None else building.faces[face.plane].number
         rings = [shell.vertices[list(ring)] for ring in face.rings]
-        parts.append(Surfaces.of([triangulate_in_space(rings)], BUILDING, building.number, number))
+        parts.append(ScannedSurfaces.of([triangulate_in_space(rings)], BUILDING, building.number, number))
         if face.surface == GROUND_SURFACE:
             high = np.concatenate([rings[0], rings[0][:1]])
             low = high - SKIRT * UP
             skirt = [curtain(low[k : k + 2], high[k : k + 2]) for k in range(len(rings[0]))]
-            parts.append(Surfaces.of(skirt, BUILDING, building.number))
-    return Surfaces.join(parts)
+            parts.append(ScannedSurfaces.of(skirt, BUILDING, building.number))
+    return ScannedSurfaces.join(parts)
 
 
 def triangulate_in_space(rings: list[NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -20,7 +20,7 @@ from eaves.simulate.masses import Mass, Plane
 from eaves.simulate.ray_grid import RayGrid, index_town
 from eaves.simulate.roofs import make_building
 from eaves.simulate.streets import CityBlock, Placement, Plot, TownStyle, draw_block, lay_streets
-from eaves.simulate.surfaces import Surfaces, building_surfaces
+from eaves.simulate.surfaces import ScannedSurfaces, building_surfaces
 from eaves.simulate.terrain import Corridor, Terrain, TerrainKind, cut_corridor, make_terrain
 from eaves.simulate.vegetation import Foliage, grow_hedge, grow_shrub, grow_tree
 
@@ -79,14 +79,14 @@ class Town:
     bounds: Bounds
     terrain: Terrain
     buildings: tuple[ExactBuilding, ...]
-    furniture: Surfaces
+    furniture: ScannedSurfaces
     foliage: Foliage
     origin: tuple[float, float] = ORIGIN
     system: CoordinateSystem = LOCAL_METRES
 
     @cached_property
     def _grid(self) -> RayGrid:
-        surfaces = Surfaces.join([*map(building_surfaces, self.buildings), self.furniture])
+        surfaces = ScannedSurfaces.join([*map(building_surfaces, self.buildings), self.furniture])
         return index_town(self.terrain, surfaces, self.foliage)
 
     def ray_grid(self) -> RayGrid:
@@ -174,14 +174,14 @@ def simulate_town(
         bounds,
         ground,
         tuple(built.buildings),
-        Surfaces.join([*built.surfaces, *extras]),
+        ScannedSurfaces.join([*built.surfaces, *extras]),
         Foliage.join(built.leaves),
     )
 
 
 def lay_site(
     area_km2: float, buildings: int | None, terrain: TerrainKind, seed: int, style: TownStyle
-) -> tuple[Site, list[Plot], Corridor | None]:
+) -> tuple[BuildingSite, list[Plot], Corridor | None]:
     """The empty ground of a town, its plots, and its canal or embankment where it has one."""
     if area_km2 < 0.01:
         raise ValueError(f"area_km2 must be at least 0.01 (100 m by 100 m), not {area_km2}")
@@ -198,7 +198,7 @@ def lay_site(
     if corridor is not None:
         corridor = replace(corridor, x=strip.x, y=strip.y, angle=strip.angle)
         ground = cut_corridor(ground, corridor)
-    return Site(bounds, ground), plots, corridor
+    return BuildingSite(bounds, ground), plots, corridor
 
 
 def _draw_corridor(kind: TerrainKind, rng: np.random.Generator) -> Corridor:
@@ -209,7 +209,7 @@ def _draw_corridor(kind: TerrainKind, rng: np.random.Generator) -> Corridor:
 
 def put_extras(
     bounds: Bounds, terrain: Terrain, corridor: Corridor | None, rng: np.random.Generator
-) -> list[Surfaces]:
+) -> list[ScannedSurfaces]:
     """Bridges over the canal every 70 m, and in a town wide enough a power line along one side."""
     extras = []
     if corridor is not None and corridor.height < 0:
@@ -235,7 +235,7 @@ def _squares(extent: Bounds) -> list[tuple[int, int]]:
     return [(column, row) for column in columns for row in rows]
 
 
-class Site:
+class BuildingSite:
     """The town while it is being built."""
 
     def __init__(self, bounds: Bounds, terrain: Terrain) -> None:
@@ -243,7 +243,7 @@ class Site:
         self.buildings: list[ExactBuilding] = []
         self.masses: list[tuple[Mass, ...]] = []
         self.overhangs: list[float] = []
-        self.surfaces: list[Surfaces] = []
+        self.surfaces: list[ScannedSurfaces] = []
         self.leaves: list[Foliage] = []
         self.outlines: list[Polygon] = []
         self.at: dict[tuple[int, int], list[int]] = {}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model.cloud import HIGH_VEGETATION, LOW_VEGETATION, MEDIUM_VEGETATION
-from eaves.simulate.surfaces import Surfaces, upright_box
+from eaves.simulate.surfaces import ScannedSurfaces, upright_box
 
 ELLIPSOID, CONE, BLOCK = 0, 1, 2
 """Shapes of a body of leaves: a broad crown or shrub, a conifer, a clipped hedge."""
@@ -60,7 +60,7 @@ def _one(
 
 def grow_tree(
     x: float, y: float, ground: float, rng: np.random.Generator, leaf_loss: float = 2.5
-) -> tuple[Foliage, Surfaces]:
+) -> tuple[Foliage, ScannedSurfaces]:
     """A tree's leaves and its trunk.
 
     Three in four are broadleaved: height 5 to 20 m (mean 10), crown as wide as 0.45 to 0.75 of it, of one to
@@ -85,7 +85,7 @@ def grow_tree(
         parts.append(_one(CONE, centre, half, 0.0, 1.6 * leaf_loss, height))
     thick = 0.02 * height + 0.08
     trunk = upright_box(x, y, ground - 0.5, (thick, thick, 0.5 * height), 0.0)
-    return Foliage.join(parts), Surfaces.of(trunk, HIGH_VEGETATION)
+    return Foliage.join(parts), ScannedSurfaces.of(trunk, HIGH_VEGETATION)
 
 
 def grow_shrub(x: float, y: float, ground: float, rng: np.random.Generator) -> Foliage:

@@ -157,7 +157,9 @@ def _layers(
     for terrain in rasters:
         if terrain.stem == "dtm":
             layers.append(
-                _ProjectLayer(IDS["relief"], "Relief", f"./{terrain.name}", "gdal", (_hillshade(system),))
+                _ProjectLayer(
+                    IDS["relief"], "Relief", f"./{terrain.name}", "gdal", (_relief_renderer(system),)
+                )
             )
     return layers
 
@@ -171,7 +173,7 @@ def _walls(system: CoordinateSystem) -> Element:
     )
 
 
-def _hillshade(system: CoordinateSystem) -> Element:
+def _relief_renderer(system: CoordinateSystem) -> Element:
     pipe = Element("pipe")
     azimuth, altitude = RELIEF_LIGHT_DEG
     across, upright = unit_lengths(system)
