@@ -45,7 +45,6 @@ from eaves.units.row_walls.method import RowWalls, directions_of
 from eaves.units.row_walls.rows import CELL_M, Plan, Row, rows_of
 from eaves.units.row_walls.several import WEIGHTS as SEVERAL
 from eaves.units.row_walls.several import odds_of_several, traits_of_block
-from eaves.units.row_walls.volumes import main_volumes, of_main_volume
 
 DATA = Path(os.environ.get("EAVES_DATA", "data"))
 DENSITY, SPARSE, NOISE = 10.0, 3.0, 0.03
@@ -133,10 +132,9 @@ def owners_of(xy: NDArray[np.float64], tree: STRtree) -> NDArray[np.int64]:
 def divided(block: Detected) -> tuple[Plan, list[Row], float]:
     """The plan, the rows and the noise of a block."""
     method = RowWalls()
-    volumes = main_volumes(block.outline, block.points, block.height, method.volume_limits())
-    plan = Plan.of(block.outline, volumes, block.points)
+    plan = Plan.of(block.outline, block.points)
     directions = directions_of(block.outline, method.shortest_edge)
-    return plan, list(rows_of(plan, directions, method.row_limits())), roof_noise(block.points)
+    return plan, list(rows_of(plan, directions, method)), roof_noise(block.points)
 
 
 def asked(blocks: Sequence[Detected], scene: ExactScene) -> Iterator[tuple[Detected, STRtree]]:
@@ -144,7 +142,7 @@ def asked(blocks: Sequence[Detected], scene: ExactScene) -> Iterator[tuple[Detec
     truth = [one.footprint for one in scene.buildings if one.footprint.area > 15.0]
     whole = shapely.union_all([one.footprint for one in scene.buildings if one.kind == "row houses"])
     for block in blocks:
-        if block.outline.area >= RowWalls().smallest_block and not block.outline.intersects(whole):
+        if not block.outline.intersects(whole):
             yield block, STRtree(truth)
 
 
@@ -170,9 +168,8 @@ def found_walls(blocks: Sequence[Detected], scene: ExactScene) -> tuple[Sure, Su
     borders: Sure = []
     for block, tree in asked(blocks, scene):
         plan, rows, noise = divided(block)
-        high = block.points[of_main_volume(block.height, method.volume_limits())]
         odds = [wall_odds(wall_signs(row, block.points, noise)) for row in rows]
-        found = method.divided_rows(rows, odds, plan, high)
+        found = [method.walls_of(row, own) for row, own in zip(rows, odds, strict=True)]
         if not found or odds_of_several(found, odds, len(block.points), block.outline.area) < 0.0:
             continue
         for units in found:
@@ -274,12 +271,9 @@ def several_rows(known: Known) -> Iterator[dict[str, object]]:
 def block_traits(block: Detected) -> NDArray[np.float64] | None:
     """The traits (5,) that tell one building from several, None for a block in which no wall is found."""
     method = RowWalls()
-    if block.outline.area < method.smallest_block:
-        return None
-    plan, rows, noise = divided(block)
-    high = block.points[of_main_volume(block.height, method.volume_limits())]
+    _, rows, noise = divided(block)
     odds = [wall_odds(wall_signs(row, block.points, noise)) for row in rows]
-    found = method.divided_rows(rows, odds, plan, high)
+    found = [method.walls_of(row, own) for row, own in zip(rows, odds, strict=True)]
     if not any(len(units.walls) for units in found):
         return None
     return traits_of_block(found, odds, len(block.points), block.outline.area)

@@ -72,15 +72,6 @@ def depth_row(
     return np.column_stack([xy + rng.normal(0, plan_noise, xy.shape), z]), houses
 
 
-@pytest.mark.parametrize("density", [5.0, 10.0])
-def test_houses_that_differ_only_in_depth_are_divided_at_their_jogs(density: float) -> None:
-    points, houses = depth_row(0.3, density=density)
-    outline = shapely.union_all(houses)
-    parts = divide_block(points, points[:, 2], outline, density**-0.5).parts
-    assert len(parts) == 6
-    assert np.allclose(walls_of(parts), HOUSE * np.arange(1, 6), atol=0.6)
-
-
 def test_a_row_without_jogs_stays_whole__noise_8cm() -> None:
     points, houses = depth_row(0.0, plan_noise=0.1)
     assert len(divide_block(points, points[:, 2], shapely.union_all(houses), 0.3).parts) == 1

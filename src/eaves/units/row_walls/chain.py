@@ -15,22 +15,14 @@ LEAST = 1e-300
 """What cannot be is this likely, so that its logarithm is finite."""
 
 
-def no_edges(odds: Values) -> NDArray[np.float64]:
-    """The edge odds (S + 1, S + 1) of a row whose edges do not count: 1 everywhere."""
-    return np.broadcast_to(np.ones(1), (len(odds), len(odds)))
-
-
-def best_walls(
-    odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], Values]:
+def best_walls(odds: Values, width_odds: Values) -> tuple[NDArray[np.int64], Values]:
     """The steps (W,) at which the best division has its walls, and the probability of a wall near each (W,).
 
-    `odds` (S + 1,) are the odds of a wall at each step; a unit multiplies them by its `width_odds` (S + 1,)
-    and its `edge_odds` (S + 1, K; first step, steps), and has less than K steps. The division with the
-    greatest product is found by dynamic programming, the probabilities by the forward-backward sums over all
-    divisions [rabiner1989].
+    `odds` (S + 1,) are the odds of a wall at each step; a unit multiplies them by its `width_odds` (S + 1,).
+    The division with the greatest product is found by dynamic programming, the probabilities by the
+    forward-backward sums over all divisions [rabiner1989].
     """
-    before = best_kernel(odds, width_odds, edge_odds)
+    before = best_kernel(odds, width_odds)
     walls = []
     step = int(before[-1])
     while step > 0:
@@ -39,58 +31,53 @@ def best_walls(
     found = np.array(walls[::-1], np.int64)
     if len(found) == 0:
         return found, np.zeros(0)
-    forward = forward_kernel(odds, width_odds, edge_odds)
-    chance = forward * backward_kernel(odds, width_odds, edge_odds) / forward[-1]
+    forward = forward_kernel(odds, width_odds)
+    chance = forward * backward_kernel(odds, width_odds) / forward[-1]
     chance[[0, -1]] = 0.0
     sums = np.concatenate([[0.0], np.cumsum(chance)])
     low, high = np.maximum(found - NEAR, 0), np.minimum(found + NEAR + 1, len(chance))
     return found, np.minimum(sums[high] - sums[low], 1.0)
 
 
-def total_of(odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]) -> float:
-    """Logarithm of the sum over all divisions of their products."""
-    return float(np.log(max(forward_kernel(odds, width_odds, edge_odds)[-1], LEAST)))
-
-
 @kernel
-def forward_kernel(odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]) -> Values:
+def forward_kernel(odds: Values, width_odds: Values) -> Values:
     """For each step the sum over all divisions up to it that have a wall there; the first and the last
     step are walls of odds 1.
     """
-    count, most = edge_odds.shape
+    count = len(odds)
     total = np.zeros(count)
     total[0] = 1.0
     for end in range(1, count):
         own = 0.0
-        for start in range(max(end - most + 1, 0), end):
-            own += total[start] * (width_odds[end - start] * edge_odds[start, end - start])
+        for start in range(end):
+            own += total[start] * width_odds[end - start]
         total[end] = own * odds[end] if end < count - 1 else own
     return total
 
 
 @kernel
-def backward_kernel(odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]) -> Values:
+def backward_kernel(odds: Values, width_odds: Values) -> Values:
     """For each step the sum over all divisions after it, its own odds left out."""
-    count, most = edge_odds.shape
+    count = len(odds)
     total = np.zeros(count)
     total[count - 1] = 1.0
     for start in range(count - 2, -1, -1):
-        for end in range(start + 1, min(start + most, count)):
+        for end in range(start + 1, count):
             own = odds[end] if end < count - 1 else 1.0
-            total[start] += width_odds[end - start] * edge_odds[start, end - start] * own * total[end]
+            total[start] += width_odds[end - start] * own * total[end]
     return total
 
 
 @kernel
-def best_kernel(odds: Values, width_odds: Values, edge_odds: NDArray[np.float64]) -> NDArray[np.int64]:
+def best_kernel(odds: Values, width_odds: Values) -> NDArray[np.int64]:
     """For each step the wall before it in the best division that has a wall there."""
-    count, most = edge_odds.shape
+    count = len(odds)
     best = np.full(count, -np.inf)
     before = np.zeros(count, np.int64)
     best[0] = 0.0
     for end in range(1, count):
-        for start in range(max(end - most + 1, 0), end):
-            unit = width_odds[end - start] * edge_odds[start, end - start]
+        for start in range(end):
+            unit = width_odds[end - start]
             score = best[start] + np.log(max(unit, LEAST))
             if score > best[end]:
                 best[end], before[end] = score, start

@@ -29,8 +29,6 @@ class RowUnits:
     row: Row
     walls: NDArray[np.int64]
     certainty: NDArray[np.float64]
-    by_edges: bool = False
-    """Whether the edges of its roofs have shown the walls."""
 
     @property
     def bounds(self) -> NDArray[np.int64]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -12,64 +11,55 @@ from shapely import Polygon
 
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Points, Values
-from eaves.units.row_walls.chain import best_walls, no_edges, total_of
+from eaves.units.row_walls.chain import best_walls
 from eaves.units.row_walls.division import RowUnits, divide_outline, label_cells
-from eaves.units.row_walls.edges import EdgeRules, edge_gains
 from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
 from eaves.units.row_walls.merging import MergeRules, merged_units
 from eaves.units.row_walls.rows import CELL_M, Plan, Row, RowRules, rows_of
 from eaves.units.row_walls.several import odds_of_several
-from eaves.units.row_walls.volumes import VolumeRules, main_volumes, of_main_volume
 from eaves.units.stage import Division, UnitMethod
 
 
-class RowWalls(MergeRules, EdgeRules, RowRules, VolumeRules, UnitMethod):
+class RowWalls(MergeRules, RowRules, UnitMethod):
     """The buildings that stand wall to wall in one detected block.
 
-    What stands higher than an annex is the block's main volume. Behind each of its long fronts, longest
-    first, lies the ground of a row; walls run along the direction in which heights change most alike at all
-    depths. At every quarter of a metre along a row planes are fitted to the points on both sides, metre by
-    metre of depth, and compared: steps, valleys, what stands over both, changes of depth, and against them
-    ridges, give the odds of a party wall there by logistic regression. The row is divided where the product
-    of the odds of its walls and of the widths of its units is greatest, by dynamic programming; the forward
-    and backward sums over all divisions give the certainty of each wall. Houses of one width make weak signs
-    at equal distances likely: that width is the one under which the row's signs are likeliest, so it comes
-    from the scan alone. Neighbours that differ in depth alone are told by the jogs of their roofs' edges, on
-    the street and behind: walls stand where, at the distances of houses, they explain the jogs far better
-    than jogs anywhere. Rows that meet without a wall are one; walls are carried on through annexes.
+    Behind each of its long fronts, longest first, lies the ground of a row; walls run along the direction in
+    which heights change most alike at all depths. At every quarter of a metre along a row planes are fitted
+    to the points on both sides, metre by metre of depth, and compared: steps, valleys, what stands over both,
+    changes of depth, and against them ridges, give the odds of a party wall there by logistic regression. The
+    row is divided where the product of the odds of its walls and of the widths of its units is greatest, by
+    dynamic programming; the forward and backward sums over all divisions give the certainty of each wall.
+    Rows that meet without a wall are one; walls are carried on to the outline.
 
     Formula
     -------
-    max Π_walls o(s) · Π_units f(w),  f(w) = q g(w) + (1 − q) r N(ln w; ln u, λ),
+    max Π_walls o(s) · Π_units g(w),
 
-    o the odds at place s times e^boldness, w the width of a unit, g falling off below the narrowest, u the
-    usual width of the row, λ the likeness, q the share of odd widths, r the range of widths. A row without
-    a usual width has f = g.
+    o the odds at place s times e^boldness, w the width of a unit, g falling off below the narrowest.
 
     Fidelity
     --------
     Own method; the sums over divisions are those of [rabiner1989] for states of explicit duration. The
     weights of the signs, and how sure walls are, were learned on six towns
     (`benchmarks/accuracy/unit_weights.py`): a real town's models of 853 buildings and five drawn at random,
-    scanned at 10/m²; boldness and border odds were chosen on four of them. The gain of edges was chosen on
-    drawn rows. Whether a block is several buildings at all was learned on these towns at 10 and 3/m² and on
-    drawn houses with wings, halls and rows.
+    scanned at 10/m²; boldness and border odds were chosen on four of them. Whether a block is several
+    buildings at all was learned on these towns at 10 and 3/m² and on drawn houses with wings, halls and rows.
 
     Fails where
     -----------
-    Neighbours with one roof and nothing on it are one unit. So are two houses that stand together alone, even
-    if their roofs differ: a house and its wing look the same. Houses back to back under one roof, and rows
-    that turn by less than a right angle at each house, are seen as one depth. Halls with saw
-    teeth, scanned at 10/m², are divided into their teeth. Under about 3 points/m² steps below 0.2 m are
-    lost.
+    Neighbours with one roof and nothing on it are one unit, also where their depths differ. So are two houses
+    that stand together alone, even if their roofs differ: a house and its wing look the same. Houses back to
+    back under one roof, and rows that turn by less than a right angle at each house, are seen as one depth.
+    Halls with saw teeth, scanned at 10/m², are divided into their teeth. Under about 3 points/m² steps below
+    0.2 m are lost.
 
     Complexity
     ----------
-    O(N) in points for each front; O(S²) in the quarter metres S of a front for each usual width.
+    O(N) in points for each front; O(S²) in the quarter metres S of a front.
 
     References
     ----------
-    [rabiner1989], [theil1950].
+    [rabiner1989].
     """
 
     name: ClassVar[str] = "row_walls"
@@ -87,36 +77,11 @@ class RowWalls(MergeRules, EdgeRules, RowRules, VolumeRules, UnitMethod):
         4.0, "Width under which a unit is unlikely: 99 of 100 houses in rows are wider.", unit="m", gt=0.0
     )
     spread: float = parameter(0.15, "Spread of the logarithm of widths below the narrowest.", gt=0.0)
-    likeness: float = parameter(
-        0.07, "Spread of the logarithm of widths in a regular row.", symbol="λ", gt=0.0
-    )
-    odd_share: float = parameter(
-        0.3, "Share of units of another width in a regular row.", symbol="q", gt=0.0, lt=1.0
-    )
-    width_range: float = parameter(1.7, "Range of the logarithm of widths of units.", symbol="r", gt=0.0)
-    regular_gain: float = parameter(
-        2.0, "Logarithm of how much better a usual width must explain a row than any width.", ge=0.0
-    )
-    edge_gain: float = parameter(
-        8.0,
-        "Logarithm of how much better jogs at the walls of a regular row must explain its edges than jogs "
-        "anywhere.",
-        ge=0.0,
-    )
-    odd_share_at_edges: float = parameter(
-        0.05, "Share of units of another width in a row that only its edges divide.", gt=0.0, lt=1.0
-    )
     least_sure: float = parameter(
         0.5,
         "Least probability that a block is several buildings; under it a detached house of wings stays one.",
         ge=0.0,
         le=1.0,
-    )
-    smallest_block: float = parameter(
-        60.0,
-        "A smaller outline is one building: two of the narrowest and shallowest houses fill as much.",
-        unit="m2",
-        ge=0.0,
     )
     shortest_edge: float = parameter(
         5.0, "Length of edges in one direction that show how walls run.", unit="m", gt=0.0
@@ -130,17 +95,13 @@ class RowWalls(MergeRules, EdgeRules, RowRules, VolumeRules, UnitMethod):
     ) -> Division:
         """The division; see the class."""
         whole = Division((outline,), (1.0,))
-        if outline.area < self.smallest_block:
-            return whole
-        volumes = main_volumes(outline, points, height, self)
-        plan = Plan.of(outline, volumes, points)
+        plan = Plan.of(outline, points)
         rows = list(rows_of(plan, directions_of(outline, self.shortest_edge), self))
         if not rows:
             return whole
-        high = points[of_main_volume(height, self)]
         noise = roof_noise(points)
         odds = [wall_odds(wall_signs(row, points, noise)) for row in rows]
-        found = self.divided_rows(rows, odds, plan, high)
+        found = [self.walls_of(row, own) for row, own in zip(rows, odds, strict=True)]
         emit("rows", rows)
         several = odds_of_several(found, odds, len(points), outline.area)
         if 1.0 / (1.0 + np.exp(-several)) < self.least_sure:
@@ -161,60 +122,11 @@ class RowWalls(MergeRules, EdgeRules, RowRules, VolumeRules, UnitMethod):
             ],
         )
 
-    def divided_rows(
-        self, rows: Sequence[Row], log_odds: Sequence[Values], plan: Plan, points: Points
-    ) -> list[RowUnits]:
-        """The rows with their inner walls, from the log-odds of a wall at each step of each row, and the
-        points (N, 3) of the main volume.
-        """
-        return [
-            self.walls_of(row, odds, edge_gains(row, plan, points, self))
-            for row, odds in zip(rows, log_odds, strict=True)
-        ]
-
-    def walls_of(self, row: Row, log_odds: Values, edges: Sequence[NDArray[np.float64]]) -> RowUnits:
-        """The inner walls of one row, from the log-odds (S + 1,) of a wall at each step; `edges` says how
-        well straight edges between walls explain its own.
-        """
-        odds = np.exp(log_odds + self.boldness)
-        width = np.maximum(np.arange(len(odds)), 1) * CELL_M
+    def walls_of(self, row: Row, log_odds: Values) -> RowUnits:
+        """The inner walls of one row, from the log-odds (S + 1,) of a wall at each step."""
+        width = np.maximum(np.arange(len(log_odds)), 1) * CELL_M
         broad = np.exp(-0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / self.spread) ** 2)
-        free = no_edges(odds)
-        best, chosen = total_of(odds, broad, free) + self.regular_gain, (broad, free)
-        usual_widths = self.usual_widths(row)
-        for usual in usual_widths:
-            regular = self.regular_width(width, usual, broad, self.odd_share)
-            total = total_of(odds, regular, free)
-            if total > best:
-                best, chosen = total, (regular, free)
-        best += self.edge_gain
-        for gain in (*edges, *([edges[0] + edges[1]] if len(edges) == 2 else ())):
-            tied = np.exp(gain)
-            for usual in usual_widths:
-                regular = self.regular_width(width, usual, broad, self.odd_share_at_edges)
-                total = total_of(odds, regular, tied)
-                if total > best:
-                    best, chosen = total, (regular, tied)
-        return RowUnits(row, *best_walls(odds, *chosen), by_edges=chosen[1] is not free)
-
-    def usual_widths(self, row: Row) -> list[float]:
-        """The widths (m) that most units of a regular row may have; three at least stand in it."""
-        widest = min(self.widest_usual, row.length / 3.0)
-        if widest < self.narrowest:
-            return []
-        ratio = 1.0 + 0.5 * self.likeness
-        return [
-            self.narrowest * ratio**k for k in range(int(np.log(widest / self.narrowest) / np.log(ratio)) + 1)
-        ]
-
-    def regular_width(self, width: Values, usual: float, broad: Values, odd_share: float) -> Values:
-        """How much more often a unit has a `width` (K,; m) in a row whose houses have a usual width than in
-        others.
-        """
-        peak = (
-            np.exp(-0.5 * (np.log(width / usual) / self.likeness) ** 2) / self.likeness / np.sqrt(2 * np.pi)
-        )
-        return np.asarray(odd_share * broad + (1.0 - odd_share) * peak * self.width_range)
+        return RowUnits(row, *best_walls(np.exp(log_odds + self.boldness), broad))
 
 
 def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:

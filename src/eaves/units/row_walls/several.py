@@ -23,8 +23,7 @@ MOST_UNITS = 8
 """More units prove no more: a factory of a hundred bays would outweigh its depth."""
 
 LEAST_ODDS, MOST_ODDS = -2.0, 4.0
-"""Log-odds of the second wall count within these; a block with one wall has the least, a row divided along
-the jogs of its edges, which repeat, the most.
+"""Log-odds of the second wall count within these; a block with one wall has the least.
 """
 
 
@@ -46,7 +45,7 @@ def traits_of_block(
     (points/m²) and of how much deeper the row of most units is, the log-odds of the second wall.
     """
     strength = sorted(
-        MOST_ODDS if units.by_edges else float(own[max(wall - NEAR, 0) : wall + NEAR + 1].max())
+        float(own[max(wall - NEAR, 0) : wall + NEAR + 1].max())
         for units, own in zip(rows, odds, strict=True)
         for wall in units.walls.tolist()
     )
