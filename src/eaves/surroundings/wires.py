@@ -43,9 +43,6 @@ class WireRules:
     it 18."""
     layer: float = 4.0
     """Height (m) of a layer."""
-    alone: float = 1.8
-    """No more points than a row has are as near (m) to one of its own: a roof or crown has several times so
-    many."""
     reach: float = 4.0
     """Farther ones (m) are of another conductor."""
     across: float = 0.15
@@ -58,8 +55,6 @@ class WireRules:
     """Cells without points, at most, between two of a line."""
     length: float = 25.0
     """Least length (m): shorter are branches, gutters and handrails."""
-    aligned: float = 0.9
-    """Length of the mean of the doubled directions of a line's rows: those of crowns lie anyhow."""
     beside: int = 2
     """A tower stands within so many cells of a wire."""
     below: float = 3.0
@@ -100,8 +95,8 @@ def find_wires(cloud: PointCloud, height: Values, spacing: float, rules: WireRul
     thinned = thinned[few_around(cell[thinned], height[places[thinned]], shape, rules)]
     if len(thinned) <= rules.neighbours:
         return found
-    row, direction = rows_of(xyz[thinned], rules)
-    lines = lines_among(cell[thinned][row], direction[row], shape, rules)
+    row = rows_of(xyz[thinned], rules)
+    lines = lines_among(cell[thinned][row], shape, rules)
     wire = np.zeros(len(xyz), bool)
     wire[thinned[row & lines.ravel()[cell[thinned]]]] = True
     # what hangs as high beside a point of a line is of the line
@@ -209,16 +204,12 @@ def few_around(cell: Cells, height: Values, shape: tuple[int, int], rules: WireR
     return np.asarray(around.reshape(-1)[place] <= rules.few, np.bool_)
 
 
-def rows_of(xyz: Points, rules: WireRules) -> tuple[Mask, NDArray[np.float64]]:
-    """Which points (K, 3) lie in a row with their neighbours, and its doubled direction in plan (K, 2)."""
-    most = round(3.0 * rules.alone / rules.step)
-    away, near = cKDTree(xyz).query(xyz, most + 2, distance_upper_bound=rules.reach)
-    full = np.isfinite(away[:, rules.neighbours]) & (away[:, most + 1] > rules.alone)
-    near = near[:, : rules.neighbours + 1]
-    row, doubled = np.zeros(len(xyz), bool), np.zeros((len(xyz), 2))
-    some = np.flatnonzero(full)
+def rows_of(xyz: Points, rules: WireRules) -> Mask:
+    """Which points (K, 3) lie in a row with their neighbours."""
+    away, near = cKDTree(xyz).query(xyz, rules.neighbours + 1, distance_upper_bound=rules.reach)
+    row, some = np.zeros(len(xyz), bool), np.flatnonzero(np.isfinite(away[:, rules.neighbours]))
     if not len(some):
-        return row, doubled
+        return row
     group = xyz[near[some]]
     group = group - group.mean(axis=1, keepdims=True)
     moments = np.einsum("nki,nkj->nij", group, group) / (rules.neighbours + 1)
@@ -228,26 +219,19 @@ def rows_of(xyz: Points, rules: WireRules) -> tuple[Mask, NDArray[np.float64]]:
     level = np.hypot(axis[:, 0], axis[:, 1])
     straight = (across <= rules.across) & (across <= rules.slender * along)
     row[some] = straight & (np.abs(axis[:, 2]) <= rules.slope * level)
-    angle = 2.0 * np.arctan2(axis[:, 1], axis[:, 0])
-    doubled[some] = np.column_stack([np.cos(angle), np.sin(angle)])
-    return row, doubled
+    return row
 
 
-def lines_among(
-    cell: Cells, direction: NDArray[np.float64], shape: tuple[int, int], rules: WireRules
-) -> Mask:
-    """The cells (H, W) of long lines among points in rows: their cells (K,) and doubled directions (K, 2)."""
+def lines_among(cell: Cells, shape: tuple[int, int], rules: WireRules) -> Mask:
+    """The cells (H, W) of long lines among the cells (K,) of points in rows."""
     there = np.zeros(shape[0] * shape[1], bool)
     there[cell] = True
-    joined = grown_by_square(there.reshape(shape), (rules.link + 1) // 2 * 2 + 1)
+    there = there.reshape(shape)
+    joined = grown_by_square(there, (rules.link + 1) // 2 * 2 + 1)
     group, count = ndimage.label(joined, np.ones((3, 3)))
-    number = group.ravel()[cell]
-    size = np.maximum(np.bincount(number, minlength=count + 1), 1)
-    mean = [np.bincount(number, direction[:, k], minlength=count + 1) / size for k in (0, 1)]
-    group = np.where(there.reshape(shape), group, 0)
-    kept = np.hypot(*mean) >= rules.aligned
+    group = np.where(there, group, 0)
+    kept = np.zeros(count + 1, bool)
     for k, window in enumerate(ndimage.find_objects(group), 1):
         length = 0.0 if window is None else float(np.hypot(*(one.stop - one.start for one in window)))
-        kept[k] &= rules.cell * length >= rules.length
-    kept[0] = False
+        kept[k] = rules.cell * length >= rules.length
     return np.asarray(kept[group], np.bool_)

@@ -39,6 +39,11 @@ def best_walls(odds: Values, width_odds: Values) -> tuple[NDArray[np.int64], Val
     return found, np.minimum(sums[high] - sums[low], 1.0)
 
 
+def total_of(odds: Values, width_odds: Values) -> float:
+    """Logarithm of the sum over all divisions of their products."""
+    return float(np.log(max(forward_kernel(odds, width_odds)[-1], LEAST)))
+
+
 @kernel
 def forward_kernel(odds: Values, width_odds: Values) -> Values:
     """For each step the sum over all divisions up to it that have a wall there; the first and the last

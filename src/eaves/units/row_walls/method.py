@@ -11,7 +11,7 @@ from shapely import Polygon
 
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Points, Values
-from eaves.units.row_walls.chain import best_walls
+from eaves.units.row_walls.chain import best_walls, total_of
 from eaves.units.row_walls.division import RowUnits, divide_outline, label_cells
 from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
 from eaves.units.row_walls.merging import MergeRules, merged_units
@@ -29,13 +29,17 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
     changes of depth, and against them ridges, give the odds of a party wall there by logistic regression. The
     row is divided where the product of the odds of its walls and of the widths of its units is greatest, by
     dynamic programming; the forward and backward sums over all divisions give the certainty of each wall.
-    Rows that meet without a wall are one; walls are carried on to the outline.
+    Houses of one width make weak signs at equal distances likely: that width is the one under which the row's
+    signs are likeliest, so it comes from the scan alone. Rows that meet without a wall are one; walls are
+    carried on to the outline.
 
     Formula
     -------
-    max Π_walls o(s) · Π_units g(w),
+    max Π_walls o(s) · Π_units f(w),  f(w) = q g(w) + (1 − q) r N(ln w; ln u, λ),
 
-    o the odds at place s times e^boldness, w the width of a unit, g falling off below the narrowest.
+    o the odds at place s times e^boldness, w the width of a unit, g falling off below the narrowest, u the
+    usual width of the row, λ the likeness, q the share of odd widths, r the range of widths. A row without
+    a usual width has f = g.
 
     Fidelity
     --------
@@ -55,7 +59,7 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
 
     Complexity
     ----------
-    O(N) in points for each front; O(S²) in the quarter metres S of a front.
+    O(N) in points for each front; O(S²) in the quarter metres S of a front for each usual width.
 
     References
     ----------
@@ -77,6 +81,17 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         4.0, "Width under which a unit is unlikely: 99 of 100 houses in rows are wider.", unit="m", gt=0.0
     )
     spread: float = parameter(0.15, "Spread of the logarithm of widths below the narrowest.", gt=0.0)
+    likeness: float = parameter(
+        0.07, "Spread of the logarithm of widths in a regular row.", symbol="λ", gt=0.0
+    )
+    odd_share: float = parameter(
+        0.3, "Share of units of another width in a regular row.", symbol="q", gt=0.0, lt=1.0
+    )
+    width_range: float = parameter(1.7, "Range of the logarithm of widths of units.", symbol="r", gt=0.0)
+    widest_usual: float = parameter(12.0, "Greatest usual width of a regular row.", unit="m", gt=0.0)
+    regular_gain: float = parameter(
+        2.0, "Logarithm of how much better a usual width must explain a row than any width.", ge=0.0
+    )
     least_sure: float = parameter(
         0.5,
         "Least probability that a block is several buildings; under it a detached house of wings stays one.",
@@ -126,7 +141,33 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         """The inner walls of one row, from the log-odds (S + 1,) of a wall at each step."""
         width = np.maximum(np.arange(len(log_odds)), 1) * CELL_M
         broad = np.exp(-0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / self.spread) ** 2)
-        return RowUnits(row, *best_walls(np.exp(log_odds + self.boldness), broad))
+        odds = np.exp(log_odds + self.boldness)
+        best, chosen = total_of(odds, broad) + self.regular_gain, broad
+        for usual in self.usual_widths(row):
+            regular = self.regular_width(width, usual, broad)
+            total = total_of(odds, regular)
+            if total > best:
+                best, chosen = total, regular
+        return RowUnits(row, *best_walls(odds, chosen))
+
+    def usual_widths(self, row: Row) -> list[float]:
+        """The widths (m) that most units of a regular row may have; three at least stand in it."""
+        widest = min(self.widest_usual, row.length / 3.0)
+        if widest < self.narrowest:
+            return []
+        ratio = 1.0 + 0.5 * self.likeness
+        return [
+            self.narrowest * ratio**k for k in range(int(np.log(widest / self.narrowest) / np.log(ratio)) + 1)
+        ]
+
+    def regular_width(self, width: Values, usual: float, broad: Values) -> Values:
+        """How much more often a unit has a `width` (K,; m) in a row whose houses have a usual width than in
+        others.
+        """
+        peak = (
+            np.exp(-0.5 * (np.log(width / usual) / self.likeness) ** 2) / self.likeness / np.sqrt(2 * np.pi)
+        )
+        return np.asarray(self.odd_share * broad + (1.0 - self.odd_share) * peak * self.width_range)
 
 
 def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
