@@ -12,13 +12,13 @@ from eaves.run.join import BuildingPlan, OwnedBuildings, with_addresses
 OWNER = Block(0, 0, 240.0)
 
 
-def building_of(width: float, number: int = 1) -> BuildingPoints:
+def building_of(width: float) -> BuildingPoints:
     """A flat roof over 10 m of street, so many metres wide, a point every metre."""
     x, y = np.meshgrid(np.arange(0.5, width), np.arange(0.5, 10))
     xyz = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 6.0)])
     terrain = Raster(np.zeros((40, 80), np.float32), -5.0, 15.0, 0.5)
     part = np.zeros(len(xyz), np.uint8)
-    return BuildingPoints(OWNER, xyz, np.arange(len(xyz)), part, terrain, 1.0, 0.7, number)
+    return BuildingPoints(OWNER, xyz, np.arange(len(xyz)), part, terrain, 1.0, 0.7)
 
 
 def test_a_detected_block_becomes_its_addresses_with_their_points() -> None:
@@ -27,7 +27,7 @@ def test_a_detected_block_becomes_its_addresses_with_their_points() -> None:
         Footprint(box(8, 0.3, 19.7, 9.7), id="b"),
         Footprint(box(200, 200, 210, 210), id="far"),
     ]
-    owned = OwnedBuildings(OWNER, (BuildingPlan(1, ((OWNER, 1),)),))
+    owned = OwnedBuildings(OWNER, (BuildingPlan(((OWNER, 1),)),))
     (plan,) = with_addresses([owned], addresses)
     assert len(plan.addresses) == 3
     block = Footprint(box(0, 0, 30, 10))
@@ -41,7 +41,7 @@ def test_a_detected_block_becomes_its_addresses_with_their_points() -> None:
 
 
 def test_a_block_without_addresses_and_one_without_outline_stay_as_they_are() -> None:
-    buildings = [building_of(30), building_of(20, 2)]
+    buildings = [building_of(30), building_of(20)]
     drawn: list[Footprint | Failure] = [Failure("no_area", "none", "outline"), Footprint(box(0, 0, 20, 10))]
     parts, outlines = split_buildings(buildings, drawn, [Footprint(box(50, 50, 60, 60), id="a")])
     assert parts == buildings and outlines == drawn

@@ -80,14 +80,14 @@ def corrected(
         elif not order.outlines:
             done.removed.append(order.id)
         else:
-            results += model_order(region, owner, order, len(results), done, version_of(saved.result))
+            results += model_order(region, owner, order, done, version_of(saved.result))
     for order in wanted.values():
-        results += model_order(region, owner, order, len(results), done, {})
+        results += model_order(region, owner, order, done, {})
     return results
 
 
 def model_order(
-    region: Region, owner: Block, order: Order, before: int, done: Corrected, version: Mapping[str, Any]
+    region: Region, owner: Block, order: Order, done: Corrected, version: Mapping[str, Any]
 ) -> list[BuildingResult]:
     """One building for each outline of an order, with the `version` of the building as it was found."""
     results = []
@@ -97,7 +97,7 @@ def model_order(
         if given is None:
             done.failed.append(f"{name}: its outline has no area")
             continue
-        result = model_outline(region, owner, given, before + number, order.flat)
+        result = model_outline(region, owner, given, order.flat)
         outcome = result.outcome
         if isinstance(outcome, BuildingModel):
             block = {"block_id": order.id} if len(order.outlines) > 1 else {}
@@ -110,7 +110,7 @@ def model_order(
     return results
 
 
-def model_outline(region: Region, owner: Block, given: Footprint, number: int, flat: bool) -> BuildingResult:
+def model_outline(region: Region, owner: Block, given: Footprint, flat: bool) -> BuildingResult:
     """What comes of an outline about the owner block's corner."""
     store, recipe = region.store, region.run.recipe
     west, south, east, north = given.polygon.bounds
@@ -121,7 +121,7 @@ def model_outline(region: Region, owner: Block, given: Footprint, number: int, f
         for block in region.blocks
         if first.column <= block.column <= last.column and first.row <= block.row <= last.row
     )
-    building = Gatherer(store).gather(owner, BuildingPlan(number, under, given))
+    building = Gatherer(store).gather(owner, BuildingPlan(under, given))
     if isinstance(building, Failure):
         return BuildingResult.without_points(building)
     return building_pass(building, given, recipe, store.system.horizontal_unit_m, flat=flat)

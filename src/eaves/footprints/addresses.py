@@ -32,7 +32,6 @@ def split_buildings(
     address covers is a building of its own. A block that no address lies in is divided along the party walls
     that `units` finds in its points. The points of the block go to the part they lie in or next to.
     """
-    number = max((building.number for building in buildings), default=0)
     pieces: list[BuildingPoints] = []
     outlines: Drawn = []
     for building, footprint in zip(buildings, footprints, strict=True):
@@ -51,8 +50,6 @@ def split_buildings(
         owner = nearest_part(building, [part.polygon for part in parts])
         for k, part in enumerate(parts):
             inside = owner == k
-            if k > 0:
-                number += 1
             pieces.append(
                 replace(
                     building,
@@ -60,7 +57,6 @@ def split_buildings(
                     point_id=building.point_id[inside],
                     part=building.part[inside],
                     not_last=None if building.not_last is None else building.not_last[inside],
-                    number=building.number if k == 0 else number,
                     block=footprint,
                     wall_certainty=certainty[k],
                 )

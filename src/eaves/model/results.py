@@ -60,8 +60,6 @@ class BuildingPoints:
     terrain: Raster
     spacing: float
     score: float
-    number: int
-    """Number among the buildings of its owner block: the seed of its random numbers."""
     given: Footprint | None = None
     block: Footprint | None = None
     """The detected block that the building is a unit of; None for one that is a block of its own."""

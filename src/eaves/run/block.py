@@ -72,7 +72,7 @@ def block_pass(
         not_last=not_last(cloud)[inside],
         vegetation=vegetation[inside],
         height=scene.height[inside].astype(np.float32),
-        score=regions.score,
+        score=np.round(regions.score, 3),
         dtm=crop(scene.dtm, seen.buffered(-recipe.scene_buffer)),
         dsm=crop(scene.dsm, seen.buffered(-recipe.scene_buffer)),
         spacing=scene.spacing,

@@ -18,6 +18,7 @@ from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.roof import segment_roof
 from eaves.run.clock import Clock
 from eaves.run.gather import is_seen_beside
+from eaves.run.keys import key_of
 from eaves.run.recipe import Recipe
 from eaves.validate import Tolerances, validate_model
 from eaves.validate.models import find_invalid
@@ -88,9 +89,7 @@ def building_pass(
         model = BuildingModel(footprint, {}, attributes=unit_attributes(footprint, building))
         return BuildingResult(model, building.point_id, plane, clock.laps)
 
-    rng = np.random.default_rng(
-        [building.owner_block.column & 0xFFFFFFFF, building.owner_block.row & 0xFFFFFFFF, building.number]
-    )
+    rng = np.random.default_rng(int(key_of(points), 16))  # by its points: nothing else changes its roof
     planes = [level_plane(points)] if flat else segment_roof(points, building.spacing, recipe.roof, rng=rng)
     for number, found in enumerate(planes, 1):
         plane[roof[found.members]] = number

@@ -107,7 +107,6 @@ class Gatherer:
             ground_beside=beside,
             spacing=found.spacing,
             score=found.score,
-            number=plan.number,
             given=plan.given,
             not_last=found.not_last,
             around=around,

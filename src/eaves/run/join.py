@@ -42,7 +42,6 @@ class Seam:
 class BuildingPlan:
     """The parts a building is joined from: regions (block, label), or blocks under a given footprint."""
 
-    number: int
     regions: tuple[tuple[Block, int], ...]
     given: Footprint | None = None
     failure: Failure | None = None
@@ -145,10 +144,7 @@ def join_regions(seams: Sequence[Seam]) -> list[OwnedBuildings]:
     for parts in sorted(members.values()):
         joined = tuple((regions.blocks[regions.owner[part]], int(regions.label[part])) for part in parts)
         owners.setdefault(joined[0][0], []).append(joined)
-    return [
-        OwnedBuildings(owner, tuple(BuildingPlan(i, joined) for i, joined in enumerate(owners[owner], 1)))
-        for owner in sorted(owners)
-    ]
+    return [OwnedBuildings(owner, tuple(map(BuildingPlan, owners[owner]))) for owner in sorted(owners)]
 
 
 def assign_footprints(
@@ -181,8 +177,8 @@ def assign_footprints(
         failures.append(Failure(code, reason, "outline", footprint))
     plans: dict[Block, list[BuildingPlan]] = {
         owner: [
-            BuildingPlan(i, tuple((block, 0) for block in under), footprint)
-            for i, (under, footprint) in enumerate(owners[owner], 1)
+            BuildingPlan(tuple((block, 0) for block in under), footprint)
+            for under, footprint in owners[owner]
         ]
         for owner in owners
     }
@@ -192,7 +188,7 @@ def assign_footprints(
         place = failure.footprint or Footprint(Polygon())
         local = shapely.transform(place.polygon, lambda xy, origin=owner.origin: xy - np.array(origin))
         place = place.with_(polygon=local, origin=owner.origin)
-        mine.append(BuildingPlan(len(mine) + 1, (), place, replace(failure, footprint=place)))
+        mine.append(BuildingPlan((), place, replace(failure, footprint=place)))
     return [OwnedBuildings(owner, tuple(plans[owner])) for owner in sorted(plans)]
 
 
