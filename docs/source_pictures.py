@@ -21,7 +21,7 @@ from eaves.model import Failure, Footprint
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.raster.surfaces import make_scene
 from eaves.roof import segment_roof
-from eaves.run.sources import SOURCES, Source
+from eaves.recipe.sources import SOURCES, Source
 
 FOLDER = Path(__file__).parent / "images" / "sources"
 SETS = {"vaihingen": "vaihingen/clip3.laz", "delft": "delft/ahn3.laz"}

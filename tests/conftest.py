@@ -11,7 +11,7 @@ import laspy
 import numpy as np
 import pytest
 
-from eaves.run import run
+from eaves.flow import run
 from eaves.simulate.roofs import ExactScene, nine_roofs_on_a_slope
 
 

@@ -88,7 +88,7 @@ def test_resume_does_not_compute_what_is_done(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from eaves import pipeline
-    from eaves.run import block
+    from eaves.blocks import block
 
     monkeypatch.setattr(pipeline, "write_outputs", lambda *args, **kwargs: 1 / 0)
     with pytest.raises(ZeroDivisionError):
@@ -105,7 +105,7 @@ def test_a_broken_building_keeps_the_others(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from eaves import pipeline
-    from eaves.run import owned
+    from eaves.buildings import owned
 
     real, seen = owned.building_pass, []
 

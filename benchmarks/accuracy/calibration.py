@@ -28,7 +28,7 @@ from eaves.cli.runs import read_config
 from eaves.formats import read_polygons
 from eaves.model.cloud import BUILDING
 from eaves.pipeline import build
-from eaves.run.recipe import make_recipe
+from eaves.recipe.recipe import make_recipe
 
 CELL_M = 1.0
 """Cells in which points of the reference are grouped into buildings."""

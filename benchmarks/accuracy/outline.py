@@ -29,13 +29,13 @@ from benchmarks.accuracy.outline_detected import (
     snap_rows,
 )
 from benchmarks.table import keep
+from eaves.blocks.block import not_last
 from eaves.evaluate.footprints import count_vertices, outline_distances
 from eaves.evaluate.wireframes import read_wireframe
 from eaves.geometry.neighbours import measure_spacing
 from eaves.methods import make_method
 from eaves.model import Failure, Points
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
-from eaves.run.block import not_last
 from eaves.simulate import scan_town, simulate_town
 
 COMMAND = "python -m benchmarks.accuracy.outline"

@@ -13,6 +13,9 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely import Polygon, STRtree
 
+from eaves.blocks.block import not_last
+from eaves.blocks.block_file import CANDIDATE_HEIGHT
+from eaves.buildings.gather import MARGIN
 from eaves.detect import detect_buildings
 from eaves.evaluate.footprints import count_vertices, outline_distances
 from eaves.footprints.given import repair_footprints
@@ -25,9 +28,6 @@ from eaves.model import Bounds, Failure, Footprint, Mask, PointCloud, Points
 from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.surfaces import make_scene
-from eaves.run.block import not_last
-from eaves.run.block_file import CANDIDATE_HEIGHT
-from eaves.run.gather import MARGIN
 from eaves.simulate import scan_town, simulate_town
 
 SEEDS = (3, 11, 12)

@@ -28,7 +28,7 @@ from eaves.evaluate.detection import evaluate_detection, label_objects
 from eaves.evaluate.images import burn_labels
 from eaves.model import Raster
 from eaves.model.cloud import BUILDING
-from eaves.run.sources import SOURCES
+from eaves.recipe.sources import SOURCES
 
 COMMAND = "python -m benchmarks.accuracy.sources"
 CHAINS = ("default", *SOURCES)

@@ -20,7 +20,7 @@ from eaves.methods import make_method
 from eaves.model import PointCloud, Scene
 from eaves.model.cloud import BUILDING
 from eaves.raster.surfaces import make_scene
-from eaves.run.sources import SOURCES
+from eaves.recipe.sources import SOURCES
 
 COMMAND = "python -m benchmarks.accuracy.sources_ablation"
 SETS = {"delft": "delft/ahn3.laz", "ign_urban": "ign_urban/*.laz", "wooded hill": "misc/lidR_Topography.laz"}
@@ -77,7 +77,7 @@ def main() -> None:
 
 NOTE = """IoU of building cells (0.5 m, a cell being its highest point) against class 6; on the wooded hill
 the number of buildings found, of which none is there. A step is switched off by the parameters that
-`eaves.run.sources` names; all else stays derived."""
+`eaves.recipe.sources` names; all else stays derived."""
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """How far trust can be trusted: learned on towns of which every roof is known, each left out.
 
 A building is right when nine tenths of its plan lie within 0.2 m of the true roof. Prints what stands in
-`eaves.run.trust` beside what is learned on all towns, and keeps how often buildings of each class are right
-in a town that the weights were not learned on.
+`eaves.buildings.trust` beside what is learned on all towns, and keeps how often buildings of each class are
+right in a town that the weights were not learned on.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ import shapely
 from numpy.typing import NDArray
 
 from benchmarks.table import as_markdown, keep
+from eaves.buildings import trust
 from eaves.geometry.roof_fit import RoofFaces, collect_faces, fit_roof
 from eaves.model import Mask, Values
 from eaves.pipeline import build
-from eaves.run import trust
 from eaves.simulate import scan_town, simulate_town, town_of_model, write_simulation
 from eaves.simulate.exact import ExactScene
 

@@ -26,6 +26,7 @@ from benchmarks.accuracy.drawn_blocks import (
 )
 from benchmarks.accuracy.units import footprints_in, map_row
 from benchmarks.table import as_markdown, keep
+from eaves.blocks.block import not_last
 from eaves.detect import detect_buildings
 from eaves.formats import read
 from eaves.ground import classify_ground
@@ -33,7 +34,6 @@ from eaves.model import Bounds, Failure, Footprint, Mask, PointCloud, Points, Va
 from eaves.model.scene import WALL
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.raster.surfaces import make_scene
-from eaves.run.block import not_last
 from eaves.simulate import scan_town, simulate_town, town_of_model
 from eaves.simulate.exact import ExactScene
 from eaves.units import divide_block

@@ -33,11 +33,11 @@ from benchmarks.survey_variants import (
     survey_of,
 )
 from benchmarks.table import commit_now, keep, kept_rows
+from eaves.flow.region import Core, Region
+from eaves.flow.run import no_progress, open_run
 from eaves.model import Mask
 from eaves.model.cloud import BUILDING
-from eaves.run.recipe import Recipe, make_recipe
-from eaves.run.region import Core, Region
-from eaves.run.run import no_progress, open_run
+from eaves.recipe.recipe import Recipe, make_recipe
 from eaves.run.workers import Workers
 
 COMMAND = "python -m benchmarks.accuracy.unseen"

@@ -23,12 +23,12 @@ from shapely import affinity
 
 from benchmarks.accuracy.rotations import scatter
 from benchmarks.table import keep
+from eaves.buildings.building import keep_valid
 from eaves.formats import write_cityjson
 from eaves.geometry.neighbours import measure_spacing
 from eaves.model import BuildingModel, Failure, Footprint, Points
 from eaves.reconstruct import reconstruct_building
 from eaves.roof import segment_roof
-from eaves.run.building import keep_valid
 from eaves.simulate.houses import draw_church, draw_detached, draw_row, draw_tower, draw_town_house
 from eaves.simulate.roofs import make_building
 from eaves.validate import validate_file

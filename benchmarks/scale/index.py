@@ -26,15 +26,15 @@ import pyproj
 import shapely
 
 from benchmarks.table import keep
+from eaves.flow.merge import merge_footprints
+from eaves.flow.region import Job
+from eaves.flow.tiles import TileTasks, plan_tiles
 from eaves.formats.geopackage import Row, write_geopackage
 from eaves.formats.inputs import list_inputs
 from eaves.model import CoordinateSystem
+from eaves.recipe.recipe import make_recipe
 from eaves.run.index import index_inputs
-from eaves.run.merge import merge_footprints
 from eaves.run.partition import Window
-from eaves.run.recipe import make_recipe
-from eaves.run.region import Job
-from eaves.run.tiles import TileTasks, plan_tiles
 from eaves.run.workers import peak_memory_mb
 
 FILE_POINTS = 10_000_000

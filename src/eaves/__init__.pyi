@@ -40,6 +40,8 @@ from .outline.ransac_lines import RansacLines as RansacLines
 from .raster.surfaces import make_dsm as make_dsm
 from .raster.surfaces import make_dtm as make_dtm
 from .raster.surfaces import make_scene as make_scene
+from .recipe.recipe import Recipe as Recipe
+from .recipe.recipe import make_recipe as make_recipe
 from .reconstruct import Reconstructor as Reconstructor
 from .reconstruct import reconstruct_building as reconstruct_building
 from .reconstruct.arrangement import Arrangement as Arrangement
@@ -59,8 +61,6 @@ from .roof import segment_roof as segment_roof
 from .roof.global_refinement import GlobalRefinement as GlobalRefinement
 from .roof.region_growing import RegionGrowing as RegionGrowing
 from .roof.tin_faces import TinFaces as TinFaces
-from .run.recipe import Recipe as Recipe
-from .run.recipe import make_recipe as make_recipe
 from .units import UnitMethod as UnitMethod
 from .units import divide_block as divide_block
 from .units.row_walls import RowWalls as RowWalls

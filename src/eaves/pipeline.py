@@ -7,7 +7,7 @@ open_run ─→ read ─→ replace ─→ wide ─→ ground ─→ regions ─
                                          world     regions             solids
 ```
 
-Each step is a function of `run/region.py` on one region, which keeps its results with their keys in the
+Each step is a function of `flow/region.py` on one region, which keeps its results with their keys in the
 region's store (`run/store.py`, `run/keys.py`): what is found there by its key is not computed.
 """
 
@@ -19,22 +19,22 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
+from eaves.flow import region as steps
+from eaves.flow.outputs import write_outputs
+from eaves.flow.region import Core, Region, TooNarrowError
+from eaves.flow.run import Progress, Run, no_progress, open_run
 from eaves.formats.atomic import DiskFullError, report_full_disk
 from eaves.model import Block
 from eaves.model.summary import Summary
-from eaves.run import region as steps
+from eaves.recipe.recipe import Recipe
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
 from eaves.run.options import RunOptions, list_options
-from eaves.run.outputs import write_outputs
-from eaves.run.recipe import Recipe
-from eaves.run.region import Core, Region, TooNarrowError
-from eaves.run.run import Progress, Run, no_progress, open_run
 from eaves.run.workers import Workers
 
 if TYPE_CHECKING:
-    from eaves.run.classified_points import PointSink
-    from eaves.run.tiles import TileDone, TileTask
+    from eaves.flow.classified_points import PointSink
+    from eaves.flow.tiles import TileDone, TileTask
 
 
 @list_options
@@ -151,7 +151,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress) -> Summary:
     An input whose header puts it elsewhere than its points is found out by the first tile that reads it; the
     tiles it does lie in are then computed with it.
     """
-    from eaves.run.tiles import Tiles  # late: most runs have none
+    from eaves.flow.tiles import Tiles  # late: most runs have none
 
     begin_manifest(run.folder)
     tiles = Tiles(run)
@@ -168,7 +168,7 @@ def build_tiles(run: Run, workers: Workers, progress: Progress) -> Summary:
 
 def build_tile(task: TileTask) -> TileDone:
     """One tile with its files in its folder; an earlier run's where it matches."""
-    from eaves.run.tiles import known_tile, widened
+    from eaves.flow.tiles import known_tile, widened
 
     earlier = known_tile(task)
     if earlier is not None:

@@ -26,7 +26,7 @@ from eaves.detect.consensus.classifier import (
     read_weights,
     write_weights,
 )
-from eaves.run.recipe import make_recipe
+from eaves.recipe.recipe import make_recipe
 
 NOTHING = Places(np.zeros((0, 3)), np.zeros(0), np.zeros(0))
 TRUE = np.array([-1.0, 2.0, 0.5])

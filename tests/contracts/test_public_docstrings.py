@@ -14,7 +14,7 @@ from eaves.methods import REGISTRY, Method, method_class
 
 MODULES = (
     *("eaves", "eaves.formats", "eaves.evaluate", "eaves.simulate", "eaves.validate", "eaves.model"),
-    *("eaves.methods", "eaves.run.recipe"),
+    *("eaves.methods", "eaves.recipe.recipe"),
 )
 NEVER_RAISE = {"ignore", "is_named"}
 """Functions without a way to fail."""

@@ -16,7 +16,7 @@ from eaves.ground import classify_ground
 from eaves.methods import make_method
 from eaves.model import PointCloud, Scene
 from eaves.raster.surfaces import make_scene
-from eaves.run.sources import SOURCES, Step
+from eaves.recipe.sources import SOURCES, Step
 
 STEPS = [(source.name, step) for source in SOURCES.values() for step in source.steps]
 NEEDS_DATA = pytest.mark.skipif("EAVES_DATA" not in os.environ, reason="EAVES_DATA names no folder of data")

@@ -4,10 +4,10 @@ import numpy as np
 import shapely
 from shapely import box
 
+from eaves.buildings.join import BuildingPlan, OwnedBuildings, with_addresses
 from eaves.footprints.addresses import split_buildings
 from eaves.model import Block, Failure, Footprint, Raster
 from eaves.model.results import BuildingPoints
-from eaves.run.join import BuildingPlan, OwnedBuildings, with_addresses
 
 OWNER = Block(0, 0, 240.0)
 

@@ -18,13 +18,13 @@ import shapely
 import shapely.affinity
 from shapely import Polygon
 
+from eaves.flow.exports import check_formats
 from eaves.formats import write_3dtiles, write_cityjson, write_geoparquet, write_glb, write_obj
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.geopackage import Row, write_polygons
 from eaves.formats.meshes import mesh_of_solids
 from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
-from eaves.run.exports import check_formats
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import shapely
 
+from eaves.buildings.party_wall_areas import Walls, party_wall_area
+from eaves.buildings.stock import stock_figures, wall_figures
 from eaves.model import BuildingModel, Footprint, RoofPlane
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.prism import Prism
-from eaves.run.party_wall_areas import Walls, party_wall_area
-from eaves.run.stock import stock_figures, wall_figures
 
 
 def block(west: float, south: float, east: float, north: float, height: float) -> BuildingModel:

@@ -9,10 +9,10 @@ import pyogrio
 import shapely
 from tests.conftest import write_laz
 
+from eaves.blocks.block import nearest_ground
 from eaves.formats.geopackage import Row, write_polygons
 from eaves.model import Bounds, PointCloud
 from eaves.pipeline import build
-from eaves.run.block import nearest_ground
 from eaves.simulate.roofs import ExactScene
 
 

@@ -15,7 +15,7 @@ from tests.conftest import write_laz
 
 from eaves.methods import MethodChoice
 from eaves.pipeline import build
-from eaves.run.recipe import make_recipe
+from eaves.recipe.recipe import make_recipe
 from eaves.simulate.scanner import scan_town
 from eaves.simulate.town import simulate_town
 

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from eaves.model import Failure, Footprint
-from eaves.model.results import BuildingResult
-from eaves.run import building_file
-from eaves.run.building_file import (
+from eaves.buildings import building_file
+from eaves.buildings.building_file import (
     ANSWERS,
     ROWS,
     SavedBuilding,
@@ -19,6 +17,8 @@ from eaves.run.building_file import (
     read_planes,
     read_section,
 )
+from eaves.model import Failure, Footprint
+from eaves.model.results import BuildingResult
 from eaves.run.part_file import save_part
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from eaves.model import PointCloud
 from eaves.pipeline import build
-from eaves.run.recipe import make_recipe
+from eaves.recipe.recipe import make_recipe
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 from eaves.surroundings.vegetation import VegetationRules, vegetation_classes
 

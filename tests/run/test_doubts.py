@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 import shapely
 
+from eaves.blocks.block import block_pass
+from eaves.blocks.block_file import BlockFile, block_arrays
+from eaves.buildings.rows import BuildingRow
+from eaves.flow import tiles
+from eaves.flow.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.formats.geopackage import read_polygons
 from eaves.ground import classify_ground
 from eaves.model import Block
 from eaves.model.doubt import Doubt
 from eaves.model.summary import Summary
 from eaves.pipeline import build
+from eaves.recipe.recipe import make_recipe
 from eaves.report.view import describe_run
-from eaves.run import tiles
-from eaves.run.block import block_pass
-from eaves.run.block_file import BlockFile, block_arrays
-from eaves.run.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.run.part_file import save_part
-from eaves.run.recipe import make_recipe
-from eaves.run.rows import BuildingRow
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 pytestmark = pytest.mark.usefixtures("blocks_of_60")

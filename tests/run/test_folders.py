@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from eaves.flow import run
+from eaves.flow.classified_points import classified_name
+from eaves.flow.run import open_run
 from eaves.formats import InputError
 from eaves.pipeline import build
-from eaves.run import run
-from eaves.run.classified_points import classified_name
 from eaves.run.lock import LOCK, describe_process, lock_folder
 from eaves.run.manifest import MANIFEST, check_folder, end_manifest, read_manifest
-from eaves.run.run import open_run
 
 
 def test_a_folder_that_a_run_holds_is_refused__and_freed_by_its_end(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_a_rerun_removes_its_own_old_files_and_nothing_else(nine_roofs_file: Pat
 def test_a_run_that_did_not_end_is_no_result(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from eaves.run import outputs
+    from eaves.flow import outputs
 
     assert build(nine_roofs_file, tmp_path, lod="0").complete
     monkeypatch.setattr(outputs, "write_run", lambda summary: 1 / 0)

@@ -13,9 +13,12 @@ from typing import Any
 import pytest
 from tests.run.test_long_buildings import features
 
+from eaves.blocks import block
+from eaves.buildings import owned
+from eaves.flow import outputs
 from eaves.formats.atomic import DiskFullError
 from eaves.pipeline import build
-from eaves.run import outputs, partition
+from eaves.run import partition
 from eaves.run.store import Store
 
 pytestmark = pytest.mark.usefixtures("blocks_of_60")
@@ -55,8 +58,8 @@ def test_a_run_on_a_full_disk_is_finished_by_the_next(
 ) -> None:
     place, name, call, error = {
         "points": (partition.SliceWriter, "append", 2, FULL),
-        "blocks": (Store, "save_block", 3, FULL),
-        "buildings": (Store, "save_buildings", 2, FULL),
+        "blocks": (block, "save_block", 3, FULL),
+        "buildings": (owned, "save_buildings", 2, FULL),
         "footprints": (outputs, "write_geopackage", 1, SQLITE_FULL),
         "models": (outputs, "write_cityjson_seq", 1, FULL),
     }[stage]
@@ -80,13 +83,13 @@ def test_a_run_on_a_full_disk_is_finished_by_the_next(
 
 def count_blocks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Counts the blocks computed from now on."""
-    real, computed = Store.save_block, list[int]()
+    real, computed = block.save_block, list[int]()
 
     def counted(store: Store, *words: Any) -> None:
         computed.append(1)
         real(store, *words)
 
-    monkeypatch.setattr(Store, "save_block", counted)
+    monkeypatch.setattr(block, "save_block", counted)
     return computed
 
 

@@ -11,11 +11,11 @@ import pyogrio
 import pytest
 import shapely
 
+from eaves.flow import tiles
 from eaves.formats import InputError
 from eaves.formats.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
 from eaves.report.build import build
-from eaves.run import tiles
 from eaves.run.manifest import check_folder
 from eaves.simulate.roofs import ExactScene
 from eaves.validate import validate_file

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
+from eaves.buildings.join import Seam, assign_footprints, join_regions
 from eaves.model import Block, Footprint
-from eaves.run.join import Seam, assign_footprints, join_regions
 
 WEST, EAST, FAR = Block(0, 0), Block(1, 0), Block(5, 5)
 

@@ -10,10 +10,10 @@ import pytest
 import shapely
 
 from eaves import pipeline
+from eaves.buildings import owned
 from eaves.formats import InputError
-from eaves.run import owned
+from eaves.recipe.recipe import Recipe, make_recipe
 from eaves.run.keys import BLOCKS, BUILDINGS, STEPS, key_of
-from eaves.run.recipe import Recipe, make_recipe
 
 FOLLOWING = {"sees_wide": "ground", "keeps_low": "lod"}
 """What steps read of a recipe that follows from its fields."""

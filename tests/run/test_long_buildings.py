@@ -12,8 +12,8 @@ import rasterio
 import shapely
 from tests.conftest import blocks_of, write_laz
 
+from eaves.flow import tiles
 from eaves.pipeline import build
-from eaves.run import tiles
 
 BLOCK = 48.0
 SIDE = BLOCK * 5

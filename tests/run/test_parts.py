@@ -130,7 +130,7 @@ def interrupted(
 
 
 def test_the_field_of_ids_and_the_files_beside_a_shapefile_are_part_of_the_plan(tmp_path: Path) -> None:
-    from eaves.run.run import hash_of
+    from eaves.flow.run import hash_of
 
     for suffix in (".shp", ".dbf", ".prj", ".txt"):
         (tmp_path / f"a{suffix}").write_text("1")
@@ -139,7 +139,7 @@ def test_the_field_of_ids_and_the_files_beside_a_shapefile_are_part_of_the_plan(
     assert hash_of(tmp_path / "a.shp") == before
     (tmp_path / "a.dbf").write_text("2")
     assert hash_of(tmp_path / "a.shp") != before
-    from eaves.run.run import open_run
+    from eaves.flow.run import open_run
     from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
     files = write_simulation(nine_roofs_on_a_slope(density=1.0), tmp_path / "nine")

@@ -12,10 +12,10 @@ import laspy
 import pytest
 import rasterio
 
+from eaves.flow.exports import FOOTPRINT_FILES, MODEL_FILES
 from eaves.formats.crs_check import vertical_datum
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 from eaves.pipeline import build
-from eaves.run.exports import FOOTPRINT_FILES, MODEL_FILES
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 

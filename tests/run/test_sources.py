@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from eaves.methods import DEFAULTS, method_class
-from eaves.run.recipe import make_recipe
-from eaves.run.sources import SOURCES
+from eaves.recipe.recipe import make_recipe
+from eaves.recipe.sources import SOURCES
 
 BIBLIOGRAPHY = (Path(__file__).parents[2] / "references.bib").read_text(encoding="utf-8")
 

@@ -11,10 +11,10 @@ import shapely
 from tests.run.test_long_buildings import features
 
 from eaves import pipeline
+from eaves.flow import tiles
 from eaves.formats.geopackage import Row, write_geopackage
 from eaves.model import CoordinateSystem
 from eaves.pipeline import build
-from eaves.run import tiles
 from eaves.simulate.roofs import ExactScene
 
 pytestmark = pytest.mark.usefixtures("blocks_of_60")

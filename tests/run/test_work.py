@@ -10,9 +10,9 @@ import pytest
 
 import eaves
 from eaves import pipeline
+from eaves.buildings import building_file
 from eaves.formats import laz
 from eaves.model import BuildingModel, Footprint
-from eaves.run import building_file
 from eaves.simulate.roofs import ExactScene
 from eaves.validate import validate_model
 

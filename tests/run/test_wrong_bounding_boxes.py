@@ -11,10 +11,10 @@ import pytest
 from tests.conftest import write_laz
 from tests.run.test_long_buildings import features
 
+from eaves.flow import tiles
+from eaves.flow.tiles import plan_tiles
 from eaves.pipeline import build
-from eaves.run import tiles
 from eaves.run.index import index_inputs
-from eaves.run.tiles import plan_tiles
 from eaves.simulate.roofs import ExactScene
 
 pytestmark = pytest.mark.usefixtures("blocks_of_60")

@@ -19,20 +19,21 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from eaves.change.corrected import as_found, outlines_in
+from eaves.blocks.block import load_block, see_block
+from eaves.buildings.building_file import Kept, as_found
+from eaves.change.corrected import outlines_in
 from eaves.change.edits import read_edits, settle
 from eaves.change.kept import open_kept
 from eaves.change.rebuild import kept_edits
 from eaves.detect.consensus.classifier import ScoreWeights, Weights, measured_terms, write_weights
 from eaves.detect.consensus.method import Consensus
+from eaves.flow.region import store_of
+from eaves.flow.run import Progress, no_progress
 from eaves.formats import InputError
 from eaves.formats.atomic import atomic
 from eaves.model import Block, Values
-from eaves.run.block import load_block, see_block
+from eaves.recipe.recipe import Recipe
 from eaves.run.keys import BLOCKS
-from eaves.run.recipe import Recipe
-from eaves.run.region import store_of
-from eaves.run.run import Progress, no_progress
 from eaves.run.store import Store
 
 log = logging.getLogger("eaves")
@@ -157,7 +158,7 @@ def calibrate(
     found = outlines_in(as_found(store), run.side)
     edits = kept_edits(folder, store)
     if file is not None:
-        edits += read_edits(file, store.system, {**found, **outlines_in(store, run.side)})
+        edits += read_edits(file, store.system, {**found, **outlines_in(Kept(store), run.side)})
     orders, _ = settle(edits, found)
     truths = np.array([bool(order.outlines) for order in orders], bool)
     outlines = [shapely.union_all(order.outlines) if order.outlines else found[order.id] for order in orders]
@@ -169,7 +170,7 @@ def calibrate(
     shipped = method.judged_by
     start = np.array([*shipped.surface, *shipped.cell])
     detector = leave_one_out(judged, held, start)
-    rows = as_found(store).building_rows(as_found(store).owners(run.side))
+    rows = as_found(store).rows(as_found(store).owners(run.side))
     scores = {str(row.values["id"]): float(row.values["score"]) for row in rows}
     known = [k for k, order in enumerate(orders) if order.known and order.id in scores]
     score_check, scale = check_score(np.array([scores[orders[k].id] for k in known]), truths[known])

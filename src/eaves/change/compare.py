@@ -31,9 +31,9 @@ from eaves.change.measure import COARSE, REACH, measure_epochs
 from eaves.change.sites import Site, carry_ids, make_sites
 from eaves.change.surface import face_points
 from eaves.change.verdict import UNCHANGED, Rules, Side, Verdict, judge_building
+from eaves.flow.run import Progress, no_progress
 from eaves.model import Block, Bounds, PointCloud, Points
 from eaves.model.cloud import NOISE_CLASSES
-from eaves.run.run import Progress, no_progress
 
 log = logging.getLogger("eaves")
 

@@ -9,17 +9,16 @@ from typing import Any
 import shapely
 from shapely import Polygon
 
+from eaves.buildings.building import building_pass
+from eaves.buildings.building_file import Kept, SavedBuilding, as_found, save_buildings
+from eaves.buildings.gather import Gatherer
+from eaves.buildings.join import BuildingPlan, about, block_of
 from eaves.change.edits import Order
 from eaves.change.versions import version_of
+from eaves.flow.region import Region
 from eaves.model import Block, BuildingModel, Failure, Footprint
 from eaves.model.results import BuildingResult
-from eaves.run.building import building_pass
-from eaves.run.building_file import SavedBuilding
-from eaves.run.gather import Gatherer
-from eaves.run.join import BuildingPlan, about, block_of
-from eaves.run.keys import BUILDINGS, Step
-from eaves.run.region import Region
-from eaves.run.store import EDITED, NAMED, Store
+from eaves.run.keys import EDITED
 
 OVERLAP_M2 = 1.0
 """An edited outline that covers more of a neighbour than this (m²) is told."""
@@ -36,23 +35,16 @@ class Corrected:
     touched: set[Block] = field(default_factory=set)
 
 
-def as_found(store: Store) -> Store:
-    """The store as its run found the buildings, before any edit."""
-    return store.with_layers(NAMED, BUILDINGS.name)
-
-
-def outlines_in(store: Store, side: float) -> dict[str, Polygon]:
-    """Id → outline (world metres) of the buildings of a store."""
-    return {str(row.values["id"]): row.polygon for row in store.building_rows(store.owners(side))}
+def outlines_in(kept: Kept, side: float) -> dict[str, Polygon]:
+    """Id → outline (world metres) of buildings that are kept."""
+    return {str(row.values["id"]): row.polygon for row in kept.rows(kept.owners(side))}
 
 
 def correct(region: Region, orders: Sequence[Order]) -> Corrected:
     """Carry out all orders on a region's buildings, and take back what is ordered no more."""
     store, side = region.store, region.run.side
-    found, edited = as_found(store), store.with_layers(EDITED)
-    home = {
-        str(row.values["id"]): owner for owner in found.owners(side) for row in found.building_rows([owner])
-    }
+    found, edited = as_found(store), Kept(store, (EDITED,))
+    home = {str(row.values["id"]): owner for owner in found.owners(side) for row in found.rows([owner])}
     by_owner: dict[Block, list[Order]] = {}
     for order in orders:
         owner = home.get(order.id) or block_of(Footprint(order.outlines[0]), side)
@@ -60,9 +52,9 @@ def correct(region: Region, orders: Sequence[Order]) -> Corrected:
     done = Corrected(touched={*by_owner, *edited.owners(side)})
     for count, owner in enumerate(sorted(done.touched), 1):
         if owner in by_owner:
-            edited.save_buildings(owner, corrected(region, owner, by_owner[owner], done))
+            save_buildings(store, EDITED, owner, corrected(region, owner, by_owner[owner], done))
         else:
-            edited.remove(Step(EDITED), owner)
+            store.remove(EDITED, owner)
         region.progress("buildings", count, len(done.touched))
     return done
 
@@ -73,7 +65,7 @@ def corrected(
     """The buildings of an owner block after its orders."""
     results: list[BuildingResult | SavedBuilding] = []
     wanted = {order.id: order for order in orders}
-    for saved in as_found(region.store).saved_buildings(owner):
+    for saved in as_found(region.store).saved(owner):
         order = wanted.pop(str(saved.row.values["id"]), None)
         if order is None:
             results.append(saved)

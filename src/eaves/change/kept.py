@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from eaves.flow.run import WORK, Run, open_run
 from eaves.formats import InputError
 from eaves.methods import resolve_method
+from eaves.recipe.recipe import Recipe
 from eaves.run.index import Index
 from eaves.run.options import METHOD_OPTIONS
-from eaves.run.recipe import Recipe
-from eaves.run.run import WORK, Run, open_run
 from eaves.run.store import REQUEST
 from eaves.surroundings.vegetation import VegetationRules
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from eaves.change.epoch import Epoch
 from eaves.change.shift import FEWEST, Shift, fit_shift
 from eaves.change.surface import local_planes, nearest_distances, planar
+from eaves.flow.run import Progress
 from eaves.geometry.neighbours import measure_spacing
 from eaves.model import Block, PointCloud
 from eaves.model.cloud import BUILDING, GROUND
-from eaves.run.run import Progress
 
 REACH = 6.0
 """Width of the surroundings of a block that its points are faced with (m): more than any radius."""

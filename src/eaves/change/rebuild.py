@@ -7,17 +7,18 @@ from pathlib import Path
 
 from shapely import Polygon
 
-from eaves.change.corrected import as_found, correct, outlines_in, overlaps
+from eaves.buildings.building_file import Kept, as_found
+from eaves.change.corrected import correct, outlines_in, overlaps
 from eaves.change.edits import EDITS, Edit, edits_of_layer, read_edits, settle, write_edits
 from eaves.change.kept import open_kept
+from eaves.flow.classified_points import known_copies
+from eaves.flow.numbers import keep_numbers, numbers_in
+from eaves.flow.outputs import write_outputs
+from eaves.flow.region import kept_region
+from eaves.flow.run import Progress, no_progress
 from eaves.model.summary import Summary
 from eaves.pipeline import hold_folder
-from eaves.run.classified_points import known_copies
 from eaves.run.manifest import end_manifest, entry_of, known_files
-from eaves.run.numbers import keep_numbers, numbers_in
-from eaves.run.outputs import write_outputs
-from eaves.run.region import kept_region
-from eaves.run.run import Progress, no_progress
 from eaves.run.store import Store
 
 LAYER = "footprints.gpkg"
@@ -73,18 +74,18 @@ def rebuild(folder: Path, file: Path | None = None, progress: Progress = no_prog
     with hold_folder(run) as workers:
         region = kept_region(run, workers, progress)
         store, side = region.store, run.side
-        shown, found = outlines_in(store, side), outlines_in(as_found(store), side)
-        numbers = numbers_in(store, store.owners(side))
+        shown, found = outlines_in(Kept(store), side), outlines_in(as_found(store), side)
+        numbers = numbers_in(store, Kept(store).owners(side))
         edits = [*kept_edits(folder, store), *changed_in_layer(folder, store, shown)]
         if file is not None:
             edits += read_edits(file, store.system, {**found, **shown})
         orders, conflicts = settle(edits, found)
         done = correct(region, orders)
-        conflicts += overlaps(orders, outlines_in(store, side))
+        conflicts += overlaps(orders, outlines_in(Kept(store), side))
         keep_numbers(store, sorted(done.touched), numbers)
         before = known_files(folder)
         region.run = run.with_options(outputs=[name for name in WRITTEN if name in run.outputs])
-        summary = write_outputs(region, store.owners(side), copies=known_copies(folder, store))
+        summary = write_outputs(region, Kept(store).owners(side), copies=known_copies(folder, store))
         write_edits(folder / EDITS, edits, store.system)
         rasters = [folder / name for name in before if name.endswith(".tif") and (folder / name).exists()]
         files = dict.fromkeys([*summary.files, *rasters, folder / EDITS])

@@ -12,26 +12,27 @@ from pathlib import Path
 import laspy
 import numpy as np
 
-from eaves.change.corrected import as_found, correct, outlines_in
+from eaves.buildings.building_file import Kept, as_found
+from eaves.change.corrected import correct, outlines_in
 from eaves.change.edits import EDITS, settle, write_edits
 from eaves.change.kept import MODELS, open_kept, read_request
 from eaves.change.rebuild import LAYER, changed_in_layer, kept_edits
 from eaves.change.versions import Versions, known_ids, lines_of, name_versions, write_history
+from eaves.flow.classified_points import known_copies
+from eaves.flow.collisions import is_same_place
+from eaves.flow.numbers import keep_numbers, numbers_in
+from eaves.flow.outputs import write_outputs
+from eaves.flow.region import Region, end_region, open_region, store_of
+from eaves.flow.run import WORK, Progress, no_progress
 from eaves.formats import InputError
 from eaves.formats.inputs import LAS_SUFFIXES, list_inputs
 from eaves.model.summary import Summary
 from eaves.pipeline import bring_points, find_buildings, hold_folder
-from eaves.run.classified_points import known_copies
-from eaves.run.collisions import is_same_place
-from eaves.run.keys import BLOCKS, GONE
+from eaves.run.keys import BLOCKS, EDITED, GONE, NAMED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
-from eaves.run.numbers import keep_numbers, numbers_in
-from eaves.run.outputs import write_outputs
-from eaves.run.region import Region, end_region, open_region, store_of
 from eaves.run.replace import files_of, number_of
-from eaves.run.run import WORK, Progress, no_progress
-from eaves.run.store import EDITED, NAMED, Store, link_file
+from eaves.run.store import Store, link_file
 
 log = logging.getLogger("eaves")
 
@@ -114,7 +115,7 @@ def update(
     run = open_kept(folder, new, out, jobs)
     with lock_folder(folder), hold_folder(run) as workers:
         before = replace(store_of(run), folder=folder / WORK)
-        shown = outlines_in(before, run.side)
+        shown = outlines_in(Kept(before), run.side)
         if shown and changed_in_layer(folder, before, shown):
             raise InputError.about(
                 folder / LAYER, "has edits that were not rebuilt", f"run eaves update {folder} first"
@@ -131,8 +132,10 @@ def update(
         edits = kept_edits(folder, store)
         orders, conflicts = settle(edits, outlines_in(as_found(store), run.side))
         edited = correct(region, orders)
-        keep_numbers(store, sorted(changed | edited.touched), numbers_in(before, before.owners(run.side)))
-        summary = write_outputs(region, store.owners(run.side), copies=known_copies(folder, before))
+        keep_numbers(
+            store, sorted(changed | edited.touched), numbers_in(before, Kept(before).owners(run.side))
+        )
+        summary = write_outputs(region, Kept(store).owners(run.side), copies=known_copies(folder, before))
         beside = walls_changed(folder, out, {*versions.new, *versions.remodelled, *(o.id for o in orders)})
         told = {
             "date": when,
@@ -213,7 +216,7 @@ def link_results(source: Path, target: Path) -> None:
     """The results of a run under other names, without taking room where the disk can do that, but for what
     edits made of them. They are never written in place, so neither run sees what the other does."""
     for place, folders, names in os.walk(source):
-        folders[:] = [name for name in folders if name not in (EDITED, NAMED)]
+        folders[:] = [name for name in folders if name not in (EDITED.name, NAMED.name)]
         to = target / Path(place).relative_to(source)
         to.mkdir(parents=True, exist_ok=True)
         for name in names:

@@ -16,14 +16,14 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
+from eaves.buildings.building_file import Kept, SavedBuilding, save_buildings
 from eaves.change.edits import HALF
 from eaves.formats.atomic import atomic
 from eaves.model import BLOCK_SIDE, Block, BuildingModel, Failure
 from eaves.model.results import BuildingResult
-from eaves.run.building_file import SavedBuilding
-from eaves.run.keys import BUILDINGS, Step
+from eaves.run.keys import BUILDINGS, NAMED
 from eaves.run.part_file import pack_item
-from eaves.run.store import NAMED, Store, link_file
+from eaves.run.store import Store, link_file
 
 HISTORY = "history.city.jsonl"
 """File of the versions that are no more: a line each, with `terminationDate`."""
@@ -67,7 +67,7 @@ class Placed:
 
 
 def name_versions(
-    after: Store, before: Store, owners: Sequence[Block], ended: set[str], date: str
+    after: Store, before: Kept, owners: Sequence[Block], ended: set[str], date: str
 ) -> tuple[Versions, set[Block]]:
     """Give the buildings their ids and versions, in a layer over those of `after`; what became of them, and
     the owner blocks whose buildings are others than before.
@@ -83,23 +83,22 @@ def name_versions(
     date
         Of the update, as `YYYY-MM-DD`.
     """
-    found = after.with_layers(BUILDINGS.name)
+    found = Kept(after, (BUILDINGS,))
     side = owners[0].side if owners else BLOCK_SIDE
-    known = set(before.found(BUILDINGS, before.owners(side)))
-    same = {name for name, key in found.found(BUILDINGS, owners) if (name, key) in known}
+    known = set(before.store.found(BUILDINGS, before.owners(side)))
+    same = {name for name, key in after.found(BUILDINGS, owners) if (name, key) in known}
     changed = {one for one in (*owners, *before.owners(side)) if one.name not in same}
-    named = Step(NAMED)
     for owner in owners:
-        if owner.name in same and before.has(named, owner):
+        if owner.name in same and before.store.has(NAMED, owner):
             for suffix in (".npz", ".key"):
-                path = before.path(named, owner).with_suffix(suffix)
-                link_file(path, after.path(named, owner).with_suffix(suffix))
+                path = before.store.path(NAMED, owner).with_suffix(suffix)
+                link_file(path, after.path(NAMED, owner).with_suffix(suffix))
     fresh, earlier = (
-        [Placed.of(owner, one) for owner in sorted(changed) for one in store.saved_buildings(owner)]
-        for store in (found, before)
+        [Placed.of(owner, one) for owner in sorted(changed) for one in kept.saved(owner)]
+        for kept in (found, before)
     )
     partners = match(earlier, fresh)
-    stay = (row.values["id"] for row in before.building_rows([one for one in owners if one.name in same]))
+    stay = (row.values["id"] for row in before.rows([one for one in owners if one.name in same]))
     used = {*ended, *map(str, stay), *(one.id for one in earlier)}
     names: dict[int, str] = {}
     for k, one in enumerate(fresh):
@@ -119,7 +118,7 @@ def name_versions(
     matched = set(partners.values())
     told.gone.extend(one.id for k, one in enumerate(earlier) if k not in matched)
     for owner, some in results.items():
-        after.with_layers(NAMED).save_buildings(owner, some)
+        save_buildings(after, NAMED, owner, some)
     return told, changed
 
 

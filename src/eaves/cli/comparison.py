@@ -8,13 +8,13 @@ from pathlib import Path
 
 from eaves.change.compare import compare_epochs
 from eaves.change.output import as_text, write_comparison
+from eaves.flow.run import claim
 from eaves.formats import InputError
 from eaves.formats.atomic import report_full_disk
 from eaves.pipeline import build
 from eaves.report.change_page import write_change_page
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import MANIFEST, begin_manifest, end_manifest
-from eaves.run.run import claim
 
 log = logging.getLogger("eaves")
 WANTED = ("footprints", "models", "rasters", "classified")

@@ -133,11 +133,11 @@ def run_build(
 
     with keep_all():
         from eaves.cli.first_run import compiling_beside
+        from eaves.flow.run import recipe_of
         from eaves.kernels import library
         from eaves.pipeline import build as build_files
         from eaves.report.build import build as build_with_report
         from eaves.run.options import DEFAULT_OPTIONS, EVERYTHING
-        from eaves.run.run import recipe_of
         from eaves.run.workers import import_pyogrio_alone
 
         import_pyogrio_alone()
@@ -209,7 +209,7 @@ def progress_display(quiet: bool, compiling: bool = False) -> Any:
 
 def describe_sources() -> Iterator[str]:
     """Lines on every published system: what it delivers, its paper, and the command that runs it."""
-    from eaves.run.sources import SOURCES
+    from eaves.recipe.sources import SOURCES
 
     for source in SOURCES.values():
         yield f"{source.name}: {source.delivers} [{source.paper}]"

@@ -8,16 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
+from eaves.flow.run import Progress, no_progress, open_run
 from eaves.pipeline import build as build_files
 from eaves.pipeline import build_run, end_run, hold_folder
+from eaves.recipe.recipe import Recipe
 from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN
 from eaves.report.notebook import Results
 from eaves.report.page_file import write_run_page
 from eaves.report.sample import PointSample
 from eaves.run.clock import Clock
 from eaves.run.options import EVERYTHING, RunOptions, list_options
-from eaves.run.recipe import Recipe
-from eaves.run.run import Progress, no_progress, open_run
 
 
 @list_options

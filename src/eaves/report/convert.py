@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from eaves.buildings.rows import building_row, world_polygon
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.meshes import BuildingMesh, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, PointCloud, Raster, Scene
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.pictures import class_colours
 from eaves.model.summary import Summary
-from eaves.run.rows import building_row, world_polygon
 
 Outlined = Footprint | BuildingModel | Failure
 EXTRA = "eaves[notebook]"

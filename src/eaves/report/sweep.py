@@ -13,8 +13,8 @@ import numpy as np
 from eaves.evaluate import Evaluation, evaluate_files
 from eaves.methods import make_method, method_class
 from eaves.pipeline import build
+from eaves.recipe.sources import find_source
 from eaves.run.options import RunOptions
-from eaves.run.sources import find_source
 
 COMPARISONS = {
     "ground": ("ground", "classified.laz", ("classified",)),

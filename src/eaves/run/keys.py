@@ -10,14 +10,11 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
-
-if TYPE_CHECKING:
-    from eaves.run.recipe import Recipe
 
 
 @dataclass(frozen=True)
@@ -28,7 +25,7 @@ class Step:
     name: str
     parameters: tuple[str, ...] = ()
 
-    def key(self, recipe: Recipe) -> str:
+    def key(self, recipe: Any) -> str:
         """The key of the step with the parameters of a recipe, in this version of the package."""
         return key_of(version("eaves"), self.name, *(getattr(recipe, name) for name in self.parameters))
 
@@ -40,7 +37,10 @@ DECKS = Step("decks")
 GROUND = Step("ground", ("ground", "use_classes", "ground_classes"))
 BLOCKS = Step("blocks", ("sees_wide", "detect", "use_classes", "vegetation", "others", "keeps_low"))
 BUILDINGS = Step("buildings", ("outline", "units", "roof", "reconstruct", "lod", "overhangs"))
-STEPS = (GONE, FLOORS, WIDE, DECKS, GROUND, BLOCKS, BUILDINGS)
+NAMED, EDITED = Step("named"), Step("edited")
+"""Layers over the buildings found: of those that an update gave their ids and versions, and of those that
+edits are of."""
+STEPS = (GONE, FLOORS, WIDE, DECKS, GROUND, BLOCKS, BUILDINGS, NAMED, EDITED)
 """In the order in which they run; ARCHITECTURE.md says of each its unit, inputs and reach."""
 
 

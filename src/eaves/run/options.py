@@ -16,7 +16,7 @@ from eaves.model import BLOCK_SIDE, Bounds
 from eaves.model.checks import check_positive
 
 EVERYTHING = ("footprints", "models", "mask", "rasters", "classified", "report")
-"""The outputs there are; see `eaves.run.outputs`, and `eaves.report` for the last."""
+"""The outputs there are; see `eaves.flow.outputs`, and `eaves.report` for the last."""
 NARROWEST, WIDEST = 6.0, 100_000.0
 """Sides of a block (m): the cells of all methods fit into the one, the steps of int32 across the other."""
 METHOD_OPTIONS = ("ground", "detect", "outline", "units", "roof", "reconstruct")

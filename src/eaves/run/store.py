@@ -7,7 +7,7 @@ import logging
 import os
 import shutil
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,23 +18,10 @@ from numpy.typing import NDArray
 from eaves.formats import InputError
 from eaves.formats.atomic import atomic
 from eaves.kernels import kernel
-from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure, PointCloud, Points
+from eaves.model import Block, Bounds, CoordinateSystem, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
-from eaves.model.results import BlockResult, BuildingResult
-from eaves.run.block_file import BlockFile, block_arrays
-from eaves.run.building_file import (
-    ANSWERS,
-    ROWS,
-    SavedBuilding,
-    Section,
-    building_arrays,
-    read_planes,
-    read_section,
-    read_small_section,
-)
-from eaves.run.keys import BLOCKS, BUILDINGS, GONE, GROUND, STEPS, Mark, Step, key_of
+from eaves.run.keys import GONE, GROUND, STEPS, Mark, Step, key_of
 from eaves.run.part_file import is_sound, open_part, save_part
-from eaves.run.rows import BuildingRow
 from eaves.run.world_squares import GROUND_SQUARE, squares_of
 
 log = logging.getLogger("eaves")
@@ -53,14 +40,6 @@ RECORD = np.dtype(
     ]
 )
 """A point between reading and the block pass: coordinates in quanta about its block's corner."""
-SMALL_PART = 1 << 21
-"""Parts of buildings up to this size (bytes) stay in memory once they were read."""
-NAMED, EDITED = "named", "edited"
-"""Folders of buildings that an update gave their ids and versions, and of those that edits are of; each goes
-before the buildings as the steps found them."""
-NUMBERS = "numbers.json"
-"""Beside the buildings of a run that was updated or corrected: their numbers, which stay with them; else they
-are numbered in their order."""
 SECONDS = "seconds"
 """The array of a result that says what it cost: no part of what was found."""
 
@@ -92,8 +71,6 @@ class Store:
     has_returns: bool = True
     has_classes: bool = True
     system: CoordinateSystem = CoordinateSystem()  # noqa: RUF009 (frozen)
-    layers: tuple[str, ...] = (EDITED, NAMED, BUILDINGS.name)
-    """Where the buildings of an owner block are, the first that has them."""
 
     def prepare(self, remedy: str = "run without --resume") -> None:
         """Make the folders, where nothing of another form lies in them.
@@ -109,14 +86,8 @@ class Store:
             raise InputError.about(self.folder, "holds parts that another version of eaves wrote", remedy)
         if not form.exists():
             form.write_text(str(FORM))
-        for name in ("points", "parts", NAMED, EDITED, *(step.name for step in STEPS)):
+        for name in ("points", "parts", *(step.name for step in STEPS)):
             (self.folder / name).mkdir(exist_ok=True)
-
-    def drop_names(self) -> None:
-        """Remove what updates and edits made of the buildings."""
-        for layer in (NAMED, EDITED):
-            self.keep_only(Step(layer), ())
-        (self.folder / NUMBERS).unlink(missing_ok=True)
 
     def write_request(self, told: Mapping[str, Any]) -> None:
         """Write what the run was asked for: its results can be gone on from."""
@@ -310,72 +281,6 @@ class Store:
         for path in (self.folder / step.name).glob("*.*"):
             if path.stem not in kept:
                 path.unlink(missing_ok=True)
-
-    def save_block(self, result: BlockResult, read: str = "", taken: str = "") -> None:
-        """Keep what the block pass found in one block."""
-        self.save(BLOCKS, result.block, block_arrays(result), read, taken)
-
-    def open_block(self, block: Block) -> BlockFile:
-        """What the block pass found in one block; to be used in a `with` statement."""
-        return BlockFile(self.path(BLOCKS, block), block)
-
-    def save_buildings(
-        self,
-        owner: Block,
-        results: Sequence[BuildingResult | SavedBuilding],
-        read: str = "",
-        taken: str = "",
-        keys: Sequence[str] = (),
-    ) -> None:
-        """Keep the buildings owned by one block, in the first of the store's layers; `keys` are those of what
-        each follows from."""
-        self.save(Step(self.layers[0]), owner, building_arrays(results, keys), read, taken)
-
-    def with_layers(self, *names: str) -> Store:
-        """The store that sees the buildings in some layers alone."""
-        return replace(self, layers=names)
-
-    def owners(self, side: float) -> list[Block]:
-        """The blocks of a side (m) that own buildings in one of the layers, in order."""
-        return sorted({unit for layer in self.layers for unit in self.units(Step(layer), side)})
-
-    def buildings_path(self, owner: Block) -> Path | None:
-        """The file of an owner block's buildings; None where there is none."""
-        paths = (self.path(Step(layer), owner) for layer in self.layers)
-        return next((path for path in paths if path.exists()), None)
-
-    def saved_buildings(self, owner: Block) -> list[SavedBuilding]:
-        """The buildings owned by one block, as they were saved."""
-        path = self.buildings_path(owner)
-        if path is None:
-            return []
-        rows, answers = read_section(path, ROWS, keeps=True), read_section(path, ANSWERS, keeps=True)
-        return [SavedBuilding(rows, answers, number, *one) for number, one in enumerate(read_planes(path))]
-
-    def building_rows(self, owners: Sequence[Block]) -> Iterator[BuildingRow]:
-        """The rows of all buildings, owner block by owner block."""
-        for owner in owners:
-            yield from self.section(owner, ROWS)
-
-    def planes(self, owner: Block) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int32]]]:
-        """Ids and roof planes (0 for none) of the points of each building owned by one block."""
-        path = self.buildings_path(owner)
-        yield from ((ids, plane) for ids, plane, _ in read_planes(path)) if path else ()
-
-    def answers(self, owners: Sequence[Block]) -> Iterator[BuildingModel | Failure]:
-        """All buildings, owner block by owner block."""
-        for owner in owners:
-            yield from self.section(owner, ANSWERS)
-
-    def section(self, owner: Block, name: str) -> Section:
-        """A section of the file of an owner block's buildings."""
-        path = self.buildings_path(owner)
-        if path is None:
-            return Section([])
-        state = path.stat()
-        if state.st_size > SMALL_PART:
-            return read_section(path, name)
-        return read_small_section(path, name, (state.st_mtime_ns, state.st_size))
 
     def drop_damaged(self) -> None:
         """Remove the parts that are not as they were written, with a warning for each: they are computed

@@ -17,7 +17,9 @@ from eaves.model.cloud import GRID_STEP, GROUND, NOISE_CLASSES
 from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.raster.surfaces import CELL
+from eaves.run.keys import BLOCKS
 from eaves.run.part_file import open_part
+from eaves.run.store import Store
 
 CANDIDATE_HEIGHT = 1.0
 """Points lower than this (m) over the terrain belong to no roof."""
@@ -123,6 +125,16 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
         "seam_label": result.seam_label,
         "sides": sides_of(result, count),
     }
+
+
+def save_block(store: Store, result: BlockResult, read: str = "", taken: str = "") -> None:
+    """Keep what the block pass found in one block, of files and inputs with keys."""
+    store.save(BLOCKS, result.block, block_arrays(result), read, taken)
+
+
+def open_block(store: Store, block: Block) -> BlockFile:
+    """What the block pass found in one block; to be used in a `with` statement."""
+    return BlockFile(store.path(BLOCKS, block), block)
 
 
 def as_json(value: object) -> NDArray[np.uint8]:

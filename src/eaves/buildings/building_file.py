@@ -11,13 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.model import Labels
+from eaves.buildings.rows import BuildingRow
+from eaves.model import Block, BuildingModel, Failure, Labels
 from eaves.model.results import BuildingResult
+from eaves.run.keys import BUILDINGS, EDITED, NAMED, Step
 from eaves.run.part_file import open_part, pack_item, unpack_item
-from eaves.run.rows import BuildingRow
+from eaves.run.store import Store
 
 ROWS, ANSWERS = "rows", "answers"
 """The sections of the file: what tables say of each building, and the model or failure itself."""
+SMALL_PART = 1 << 21
+"""Parts of buildings up to this size (bytes) stay in memory once they were read."""
 SMALL_PARTS = 8
 """How many small parts of buildings stay in memory once they were read."""
 
@@ -121,3 +125,71 @@ def read_planes(path: Path) -> list[tuple[NDArray[np.int64], Labels, str]]:
 def row_of(values: Mapping[str, Any]) -> BuildingRow:
     """The row of what was packed of it."""
     return BuildingRow(**values)
+
+
+def save_buildings(
+    store: Store,
+    layer: Step,
+    owner: Block,
+    results: Sequence[BuildingResult | SavedBuilding],
+    read: str = "",
+    taken: str = "",
+    keys: Sequence[str] = (),
+) -> None:
+    """Keep the buildings owned by one block in a layer; `keys` are those of what each follows from."""
+    store.save(layer, owner, building_arrays(results, keys), read, taken)
+
+
+@dataclass(frozen=True)
+class Kept:
+    """The buildings of a store, of each owner block those in the first of some layers that has it."""
+
+    store: Store
+    layers: tuple[Step, ...] = (EDITED, NAMED, BUILDINGS)
+
+    def owners(self, side: float) -> list[Block]:
+        """The blocks of a side (m) that own buildings, in order."""
+        return sorted({unit for layer in self.layers for unit in self.store.units(layer, side)})
+
+    def path(self, owner: Block) -> Path | None:
+        """The file of an owner block's buildings; None where there is none."""
+        paths = (self.store.path(layer, owner) for layer in self.layers)
+        return next((path for path in paths if path.exists()), None)
+
+    def saved(self, owner: Block) -> list[SavedBuilding]:
+        """The buildings owned by one block, as they were saved."""
+        path = self.path(owner)
+        if path is None:
+            return []
+        rows, answers = read_section(path, ROWS, keeps=True), read_section(path, ANSWERS, keeps=True)
+        return [SavedBuilding(rows, answers, number, *one) for number, one in enumerate(read_planes(path))]
+
+    def rows(self, owners: Sequence[Block]) -> Iterator[BuildingRow]:
+        """The rows of all buildings, owner block by owner block."""
+        for owner in owners:
+            yield from self.section(owner, ROWS)
+
+    def answers(self, owners: Sequence[Block]) -> Iterator[BuildingModel | Failure]:
+        """All buildings, owner block by owner block."""
+        for owner in owners:
+            yield from self.section(owner, ANSWERS)
+
+    def planes(self, owner: Block) -> Iterator[tuple[NDArray[np.int64], Labels]]:
+        """Ids and roof planes (0 for none) of the points of each building owned by one block."""
+        path = self.path(owner)
+        yield from ((ids, plane) for ids, plane, _ in read_planes(path)) if path else ()
+
+    def section(self, owner: Block, name: str) -> Section:
+        """A section of the file of an owner block's buildings."""
+        path = self.path(owner)
+        if path is None:
+            return Section([])
+        state = path.stat()
+        if state.st_size > SMALL_PART:
+            return read_section(path, name)
+        return read_small_section(path, name, (state.st_mtime_ns, state.st_size))
+
+
+def as_found(store: Store) -> Kept:
+    """The buildings of a store as its run found them, before any edit."""
+    return Kept(store, (NAMED, BUILDINGS))

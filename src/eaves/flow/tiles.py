@@ -15,19 +15,19 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from eaves.blocks.ground_squares import seen_from
+from eaves.buildings.join import assign_footprints
+from eaves.buildings.rows import BuildingRow
+from eaves.flow.outputs import write_map, write_run
+from eaves.flow.review import REVIEW
+from eaves.flow.run import Progress, Run
 from eaves.footprints.read import as_box
 from eaves.formats import InputError
 from eaves.model import Block, Bounds, Footprint
 from eaves.model.summary import Summary
-from eaves.run.ground_squares import seen_from
 from eaves.run.index import Index
-from eaves.run.join import assign_footprints
 from eaves.run.manifest import MANIFEST, check_folder
-from eaves.run.outputs import write_map, write_run
 from eaves.run.partition import BOX_TOLERANCE, Window
-from eaves.run.review import REVIEW
-from eaves.run.rows import BuildingRow
-from eaves.run.run import Progress, Run
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
 from eaves.run.world_squares import within
 
@@ -264,7 +264,7 @@ class Tiles:
 
     def merge(self, workers: Workers, progress: Progress) -> Summary:
         """Put together what the tiles wrote."""
-        from eaves.run.merge import merge_footprints, merge_masks, merge_rasters  # late: needs rasterio
+        from eaves.flow.merge import merge_footprints, merge_masks, merge_rasters  # late: needs rasterio
 
         run, folder = self.run, self.run.folder
         files = [folder / "footprints.gpkg", folder / REVIEW]

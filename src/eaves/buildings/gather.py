@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
+from eaves.blocks.block_file import Candidates, open_block
+from eaves.buildings.join import BuildingPlan, OwnedBuildings
 from eaves.footprints.snap import snap_footprints
 from eaves.model import Block, Bounds, Failure, Footprint, Points, Raster
 from eaves.model.cloud import GRID_STEP, snap
 from eaves.model.results import BuildingPoints
 from eaves.model.scene import WALL
 from eaves.raster.surfaces import CELL
-from eaves.run.block_file import Candidates
-from eaves.run.join import BuildingPlan, OwnedBuildings
 from eaves.run.keys import BLOCKS
 from eaves.run.store import Store
 
@@ -61,7 +61,7 @@ class Gatherer:
                 return None
             while len(self._candidates) >= self._keep:
                 self._candidates.pop(next(iter(self._candidates)))
-            with self._store.open_block(block) as file:
+            with open_block(self._store, block) as file:
                 self._candidates[block] = file.candidates()
         return self._candidates[block]
 
@@ -72,7 +72,7 @@ class Gatherer:
                 return None
             while len(self._terrain) >= 4 * self._keep:
                 self._terrain.pop(next(iter(self._terrain)))
-            with self._store.open_block(block) as file:
+            with open_block(self._store, block) as file:
                 self._terrain[block, name] = file.raster(name)
         return self._terrain[block, name]
 

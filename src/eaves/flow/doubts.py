@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import shapely
 
+from eaves.buildings.rows import BuildingRow
 from eaves.formats.geopackage import Row
 from eaves.model import Block
 from eaves.model.doubt import Doubt
-from eaves.run.rows import BuildingRow
 from eaves.run.world_squares import WIDE_SQUARE
 
 LEAST_SIDE = 1.0

@@ -146,7 +146,7 @@ def find_source(name: str) -> Source:
 
     Examples
     --------
-    >>> from eaves.run.sources import find_source
+    >>> from eaves.recipe.sources import find_source
     >>> find_source("xiao2014").methods["ground"]
     'smooth_region'
     """
@@ -177,7 +177,7 @@ def with_source(name: str, methods: Mapping[str, MethodChoice] | None) -> dict[s
 
     Examples
     --------
-    >>> from eaves.run.sources import with_source
+    >>> from eaves.recipe.sources import with_source
     >>> with_source("chen_sun", {"outline": "global_fit"})["outline"]
     'global_fit'
     """

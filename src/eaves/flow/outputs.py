@@ -14,30 +14,31 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from eaves.blocks.block_file import BlockMetadata, extent_of, open_block
+from eaves.buildings.building_file import Kept
+from eaves.buildings.stock import stock_figures
+from eaves.flow.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
+from eaves.flow.exports import export_footprints, export_models
+from eaves.flow.neighbours import party_walls
+from eaves.flow.numbers import read_numbers
+from eaves.flow.region import Region
+from eaves.flow.review import REVIEW, review_rows, write_review
+from eaves.flow.run import Run
 from eaves.formats import write_cityjson_seq
 from eaves.formats.atomic import atomic
 from eaves.formats.geopackage import Row, write_geopackage
 from eaves.formats.qgis.project import write_project
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
-from eaves.run.block_file import BlockMetadata, extent_of
 from eaves.run.clock import Clock
-from eaves.run.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
-from eaves.run.exports import export_footprints, export_models
 from eaves.run.keys import BLOCKS
 from eaves.run.manifest import begin_manifest, note_files
-from eaves.run.neighbours import party_walls
-from eaves.run.numbers import read_numbers
 from eaves.run.options import EVERYTHING
-from eaves.run.region import Region
-from eaves.run.review import REVIEW, review_rows, write_review
-from eaves.run.run import Run
-from eaves.run.stock import stock_figures
 from eaves.run.store import Store
 from eaves.run.workers import peak_memory_mb
 
 if TYPE_CHECKING:
-    from eaves.run.classified_points import PointSink
+    from eaves.flow.classified_points import PointSink
 
 LONGEST_FIRST = ("classified", "models", "footprints", "rasters", "mask")
 
@@ -54,7 +55,7 @@ class BuildingRows:
 
     def __iter__(self) -> Iterator[Row]:
         areas, kept = iter(self.shared), read_numbers(self.store)
-        for number, row in enumerate(self.store.building_rows(self.owners), 1):
+        for number, row in enumerate(Kept(self.store).rows(self.owners), 1):
             if kept is not None:
                 number = kept.of[str(row.values["id"])][0]
             if self.faces:
@@ -85,7 +86,7 @@ class Results:
     def answers(self) -> Iterator[BuildingModel | Failure]:
         """All models and failures, owner block by owner block, the models with their party walls."""
         areas = iter(self.shared)
-        for answer in self.store.answers(self.owners):
+        for answer in Kept(self.store).answers(self.owners):
             yield with_walls(answer, next(areas, None))
 
 
@@ -103,9 +104,10 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
     # imports are late where libraries come with them that other outputs do without
     run, store, owners = results.run, results.store, results.owners
     folder, system, made_from = run.folder, store.system, run.provenance
+    kept = Kept(store)
     if step == "footprints":
         files, rows = [folder / "footprints.gpkg"], BuildingRows(store, owners, results.shared)
-        roofs, review = BuildingRows(store, owners, faces=True), review_rows(store.building_rows(owners))
+        roofs, review = BuildingRows(store, owners, faces=True), review_rows(kept.rows(owners))
         write_geopackage(files[0], rows, roofs, system, review, results.doubts, made_from)
         files.append(write_review(folder / REVIEW, review, system))
         return files + export_footprints(folder, rows, roofs, system, run.options["formats"], made_from), None
@@ -115,16 +117,16 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
         write_cityjson_seq(files[0], answers, system, provenance=made_from, translate=run.translate)
         return files + export_models(folder, results.answers, system, run.options["formats"], made_from), None
     if step == "mask":
-        from eaves.run.rasters import write_mask
+        from eaves.flow.rasters import write_mask
 
-        polygons = [row.polygon for row in store.building_rows(owners)]
+        polygons = [row.polygon for row in kept.rows(owners)]
         path = folder / "mask.tif"
         return write_mask(system, results.blocks, polygons, results.extent, path, made_from), None
     if step == "rasters":
-        from eaves.run.rasters import write_surfaces
+        from eaves.flow.rasters import write_surfaces
 
         return write_surfaces(store, results.blocks, results.extent, folder, made_from), None
-    from eaves.run.classified_points import write_points
+    from eaves.flow.classified_points import write_points
 
     return write_points(store, run, results.blocks, owners, sink, results.copies), sink
 
@@ -141,17 +143,18 @@ def write_outputs(
     (key → file) are the classified points that an earlier run wrote just so.
     """
     run, store, workers, progress = region.run, region.store, region.workers, region.progress
+    kept = Kept(store)
     steps = [name for name in EVERYTHING if name in run.outputs and name != "report"]
     clock = Clock()
-    shared = party_walls(store, owners) if {"footprints", "models"} & set(steps) else []
+    shared = party_walls(kept, owners) if {"footprints", "models"} & set(steps) else []
     clock.lap("party walls")
     metadata = read_metadata(store, region.own_blocks)
     places = (doubt for one in metadata for doubt in one.doubts)
-    doubts = doubt_rows(chain(places, face_doubts(store.building_rows(owners))), run.side)
+    doubts = doubt_rows(chain(places, face_doubts(kept.rows(owners))), run.side)
     used = [one.block for one in metadata]
     results = Results(run, store, used, owners, extent_of(metadata), shared, doubts, copies or {})
     if sink is not None:
-        sizes = [int(row.values.get("points") or 0) for row in store.building_rows(owners)]
+        sizes = [int(row.values.get("points") or 0) for row in kept.rows(owners)]
         sink.start(run.index.points, len(sizes), sum(sizes))
     if run.classified is None:
         begin_manifest(run.folder)
@@ -238,7 +241,7 @@ def read_metadata(store: Store, blocks: Sequence[Block]) -> list[BlockMetadata]:
     metadata = []
     for block in blocks:
         if store.has(BLOCKS, block):
-            with store.open_block(block) as file:
+            with open_block(store, block) as file:
                 metadata.append(file.metadata())
     return metadata
 
@@ -252,7 +255,7 @@ def summarise(
     fallbacks: Counter[str] = Counter()
     seconds: Counter[str] = Counter()
     found, run = 0, region.run
-    for row in region.store.building_rows(owners):
+    for row in Kept(region.store).rows(owners):
         found += 1
         seconds.update(row.seconds)
         if row.modelled:

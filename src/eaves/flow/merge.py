@@ -12,16 +12,16 @@ import numpy as np
 import rasterio
 import shapely
 
+from eaves.buildings.rows import BuildingRow
+from eaves.flow.doubts import LAYER, describe_doubts, doubt_of, doubt_rows
+from eaves.flow.rasters import write_mask
+from eaves.flow.review import REVIEW, write_review
 from eaves.formats.geopackage import Row, plain_value, write_geopackage
 from eaves.formats.vrt import write_vrt
 from eaves.model import Block, Bounds, CoordinateSystem
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 from eaves.raster.surfaces import CELL
-from eaves.run.doubts import LAYER, describe_doubts, doubt_of, doubt_rows
 from eaves.run.manifest import add_to_manifest
-from eaves.run.rasters import write_mask
-from eaves.run.review import REVIEW, write_review
-from eaves.run.rows import BuildingRow
 from eaves.run.workers import Workers
 
 

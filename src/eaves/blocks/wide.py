@@ -9,9 +9,9 @@ from eaves.ground.toolkit.wide_objects import Patch, WideObjects
 from eaves.model import Bounds
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
 from eaves.model.doubt import Doubt
+from eaves.recipe.recipe import Recipe
 from eaves.run.keys import DECKS, FLOORS, WIDE, key_of
 from eaves.run.part_file import load_value, pack
-from eaves.run.recipe import Recipe
 from eaves.run.store import Store, Task, extent_of
 from eaves.run.world_squares import WIDE_SQUARE, squares_of, within
 from eaves.surroundings.decks import Decks, decks_of, look_around

@@ -11,10 +11,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from shapely import Polygon
 
+from eaves.blocks.block_file import BORDER, BlockFile
 from eaves.footprints.read import as_box
 from eaves.geometry.rings import as_polygon
 from eaves.model import Block, Failure, Footprint
-from eaves.run.block_file import BORDER, BlockFile
 
 
 @dataclass(frozen=True, eq=False)

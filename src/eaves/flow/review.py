@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
+from eaves.buildings.rows import BuildingRow
+from eaves.buildings.trust import judge
 from eaves.formats.atomic import atomic
 from eaves.formats.geopackage import Row
 from eaves.model import CoordinateSystem
-from eaves.run.rows import BuildingRow
-from eaves.run.trust import judge
 
 REVIEW = "review.csv"
 COLUMNS = ("rank", "id", "trust", "badness", "reason", "link", "x", "y")

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.blocks.block_file import save_block
+from eaves.blocks.wide import load_decks, load_wide
 from eaves.detect import detect_buildings
 from eaves.ground.toolkit.floor import COARSEST_M
 from eaves.ground.toolkit.wide_objects import WideObjects
@@ -17,11 +19,10 @@ from eaves.model.doubt import Doubt
 from eaves.model.results import BlockResult
 from eaves.model.scene import Scene
 from eaves.raster.surfaces import scene_of, two_scenes
+from eaves.recipe.recipe import SEAM, Recipe
 from eaves.run.clock import Clock
 from eaves.run.keys import BLOCKS, key_of
-from eaves.run.recipe import SEAM, Recipe
 from eaves.run.store import Store, Task
-from eaves.run.wide import load_decks, load_wide
 from eaves.surroundings.decks import Decks, wet_or_bridged
 from eaves.surroundings.vegetation import vegetation_classes
 from eaves.surroundings.wires import find_towers, find_wires
@@ -102,7 +103,7 @@ def keep_block(task: Task, store: Store, recipe: Recipe) -> None:
         return
     result = block_pass(cloud, block, recipe, *loaded[1:])
     result.seconds["ground"] = store.ground_seconds(block)
-    store.save_block(result, task.read, taken)
+    save_block(store, result, task.read, taken)
 
 
 def load_block(

@@ -15,6 +15,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.blocks.block_file import open_block
+from eaves.buildings.building_file import Kept
+from eaves.flow.numbers import read_numbers
+from eaves.flow.run import Run
 from eaves.formats import InputError, write_classified
 from eaves.formats.atomic import atomic
 from eaves.formats.classified import SUPERSEDED, UNCHANGED
@@ -25,9 +29,7 @@ from eaves.model.provenance import Provenance
 from eaves.run.index import Index
 from eaves.run.keys import GONE, key_of
 from eaves.run.manifest import entry_of, known_files
-from eaves.run.numbers import read_numbers
 from eaves.run.partition import file_slices
-from eaves.run.run import Run
 from eaves.run.store import Store
 
 log = logging.getLogger("eaves")
@@ -183,8 +185,8 @@ def gather_labels(
     number, first_plane = 0, 0
     for owner in owners:
         buildings, planes = opened("building_id"), opened("plane_id")
-        names = [] if kept is None else [str(row.values["id"]) for row in store.building_rows([owner])]
-        for place, (point_id, plane) in enumerate(store.planes(owner)):
+        names = [] if kept is None else [str(row.values["id"]) for row in Kept(store).rows([owner])]
+        for place, (point_id, plane) in enumerate(Kept(store).planes(owner)):
             if kept is None:
                 number += 1
             else:
@@ -193,7 +195,7 @@ def gather_labels(
             planes[point_id] = np.where(plane > 0, plane + first_plane, 0)
             first_plane += int(plane.max(initial=0))
     for block in blocks:
-        with store.open_block(block) as file:
+        with open_block(store, block) as file:
             point_id, classes, part = file["point_id"], file["classification"], file["part"]
             vegetation = file["vegetation"]
             classes[vegetation > 0] = vegetation[vegetation > 0]

@@ -6,8 +6,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from eaves.flow.exports import FOOTPRINT_FILES
 from eaves.formats import InputError
-from eaves.run.exports import FOOTPRINT_FILES
 
 ELSEWHERE = "choose another folder with -o"
 

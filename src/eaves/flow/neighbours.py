@@ -8,30 +8,29 @@ from functools import lru_cache
 import numpy as np
 import shapely
 
+from eaves.buildings.building_file import ANSWERS, Kept
+from eaves.buildings.party_wall_areas import PARTY_GAP, Walls
+from eaves.buildings.stock import wall_figures
 from eaves.model import Block, BuildingModel, Failure
-from eaves.run.building_file import ANSWERS
-from eaves.run.party_wall_areas import PARTY_GAP, Walls
-from eaves.run.stock import wall_figures
-from eaves.run.store import Store
 
 HOMES_IN_MEMORY = 16
 """Home blocks whose buildings are kept while those around them are looked at."""
 
 
-def party_walls(store: Store, owners: Sequence[Block]) -> list[dict[str, float] | None]:
+def party_walls(kept: Kept, owners: Sequence[Block]) -> list[dict[str, float] | None]:
     """The walls each building shares with others, and its free ones, in the order of the store's results;
     None for a building without solids."""
 
     @lru_cache(maxsize=HOMES_IN_MEMORY)
     def load(owner: int) -> Callable[[int], Walls | None]:
         """The walls of each of an owner block's buildings: measured once, for one has several neighbours."""
-        answers = store.section(owners[owner], ANSWERS)
+        answers = kept.section(owners[owner], ANSWERS)
         return lru_cache(maxsize=None)(lambda number: walls_of(answers[number]))
 
     places = [
         (owner, number, row.polygon)
         for owner in range(len(owners))
-        for number, row in enumerate(store.building_rows([owners[owner]]))
+        for number, row in enumerate(kept.rows([owners[owner]]))
     ]
     shapes = np.array([polygon for *_, polygon in places], object)
     one, other = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=PARTY_GAP)

@@ -13,15 +13,16 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self, Unpack
 
+from eaves.flow.collisions import refuse_collisions
+from eaves.flow.exports import check_formats
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
 from eaves.formats import InputError
 from eaves.formats.crs_check import vertical_datum
 from eaves.formats.inputs import list_inputs
 from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
 from eaves.model.provenance import Provenance
+from eaves.recipe.recipe import Recipe, make_recipe
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
-from eaves.run.collisions import refuse_collisions
-from eaves.run.exports import check_formats
 from eaves.run.index import Index, index_inputs
 from eaves.run.lock import LOCK
 from eaves.run.memory import parse_memory
@@ -35,7 +36,6 @@ from eaves.run.options import (
     kept_options,
 )
 from eaves.run.partition import Window
-from eaves.run.recipe import Recipe, make_recipe
 
 log = logging.getLogger("eaves")
 

@@ -7,19 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
+from eaves.buildings.gather import is_seen_beside
 from eaves.geometry.tolerance import PLANARITY, SNAP
 from eaves.model import Block, Boundary, BuildingModel, Failure, Finding, Footprint, Points, Raster, RoofPlane
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.raster.surfaces import CELL
+from eaves.recipe.recipe import Recipe
 from eaves.reconstruct import add_overhangs, reconstruct_building
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.roof import segment_roof
 from eaves.run.clock import Clock
-from eaves.run.gather import is_seen_beside
 from eaves.run.keys import key_of
-from eaves.run.recipe import Recipe
 from eaves.validate import Tolerances, validate_model
 from eaves.validate.models import find_invalid
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 
+from eaves.buildings.building import broken_result, building_pass, draw_footprints, find_doubtful
+from eaves.buildings.building_file import Kept, SavedBuilding, save_buildings
+from eaves.buildings.gather import AROUND, Gatherer
+from eaves.buildings.join import OwnedBuildings
 from eaves.footprints.addresses import split_buildings
 from eaves.model import Failure, Footprint
 from eaves.model.results import BuildingPoints, BuildingResult
-from eaves.run.building import broken_result, building_pass, draw_footprints, find_doubtful
-from eaves.run.building_file import SavedBuilding
+from eaves.recipe.recipe import Recipe
 from eaves.run.clock import Clock
-from eaves.run.gather import AROUND, Gatherer
-from eaves.run.join import OwnedBuildings
 from eaves.run.keys import BUILDINGS, key_of
-from eaves.run.recipe import Recipe
 from eaves.run.store import Store, Task
 
 log = logging.getLogger("eaves")
@@ -27,12 +27,11 @@ def keep_buildings(task: Task, store: Store, recipe: Recipe, snap: bool = False)
     """
     plan: OwnedBuildings = task.unit
     owner, step = plan.owner_block, BUILDINGS.key(recipe)
-    store = store.with_layers(BUILDINGS.name)
     gatherer = Gatherer(store, around=AROUND if recipe.keeps_low else None)
     if snap:
         plan = gatherer.snapped(plan)
     gathered = [gatherer.gather(owner, building) for building in plan.buildings]
-    before = {one.key: one for one in store.saved_buildings(owner) if one.key}
+    before = {one.key: one for one in Kept(store, (BUILDINGS,)).saved(owner) if one.key}
     taken = key_of(step, gathered, plan.addresses)
     if store.recalls(BUILDINGS, owner, task.read, taken):
         return
@@ -62,7 +61,7 @@ def keep_buildings(task: Task, store: Store, recipe: Recipe, snap: bool = False)
     if results and isinstance(results[0], BuildingResult):
         spent = results[0].seconds
         spent.update(clock.laps, validate=spent.get("validate", 0.0) + checking.laps["validate"])
-    store.save_buildings(owner, results, task.read, taken, [*keys, *own])
+    save_buildings(store, BUILDINGS, owner, results, task.read, taken, [*keys, *own])
 
 
 def try_building(

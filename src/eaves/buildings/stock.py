@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from eaves.buildings.party_wall_areas import Walls, shared_areas
 from eaves.reconstruct.toolkit.roof_figures import QUARTERS, quarter_of
-from eaves.run.party_wall_areas import Walls, shared_areas
 
 PARTY_WALLS = "party_wall_area_m2"
 

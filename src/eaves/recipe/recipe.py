@@ -25,11 +25,11 @@ from eaves.model.cloud import (
     WIRE_TOWER,
 )
 from eaves.outline import OutlineMethod
+from eaves.recipe.sources import find_source, with_source
 from eaves.reconstruct import Reconstructor
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.reconstruct.overhangs import OverhangRules
 from eaves.roof import RoofMethod
-from eaves.run.sources import find_source, with_source
 from eaves.surroundings.vegetation import VegetationRules
 from eaves.units import UnitMethod
 
@@ -146,7 +146,7 @@ def make_recipe(
         By stage (`ground`, `detect`, `outline`, `units`, `roof`, `reconstruct`): a method, its name, or a
         table of its parameters with its name under `method`. The name `off` leaves blocks whole (`units`).
     source : str or None
-        One of the published systems (`eaves.run.sources`): its chain is used where no method is given.
+        One of the published systems (`eaves.recipe.sources`): its chain is used where no method is given.
     published : bool
         Methods given by name take the numbers that their papers print.
     use_classes : bool
@@ -275,7 +275,7 @@ def is_named(choice: MethodChoice) -> bool:
 
     Examples
     --------
-    >>> from eaves.run.recipe import is_named
+    >>> from eaves.recipe.recipe import is_named
     >>> is_named("prism"), is_named({"cell": 0.5})
     (True, False)
     """

@@ -6,9 +6,13 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from eaves.buildings.building_file import Kept
 from eaves.formats.atomic import atomic
 from eaves.model import Block
-from eaves.run.store import NUMBERS, Store
+from eaves.run.store import Store
+
+NUMBERS = "numbers.json"
+"""Beside the buildings of a run that was updated or corrected; else they are numbered in their order."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +35,9 @@ def read_numbers(store: Store) -> Numbers | None:
 
 def count_planes(store: Store, owners: Sequence[Block]) -> dict[str, int]:
     """Id → how many planes the points of a building bear, in the order of the buildings."""
-    found = {}
+    found, kept = {}, Kept(store)
     for owner in owners:
-        for row, (_, plane) in zip(store.building_rows([owner]), store.planes(owner), strict=True):
+        for row, (_, plane) in zip(kept.rows([owner]), kept.planes(owner), strict=True):
             found[str(row.values["id"])] = int(plane.max(initial=0))
     return found
 

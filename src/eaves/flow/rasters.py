@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
+from eaves.blocks.block_file import open_block
 from eaves.footprints.read import as_box
 from eaves.formats import MosaicWriter
 from eaves.model import Block, Bounds, CoordinateSystem
@@ -31,7 +32,7 @@ def write_surfaces(
             for path in written
         )
         for block in blocks:
-            with store.open_block(block) as file:
+            with open_block(store, block) as file:
                 dtm.write(file.raster("dtm"), block.bounds, block.origin)
                 dsm.write(file.raster("dsm"), block.bounds, block.origin)
     return written

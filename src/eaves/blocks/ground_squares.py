@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.blocks.wide import load_wide
 from eaves.ground import classify_ground
 from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, PointCloud
 from eaves.model.cloud import GROUND as GROUND_CLASS
 from eaves.model.cloud import UNCLASSIFIED
+from eaves.recipe.recipe import Recipe
 from eaves.run.clock import Clock
 from eaves.run.keys import GROUND, key_of
-from eaves.run.recipe import Recipe
 from eaves.run.store import SECONDS, Piece, Store, Task
-from eaves.run.wide import load_wide
 from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, around_squares
 
 Numbers = NDArray[np.int64]

@@ -10,15 +10,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from eaves.formats import InputError
-from eaves.formats.atomic import DiskFullError
-from eaves.model import Block, Bounds
-from eaves.raster.surfaces import CELL
-from eaves.run.block import keep_block
-from eaves.run.clock import Budget
-from eaves.run.ground_squares import classify_squares, group_squares
-from eaves.run.index import Index
-from eaves.run.join import (
+from eaves.blocks.block import keep_block
+from eaves.blocks.block_file import open_block
+from eaves.blocks.ground_squares import classify_squares, group_squares
+from eaves.blocks.wide import keep_floor, keep_square
+from eaves.buildings.join import (
     OwnedBuildings,
     Seam,
     assign_footprints,
@@ -27,8 +23,17 @@ from eaves.run.join import (
     join_regions,
     with_addresses,
 )
-from eaves.run.keys import BLOCKS, BUILDINGS, DECKS, FLOORS, GONE, GROUND, WIDE, Step, key_of
-from eaves.run.owned import keep_buildings
+from eaves.buildings.owned import keep_buildings
+from eaves.flow.numbers import NUMBERS
+from eaves.flow.run import Progress, Run, no_progress, request_of
+from eaves.formats import InputError
+from eaves.formats.atomic import DiskFullError
+from eaves.model import Block, Bounds
+from eaves.raster.surfaces import CELL
+from eaves.recipe.recipe import Recipe
+from eaves.run.clock import Budget
+from eaves.run.index import Index
+from eaves.run.keys import BLOCKS, BUILDINGS, DECKS, EDITED, FLOORS, GONE, GROUND, NAMED, WIDE, Step, key_of
 from eaves.run.partition import (
     FileSlice,
     file_slices,
@@ -38,11 +43,8 @@ from eaves.run.partition import (
     known_parts,
     partition_slice,
 )
-from eaves.run.recipe import Recipe
 from eaves.run.replace import files_of, keep_gone, number_of
-from eaves.run.run import Progress, Run, no_progress, request_of
 from eaves.run.store import Store, Task
-from eaves.run.wide import keep_floor, keep_square
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
 from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, ring, squares_of
 
@@ -124,7 +126,9 @@ def open_region(run: Run, workers: Workers, progress: Progress, core: Core | Non
         store.prepare()
         store.drop_damaged()
         store.drop_records()  # nothing says that they are whole
-        store.drop_names()
+        for layer in (NAMED, EDITED):
+            store.keep_only(layer, ())
+        (store.folder / NUMBERS).unlink(missing_ok=True)
     else:
         store.discard()
         store.prepare()
@@ -419,7 +423,7 @@ def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
     found = []
     for block in sorted(blocks):
         if region.store.has(BLOCKS, block):
-            with region.store.open_block(block) as file:
+            with open_block(region.store, block) as file:
                 found.append(Seam.read(file))
     return found
 

@@ -10,13 +10,13 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
+from eaves.buildings.stock import stock_figures
+from eaves.buildings.trust import judge
 from eaves.geometry.rings import area_vector
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.model import BuildingModel, Failure, Footprint, Points
 from eaves.model.building import ROOF_SURFACE
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
-from eaves.run.stock import stock_figures
-from eaves.run.trust import judge
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,1 @@
+"""Steps of buildings: joined across blocks, gathered, outlined, divided, modelled; their rows."""

@@ -1,0 +1,1 @@
+"""The methods of a run with their parameters, and the published systems that are such chains."""
