@@ -33,10 +33,12 @@ from benchmarks.survey_variants import (
     survey_of,
 )
 from benchmarks.table import commit_now, keep, kept_rows
-from eaves.flow.region import Core, Region
+from eaves.blocks.block_file import open_block
+from eaves.flow.region import open_region
 from eaves.flow.run import no_progress, open_run
 from eaves.model import Mask
 from eaves.model.cloud import BUILDING
+from eaves.pipeline import bring_points, find_plans
 from eaves.recipe.recipe import Recipe, make_recipe
 from eaves.run.workers import Workers
 
@@ -99,7 +101,7 @@ def run(survey: Survey, columns: Sequence[str], place: str) -> Iterator[tuple[st
     """What the command finds in the bare file of a survey, for some columns, one after the other.
 
     The steps are those of `eaves detect`, up to the classes of the points and the regions joined over the
-    borders of blocks. The ground is found once for all methods that stand on the same.
+    borders of blocks. The ground is found by its key for all methods that stand on the same.
     """
     known, want = judged(survey), survey.truth == BUILDING
     with tempfile.TemporaryDirectory() as name:
@@ -108,20 +110,16 @@ def run(survey: Survey, columns: Sequence[str], place: str) -> Iterator[tuple[st
         survey.write(bare)
         for column in columns:
             recipe = recipe_for(column, place, folder)
-            job = open_run(bare, folder / "out", recipe, outputs=("footprints", "classified"))
-            region = Region(job, folder / recipe.ground.name, Workers(), no_progress)
-            if region.store.folder.exists():
-                region.store.forget("blocks")
-            else:
-                region.open_store()
-                region.partition()
-            blocks = region.used_blocks()
-            plans = region.join(blocks, Core(holds=lambda block: True))
+            outputs = ("footprints", "classified")
+            run = open_run(bare, folder / recipe.ground.name, recipe, outputs=outputs, resume=True)
+            region = open_region(run, Workers(), no_progress)
+            bring_points(region)
+            plans = find_plans(region)
             if region.failed:
                 raise RuntimeError(region.failed[0])
             got = np.zeros(len(survey.xyz), bool)
-            for block in blocks:
-                with region.store.open_block(block) as file:
+            for block in region.blocks:
+                with open_block(region.store, block) as file:
                     got[file["point_id"][file["candidate"][file["label"] > 0]]] = True
             found = sum(len(plan.buildings) for plan in plans)
             yield column, compared(survey.xyz[known], got[known], want[known], found)

@@ -27,7 +27,7 @@ import shapely
 
 from benchmarks.table import keep
 from eaves.flow.merge import merge_footprints
-from eaves.flow.region import Job
+from eaves.flow.run import Run
 from eaves.flow.tiles import TileTasks, plan_tiles
 from eaves.formats.geopackage import Row, write_geopackage
 from eaves.formats.inputs import list_inputs
@@ -115,10 +115,10 @@ def measure_index(folder: Path) -> list[Figures]:
     planned = timed("plan the tiles", len(paths), lambda: plan_tiles(index, 240.0))  # type: ignore[arg-type]
     tiles = planned["answer"]
     assert isinstance(tiles, list)
-    job = Job(index, make_recipe(), 240.0, Window(), {})  # type: ignore[arg-type]
+    run = Run(folder, make_recipe(), index, Window(), {})  # type: ignore[arg-type]
     some = tiles[:: max(1, len(tiles) // TASKS_TRIED)]
     sent = timed(
-        "tasks of some tiles", len(some), lambda: [len(task.numbers) for task in TileTasks(job, some)]
+        "tasks of some tiles", len(some), lambda: [len(task.numbers) for task in TileTasks(run, some)]
     )
     sent["answer"] = f"{np.mean(sent['answer']):.0f} files each"  # type: ignore[call-overload]
     return [before, found, made | {"answer": ""}, planned | {"answer": f"{len(tiles)} tiles"}, sent]

@@ -33,6 +33,7 @@ from eaves.run.options import RunOptions, list_options
 from eaves.run.workers import Workers
 
 if TYPE_CHECKING:
+    from eaves.buildings.join import OwnedBuildings
     from eaves.flow.classified_points import PointSink
     from eaves.flow.tiles import TileDone, TileTask
 
@@ -132,6 +133,13 @@ def bring_points(region: Region) -> None:
 
 def find_buildings(region: Region) -> list[Block]:
     """Every step from the points to the buildings of the region's core; the blocks that own them."""
+    plans = find_plans(region)
+    steps.model_buildings(region, plans)
+    return [plan.owner_block for plan in plans]
+
+
+def find_plans(region: Region) -> list[OwnedBuildings]:
+    """Every step from the points to the buildings of the region's core before they are modelled."""
     todo, done = region.own_blocks, list[Block]()
     while todo:
         steps.find_wide(region, todo)
@@ -139,9 +147,7 @@ def find_buildings(region: Region) -> list[Block]:
         steps.find_regions(region, todo)
         done += todo
         todo = steps.blocks_ahead(region, done)
-    plans = steps.join_buildings(region, done)
-    steps.model_buildings(region, plans)
-    return [plan.owner_block for plan in plans]
+    return steps.join_buildings(region, done)
 
 
 def build_tiles(run: Run, workers: Workers, progress: Progress) -> Summary:

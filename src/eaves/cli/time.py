@@ -65,7 +65,7 @@ def update(
 ) -> None:
     """Compute again what changed. By a later scan of a part of the area, or by corrections.
 
-    With new points everything else is taken over, models byte for byte; ids and edits are kept. Without
+    With new points the results are those of a build of all that hold, ids and edits are kept. Without
     them, corrected buildings are modelled again in OUT: edits made in OUT/footprints.gpkg in QGIS, or in a
     file. A changed outline, a deleted or a new feature, several features of one id (party walls), and the
     verdicts 'no building', 'is a building', 'flat roof', 'footprint', 'party walls':
