@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.planes import add_point_kernel, plane_of_sums_kernel
 from eaves.geometry.tin import Tin
 from eaves.kernels import kernel
@@ -256,39 +257,12 @@ def connected_pieces(
     some: Mask, around: NDArray[np.int64], area: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Piece (T,) of each of the triangles picked (T,), −1 for the others; the area (m²) of every piece."""
-    piece, sizes = np.full(len(some), -1), np.zeros(len(some))
-    count = pieces_kernel(some, around, area, piece, sizes)
-    return piece, sizes[:count]
-
-
-@kernel
-def pieces_kernel(
-    some: NDArray[np.bool_],
-    around: NDArray[np.int64],
-    area: NDArray[np.float64],
-    piece: NDArray[np.int64],
-    sizes: NDArray[np.float64],
-) -> int:
-    """Number of connected pieces of the picked triangles; `piece` (T,) and `sizes` (m²) are filled in."""
-    queue = np.empty(len(some), np.int64)
-    count = 0
-    for seed in range(len(some)):
-        if not some[seed] or piece[seed] >= 0:
-            continue
-        piece[seed], queue[0] = count, seed
-        done, length = 0, 1
-        while done < length:
-            t = queue[done]
-            done += 1
-            sizes[count] += area[t]
-            for side in range(3):
-                other = around[t, side]
-                if other >= 0 and some[other] and piece[other] < 0:
-                    piece[other] = count
-                    queue[length] = other
-                    length += 1
-        count += 1
-    return count
+    one, other = np.repeat(np.arange(len(some)), 3), around.ravel()
+    linked = (other >= 0) & some[one] & some[other]
+    group = connected_groups_kernel(one[linked], other[linked], len(some))
+    piece = np.full(len(some), -1)
+    piece[some] = np.unique(group[some], return_inverse=True)[1]
+    return piece, np.bincount(piece[some], area[some]).astype(np.float64)
 
 
 def vote(corners: NDArray[np.int64], face: NDArray[np.int64], count: int) -> Labels:

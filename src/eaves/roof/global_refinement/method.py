@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eaves.geometry.planes import LocalPlanes, local_planes
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, RoofPlane, Values
-from eaves.roof.global_refinement.relabelling import drop_crumbs, near_regions, relabel_kernel, worth_kernel
+from eaves.roof.global_refinement.relabelling import near_regions, relabel_kernel, worth_kernel
 from eaves.roof.region_growing import RegionGrowing
 from eaves.roof.stage import RoofMethod
 from eaves.roof.toolkit.regions import (
@@ -196,7 +196,6 @@ class GlobalRefinement(RoofMethod):
         fewest = self.fewest_points(local)
         outlier = 0.5 * self.outlier_share**2
         ring = np.ascontiguousarray(local.neighbours[:, : self.ring])
-        labels = drop_crumbs(labels, ring, max(3, fewest // 2))
         while True:
             count = int(labels.max(initial=0))
             planes, squares, sizes = fit_labels(points, labels, count)

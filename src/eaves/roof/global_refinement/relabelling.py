@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from eaves.kernels import kernel
-from eaves.model import Labels, Mask, Points
+from eaves.model import Labels, Points
 from eaves.roof.toolkit.regions import touching_kernel
 
 
@@ -126,86 +127,14 @@ def worth_kernel(
         worth[own - 1] += cheapest - mine
 
 
-@kernel
-def pieces_kernel(neighbours: NDArray[np.int64], labels: NDArray[np.int32], pieces: NDArray[np.int64]) -> int:
-    """Number of connected pieces of equal label; `pieces` (N,) receives 0, 1, …, −1 for label 0."""
-    queue = np.empty(len(labels), np.int64)
-    heads = np.full(len(labels), -1, np.int64)
-    width = neighbours.shape[1]
-    following = np.full(len(labels) * width, -1, np.int64)
-    for i in range(len(labels)):  # the reversed arcs, so that being a neighbour is mutual
-        for column in range(1, width):
-            j = neighbours[i, column]
-            following[i * width + column] = heads[j]
-            heads[j] = i * width + column
-    pieces[:] = -1
-    count = 0
-    for seed in range(len(labels)):
-        if labels[seed] == 0 or pieces[seed] >= 0:
-            continue
-        pieces[seed] = count
-        queue[0] = seed
-        head, length = 0, 1
-        while head < length:
-            i = queue[head]
-            head += 1
-            for column in range(1, width):
-                j = neighbours[i, column]
-                if labels[j] == labels[i] and pieces[j] < 0:
-                    pieces[j] = count
-                    queue[length] = j
-                    length += 1
-            arc = heads[i]
-            while arc >= 0:
-                j = arc // width
-                if labels[j] == labels[i] and pieces[j] < 0:
-                    pieces[j] = count
-                    queue[length] = j
-                    length += 1
-                arc = following[arc]
-        count += 1
-    return count
-
-
-def drop_crumbs(labels: Labels, neighbours: NDArray[np.int64], fewest: int) -> Labels:
-    """Labels (N,) without the pieces of fewer than `fewest` points that lie apart from their plane."""
-    pieces = np.zeros(len(labels), np.int64)
-    count = pieces_kernel(neighbours, labels, pieces)
-    if count == 0:
-        return labels
-    sizes = np.bincount(pieces[pieces >= 0], minlength=count)
-    crumb = np.append(sizes < fewest, False)
-    if not crumb.any():
-        return labels
-    return np.where(crumb[pieces], 0, labels).astype(np.int32)
-
-
 def near_regions(labels: Labels, xyz: Points, count: int, gap: float) -> NDArray[np.bool_]:
     """Which of K regions come about as near as `gap` (m) in plan (K, K): cells that wide touch."""
-    if count == 0 or len(xyz) == 0:
-        return np.zeros((count, count), bool)
-    cell = np.floor(xyz[:, :2] / gap).astype(np.int64)
-    cell -= cell.min(axis=0) - 1
-    columns = int(cell[:, 0].max()) + 2
-    place = cell[:, 1] * columns + cell[:, 0]
-    pairs = np.unique(place[labels > 0] * np.int64(count) + labels[labels > 0] - 1)
-    where, label = pairs // count, pairs % count
-    first = np.searchsorted(where, np.arange(int(place.max()) + columns + 3))
-    return np.asarray(near_kernel(label, first, columns, count))
-
-
-@kernel
-def near_kernel(label: NDArray[np.int64], first: NDArray[np.int64], columns: int, count: int) -> Mask:
-    """Which of K labels share a cell or have cells side by side (K, K), of a grid with a rim of empty ones.
-
-    Cell c of rows of `columns` has the labels `first[c]` to `first[c + 1]`.
-    """
-    near = np.zeros((count, count), np.bool_)
-    for cell in range(len(first) - 1):
-        for one in range(first[cell], first[cell + 1]):
-            for step in (0, 1, columns - 1, columns, columns + 1):
-                for other in range(first[cell + step], first[cell + step + 1]):
-                    near[label[one], label[other]] = near[label[other], label[one]] = True
-    for one in range(count):
-        near[one, one] = False
+    near = np.zeros((count, count), bool)
+    cells = np.column_stack([np.floor(xyz[:, :2] / gap).astype(np.int64), labels - 1])
+    cells = np.unique(cells[labels > 0], axis=0)
+    if len(cells):
+        pairs = cKDTree(cells[:, :2]).query_pairs(1.0, p=np.inf, output_type="ndarray")
+        one, other = cells[pairs, 2].T
+        near[one, other] = near[other, one] = True
+        np.fill_diagonal(near, False)
     return near
