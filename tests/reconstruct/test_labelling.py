@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eaves.reconstruct.toolkit.labelling import Borders, border_kernel, label_nodes
+from eaves.reconstruct.toolkit.cell_labels import Borders, border_kernel, label_nodes
 
 
 def energy(data: NDArray[np.float64], borders: Borders, price: float, labels: NDArray[np.int64]) -> float:

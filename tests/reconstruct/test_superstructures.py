@@ -15,8 +15,7 @@ from eaves.model import BuildingModel, Footprint, Installation, Solid
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.toolkit.attributes import surface_heights
-from eaves.reconstruct.toolkit.bodies import stand_bodies
-from eaves.reconstruct.toolkit.superstructures import join_overlapping
+from eaves.reconstruct.toolkit.superstructures import join_overlapping, stand_bodies
 from eaves.roof import segment_roof
 from eaves.simulate.roofs import Masses, chimney, gable, make_building
 from eaves.validate import validate_file, validate_model

@@ -12,7 +12,7 @@ import pytest
 
 from eaves.formats import InputError
 from eaves.validate import validate_file
-from eaves.validate.schema import breaks
+from eaves.validate.cityjson_schema import breaks
 
 BODY = [[[[0, 2, 1]], [[0, 1, 3]], [[1, 2, 3]], [[2, 0, 3]]]]
 UNIT = [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]

@@ -13,7 +13,7 @@ from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofP
 from eaves.reconstruct.toolkit.attributes import Surface, describe, surface_heights
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts, label_cells, plane_reach
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
-from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.reconstruct.toolkit.coverage import Coverage, arrange
 from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
     LOWEST_ROOF,
@@ -24,9 +24,7 @@ from eaves.reconstruct.toolkit.evidence import (
 )
 from eaves.reconstruct.toolkit.extrude import extrude_plan, without_numbers
 from eaves.reconstruct.toolkit.levels import coarse_solids
-from eaves.reconstruct.toolkit.line_reconstructor import LineReconstructor
-from eaves.reconstruct.toolkit.overlay import arrange
-from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
+from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, candidate_lines, extend
 from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_superstructures
 
 

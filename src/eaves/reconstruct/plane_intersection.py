@@ -11,7 +11,7 @@ from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
 from eaves.reconstruct.toolkit.attributes import describe
-from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.reconstruct.toolkit.coverage import Coverage, arrange
 from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
     faces_as_planes,
@@ -21,9 +21,7 @@ from eaves.reconstruct.toolkit.evidence import (
 from eaves.reconstruct.toolkit.extrude import extrude_plan
 from eaves.reconstruct.toolkit.half_edges import Integers
 from eaves.reconstruct.toolkit.levels import coarse_solids
-from eaves.reconstruct.toolkit.line_reconstructor import LineReconstructor
-from eaves.reconstruct.toolkit.overlay import arrange
-from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
+from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, candidate_lines, extend
 
 
 class PlaneIntersection(LineReconstructor):

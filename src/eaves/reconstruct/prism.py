@@ -11,6 +11,7 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.attributes import describe
+from eaves.reconstruct.toolkit.coverage import arrange
 from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
     LOWEST_ROOF,
@@ -18,7 +19,6 @@ from eaves.reconstruct.toolkit.evidence import (
     points_inside,
 )
 from eaves.reconstruct.toolkit.extrude import extrude
-from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.reconstruct.toolkit.soundness import find_defect
 
 

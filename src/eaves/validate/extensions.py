@@ -12,8 +12,7 @@ from referencing import Resource
 from referencing.jsonschema import DRAFT7
 
 from eaves.formats import InputError
-from eaves.validate.cityjson_schema import EXTENSION, SCHEMAS
-from eaves.validate.schema import breaks
+from eaves.validate.cityjson_schema import EXTENSION, SCHEMAS, breaks
 
 OWN = "urn:extension"
 """Address of an extension's own file among the schemas."""

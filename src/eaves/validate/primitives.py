@@ -14,20 +14,23 @@ from eaves.model import Finding
 from eaves.validate.boundaries import LARGEST_EXTENT, Boundaries, Integers, Shell, lay_flat
 from eaves.validate.codes import make_finding
 from eaves.validate.polygons import (
+    Triangles,
     as_polygons,
     faces_with_points_alike,
     faces_with_repeated_points,
     faces_with_rings_alike,
     faces_with_short_rings,
     fit_planes,
+    normal_deviations,
     on_planes,
     ring_areas,
     shadow_axes,
+    tangled_faces,
+    triangulate,
     why_invalid,
 )
 from eaves.validate.shells import check_shells
 from eaves.validate.solids import composite_defects, solid_defects, solids_overlap
-from eaves.validate.triangles import Triangles, normal_deviations, tangled_faces, triangulate
 
 NORMALS_DEG = 20.0
 """Largest angle between the normals of two triangles of a polygon; val3dity's default `planarity_n_tol`."""

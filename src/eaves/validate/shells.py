@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from eaves.geometry.components import connected_groups_kernel
 from eaves.validate.boundaries import Boundaries, Integers
 from eaves.validate.exact import self_intersections_kernel
-from eaves.validate.triangles import Triangles
+from eaves.validate.polygons import Triangles
 
 FEWEST_FACES = 4
 

@@ -24,10 +24,10 @@ from eaves.validate.cityjson_schema import (
     SCHEMAS,
     SECOND_LEVEL,
     SURFACES,
+    breaks,
 )
 from eaves.validate.codes import make_finding
 from eaves.validate.extensions import Extension
-from eaves.validate.schema import breaks
 
 SEMANTIC_DEPTH = {
     "MultiPoint": 1,

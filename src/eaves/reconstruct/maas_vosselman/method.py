@@ -23,12 +23,11 @@ from eaves.reconstruct.moments.solid import house_segments, name_cells, to_world
 from eaves.reconstruct.plane_intersection import PlaneIntersection, vote
 from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.attributes import describe
-from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.reconstruct.toolkit.coverage import Coverage, arrange
 from eaves.reconstruct.toolkit.evidence import FEWEST_POINTS, faces_as_planes, points_inside, support_of
 from eaves.reconstruct.toolkit.extrude import extrude_plan
 from eaves.reconstruct.toolkit.half_edges import Integers
 from eaves.reconstruct.toolkit.levels import coarse_solids
-from eaves.reconstruct.toolkit.overlay import arrange
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
 
 PAST = 0.02

@@ -14,8 +14,7 @@ from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygons_of
 from eaves.model import BuildingModel, Labels, Points, RoofPlane
 from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
-from eaves.reconstruct.toolkit.line_reconstructor import LineReconstructor
-from eaves.reconstruct.toolkit.plan_lines import main_directions, turn_by
+from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
 
 PRISM_PERCENTILE = 70.0
 """Height of a flat-topped model: percentile of the roof points, as the 3DBAG publishes it."""

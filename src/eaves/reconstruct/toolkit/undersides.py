@@ -16,10 +16,9 @@ from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Face, Solid
 from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
-from eaves.reconstruct.toolkit.columns import SAME_HEIGHT
-from eaves.reconstruct.toolkit.coverage import Coverage, coverage_of
+from eaves.reconstruct.toolkit.coverage import CORNER_REACH, Coverage, coverage_of, through_corners
+from eaves.reconstruct.toolkit.extrude import SAME_HEIGHT
 from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
-from eaves.reconstruct.toolkit.overlay import CORNER_REACH, through_corners
 
 SMALLEST_CELL = 0.05
 """Smaller cells (m²) between a wall and a border of the roof are rounding: they go to the other side."""
