@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.kernels import kernel
 from eaves.model import Points
 
 FAR, NEAR = 0.445948490915965, 0.091576213509771
-FAR_WEIGHT, NEAR_WEIGHT = 0.223381589678011, 0.109951743655322
+RULE = np.vstack([np.full((3, 3), share) + (1.0 - 3.0 * share) * np.eye(3) for share in (FAR, NEAR)])
+WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3)
 """Dunavant's six-point rule: exact for polynomials of degree 4 on a triangle."""
 
 SQUARISH = 1.2
@@ -46,70 +46,24 @@ class SurfaceMoments:
     imaginary: float
 
 
-@kernel
-def moments_kernel(
-    xyz: NDArray[np.float64], triangles: NDArray[np.int32], answer: NDArray[np.float64]
-) -> None:
-    """Integrals over triangles (T, 3) of points (N, 3): area, mean x, y, h, then central moments (14,)."""
-    far, near, far_weight, near_weight = FAR, NEAR, FAR_WEIGHT, NEAR_WEIGHT
-    origin_x, origin_y, origin_z = 0.0, 0.0, 0.0
-    for stage in range(2):
-        for entry in range(4 if stage else 0, 14):
-            answer[entry] = 0.0
-        for t in range(len(triangles)):
-            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            area = 0.5 * abs(
-                (xyz[b, 0] - xyz[a, 0]) * (xyz[c, 1] - xyz[a, 1])
-                - (xyz[c, 0] - xyz[a, 0]) * (xyz[b, 1] - xyz[a, 1])
-            )
-            if stage == 0:
-                answer[0] += area
-                answer[1] += area * (xyz[a, 0] + xyz[b, 0] + xyz[c, 0]) / 3.0
-                answer[2] += area * (xyz[a, 1] + xyz[b, 1] + xyz[c, 1]) / 3.0
-                answer[3] += area * (xyz[a, 2] + xyz[b, 2] + xyz[c, 2]) / 3.0
-                continue
-            for corner in range(6):
-                share = far if corner < 3 else near
-                weight = area * (far_weight if corner < 3 else near_weight)
-                wa, wb, wc = share, share, share
-                if corner % 3 == 0:
-                    wa = 1.0 - 2.0 * share
-                elif corner % 3 == 1:
-                    wb = 1.0 - 2.0 * share
-                else:
-                    wc = 1.0 - 2.0 * share
-                x = wa * xyz[a, 0] + wb * xyz[b, 0] + wc * xyz[c, 0] - origin_x
-                y = wa * xyz[a, 1] + wb * xyz[b, 1] + wc * xyz[c, 1] - origin_y
-                h = wa * xyz[a, 2] + wb * xyz[b, 2] + wc * xyz[c, 2] - origin_z
-                xx, xy, yy = x * x, x * y, y * y
-                answer[4] += weight * xx
-                answer[5] += weight * xy
-                answer[6] += weight * yy
-                answer[7] += weight * h * x
-                answer[8] += weight * h * y
-                answer[9] += weight * h * xx
-                answer[10] += weight * h * xy
-                answer[11] += weight * h * yy
-                answer[12] += weight * (xx * xx - 6.0 * xx * yy + yy * yy)
-                answer[13] += weight * 4.0 * xy * (xx - yy)
-        if answer[0] <= 0.0:
-            return
-        if stage == 0:
-            origin_x, origin_y = answer[1] / answer[0], answer[2] / answer[0]
-            origin_z = answer[3] / answer[0]
-    answer[1], answer[2], answer[3] = origin_x, origin_y, origin_z
-    for entry in range(4, 14):
-        answer[entry] /= answer[0]
-
-
 def surface_moments(xyz: Points, triangles: NDArray[np.int32]) -> SurfaceMoments:
     """The moments of the surface of triangles (T, 3) over points (N, 3).
 
     Integrals over triangles, unlike sums over points, do not follow the density of the points.
     """
-    answer = np.zeros(14)
-    moments_kernel(np.ascontiguousarray(xyz, np.float64), triangles, answer)
-    return SurfaceMoments(*(float(value) for value in answer))
+    corners = xyz[triangles]
+    (ux, uy), (vx, vy) = ((corners[:, k, :2] - corners[:, 0, :2]).T for k in (1, 2))
+    area = 0.5 * np.abs(ux * vy - vx * uy)
+    whole = float(area.sum())
+    if whole <= 0.0:
+        return SurfaceMoments(*np.zeros(14).tolist())
+    mean = (area[:, None] * corners.mean(axis=1)).sum(axis=0) / whole
+    x, y, h = np.moveaxis(np.einsum("qk,tkd->tqd", RULE, corners) - mean, -1, 0)
+    weight = area[:, None] * WEIGHTS / whole
+    xx, xy, yy = x * x, x * y, y * y
+    fourth = (xx * xx - 6.0 * xx * yy + yy * yy, 4.0 * xy * (xx - yy))
+    integrals = (xx, xy, yy, h * x, h * y, h * xx, h * xy, h * yy, *fourth)
+    return SurfaceMoments(whole, *mean.tolist(), *(float((weight * one).sum()) for one in integrals))
 
 
 @dataclass(frozen=True)
