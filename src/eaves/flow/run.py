@@ -310,7 +310,7 @@ def describe(
         "bounds": None if bounds is None else list(vars(bounds).values()),
         **hashes,
         "footprint_source": None if known is None else known.describe(),
-        **{name: options.get(name) for name, one in DECLARED.items() if one.option.told},
+        **{name: options.get(name) for name, one in DECLARED.items() if one.option.recorded},
     }
 
 

@@ -22,8 +22,6 @@ NARROWEST, WIDEST = 6.0, 100_000.0
 METHOD_OPTIONS = ("ground", "detect", "outline", "units", "roof", "reconstruct")
 POLYGONS = ("clip", "footprints", "party_walls")
 """The options that name a file of polygons."""
-CHAIN_OPTIONS = ("source", "use_classes", "building_classes", "ground_classes", "classes", "lod")
-"""The options that, beside the methods, decide what a recipe is (`eaves.make_recipe`)."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,7 @@ class Option:
     default: Any = None
     again: bool = False
     """Whether a kept run is opened with it again; a path is kept as one that holds from any folder."""
-    told: bool = False
+    recorded: bool = False
     """Whether run.json says it as it is given; what methods, inputs and polygons say follows from those."""
     metavar: str | None = None
     flag: str | None = None
@@ -129,7 +127,7 @@ class RunOptions(TypedDict, total=False):
             "Field of the footprints that holds their id; by default that of a known map, or they are "
             "numbered.",
             again=True,
-            told=True,
+            recorded=True,
         ),
     ]
     footprint_source: Annotated[
@@ -141,7 +139,7 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     snap_footprints: Annotated[
-        bool, Option("Move given footprints to the eaves in the points.", False, again=True, told=True)
+        bool, Option("Move given footprints to the eaves in the points.", False, again=True, recorded=True)
     ]
     party_walls: Annotated[
         str | Path | None,
