@@ -111,7 +111,7 @@ def test_floors_merge_to_the_floor_of_all() -> None:
 
 def test_cells_grow_with_the_spacing() -> None:
     cells = [
-        Floor.of(PointCloud.from_world(scatter(300.0, density))).in_wide_cells(METHOD.cell_points).cell
+        Floor.of(PointCloud.from_world(scatter(300.0, density))).in_wide_cells().cell
         for density in (4.0, 0.6, 0.1)
     ]
     assert cells == [FINEST_M, 2 * FINEST_M, 4 * FINEST_M]

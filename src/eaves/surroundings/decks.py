@@ -30,11 +30,6 @@ Classes = NDArray[np.uint8]
 class DeckRules:
     """What counts as the deck of a bridge; lengths in m. Chosen on `delft` and `autzen`, by eye."""
 
-    cell_points: float = 2.5
-    """Cells are wide enough when half of those that hold points hold more than this many."""
-    stray_depth: float = 1.0
-    stray_points: int = 4
-    """A lowest point of a cell of at least so many, so far under the second, is an echo gone astray."""
     around: float = 120.0
     """So far from a place its deck is followed."""
     widest: float = 30.0
@@ -57,9 +52,7 @@ class DeckRules:
     least_area: float = 10.0
     """A smaller strip (m²) is no bridge, but a boat or a stair."""
     terrain_area: float = 300.0
-    """A deck's ends join a surface of at least so many m² ..."""
-    terrain_falls: float = 0.6
-    """... of whose rim no larger share falls off: it is no roof."""
+    """A deck's ends join a surface of at least so many m²."""
     over_water: float = 0.8
     """With water along so much of both sides one joined end is enough: the other may be a stair, or lie
     beyond the data."""
@@ -115,8 +108,8 @@ def look_around(
 ) -> tuple[Decks, Mask]:
     """All that decides the decks within `bounds`: heights (`level`) and counts (`water`) of the cells seen
     from there, and in which of them (H, W) something stands over the terrain (`raised`)."""
-    floor = floor.in_wide_cells(rules.cell_points)
-    heights = floor.heights(rules.stray_depth, rules.stray_points)
+    floor = floor.in_wide_cells()
+    heights = floor.heights()
     seen = Decks(floor.west, floor.north, floor.cell, heights, heights, floor.count.astype(np.float32))
     seen = seen.cropped(bounds.buffered(rules.around))
     return seen, raised_in(seen, raised)
@@ -195,7 +188,7 @@ def find_decks(
     water, level = water_of(heights, cell, rules)
     z = np.where(known, heights, np.where(water, level, np.nan)).astype(np.float32)
     between, sides, line = find_between(z, water, cell, rules)
-    land = terrain_beside(z, known & ~between & ~roofs, between, water, cell, rules)
+    land = terrain_beside(z, known & ~between & ~roofs, cell, rules)
     joined = carried_on(z, land, rules)
     label, _ = even_groups(z, between, rules.step, rules.gap)
     deck, wet, doubts = np.zeros(known.shape, bool), np.zeros(known.shape, bool), []
@@ -302,12 +295,10 @@ def find_between(
     return between, sides, line
 
 
-def terrain_beside(z: Grid, level: Mask, between: Mask, water: Mask, cell: float, rules: DeckRules) -> Mask:
-    """The cells (H, W) of broad surfaces that do not fall off all round: terrain, not roofs."""
+def terrain_beside(z: Grid, level: Mask, cell: float, rules: DeckRules) -> Mask:
+    """The cells (H, W) of broad surfaces among those of a mask."""
     label, count = even_groups(z, level, rules.step, 1)
-    area = np.bincount(label.ravel(), minlength=count + 1) * cell * cell
-    falls, rim = rims_kernel(z, label, count, between, water, np.float32(rules.fall))
-    broad = (area >= rules.terrain_area) & (falls <= rules.terrain_falls * rim)
+    broad = np.bincount(label.ravel(), minlength=count + 1) * cell * cell >= rules.terrain_area
     broad[0] = False
     return np.asarray(broad[label])
 
@@ -437,29 +428,3 @@ def beside_falls(z: Grid, water: Mask, step: float, fall: float, water_fall: flo
                 if side_kernel(z, water, row, column, down, right, step, fall, water_fall) != OPEN:
                     found[row, column] = True
     return found
-
-
-@kernel
-def rims_kernel(
-    z: Grid, label: Labels, count: int, between: Mask, water: Mask, fall: float
-) -> tuple[Values, Values]:
-    """Sides of cells on the rim of each group (count + 1,) that fall off, and all but those to a strip."""
-    rows, columns = z.shape
-    falls, rim = np.zeros(count + 1), np.zeros(count + 1)
-    for row in range(rows):
-        for column in range(columns):
-            mine = label[row, column]
-            if mine == 0:
-                continue
-            for side in range(4):
-                y = row + (1 if side == 1 else (-1 if side == 3 else 0))
-                x = column + (1 if side == 0 else (-1 if side == 2 else 0))
-                if y < 0 or x < 0 or y >= rows or x >= columns:
-                    rim[mine] += 1.0
-                    continue
-                if label[y, x] == mine or between[y, x]:
-                    continue
-                rim[mine] += 1.0
-                if not water[y, x] and z[row, column] - z[y, x] >= fall:
-                    falls[mine] += 1.0
-    return falls, rim

@@ -21,6 +21,10 @@ COARSEST_M = FINEST_M * 2 ** (LEVELS - 1)
 """Side of the widest cells."""
 
 
+STRAY_DEPTH_M, STRAY_POINTS, ENOUGH_POINTS = 1.0, 4, 2.5
+"""See `Floor.heights` and `Floor.in_wide_cells`."""
+
+
 @dataclass(frozen=True, eq=False)
 class Floor:
     """The lowest and the second lowest height of each cell (H, W), NaN where there is none, and its points.
@@ -50,12 +54,12 @@ class Floor:
             west * self.cell, south * self.cell, (west + columns) * self.cell, (self.north + 1) * self.cell
         )
 
-    def heights(self, stray_depth: float, stray_points: int) -> Grid:
+    def heights(self) -> Grid:
         """The height (H, W) of each cell: its lowest, or the second where the lowest of at least
-        `stray_points` lies more than `stray_depth` (m) under it: an echo gone astray.
+        `STRAY_POINTS` lies more than `STRAY_DEPTH_M` under it: an echo from below the ground.
         """
         with np.errstate(invalid="ignore"):
-            stray = (self.count >= stray_points) & (self.second - self.lowest > stray_depth)
+            stray = (self.count >= STRAY_POINTS) & (self.second - self.lowest > STRAY_DEPTH_M)
         return np.where(stray, self.second, self.lowest).astype(np.float32)
 
     @classmethod
@@ -132,12 +136,12 @@ class Floor:
                 merge_kernel(wide.lowest, wide.second, wide.count, lowest[part], second[part], count[part])
         return wide
 
-    def in_wide_cells(self, enough: float) -> Floor:
-        """The same in cells so wide that half of those that hold points hold more than `enough`."""
+    def in_wide_cells(self) -> Floor:
+        """The same in cells so wide that half of those that hold points hold more than `ENOUGH_POINTS`."""
         floor = self
         for _ in range(LEVELS - 1):
             held = floor.count[floor.count > 0]
-            if len(held) == 0 or np.median(held) > enough:
+            if len(held) == 0 or np.median(held) > ENOUGH_POINTS:
                 break
             floor = floor.doubled()
         return floor

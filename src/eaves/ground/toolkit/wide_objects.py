@@ -46,13 +46,6 @@ OVER, REACHED = 1, 2
 class WideRules(PlateauRules):
     """What belongs to a raised surface."""
 
-    cell_points: float = parameter(
-        2.5, "What is wide is looked for in cells half of which hold more points than this.", ge=0
-    )
-    echo_depth: float = parameter(
-        1.0, "A lowest point so far under the second of its cell is an echo gone astray.", unit="m", ge=0
-    )
-    echo_points: int = parameter(4, "Only in cells of at least so many points.", ge=2)
     clear: float = parameter(
         1.0, "Points so far over the terrain beneath a raised surface belong to it.", unit="m", ge=0
     )
@@ -158,7 +151,7 @@ def find_wide_objects(floor: Floor, rules: WideRules) -> Patch:
     it lies decides how much of a lane or a yard between buildings is seen. That costs what one look at the
     floor's own cells does.
     """
-    times = round(floor.in_wide_cells(rules.cell_points).cell / floor.cell)
+    times = round(floor.in_wide_cells().cell / floor.cell)
     if times == 1:
         return find_in_cells(floor, rules)
     places = [(right, up) for right in range(times) for up in range(times)]
@@ -202,7 +195,7 @@ def most_of(floor: Floor, patches: Sequence[Patch], places: Sequence[tuple[int, 
 
 def find_in_cells(floor: Floor, rules: WideRules) -> Patch:
     """What stands over the terrain on a floor, seen in its cells as they are."""
-    surfaces = find_surfaces(floor.heights(rules.echo_depth, rules.echo_points), floor.cell, rules)
+    surfaces = find_surfaces(floor.heights(), floor.cell, rules)
     verdict = judge_surfaces(surfaces, rules)
     terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
     nothing = np.full(floor.shape, np.nan, np.float32)
