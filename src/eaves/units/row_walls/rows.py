@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -71,17 +71,17 @@ class RowRules(Method):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Cells of a block's `outline`: `main` (H, W), `west` and `south` (m) the corner of cell (0, 0)."""
+    """Cells of a block's main volume: `main` (H, W), `west` and `south` (m) the corner of cell (0, 0)."""
 
     main: Mask
     height: NDArray[np.float64]
     """Mean height (m) of the points in each cell (H, W), NaN where there is none."""
     west: float
     south: float
-    outline: Polygon
+    volumes: tuple[Polygon, ...]
 
     @classmethod
-    def of(cls, outline: Polygon, points: Points) -> Plan:
+    def of(cls, outline: Polygon, volumes: Sequence[Polygon], points: Points) -> Plan:
         """The cells over an outline, with the heights of points (N, 3)."""
         west, south, east, north = outline.bounds
         west, south = west - 2.0, south - 2.0
@@ -89,8 +89,10 @@ class Plan:
         x = west + (np.arange(columns) + 0.5) * CELL_M
         y = south + (np.arange(rows) + 0.5) * CELL_M
         places = [part.ravel() for part in np.meshgrid(x, y)]
-        shapely.prepare(outline)
-        main = shapely.contains_xy(outline, *places)
+        main = np.zeros(rows * columns, bool)
+        for volume in volumes:
+            shapely.prepare(volume)
+            main |= shapely.contains_xy(volume, *places)
         column = np.clip(((points[:, 0] - west) / CELL_M).astype(np.int64), 0, columns - 1)
         row = np.clip(((points[:, 1] - south) / CELL_M).astype(np.int64), 0, rows - 1)
         cell = row * columns + column
@@ -98,7 +100,7 @@ class Plan:
         total = np.bincount(cell, points[:, 2], rows * columns)
         with np.errstate(invalid="ignore"):
             height = (total / count).reshape(rows, columns)
-        return cls(main.reshape(rows, columns), height, west, south, outline)
+        return cls(main.reshape(rows, columns), height, west, south, tuple(volumes))
 
     def cells(
         self, x: NDArray[np.float64], y: NDArray[np.float64]
@@ -194,12 +196,13 @@ def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[f
 
 
 def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> Iterator[Row]:
-    """The rows of a block, longest front first; what one claims no other has.
+    """The rows of a block's main volume, longest front first; what one claims no other has.
 
     `directions` (K, 2) are unit vectors along which walls may run, where they do not stand upright.
     """
     free = plan.main.copy()
-    for start, end in sorted(fronts_of(plan.outline, limits), key=by_length):
+    fronts = [front for volume in plan.volumes for front in fronts_of(volume, limits)]
+    for start, end in sorted(fronts, key=by_length):
         length = float(np.hypot(*(end - start)))
         along = straightened((end - start) / length, directions, limits.most_turn)
         upright = np.array([-along[1], along[0]])
