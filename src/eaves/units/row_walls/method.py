@@ -27,12 +27,12 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
     What stands higher than an annex is the main volume. Behind each of its long fronts, longest first, lies
     the ground of a row; walls run along the direction in which heights change most alike at all depths. At
     every quarter of a metre along a row planes are fitted to the points on both sides, metre by metre of
-    depth, and compared: steps, valleys, what stands over both, changes of depth, and against them ridges, give the odds of a party wall there by logistic regression. The
-    row is divided where the product of the odds of its walls and of the widths of its units is greatest, by
-    dynamic programming; the forward and backward sums over all divisions give the certainty of each wall.
-    Houses of one width make weak signs at equal distances likely: that width is the one under which the row's
-    signs are likeliest, so it comes from the scan alone. Rows that meet without a wall are one; walls are
-    carried on through annexes.
+    depth, and compared: steps, valleys, what stands over both, changes of depth, and against them ridges,
+    give the odds of a party wall there by logistic regression. The row is divided where the product of the
+    odds of its walls and of the widths of its units is greatest, by dynamic programming; the forward and
+    backward sums over all divisions give the certainty of each wall. Houses of one width make weak signs at
+    equal distances likely: that width is the one under which the row's signs are likeliest, so it comes from
+    the scan alone. Rows that meet without a wall are one; walls are carried on through annexes.
 
     Formula
     -------

@@ -1,0 +1,241 @@
+"""The rules of the defaults that `benchmarks.accuracy.ablation` switches off, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from eaves.detect.consensus import classifier
+from eaves.units.row_walls import evidence
+
+NEVER, ALWAYS = 1e9, -1e9
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A group of numbers with one purpose, and what switches it off: parameters by stage, constants and
+    functions by module."""
+
+    name: str
+    rooms: tuple[str, ...]
+    numbers: int
+    off: Mapping[str, Any]
+
+
+def without_term(name: str, usual: float) -> Any:
+    """The weights of the classifier in which a term always has its usual value."""
+    made = {}
+    for kind, shape in (("surface", classifier.SURFACE_SHAPE), ("cell", classifier.CELL_SHAPE)):
+        weights = list(getattr(classifier.FITTED, kind))
+        if name in shape:
+            for first in (0, len(shape)):
+                weights[first] += usual * weights[first + shape.index(name)]
+                weights[first + shape.index(name)] = 0.0
+        elif name in ("echoes", "penetration"):
+            weights[2 * len(shape) + (name == "penetration")] = 0.0
+        elif name == "by echoes":
+            weights[len(shape) : 2 * len(shape)] = [0.0] * len(shape)
+        made[kind] = tuple(weights)
+    return replace(classifier.FITTED, **made)
+
+
+def detect(name: str, numbers: int, off: Mapping[str, Any]) -> Rule:
+    """A rule of the detector."""
+    return Rule(f"detect: {name}", ("detect",), numbers, off)
+
+
+def of(room: str, name: str, numbers: int, off: Mapping[str, Any]) -> Rule:
+    """A rule of a stage."""
+    return Rule(f"{room}: {name}", (room,), numbers, off)
+
+
+def nowhere(evidence: Any, *_: Any) -> Any:
+    """No cell, twice."""
+    return np.zeros(evidence.shape, bool), np.zeros(evidence.shape, bool)
+
+
+def no_decks(heights: Any, *_: Any) -> Any:
+    """No deck."""
+    none = np.full(heights.shape, np.nan, np.float32)
+    return none, none, []
+
+
+METHOD = "detect.consensus.method:"
+TERMS = {"company": 0.5, "enclosed": 0.3, "rough": 0.2, "low": -0.3, "width": 0.5, "height": 0.7, "area": 1.0}
+DETECT = (
+    detect("vehicles", 12, {"detect.vehicle_area": 0.0}),
+    detect("vehicles, their pitched tops", 4, {"detect.vehicle_points": 10**9}),
+    detect("limbs", 1, {"detect.limb_width": 0.0}),
+    detect("hidden roofs", 4, {"detect.hidden_reach": 0.0}),
+    detect("voids", 8, {f"{METHOD}find_roof_voids": nowhere}),
+    detect("rims of voids", 1, {f"{METHOD}raise_rims": lambda odds, rims, least: odds}),
+    detect("even roofs", 2, {"detect.even_area": NEVER}),
+    detect("attachment", 3, {"detect.max_attached": 1.0}),
+    detect("small surfaces", 1, {"detect.small_surface": 0.0}),
+    detect("windows of two cells", 1, {"detect.window_price": NEVER}),
+    detect("windows on a line", 1, {"detect.window_width": 0.0}),
+    detect("measured rounds", 1, {"detect.rounds": 1}),
+    detect("echoes, all", 6, {"detect.rounds": 0}),
+    detect("most log ratio", 1, {"detect.most_log_ratio": 50.0}),
+    detect("the cut", 3, {"detect.smoothness": 0.0}),
+    detect("walls", 2, {"detect.wall_below_plane": NEVER}),
+    detect(
+        "doubts, all",
+        6,
+        {f"{METHOD}{name}_doubts": (lambda *_: []) for name in ("region", "crown", "void")},
+    ),
+    detect(
+        "vehicles in the score",
+        5,
+        {
+            "detect.consensus.classifier:FITTED": replace(
+                classifier.FITTED, score=replace(classifier.SCORE, height=0.0, width=0.0)
+            )
+        },
+    ),
+    *(
+        detect(f"term {name}", 2, {"detect.consensus.classifier:FITTED": without_term(name, usual)})
+        for name, usual in TERMS.items()
+    ),
+    *(
+        detect(f"term {name}", 2, {"detect.consensus.classifier:FITTED": without_term(name, 0.0)})
+        for name in ("echoes", "penetration", "by echoes")
+    ),
+)
+WIRES, DECKS, GREEN = (
+    "surroundings.wires:RULES.",
+    "surroundings.decks:RULES.",
+    "surroundings.vegetation:VegetationRules.",
+)
+RUN = (
+    of("wires", "all", 26, {"surroundings.wires:find_wires": lambda cloud, *_: np.zeros(len(cloud), bool)}),
+    of(
+        "wires", "towers", 7, {"surroundings.wires:find_towers": lambda cloud, *_: np.zeros(len(cloud), bool)}
+    ),
+    of("wires", "air beneath", 2, {f"{WIRES}air": NEVER, f"{WIRES}thick": NEVER}),
+    of("wires", "few around", 2, {f"{WIRES}few": 10**9}),
+    of("wires", "slope", 1, {f"{WIRES}slope": NEVER}),
+    of("decks", "all", 27, {"surroundings.decks:find_decks": no_decks}),
+    of("decks", "water", 4, {f"{DECKS}water_share": -1.0}),
+    of("decks", "faint falls", 1, {f"{DECKS}faint": 1.0}),
+    of("decks", "steepest", 1, {f"{DECKS}steepest": NEVER}),
+    of("decks", "over water", 1, {f"{DECKS}over_water": 2.0}),
+    of("decks", "edges", 0, {"surroundings.decks:with_edges": lambda found, *_: found}),
+    of("vegetation", "echoes", 1, {f"{GREEN}echoes": NEVER}),
+    of("vegetation", "roughness", 1, {f"{GREEN}roughness": NEVER}),
+    of("vegetation", "clear of the terrain", 1, {f"{GREEN}clear": 0.0}),
+)
+TIN = "ground.adaptive_tin.method:"
+GROUND = (
+    of(
+        "ground",
+        "wide objects",
+        30,
+        {"ground.wide_around": 0.0, f"{TIN}AdaptiveTin.find_wide_objects": lambda *_: None},
+    ),
+    of("ground", "wide: ringed", 2, {"ground.ringed_share": -1.0}),
+    of("ground", "wide: low", 4, {"ground.low_share": -1.0}),
+    of("ground", "wide: joined", 1, {"ground.rim_joined": 2.0}),
+    of("ground", "wide: stepped", 1, {"ground.rim_stepped": -1.0}),
+    of("ground", "wide: void", 1, {"ground.rim_void": 2.0}),
+    of("ground", "wide: known", 1, {"ground.rim_known": 0.0}),
+    of("ground", "wide: scraps", 1, {"ground.scrap_cells": 1}),
+    of("ground", "wide: fringe", 1, {"ground.fringe_cells": 1}),
+    of("ground", "wide: reached", 1, {"ground.broad_cells": 10**4}),
+    of("ground", "terraces", 10, {"ground.terrace_rounds": 0}),
+    of("ground", "terraces: low pieces", 3, {"ground.roof_cells": 10**4}),
+    of("ground", "terraces: reached", 1, {"ground.reached_share": 2.0}),
+    of("ground", "terraces: second round", 1, {"ground.terrace_rounds": 1}),
+    of("ground", "holes", 2, {"ground.hole_depth": NEVER}),
+    of("ground", "strays", 4, {"ground.stray_rounds": 0}),
+    of("ground", "islands", 2, {"ground.island_cells": 0}),
+    of("ground", "rim", 5, {f"{TIN}rim_points": lambda *_: np.zeros((0, 3))}),
+    of(
+        "ground",
+        "outliers",
+        10,
+        {"ground.stage:find_outliers": lambda cloud: (np.zeros(len(cloud), bool),) * 2},
+    ),
+    of("ground", "mirror", 4, {"ground.steep": NEVER}),
+    of("ground", "looks", 1, {"ground.looks": 1}),
+    of("ground", "angle gain", 2, {"ground.angle_gain": 0.0}),
+    of("ground", "angle by spacing", 2, {"ground.angle_share": 0.0}),
+    of("ground", "slant", 3, {"ground.slant_share": 0.0}),
+    of("ground", "slivers", 1, {"ground.sliver_slope": NEVER}),
+    of("ground", "first seeds", 1, {"ground.first_cells": 1.0}),
+    of("ground", "rough slopes", 1, {"ground.rough_share": 0.0}),
+    of("ground", "slope in the opening", 3, {"ground.slope_share": 0.0}),
+)
+OUTLINE = (
+    of("outline", "hidden corners", 6, {"outline.hidden_cover": NEVER}),
+    of("outline", "low parts", 7, {"outline.low_drop": NEVER}),
+    of(
+        "outline",
+        "shared edges",
+        2,
+        {"outline.global_fit.method:share_edges": lambda shapes, *_: list(shapes)},
+    ),
+    of("outline", "beam", 2, {"outline.spot": 0.0}),
+    of("outline", "common directions", 4, {"outline.frames": 0}),
+    of("outline", "second frame", 1, {"outline.frames": 1}),
+    of("outline", "least share of a frame", 1, {"outline.least": 0.0}),
+    of("outline", "shift of edges", 6, {"outline.strip_points": 10**9}),
+    of("outline", "walls beside", 2, {"outline.wall_beside": 0.0, "outline.least_beside": 0.0}),
+    of("outline", "measured spacing", 2, {"outline.global_fit.method:wide_radius": lambda *_: 0.0}),
+    of("outline", "sparse parts", 2, {"outline.sparse": 1.0}),
+    of("outline", "share inside", 1, {"outline.share": 0.0}),
+    of("outline", "corner reach", 1, {"outline.corner_reach": NEVER}),
+    of("outline", "blur", 1, {"outline.blur": 0.01}),
+)
+WEIGHTS = "units.row_walls.evidence:WEIGHTS"
+UNITS = (
+    of("units", "usual widths", 6, {"units.regular_gain": NEVER}),
+    of("units", "borders of rows", 4, {"units.border_odds": -20.0}),
+    of("units", "smallest unit", 1, {"units.smallest_unit": 0.0}),
+    of("units", "several", 9, {"units.least_sure": 0.0}),
+    of("units", "volumes", 5, {"units.house": NEVER}),
+    of("units", "lean", 3, {"units.most_lean": 0.0}),
+    of("units", "deeper rows", 1, {"units.most_deeper": NEVER}),
+    of("units", "jogs of fronts", 2, {"units.jog": 0.0}),
+    of("units", "least free", 1, {"units.least_free": 0.0}),
+    *(
+        of("units", f"trait {name}", 1, {WEIGHTS: {**evidence.WEIGHTS, name: 0.0}})
+        for name in ("parapet", "depth", "lone", "rough", "rough share", "longest", "edge", "full valley")
+    ),
+)
+FLAT = "reconstruct.arrangement:"
+ROOF = (
+    of("roof", "scan lines", 2, {"roof.global_refinement.method:on_lines": lambda *_: False}),
+    of("roof", "planes in what is left", 1, {"roof.left_neighbours": 10**6}),
+    of("roof", "price", 1, {"roof.price": 0.0}),
+    of("roof", "joining over gaps", 1, {"roof.join_gap": 0.01}),
+    of("roof", "relabelling", 5, {"roof.rounds": 0}),
+    of("reconstruct", "height steps", 3, {"reconstruct.toolkit.plan_lines:step_lines": lambda *_: []}),
+    of("reconstruct", "rectangles", 3, {"reconstruct.rectangle_points": 10**9}),
+    of("reconstruct", "clutter levels", 4, {"reconstruct.clutter_points": 10**9}),
+    of("reconstruct", "corner prices", 3, {"reconstruct.corner_points": 0.0}),
+    of("reconstruct", "plane price", 2, {"reconstruct.plane_points": 0.0}),
+    of("reconstruct", "gross residual", 1, {"reconstruct.gross_limit": 0.36}),
+    of("reconstruct", "farthest", 1, {"reconstruct.farthest": NEVER}),
+    of("reconstruct", "cheap meetings", 2, {"reconstruct.meeting_share": 1.0}),
+    of("reconstruct", "extension", 1, {"reconstruct.extension": 0.0}),
+    of("reconstruct", "superstructures", 13, {"reconstruct.superstructure_points": 10**9}),
+    of(
+        "reconstruct",
+        "superstructures: beside",
+        3,
+        {"reconstruct.toolkit.superstructures:explained_beside": lambda *_: False},
+    ),
+    of("reconstruct", "superstructures: on top", 1, {"reconstruct.superstructure_on_top": 0.0}),
+    of(
+        "reconstruct",
+        "short edges",
+        3,
+        {"reconstruct.toolkit.extrude:merge_short_edges": lambda plan, labels, *_: (plan, labels)},
+    ),
+    of("reconstruct", "face quality", 4, {"reconstruct.toolkit.face_quality:weakness": lambda record: None}),
+)
+RULES = (*DETECT, *RUN, *UNITS, *OUTLINE, *GROUND, *ROOF)
