@@ -187,7 +187,7 @@ class LabelCosts(BaseModel):
     """What a label costs: parameters of a method that labels cells."""
 
     residual_limit: float = parameter(
-        0.35, "Distance from a plane at which a point's residual stops growing.", unit="m", symbol="τ", gt=0.0
+        0.45, "Distance from a plane at which a point's residual stops growing.", unit="m", symbol="τ", gt=0.0
     )
     gross_limit: float = parameter(
         2.0, "Distance at which a point's gross residual, added, stops growing.", unit="m", symbol="g", gt=0.0
