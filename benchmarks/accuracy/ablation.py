@@ -2,9 +2,9 @@
 
 Run `EAVES_DATA=... python -m benchmarks.accuracy.ablation [--rules TEXT...] [--surveys TEXT...] [--keep]`.
 Each rule runs `eaves build` in a process of its own, in which its parameters have other defaults or its
-functions answer nothing. Stages before the rule are taken from the run of the defaults (EAVES_CACHE), and where
-a rule changes none of a stage's inputs, of stages after it. The noise of a measure is how far it moves when
-points are left out or the survey is moved by a part of a cell, on the defaults.
+functions answer nothing. Stages before the rule come from the run of the defaults (EAVES_CACHE), and where a
+rule leaves the inputs of a stage as they are, stages after it. The noise of a measure is how far it moves
+when points are left out or the survey is moved by a part of a cell, on the defaults.
 """
 
 from __future__ import annotations
