@@ -20,8 +20,8 @@ from eaves.methods import make_method
 from eaves.model import Failure, Footprint
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.raster.surfaces import make_scene
+from eaves.recipe.sources import SOURCES, PublishedSource
 from eaves.roof import segment_roof
-from eaves.recipe.sources import SOURCES, Source
 
 FOLDER = Path(__file__).parent / "images" / "sources"
 SETS = {"vaihingen": "vaihingen/clip3.laz", "delft": "delft/ahn3.laz"}
@@ -31,7 +31,7 @@ PANEL_INCHES, DOTS_AN_INCH, COLUMNS, COLOURS = 2.4, 90, 4, 64
 STAGES = ("ground", "detect", "outline", "roof", "reconstruct")
 
 
-def make_real_scenery(source: Source, place: Path) -> Scenery:
+def make_real_scenery(source: PublishedSource, place: Path) -> Scenery:
     """A real scene with the source's own ground, and its largest building before its model."""
     methods: dict[str, Any] = {stage: make_method(stage, source.methods.get(stage)) for stage in STAGES}
     cloud = read(place).with_(classification=None).in_canonical_order()
@@ -57,7 +57,7 @@ def cloud_hull(house: np.ndarray[Any, Any]) -> Any:
     return shapely.MultiPoint(house[:, :2]).convex_hull
 
 
-def draw_source(source: Source, scenery: Scenery, path: Path) -> None:
+def draw_source(source: PublishedSource, scenery: Scenery, path: Path) -> None:
     """All steps of a source, stage by stage, in one picture."""
     import matplotlib.pyplot as plt
 

@@ -21,7 +21,7 @@ import laspy
 import numpy as np
 import shapely
 
-from eaves.change.changes import Change
+from eaves.change.changes import BuildingChange
 from eaves.change.compare import compare_epochs
 from eaves.formats import read_polygons
 from eaves.pipeline import build
@@ -126,7 +126,7 @@ def score_town(folder: Path, old: Path, new: Path) -> Score:
     return score
 
 
-def tells(one: Change, change: str, near: shapely.Polygon) -> bool:
+def tells(one: BuildingChange, change: str, near: shapely.Polygon) -> bool:
     """Whether a change that was told is of the kind and at the place of one that was made."""
     kinds = {SAME_SIGN[kind] for kind in (one.verdict.change, *one.verdict.also)}
     xy = np.concatenate(one.verdict.patches)

@@ -130,7 +130,7 @@ def near_share(
 
 def learned(towns: Sequence[Judged]) -> NDArray[np.float64]:
     """Weights (K,) of the traits, by Newton's method with a small ridge; each town counts alike."""
-    traits = np.vstack([[trust.traits_of(row) for row in town.rows] for town in towns])
+    traits = np.vstack([[trust.trust_traits(row) for row in town.rows] for town in towns])
     right = np.concatenate([town.right for town in towns])
     count = np.concatenate([np.full(len(town.rows), 100.0 / len(town.rows)) for town in towns])
     weight = np.zeros(traits.shape[1])
@@ -144,7 +144,7 @@ def learned(towns: Sequence[Judged]) -> NDArray[np.float64]:
 
 def chances(town: Judged, weight: NDArray[np.float64]) -> Values:
     """The probability (B,) that each building is right."""
-    traits = np.array([trust.traits_of(row) for row in town.rows])
+    traits = np.array([trust.trust_traits(row) for row in town.rows])
     return np.asarray(1.0 / (1.0 + np.exp(-traits @ weight)))
 
 

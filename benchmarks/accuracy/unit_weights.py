@@ -38,11 +38,11 @@ from eaves.simulate import scan_town, simulate_town, town_of_model
 from eaves.simulate.exact import ExactScene
 from eaves.units import divide_block
 from eaves.units.row_walls import certainty, evidence
-from eaves.units.row_walls.division import RowUnits, label_cells
+from eaves.units.row_walls.division import RowUnits, label_unit_cells
 from eaves.units.row_walls.evidence import WEIGHTS, roof_noise, traits_of, wall_odds, wall_signs
 from eaves.units.row_walls.merging import border_odds, borders_between
 from eaves.units.row_walls.method import RowWalls, directions_of
-from eaves.units.row_walls.rows import CELL_M, Plan, Row, rows_of
+from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan, rows_of
 from eaves.units.row_walls.several import WEIGHTS as SEVERAL
 from eaves.units.row_walls.several import odds_of_several, traits_of_block
 from eaves.units.row_walls.volumes import main_volumes
@@ -101,7 +101,7 @@ def blocks_of(cloud: PointCloud) -> list[Detected]:
     ]
 
 
-def true_walls(row: Row, tree: STRtree) -> tuple[Mask, Mask]:
+def true_walls(row: HouseRow, tree: STRtree) -> tuple[Mask, Mask]:
     """At which steps (S + 1,) a wall of the truth runs along the row's walls, and which steps count."""
     s, t = row.grid()
     inside = (t >= row.first) & (t < row.last)
@@ -130,7 +130,7 @@ def owners_of(xy: NDArray[np.float64], tree: STRtree) -> NDArray[np.int64]:
     return owner
 
 
-def divided(block: Detected) -> tuple[Plan, list[Row], float]:
+def divided(block: Detected) -> tuple[Plan, list[HouseRow], float]:
     """The plan, the rows and the noise of a block."""
     method = RowWalls()
     volumes = main_volumes(block.outline, block.points, block.height, method)
@@ -177,7 +177,7 @@ def found_walls(blocks: Sequence[Detected], scene: ExactScene) -> tuple[Sure, Su
         for units in found:
             walls += walls_in_row(units, tree)
         label = np.zeros(plan.main.shape, np.int32)
-        label_cells(plan, label, found, 1)
+        label_unit_cells(plan, label, found, 1)
         owner = np.repeat(np.arange(len(found)), [len(units.walls) + 1 for units in found])
         for (a, b), places in borders_between(label).items():
             if owner[a - 1] == owner[b - 1] or len(places) * CELL_M < method.shortest_border:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from eaves.change.vehicles import VehicleRules, are_vehicles, is_pitched, width_of
+from eaves.change.vehicles import StandingRules, are_vehicles, is_pitched, width_of
 
 STEP = 0.35
 """Eight points a square metre."""
@@ -22,7 +22,7 @@ def top(long: float, wide: float, high: float, pitch: float = 0.0, at: float = 0
 
 
 def judged(xyz, outline) -> bool:
-    return are_vehicles(xyz, float(np.median(xyz[:, 2])), STEP**2, VehicleRules(), 0.75, outline)
+    return are_vehicles(xyz, float(np.median(xyz[:, 2])), STEP**2, StandingRules(), 0.75, outline)
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_one_body(long: float, wide: float, high: float, pitch: float, vehicle: 
 def test_two_vans_in_one_outline_are_vehicles__and_a_shed_of_their_size_is_none() -> None:
     (one, left), (other, right) = top(5.5, 2.0, 2.4), top(5.5, 2.0, 2.5, at=2.8)
     both = shapely.convex_hull(shapely.union(left, right))
-    assert width_of(both) > VehicleRules().width
+    assert width_of(both) > StandingRules().width
     assert judged(np.concatenate([one, other]), both)
     assert not judged(*top(5.5, 4.8, 2.4))
 
@@ -61,5 +61,5 @@ def test_windscreens_slope_along_a_van__and_points_at_its_sides_are_no_pitch() -
     xyz, _ = top(5.5, 2.0, 2.4, turn=0.0)
     xyz[xyz[:, 0] > 4.8, 2] -= 0.45
     xyz[(xyz[:, 1] < 0.3) | (xyz[:, 1] > 1.7), 2] -= 0.3
-    assert not is_pitched(xyz, VehicleRules())
-    assert is_pitched(top(5.5, 2.4, 2.4, pitch=0.4)[0], VehicleRules())
+    assert not is_pitched(xyz, StandingRules())
+    assert is_pitched(top(5.5, 2.4, 2.4, pitch=0.4)[0], StandingRules())

@@ -12,7 +12,7 @@ from eaves.change.surface import (
     SAME,
     UNSEEN,
     face_points,
-    local_planes,
+    point_planes,
 )
 from eaves.change.verdict import (
     DEMOLISHED,
@@ -24,7 +24,7 @@ from eaves.change.verdict import (
     RAISED,
     ROOF_REPLACED,
     UNCHANGED,
-    Rules,
+    ChangeRules,
     Side,
     judge_building,
 )
@@ -53,7 +53,7 @@ def side(mine, theirs, inside) -> Side:
     xyz, classes = mine
     roof = (classes == BUILDING) & (xyz[:, 0] > inside[0]) & (xyz[:, 0] < inside[2])
     roof &= (xyz[:, 1] > inside[1]) & (xyz[:, 1] < inside[3])
-    planes = local_planes(xyz[classes == BUILDING], 1.0)
+    planes = point_planes(xyz[classes == BUILDING], 1.0)
     own = roof[classes == BUILDING]
     facing = face_points(xyz[roof], planes.slope[own], *theirs, radius=0.75, tolerance=0.25, density=STEP**-2)
     count = int(roof.sum())
@@ -78,7 +78,7 @@ def house(z: float = 6.0, where=HOUSE):
 
 
 def judge(old, new, covered=(True, True)):
-    return judge_building(side(old, new, NEAR), side(new, old, NEAR), Rules(), covered, 1.5)
+    return judge_building(side(old, new, NEAR), side(new, old, NEAR), ChangeRules(), covered, 1.5)
 
 
 def test_the_same_house_is_unchanged() -> None:
@@ -99,7 +99,7 @@ def test_what_no_run_had_there_and_is_narrow_low_and_long_is_a_lorry(
     sides = side(before, after, NEAR), side(after, before, NEAR)
     for forward in (True, False):
         pair = sides if forward else sides[::-1]
-        told = judge_building(*pair, Rules(), (True, True), 1.5, (not forward, forward))
+        told = judge_building(*pair, ChangeRules(), (True, True), 1.5, (not forward, forward))
         assert told.change == (change if forward or change == UNCHANGED else DEMOLISHED)
 
 

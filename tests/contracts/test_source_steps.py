@@ -16,7 +16,7 @@ from eaves.ground import classify_ground
 from eaves.methods import make_method
 from eaves.model import PointCloud, Scene
 from eaves.raster.surfaces import make_scene
-from eaves.recipe.sources import SOURCES, Step
+from eaves.recipe.sources import SOURCES, PublishedStep
 
 STEPS = [(source.name, step) for source in SOURCES.values() for step in source.steps]
 NEEDS_DATA = pytest.mark.skipif("EAVES_DATA" not in os.environ, reason="EAVES_DATA names no folder of data")
@@ -48,7 +48,7 @@ def answer_of(name: str, source: str) -> NDArray[np.bool_]:
     return np.asarray(detect_buildings(scene_of(name, methods["ground"]), detector).label > 0)  # type: ignore[arg-type]
 
 
-def without(name: str, source: str, step: Step) -> NDArray[np.bool_]:
+def without(name: str, source: str, step: PublishedStep) -> NDArray[np.bool_]:
     """Which points are building when one step is switched off."""
     methods = SOURCES[source].methods
     off = dict(step.off)
@@ -65,7 +65,7 @@ def without(name: str, source: str, step: Step) -> NDArray[np.bool_]:
 @NEEDS_DATA
 @pytest.mark.slow
 @pytest.mark.parametrize(("source", "step"), STEPS, ids=lambda value: getattr(value, "words", value))
-def test_a_step_changes_the_answer_on_a_real_set(source: str, step: Step) -> None:
+def test_a_step_changes_the_answer_on_a_real_set(source: str, step: PublishedStep) -> None:
     changed = 0
     for name in SETS:
         changed = max(changed, int((without(name, source, step) != answer_of(name, source)).sum()))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from eaves.outline.global_fit import GlobalFit
 from eaves.outline.global_fit.low_parts import low_parts
-from eaves.outline.toolkit.alpha import triangulate
+from eaves.outline.toolkit.alpha import triangulate_points
 
 
 def house(seed: int = 0) -> NDArray[np.float64]:
@@ -23,7 +23,7 @@ def slab(west: float, south: float, east: float, north: float, z: float) -> NDAr
 
 
 def low(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    mesh = triangulate(points[:, :2])
+    mesh = triangulate_points(points[:, :2])
     assert mesh is not None
     return low_parts(mesh, points[:, 2], 0.8, 50.0, GlobalFit())
 

@@ -16,7 +16,7 @@ import shapely
 
 from eaves import pipeline
 from eaves.model import Failure, Footprint
-from eaves.run.part_file import decode, encode, is_sound, open_part, save_part
+from eaves.run.part_file import decode, encode, is_whole_part, open_part, save_part
 
 pytestmark = pytest.mark.usefixtures("blocks_of_60")
 
@@ -77,13 +77,13 @@ def test_any_changed_byte_of_data_makes_a_part_unsound(tmp_path: Path) -> None:
     path = tmp_path / "part.npz"
     save_part(path, {"x": np.arange(50.0)})
     whole = path.read_bytes()
-    assert is_sound(path)
+    assert is_whole_part(path)
     for place in range(200, 500, 37):
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
-        assert not is_sound(path), place
+        assert not is_whole_part(path), place
     for length in (0, 1, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:length])
-        assert not is_sound(path), length
+        assert not is_whole_part(path), length
 
 
 def cut(path: Path) -> None:

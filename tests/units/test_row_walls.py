@@ -11,7 +11,7 @@ from shapely import box
 from eaves.units import divide_block
 from eaves.units.row_walls.division import RowUnits
 from eaves.units.row_walls.evidence import USUAL_NOISE_M, roof_noise
-from eaves.units.row_walls.rows import Row
+from eaves.units.row_walls.rows import HouseRow
 from eaves.units.row_walls.several import odds_of_several
 
 HOUSE, DEPTH, SLOPE = 6.0, 9.0, 0.8
@@ -129,7 +129,7 @@ def test_a_house_with_a_lower_wing_stays_whole__a_row_of_three_is_divided(
 
 def test_walls_that_a_sparse_scan_shows_prove_less() -> None:
     outline, told = box(0, 0, 3 * HOUSE, DEPTH), []
-    row = Row(np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(72), np.full(72, DEPTH))
+    row = HouseRow(np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(72), np.full(72, DEPTH))
     units = RowUnits(row, np.array([24, 48]), np.array([0.9, 0.9]))
     odds = np.full(73, 2.0)
     for density in (1.0, 10.0):
@@ -140,7 +140,9 @@ def test_walls_that_a_sparse_scan_shows_prove_less() -> None:
 def test_a_deep_hall_of_as_many_bays_is_less_likely_several_than_a_row() -> None:
     told = []
     for depth in (9.0, 25.0):
-        row = Row(np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(96), np.full(96, depth))
+        row = HouseRow(
+            np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(96), np.full(96, depth)
+        )
         units = RowUnits(row, np.array([24, 48, 72]), np.full(3, 0.9))
         told.append(odds_of_several([units], [np.full(97, 2.0)], round(240 * depth), 24 * depth))
     assert told[1] < 0.0 < told[0]

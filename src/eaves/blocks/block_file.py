@@ -80,7 +80,7 @@ class BlockMetadata:
     doubts: tuple[Doubt, ...] = ()
 
 
-def extent_of(notes: Sequence[BlockMetadata]) -> Bounds:
+def block_extent(notes: Sequence[BlockMetadata]) -> Bounds:
     """World metres of all points used, widened to whole cells."""
     if not notes:
         return Bounds(0.0, 0.0, CELL, CELL)
@@ -106,8 +106,8 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
         "corner": [result.dtm.west, result.dtm.north, result.dtm.cell],
     }
     return {
-        "seconds": as_json(result.seconds),
-        "about": as_json(about),
+        "seconds": block_json(result.seconds),
+        "about": block_json(about),
         "point_id": result.point_id,
         "classification": result.classification,
         "vegetation": result.vegetation,
@@ -123,7 +123,7 @@ def block_arrays(result: BlockResult) -> dict[str, NDArray[Any]]:
         "dsm": result.dsm.values,
         "seam_id": result.seam_id,
         "seam_label": result.seam_label,
-        "sides": sides_of(result, count),
+        "sides": border_sides(result, count),
     }
 
 
@@ -137,7 +137,7 @@ def open_block(store: Store, block: Block) -> BlockFile:
     return BlockFile(store.path(BLOCKS, block), block)
 
 
-def as_json(value: object) -> NDArray[np.uint8]:
+def block_json(value: object) -> NDArray[np.uint8]:
     """A value as JSON in bytes."""
     return np.frombuffer(json.dumps(value).encode(), np.uint8)
 
@@ -152,7 +152,7 @@ def ground_cells(result: BlockResult) -> NDArray[np.uint8]:
     return cells
 
 
-def sides_of(result: BlockResult, count: int) -> NDArray[np.uint8]:
+def border_sides(result: BlockResult, count: int) -> NDArray[np.uint8]:
     """For labels 0 to `count`: 1 when points of it lie in the block, plus 2, 4, 8, 16 when some lie near its
     west, south, east, north side; 0 for label 0."""
     sides = np.zeros(count + 1, np.uint8)

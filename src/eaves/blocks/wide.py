@@ -12,7 +12,7 @@ from eaves.model.doubt import Doubt
 from eaves.recipe.recipe import Recipe
 from eaves.run.keys import DECKS, FLOORS, WIDE, key_of
 from eaves.run.part_file import load_value, pack
-from eaves.run.store import Store, Task, extent_of
+from eaves.run.store import Store, Task, stored_extent
 from eaves.run.world_squares import WIDE_SQUARE, squares_of, within
 from eaves.surroundings.decks import Decks, decks_of, look_around
 
@@ -30,7 +30,7 @@ def keep_floor(task: Task, store: Store) -> None:
     if store.has_classes:
         used = np.flatnonzero(~np.isin(records["classification"], NOISE_CLASSES))
         records = records if len(used) == len(records) else records.take(used)
-    floor = Floor.empty(extent_of(records["xyz"], block) or Bounds(*block.origin, *block.origin))
+    floor = Floor.empty(stored_extent(records["xyz"], block) or Bounds(*block.origin, *block.origin))
     floor.add(records["xyz"], 1.0, [round(value / GRID_STEP) for value in block.origin])
     store.save(FLOORS, block, pack("value", floor), task.read)
 

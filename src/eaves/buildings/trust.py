@@ -39,7 +39,7 @@ SEEN_FROM_AFAR = ("interpolated", "nearest ground")
 """Sources of a base that no ground beside the building shows."""
 
 
-def traits_of(row: Mapping[str, Any]) -> NDArray[np.float64]:
+def trust_traits(row: Mapping[str, Any]) -> NDArray[np.float64]:
     """The traits (6,) that `WEIGHTS` weigh: 1, logarithm of the RMSE of the best 95 % over that of noise,
     share without data, logarithms of how sparse the points are, of the odds against the detection, and of
     how small the building is.
@@ -74,7 +74,7 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     """
     if row.get("lod") in (None, "0") and row.get("failure_code"):
         return "low", 1.0, f"no model: {row.get('failure_reason')}"
-    gains = dict(zip(WEIGHTS, (traits_of(row) * np.array(list(WEIGHTS.values()))).tolist(), strict=True))
+    gains = dict(zip(WEIGHTS, (trust_traits(row) * np.array(list(WEIGHTS.values()))).tolist(), strict=True))
     badness = float(1.0 / (1.0 + np.exp(sum(gains.values()))))
     reasons = []
     supported = row.get("supported_share")

@@ -178,7 +178,7 @@ def calibrate(
     if detector.better:
         fit = regress(judged, held, start)
         count = len(shipped.surface)
-        weights = replace(weights, surface=rounded(fit[:count]), cell=rounded(fit[count:]))
+        weights = replace(weights, surface=rounded_weights(fit[:count]), cell=rounded_weights(fit[count:]))
     if score_check is not None and score_check.better:
         weights = replace(weights, score=scaled(weights.score, *scale))
     if weights == shipped:
@@ -200,7 +200,7 @@ def toml(value: object) -> str:
     return f"'{value}'" if isinstance(value, str) and '"' in value else json.dumps(value)
 
 
-def rounded(values: Values) -> tuple[float, ...]:
+def rounded_weights(values: Values) -> tuple[float, ...]:
     """To three places: more is chance."""
     return tuple(round(float(value), 3) for value in values)
 
@@ -348,7 +348,7 @@ def check_score(scores: Values, truth: NDArray[np.bool_]) -> tuple[Check | None,
 
 def scaled(score: ScoreWeights, shift: float, scale: float) -> ScoreWeights:
     """The weights of a score whose odds are shifted and scaled."""
-    constant, *others = rounded(
+    constant, *others = rounded_weights(
         np.array([score.constant * scale + shift, *(np.array(list(vars(score).values())[1:]) * scale)])
     )
     return ScoreWeights(constant, *others)

@@ -19,7 +19,7 @@ SEEN_WELL, SEEN_HALF, SURE_SCORE = 0.8, 0.5, 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class BuildingChange:
     """What became of one building.
 
     `id` is the building's name over time: the old epoch's where it was there; `old_ids` and `new_ids` name
@@ -94,7 +94,7 @@ class Comparison:
 
     old: Epoch
     new: Epoch
-    changes: tuple[Change, ...]
+    changes: tuple[BuildingChange, ...]
     shift: Shift
     tolerance: float
     """A surface nearer than this (m) counts as the same one."""

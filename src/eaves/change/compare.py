@@ -24,13 +24,13 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.change.changes import Change, Comparison
+from eaves.change.changes import BuildingChange, Comparison
 from eaves.change.epoch import Epoch, open_epoch
 from eaves.change.faced import Faced, found_beside, roof_points
 from eaves.change.measure import COARSE, REACH, measure_epochs
 from eaves.change.sites import Site, carry_ids, make_sites
 from eaves.change.surface import face_points
-from eaves.change.verdict import UNCHANGED, Rules, Side, Verdict, judge_building
+from eaves.change.verdict import UNCHANGED, ChangeRules, Side, Verdict, judge_building
 from eaves.flow.run import Progress, no_progress
 from eaves.model import Block, Bounds, PointCloud, Points
 from eaves.model.cloud import NOISE_CLASSES
@@ -48,7 +48,7 @@ ATTACHED_M = 0.3
 
 
 def compare_epochs(
-    old: Path, new: Path, work: Path, progress: Progress = no_progress, rules: Rules | None = None
+    old: Path, new: Path, work: Path, progress: Progress = no_progress, rules: ChangeRules | None = None
 ) -> Comparison:
     """What became of every building between the runs in two folders.
 
@@ -75,7 +75,7 @@ def compare_epochs(
         for name, folder in (("old", old), ("new", new)):
             target = epochs[0].system if epochs else None
             epochs.append(open_epoch(folder, place / name, target, SIDE, partial(progress, f"read {name}")))
-        return Comparer(epochs[0], epochs[1], rules or Rules(), progress).compare()
+        return Comparer(epochs[0], epochs[1], rules or ChangeRules(), progress).compare()
     finally:
         shutil.rmtree(place, ignore_errors=True)
 
@@ -83,7 +83,7 @@ def compare_epochs(
 class Comparer:
     """The comparison of two opened epochs, step by step."""
 
-    def __init__(self, old: Epoch, new: Epoch, rules: Rules, progress: Progress) -> None:
+    def __init__(self, old: Epoch, new: Epoch, rules: ChangeRules, progress: Progress) -> None:
         self.old, self.new, self.rules, self.progress = old, new, rules, progress
         both = sorted(set(old.blocks()) & set(new.blocks()))
         self.measured = measure_epochs(old, new, both, progress)
@@ -109,7 +109,7 @@ class Comparer:
 
     def judge(
         self, sites: Sequence[Site], whole: Sequence[Faced], covered: NDArray[np.int64]
-    ) -> list[Change]:
+    ) -> list[BuildingChange]:
         """What became of each site, and of surfaces in none, from the faced points of both epochs."""
         changes = []
         sides = [
@@ -275,7 +275,7 @@ class Comparer:
             owner[loose[which]] = numbers[nearest]
         return owner, of
 
-    def told(self, site: Site, verdict: Verdict, points: tuple[int, int]) -> Change:
+    def told(self, site: Site, verdict: Verdict, points: tuple[int, int]) -> BuildingChange:
         """A judged site, before ids are carried over."""
         volumes = [
             None
@@ -284,4 +284,4 @@ class Comparer:
             for side in (site.old, site.new)
         ]
         old_ids, new_ids = (tuple(one.id for one in side) for side in (site.old, site.new))
-        return Change("", old_ids, new_ids, site.polygon, verdict, points, (volumes[0], volumes[1]))
+        return BuildingChange("", old_ids, new_ids, site.polygon, verdict, points, (volumes[0], volumes[1]))

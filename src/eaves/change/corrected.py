@@ -52,14 +52,14 @@ def correct(region: Region, orders: Sequence[Order]) -> Corrected:
     done = Corrected(touched={*by_owner, *edited.owners(side)})
     for count, owner in enumerate(sorted(done.touched), 1):
         if owner in by_owner:
-            save_buildings(store, EDITED, owner, corrected(region, owner, by_owner[owner], done))
+            save_buildings(store, EDITED, owner, with_corrections(region, owner, by_owner[owner], done))
         else:
             store.remove(EDITED, owner)
         region.progress("buildings", count, len(done.touched))
     return done
 
 
-def corrected(
+def with_corrections(
     region: Region, owner: Block, orders: Sequence[Order], done: Corrected
 ) -> list[BuildingResult | SavedBuilding]:
     """The buildings of an owner block after its orders."""

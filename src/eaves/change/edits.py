@@ -71,7 +71,7 @@ def read_edits(
     """
     polygons: Sequence[Polygon | MultiPolygon]
     if path.suffix.lower() == ".csv":
-        polygons, rows = read_table(path, outlines or {})
+        polygons, rows = read_verdict_table(path, outlines or {})
     else:
         polygons, _, rows, _ = read_polygons(path, target=system)
     if rows and "verdict" not in rows[0]:
@@ -90,7 +90,9 @@ def read_edits(
     return edits
 
 
-def read_table(path: Path, outlines: Mapping[str, Polygon]) -> tuple[list[Polygon], list[dict[str, Any]]]:
+def read_verdict_table(
+    path: Path, outlines: Mapping[str, Polygon]
+) -> tuple[list[Polygon], list[dict[str, Any]]]:
     """The outlines and the rows of a table of ids and verdicts.
 
     Raises

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import MultiPolygon, Polygon
 
-from eaves.change.changes import Change
+from eaves.change.changes import BuildingChange
 from eaves.change.epoch import Building
 from eaves.change.measure import COARSE, SMOOTH, SMOOTHEST, classes_of
-from eaves.change.surface import STEEPEST, LocalPlanes, is_covered, local_planes, planar
-from eaves.change.verdict import DEMOLISHED, NEW, Rules, Side, Verdict, came, patches_of
+from eaves.change.surface import STEEPEST, PointPlanes, is_covered, planar, point_planes
+from eaves.change.verdict import DEMOLISHED, NEW, ChangeRules, Side, Verdict, came, patches_of
 from eaves.model import Mask, PointCloud, Points, Values
 from eaves.model.cloud import BUILDING, GROUND, NOISE_CLASSES
 
@@ -36,7 +36,7 @@ class Roof:
     heights over the nearest ground (m); and all points' classes, with 6 for each of these."""
 
     which: NDArray[np.int64]
-    planes: LocalPlanes
+    planes: PointPlanes
     flat: NDArray[np.bool_]
     known: NDArray[np.bool_]
     height: Values
@@ -58,12 +58,12 @@ def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float, lo
     high &= height >= lowest
     which = np.flatnonzero(found | high)
     which = which[~is_covered(xyz[which], WALL_NEAR, WALL_RISE)]
-    planes = local_planes(xyz[which], max(0.75, 2.0 * spacing))
+    planes = point_planes(xyz[which], max(0.75, 2.0 * spacing))
     flat = planar(planes, max(SMOOTHEST, SMOOTH * rough)) & (np.hypot(*planes.slope.T) <= STEEPEST)
     kept = found[which] | (flat & mostly(flat, xyz[which], COARSE))
     which = which[kept]
     classes[which] = BUILDING
-    kept_planes = LocalPlanes(planes.slope[kept], planes.rms[kept])
+    kept_planes = PointPlanes(planes.slope[kept], planes.rms[kept])
     return Roof(which, kept_planes, flat[kept], found[which], height[which], classes)
 
 
@@ -123,7 +123,9 @@ class Faced:
         ]
 
 
-def found_beside(faced: Faced, spacing: float, epoch: int, rules: Rules, link: float) -> list[Change]:
+def found_beside(
+    faced: Faced, spacing: float, epoch: int, rules: ChangeRules, link: float
+) -> list[BuildingChange]:
     """Flat surfaces far from every footprint that came or went: buildings that a run did not find."""
     some = faced.site < 0
     part = [getattr(faced, name)[some] for name in ("xyz", "state", "distance", "flat", "known", "height")]
@@ -152,7 +154,7 @@ def found_beside(faced: Faced, spacing: float, epoch: int, rules: Rules, link: f
         )
         count = int(patch.sum())
         points = (0, count) if epoch else (count, 0)
-        changes.append(Change("", (), (), outline, verdict, points, (None, None)))
+        changes.append(BuildingChange("", (), (), outline, verdict, points, (None, None)))
     return changes
 
 

@@ -78,7 +78,7 @@ def open_kept(folder: Path, new: Sequence[str] = (), out: Path | None = None, jo
     request = read_request(folder)
     inputs = [*request.inputs, *new]
     options = {**request.options, "jobs": jobs}
-    run = open_run(inputs, out or folder, recipe_of(request.plan), keep=True, resume=True, **options)
+    run = open_run(inputs, out or folder, kept_recipe(request.plan), keep=True, resume=True, **options)
     broken = [reason for reason in run.failed if any(path in reason for path in new)]
     if broken:
         raise InputError(broken[0])
@@ -128,7 +128,7 @@ def marks_of(plan: dict[str, Any]) -> list[tuple[int, str]]:
     return [(plan["files"], plan["inputs_sha256"])]
 
 
-def recipe_of(plan: dict[str, Any]) -> Recipe:
+def kept_recipe(plan: dict[str, Any]) -> Recipe:
     """The recipe that a run's plan states."""
     methods: dict[str, Any] = {
         stage: None if told is None else resolve_method(stage, told, False)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eaves.change.epoch import Epoch
 from eaves.change.shift import FEWEST, Shift, fit_shift
-from eaves.change.surface import local_planes, nearest_distances, planar
+from eaves.change.surface import nearest_distances, planar, point_planes
 from eaves.flow.run import Progress
 from eaves.geometry.neighbours import measure_spacing
 from eaves.model import Block, PointCloud
@@ -77,7 +77,7 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
         roof = before.xyz[classes_of(before) == BUILDING]
         if len(roof) < FEWEST or not len(after):
             continue
-        planes = local_planes(roof, 2.0 * radius)
+        planes = point_planes(roof, 2.0 * radius)
         flat = planar(planes, 2 * SMOOTHEST)
         others = after.xyz - first.vector
         found = nearest_distances(roof[flat], planes.slope[flat], others, radius, PAIRED)

@@ -31,7 +31,9 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
         writer.writeheader()
         writer.writerows(one.row for one in comparison.changes)
     with atomic(paths[2]) as temporary:
-        temporary.write_text(json.dumps(describe(comparison), indent=1, allow_nan=False), encoding="utf-8")
+        temporary.write_text(
+            json.dumps(describe_comparison(comparison), indent=1, allow_nan=False), encoding="utf-8"
+        )
     return paths
 
 
@@ -48,7 +50,7 @@ def part_rows(comparison: Comparison) -> list[Row]:
     return rows
 
 
-def describe(comparison: Comparison) -> dict[str, Any]:
+def describe_comparison(comparison: Comparison) -> dict[str, Any]:
     """What was compared, how, and what came out, as JSON."""
     shift = comparison.shift
     return {

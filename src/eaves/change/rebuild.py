@@ -12,7 +12,7 @@ from eaves.change.corrected import correct, outlines_in, overlaps
 from eaves.change.edits import EDITS, Edit, edits_of_layer, read_edits, settle, write_edits
 from eaves.change.kept import open_kept
 from eaves.flow.classified_points import known_copies
-from eaves.flow.numbers import keep_numbers, numbers_in
+from eaves.flow.numbers import keep_numbers, numbers_of_owners
 from eaves.flow.outputs import write_outputs
 from eaves.flow.region import kept_region
 from eaves.flow.run import Progress, no_progress
@@ -75,7 +75,7 @@ def rebuild(folder: Path, file: Path | None = None, progress: Progress = no_prog
         region = kept_region(run, workers, progress)
         store, side = region.store, run.side
         shown, found = outlines_in(Kept(store), side), outlines_in(as_found(store), side)
-        numbers = numbers_in(store, Kept(store).owners(side))
+        numbers = numbers_of_owners(store, Kept(store).owners(side))
         edits = [*kept_edits(folder, store), *changed_in_layer(folder, store, shown)]
         if file is not None:
             edits += read_edits(file, store.system, {**found, **shown})

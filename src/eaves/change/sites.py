@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from eaves.change.changes import Change
+from eaves.change.changes import BuildingChange
 from eaves.change.epoch import Building
 
 OVERLAPPING = 0.5
@@ -59,7 +59,7 @@ def make_sites(
     return sites, old_site, new_site
 
 
-def carry_ids(changes: Sequence[Change], sites: Sequence[Site]) -> tuple[Change, ...]:
+def carry_ids(changes: Sequence[BuildingChange], sites: Sequence[Site]) -> tuple[BuildingChange, ...]:
     """The changes, named: a building keeps the id of the old one with which it shares most, each id once."""
     wanted = []
     for number, site in enumerate(sites):

@@ -40,7 +40,7 @@ this share must be left, or they are no plane: a crown, a ridge."""
 
 
 @dataclass(frozen=True, eq=False)
-class LocalPlanes:
+class PointPlanes:
     """Slopes (N, 2) and residuals (N,) of the planes of roof points' neighbours; residual NaN for none."""
 
     slope: NDArray[np.float64]
@@ -55,11 +55,11 @@ class Facing:
     distance: Values
 
 
-def local_planes(xyz: Points, radius: float) -> LocalPlanes:
+def point_planes(xyz: Points, radius: float) -> PointPlanes:
     """Planes through the neighbours of points (N, 3) within `radius` (m) in plan and in height."""
     order, start, corner, columns = sort_into_cells(xyz, radius)
     slope, rms = planes_kernel(xyz, order, start, corner, columns, radius, LEAST_NEIGHBOURS)
-    return LocalPlanes(slope, rms)
+    return PointPlanes(slope, rms)
 
 
 def face_points(
@@ -341,6 +341,6 @@ def covered_kernel(
     return covered
 
 
-def planar(planes: LocalPlanes, limit: float) -> Mask:
+def planar(planes: PointPlanes, limit: float) -> Mask:
     """Which points (N,) lie on a surface that a plane fits within `limit` (m)."""
     return np.asarray(np.isfinite(planes.rms) & (planes.rms <= limit))

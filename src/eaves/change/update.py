@@ -20,7 +20,7 @@ from eaves.change.rebuild import LAYER, changed_in_layer, kept_edits
 from eaves.change.versions import Versions, known_ids, lines_of, name_versions, write_history
 from eaves.flow.classified_points import known_copies
 from eaves.flow.collisions import is_same_place
-from eaves.flow.numbers import keep_numbers, numbers_in
+from eaves.flow.numbers import keep_numbers, numbers_of_owners
 from eaves.flow.outputs import write_outputs
 from eaves.flow.region import Region, end_region, open_region, store_of
 from eaves.flow.run import WORK, Progress, no_progress
@@ -31,7 +31,7 @@ from eaves.pipeline import bring_points, find_buildings, hold_folder
 from eaves.run.keys import BLOCKS, EDITED, GONE, NAMED
 from eaves.run.lock import lock_folder
 from eaves.run.manifest import begin_manifest, end_manifest
-from eaves.run.replace import files_of, number_of
+from eaves.run.replace import files_of, scan_number
 from eaves.run.store import Store, link_file
 
 log = logging.getLogger("eaves")
@@ -133,7 +133,7 @@ def update(
         orders, conflicts = settle(edits, outlines_in(as_found(store), run.side))
         edited = correct(region, orders)
         keep_numbers(
-            store, sorted(changed | edited.touched), numbers_in(before, Kept(before).owners(run.side))
+            store, sorted(changed | edited.touched), numbers_of_owners(before, Kept(before).owners(run.side))
         )
         summary = write_outputs(region, Kept(store).owners(run.side), copies=known_copies(folder, before))
         beside = walls_changed(folder, out, {*versions.new, *versions.remodelled, *(o.id for o in orders)})
@@ -237,7 +237,7 @@ def check_place(region: Region) -> None:
     path = run.index.path(first)
     fresh, held = [], []
     for block in store.blocks(run.side):
-        numbers = [number_of(one) for one in files_of(store, block)]
+        numbers = [scan_number(one) for one in files_of(store, block)]
         fresh += [block] * (max(numbers) >= first)
         held += [block] * (min(numbers) < first)
     if not fresh:

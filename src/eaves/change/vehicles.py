@@ -27,7 +27,7 @@ PRECISE_M = 0.05
 
 
 @dataclass(frozen=True)
-class VehicleRules:
+class StandingRules:
     """What vehicles, trailers and containers are like."""
 
     width: float = 2.7
@@ -65,7 +65,7 @@ def are_vehicles(
     xyz: Points,
     height: float,
     size: float,
-    rules: VehicleRules,
+    rules: StandingRules,
     reach: float,
     outline: Polygon | MultiPolygon | None = None,
 ) -> bool:
@@ -92,7 +92,9 @@ def are_vehicles(
     link = max(rules.gap, rules.gap_spacings * side)
     bodies = sorted((xyz[one] for one in linked(xyz[:, :2], link)), key=lambda body: -len(body))
     several = [
-        body for body in bodies if len(body) * size >= rules.smallest and sides_of(body)[0] >= rules.narrowest
+        body
+        for body in bodies
+        if len(body) * size >= rules.smallest and hull_sides(body)[0] >= rules.narrowest
     ]
     if len(several) < 2:  # lines of a scan, or one body with a bush at its side
         several = [bodies[0] if len(bodies[0]) >= MOSTLY * len(xyz) else xyz]
@@ -110,13 +112,13 @@ def are_vehicles(
     return outline.area >= rules.length * width**2 or is_long(body, rules)
 
 
-def is_long(xyz: Points, rules: VehicleRules) -> bool:
+def is_long(xyz: Points, rules: StandingRules) -> bool:
     """Whether the rectangle about points is as long for its width as vehicles are."""
-    width, length = sides_of(xyz)
+    width, length = hull_sides(xyz)
     return length >= rules.length * width
 
 
-def sides_of(xyz: Points) -> tuple[float, float]:
+def hull_sides(xyz: Points) -> tuple[float, float]:
     """The sides (m) of the smallest rectangle about points (N, 3), the shorter one first: it has a side along
     one of the hull's."""
     hull = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(xyz[:, :2])))
@@ -145,7 +147,7 @@ def width_of(outline: Polygon | MultiPolygon) -> float:
     return float(2.0 * max(shapely.maximum_inscribed_circle(part, PRECISE_M).length for part in parts))
 
 
-def is_pitched(xyz: Points, rules: VehicleRules) -> bool:
+def is_pitched(xyz: Points, rules: StandingRules) -> bool:
     """Whether the tops lean to one side, or to both from a ridge along or across them: without the rim, whose
     points lie on the sides, and without what bonnet and windscreen slope."""
     rim = shapely.convex_hull(shapely.multipoints(xyz[:, :2])).buffer(-rules.rim)

@@ -20,7 +20,7 @@ from eaves.change.surface import (
     SAME,
     UNSEEN,
 )
-from eaves.change.vehicles import VehicleRules, are_vehicles, is_wide, linked
+from eaves.change.vehicles import StandingRules, are_vehicles, is_wide, linked
 from eaves.model import Mask, Points, Values
 
 UNCHANGED, NEW, DEMOLISHED, RAISED, LOWERED, EXTENDED = (
@@ -51,7 +51,7 @@ VERDICTS = (
 
 
 @dataclass(frozen=True)
-class Rules:
+class ChangeRules:
     """From what size on a difference is a change."""
 
     smallest_m2: float = 2.5
@@ -67,7 +67,7 @@ class Rules:
     """A patch is as wide as this (m) somewhere: balconies and eaves are seen from one side only."""
     smallest_alone_m2: float = 25.0
     """The same for a surface that stands alone and is in no run's footprints: larger than a lorry."""
-    vehicles: VehicleRules = field(default_factory=VehicleRules)
+    vehicles: StandingRules = field(default_factory=StandingRules)
     """What stands alone and is like these is a vehicle, a trailer or a container."""
     doubted: float = 0.5
     """What stands alone, and the one run that has it scores lower, is told by neither: rather no building."""
@@ -130,7 +130,7 @@ class Side:
         return float(self.size[mask].sum())
 
     def are_vehicles(
-        self, mask: Mask, rules: VehicleRules, link: float, outline: Polygon | MultiPolygon | None = None
+        self, mask: Mask, rules: StandingRules, link: float, outline: Polygon | MultiPolygon | None = None
     ) -> bool:
         """Whether some points, or their outline, are like those of vehicles."""
         if not mask.any():
@@ -163,7 +163,7 @@ class Verdict:
 def judge_building(
     old: Side,
     new: Side,
-    rules: Rules,
+    rules: ChangeRules,
     covered: tuple[bool, bool],
     link: float,
     outlined: tuple[bool, bool] = (True, True),
@@ -199,7 +199,7 @@ def judge_building(
     built, gone = came(new), came(old)
     seen_new, seen_old = 1.0 - new.share(UNSEEN, HIDDEN), 1.0 - old.share(UNSEEN, HIDDEN)
     same = max(new.share(SAME), old.share(SAME))
-    volume = volume_of(old, new)
+    volume = volume_change(old, new)
     if len(new) + len(old) < rules.least_points:
         return Verdict(UNCLEAR, reason=f"only {len(new) + len(old)} roof points in both epochs")
     seen = seen_new if len(new) >= len(old) else seen_old
@@ -254,7 +254,7 @@ def judge_building(
     return judge_parts(old, new, rules, link, volume, figures)
 
 
-def gone_all(one: Side, other: Side, rules: Rules) -> bool:
+def gone_all(one: Side, other: Side, rules: ChangeRules) -> bool:
     """Whether nothing that matters of one epoch's roof is left in the other."""
     states = SAME, ROOF_ABOVE, ROOF_BELOW
     left = one.area_of(np.isin(one.state, states))
@@ -269,7 +269,7 @@ def came(side: Side) -> Mask:
 
 
 def judge_parts(
-    old: Side, new: Side, rules: Rules, link: float, volume: float, figures: dict[str, Any]
+    old: Side, new: Side, rules: ChangeRules, link: float, volume: float, figures: dict[str, Any]
 ) -> Verdict:
     """What became of a building that stands in both epochs."""
     built = patches_of(new, came(new), rules, link)
@@ -311,7 +311,7 @@ def judge_parts(
     )
 
 
-def kind_of_move(rise: Values, patches: Sequence[Mask], rules: Rules) -> str:
+def kind_of_move(rise: Values, patches: Sequence[Mask], rules: ChangeRules) -> str:
     """Raised or lowered when each patch moved alike and all the same way, else replaced."""
     for patch in patches:
         low, middle, high = (float(v) for v in np.percentile(rise[patch], (25, 50, 75)))
@@ -322,13 +322,13 @@ def kind_of_move(rise: Values, patches: Sequence[Mask], rules: Rules) -> str:
     return RAISED if up >= ONE_WAY else LOWERED if up <= 1 - ONE_WAY else ROOF_REPLACED
 
 
-def moved(side: Side, way: float, rules: Rules) -> Values:
+def moved(side: Side, way: float, rules: ChangeRules) -> Values:
     """How much higher the new roof lies at each point (m); NaN where it is the same, or no roof."""
     rise = np.where(np.isin(side.state, (ROOF_ABOVE, ROOF_BELOW)), way * side.distance, np.nan)
     return np.where(np.abs(rise) >= rules.smallest_height, rise, np.nan)
 
 
-def patches_of(side: Side, mask: Mask, rules: Rules, link: float) -> list[Mask]:
+def patches_of(side: Side, mask: Mask, rules: ChangeRules, link: float) -> list[Mask]:
     """The groups of some points, each linked to the next (m): those large enough, largest first."""
     some = np.flatnonzero(mask)
     if len(some) < rules.least_points:
@@ -346,18 +346,20 @@ def patches_of(side: Side, mask: Mask, rules: Rules, link: float) -> list[Mask]:
         whole = known and patch.sum() >= rules.most * len(side)  # a shed has few points off its rim
         if is_low(side, patch, rules):
             continue
-        if whole or (is_roof(side, patch, rules) and is_wide(side.xyz[patch, :2], rules.narrowest, link / 2)):
+        if whole or (
+            is_roof_patch(side, patch, rules) and is_wide(side.xyz[patch, :2], rules.narrowest, link / 2)
+        ):
             patches.append(patch)
     return sorted(patches, key=lambda patch: (-int(patch.sum()), int(np.argmax(patch))))
 
 
-def is_low(side: Side, patch: Mask, rules: Rules) -> bool:
+def is_low(side: Side, patch: Mask, rules: ChangeRules) -> bool:
     """Whether a patch that came or went lies lower over the other epoch's ground than any roof."""
     over_ground = side.distance[patch & (side.state == GROUND_BELOW)]
     return len(over_ground) >= rules.least_points and -float(np.median(over_ground)) < rules.lowest
 
 
-def is_roof(side: Side, patch: Mask, rules: Rules) -> bool:
+def is_roof_patch(side: Side, patch: Mask, rules: ChangeRules) -> bool:
     """Whether most points of a patch lie on planes: each on that of its neighbours, or all on one.
 
     A small roof beside a wall is flat as a whole where its points' neighbours are not; a wall is steep.
@@ -382,7 +384,7 @@ def is_roof(side: Side, patch: Mask, rules: Rules) -> bool:
     return one >= rules.on_plane and side.area_of(patch) >= rules.compact * hull
 
 
-def volume_of(old: Side, new: Side) -> float:
+def volume_change(old: Side, new: Side) -> float:
     """How much larger the building is (m³): each point of a roof stands for a column down to the other
     epoch's surface; of a roof that both have, the new one's count."""
     here = np.isfinite(new.distance) & (new.state != SAME) & (new.state != HIDDEN)

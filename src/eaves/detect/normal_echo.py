@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from eaves.detect.stage import Detector, covered_area
+from eaves.detect.stage import Detector, area_of_cells
 from eaves.geometry.planes import local_planes
 from eaves.geometry.smooth_surfaces import (
     NEIGHBOURS,
@@ -187,7 +187,7 @@ class NormalEcho(Detector):
         count = int(component.max()) + 1
         xyz, height = scene.cloud.xyz[index], scene.height[index]
         size = np.bincount(component, minlength=count)
-        area = covered_area(xyz, component.astype(np.int64), count, scene.spacing)
+        area = area_of_cells(xyz, component.astype(np.int64), count, scene.spacing)
         top = np.zeros(count)
         np.maximum.at(top, component, height)
         density = size * scene.spacing**2 / np.maximum(area, 1e-9)

@@ -160,7 +160,7 @@ def share_of(label: Labels, count: int, values: Values) -> Values:
     return np.asarray(total / np.maximum(size, 1), np.float64)
 
 
-def corner_heights(surface: Values) -> tuple[Values, Values, Values, Values]:
+def cell_corner_heights(surface: Values) -> tuple[Values, Values, Values, Values]:
     """Heights z00, z10, z01, z11 (H, W) of each cell and its neighbours east (i + 1) and north (j + 1)."""
     whole = np.pad(filled(surface), ((1, 0), (0, 1)), mode="edge")
     return whole[1:, :-1], whole[1:, 1:], whole[:-1, :-1], whole[:-1, 1:]
@@ -168,7 +168,7 @@ def corner_heights(surface: Values) -> tuple[Values, Values, Values, Values]:
 
 def micro_normals(surface: Values, side: float) -> Values:
     """Upward unit normals (H, W, 3) of the micro surfaces; eq. 1 is the length before division."""
-    z00, z10, z01, z11 = corner_heights(surface)
+    z00, z10, z01, z11 = cell_corner_heights(surface)
     east = side * (z00 + z01 - z10 - z11)
     north = side * (z00 + z10 - z01 - z11)
     vector = np.stack([east, north, np.full_like(east, 2.0 * side * side)], axis=-1)
@@ -177,7 +177,7 @@ def micro_normals(surface: Values, side: float) -> Values:
 
 def roughness(surface: Values) -> Values:
     """Half the absolute twist (m, (H, W)) of each cell's four heights: eq. 2."""
-    z00, z10, z01, z11 = corner_heights(surface)
+    z00, z10, z01, z11 = cell_corner_heights(surface)
     return np.asarray(0.5 * np.abs(z11 + z00 - z01 - z10), np.float64)
 
 

@@ -118,7 +118,7 @@ def keep_regions(
     if len(inside) == 0:
         return np.zeros_like(label), np.zeros(0, np.int64)
     numbers, which = np.unique(label[inside], return_inverse=True)
-    area = covered_area(scene.cloud.xyz[inside], which, len(numbers), scene.spacing)
+    area = area_of_cells(scene.cloud.xyz[inside], which, len(numbers), scene.spacing)
     order = np.argsort(which, kind="stable")
     count = np.bincount(which, minlength=len(numbers))
     start = np.cumsum(count) - count
@@ -133,7 +133,7 @@ def keep_regions(
     return result, numbers[good].astype(np.int64)
 
 
-def covered_area(xyz: Points, which: NDArray[np.int64], count: int, spacing: float) -> NDArray[np.float64]:
+def area_of_cells(xyz: Points, which: NDArray[np.int64], count: int, spacing: float) -> NDArray[np.float64]:
     """Area (m²) that the points of each of `count` groups cover: occupied cells about two spacings wide, and
     of few cells, which points on their borders overstate, no more than the hull and half a spacing around it.
     """

@@ -61,7 +61,7 @@ class PointSink(Protocol):
 
 
 @dataclass(frozen=True)
-class Column:
+class PointColumn:
     """A run of values in a file, read slice by slice, so that memory does not grow with the file."""
 
     path: Path
@@ -146,13 +146,13 @@ def write_points(
     return list(written)
 
 
-def columns_of(labels: Path, index: Index, number: int) -> dict[str, Column]:
+def columns_of(labels: Path, index: Index, number: int) -> dict[str, PointColumn]:
     """What is said of each point of an input, by name."""
     first, count = int(index.starts[number]), index.count(number)
-    return {name: Column(labels / f"{name}.bin", dtype, first, count) for name, dtype in TYPES.items()}
+    return {name: PointColumn(labels / f"{name}.bin", dtype, first, count) for name, dtype in TYPES.items()}
 
 
-def key_of_columns(columns: Mapping[str, Column], mark: bytes, made_from: Provenance) -> str:
+def key_of_columns(columns: Mapping[str, PointColumn], mark: bytes, made_from: Provenance) -> str:
     """The key of all that a classified file follows from."""
     pieces = (
         column[first : first + PIECE] for column in columns.values() for first in range(0, len(column), PIECE)

@@ -14,7 +14,7 @@ import shapely
 
 from eaves.buildings.rows import BuildingRow
 from eaves.flow.doubts import LAYER, describe_doubts, doubt_of, doubt_rows
-from eaves.flow.rasters import write_mask
+from eaves.flow.rasters import write_run_mask
 from eaves.flow.review import REVIEW, write_review
 from eaves.formats.geopackage import Row, plain_value, write_geopackage
 from eaves.formats.vrt import write_vrt
@@ -141,7 +141,7 @@ def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem, pro
         for column in range(whole.column, last.column + 1)
         for row in range(whole.row, last.row + 1)
     ]
-    written = write_mask(
+    written = write_run_mask(
         system, blocks, list(np.asarray(shapes, object)), bounds, place / "mask.tif", provenance
     )
     add_to_manifest(place, written)

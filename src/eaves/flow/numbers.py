@@ -42,7 +42,7 @@ def count_planes(store: Store, owners: Sequence[Block]) -> dict[str, int]:
     return found
 
 
-def numbers_in(store: Store, owners: Sequence[Block]) -> Numbers:
+def numbers_of_owners(store: Store, owners: Sequence[Block]) -> Numbers:
     """The numbers of the buildings of a store."""
     return read_numbers(store) or continued(Numbers({}, (1, 0)), count_planes(store, owners))
 

@@ -14,7 +14,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eaves.blocks.block_file import BlockMetadata, extent_of, open_block
+from eaves.blocks.block_file import BlockMetadata, block_extent, open_block
 from eaves.buildings.building_file import Kept
 from eaves.buildings.stock import stock_figures
 from eaves.flow.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
@@ -66,7 +66,7 @@ class BuildingRows:
 
 
 @dataclass(frozen=True, eq=False)
-class Results:
+class RunResults:
     """What a run has computed; picklable, for each output may be written by another process.
 
     `blocks` and `owners` are those the files show, without blocks that failed.
@@ -99,7 +99,9 @@ def with_walls(answer: BuildingModel | Failure, walls: Mapping[str, float] | Non
     return answer.with_(attributes={**own, **stock})
 
 
-def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[list[Path], PointSink | None]:
+def write_output(
+    step: str, results: RunResults, sink: PointSink | None
+) -> tuple[list[Path], PointSink | None]:
     """Write what one name of `EVERYTHING` stands for: the files, and the sink with what it received."""
     # imports are late where libraries come with them that other outputs do without
     run, store, owners = results.run, results.store, results.owners
@@ -117,11 +119,11 @@ def write_output(step: str, results: Results, sink: PointSink | None) -> tuple[l
         write_cityjson_seq(files[0], answers, system, provenance=made_from, translate=run.translate)
         return files + export_models(folder, results.answers, system, run.options["formats"], made_from), None
     if step == "mask":
-        from eaves.flow.rasters import write_mask
+        from eaves.flow.rasters import write_run_mask
 
         polygons = [row.polygon for row in kept.rows(owners)]
         path = folder / "mask.tif"
-        return write_mask(system, results.blocks, polygons, results.extent, path, made_from), None
+        return write_run_mask(system, results.blocks, polygons, results.extent, path, made_from), None
     if step == "rasters":
         from eaves.flow.rasters import write_surfaces
 
@@ -152,7 +154,7 @@ def write_outputs(
     places = (doubt for one in metadata for doubt in one.doubts)
     doubts = doubt_rows(chain(places, face_doubts(kept.rows(owners))), run.side)
     used = [one.block for one in metadata]
-    results = Results(run, store, used, owners, extent_of(metadata), shared, doubts, copies or {})
+    results = RunResults(run, store, used, owners, block_extent(metadata), shared, doubts, copies or {})
     if sink is not None:
         sizes = [int(row.values.get("points") or 0) for row in kept.rows(owners)]
         sink.start(run.index.points, len(sizes), sum(sizes))

@@ -38,7 +38,7 @@ def write_surfaces(
     return written
 
 
-def write_mask(
+def write_run_mask(
     system: CoordinateSystem,
     blocks: Sequence[Block],
     polygons: Sequence[Polygon],

@@ -43,7 +43,7 @@ from eaves.run.partition import (
     known_parts,
     partition_slice,
 )
-from eaves.run.replace import files_of, keep_gone, number_of
+from eaves.run.replace import files_of, keep_gone, scan_number
 from eaves.run.store import Store, Task
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
 from eaves.run.world_squares import GROUND_SQUARE, WIDE_SQUARE, ring, squares_of
@@ -230,7 +230,7 @@ def replace_points(region: Region) -> None:
     blocks = region.store.blocks(region.run.side) if generations else []
     later = set[Block]()
     for block in blocks:
-        newest = max(map(number_of, files_of(store, block)))
+        newest = max(map(scan_number, files_of(store, block)))
         later |= set(ring(block)) if newest >= generations[0] else set()
     units = [block for block in blocks if block in later]
     store.keep_only(GONE, units)

@@ -202,7 +202,7 @@ def open_run(
         recipe=recipe,
         index=index,
         window=window,
-        plan=describe(index, recipe, options, map_, hashes),
+        plan=describe_plan(index, recipe, options, map_, hashes),
         options=options,
         inputs=tuple(os.path.realpath(path) for path in paths),
         side=BLOCK_SIDE,
@@ -279,7 +279,7 @@ def claim(folder: Path) -> None:
         ) from None
 
 
-def describe(
+def describe_plan(
     index: Index,
     recipe: Recipe,
     options: RunOptions,

@@ -292,7 +292,7 @@ class Tiles:
         failed += [reason for one in runs for reason in one["incomplete"]]
         missing = Counter(row.code for row in lost)
         runs.append({"found": len(lost), "failures": missing, **{name: {} for name in COUNTED}})
-        return total_of(runs, self.run, files, tuple(dict.fromkeys(failed)), self.peak)
+        return tile_total(runs, self.run, files, tuple(dict.fromkeys(failed)), self.peak)
 
 
 COUNTED = ("by_lod", "fallbacks", "stage_cpu_seconds")
@@ -320,7 +320,7 @@ def differs(tile: Tile, run: Run, old: Index, new: Index) -> bool:
     return bool((new.meeting(loaded) & ~old.meeting(loaded)).any())
 
 
-def total_of(
+def tile_total(
     runs: Sequence[dict[str, Any]],
     run: Run,
     files: Sequence[Path],

@@ -13,7 +13,7 @@ from eaves.geometry.pieces import borders_of, joined_pieces
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Footprint
-from eaves.outline.toolkit.shared_edges import welded
+from eaves.outline.toolkit.shared_edges import welded_outlines
 
 OVERHANG_M = 3.0
 """A party wall is carried on past its ends by this much, across the overhang to the eaves."""
@@ -55,7 +55,9 @@ def split_block(
     parts = joined_pieces(pieces, owners_of(pieces, polygons), len(polygons))
     there = [number for number, part in enumerate(parts) if part is not None]
     rest = []
-    for number, part in zip(there, welded([part for part in parts if part is not None]), strict=True):
+    for number, part in zip(
+        there, welded_outlines([part for part in parts if part is not None]), strict=True
+    ):
         plain = shapely.remove_repeated_points(part, 3.0 * COORDINATE_STEP)
         whole = shapely.orient_polygons(plain if plain.is_valid else part)
         if number < len(held):

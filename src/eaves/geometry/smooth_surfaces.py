@@ -60,7 +60,7 @@ def grow_regions(xyz: Points, planes: LocalPlanes, smooth_angle: float) -> NDArr
         )
         return np.asarray(alike & (off <= np.maximum(rise * length, 3.0 * planes.noise)))
 
-    return connected(planes, joined).astype(np.int64)
+    return connected_points(planes, joined).astype(np.int64)
 
 
 def euclidean_components(xyz: Points, planes: LocalPlanes, join: float) -> Labels:
@@ -69,10 +69,10 @@ def euclidean_components(xyz: Points, planes: LocalPlanes, join: float) -> Label
     def joined(other: NDArray[np.int64]) -> Mask:
         return np.asarray(((xyz[other] - xyz) ** 2).sum(axis=1) <= join * join)
 
-    return connected(planes, joined)
+    return connected_points(planes, joined)
 
 
-def connected(planes: LocalPlanes, joined: Callable[[NDArray[np.int64]], Mask]) -> Labels:
+def connected_points(planes: LocalPlanes, joined: Callable[[NDArray[np.int64]], Mask]) -> Labels:
     """Components (N,) of the graph of neighbours whose link `joined` (others (N,) → mask (N,)) keeps."""
     count, around = len(planes.neighbours), planes.neighbours[:, 1:]
     rows, columns = [], []

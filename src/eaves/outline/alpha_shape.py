@@ -11,7 +11,7 @@ from eaves.geometry.rings import as_polygon
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
 from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import alpha_rings, triangulate
+from eaves.outline.toolkit.alpha import alpha_rings, triangulate_points
 
 ALPHA_IN_SPACINGS = 4.8
 """The published 2.4 m at the published density of 4 points/m², that is a spacing of 0.5 m."""
@@ -93,7 +93,7 @@ class AlphaShape(OutlineMethod):
         """The rings of the alpha shape of `points` (N, 3)."""
         xy = points[:, :2]
         alpha = self.alpha or ALPHA_IN_SPACINGS * spacing
-        mesh = triangulate(xy)
+        mesh = triangulate_points(xy)
         rings = () if mesh is None else alpha_rings(mesh, alpha, share=self.share)
         if not rings:
             return Failure(

@@ -13,9 +13,9 @@ from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
 from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import alpha_rings, triangulate
+from eaves.outline.toolkit.alpha import alpha_rings, triangulate_points
 from eaves.outline.toolkit.corners import Drawing, joined_edges, ring_of_edges
-from eaves.outline.toolkit.edges import RIGHT_ANGLE, Edges, common_axes, main_direction
+from eaves.outline.toolkit.edges import RIGHT_ANGLE, OutlineEdges, common_axes, main_direction
 from eaves.outline.toolkit.polyline import FREE
 
 
@@ -73,7 +73,7 @@ class RansacLines(OutlineMethod):
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3)."""
         xy = points[:, :2]
-        mesh = triangulate(xy)
+        mesh = triangulate_points(xy)
         rings = () if mesh is None else alpha_rings(mesh, self.alpha * spacing, share=self.share)
         if not rings:
             return Failure("no_area", f"{len(points)} points enclose no area", "outline")
@@ -178,7 +178,7 @@ def longest_run_kernel(
     return best_first, best_last, best_count
 
 
-def segment_edges(ring: NDArray[np.float64], runs: list[tuple[int, int]]) -> Edges:
+def segment_edges(ring: NDArray[np.float64], runs: list[tuple[int, int]]) -> OutlineEdges:
     """Edges through the points of the runs of `ring` (M, 2); each starts half way from the run before."""
     size = len(ring)
     moments: list[NDArray[np.float64]] = []
@@ -199,10 +199,10 @@ def segment_edges(ring: NDArray[np.float64], runs: list[tuple[int, int]]) -> Edg
         corner.append(ring[((before + first) // 2) % size])
     stacked, angles = np.array(moments), np.array(angle)
     offset = -np.sin(angles) * stacked[:, 1] + np.cos(angles) * stacked[:, 2]
-    return Edges(angles, offset, np.full(len(runs), FREE), stacked, np.array(corner))
+    return OutlineEdges(angles, offset, np.full(len(runs), FREE), stacked, np.array(corner))
 
 
-def turned_edges(edges: Edges, sigma: float, tolerance: float) -> Edges:
+def turned_edges(edges: OutlineEdges, sigma: float, tolerance: float) -> OutlineEdges:
     """The edges, those within `tolerance` (radians) of the main direction or across turned into it."""
     axes = common_axes(edges, sigma, tolerance, 0.0, 1)
     if len(axes) == 0:

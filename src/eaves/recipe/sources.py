@@ -10,7 +10,7 @@ from eaves.methods import MethodChoice
 
 
 @dataclass(frozen=True)
-class Step:
+class PublishedStep:
     """One step of a document: in its words, the stage that holds it, the parameters that switch it off."""
 
     words: str
@@ -19,7 +19,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Source:
+class PublishedSource:
     """One published system: the method of each stage, and the level of detail it ends at."""
 
     name: str
@@ -28,29 +28,29 @@ class Source:
     delivers: str
     methods: Mapping[str, str]
     lod: str
-    steps: tuple[Step, ...] = ()
+    steps: tuple[PublishedStep, ...] = ()
     """Those that a parameter switches off: each can be measured (benchmarks/accuracy/sources_ablation.py)."""
 
 
-SOURCES: dict[str, Source] = {
+SOURCES: dict[str, PublishedSource] = {
     source.name: source
     for source in (
-        Source(
+        PublishedSource(
             "chen_sun",
             "chen_sun_vaihingen",
             "a mask and the contours of buildings",
             {"ground": "adaptive_tin", "detect": "planar_patches", "outline": "alpha_shape"},
             "0",
             (
-                Step("patches: planar cells", "detect", {"max_rmse": 100.0}),
-                Step("at least 2 m over the DTM", "detect", {"min_height": 0.0}),
-                Step("facades go", "detect", {"max_slope": 89.99}),
-                Step("region growth", "detect", {"max_distance": 1e-9}),
-                Step("small planes take no part", "detect", {"min_cells": 1, "min_points": 0.5}),
-                Step("contour by alpha shape", "detect", {"alpha": 1e-3, "min_hole": 0.0}),
+                PublishedStep("patches: planar cells", "detect", {"max_rmse": 100.0}),
+                PublishedStep("at least 2 m over the DTM", "detect", {"min_height": 0.0}),
+                PublishedStep("facades go", "detect", {"max_slope": 89.99}),
+                PublishedStep("region growth", "detect", {"max_distance": 1e-9}),
+                PublishedStep("small planes take no part", "detect", {"min_cells": 1, "min_points": 0.5}),
+                PublishedStep("contour by alpha shape", "detect", {"alpha": 1e-3, "min_hole": 0.0}),
             ),
         ),
-        Source(
+        PublishedSource(
             "xiao2014",
             "xiao2014",
             "3D models of intersected roof planes inside regular outlines",
@@ -63,47 +63,47 @@ SOURCES: dict[str, Source] = {
             },
             "2.2",
             (
-                Step("walls by normals", "ground", {"wall_angle": 90.0}),
-                Step("trees by echoes", "ground", {"tree_share": 1.0}),
-                Step("small regions are noise", "ground", {"noise_area": 0.0}),
-                Step("area", "detect", {"min_area": 0.0, "min_width": 0.0}),
-                Step("width to height", "detect", {"min_width_to_height": 0.0}),
-                Step("mean density", "detect", {"min_density": 0.0}),
-                Step("share of high curvature", "detect", {"max_curved": 1.0}),
+                PublishedStep("walls by normals", "ground", {"wall_angle": 90.0}),
+                PublishedStep("trees by echoes", "ground", {"tree_share": 1.0}),
+                PublishedStep("small regions are noise", "ground", {"noise_area": 0.0}),
+                PublishedStep("area", "detect", {"min_area": 0.0, "min_width": 0.0}),
+                PublishedStep("width to height", "detect", {"min_width_to_height": 0.0}),
+                PublishedStep("mean density", "detect", {"min_density": 0.0}),
+                PublishedStep("share of high curvature", "detect", {"max_curved": 1.0}),
             ),
         ),
-        Source(
+        PublishedSource(
             "ren_fcs",
             "ren_fcs",
             "the areas of buildings, on undulating terrain and beside vegetation",
             {"ground": "contours", "detect": "contours", "outline": "alpha_shape"},
             "0",
             (
-                Step("closed contours: length", "ground", {"longest_outline": 1e6}),
-                Step("open contours: end distance", "ground", {"end_distance": 1e-3}),
-                Step("iteration of the DTM", "ground", {"rounds": 1}),
-                Step("low objects go", "detect", {"min_height": 0.0}),
-                Step("edge information (Sobel)", "detect", {"min_edge": 0.0}),
-                Step("quadratic gradient", "detect", {"max_bend": 1e6}),
-                Step("size", "detect", {"min_area": 0.0}),
-                Step("final iteration", "detect", {"min_share": 1.0, "regrow": 0.0}),
+                PublishedStep("closed contours: length", "ground", {"longest_outline": 1e6}),
+                PublishedStep("open contours: end distance", "ground", {"end_distance": 1e-3}),
+                PublishedStep("iteration of the DTM", "ground", {"rounds": 1}),
+                PublishedStep("low objects go", "detect", {"min_height": 0.0}),
+                PublishedStep("edge information (Sobel)", "detect", {"min_edge": 0.0}),
+                PublishedStep("quadratic gradient", "detect", {"max_bend": 1e6}),
+                PublishedStep("size", "detect", {"min_area": 0.0}),
+                PublishedStep("final iteration", "detect", {"min_share": 1.0, "regrow": 0.0}),
             ),
         ),
-        Source(
+        PublishedSource(
             "roof_attributes",
             "roof_attributes",
             "the points of buildings",
             {"ground": "adaptive_tin", "detect": "roof_attributes", "outline": "alpha_shape"},
             "0",
             (
-                Step("gradient density", "detect", {"max_density": 1.0}),
-                Step("surface roughness", "detect", {"max_roughness": 1e6}),
-                Step("operator 1: like normals", "detect", {"like_neighbours": 0}),
-                Step("operator 2: opening", "detect", {"min_area": 0.0, "min_width": 1e-3}),
-                Step("operator 3: reconstruction", "detect", {"min_share": 1.0, "regrow": 0.0}),
+                PublishedStep("gradient density", "detect", {"max_density": 1.0}),
+                PublishedStep("surface roughness", "detect", {"max_roughness": 1e6}),
+                PublishedStep("operator 1: like normals", "detect", {"like_neighbours": 0}),
+                PublishedStep("operator 2: opening", "detect", {"min_area": 0.0, "min_width": 1e-3}),
+                PublishedStep("operator 3: reconstruction", "detect", {"min_share": 1.0, "regrow": 0.0}),
             ),
         ),
-        Source(
+        PublishedSource(
             "maas_vosselman",
             "maas_vosselman1999",
             "3D models: standard houses from moments, others from intersected faces",
@@ -116,10 +116,10 @@ SOURCES: dict[str, Source] = {
             },
             "2.2",
             (
-                Step("height texture", "detect", {"max_texture": 1e6}),
-                Step("opening", "detect", {"min_width": 1e-3}),
-                Step("size", "detect", {"min_area": 0.0}),
-                Step("height histogram", "detect", {"max_low": 1.0}),
+                PublishedStep("height texture", "detect", {"max_texture": 1e6}),
+                PublishedStep("opening", "detect", {"min_width": 1e-3}),
+                PublishedStep("size", "detect", {"min_area": 0.0}),
+                PublishedStep("height histogram", "detect", {"max_low": 1.0}),
             ),
         ),
     )
@@ -127,7 +127,7 @@ SOURCES: dict[str, Source] = {
 """Name → source. What a document leaves open (an outline, a ground filter) takes what is nearest to it."""
 
 
-def find_source(name: str) -> Source:
+def find_source(name: str) -> PublishedSource:
     """The source of a name.
 
     Parameters

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Values
-from eaves.reconstruct.toolkit.attributes import Surface, describe, surface_heights
+from eaves.reconstruct.toolkit.attributes import Surface, describe_roof, surface_heights
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts, label_cells, plane_reach
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
 from eaves.reconstruct.toolkit.coverage import Coverage, arrange
@@ -206,7 +206,7 @@ class Arrangement(LineReconstructor, LabelCosts, ObjectLimits):
         kept = coefficients[fine.labels] if "2.2" in solids else np.zeros((0, 3))
         model = BuildingModel(footprint, solids)
         model = model.with_(planes=faces_as_planes(model, kept, points, top, surface))
-        facts = describe(model, points[inside], roof, ground, surface)
+        facts = describe_roof(model, points[inside], roof, ground, surface)
         if "2.2" in solids:
             facts["surfaces"] = facts["roof_faces"]
             objects = find_superstructures(

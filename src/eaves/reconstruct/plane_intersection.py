@@ -10,7 +10,7 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
-from eaves.reconstruct.toolkit.attributes import describe
+from eaves.reconstruct.toolkit.attributes import describe_roof
 from eaves.reconstruct.toolkit.coverage import Coverage, arrange
 from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
@@ -104,7 +104,7 @@ class PlaneIntersection(LineReconstructor):
         solids = {**coarse_solids(plan, roof, ground, self.level_jump, self.smallest), "2.2": fine.solids}
         model = BuildingModel(footprint, solids)
         model = model.with_(planes=faces_as_planes(model, coefficients[fine.labels], points, top))
-        return model.with_(attributes=describe(model, points[inside], roof, ground))
+        return model.with_(attributes=describe_roof(model, points[inside], roof, ground))
 
 
 def vote(plan: Coverage, roof: Points, labels: Labels, count: int) -> Integers:

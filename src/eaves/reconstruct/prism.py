@@ -10,7 +10,7 @@ from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
 from eaves.reconstruct.stage import Reconstructor
-from eaves.reconstruct.toolkit.attributes import describe
+from eaves.reconstruct.toolkit.attributes import describe_roof
 from eaves.reconstruct.toolkit.coverage import arrange
 from eaves.reconstruct.toolkit.evidence import (
     FEWEST_POINTS,
@@ -95,4 +95,4 @@ class Prism(Reconstructor):
             (0.0, 0.0, height), inside, float(np.sqrt(np.mean((roof[:, 2] - height) ** 2))), footprint.polygon
         )
         model = BuildingModel(footprint, {"1.2": tuple(solids)}, (flat,))
-        return model.with_(attributes=describe(model, points[inside], roof, ground))
+        return model.with_(attributes=describe_roof(model, points[inside], roof, ground))

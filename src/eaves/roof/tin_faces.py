@@ -101,7 +101,7 @@ class TinFaces(RoofMethod):
         emit("planes of triangles", planes)
         face = self.cluster(points, corners, around, planes, local.noise, local.spacing)
         emit("faces of triangles", face)
-        labels = vote(corners, face, len(points))
+        labels = vote_for_face(corners, face, len(points))
         labels = self.finish.join(points, labels, local)
         labels = self.finish.give_back(points, labels, local)
         labels = self.finish.join(points, labels, local)
@@ -265,7 +265,7 @@ def connected_pieces(
     return piece, np.bincount(piece[some], area[some]).astype(np.float64)
 
 
-def vote(corners: NDArray[np.int64], face: NDArray[np.int64], count: int) -> Labels:
+def vote_for_face(corners: NDArray[np.int64], face: NDArray[np.int64], count: int) -> Labels:
     """The label (N,) of every point: the face most of its triangles lie on, 0 where half or more do not."""
     faces = int(face.max(initial=-1)) + 1
     place = corners * (faces + 1) + face[:, None] + 1

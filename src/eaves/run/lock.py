@@ -74,7 +74,7 @@ def describe_process() -> dict[str, Any]:
     """This process: id, when it began, its computer."""
     return {
         "process": os.getpid(),
-        "started": start_of(os.getpid()),
+        "started": process_start(os.getpid()),
         "host": socket.gethostname(),
         "since": time.strftime("%Y-%m-%d %H:%M:%S"),
     }
@@ -94,11 +94,11 @@ def is_running(holder: dict[str, Any]) -> bool:
     """Whether the process is there; one of another computer is taken to be."""
     if holder["host"] != socket.gethostname():
         return True
-    started = start_of(holder["process"])
+    started = process_start(holder["process"])
     return started is not None and started == holder["started"]
 
 
-def start_of(process: int) -> str | None:
+def process_start(process: int) -> str | None:
     """When a process of this computer began, in the system's own words; None when it is not there."""
     if process <= 0:
         return None

@@ -103,14 +103,14 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     except (ValueError, RecursionError):
         raise InputError.about(path, "is damaged", "run again") from None
     files = told.get("files") if isinstance(told, dict) else None
-    if not isinstance(files, dict) or not all(map(is_inside, files)):
+    if not isinstance(files, dict) or not all(map(is_inside_folder, files)):
         raise InputError.about(path, "is damaged: it lists no files of this folder", "run again")
     if not all(isinstance(entry, dict) for entry in files.values()):
         raise InputError.about(path, "is damaged: its entries say nothing of the files", "run again")
     return dict(told)
 
 
-def is_inside(name: str) -> bool:
+def is_inside_folder(name: str) -> bool:
     """Whether a name cannot lead out of the folder."""
     parts = PurePosixPath(name).parts
     return bool(parts) and ".." not in parts and not name.startswith("/") and not set(name) & set("\\:\0")

@@ -162,7 +162,7 @@ def unpack_item(data: bytes) -> Any:
     return decode(data[start : start + sizes[1]], arrays)
 
 
-def is_sound(path: Path) -> bool:
+def is_whole_part(path: Path) -> bool:
     """Whether a part is whole and every array has its checksum."""
     try:
         with zipfile.ZipFile(path) as file:

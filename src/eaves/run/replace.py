@@ -69,7 +69,7 @@ def replace_in(store: Store, block: Block, generations: Sequence[int]) -> Replac
     """
     paths = files_of(store, block)
     records = read_records(paths)
-    numbers = [number_of(path) for path in paths]
+    numbers = [scan_number(path) for path in paths]
     sizes = [path.stat().st_size // RECORD.itemsize for path in paths]
     number = np.repeat(np.array(numbers, np.int64), sizes)
     stays = np.ones(len(records), bool)
@@ -77,7 +77,7 @@ def replace_in(store: Store, block: Block, generations: Sequence[int]) -> Replac
     for first, end in pairwise((*generations, np.iinfo(np.int64).max)):
         old = np.flatnonzero(stays & (number < first))
         new = np.flatnonzero((number >= first) & (number < end))
-        covered = old[covers(store, block, first, int(end), records[old])]
+        covered = old[covers_place(store, block, first, int(end), records[old])]
         same, again = pair_same(records[covered], records[new])
         stays[covered[~same]] = False
         stays[new[again]] = False
@@ -85,19 +85,19 @@ def replace_in(store: Store, block: Block, generations: Sequence[int]) -> Replac
     return Replaced(np.sort(records["point_id"][~stays]), came, went)
 
 
-def covers(store: Store, block: Block, first: int, end: int, records: Records) -> Mask:
+def covers_place(store: Store, block: Block, first: int, end: int, records: Records) -> Mask:
     """Which of a block's points (N,) lie in the area that points of some inputs cover: cells of `COVER_CELL`
     that hold some that are not noise, closed."""
     corner = np.floor(np.array(block.origin) / COVER_CELL).astype(np.int64) - MARGIN
     count = int(np.ceil(block.side / COVER_CELL)) + 1 + 2 * MARGIN
     grid = np.zeros((count, count), bool)
     for one in ring(block):
-        later = read_records([path for path in files_of(store, one) if first <= number_of(path) < end])
-        place = cells_of(later[~np.isin(later["classification"], NOISE_CLASSES)], one) - corner
+        later = read_records([path for path in files_of(store, one) if first <= scan_number(path) < end])
+        place = scan_cells(later[~np.isin(later["classification"], NOISE_CLASSES)], one) - corner
         place = place[((place >= 0) & (place < count)).all(axis=1)]
         grid[place[:, 0], place[:, 1]] = True
     closed = closed_by_square(grid, MARGIN)
-    place = cells_of(records, block) - corner
+    place = scan_cells(records, block) - corner
     return np.asarray(closed[place[:, 0], place[:, 1]])
 
 
@@ -127,12 +127,12 @@ def files_of(store: Store, block: Block) -> list[Path]:
     return sorted(store.points_path(block).glob("*.bin"))
 
 
-def number_of(path: Path) -> int:
+def scan_number(path: Path) -> int:
     """The number of the input that a file's points are from."""
     return int(path.stem.split("-")[0])
 
 
-def cells_of(records: Records, block: Block) -> NDArray[np.int64]:
+def scan_cells(records: Records, block: Block) -> NDArray[np.int64]:
     """World cells (N, 2; column, row) of a block's points."""
     world = records["xyz"][:, :2] * GRID_STEP + np.array(block.origin)
     return np.asarray(np.floor(world / COVER_CELL).astype(np.int64))

@@ -21,7 +21,7 @@ from eaves.kernels import kernel
 from eaves.model import Block, Bounds, CoordinateSystem, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
 from eaves.run.keys import GONE, GROUND, STEPS, Mark, Step, key_of
-from eaves.run.part_file import is_sound, open_part, save_part
+from eaves.run.part_file import is_whole_part, open_part, save_part
 from eaves.run.world_squares import GROUND_SQUARE, squares_of
 
 log = logging.getLogger("eaves")
@@ -287,7 +287,7 @@ class Store:
         again."""
         for step in STEPS:
             for path in sorted((self.folder / step.name).glob("*.npz")):
-                if not is_sound(path):
+                if not is_whole_part(path):
                     log.warning("%s: the part is damaged; it is computed again", path)
                     path.unlink()
 
@@ -311,7 +311,7 @@ def link_file(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
 
 
-def extent_of(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
+def stored_extent(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
     """World metres (half-open) of points (N, 3) in quanta about a block's corner; None for no points."""
     if len(quanta) == 0:
         return None

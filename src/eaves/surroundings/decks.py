@@ -189,7 +189,7 @@ def find_decks(
     z = np.where(known, heights, np.where(water, level, np.nan)).astype(np.float32)
     between, sides, line = find_between(z, water, cell, rules)
     land = terrain_beside(z, known & ~between & ~roofs, cell, rules)
-    joined = carried_on(z, land, rules)
+    joined = extended_deck(z, land, rules)
     label, _ = even_groups(z, between, rules.step, rules.gap)
     deck, wet, doubts = np.zeros(known.shape, bool), np.zeros(known.shape, bool), []
     for number, window in enumerate(ndimage.find_objects(label), 1):
@@ -199,7 +199,7 @@ def find_decks(
         area = float(mine.sum()) * cell * cell
         if area < rules.least_area or not joined[here][mine].any():
             continue
-        ends, length, middle, lean = ends_of(mine, z[here], joined[here], line[here])
+        ends, length, middle, lean = deck_ends(mine, z[here], joined[here], line[here])
         if lean > rules.steepest * cell:
             continue
         over_water = bool((sides[here][mine] == WET).mean() >= rules.over_water)
@@ -219,14 +219,14 @@ def find_decks(
         z, water, np.float32(rules.step), np.float32(rules.fall), np.float32(rules.water_fall)
     )
     edge &= grown_by_square(deck, 3)
-    deck = grown(deck, z, (faint | edge) & ~roofs, rules)
+    deck = grown_deck(deck, z, (faint | edge) & ~roofs, rules)
     level = with_edges(np.where(deck, heights, np.nan), z, land, rules)
     wet = grown_by_square(wet, 2 * rules.gap + 1) & np.isfinite(level)
     base = np.where(wet, -np.inf, level - rules.on_deck)
     return level.astype(np.float32), base.astype(np.float32), doubts
 
 
-def grown(deck: Mask, z: Grid, allowed: Mask, rules: DeckRules) -> Mask:
+def grown_deck(deck: Mask, z: Grid, allowed: Mask, rules: DeckRules) -> Mask:
     """Decks (H, W) with the cells next to them that go on from them, of those allowed."""
     reach = grown_by_square(deck, 2 * rules.gap + 1) & (allowed | deck)
     label, _ = even_groups(z, reach, rules.step, 1)
@@ -303,7 +303,7 @@ def terrain_beside(z: Grid, level: Mask, cell: float, rules: DeckRules) -> Mask:
     return np.asarray(broad[label])
 
 
-def carried_on(z: Grid, land: Mask, rules: DeckRules) -> Mask:
+def extended_deck(z: Grid, land: Mask, rules: DeckRules) -> Mask:
     """The cells (H, W) that land within `gap` cells carries on, a step up or down."""
     rows, columns, gap = *z.shape, rules.gap
     wide_z, wide_land = np.pad(z, gap, constant_values=np.nan), np.pad(land, gap)
@@ -315,7 +315,7 @@ def carried_on(z: Grid, land: Mask, rules: DeckRules) -> Mask:
     return joined
 
 
-def ends_of(mine: Mask, z: Grid, joined: Mask, line: NDArray[np.uint8]) -> tuple[int, float, Values, float]:
+def deck_ends(mine: Mask, z: Grid, joined: Mask, line: NDArray[np.uint8]) -> tuple[int, float, Values, float]:
     """How many ends of a strip of cells (H, W) land carries on, of those it does (`joined`); its length
     (cells), its middle (2,), and how much its plane rises from cell to cell (m).
 

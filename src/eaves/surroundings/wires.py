@@ -89,13 +89,13 @@ def find_wires(cloud: PointCloud, height: Values, spacing: float, rules: WireRul
         return found
     places = np.flatnonzero(high)
     xyz = cloud.xyz.take(places, axis=0)
-    cell, shape = cells_of(xyz, rules.cell)
+    cell, shape = wire_cells(xyz, rules.cell)
     hanging = np.flatnonzero(top_in_air(cell, xyz[:, 2], shape, rules))
     thinned = hanging[one_each(xyz[hanging], rules.step)]
     thinned = thinned[few_around(cell[thinned], height[places[thinned]], shape, rules)]
     if len(thinned) <= rules.neighbours:
         return found
-    row = rows_of(xyz[thinned], rules)
+    row = wire_rows(xyz[thinned], rules)
     lines = lines_among(cell[thinned][row], shape, rules)
     wire = np.zeros(len(xyz), bool)
     wire[thinned[row & lines.ravel()[cell[thinned]]]] = True
@@ -126,7 +126,7 @@ def find_towers(
     if not wires.any():
         return found
     assert cloud.classification is not None
-    cell, shape = cells_of(cloud.xyz, rules.cell)
+    cell, shape = wire_cells(cloud.xyz, rules.cell)
     lowest = np.full(shape[0] * shape[1], np.inf)
     np.minimum.at(lowest, cell[wires], height[wires])
     beside = ndimage.minimum_filter(lowest.reshape(shape), 2 * rules.beside + 1)
@@ -151,7 +151,7 @@ def find_towers(
     return found
 
 
-def cells_of(xyz: Points, side: float) -> tuple[Cells, tuple[int, int]]:
+def wire_cells(xyz: Points, side: float) -> tuple[Cells, tuple[int, int]]:
     """The flat number (N,) of each point's cell of a grid fixed to the world, and its rows and columns."""
     column, row = (np.floor(xyz[:, axis] / side).astype(np.int64) for axis in (0, 1))
     column -= column.min()
@@ -204,7 +204,7 @@ def few_around(cell: Cells, height: Values, shape: tuple[int, int], rules: WireR
     return np.asarray(around.reshape(-1)[place] <= rules.few, np.bool_)
 
 
-def rows_of(xyz: Points, rules: WireRules) -> Mask:
+def wire_rows(xyz: Points, rules: WireRules) -> Mask:
     """Which points (K, 3) lie in a row with their neighbours."""
     away, near = cKDTree(xyz).query(xyz, rules.neighbours + 1, distance_upper_bound=rules.reach)
     row, some = np.zeros(len(xyz), bool), np.flatnonzero(np.isfinite(away[:, rules.neighbours]))

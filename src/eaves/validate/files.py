@@ -18,7 +18,7 @@ from eaves.model import Finding
 from eaves.validate.boundaries import FINEST_STEP, Integers
 from eaves.validate.codes import make_finding
 from eaves.validate.extensions import read_extension
-from eaves.validate.primitives import Primitive, Tolerances, check_primitives
+from eaves.validate.primitives import ReadPrimitive, Tolerances, check_primitives
 from eaves.validate.structure import Rules, check_feature, check_head, check_objects
 
 log = logging.getLogger("eaves")
@@ -218,7 +218,7 @@ def _check_batch(
 ) -> list[Finding]:
     """Findings of some documents that share a transform."""
     findings: list[Finding] = []
-    primitives: list[Primitive] = []
+    primitives: list[ReadPrimitive] = []
     vertices: list[Integers] = []
     count = 0
     for document in documents:
@@ -260,8 +260,8 @@ def _check_templates(head: dict[str, Any], tolerances: Tolerances | None) -> lis
     item = {"geometry": templates.get("templates", [])}
     found = list(_object_primitives("geometry-templates", item, len(places), 0))
     findings = [one for one in found if isinstance(one, Finding)]
-    primitives = [one for one in found if isinstance(one, Primitive)]
-    alone = [Primitive(p.building, f"{k}", p.lod, p.type, p.solids) for k, p in enumerate(primitives)]
+    primitives = [one for one in found if isinstance(one, ReadPrimitive)]
+    alone = [ReadPrimitive(p.building, f"{k}", p.lod, p.type, p.solids) for k, p in enumerate(primitives)]
     return findings + check_primitives(alone, places, PLAIN.step, tolerances)
 
 
@@ -278,7 +278,7 @@ def family_of(name: str, objects: dict[str, Any]) -> str:
 
 def _object_primitives(
     name: str, item: Any, vertex_count: int, first_vertex: int, family: str = ""
-) -> Iterator[Primitive | Finding]:
+) -> Iterator[ReadPrimitive | Finding]:
     """Surfaces and solids of a city object, vertices raised by `first_vertex`; 901 for those ill-formed."""
     if not isinstance(item, dict) or not isinstance(item.get("geometry", []), list):
         yield make_finding(901, name, "object", "it is not an object with a list of geometries")
@@ -302,7 +302,7 @@ def _object_primitives(
             continue
         shells = _raise(boundaries, first_vertex)
         solids = [[shells]] if depth == 2 else [shells] if depth == 3 else shells
-        yield Primitive(name, family, str(geometry.get("lod", "")), geometry["type"], solids)
+        yield ReadPrimitive(name, family, str(geometry.get("lod", "")), geometry["type"], solids)
 
 
 def _is_nested(value: Any, depth: int, vertex_count: int) -> bool:

@@ -12,7 +12,7 @@ from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import BuildingModel, Finding
 from eaves.model.checks import check_type
 from eaves.validate.boundaries import to_grid
-from eaves.validate.primitives import Primitive, Tolerances, check_primitives, find_defects
+from eaves.validate.primitives import ReadPrimitive, Tolerances, check_primitives, find_defects
 
 
 def validate_model(model: BuildingModel, tolerances: Tolerances | None = None) -> list[Finding]:
@@ -57,7 +57,7 @@ def validate_model(model: BuildingModel, tolerances: Tolerances | None = None) -
 def find_invalid(models: Sequence[BuildingModel], tolerances: Tolerances | None = None) -> list[int]:
     """The numbers of the models that `validate_model` has findings of, all checked together: that takes half
     the time."""
-    primitives: list[Primitive] = []
+    primitives: list[ReadPrimitive] = []
     vertices = [np.zeros((0, 3), np.int64)]
     count = 0
     for number, model in enumerate(models):
@@ -69,7 +69,7 @@ def find_invalid(models: Sequence[BuildingModel], tolerances: Tolerances | None 
     return sorted({int(primitives[number].family) for number, _ in defects})
 
 
-def primitives_of(model: BuildingModel, first: int = 0) -> tuple[list[Primitive], NDArray[np.int64]]:
+def primitives_of(model: BuildingModel, first: int = 0) -> tuple[list[ReadPrimitive], NDArray[np.int64]]:
     """The solids of a model, and their vertices (V, 3) in whole steps, which are counted from `first`."""
     primitives, vertices, count = [], [np.zeros((0, 3), np.int64)], first
     own = [
@@ -83,7 +83,7 @@ def primitives_of(model: BuildingModel, first: int = 0) -> tuple[list[Primitive]
         if not np.isfinite(solid.vertices).all():
             raise ValueError(f"building '{name}' at lod {lod} has a vertex that is not finite")
         shell = [[[count + vertex for vertex in ring] for ring in face.rings] for face in solid.faces]
-        primitives.append(Primitive(name, model.footprint.id, lod, "Solid", [[shell]]))
+        primitives.append(ReadPrimitive(name, model.footprint.id, lod, "Solid", [[shell]]))
         vertices.append(to_grid(solid.vertices, COORDINATE_STEP))
         count += len(solid.vertices)
     return primitives, np.concatenate(vertices)

@@ -42,7 +42,7 @@ SOLID_TYPES = ("Solid", "MultiSolid", "CompositeSolid")
 
 
 @dataclass(frozen=True, eq=False)
-class Primitive:
+class ReadPrimitive:
     """One geometry of one building: `solids` holds shells, the outer one first; surfaces are one shell."""
 
     building: str
@@ -90,14 +90,14 @@ class Tolerances:
 
 
 def check_primitives(
-    primitives: list[Primitive], vertices: Integers, step: float, tolerances: Tolerances | None = None
+    primitives: list[ReadPrimitive], vertices: Integers, step: float, tolerances: Tolerances | None = None
 ) -> list[Finding]:
     """All findings of primitives on integer vertices (V, 3) of `step` metres, in the primitives' order."""
     return [finding for _, finding in find_defects(primitives, vertices, step, tolerances)]
 
 
 def find_defects(
-    primitives: list[Primitive], vertices: Integers, step: float, tolerances: Tolerances | None = None
+    primitives: list[ReadPrimitive], vertices: Integers, step: float, tolerances: Tolerances | None = None
 ) -> list[tuple[int, Finding]]:
     """The findings of `check_primitives`, each with the number of its primitive."""
     limits = tolerances or Tolerances()
@@ -121,7 +121,7 @@ def find_defects(
 
 
 def _check(
-    primitives: list[Primitive],
+    primitives: list[ReadPrimitive],
     owners: list[tuple[int, int, int]],
     boundaries: Boundaries,
     limits: Tolerances,
@@ -216,7 +216,7 @@ def _corners(boundaries: Boundaries) -> Integers:
 
 
 def _check_solids(
-    primitives: list[Primitive],
+    primitives: list[ReadPrimitive],
     owners: list[tuple[int, int, int]],
     boundaries: Boundaries,
     triangles: Triangles,

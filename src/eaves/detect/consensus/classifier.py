@@ -161,7 +161,7 @@ def enclosure(roofs: Mask, steps: int) -> Values:
     return found / 8.0
 
 
-def mean_of(label: Labels, count: int, values: Values) -> Values:
+def weighted_mean(label: Labels, count: int, values: Values) -> Values:
     """Mean of values (H, W) over each segment 1…`count` of labels (H, W)."""
     size = np.bincount(label.ravel(), minlength=count + 1)[1:]
     total = np.bincount(label.ravel(), weights=values.ravel(), minlength=count + 1)[1:]
@@ -177,8 +177,8 @@ def surface_shape(segments: Segments, company: Values, enclosed: Values, max_res
             np.clip(np.log(np.maximum(segments.residual, 1e-4) / (ROUGH * max_residual)), 0.0, 1.0),
             np.clip(segments.width - DOOR_M, -2.0, 2.0),
             np.clip(segments.height - SHED_HEIGHT_M, -1.0, 1.5),
-            mean_of(segments.label, segments.count, company),
-            mean_of(segments.label, segments.count, enclosed),
+            weighted_mean(segments.label, segments.count, company),
+            weighted_mean(segments.label, segments.count, enclosed),
         ]
     )
 

@@ -37,7 +37,7 @@ def rim_points(sure: Points, bounds: Bounds, rules: Rim) -> Points:
     """
     if len(sure) == 0:
         return np.zeros((0, 3))
-    xy = ring(bounds.buffered(rules.rim_beyond), rules.rim_apart)
+    xy = rim_ring(bounds.buffered(rules.rim_beyond), rules.rim_apart)
     number = min(rules.rim_nearest, len(sure))
     distance, nearest = map(np.asarray, cKDTree(sure[:, :2]).query(xy, k=np.arange(1, number + 1)))
     near = sure[nearest]
@@ -53,7 +53,7 @@ def rim_points(sure: Points, bounds: Bounds, rules: Rim) -> Points:
     return np.asarray(np.c_[xy, np.round(height / GRID_STEP) * GRID_STEP])
 
 
-def ring(bounds: Bounds, apart: float) -> Points:
+def rim_ring(bounds: Bounds, apart: float) -> Points:
     """Points (K, 2) along the rim of `bounds`, corners among them, at most `apart` (m) apart."""
     columns = np.linspace(bounds.west, bounds.east, 1 + int(np.ceil((bounds.east - bounds.west) / apart)))
     rows = np.linspace(bounds.south, bounds.north, 1 + int(np.ceil((bounds.north - bounds.south) / apart)))

@@ -98,7 +98,7 @@ class Surfaces:
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class PlateauVerdict:
     """Of each surface (K + 1,): whether it is terrain, whether it stands over it; neither is said of scraps.
 
     `share` is the part of the known rim that steps down to terrain, `known` the part of the rim that is
@@ -134,7 +134,7 @@ def find_surfaces(heights: Grid, cell: float, rules: PlateauRules) -> Surfaces:
     return Surfaces(cell, z, label, np.asarray(area, np.float64), contacts, length.astype(np.float64))
 
 
-def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> Verdict:
+def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
     """Which surfaces are terrain, and which stand over it.
 
     The widest surface is terrain, and so are low ones, such as courtyards. All others are taken for raised,
@@ -189,7 +189,7 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> Verdict:
     low = np.where(met > 0, share < rules.wall_share, everything[:, DOWN] < rules.rim_stepped * stepped)
     raised &= wide | ~low
     raised[0] = False
-    return Verdict(terrain, raised, group_share[group], known[group])
+    return PlateauVerdict(terrain, raised, group_share[group], known[group])
 
 
 def height_over(surfaces: Surfaces, base: int, wanted: Mask, slope: float) -> Values:

@@ -65,7 +65,7 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask,
     residual = residual_kernel(z, rules.terrace_steep)
     left = objects.copy()
     for _ in range(rules.terrace_rounds):
-        piece, count = pieces_of(left, residual, step)
+        piece, count = terrace_pieces(left, residual, step)
         # cells without a point of their own kind beside them were interpolated, and have no area
         near = [near_cells(occupied & kind, ADJOINING) for kind in (left, ~left)]
         known = np.where(left, *near)
@@ -85,7 +85,7 @@ def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask,
     return objects & ~left
 
 
-def pieces_of(objects: Mask, residual: NDArray[np.float64], step: float) -> tuple[Labels, int]:
+def terrace_pieces(objects: Mask, residual: NDArray[np.float64], step: float) -> tuple[Labels, int]:
     """Numbers (H, W) of object cells joined by residuals under `step`, 0 elsewhere; how many there are."""
     one, two = neighbour_pairs(objects, steps=BESIDE)
     columns = objects.shape[1]

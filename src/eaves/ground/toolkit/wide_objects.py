@@ -14,8 +14,8 @@ from eaves.ground.toolkit.plateaus import (
     DOWN,
     VOID,
     PlateauRules,
+    PlateauVerdict,
     Surfaces,
-    Verdict,
     find_surfaces,
     judge_surfaces,
 )
@@ -205,7 +205,7 @@ def find_in_cells(floor: Floor, rules: WideRules) -> Patch:
     reached = np.where(broad, surfaces.z, np.nan).astype(np.float32)
     if not raised.any():
         return Patch(floor.west, floor.north, floor.cell, nothing, nothing, reached, rules.clear, doubts)
-    inside = raised | enclosed(raised, terrain)
+    inside = raised | enclosed_by_terrain(raised, terrain)
     region = near_cells(inside, ADJOINING) | (near_cells(inside, rules.fringe_cells**2) & ~terrain)
     support = terrain & near_cells(region, rules.support_cells**2) & np.isfinite(floor.lowest)
     beneath = nothing
@@ -228,7 +228,7 @@ def find_in_cells(floor: Floor, rules: WideRules) -> Patch:
     )
 
 
-def enclosed(raised: Mask, terrain: Mask) -> Mask:
+def enclosed_by_terrain(raised: Mask, terrain: Mask) -> Mask:
     """The cells (H, W) in neither that only raised ones enclose: machines, skylights, holes in the data."""
     group, count = ndimage.label(~raised & ~terrain)
     touched = np.bincount(group[near_cells(terrain, 1)], minlength=count + 1) > 0
@@ -248,7 +248,9 @@ def rise_within(ground: Grid, cell: float) -> Grid:
     return np.asarray(np.nan_to_num(np.hypot(south, east)), np.float32)
 
 
-def find_doubts(floor: Floor, surfaces: Surfaces, verdict: Verdict, rules: WideRules) -> tuple[Doubt, ...]:
+def find_doubts(
+    floor: Floor, surfaces: Surfaces, verdict: PlateauVerdict, rules: WideRules
+) -> tuple[Doubt, ...]:
     """The large surfaces left in the terrain though much of their rim steps down, and islands of data as
     large as a roof: clips of a scan may hold a roof and nothing else.
 
@@ -267,7 +269,7 @@ def find_doubts(floor: Floor, surfaces: Surfaces, verdict: Verdict, rules: WideR
             f"left in the terrain: a surface of {surfaces.area[k]:.0f} m² that steps down on "
             f"{100 * share[k]:.0f} % of its known rim" + (", cut by the rim of the data" if cut else "")
         )
-        doubts.append(doubt_at(floor, surfaces.label == k, reason))
+        doubts.append(wide_doubt(floor, surfaces.label == k, reason))
     island, count = ndimage.label(np.isfinite(floor.lowest), np.ones((3, 3)))
     area = np.bincount(island.ravel(), minlength=count + 1) * floor.cell**2
     stands = np.bincount(island[verdict.raised[surfaces.label]], minlength=count + 1) > 0
@@ -276,11 +278,11 @@ def find_doubts(floor: Floor, surfaces: Surfaces, verdict: Verdict, rules: WideR
     alone[0] = False
     for k in np.flatnonzero(alone):
         reason = f"left in the terrain: {area[k]:.0f} m² with nothing measured around, which may be a roof"
-        doubts.append(doubt_at(floor, island == k, reason))
+        doubts.append(wide_doubt(floor, island == k, reason))
     return tuple(doubts)
 
 
-def doubt_at(floor: Floor, mask: Mask, reason: str) -> Doubt:
+def wide_doubt(floor: Floor, mask: Mask, reason: str) -> Doubt:
     """A doubt at the cell of a mask (H, W) nearest to its centre."""
     rows, columns = np.nonzero(mask)
     middle = int(np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2))

@@ -15,9 +15,9 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
 from eaves.outline.global_fit.low_parts import LowPartRules, low_parts
 from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import alpha_rings, triangulate, wide_radius
+from eaves.outline.toolkit.alpha import alpha_rings, triangulate_points, wide_radius
 from eaves.outline.toolkit.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
-from eaves.outline.toolkit.edges import Edges, common_axes, edge_shift_kernel, fit_edges
+from eaves.outline.toolkit.edges import OutlineEdges, common_axes, edge_shift_kernel, fit_edges
 from eaves.outline.toolkit.hidden import HiddenCornerRules, fill_hidden
 from eaves.outline.toolkit.polyline import cheapest_polyline
 from eaves.outline.toolkit.shared_edges import share_edges
@@ -149,13 +149,13 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3), with the spacing where they are sparse."""
-        mesh = triangulate(points[:, :2])
+        mesh = triangulate_points(points[:, :2])
         if mesh is not None:
             least = self.balcony / spacing**2
             low = low_parts(mesh, points[:, 2], self.alpha * 2.0 * spacing, least, self)
             if low.any():
                 points = points[~low]
-                mesh = triangulate(points[:, :2])
+                mesh = triangulate_points(points[:, :2])
         if mesh is not None:
             wide = wide_radius(mesh, self.widest * spacing, self.wide_share) or spacing
             spacing = float(np.clip(np.sqrt(2.0) * wide, 0.7 * spacing, 2.0 * spacing))
@@ -246,7 +246,7 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
 
     def drawn(
         self,
-        edges: Edges,
+        edges: OutlineEdges,
         xyz: Points,
         divided: NDArray[np.float64] | None,
         density: float,
@@ -288,7 +288,7 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
 
     def half_width_of_beam(
         self,
-        edges: Edges,
+        edges: OutlineEdges,
         start: NDArray[np.float64],
         length: NDArray[np.float64],
         divided: NDArray[np.float64],

@@ -33,7 +33,7 @@ class Mesh:
     area: NDArray[np.float64]
 
 
-def triangulate(xy: NDArray[np.float64]) -> Mesh | None:
+def triangulate_points(xy: NDArray[np.float64]) -> Mesh | None:
     """The Delaunay triangles of points (N, 2), None when they lie on one line."""
     if len(xy) < 3:
         return None

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.rings import signed_area
-from eaves.outline.toolkit.edges import Edges, main_direction
+from eaves.outline.toolkit.edges import OutlineEdges, main_direction
 from eaves.outline.toolkit.polyline import FREE
 
 PARALLEL = np.radians(3.0)
@@ -29,7 +29,7 @@ class Drawing:
     """What an edge costs."""
 
 
-def ends_of_edges(edges: Edges, drawing: Drawing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def ends_of_edges(edges: OutlineEdges, drawing: Drawing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Where every edge starts and ends, (K, 2) each.
 
     A corner, the end of one edge and the start of the next, is where the lines meet. Where that is farther
@@ -57,13 +57,13 @@ def ends_of_edges(edges: Edges, drawing: Drawing) -> tuple[NDArray[np.float64], 
     return start, end[(number + 1) % len(edges)]
 
 
-def edge_lengths(edges: Edges, drawing: Drawing) -> NDArray[np.float64]:
+def edge_lengths(edges: OutlineEdges, drawing: Drawing) -> NDArray[np.float64]:
     """Lengths (K,) of the edges between their corners, negative for one that runs backwards."""
     start, end = ends_of_edges(edges, drawing)
     return np.asarray(((end - start) * edges.direction).sum(axis=1))
 
 
-def joined_edges(edges: Edges, drawing: Drawing) -> Edges:
+def joined_edges(edges: OutlineEdges, drawing: Drawing) -> OutlineEdges:
     """The edges without those shorter than `detail`, without jogs smaller than that, and without idle bends.
 
     What is too short, or runs backwards between the corners with its neighbours, is dropped. Parallel
@@ -82,7 +82,7 @@ def joined_edges(edges: Edges, drawing: Drawing) -> Edges:
     return edges
 
 
-def spare_edge(edges: Edges, drawing: Drawing) -> int | None:
+def spare_edge(edges: OutlineEdges, drawing: Drawing) -> int | None:
     """The edge to take out next: too short, or running backwards, and of those the one that matters least.
 
     What matters is the area between the rings with it and without it. For a short edge it must be under
@@ -102,12 +102,12 @@ def spare_edge(edges: Edges, drawing: Drawing) -> int | None:
     return None if best is None else best[1]
 
 
-def without(edges: Edges, one: int) -> Edges:
+def without(edges: OutlineEdges, one: int) -> OutlineEdges:
     """The edges without number `one`."""
     return edges.take(np.delete(np.arange(len(edges)), one))
 
 
-def idle_corner(edges: Edges, drawing: Drawing) -> int | None:
+def idle_corner(edges: OutlineEdges, drawing: Drawing) -> int | None:
     """The edge that should be one with the edge before it: parallel, hardly off, and the cheapest to join."""
     change = np.abs(np.mod(edges.angle - edges.angle[np.arange(len(edges)) - 1] + np.pi, 2 * np.pi) - np.pi)
     best: tuple[float, int] | None = None
@@ -141,7 +141,7 @@ def joined_moments(pair: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([[weight.sum()], mean, pair[:, 3:].sum(axis=0) + between])
 
 
-def merged(edges: Edges, first: int, second: int) -> Edges:
+def merged(edges: OutlineEdges, first: int, second: int) -> OutlineEdges:
     """The edges with two neighbours made one, through the points of both and in the longer one's direction.
 
     Where the longer one runs freely, the direction is fitted again too.
@@ -160,7 +160,7 @@ def merged(edges: Edges, first: int, second: int) -> Edges:
     return without(changed, shorter)
 
 
-def ring_of_edges(edges: Edges, drawing: Drawing) -> NDArray[np.float64]:
+def ring_of_edges(edges: OutlineEdges, drawing: Drawing) -> NDArray[np.float64]:
     """The corners (C, 2) of the ring that the edges make, C ≥ K: a jog has two."""
     start, end = ends_of_edges(edges, drawing)
     corners = np.stack([start, end], axis=1).reshape(-1, 2)

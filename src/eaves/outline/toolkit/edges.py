@@ -18,7 +18,7 @@ outlines and given footprints alike."""
 
 
 @dataclass(frozen=True, eq=False)
-class Edges:
+class OutlineEdges:
     """Directed edges around a ring, the building on their left; K edges.
 
     `angle` (K,) is the direction of travel (radians), `offset` (K,) the signed distance of the line from
@@ -46,13 +46,13 @@ class Edges:
         """Unit vectors (K, 2) of travel."""
         return np.stack([np.cos(self.angle), np.sin(self.angle)], axis=1)
 
-    def with_(self, **changes: Any) -> Edges:
+    def with_(self, **changes: Any) -> OutlineEdges:
         """A copy with some fields replaced."""
         return replace(self, **changes)
 
-    def take(self, which: NDArray[np.int64]) -> Edges:
+    def take(self, which: NDArray[np.int64]) -> OutlineEdges:
         """The edges number `which`, in that order."""
-        return Edges(
+        return OutlineEdges(
             self.angle[which], self.offset[which], self.axis[which], self.moments[which], self.corner[which]
         )
 
@@ -87,7 +87,7 @@ def main_direction(moments: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def fit_edges(
     ring: NDArray[np.float64], starts: NDArray[np.int64], axis: NDArray[np.int64], axes: NDArray[np.float64]
-) -> Edges:
+) -> OutlineEdges:
     """Edges along `ring` (M, 2): through their points, those on an axis of `axes` (A,) in its direction."""
     moments = stretch_moments(ring, starts)
     corner = ring[starts]
@@ -97,11 +97,11 @@ def fit_edges(
     backwards = np.cos(angle) * travel[:, 0] + np.sin(angle) * travel[:, 1] < 0
     angle = angle + np.where(backwards, np.pi, 0.0)
     offset = -np.sin(angle) * moments[:, 1] + np.cos(angle) * moments[:, 2]
-    return Edges(angle, offset, axis, moments, corner)
+    return OutlineEdges(angle, offset, axis, moments, corner)
 
 
 def common_axes(
-    edges: Edges, sigma: float, tolerance: float, least: float, frames: int
+    edges: OutlineEdges, sigma: float, tolerance: float, least: float, frames: int
 ) -> NDArray[np.float64]:
     """Directions (2 F,) of at most `frames` right-angled frames that several edges agree on: φ, φ + 90°, ….
 

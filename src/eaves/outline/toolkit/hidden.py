@@ -51,7 +51,7 @@ def fill_hidden(
     (G, 2), which are the ground's or another building's. Corners only go.
     """
     side = max(spacing, CELL)
-    crowns, elsewhere = cells_of(crowns, side), cells_of(elsewhere, side)
+    crowns, elsewhere = hidden_cells(crowns, side), hidden_cells(elsewhere, side)
     if not len(crowns):
         return ring
     while len(ring) > 4:
@@ -68,7 +68,7 @@ def fill_hidden(
     return ring
 
 
-def cells_of(places: NDArray[np.float64], side: float) -> NDArray[np.float64]:
+def hidden_cells(places: NDArray[np.float64], side: float) -> NDArray[np.float64]:
     """The centres (C, 2) of the cells that hold some of the places (K, 2)."""
     return np.asarray((np.unique(np.floor(places / side), axis=0) + 0.5) * side)
 

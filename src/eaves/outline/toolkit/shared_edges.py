@@ -42,12 +42,12 @@ def share_edges(polygons: Sequence[Polygon], gap: float, facing: float, shortest
             if rest:
                 shapes[loser] = max(rest, key=lambda part: part.area)
     touched = sorted({number for pair in pairs for number in pair})
-    for number, polygon in zip(touched, welded([shapes[number] for number in touched]), strict=True):
+    for number, polygon in zip(touched, welded_outlines([shapes[number] for number in touched]), strict=True):
         shapes[number] = polygon
     return shapes
 
 
-def ring_edges(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def outline_edges(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Starts and ends (E, 2) of a polygon's edges, area on the left."""
     whole = shapely.orient_polygons(polygon)
     rings = [np.asarray(ring.coords) for ring in (whole.exterior, *whole.interiors)]
@@ -61,8 +61,8 @@ def bridges_to(
 
     Facing edges are turned by at most `most_turn` (degrees), along at least `shortest` (m).
     """
-    start, end = ring_edges(grower)
-    base_start, base_end = ring_edges(base)
+    start, end = outline_edges(grower)
+    base_start, base_end = outline_edges(base)
     strips = []
     for p, q in zip(start, end, strict=True):
         length = np.hypot(*(q - p))
@@ -97,7 +97,7 @@ def grown(polygon: Polygon, strips: list[Polygon]) -> Polygon:
     return shapely.simplify(largest, 2.0 * COORDINATE_STEP)
 
 
-def welded(polygons: Sequence[Polygon]) -> list[Polygon]:
+def welded_outlines(polygons: Sequence[Polygon]) -> list[Polygon]:
     """The polygons with their common vertices in both; one that would become invalid stays as it is."""
     nodes, rings, owner = shared_rings(polygons)
     nodes = np.round(nodes / COORDINATE_STEP) * COORDINATE_STEP

@@ -22,7 +22,7 @@ from eaves.reconstruct.moments.parts import RoofPart, find_parts
 from eaves.reconstruct.moments.solid import house_segments, name_cells, to_world, to_world_plane
 from eaves.reconstruct.plane_intersection import PlaneIntersection, vote
 from eaves.reconstruct.stage import Reconstructor
-from eaves.reconstruct.toolkit.attributes import describe
+from eaves.reconstruct.toolkit.attributes import describe_roof
 from eaves.reconstruct.toolkit.coverage import Coverage, arrange
 from eaves.reconstruct.toolkit.evidence import FEWEST_POINTS, faces_as_planes, points_inside, support_of
 from eaves.reconstruct.toolkit.extrude import extrude_plan
@@ -167,7 +167,7 @@ class MaasVosselman(Reconstructor):
         plan = arrange(footprint.polygon, np.vstack(lines))
         if plan is None:
             return None
-        chosen, coefficients = label_cells(plan, primitives, roof, labels, faces)
+        chosen, coefficients = label_plan_cells(plan, primitives, roof, labels, faces)
         plan, chosen = plan.merged(chosen)
         fine = extrude_plan(plan, chosen, coefficients, ground, self.faces.smallest)
         if not fine.solids:
@@ -179,7 +179,7 @@ class MaasVosselman(Reconstructor):
         model = BuildingModel(footprint, solids)
         model = model.with_(planes=faces_as_planes(model, coefficients[fine.labels], points, top))
         seen = points[points_inside(points, footprint.polygon)]
-        return model.with_(attributes=describe(model, seen, roof, ground))
+        return model.with_(attributes=describe_roof(model, seen, roof, ground))
 
 
 def inside(segments: NDArray[np.float64], piece: Polygon) -> NDArray[np.float64]:
@@ -195,7 +195,7 @@ def inside(segments: NDArray[np.float64], piece: Polygon) -> NDArray[np.float64]
     return np.array(ends, np.float64).reshape(-1, 4)
 
 
-def label_cells(
+def label_plan_cells(
     plan: Coverage, primitives: list[Primitive], roof: Points, labels: Labels, faces: NDArray[np.float64]
 ) -> tuple[Integers, NDArray[np.float64]]:
     """The plane of each cell (C,), and all planes (P, 3): those of the faces, then of each house."""

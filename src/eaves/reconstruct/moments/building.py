@@ -33,8 +33,8 @@ from eaves.reconstruct.moments.parametric_roof import (
     PLANE,
     RIGHT_SLOPE,
     TOP,
-    RoofFit,
-    fit_roof,
+    ParametricFit,
+    fit_parametric_roof,
 )
 
 FEWEST_POINTS = 16
@@ -81,7 +81,7 @@ class ParametricBuilding:
     ridge_offset: float
     deviations: dict[str, float]
     rmse: float
-    fit: RoofFit = field(repr=False)
+    fit: ParametricFit = field(repr=False)
     closed: ClosedForm = field(repr=False)
     edges: tuple[float, float, float, float] = field(repr=False)
     """Rectangle in the axes of the fit: low and high along, low and high across (m)."""
@@ -110,7 +110,7 @@ def fit_building(
     best = choose_fit(points, closed)
     inlier = np.abs(best.residuals) <= CUT * best.scale
     if best.form == HIP and max(end_falls(best, *measure_edges(best, points[inlier])[:4])) < HIP_FALL:
-        best = fit_roof(GABLE, points, best.centre, best.parameters, LEAST_NOISE)
+        best = fit_parametric_roof(GABLE, points, best.centre, best.parameters, LEAST_NOISE)
         inlier = np.abs(best.residuals) <= CUT * best.scale
     if plan is not None:
         best, frame = take_plan(best, points, plan)
@@ -126,7 +126,7 @@ def fit_building(
     return describe_building(best, closed, frame, inlier, covered)
 
 
-def hiding(fit: RoofFit, above: Points, rim: Points) -> Points:
+def hiding(fit: ParametricFit, above: Points, rim: Points) -> Points:
     """Those of the points `above` the roof (M, 3) that lie between the points of its rim (N, 3).
 
     Without them a wide dormer looks like the end of a slope, and the roof below it like a few strays.
@@ -137,7 +137,7 @@ def hiding(fit: RoofFit, above: Points, rim: Points) -> Points:
     return above[inside]
 
 
-def choose_fit(points: Points, closed: ClosedForm) -> RoofFit:
+def choose_fit(points: Points, closed: ClosedForm) -> ParametricFit:
     """The fit of the form that explains the points best for its number of parameters."""
     centre = np.array([closed.x, closed.y])
     some = points[:: max(1, len(points) // CHOICE_POINTS)]
@@ -148,7 +148,9 @@ def choose_fit(points: Points, closed: ClosedForm) -> RoofFit:
         (HIP, half_hip_start(closed)),
         (GABLE, across_start(closed)),
     ]
-    fits = [fit_roof(form, some, centre, start, LEAST_NOISE, CHOICE_ROUNDS) for form, start in starts]
+    fits = [
+        fit_parametric_roof(form, some, centre, start, LEAST_NOISE, CHOICE_ROUNDS) for form, start in starts
+    ]
     fits = [fit for fit in fits if is_roof(fit)]
     scale = min(fit.scale for fit in fits)
     price = max(0.5 * float(np.log(len(some))), PARAMETER_PRICE * len(some))
@@ -159,13 +161,13 @@ def choose_fit(points: Points, closed: ClosedForm) -> RoofFit:
         costs.append(0.5 * CUT**2 * float(np.sum(square / (1.0 + square))) + free * price)
     for choice in np.argsort(costs, kind="stable"):
         chosen = fits[choice]
-        final = fit_roof(chosen.form, points, centre, chosen.parameters, LEAST_NOISE)
+        final = fit_parametric_roof(chosen.form, points, centre, chosen.parameters, LEAST_NOISE)
         if is_roof(final):
             return final
-    return fit_roof(PLANE, points, centre, starts[0][1], LEAST_NOISE)
+    return fit_parametric_roof(PLANE, points, centre, starts[0][1], LEAST_NOISE)
 
 
-def is_roof(fit: RoofFit) -> bool:
+def is_roof(fit: ParametricFit) -> bool:
     """Whether a fit has the shape of its form: sides and ends fall, ends do not begin beyond the middle."""
     p = fit.parameters
     if fit.form == PLANE:
@@ -212,7 +214,7 @@ def across_start(closed: ClosedForm) -> NDArray[np.float64]:
 
 
 def describe_building(
-    fit: RoofFit,
+    fit: ParametricFit,
     closed: ClosedForm,
     frame: tuple[float, float, float, float, float, float],
     inlier: Mask,
@@ -269,7 +271,7 @@ def describe_building(
     )
 
 
-def squared_up(house: ParametricBuilding) -> RoofFit:
+def squared_up(house: ParametricBuilding) -> ParametricFit:
     """The fit with a full hip's ridge in the middle and level eaves, so that its hips end in the corners."""
     if house.roof not in ("hip", "pyramid"):
         return house.fit
@@ -283,7 +285,7 @@ def squared_up(house: ParametricBuilding) -> RoofFit:
     return replace(house.fit, parameters=p)
 
 
-def corner_heights(fit: RoofFit, west: float, east: float, south: float, north: float) -> list[float]:
+def corner_heights(fit: ParametricFit, west: float, east: float, south: float, north: float) -> list[float]:
     """Heights (m) of the roof over the rectangle's corners."""
     cosine, sine = np.cos(fit.parameters[ANGLE]), np.sin(fit.parameters[ANGLE])
     places = np.array([[west, south], [east, south], [east, north], [west, north]])
@@ -291,14 +293,16 @@ def corner_heights(fit: RoofFit, west: float, east: float, south: float, north: 
     return [float(height) for height in fit.height_at(places @ turn + fit.centre)]
 
 
-def side_eaves(fit: RoofFit, south: float, north: float) -> float:
+def side_eaves(fit: ParametricFit, south: float, north: float) -> float:
     """Mean height (m) of the two eaves of a gable or hip."""
     p = fit.parameters
     left, right = p[LEFT_SLOPE] * (north - p[ACROSS]), p[RIGHT_SLOPE] * (p[ACROSS] - south)
     return float(p[TOP] - 0.5 * (left + right))
 
 
-def name_roof(fit: RoofFit, west: float, east: float, south: float, north: float) -> tuple[str, float, float]:
+def name_roof(
+    fit: ParametricFit, west: float, east: float, south: float, north: float
+) -> tuple[str, float, float]:
     """The roof's type, slope (radians) and ridge height (m)."""
     p = fit.parameters
     if fit.form == PLANE:
@@ -315,7 +319,9 @@ def name_roof(fit: RoofFit, west: float, east: float, south: float, north: float
     return "gable", slope, float(p[TOP])
 
 
-def end_falls(fit: RoofFit, west: float, east: float, south: float, north: float) -> tuple[float, float]:
+def end_falls(
+    fit: ParametricFit, west: float, east: float, south: float, north: float
+) -> tuple[float, float]:
     """How far the western and the eastern end plane fall, as a share of the sides' fall."""
     p = fit.parameters
     sides = max(p[TOP] - side_eaves(fit, south, north), 1e-6)
@@ -324,7 +330,7 @@ def end_falls(fit: RoofFit, west: float, east: float, south: float, north: float
 
 
 def orientation_deviation(
-    fit: RoofFit,
+    fit: ParametricFit,
     variance: NDArray[np.float64],
     length: float,
     width: float,

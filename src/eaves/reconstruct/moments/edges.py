@@ -11,7 +11,14 @@ from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.kernels import kernel
 from eaves.model import Points
 from eaves.reconstruct.moments.extents import MOST_STRAYS, STRAY, extent_kernel, extent_of
-from eaves.reconstruct.moments.parametric_roof import ANGLE, END_SLOPE, LEFT_SLOPE, PLANE, RoofFit, fit_roof
+from eaves.reconstruct.moments.parametric_roof import (
+    ANGLE,
+    END_SLOPE,
+    LEFT_SLOPE,
+    PLANE,
+    ParametricFit,
+    fit_parametric_roof,
+)
 
 LEAST_NOISE = 0.015
 """Noise (m) under which a fit does not tell forms apart."""
@@ -27,8 +34,8 @@ SEARCH = ((0.16, 11), (0.024, 7), (0.006, 7))
 
 
 def take_plan(
-    fit: RoofFit, points: Points, plan: Polygon
-) -> tuple[RoofFit, tuple[float, float, float, float, float, float]]:
+    fit: ParametricFit, points: Points, plan: Polygon
+) -> tuple[ParametricFit, tuple[float, float, float, float, float, float]]:
     """The fit to points (N, 3) in the axes of the plan's least rectangle, and its edges, which are exact."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(plan))
     side = corners[1] - corners[0]
@@ -41,12 +48,12 @@ def take_plan(
     else:
         start = fit.parameters.copy()
         start[ANGLE] += turn
-        fit = fit_roof(fit.form, points, fit.centre, start, LEAST_NOISE, turns=False)
+        fit = fit_parametric_roof(fit.form, points, fit.centre, start, LEAST_NOISE, turns=False)
     along, across = fit.axes(corners)
     return fit, (along.min(), along.max(), across.min(), across.max(), 0.0, 0.0)
 
 
-def settle_axes(fit: RoofFit, points: Points) -> RoofFit:
+def settle_axes(fit: ParametricFit, points: Points) -> ParametricFit:
     """The plane's fit with axes along the sides of the rectangle around points (N, 3), falling across.
 
     A plane has no ridge to tell the orientation. Where it falls nearly square to the axes of the closed
@@ -70,12 +77,12 @@ def settle_axes(fit: RoofFit, points: Points) -> RoofFit:
     return turned_fit(settled, turn) if abs(turn) < np.radians(SQUARE_FALL_DEG) else settled
 
 
-def fall_angle(fit: RoofFit) -> float:
+def fall_angle(fit: ParametricFit) -> float:
     """The turn (radians) that makes a plane fall exactly across its axes."""
     return float(np.arctan(fit.parameters[END_SLOPE] / fit.parameters[LEFT_SLOPE]))
 
 
-def least_rectangle(fit: RoofFit, points: Points) -> float:
+def least_rectangle(fit: ParametricFit, points: Points) -> float:
     """The turn (radians) of the axes in which the edges of points (N, 3) enclose the least area."""
     along, across = fit.axes(points)
     best, angle = np.inf, 0.0
@@ -101,7 +108,7 @@ def extents_kernel(ordered: NDArray[np.float64], stray: float, most: float) -> N
     return extents
 
 
-def turned_fit(fit: RoofFit, turn: float) -> RoofFit:
+def turned_fit(fit: ParametricFit, turn: float) -> ParametricFit:
     """The same plane in axes turned by `turn` (radians)."""
     p = fit.parameters.copy()
     cosine, sine = np.cos(turn), np.sin(turn)
@@ -109,10 +116,10 @@ def turned_fit(fit: RoofFit, turn: float) -> RoofFit:
     p[ANGLE] += turn
     p[END_SLOPE] = cosine * gradient_along + sine * gradient_across
     p[LEFT_SLOPE] = -(cosine * gradient_across - sine * gradient_along)
-    return RoofFit(fit.form, fit.centre, p, fit.residuals, fit.covariance, fit.scale)
+    return ParametricFit(fit.form, fit.centre, p, fit.residuals, fit.covariance, fit.scale)
 
 
-def measure_edges(fit: RoofFit, points: Points) -> tuple[float, float, float, float, float, float]:
+def measure_edges(fit: ParametricFit, points: Points) -> tuple[float, float, float, float, float, float]:
     """Low and high along, low and high across, in the axes of the fit, and a deviation for each axis."""
     along, across = fit.axes(points)
     west, east, end_deviation = extent_of(along)

@@ -17,7 +17,7 @@ from eaves.reconstruct.moments.parametric_roof import CUT
 from eaves.reconstruct.moments.parts import PartLimits, RoofPart, explained, find_parts
 from eaves.reconstruct.moments.solid import rectangle_of, solids_of
 from eaves.reconstruct.stage import Reconstructor
-from eaves.reconstruct.toolkit.attributes import describe
+from eaves.reconstruct.toolkit.attributes import describe_roof
 from eaves.reconstruct.toolkit.evidence import points_inside
 
 EMPTY_MEAN, EMPTY_SPREAD = 0.04, 0.4
@@ -189,7 +189,7 @@ class Moments(Reconstructor):
         plan = rectangle_of(house)
         model = BuildingModel(footprint.with_(polygon=plan), {"2.2": tuple(solids)}, planes)
         seen, top = points[points_inside(points, plan)], roof[points_inside(roof, plan)]
-        attributes = {**describe(model, seen, top, ground), **measures(house, parts)}
+        attributes = {**describe_roof(model, seen, top, ground), **measures(house, parts)}
         return model.with_(footprint=footprint, attributes=attributes)
 
 

@@ -191,7 +191,7 @@ def fit_roof_kernel(
 
 
 @dataclass(frozen=True, eq=False)
-class RoofFit:
+class ParametricFit:
     """A form, its parameters (8,) about `centre` (2,), residuals (N,) and the fit's covariance (8, 8)."""
 
     form: int
@@ -220,7 +220,7 @@ class RoofFit:
         return np.asarray(cosine * x + sine * y), np.asarray(cosine * y - sine * x)
 
 
-def fit_roof(
+def fit_parametric_roof(
     form: int,
     points: Points,
     centre: NDArray[np.float64],
@@ -228,7 +228,7 @@ def fit_roof(
     floor: float,
     rounds: int = ROUNDS,
     turns: bool = True,
-) -> RoofFit:
+) -> ParametricFit:
     """The robust least-squares fit of a form to points (N, 3), from `start` (8,).
 
     `floor` is the least noise (m); without `turns` the orientation stays as it starts. A fit of fewer than
@@ -242,7 +242,7 @@ def fit_roof(
     covariance = np.zeros((8, 8))
     if rounds >= ROUNDS:
         covariance = covariance_of(groups, normal, residuals[np.abs(residuals) < CUT * scale])
-    return RoofFit(form, centre, parameters, residuals, covariance, scale)
+    return ParametricFit(form, centre, parameters, residuals, covariance, scale)
 
 
 def covariance_of(

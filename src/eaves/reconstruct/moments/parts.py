@@ -26,8 +26,8 @@ from eaves.reconstruct.moments.parametric_roof import (
     PLANE,
     RIGHT_SLOPE,
     TOP,
-    RoofFit,
-    fit_roof,
+    ParametricFit,
+    fit_parametric_roof,
 )
 
 
@@ -57,7 +57,7 @@ class RoofPart:
     members: NDArray[np.int64]
 
 
-def main_planes(fit: RoofFit) -> NDArray[np.float64]:
+def main_planes(fit: ParametricFit) -> NDArray[np.float64]:
     """The planes (P, 3) of the main roof, z = a·u + b·v + c in the house's axes; the lowest is the roof."""
     p = fit.parameters
     if fit.form == PLANE:
@@ -123,14 +123,14 @@ def shape_part(
     u, v = house.fit.axes(own)
     start = np.zeros(8)
     start[ANGLE], start[TOP] = house.fit.parameters[ANGLE], float(np.median(own[:, 2]))
-    fit = fit_roof(PLANE, own, house.fit.centre, start, LEAST_NOISE)
+    fit = fit_parametric_roof(PLANE, own, house.fit.centre, start, LEAST_NOISE)
     planes = main_planes(fit)
     if fit.scale > 2.0 * house.fit.scale and len(members) >= FEWEST_POINTS:
         start[ANGLE] += np.pi / 2.0
         start[2] = -float(np.median(u))
         start[TOP] = float(np.quantile(own[:, 2], 0.95))
         start[LEFT_SLOPE] = start[RIGHT_SLOPE] = 0.7
-        small = fit_roof(GABLE, own, house.fit.centre, start, LEAST_NOISE)
+        small = fit_parametric_roof(GABLE, own, house.fit.centre, start, LEAST_NOISE)
         p = small.parameters
         if small.scale < fit.scale and min(p[LEFT_SLOPE], p[RIGHT_SLOPE]) > 0.1:
             fit = small

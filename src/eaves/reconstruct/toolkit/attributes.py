@@ -143,7 +143,7 @@ def surface_heights(solids: tuple[Solid, ...], xy: NDArray[np.float64]) -> Surfa
     return height, cosine[face], face
 
 
-def describe(
+def describe_roof(
     model: BuildingModel, points: Points, roof: Points, ground: float, surface: Surface | None = None
 ) -> dict[str, Any]:
     """The attributes of a model: `points` (N, 3) are the building's inside the footprint, `roof` (R, 3)

@@ -31,7 +31,7 @@ def group_levels(plan: Coverage, cell: Integers, heights: Values, jump: float) -
     halves = np.flatnonzero((plan.cell >= 0) & (plan.cell[plan.twin] > plan.cell))
     keys = np.unique(plan.cell[halves] * plan.count + plan.cell[plan.twin[halves]])
     pairs = np.column_stack([keys // plan.count, keys % plan.count])
-    height = heights_of(group[cell], heights, plan.count)
+    height = level_heights(group[cell], heights, plan.count)
     while len(pairs):
         one, other = group[pairs[:, 0]], group[pairs[:, 1]]
         step = np.abs(height[one] - height[other])
@@ -53,13 +53,13 @@ def flat_plan(
     `cell` and `heights` (K,) are those of the roof points.
     """
     merged, names = plan.merged(group)
-    height = heights_of(plan.regions(group)[0][cell], heights, merged.count)
+    height = level_heights(plan.regions(group)[0][cell], heights, merged.count)
     whole = quantile(heights, PRISM_PERCENTILE / 100.0) if len(heights) else ground
     height = np.maximum(np.where(np.isnan(height), whole, height), ground + LOWEST_ROOF)
     return merged, np.column_stack([np.zeros((len(names), 2)), height])
 
 
-def heights_of(cell: Integers, heights: Values, count: int) -> Values:
+def level_heights(cell: Integers, heights: Values, count: int) -> Values:
     """The roof height (C,) of each cell: the 70th percentile of its points' heights; NaN without points."""
     return group_percentiles(heights, cell, count, PRISM_PERCENTILE)
 

@@ -25,7 +25,7 @@ from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
 from eaves.reconstruct.toolkit.coverage import coverage_of
 from eaves.reconstruct.toolkit.extrude import SAME_HEIGHT
 from eaves.reconstruct.toolkit.plan_lines import main_directions, turn_by
-from eaves.reconstruct.toolkit.undersides import RoofPlan, cells_of, close_slabs
+from eaves.reconstruct.toolkit.undersides import RoofPlan, close_slabs, underside_cells
 
 CLEARANCE = SAME_HEIGHT + COORDINATE_STEP
 """A body begins so far (m) over the planes of the roof: what rounding and shared vertices move both by."""
@@ -126,7 +126,7 @@ def raise_pieces(pieces: list[tuple[Polygon, NDArray[np.float64]]], top: float) 
     smooth = shapely.simplify(shapely.buffer(largest, -NARROWEST, join_style="mitre"), 0.5 * NARROWEST)
     for some in (pieces, [(part, floor) for part in polygon_parts(smooth)[:1]]):
         polygons = np.array([polygon for polygon, _ in some], object)
-        cells, owner = cells_of(polygons, shapely.boundary(polygons))
+        cells, owner = underside_cells(polygons, shapely.boundary(polygons))
         plan = coverage_of(cells, COORDINATE_STEP)
         if plan is not None:
             level = RoofPlan(polygons, np.tile([0.0, 0.0, top], (len(some), 1)), (None,) * len(some), top)

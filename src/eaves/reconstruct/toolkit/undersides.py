@@ -168,7 +168,7 @@ def draw_plan(
     """
     borders = shapely.boundary(roof.polygons)
     inner = through_corners(wall_segments(walls, borders), shapely.get_coordinates(borders))
-    cells, face = cells_of(roof.polygons, np.append(borders, inner))
+    cells, face = underside_cells(roof.polygons, np.append(borders, inner))
     plan = coverage_of(cells, COORDINATE_STEP)
     if plan is None:
         return None
@@ -187,7 +187,7 @@ def draw_plan(
     return plan, label // 2, (label % 2).astype(bool)
 
 
-def cells_of(
+def underside_cells(
     polygons: NDArray[np.object_], lines: NDArray[np.object_]
 ) -> tuple[NDArray[np.object_], Integers]:
     """The cells (C,) that lines cut polygons into, on the grid of coordinates, and the polygon of each."""
@@ -246,7 +246,7 @@ def hanging_alone(
     return np.asarray(~held[group])
 
 
-def ends_of(plan: Coverage, halves: Integers, planes: NDArray[np.float64]) -> NDArray[np.float64]:
+def segment_ends(plan: Coverage, halves: Integers, planes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Heights (H, 2) of planes (H, 3) over start and end of half-edges (H,)."""
     places = np.stack([plan.nodes[plan.start[halves]], plan.nodes[plan.end[halves]]], axis=1)
     return np.asarray(
@@ -263,8 +263,8 @@ def joined_cells(plan: Coverage, tops: NDArray[np.float64], floors: NDArray[np.f
     """The number (C,) of the body each cell belongs to: neighbours whose heights overlap along an edge."""
     halves = inner_halves(plan)
     one, other = plan.cell[halves], plan.cell[plan.twin[halves]]
-    top = np.minimum(ends_of(plan, halves, tops[one]), ends_of(plan, halves, tops[other]))
-    floor = np.maximum(ends_of(plan, halves, floors[one]), ends_of(plan, halves, floors[other]))
+    top = np.minimum(segment_ends(plan, halves, tops[one]), segment_ends(plan, halves, tops[other]))
+    floor = np.maximum(segment_ends(plan, halves, floors[one]), segment_ends(plan, halves, floors[other]))
     joined = (top - floor).max(axis=1) > 2.0 * SAME_HEIGHT
     return np.asarray(connected_groups_kernel(one[joined], other[joined], plan.count))
 
@@ -281,7 +281,7 @@ def crossings(
     share = np.full(len(halves), np.inf)
     for left in (tops, floors):
         for right in (tops, floors):
-            step = ends_of(plan, halves, left[one]) - ends_of(plan, halves, right[other])
+            step = segment_ends(plan, halves, left[one]) - segment_ends(plan, halves, right[other])
             crosses = (step[:, 0] * step[:, 1] < 0.0) & (np.abs(step).min(axis=1) > SAME_HEIGHT)
             at = step[:, 0] / np.where(crosses, step[:, 0] - step[:, 1], 1.0)
             share = np.where(crosses, np.minimum(share, at), share)

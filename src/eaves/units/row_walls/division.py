@@ -12,8 +12,8 @@ from shapely import LineString, Polygon
 
 from eaves.geometry.pieces import borders_of, joined_pieces
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.outline.toolkit.shared_edges import welded
-from eaves.units.row_walls.rows import CELL_M, Plan, Row
+from eaves.outline.toolkit.shared_edges import welded_outlines
+from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan
 
 Walls = dict[tuple[int, int], float]
 """The probability of a wall between two units, by their numbers from 1, the smaller first."""
@@ -26,7 +26,7 @@ EVERY = 2
 class RowUnits:
     """A row, its inner walls (W,) as steps along it, and how sure each is (W,)."""
 
-    row: Row
+    row: HouseRow
     walls: NDArray[np.int64]
     certainty: NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class RowUnits:
         return np.concatenate([[0], self.walls, [len(self.row.first)]])
 
 
-def label_cells(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], first: int) -> int:
+def label_unit_cells(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], first: int) -> int:
     """Writes the number of its unit, from `first` on, into each cell of `label` that a row claims; how many
     units there are.
     """
@@ -110,7 +110,7 @@ def divide_outline(
     parts = [part for part in found if part is not None]
     kept = [k + 1 for k, part in enumerate(found) if part is not None]
     whole = []
-    for part in welded(parts):
+    for part in welded_outlines(parts):
         plain = shapely.remove_repeated_points(part, 3.0 * COORDINATE_STEP)
         whole.append(shapely.orient_polygons(plain if plain.is_valid else part))
     return whole, kept

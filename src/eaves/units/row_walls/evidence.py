@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from eaves.geometry.planes import CALM_QUANTILE, measure_noise
 from eaves.kernels import kernel
 from eaves.model import Mask, Points
-from eaves.units.row_walls.rows import CELL_M, Row
+from eaves.units.row_walls.rows import CELL_M, HouseRow
 
 DEPTH_STEP_M = 1.0
 """Points are compared across a wall at each metre of its length."""
@@ -87,7 +87,7 @@ def roof_noise(points: Points) -> float:
     return max(measured, USUAL_NOISE_M)
 
 
-def wall_signs(row: Row, points: Points, noise: float) -> NDArray[np.float64]:
+def wall_signs(row: HouseRow, points: Points, noise: float) -> NDArray[np.float64]:
     """The signs (S + 1, 12) of a wall at each step along the row, from its roof points (N, 3)."""
     s, t = row.coordinates(points[:, :2])
     step = np.floor(s / CELL_M).astype(np.int64)

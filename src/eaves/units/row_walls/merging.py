@@ -12,7 +12,7 @@ from eaves.model import Points
 from eaves.units.row_walls.certainty import sure_in_row, sure_on_border
 from eaves.units.row_walls.division import RowUnits, Walls
 from eaves.units.row_walls.evidence import wall_odds, wall_signs
-from eaves.units.row_walls.rows import CELL_M, Plan, Row
+from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan
 
 
 class MergeRules(Method):
@@ -144,7 +144,7 @@ def border_odds(
     along = np.array([across[1], -across[0]])
     t = (xy - centre) @ across
     steps = int(2 * beside / CELL_M)
-    row = Row(
+    row = HouseRow(
         centre - beside * along, along, across, np.full(steps, t.min()), np.full(steps, t.max() + CELL_M)
     )
     odds = wall_odds(wall_signs(row, points, noise))

@@ -12,10 +12,10 @@ from shapely import Polygon
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Points, Values
 from eaves.units.row_walls.chain import best_walls, total_of
-from eaves.units.row_walls.division import RowUnits, divide_outline, label_cells
+from eaves.units.row_walls.division import RowUnits, divide_outline, label_unit_cells
 from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
 from eaves.units.row_walls.merging import MergeRules, merged_units
-from eaves.units.row_walls.rows import CELL_M, Plan, Row, RowRules, rows_of
+from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan, RowRules, rows_of
 from eaves.units.row_walls.several import odds_of_several
 from eaves.units.row_walls.volumes import VolumeRules, main_volumes
 from eaves.units.stage import Division, UnitMethod
@@ -123,7 +123,7 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
         if 1.0 / (1.0 + np.exp(-several)) < self.least_sure:
             return whole
         label = np.zeros(plan.main.shape, np.int32)
-        label_cells(plan, label, found, 1)
+        label_unit_cells(plan, label, found, 1)
         label, walls = merged_units(plan, label, found, points, noise, self)
         if label.max() < 2:
             return whole
@@ -138,7 +138,7 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
             ],
         )
 
-    def walls_of(self, row: Row, log_odds: Values) -> RowUnits:
+    def walls_of(self, row: HouseRow, log_odds: Values) -> RowUnits:
         """The inner walls of one row, from the log-odds (S + 1,) of a wall at each step."""
         width = np.maximum(np.arange(len(log_odds)), 1) * CELL_M
         broad = np.exp(-0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / self.spread) ** 2)
@@ -151,7 +151,7 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
                 best, chosen = total, regular
         return RowUnits(row, *best_walls(odds, chosen))
 
-    def usual_widths(self, row: Row) -> list[float]:
+    def usual_widths(self, row: HouseRow) -> list[float]:
         """The widths (m) that most units of a regular row may have; three at least stand in it."""
         widest = min(self.widest_usual, row.length / 3.0)
         if widest < self.narrowest:
@@ -175,7 +175,7 @@ def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
     """Unit vectors (K, 2) along the edges of an outline, those with most length first, each once and with at
     least the `shortest` length (m).
     """
-    step = np.vstack([np.diff(np.asarray(ring.coords)[:, :2], axis=0) for ring in rings_of(outline)])
+    step = np.vstack([np.diff(np.asarray(ring.coords)[:, :2], axis=0) for ring in unit_rings(outline)])
     length = np.hypot(step[:, 0], step[:, 1])
     angle = np.arctan2(step[:, 1], step[:, 0])
     found: list[float] = []
@@ -191,7 +191,7 @@ def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
     return np.column_stack([np.cos(found), np.sin(found)])
 
 
-def rings_of(outline: Polygon) -> list[shapely.LinearRing]:
+def unit_rings(outline: Polygon) -> list[shapely.LinearRing]:
     """The outer ring and the holes."""
     return [outline.exterior, *outline.interiors]
 

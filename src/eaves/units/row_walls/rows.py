@@ -113,7 +113,7 @@ class Plan:
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class HouseRow:
     """Ground behind a front: a place is `origin` + s · `along` + t · `across`, both unit vectors.
 
     `first` and `last` (S,) bound t (m) over each step of s; where they are equal the row has no ground.
@@ -195,7 +195,7 @@ def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[f
     return -round(float(np.hypot(*(end - start))), 3), float(start[0]), float(start[1])
 
 
-def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> Iterator[Row]:
+def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> Iterator[HouseRow]:
     """The rows of a block's main volume, longest front first; what one claims no other has.
 
     `directions` (K, 2) are unit vectors along which walls may run, where they do not stand upright.
@@ -228,7 +228,7 @@ def leaning(
     return list(turned[near])
 
 
-def coherence(plan: Plan, row: Row, most: float) -> float:
+def coherence(plan: Plan, row: HouseRow, most: float) -> float:
     """How much heights change along the row in the same way at all depths (m²): walls that run along
     `row.across` make it large. A change counts up to `most` (m).
     """
@@ -250,7 +250,7 @@ def ground_behind(
     across: NDArray[np.float64],
     length: float,
     limits: RowRules,
-) -> Row | None:
+) -> HouseRow | None:
     """The ground behind a front, None where others have claimed it."""
     steps = int(length / CELL_M)
     s = (np.arange(steps) + 0.5) * CELL_M
@@ -287,4 +287,4 @@ def ground_behind(
     inside = np.flatnonzero(there)
     keep = slice(inside[0], inside[-1] + 1)
     first, last = t[0] + begin * CELL_M, t[0] + end * CELL_M
-    return Row(start + inside[0] * CELL_M * along, along, across, first[keep], last[keep])
+    return HouseRow(start + inside[0] * CELL_M * along, along, across, first[keep], last[keep])
