@@ -69,6 +69,10 @@ def solids_overlap(one: list[Shell], two: list[Shell]) -> bool:
         return True
     for here, there in ((one, two), (two, one)):
         samples = np.concatenate([_samples(shell) for shell in here])
+        low, high = (corner * FINER for corner in _box(there[0]))
+        samples = samples[((samples > low) & (samples < high)).all(axis=1)]
+        if not len(samples):  # none in its box: a chimney's is small
+            continue
         within = enclosed(samples, there[0] * FINER) > 0
         for void in there[1:]:
             within &= enclosed(samples, void * FINER) < 0
