@@ -10,7 +10,7 @@ from eaves.validate.exact import (
     OPPOSITE_SIDE,
     SAME_SIDE,
     crossings_kernel,
-    enclosed,
+    enclosed_kernel,
     orient_kernel,
     triangles_meet_kernel,
 )
@@ -104,4 +104,4 @@ def test_a_box_encloses_what_is_inside() -> None:
     places = np.array(
         [[5, 5, 5], [5, 5, 10], [10, 10, 10], [0, 5, 10], [5, 5, 11], [5, 5, 9.9], [-1e3, 5, 5]]
     )
-    assert enclosed(places, triangles).tolist() == [1, 0, 0, 0, -1, 1, -1]
+    assert enclosed_kernel(places, triangles).tolist() == [1, 0, 0, 0, -1, 1, -1]

@@ -104,13 +104,8 @@ def read_header(data: bytes) -> tuple[tuple[int, ...], Literal["C", "F"], np.dty
     return shape, "F" if by_columns else "C", dtype
 
 
-def save_value(path: Path, value: Any) -> None:
-    """Write one value, whole or not at all; see `encode`."""
-    save_part(path, pack("value", value))
-
-
 def load_value(path: Path, types: Mapping[str, type[Any]] = TYPES) -> Any:
-    """The value that `save_value` wrote."""
+    """The one value of a file, packed under the name `value`."""
     with open_part(path) as file:
         return unpack(file, "value", types)
 

@@ -7,9 +7,8 @@ else with the minors split in two halves of 30 bits.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eaves.kernels import kernel
+from eaves.kernels import inlined_kernel, kernel
 
 HALF = 30
 MASK = (1 << HALF) - 1
@@ -272,34 +271,57 @@ def crossings_kernel(  # type: ignore[no-untyped-def]
     return result
 
 
-def enclosed(
-    samples: NDArray[np.float64], triangles: NDArray[np.int64], margin: float = 0.01
-) -> NDArray[np.int64]:
-    """For samples (N, 3) in a shell of triangles (T, 3, 3): 1 inside, 0 within `margin` steps, -1 outside.
+@inlined_kernel
+def between(p, q):  # type: ignore[no-untyped-def]
+    """The vector from one place to another."""
+    return float(q[0] - p[0]), float(q[1] - p[1]), float(q[2] - p[2])
+
+
+@inlined_kernel
+def dot(u, v):  # type: ignore[no-untyped-def]
+    """The product of two vectors."""
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+@inlined_kernel
+def cross(u, v):  # type: ignore[no-untyped-def]
+    """The vector upright on two."""
+    return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+
+
+MARGIN = 0.01
+"""A place this near (steps) to a shell lies on it."""
+
+
+@kernel
+def enclosed_kernel(  # type: ignore[no-untyped-def]
+    samples, triangles
+):
+    """For samples (N, 3) in a shell of triangles (T, 3, 3): 1 inside, 0 on the shell, -1 outside.
 
     The solid angle under which the shell is seen [vanoosterom1983] is ±4π inside and 0 outside; near the
     shell the distance to the triangles decides.
     """
-    corner = triangles[None].astype(np.float64) - samples[:, None, None, :]
-    a, b, c = corner[:, :, 0], corner[:, :, 1], corner[:, :, 2]
-    la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
-    volume = np.einsum("nti,nti->nt", a, np.cross(b, c))
-    below = (
-        la * lb * lc
-        + np.einsum("nti,nti->nt", a, b) * lc
-        + np.einsum("nti,nti->nt", b, c) * la
-        + np.einsum("nti,nti->nt", c, a) * lb
-    )
-    angle = 2.0 * np.arctan2(volume, below)
-    turns = np.abs(angle.sum(axis=1)) / (4.0 * np.pi)
-    result = np.where(turns > 0.5, 1, -1)
-    on_shell = np.ones(angle.shape, bool)
-    normal = np.cross(b - a, c - a)
-    normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-300)
-    on_shell &= np.abs(np.einsum("nti,nti->nt", a, normal)) <= margin
-    for start, end in ((a, b), (b, c), (c, a)):
-        inwards = np.cross(normal, end - start)
-        inwards /= np.maximum(np.linalg.norm(inwards, axis=2, keepdims=True), 1e-300)
-        on_shell &= np.einsum("nti,nti->nt", -start, inwards) >= -margin
-    result[on_shell.any(axis=1)] = 0
+    result, angle = np.empty(len(samples), np.int64), np.zeros(len(samples))
+    for t in triangles:
+        ab, bc, ca = between(t[0], t[1]), between(t[1], t[2]), between(t[2], t[0])
+        normal = cross(ab, bc)
+        reach = MARGIN * np.sqrt(dot(normal, normal))
+        left_ab, left_bc, left_ca = cross(normal, ab), cross(normal, bc), cross(normal, ca)
+        size_ab, size_bc, size_ca = np.sqrt(dot(ab, ab)), np.sqrt(dot(bc, bc)), np.sqrt(dot(ca, ca))
+        for n, place in enumerate(samples):
+            a, b, c = between(place, t[0]), between(place, t[1]), between(place, t[2])
+            volume = dot(a, normal)
+            if (
+                abs(volume) <= reach
+                and dot(a, left_ab) <= reach * size_ab
+                and dot(b, left_bc) <= reach * size_bc
+                and dot(c, left_ca) <= reach * size_ca
+            ):
+                angle[n] = np.nan
+            la, lb, lc = np.sqrt(dot(a, a)), np.sqrt(dot(b, b)), np.sqrt(dot(c, c))
+            below = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
+            angle[n] += 2.0 * np.arctan2(volume, below)
+    for n, seen in enumerate(angle):
+        result[n] = 0 if np.isnan(seen) else (1 if abs(seen) > 2.0 * np.pi else -1)
     return result

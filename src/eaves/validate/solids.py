@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from eaves.validate.boundaries import Integers
-from eaves.validate.exact import CROSS, OPPOSITE_SIDE, SAME_SIDE, crossings_kernel, enclosed
+from eaves.validate.exact import CROSS, OPPOSITE_SIDE, SAME_SIDE, crossings_kernel, enclosed_kernel
 from eaves.validate.interior import count_interior_pieces
 
 FINER = 6
@@ -65,20 +65,23 @@ def solids_overlap(one: list[Shell], two: list[Shell]) -> bool:
     box_one, box_two = (_box(np.concatenate(solid)) for solid in (one, two))
     if (box_one[0] >= box_two[1]).any() or (box_two[0] >= box_one[1]).any():
         return False
-    if crossings_kernel(np.concatenate(one), np.concatenate(two)) & (CROSS | SAME_SIDE):
+    near_one, near_two = _near(one, box_two), _near(two, box_one)
+    if crossings_kernel(near_one, near_two) & (CROSS | SAME_SIDE):
         return True
-    for here, there in ((one, two), (two, one)):
-        samples = np.concatenate([_samples(shell) for shell in here])
-        low, high = (corner * FINER for corner in _box(there[0]))
-        samples = samples[((samples > low) & (samples < high)).all(axis=1)]
-        if not len(samples):  # none in its box: a chimney's is small
-            continue
-        within = enclosed(samples, there[0] * FINER) > 0
+    for faces, there in ((near_one, two), (near_two, one)):
+        samples = _samples(faces)
+        within = enclosed_kernel(samples, there[0] * FINER) > 0
         for void in there[1:]:
-            within &= enclosed(samples, void * FINER) < 0
+            within &= enclosed_kernel(samples, void * FINER) < 0
         if within.any():
             return True
     return False
+
+
+def _near(solid: list[Shell], box: tuple[Integers, Integers]) -> Shell:
+    """The triangles of a solid whose boxes meet a box: no others have a part in it."""
+    triangles = np.concatenate(solid)
+    return triangles[((triangles.min(axis=1) <= box[1]) & (triangles.max(axis=1) >= box[0])).all(axis=1)]
 
 
 def composite_defects(solids: list[list[Shell]]) -> list[Defect]:
@@ -109,7 +112,8 @@ def _samples(shell: Shell) -> NDArray[np.float64]:
 
 def _places(shell: Shell, container: Shell) -> Integers:
     """Where the samples of a shell lie: 1 inside the container, 0 on it, -1 outside."""
-    return enclosed(_samples(shell), container * FINER)
+    found: Integers = enclosed_kernel(_samples(shell), container * FINER)
+    return found
 
 
 def _same_shell(one: Shell, two: Shell) -> bool:
