@@ -11,11 +11,10 @@ from eaves.change.epoch import Epoch
 from eaves.change.shift import Shift
 from eaves.change.verdict import NOT_COVERED, UNCHANGED, UNCLEAR, Verdict
 
-MANY_POINTS, FEW_POINTS = 60, 30
-"""A change that so many points show is certain, one that fewer than so many show is not: towns that were
-looked at told 3 of 10 such wrongly, and none of the others."""
-SEEN_WELL, SEEN_HALF, SURE_SCORE = 0.8, 0.5, 0.9
-"""Shares of a roof that the other epoch shows, and the score of what one run alone has: see `certainty`."""
+FEW_POINTS = 30
+"""A change that fewer points show is not certain: towns that were looked at had 3 of 10 such wrong."""
+SEEN_WELL, SURE_SCORE = 0.8, 0.9
+"""Share of a roof that the other epoch shows, and the score of what one run alone has: see `certainty`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,18 +47,10 @@ class BuildingChange:
         seen, score = figures.get("seen", 1.0), figures.get("score")
         doubted = score is not None and score < SURE_SCORE
         if verdict.change == UNCHANGED:
-            sure = seen >= SEEN_WELL and figures.get("same", 0.0) >= SEEN_WELL
-            return (
-                "high"
-                if sure and not doubted
-                else "medium"
-                if figures.get("same", 0.0) >= SEEN_HALF
-                else "low"
-            )
-        count = sum(map(len, verdict.patches))
-        if count < FEW_POINTS:
+            seen = min(seen, figures.get("same", 0.0))
+        elif sum(map(len, verdict.patches)) < FEW_POINTS:
             return "low"
-        return "high" if count >= MANY_POINTS and seen >= SEEN_WELL and not doubted else "medium"
+        return "high" if seen >= SEEN_WELL and not doubted else "medium"
 
     @property
     def row(self) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from eaves.change.faced import Faced, found_beside, roof_points
 from eaves.change.measure import COARSE, REACH, measure_epochs
 from eaves.change.sites import Site, carry_ids, make_sites
 from eaves.change.surface import face_points
-from eaves.change.verdict import UNCHANGED, ChangeRules, Side, Verdict, judge_building
+from eaves.change.verdict import ChangeRules, Verdict, judge_building
 from eaves.flow.run import Progress, no_progress
 from eaves.model import Block, Bounds, PointCloud, Points
 from eaves.model.cloud import NOISE_CLASSES
@@ -122,40 +122,22 @@ class Comparer:
             enough = covered[number, :2] >= self.rules.least_seen * max(int(covered[number, 2]), 1)
             seen = bool(enough[0]), bool(enough[1])
             outlined = bool(site.old), bool(site.new)
-            attached = all(outlined) or self.is_attached(site)
             score = None if all(outlined) else (site.old or site.new)[0].row.get("score")
             verdict = judge_building(
-                before, after, self.rules, seen, link, outlined, site.polygon, attached, score
+                before, after, self.rules, seen, link, outlined, self.is_attached(site), score
             )
-            if verdict.patches and self.are_vehicles(site, before, after, link):
-                verdict = Verdict(UNCHANGED, reason="vehicles stand here in both epochs")
             changes.append(self.told(site, verdict, (len(before), len(after))))
         for faced, spacing, epoch in zip(whole, self.measured.spacings, (0, 1), strict=True):
             changes += found_beside(faced, spacing, epoch, self.rules, link)
         return changes
 
     def is_attached(self, site: Site) -> bool:
-        """Whether a site that one run alone has touches another building of it."""
-        tree = self.trees[0 if site.old else 1]
-        return len(tree.query(site.polygon, "dwithin", ATTACHED_M)) > 1
-
-    def are_vehicles(self, site: Site, before: Side, after: Side, link: float) -> bool:
-        """Whether what each run has at a site is like vehicles: others stand where some stood."""
-        rules = self.rules.vehicles
-        outlines = [shapely.union_all([one.polygon for one in here]) for here in (site.old, site.new)]
-        if not (site.old and site.new) or max(one.area for one in outlines) > rules.area:
-            return False
-        both = shapely.intersection(*outlines).area / shapely.union(*outlines).area
-        if both >= rules.agreeing:
-            return False
-        for side, tree, outline, here in zip(
-            (before, after), self.trees, outlines, (site.old, site.new), strict=True
-        ):
-            if len(tree.query(outline, "dwithin", ATTACHED_M)) > len(here):
-                return False
-            if not side.are_vehicles(side.known, rules, link, outline):
-                return False
-        return True
+        """Whether a run has another building that touches those of a site."""
+        return any(
+            len(tree.query(one.polygon, "dwithin", ATTACHED_M)) > len(here)
+            for tree, here in zip(self.trees, (site.old, site.new), strict=True)
+            for one in here
+        )
 
     def face_block(
         self,
@@ -195,7 +177,6 @@ class Comparer:
                 other.classes[usable],
                 self.measured.radius,
                 self.measured.tolerance,
-                self.measured.spacings[1 - epoch] ** -2,
             )
             world = places[mine] + np.array([*block.origin, 0.0])
             faced.append(

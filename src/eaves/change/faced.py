@@ -15,16 +15,10 @@ from shapely import MultiPolygon, Polygon
 from eaves.change.changes import BuildingChange
 from eaves.change.epoch import Building
 from eaves.change.measure import COARSE, SMOOTH, SMOOTHEST, classes_of
-from eaves.change.surface import STEEPEST, PointPlanes, is_covered, planar, point_planes
-from eaves.change.verdict import DEMOLISHED, NEW, ChangeRules, Side, Verdict, came, patches_of
+from eaves.change.surface import STEEPEST, PointPlanes, planar, point_planes
+from eaves.change.verdict import DEMOLISHED, NEW, ChangeRules, Side, Verdict, patches_of
 from eaves.model import Mask, PointCloud, Points, Values
 from eaves.model.cloud import BUILDING, GROUND, NOISE_CLASSES
-
-WALL_NEAR, WALL_RISE = 0.3, 0.9
-"""A point with another so near in plan and so much higher (m) is on a wall: steeper than 71°."""
-
-COMPACT = 0.5
-"""Share of the convex hull that a building covers; what is less is a hedge, or rows of cars."""
 
 MOSTLY = 0.6
 """Where a roof that the run did not find stands, this share of the high points lies on planes."""
@@ -44,7 +38,7 @@ class Roof:
 
 
 def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float, lowest: float) -> Roof:
-    """The points of roofs: those the run found, without walls, and others that lie on a plane `lowest` (m) or
+    """The points of roofs: those the run found, and others that lie on a plane `lowest` (m) or
     more over the ground; roofs are `rough` (m, one standard deviation)."""
     classes = classes_of(cloud).copy()
     ground = xyz[classes == GROUND]
@@ -57,7 +51,6 @@ def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float, lo
         height[some] = xyz[some, 2] - ground[nearest, 2]
     high &= height >= lowest
     which = np.flatnonzero(found | high)
-    which = which[~is_covered(xyz[which], WALL_NEAR, WALL_RISE)]
     planes = point_planes(xyz[which], max(0.75, 2.0 * spacing))
     flat = planar(planes, max(SMOOTHEST, SMOOTH * rough)) & (np.hypot(*planes.slope.T) <= STEEPEST)
     kept = found[which] | (flat & mostly(flat, xyz[which], COARSE))
@@ -133,12 +126,10 @@ def found_beside(
     side = Side(xyz, state, distance, flat, known, np.full(len(xyz), spacing**2), height)
     whole = replace(rules, smallest_m2=rules.smallest_alone_m2)
     changes = []
-    for patch in patches_of(side, came(side), whole, link):
+    for patch in patches_of(side, side.came, whole, link):
         xy = side.xyz[patch, :2]
         outline = outline_of(xy, spacing)
-        if side.area_of(patch) < COMPACT * shapely.convex_hull(outline).area:
-            continue
-        if side.are_vehicles(patch, rules.vehicles, link):
+        if side.are_vehicles(patch, link / 2):
             continue
         rise = float(abs(np.median(side.distance[patch])))
         kind = (DEMOLISHED, NEW)[epoch]

@@ -22,11 +22,8 @@ REACH = 6.0
 COARSE = 2.0
 """Side of the cells whose lowest ground gives a first difference in height (m)."""
 
-MOST_IN_PLAN = 1.0
-"""Epochs lie at most so far beside each other (m): more is another place."""
-
-PAIRED = 1.0
-"""Points that far (m) off a plane are no pair of it: less than half a storey."""
+FARTHEST = 1.0
+"""Epochs lie at most so far off each other in plan, and pairs from planes (m): half a storey is more."""
 
 BLOCKS_FOR_SHIFT = 60
 """The shift follows from at most so many blocks, spread evenly."""
@@ -80,12 +77,12 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
         planes = point_planes(roof, 2.0 * radius)
         flat = planar(planes, 2 * SMOOTHEST)
         others = after.xyz - first.vector
-        found = nearest_distances(roof[flat], planes.slope[flat], others, radius, PAIRED)
+        found = nearest_distances(roof[flat], planes.slope[flat], others, radius, FARTHEST)
         slopes.append(planes.slope[flat])
         distances.append(found)
         roughness.append(planes.rms[flat])
         progress("align", done, len(some))
-    fitted = fit_shift(np.concatenate(slopes), np.concatenate(distances), MOST_IN_PLAN)
+    fitted = fit_shift(np.concatenate(slopes), np.concatenate(distances), FARTHEST)
     up = first.up + (fitted.up if fitted.pairs >= FEWEST else 0.0)
     shift = replace(fitted, up=up, pairs=fitted.pairs or first.pairs)
     rough = np.concatenate(roughness)

@@ -10,13 +10,8 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from eaves.change.changes import BuildingChange
+from eaves.change.edits import HALF
 from eaves.change.epoch import Building
-
-OVERLAPPING = 0.5
-"""Two outlines are of one building when they share this part of either."""
-
-TOUCHING_M2 = 1.0
-"""Outlines that share less are neighbours (m²)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +34,7 @@ def make_sites(
     partners: dict[int, list[int]] = {}
     for j, i in pairs:
         shared = shapely.intersection(before[i], after[j]).area
-        half = OVERLAPPING * min(before[i].area, after[j].area)
-        if shared >= half and shared >= min(TOUCHING_M2, half):
+        if shared >= HALF * min(before[i].area, after[j].area):
             partners.setdefault(int(j), []).append(int(i))
     sites = [
         Site(one.polygon, tuple(old[i] for i in sorted(partners.get(j, ()))), (one,))

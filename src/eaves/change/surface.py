@@ -32,11 +32,8 @@ disc are, on the mean, by 0.42."""
 STANDING = 0.2
 """Points of no roof make a surface where they are at least this share of those on and under it: at a corner
 of a roof a quarter lies on it, and of a crown single leaves lie at the height of any roof."""
-SEEN = 0.35
-"""A surface is seen where it holds this share of the points that an open one holds."""
-ROUNDS, TRIM, KEPT = 3, 1.5, 0.5
-"""A plane is fitted so often, each time without what lies so many standard deviations off; of the neighbours
-this share must be left, or they are no plane: a crown, a ridge."""
+ONE_SURFACE = 1.5
+"""A point that lies more standard deviations off the plane of its neighbours is not on it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,19 +66,13 @@ def face_points(
     classes: NDArray[np.uint8],
     radius: float,
     tolerance: float,
-    density: float,
 ) -> Facing:
-    """What points of another epoch (M, 3) with classes show within `radius` (m) of roof points (N, 3).
-
-    A surface that holds far fewer points than the `density` (1/m²) of that epoch lets expect is half hidden
-    by what stands beside, and shows nothing.
-    """
-    least = SEEN * density * np.pi * radius**2
+    """What points of another epoch (M, 3) with classes show within `radius` (m) of roof points (N, 3)."""
     if not len(others):
         return Facing(np.full(len(xyz), UNSEEN, np.uint8), np.full(len(xyz), np.nan))
     order, start, corner, columns = sort_into_cells(others, radius)
     state, distance = facing_kernel(
-        xyz, slope, others, classes, order, start, corner, columns, radius, tolerance, least
+        xyz, slope, others, classes, order, start, corner, columns, radius, tolerance
     )
     return Facing(state, distance)
 
@@ -122,7 +113,7 @@ def planes_kernel(
     radius: float,
     least: int,
 ) -> tuple[NDArray[np.float64], Values]:
-    """Least-squares planes, trimmed: at the rim of a roof walls and the next roof are neighbours, too."""
+    """Least-squares planes of what lies as near in height as a roof could rise."""
     count = len(xyz)
     rows = (len(start) - 1) // columns
     slope, rms = np.zeros((count, 2)), np.full(count, np.nan)
@@ -143,42 +134,24 @@ def planes_kernel(
                         continue
                     near[total, 0], near[total, 1], near[total, 2] = dx, dy, dz
                     total += 1
-        a, b, level, limit, kept = 0.0, 0.0, 0.0, np.inf, total
-        for _ in range(ROUNDS):
-            n, sx, sy, sz = 0, 0.0, 0.0, 0.0
-            sxx, sxy, syy, sxz, syz, szz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for k in range(total):
-                dx, dy, dz = near[k]
-                if abs(dz - level - a * dx - b * dy) > limit:
-                    continue
-                n += 1
-                sx += dx
-                sy += dy
-                sz += dz
-                sxx += dx * dx
-                sxy += dx * dy
-                syy += dy * dy
-                sxz += dx * dz
-                syz += dy * dz
-                szz += dz * dz
-            kept = n
-            if n < least or n < KEPT * total:
-                break
-            cxx, cxy, cyy = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
-            cxz, cyz, czz = sxz - sx * sz / n, syz - sy * sz / n, szz - sz * sz / n
-            determinant = cxx * cyy - cxy * cxy
-            if determinant < 0.01 * (cxx + cyy) ** 2:  # the neighbours lie in a line
-                kept = 0
-                break
-            a = (cxz * cyy - cyz * cxy) / determinant
-            b = (cyz * cxx - cxz * cxy) / determinant
-            level = (sz - a * sx - b * sy) / n
-            left = np.sqrt(max(czz - a * cxz - b * cyz, 0.0) / max(n - 3, 1))
-            limit = TRIM * left + 0.01
-            rms[i] = left / np.sqrt(1.0 + a * a + b * b)
+        if total < least:
+            continue
+        sx, sy, sz, sxx, sxy, syy, sxz, syz, szz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(total):
+            dx, dy, dz = near[k]
+            sx, sy, sz = sx + dx, sy + dy, sz + dz
+            sxx, sxy, syy = sxx + dx * dx, sxy + dx * dy, syy + dy * dy
+            sxz, syz, szz = sxz + dx * dz, syz + dy * dz, szz + dz * dz
+        cxx, cxy, cyy = sxx - sx * sx / total, sxy - sx * sy / total, syy - sy * sy / total
+        cxz, cyz, czz = sxz - sx * sz / total, syz - sy * sz / total, szz - sz * sz / total
+        determinant = cxx * cyy - cxy * cxy
+        if determinant < 0.01 * (cxx + cyy) ** 2:  # the neighbours lie in a line
+            continue
+        a, b = (cxz * cyy - cyz * cxy) / determinant, (cyz * cxx - cxz * cxy) / determinant
         slope[i, 0], slope[i, 1] = a, b
-        if kept < least or kept < KEPT * total or abs(level) > limit:
-            rms[i] = np.nan
+        left = np.sqrt(max(czz - a * cxz - b * cyz, 0.0) / max(total - 3, 1))
+        if abs(sz - a * sx - b * sy) <= total * (ONE_SURFACE * left + 0.01):
+            rms[i] = left / np.sqrt(1.0 + a * a + b * b)
     return slope, rms
 
 
@@ -194,7 +167,6 @@ def facing_kernel(
     columns: int,
     radius: float,
     tolerance: float,
-    least: float,
 ) -> tuple[NDArray[np.uint8], Values]:
     count, rows = len(xyz), (len(start) - 1) // columns
     state, distance = np.full(count, UNSEEN, np.uint8), np.full(count, np.nan)
@@ -206,7 +178,7 @@ def facing_kernel(
         seen, nearest, above = 0, np.inf, False
         roof_above, top, top_class = np.inf, -np.inf, 0
         ground_east, ground_north, ground_top = 0.0, 0.0, -np.inf
-        grounds, under, on, leaves, roofs = 0, 0, 0, 0, 0
+        grounds, under, on, roofs = 0, 0, 0, 0
         for r in range(max(row - 1, 0), min(row + 2, rows)):
             for c in range(max(column - 1, 0), min(column + 2, columns)):
                 for k in range(start[r * columns + c], start[r * columns + c + 1]):
@@ -227,9 +199,7 @@ def facing_kernel(
                         ground_top = max(ground_top, d)
                     if d > 0:
                         above = True
-                        if classes[j] != BUILDING:
-                            leaves += 1
-                        elif d < roof_above:
+                        if classes[j] == BUILDING and d < roof_above:
                             roof_above = d
                         continue
                     under += 1
@@ -240,19 +210,17 @@ def facing_kernel(
         if roofs > 0 or (on > 0 and on >= STANDING * (on + under)):
             state[i], distance[i] = SAME, nearest
             continue
-        # under a crown fewer pulses come through: those that it stopped were sent there, too
-        enough = under + leaves >= least
         if top_class == BUILDING and -top <= roof_above:
             state[i], distance[i] = ROOF_BELOW, top
         elif roof_above < np.inf:
             state[i], distance[i] = ROOF_ABOVE, roof_above
         elif grounds > 0:
             state[i], distance[i] = GROUND_BELOW, ground_top
-            if np.hypot(ground_east, ground_north) > BESIDE * radius * grounds or not enough:
+            if np.hypot(ground_east, ground_north) > BESIDE * radius * grounds:
                 state[i] = UNSEEN
             continue
         elif top > -np.inf:
-            state[i], distance[i] = OTHER_BELOW if enough else UNSEEN, top
+            state[i], distance[i] = OTHER_BELOW, top
             continue
         elif above:
             state[i], distance[i] = HIDDEN, nearest
@@ -267,9 +235,9 @@ def facing_kernel(
                     d = others[j, 2] - z - a * dx - b * dy
                     if dx * dx + dy * dy <= radius * radius and abs(d - distance[i]) <= 4 * limit:
                         east, north, total, number = east + dx, north + dy, total + d, number + 1
-        if np.hypot(east, north) <= BESIDE * radius * number and number >= least:
+        if np.hypot(east, north) <= BESIDE * radius * number:
             distance[i] = total / number
-        elif grounds > 0 and np.hypot(ground_east, ground_north) <= BESIDE * radius * grounds and enough:
+        elif grounds > 0 and np.hypot(ground_east, ground_north) <= BESIDE * radius * grounds:
             state[i], distance[i] = GROUND_BELOW, ground_top
         else:
             state[i] = HIDDEN
@@ -305,40 +273,6 @@ def nearest_kernel(
                     if away <= best and abs(d) <= most:
                         best, distance[i] = away, d
     return distance
-
-
-def is_covered(xyz: Points, radius: float, rise: float) -> Mask:
-    """Which points (N, 3) have one `rise` (m) higher within `radius` (m) in plan: those of walls."""
-    if not len(xyz):
-        return np.zeros(0, bool)
-    order, start, corner, columns = sort_into_cells(xyz, radius)
-    covered: Mask = covered_kernel(xyz, order, start, corner, columns, radius, rise)
-    return covered
-
-
-@kernel
-def covered_kernel(
-    xyz: Points,
-    order: NDArray[np.int64],
-    start: NDArray[np.int64],
-    corner: NDArray[np.float64],
-    columns: int,
-    radius: float,
-    rise: float,
-) -> Mask:
-    count, rows = len(xyz), (len(start) - 1) // columns
-    covered = np.zeros(count, np.bool_)
-    for i in range(count):
-        x, y, z = xyz[i]
-        column, row = int((x - corner[0]) / radius), int((y - corner[1]) / radius)
-        for r in range(max(row - 1, 0), min(row + 2, rows)):
-            for c in range(max(column - 1, 0), min(column + 2, columns)):
-                for k in range(start[r * columns + c], start[r * columns + c + 1]):
-                    j = order[k]
-                    dx, dy = xyz[j, 0] - x, xyz[j, 1] - y
-                    if xyz[j, 2] > z + rise and dx * dx + dy * dy <= radius * radius:
-                        covered[i] = True
-    return covered
 
 
 def planar(planes: PointPlanes, limit: float) -> Mask:

@@ -9,45 +9,24 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import MultiPolygon, Polygon
+from scipy.spatial import cKDTree
 
-from eaves.change.surface import (
-    GROUND_BELOW,
-    HIDDEN,
-    OTHER_BELOW,
-    ROOF_ABOVE,
-    ROOF_BELOW,
-    SAME,
-    UNSEEN,
-)
-from eaves.change.vehicles import StandingRules, are_vehicles, is_wide, linked
+from eaves.change.surface import GROUND_BELOW, HIDDEN, OTHER_BELOW, ROOF_ABOVE, ROOF_BELOW, SAME, UNSEEN
+from eaves.detect.consensus.vehicles import VehicleRules, measure_tops
+from eaves.geometry.components import connected_groups_kernel, members
 from eaves.model import Mask, Points, Values
 
-UNCHANGED, NEW, DEMOLISHED, RAISED, LOWERED, EXTENDED = (
-    "unchanged",
-    "new",
-    "demolished",
-    "raised",
-    "lowered",
-    "extended",
-)
-PARTLY_DEMOLISHED, ROOF_REPLACED, UNCLEAR, NOT_COVERED = (
-    "partly demolished",
-    "roof replaced",
-    "unclear",
-    "not covered",
-)
-ONE_WAY = 0.9
-"""Of a roof that was raised as a whole at least this share of the points lies higher."""
-
-ONE_PLANE, ROUNDS = 0.15, 3
-"""So near (m) to a plane lie the points of a small roof with its gravel and noise; it is fitted so often."""
-
+UNCHANGED, NEW, DEMOLISHED, RAISED, LOWERED = "unchanged", "new", "demolished", "raised", "lowered"
+EXTENDED, PARTLY_DEMOLISHED, ROOF_REPLACED = "extended", "partly demolished", "roof replaced"
+UNCLEAR, NOT_COVERED = "unclear", "not covered"
 VERDICTS = (
     *(UNCHANGED, NEW, DEMOLISHED, RAISED, LOWERED, EXTENDED, PARTLY_DEMOLISHED, ROOF_REPLACED),
     *(UNCLEAR, NOT_COVERED),
 )
 """All that can be said of a building."""
+
+LEAST_POINTS = 4
+"""Fewer points decide nothing."""
 
 
 @dataclass(frozen=True)
@@ -59,41 +38,25 @@ class ChangeRules:
     house to be seen apart from it."""
     smallest_beside_m2: float = 5.0
     """The same for a patch that most of its run did not take for a building: a hedge, a stack."""
-    least_moved: float = 0.15
-    surely_moved_m2: float = 15.0
-    """A roof that moved does so over this share of its building or this area (m²): what is smaller is a
-    balcony, a dormer or plant, which one flight sees and the other does not."""
-    narrowest: float = 0.8
-    """A patch is as wide as this (m) somewhere: balconies and eaves are seen from one side only."""
     smallest_alone_m2: float = 25.0
     """The same for a surface that stands alone and is in no run's footprints: larger than a lorry."""
-    vehicles: StandingRules = field(default_factory=StandingRules)
-    """What stands alone and is like these is a vehicle, a trailer or a container."""
-    doubted: float = 0.5
-    """What stands alone, and the one run that has it scores lower, is told by neither: rather no building."""
     smallest_height: float = 0.35
     """A roof that was raised or lowered lies at least so far off (m): between noise and half a metre."""
-    flat: float = 0.5
+    least_moved: float = 0.15
+    """A roof that moved does so over this share of its building: what is smaller is a balcony, a dormer or
+    plant, which one flight sees and the other does not."""
+    narrowest: float = 0.8
+    """A patch is as wide as this (m) somewhere: balconies and eaves are seen from one side only."""
+    flat: float = 0.3
     """Share of a patch's points that lie on planes: crowns have fewer."""
     lowest: float = 1.9
     """A roof that came or went lies at least so high (m) over the ground: cars and hedges are lower."""
-    on_plane: float = 0.6
-    compact: float = 0.6
-    """A small roof beside a wall lies on one plane with this share of its points, and fills this share of its
-    convex hull."""
-    steepest: float = 1.75
-    """What is one plane and steeper than this (60°) is a wall that one flight sees and the other does not."""
-    crown: float = 0.3
-    """What the detector took for a building and has fewer points on planes than this share may be a crown."""
-    most: float = 0.5
-    """Share of a building's points that decides on the whole of it."""
     least_seen: float = 0.3
     """A building is unclear when the other epoch shows less than this share of its roof."""
-    least_points: int = 4
-    """Fewer points decide nothing."""
-    uniform: float = 0.25
-    """A roof was moved as a whole when the middle half of its points moved alike to so much (m), and else
-    replaced by another."""
+    doubted: float = 0.6
+    """What stands alone, and the one run that has it scores lower, is a vehicle rather than a building."""
+    most: float = 0.5
+    """Share of the points that decides: of a building on the whole of it, of a patch whether its run found it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +73,8 @@ class Side:
     flat: Mask
     known: Mask
     size: Values
-    height: Values | None = None
-    """Over the ground of its own epoch (m); NaN where it is not known, None where nowhere."""
+    height: Values
+    """Over the ground of its own epoch (m); NaN where it is not known."""
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -121,24 +84,29 @@ class Side:
         """The area (m²) of all points."""
         return float(self.size.sum())
 
+    @property
+    def came(self) -> Mask:
+        """The points under which the other epoch shows the ground, or what is no roof."""
+        return np.isin(self.state, (GROUND_BELOW, OTHER_BELOW))
+
     def share(self, *states: int) -> float:
         """The share of the points that have one of some states."""
         return float(np.isin(self.state, states).mean()) if len(self) else 0.0
 
-    def area_of(self, mask: Mask) -> float:
+    def area_of(self, *masks: Mask) -> float:
         """The area (m²) of some points."""
-        return float(self.size[mask].sum())
+        return float(sum(self.size[mask].sum() for mask in masks))
 
-    def are_vehicles(
-        self, mask: Mask, rules: StandingRules, link: float, outline: Polygon | MultiPolygon | None = None
-    ) -> bool:
-        """Whether some points, or their outline, are like those of vehicles."""
+    def are_vehicles(self, mask: Mask, link: float) -> bool:
+        """Whether most of some points are those of vehicles, by the detector's rules; points of one body are
+        linked to those nearer than `link` (m)."""
         if not mask.any():
             return False
-        known = np.zeros(0) if self.height is None else self.height[mask & np.isfinite(self.height)]
-        height = float(np.median(known)) if len(known) else float(abs(np.median(self.distance[mask])))
-        size = float(np.median(self.size[mask]))
-        return are_vehicles(self.xyz[mask], height, size, rules, link / 2, outline)
+        xyz, rules = self.xyz[mask], VehicleRules()
+        height = np.where(np.isfinite(self.height), self.height, np.abs(self.distance))[mask]
+        body = (linked(xyz[:, :2], link) + 1).astype(np.int32)
+        tops = measure_tops(xyz, np.nan_to_num(height), body, int(body.max()) + 1, rules)
+        return bool(tops.vehicle[body].mean() >= rules.vehicle_flat)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +135,6 @@ def judge_building(
     covered: tuple[bool, bool],
     link: float,
     outlined: tuple[bool, bool] = (True, True),
-    outline: Polygon | MultiPolygon | None = None,
     attached: bool = False,
     score: float | None = None,
 ) -> Verdict:
@@ -186,140 +153,107 @@ def judge_building(
     outlined
         Whether the old and the new run have a building at its place; points of a run that has none are its
         neighbours'.
-    outline
-        The run's, for what is as narrow as a vehicle; None where the points must say it.
     attached
         Whether it touches another building: no vehicle does.
     score
         How sure the one run that has it is that it is a building; None where it does not say.
     """
     if not all(covered):
-        which = "old" if not covered[0] else "new"
-        return Verdict(NOT_COVERED, reason=f"the {which} epoch has no points here")
-    built, gone = came(new), came(old)
-    seen_new, seen_old = 1.0 - new.share(UNSEEN, HIDDEN), 1.0 - old.share(UNSEEN, HIDDEN)
-    same = max(new.share(SAME), old.share(SAME))
-    volume = volume_change(old, new)
-    if len(new) + len(old) < rules.least_points:
+        return Verdict(NOT_COVERED, reason=f"the {'new' if covered[0] else 'old'} epoch has no points here")
+    if len(new) + len(old) < LEAST_POINTS:
         return Verdict(UNCLEAR, reason=f"only {len(new) + len(old)} roof points in both epochs")
-    seen = seen_new if len(new) >= len(old) else seen_old
-    side = new if len(new) >= len(old) else old
+    side, other = (new, "old") if len(new) >= len(old) else (old, "new")
+    seen = 1.0 - side.share(UNSEEN, HIDDEN)
     if seen < rules.least_seen and side.share(UNSEEN) >= side.share(HIDDEN):
-        which = "old" if side is new else "new"
-        reason = f"the {which} epoch has points over {seen:.0%} of the roof alone"
-        return Verdict(NOT_COVERED, reason=reason)
+        return Verdict(NOT_COVERED, reason=f"the {other} epoch has points over {seen:.0%} of the roof alone")
     if seen < rules.least_seen:
         return Verdict(UNCLEAR, reason=f"{1 - seen:.0%} of the roof is hidden or not seen in the other epoch")
-    figures = {"seen": round(seen, 3), "same": round(same, 3)}
-    alone = new if not outlined[0] else old if not outlined[1] else None
-    if alone is not None and score is not None:
+    figures = {"seen": round(seen, 3), "same": round(max(new.share(SAME), old.share(SAME)), 3)}
+    if not all(outlined) and score is not None:
         figures["score"] = score
-    if alone is not None and not attached:
-        if score is not None and score < rules.doubted:
+    having = [one for one, has in zip((old, new), outlined, strict=True) if has]
+    if not attached and figures.get("score", 1.0) < rules.doubted:
+        return Verdict(UNCHANGED, reason=f"one run alone has it, and scores it {score:.2f}", figures=figures)
+    if not attached and all(one.are_vehicles(one.known, link / 2) for one in having):
+        return Verdict(UNCHANGED, reason="as narrow, long, low and level as vehicles", figures=figures)
+    built, gone = (patches_of(one, one.came, rules, link) for one in (new, old))
+    volume = volume_change(old, new)
+    for here, there, patches, has, had, kind, words in (
+        (new, old, built, outlined[1], outlined[0], NEW, "stands where no roof was"),
+        (old, new, gone, outlined[0], outlined[1], DEMOLISHED, "is gone down to the ground"),
+    ):
+        whole = here.area_of(*patches) >= rules.most * here.area > 0.0
+        if has and whole and (not had or is_gone(there, here, rules)):
+            sign = 1.0 if kind == NEW else -1.0
+            area = here.area_of(*patches)
             return Verdict(
-                UNCHANGED, reason=f"one run alone has it, and scores it {score:.2f}", figures=figures
+                kind,
+                height_m=float(-sign * np.median(here.distance[np.any(patches, axis=0)])),
+                built_m2=area if kind == NEW else 0.0,
+                gone_m2=area if kind == DEMOLISHED else 0.0,
+                volume_m3=volume,
+                reason=f"{here.share(GROUND_BELOW, OTHER_BELOW):.0%} of its roof {words}",
+                figures=figures,
+                patches=tuple(here.xyz[patch, :2] for patch in patches),
             )
-        if alone.are_vehicles(alone.known, rules.vehicles, link, outline):
-            return Verdict(UNCHANGED, reason="as narrow, long, low and level as vehicles", figures=figures)
-    built &= not is_low(new, built, rules)
-    gone &= not is_low(old, gone, rules)
-    stands_new = built.sum() >= max(rules.most * len(new) * seen_new, rules.least_points)
-    stands_new &= new.area_of(built) >= rules.smallest_m2
-    if stands_new and outlined[1] and (not outlined[0] or gone_all(old, new, rules)):
-        if new.flat[built].mean() < rules.crown:
-            return Verdict(UNCLEAR, reason="what is new here is not flat: a crown, perhaps", figures=figures)
-        return Verdict(
-            NEW,
-            height_m=float(-np.median(new.distance[built])),
-            built_m2=new.area_of(built),
-            volume_m3=volume,
-            reason=f"{new.share(GROUND_BELOW, OTHER_BELOW):.0%} of its roof stands where no roof was",
-            figures=figures,
-            patches=(new.xyz[built, :2],),
-        )
-    stood_old = gone.sum() >= max(rules.most * len(old), rules.least_points)  # what is hidden is not gone
-    stood_old &= old.area_of(gone) >= rules.smallest_m2
-    if stood_old and (not outlined[1] or gone_all(new, old, rules)):
-        if old.flat[gone].mean() < rules.crown:
-            return Verdict(UNCLEAR, reason="what went is not flat: a crown, perhaps", figures=figures)
-        return Verdict(
-            DEMOLISHED,
-            height_m=float(np.median(old.distance[gone])),
-            gone_m2=old.area_of(gone),
-            volume_m3=volume,
-            reason=f"{old.share(GROUND_BELOW, OTHER_BELOW):.0%} of its roof is gone down to the ground",
-            figures=figures,
-            patches=(old.xyz[gone, :2],),
-        )
-    return judge_parts(old, new, rules, link, volume, figures)
+    return judge_parts(old, new, built, gone, rules, link, volume, figures)
 
 
-def gone_all(one: Side, other: Side, rules: ChangeRules) -> bool:
+def is_gone(one: Side, other: Side, rules: ChangeRules) -> bool:
     """Whether nothing that matters of one epoch's roof is left in the other."""
-    states = SAME, ROOF_ABOVE, ROOF_BELOW
-    left = one.area_of(np.isin(one.state, states))
-    return left < rules.smallest_m2 or (
-        left < rules.most * other.area and one.share(*states) < 1.0 - rules.most
-    )
-
-
-def came(side: Side) -> Mask:
-    """The points of a roof under which the other epoch shows the ground, or what is no roof."""
-    return np.asarray(np.isin(side.state, (GROUND_BELOW, OTHER_BELOW)))
+    left = one.area_of(np.isin(one.state, (SAME, ROOF_ABOVE, ROOF_BELOW)))
+    return left < max(rules.smallest_m2, rules.most * min(one.area, other.area))
 
 
 def judge_parts(
-    old: Side, new: Side, rules: ChangeRules, link: float, volume: float, figures: dict[str, Any]
+    old: Side,
+    new: Side,
+    built: Sequence[Mask],
+    gone: Sequence[Mask],
+    rules: ChangeRules,
+    link: float,
+    volume: float,
+    figures: dict[str, Any],
 ) -> Verdict:
     """What became of a building that stands in both epochs."""
-    built = patches_of(new, came(new), rules, link)
-    gone = patches_of(old, came(old), rules, link)
-    found: list[tuple[float, str]] = []
-    for patches, side, kind in ((built, new, EXTENDED), (gone, old, PARTLY_DEMOLISHED)):
-        if patches:
-            found.append((sum(side.area_of(patch) for patch in patches), kind))
     side, rise = max(
         ((new, moved(new, -1.0, rules)), (old, moved(old, 1.0, rules))),
         key=lambda pair: pair[0].area_of(np.isfinite(pair[1])),
     )
-    share = max(rules.smallest_m2, rules.least_moved * side.area)
     lifted = patches_of(side, np.isfinite(rise), rules, link)
-    if sum(side.area_of(patch) for patch in lifted) < share:
-        sure = max(rules.smallest_m2, rules.surely_moved_m2)
-        lifted = [patch for patch in lifted if side.area_of(patch) >= sure]
-    height = float(np.median(rise[lifted[0]])) if lifted else 0.0
-    if lifted:
-        found.append((sum(side.area_of(patch) for patch in lifted), kind_of_move(rise, lifted, rules)))
+    if side.area_of(*lifted) < rules.least_moved * side.area:
+        lifted = []
+    kind = kind_of_move(np.concatenate([rise[patch] for patch in lifted]), rules) if lifted else ""
+    sizes = {
+        EXTENDED: new.area_of(*built),
+        PARTLY_DEMOLISHED: old.area_of(*gone),
+        kind: side.area_of(*lifted),
+    }
+    found = sorted(((size, name) for name, size in sizes.items() if size > 0.0), reverse=True)
     if not found:
         reason = f"{figures['same']:.0%} of the roof is where it was"
         return Verdict(UNCHANGED, reason=reason, figures=figures)
-    found.sort(key=lambda one: -one[0])
-    sizes = {kind: size for size, kind in found}
+    groups = (new, built), (old, gone), (side, lifted)
     return Verdict(
         found[0][1],
-        tuple(kind for _, kind in found[1:]),
-        height,
-        sizes.get(EXTENDED, 0.0),
-        sizes.get(PARTLY_DEMOLISHED, 0.0),
-        max(sizes.get(kind, 0.0) for kind in (RAISED, LOWERED, ROOF_REPLACED)),
+        tuple(name for _, name in found[1:]),
+        float(np.median(rise[lifted[0]])) if lifted else 0.0,
+        sizes[EXTENDED],
+        sizes[PARTLY_DEMOLISHED],
+        sizes[kind],
         volume,
-        ", ".join(f"{kind} over {size:.1f} m²" for size, kind in found),
+        ", ".join(f"{name} over {size:.1f} m²" for size, name in found),
         figures,
-        tuple(new.xyz[patch, :2] for patch in built)
-        + tuple(old.xyz[patch, :2] for patch in gone)
-        + tuple(side.xyz[patch, :2] for patch in lifted),
+        tuple(one.xyz[patch, :2] for one, patches in groups for patch in patches),
     )
 
 
-def kind_of_move(rise: Values, patches: Sequence[Mask], rules: ChangeRules) -> str:
-    """Raised or lowered when each patch moved alike and all the same way, else replaced."""
-    for patch in patches:
-        low, middle, high = (float(v) for v in np.percentile(rise[patch], (25, 50, 75)))
-        if high - low > max(rules.uniform, 0.3 * abs(middle)):
-            return ROOF_REPLACED
-    all_rises = np.concatenate([rise[patch] for patch in patches])
-    up = float((all_rises > 0).mean())
-    return RAISED if up >= ONE_WAY else LOWERED if up <= 1 - ONE_WAY else ROOF_REPLACED
+def kind_of_move(rise: Values, rules: ChangeRules) -> str:
+    """Raised or lowered when the middle half of the points moved alike, else replaced."""
+    low, high = np.percentile(rise, (25, 75))
+    if high - low > rules.smallest_height or low * high < 0:
+        return ROOF_REPLACED
+    return RAISED if low > 0 else LOWERED
 
 
 def moved(side: Side, way: float, rules: ChangeRules) -> Values:
@@ -329,65 +263,44 @@ def moved(side: Side, way: float, rules: ChangeRules) -> Values:
 
 
 def patches_of(side: Side, mask: Mask, rules: ChangeRules, link: float) -> list[Mask]:
-    """The groups of some points, each linked to the next (m): those large enough, largest first."""
+    """The groups of some points, each linked to the next (m): those large, high and wide enough and flat, the
+    largest first. What is most of a building is a roof, however few of its points lie off the rim."""
     some = np.flatnonzero(mask)
-    if len(some) < rules.least_points:
-        return []
     patches = []
-    for group in linked(side.xyz[some, :2], link):
-        if len(group) < rules.least_points:
-            continue
+    for group in members(found := linked(side.xyz[some, :2], link), int(found.max(initial=-1)) + 1):
         patch = np.zeros(len(mask), bool)
         patch[some[group]] = True
+        over_ground = side.distance[patch & (side.state == GROUND_BELOW)]
         known = side.known[patch].mean() >= rules.most
         smallest = rules.smallest_m2 if known else max(rules.smallest_m2, rules.smallest_beside_m2)
-        if side.area_of(patch) < smallest:
+        if len(group) < LEAST_POINTS or side.area_of(patch) < smallest:
             continue
-        whole = known and patch.sum() >= rules.most * len(side)  # a shed has few points off its rim
-        if is_low(side, patch, rules):
+        if len(over_ground) >= LEAST_POINTS and -float(np.median(over_ground)) < rules.lowest:
             continue
-        if whole or (
-            is_roof_patch(side, patch, rules) and is_wide(side.xyz[patch, :2], rules.narrowest, link / 2)
-        ):
+        whole = known and patch.sum() >= rules.most * len(side)
+        flat = side.flat[patch].mean() >= rules.flat
+        if whole or (flat and is_wide(side.xyz[patch, :2], rules.narrowest, link / 2)):
             patches.append(patch)
     return sorted(patches, key=lambda patch: (-int(patch.sum()), int(np.argmax(patch))))
 
 
-def is_low(side: Side, patch: Mask, rules: ChangeRules) -> bool:
-    """Whether a patch that came or went lies lower over the other epoch's ground than any roof."""
-    over_ground = side.distance[patch & (side.state == GROUND_BELOW)]
-    return len(over_ground) >= rules.least_points and -float(np.median(over_ground)) < rules.lowest
+def linked(xy: NDArray[np.float64], link: float) -> NDArray[np.int64]:
+    """The group (N,) of each point (N, 2): each is linked to those nearer than `link` (m)."""
+    pairs = cKDTree(xy).query_pairs(link, output_type="ndarray")
+    groups: NDArray[np.int64] = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(xy))
+    return groups
 
 
-def is_roof_patch(side: Side, patch: Mask, rules: ChangeRules) -> bool:
-    """Whether most points of a patch lie on planes: each on that of its neighbours, or all on one.
-
-    A small roof beside a wall is flat as a whole where its points' neighbours are not; a wall is steep.
-    """
-    xyz = side.xyz[patch]
-    centred = np.column_stack([xyz[:, :2] - xyz[:, :2].mean(axis=0), np.ones(len(xyz))])
-    plane = np.array([0.0, 0.0, np.median(xyz[:, 2])])
-
-    def away() -> Values:
-        return np.asarray(np.abs(xyz[:, 2] - centred @ plane) / np.sqrt(1.0 + plane[0] ** 2 + plane[1] ** 2))
-
-    for _ in range(ROUNDS):
-        left = away()
-        kept = left <= max(float(np.median(left)), ONE_PLANE)
-        plane = np.linalg.lstsq(centred[kept], xyz[kept, 2], rcond=None)[0]
-    one = float((away() <= ONE_PLANE).mean())
-    if one >= rules.flat and np.hypot(plane[0], plane[1]) > rules.steepest:
-        return False
-    if side.flat[patch].mean() >= rules.flat:
-        return True
-    hull = shapely.convex_hull(shapely.multipoints(xyz[:, :2])).area
-    return one >= rules.on_plane and side.area_of(patch) >= rules.compact * hull
+def is_wide(xy: NDArray[np.float64], width: float, reach: float) -> bool:
+    """Whether points (N, 2), each of which covers what lies within its `reach` (m), cover a disc of some
+    diameter (m) between them: strips along edges do not."""
+    covered = shapely.union_all(shapely.buffer(shapely.points(xy), reach, quad_segs=2))
+    return not shapely.buffer(covered, -reach - width / 2, quad_segs=2).is_empty
 
 
 def volume_change(old: Side, new: Side) -> float:
     """How much larger the building is (m³): each point of a roof stands for a column down to the other
     epoch's surface; of a roof that both have, the new one's count."""
     here = np.isfinite(new.distance) & (new.state != SAME) & (new.state != HIDDEN)
-    lost = came(old)
     more = float(-(new.distance * new.size)[here].sum())
-    return more + float((old.distance * old.size)[lost].sum())
+    return more + float((old.distance * old.size)[old.came].sum())
