@@ -84,7 +84,10 @@ def parameter_table(cls: type[Method]) -> str:
 
 def printed_number(extra: dict[str, Any]) -> str | None:
     """The published number and the place in the paper; None where the paper prints none."""
-    return None if extra.get("published") is None else f"{extra['published']} ({extra['printed_in']})"
+    if extra.get("published") is not None:
+        return f"{extra['published']} ({extra['printed_in']})"
+    ours = extra.get("off") is not None and extra.get("step") is None
+    return f"{extra['off']} (off: not in the paper)" if ours else None
 
 
 def sentence(text: str) -> str:

@@ -56,15 +56,13 @@ def main() -> None:
     """Print and keep the table."""
     rows: list[dict[str, object]] = []
     for source in SOURCES.values():
-        for step in (None, *source.steps):
+        for where, step, off in (("", "nothing", {}), *source.steps):
             made = {
-                stage: make_method(
-                    stage, source.methods[stage], dict(step.off) if step and step.stage == stage else None
-                )
+                stage: make_method(stage, source.methods[stage], off if where == stage else None)
                 for stage in ("ground", "detect")
             }
             plain = {stage: make_method(stage, source.methods[stage]) for stage in ("ground", "detect")}
-            row: dict[str, object] = {"source": source.name, "without": step.words if step else "nothing"}
+            row: dict[str, object] = {"source": source.name, "without": step}
             for name in SETS:
                 got, value = score(name, made["ground"], made["detect"])  # type: ignore[arg-type]
                 whole, _ = score(name, plain["ground"], plain["detect"])  # type: ignore[arg-type]
@@ -76,8 +74,8 @@ def main() -> None:
 
 
 NOTE = """IoU of building cells (0.5 m, a cell being its highest point) against class 6; on the wooded hill
-the number of buildings found, of which none is there. A step is switched off by the parameters that
-`eaves.recipe.sources` names; all else stays derived."""
+the number of buildings found, of which none is there. A step is left out by the parameters that
+its method declares for it; all else stays derived."""
 
 
 if __name__ == "__main__":

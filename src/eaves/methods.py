@@ -45,6 +45,8 @@ def parameter(
     symbol: str | None = None,
     published: Any = None,
     printed_in: str | None = None,
+    off: Any = None,
+    step: str | None = None,
     **limits: float,
 ) -> Any:
     """Declare a method's parameter once.
@@ -63,7 +65,12 @@ def parameter(
         The number that the paper prints, used by `Method.as_published()`; what it does not print keeps the
         default.
     printed_in : str or None
-        The place in the paper where it is printed, or the step of ours that it switches off.
+        The place in the paper where it is printed.
+    off : object
+        The value at which the parameter does nothing. `Method.as_published()` takes it where `step` is None:
+        what the paper does not have is then off.
+    step : str or None
+        The step of the paper that `off` leaves out, in its words.
     **limits : float
         The range: pydantic's `ge`, `gt`, `le`, `lt`.
 
@@ -90,6 +97,7 @@ def parameter(
     if (published is None) != (printed_in is None):
         raise ValueError(f"parameter '{sentence}': `published` and `printed_in` go together")
     extra = {"unit": unit, "symbol": symbol, "published": published, "printed_in": printed_in}
+    extra |= {"off": off, "step": step}
     declared: dict[str, Any] = {"description": sentence, "json_schema_extra": extra, **limits}
     return Field(default, **declared)
 
@@ -146,13 +154,26 @@ class Method(BaseModel):
 
     @classmethod
     def as_published(cls) -> Self:
-        """The method with every number its paper prints."""
-        printed = {
-            name: extra["published"]
-            for name, field in cls.model_fields.items()
-            if isinstance(extra := field.json_schema_extra, dict) and extra.get("published") is not None
-        }
-        return cls(**printed)
+        """The method with every number its paper prints, and without what the paper does not have."""
+        notes = cls.declared()
+        ours = {name: note["off"] for name, note in notes.items() if note["step"] is None}
+        values = {name: note["published"] for name, note in notes.items() if note["published"] is not None}
+        return cls(**{name: value for name, value in ours.items() if value is not None}, **values)
+
+    @classmethod
+    def declared(cls) -> dict[str, dict[str, Any]]:
+        """What `parameter` was given beside default, sentence and range, by name."""
+        extras = {name: field.json_schema_extra for name, field in cls.model_fields.items()}
+        return {name: extra for name, extra in extras.items() if isinstance(extra, dict)}
+
+    @classmethod
+    def steps(cls) -> dict[str, dict[str, Any]]:
+        """Step of the paper, in its words → the parameters that leave it out, with their values."""
+        found: dict[str, dict[str, Any]] = {}
+        for name, note in cls.declared().items():
+            if note["step"] is not None:
+                found.setdefault(note["step"], {})[name] = note["off"]
+        return found
 
 
 DEFAULTS: dict[str, str] = {

@@ -23,8 +23,6 @@ QUOTES: dict[tuple[str, str], str] = {
     ("alpha_shape", "min_hole"): "Inner boundaries of a building with an area of less than 50 m²",
 }
 """The words in which each number is printed: `references.bib` of the method's paper, at `printed_in`."""
-LACKING = {("alpha_shape", "tolerance"), ("alpha_shape", "share"), ("smooth_region", "level")}
-"""Steps of ours that the paper does not have: as published they are switched off."""
 PUBLISHED = [
     (stage, name, key, field.json_schema_extra)
     for stage, names in REGISTRY.items()
@@ -35,29 +33,25 @@ PUBLISHED = [
 
 
 def test_no_quote_is_left_over() -> None:
-    assert {(name, key) for _, name, key, _ in PUBLISHED} == set(QUOTES) | LACKING
+    assert {(name, key) for _, name, key, _ in PUBLISHED} == set(QUOTES)
 
 
 @pytest.mark.parametrize(("stage", "name", "key", "extra"), PUBLISHED)
-def test_a_published_value_is_printed_or_switches_a_step_off(
-    stage: str, name: str, key: str, extra: dict[str, Any]
-) -> None:
+def test_a_published_value_is_printed(stage: str, name: str, key: str, extra: dict[str, Any]) -> None:
     value = float(extra["published"])
     assert extra["printed_in"]
-    if (name, key) in LACKING:
-        assert value == 0.0
-        return
     words = QUOTES[name, key]
     assert f"{value:g} " in words or f"{value:.0%}" in words
 
 
 @pytest.mark.parametrize("stage", REGISTRY)
-def test_what_is_not_printed_keeps_our_default(stage: str) -> None:
+def test_what_is_not_printed_keeps_our_default__and_what_the_paper_has_not_is_off(stage: str) -> None:
     for name in REGISTRY[stage]:
         cls = method_class(stage, name)
-        ours, theirs = cls().model_dump(), cls.as_published().model_dump()
-        changed = {key for key in ours if ours[key] != theirs[key]}
-        assert changed <= {key for _, other, key, _ in PUBLISHED if other == name}
+        default, published = cls().model_dump(), cls.as_published().model_dump()
+        changed = {key for key in default if default[key] != published[key]}
+        off = {k for k, note in cls.declared().items() if note["off"] is not None and note["step"] is None}
+        assert off <= changed <= off | {key for _, other, key, _ in PUBLISHED if other == name}
 
 
 def test_a_published_value_without_its_place_is_refused() -> None:

@@ -76,30 +76,48 @@ class Contours(Detector):
     cell: float | None = parameter(
         None, "Side of a cell; default: the spacing, at least 0.5.", unit="m", gt=0.0
     )
-    min_height: float = parameter(2.0, "Lower objects (cars) are removed.", unit="m", ge=0.0)
+    min_height: float = parameter(
+        2.0, "Lower objects (cars) are removed.", unit="m", off=0.0, step="low objects go", ge=0.0
+    )
     edge_height: float = parameter(1.5, "A Sobel height difference this large is an edge.", unit="m", gt=0.0)
     min_edge: float = parameter(
-        0.7, "Share of the rim of what lies between edges that must be edge.", ge=0.0, le=1.0
+        0.7,
+        "Share of the rim of what lies between edges that must be edge.",
+        off=0.0,
+        step="edge information (Sobel)",
+        ge=0.0,
+        le=1.0,
     )
     max_bend: float | None = parameter(
         None,
         "Cells with a larger quadratic gradient are deleted; default: one cell, as a fold of 45° bends, 5 "
         "times the error of a height, or 3 times the ground's own.",
         unit="m",
+        off=1e6,
+        step="quadratic gradient",
         gt=0.0,
     )
-    min_area: float = parameter(10.0, "Smaller groups of smooth cells are vegetation.", unit="m²", ge=0.0)
+    min_area: float = parameter(
+        10.0, "Smaller groups of smooth cells are vegetation.", unit="m²", off=0.0, step="size", ge=0.0
+    )
     window: float = parameter(
         3.5, "Side of the window in which smooth cells are counted while growing.", unit="m", gt=0.0
     )
     min_share: float = parameter(
-        0.2, "Cores grow over cells around which this share is smooth.", ge=0.0, le=1.0
+        0.2,
+        "Cores grow over cells around which this share is smooth.",
+        off=1.0,
+        step="final iteration",
+        ge=0.0,
+        le=1.0,
     )
     storey: float = parameter(
         3.0, "Largest step in height between the parts of a building.", unit="m", gt=0.0
     )
     max_step: float = parameter(1.0, "Largest step in height at the rim.", unit="m", gt=0.0)
-    regrow: float = parameter(1.0, "How far the rim grows.", unit="m", ge=0.0)
+    regrow: float = parameter(
+        1.0, "How far the rim grows.", unit="m", off=0.0, step="final iteration", ge=0.0
+    )
 
     @property
     def buffer(self) -> float:

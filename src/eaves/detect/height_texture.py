@@ -80,12 +80,23 @@ class HeightTexture(Detector):
         "Cells of more texture are no roof; default: 1.4 times the error of a height on a roof of 45°, or 3 "
         "times the ground's own.",
         unit="m",
+        off=1e6,
+        step="height texture",
         gt=0.0,
     )
-    min_width: float = parameter(1.5, "Narrowest building; the side of the opening.", unit="m", gt=0.0)
-    min_area: float = parameter(10.0, "Smaller components are no buildings.", unit="m²", ge=0.0)
+    min_width: float = parameter(
+        1.5, "Narrowest building; the side of the opening.", unit="m", off=1e-3, step="opening", gt=0.0
+    )
+    min_area: float = parameter(
+        10.0, "Smaller components are no buildings.", unit="m²", off=0.0, step="size", ge=0.0
+    )
     max_low: float = parameter(
-        0.2, "Components with a larger share of low points are vegetation.", ge=0.0, le=1.0
+        0.2,
+        "Components with a larger share of low points are vegetation.",
+        off=1.0,
+        step="height histogram",
+        ge=0.0,
+        le=1.0,
     )
     window: float = parameter(
         3.5, "Side of the window in which smooth cells are counted while growing.", unit="m", gt=0.0

@@ -77,7 +77,9 @@ class NormalEcho(Detector):
         symbol="k",
         ge=4,
     )
-    min_height: float = parameter(2.0, "Lower points are left out before all steps.", unit="m", ge=0.0)
+    min_height: float = parameter(
+        2.0, "Lower points are left out before all steps.", unit="m", off=0.0, ge=0.0
+    )
     wall_angle: float = parameter(
         WALL_ANGLE_DEG,
         "Normals that far from the vertical are walls; only where the ground filter told none apart.",
@@ -108,15 +110,26 @@ class NormalEcho(Detector):
         unit="m",
         gt=0.0,
     )
-    min_area: float = parameter(10.0, "Smaller components are no buildings.", unit="m²", ge=0.0)
+    min_area: float = parameter(
+        10.0, "Smaller components are no buildings.", unit="m²", off=0.0, step="area", ge=0.0
+    )
     min_width: float = parameter(
-        2.5, "Components with a narrower side are hedges and walls.", unit="m", ge=0.0
+        2.5, "Components with a narrower side are hedges and walls.", unit="m", off=0.0, ge=0.0
     )
     min_width_to_height: float = parameter(
-        0.3, "Components narrower than this share of their height are trees or poles.", ge=0.0
+        0.3,
+        "Components narrower than this share of their height are trees or poles.",
+        off=0.0,
+        step="width to height",
+        ge=0.0,
     )
     min_density: float = parameter(
-        0.3, "Least density, as a share of the scene's: echoes leave trees sparse.", ge=0.0, le=1.0
+        0.3,
+        "Least density, as a share of the scene's: echoes leave trees sparse.",
+        off=0.0,
+        step="mean density",
+        ge=0.0,
+        le=1.0,
     )
     curved: float = parameter(
         0.03,
@@ -126,10 +139,15 @@ class NormalEcho(Detector):
         lt=1.0,
     )
     max_curved: float = parameter(
-        0.5, "Components with a larger share of curved points are trees.", ge=0.0, le=1.0
+        0.5,
+        "Components with a larger share of curved points are trees.",
+        off=1.0,
+        step="share of high curvature",
+        ge=0.0,
+        le=1.0,
     )
     wall_distance: float = parameter(
-        1.0, "Walls and small regions this near to a roof in plan are its.", unit="m", ge=0.0
+        1.0, "Walls and small regions this near to a roof in plan are its.", unit="m", off=0.0, ge=0.0
     )
     on_roof: float = parameter(
         1.0, "Small regions this near to the roof's height are on it.", unit="m", ge=0.0

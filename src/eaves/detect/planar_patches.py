@@ -82,18 +82,31 @@ class PlanarPatches(Detector):
         unit="m",
         published=0.1,
         printed_in="steps 2 and 3",
+        off=100.0,
+        step="patches: planar cells",
         gt=0.0,
     )
     min_height: float = parameter(
-        2.0, "Least height of a patch over the terrain.", unit="m", published=2.0, printed_in="step 2", ge=0.0
+        2.0,
+        "Least height of a patch over the terrain.",
+        unit="m",
+        published=2.0,
+        printed_in="step 2",
+        off=0.0,
+        step="at least 2 m over the DTM",
+        ge=0.0,
     )
-    max_slope: float = parameter(75.0, "Steeper planes are facades.", unit="degree", gt=0.0, lt=90.0)
+    max_slope: float = parameter(
+        75.0, "Steeper planes are facades.", unit="degree", off=89.99, step="facades go", gt=0.0, lt=90.0
+    )
     max_distance: float = parameter(
         0.1,
         "Largest vertical distance of a point to its plane.",
         unit="m",
         published=0.1,
         printed_in="step 4",
+        off=1e-9,
+        step="region growth",
         gt=0.0,
     )
     join_points: float | None = parameter(
@@ -113,7 +126,14 @@ class PlanarPatches(Detector):
         le=1.0,
     )
     min_cells: int = parameter(
-        3, "Planes of fewer cells are crowns.", unit="cell", published=3, printed_in="step 5", ge=1
+        3,
+        "Planes of fewer cells are crowns.",
+        unit="cell",
+        published=3,
+        printed_in="step 5",
+        off=1,
+        step="small planes take no part",
+        ge=1,
     )
     min_points: float | None = parameter(
         None,
@@ -121,6 +141,8 @@ class PlanarPatches(Detector):
         unit="point",
         published=10.0,
         printed_in="step 5",
+        off=0.5,
+        step="small planes take no part",
         gt=0.0,
     )
     alpha: float | None = parameter(
@@ -130,6 +152,8 @@ class PlanarPatches(Detector):
         symbol="α",
         published=2.4,
         printed_in="step 6",
+        off=1e-3,
+        step="contour by alpha shape",
         gt=0.0,
     )
     min_hole: float = parameter(
@@ -138,6 +162,8 @@ class PlanarPatches(Detector):
         unit="m²",
         published=50.0,
         printed_in="step 6",
+        off=0.0,
+        step="contour by alpha shape",
         ge=0.0,
     )
     fit_points: int = parameter(5, "Fewest points of a cell that a plane is fitted to.", unit="point", ge=4)

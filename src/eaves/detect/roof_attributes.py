@@ -79,7 +79,12 @@ class RoofAttributes(Detector):
     min_height: float = parameter(2.0, "Least height of a roof over the terrain.", unit="m", ge=0.0)
     steep: float = parameter(60.0, "Slope of a gradient that counts.", unit="degree", gt=0.0, lt=90.0)
     max_density: float = parameter(
-        0.45, "Cells around which more of the high cells are steep are vegetation.", ge=0.0, le=1.0
+        0.45,
+        "Cells around which more of the high cells are steep are vegetation.",
+        off=1.0,
+        step="gradient density",
+        ge=0.0,
+        le=1.0,
     )
     window: float = parameter(3.5, "Side of the window of a density.", unit="m", gt=0.0)
     max_roughness: float | None = parameter(
@@ -88,6 +93,8 @@ class RoofAttributes(Detector):
         "times the ground's own.",
         unit="m",
         symbol="R",
+        off=1e6,
+        step="surface roughness",
         gt=0.0,
     )
     like_normal: float | None = parameter(
@@ -97,17 +104,45 @@ class RoofAttributes(Detector):
         gt=0.0,
         le=90.0,
     )
-    like_neighbours: int = parameter(3, "Neighbours of like normal that a roof cell has.", unit="cell", ge=0)
-    min_area: float = parameter(10.0, "Smaller groups of roof-like cells are opened away.", unit="m²", ge=0.0)
-    min_width: float = parameter(2.0, "Narrowest building; the side of the opening.", unit="m", gt=0.0)
+    like_neighbours: int = parameter(
+        3,
+        "Neighbours of like normal that a roof cell has.",
+        unit="cell",
+        off=0,
+        step="operator 1: like normals",
+        ge=0,
+    )
+    min_area: float = parameter(
+        10.0,
+        "Smaller groups of roof-like cells are opened away.",
+        unit="m²",
+        off=0.0,
+        step="operator 2: opening",
+        ge=0.0,
+    )
+    min_width: float = parameter(
+        2.0,
+        "Narrowest building; the side of the opening.",
+        unit="m",
+        off=1e-3,
+        step="operator 2: opening",
+        gt=0.0,
+    )
     min_share: float = parameter(
-        0.1, "The reconstruction runs over cells around which this share is roof-like.", ge=0.0, le=1.0
+        0.1,
+        "The reconstruction runs over cells around which this share is roof-like.",
+        off=1.0,
+        step="operator 3: reconstruction",
+        ge=0.0,
+        le=1.0,
     )
     storey: float = parameter(
         3.0, "Largest step in height between the parts of a building.", unit="m", gt=0.0
     )
     max_step: float = parameter(1.0, "Largest step in height at the rim.", unit="m", gt=0.0)
-    regrow: float = parameter(1.0, "How far the rim grows.", unit="m", ge=0.0)
+    regrow: float = parameter(
+        1.0, "How far the rim grows.", unit="m", off=0.0, step="operator 3: reconstruction", ge=0.0
+    )
 
     @property
     def buffer(self) -> float:

@@ -78,6 +78,8 @@ class SmoothRegion(GroundMethod):
         WALL_ANGLE_DEG,
         "Normals that far from the vertical are walls.",
         unit="degree",
+        off=90.0,
+        step="walls by normals",
         gt=0.0,
         le=90.0,
     )
@@ -85,6 +87,8 @@ class SmoothRegion(GroundMethod):
         TREE_SHARE,
         "Share of later echoes from which a neighbourhood is a tree.",
         symbol="f_mr",
+        off=1.0,
+        step="trees by echoes",
         ge=0.0,
         le=1.0,
     )
@@ -99,6 +103,8 @@ class SmoothRegion(GroundMethod):
         NOISE_AREA_M2,
         "Regions smaller than this are noise: never ground, never a building.",
         unit="m²",
+        off=0.0,
+        step="small regions are noise",
         ge=0.0,
     )
     area_cell: float = parameter(
@@ -108,8 +114,7 @@ class SmoothRegion(GroundMethod):
         1.0,
         "A further region is ground when it lies this close to the ground extended over it.",
         unit="m",
-        published=0.0,
-        printed_in="section 2.2: one region, the largest",
+        off=0.0,
         ge=0.0,
     )
 

@@ -76,15 +76,13 @@ class AlphaShape(OutlineMethod):
         None,
         "a vertex nearer to the simplified line is left out; from the data 1 spacing",
         unit="m",
-        published=0.0,
-        printed_in="step 6, which has none",
+        off=0.0,
         ge=0,
     )
     share: float = parameter(
         0.95,
         "least share of the points inside; alpha is widened until it holds",
-        published=0.0,
-        printed_in="step 6, which has none",
+        off=0.0,
         ge=0,
         le=1,
     )

@@ -60,7 +60,9 @@ class RansacLines(OutlineMethod):
     paper: ClassVar[str] = "xiao2014"
 
     alpha: float = parameter(2.0, "radius of the largest empty disc, in spacings", gt=0)
-    share: float = parameter(0.95, "least share of the points inside, or alpha is widened", ge=0, le=1)
+    share: float = parameter(
+        0.95, "least share of the points inside, or alpha is widened", off=0.0, ge=0, le=1
+    )
     near: float = parameter(0.5, "largest distance of a segment's points from its line, in spacings", gt=0)
     skip: int = parameter(2, "most boundary points in a row that a segment passes by", unit="points", ge=0)
     shortest: float = parameter(3.0, "shortest segment, in spacings", gt=0)

@@ -148,7 +148,8 @@ def make_recipe(
     source : str or None
         One of the published systems (`eaves.recipe.sources`): its chain is used where no method is given.
     published : bool
-        Methods given by name take the numbers that their papers print.
+        Methods given by name take the numbers that their papers print, and leave out what these do not have;
+        so do the classes of vegetation, water, wires and decks, unless `classes` names them.
     use_classes : bool
         Use the classes of the files.
     lod : str or None
@@ -182,6 +183,7 @@ def make_recipe(
         methods = {"units": "off", **with_source(source, methods)}  # no source divides blocks
         lod = lod or find_source(source).lod
     lod = lod or "2.2"
+    classes = (GROUND, BUILDING) if published and classes is None else classes
     chosen = {stage: choice for stage, choice in (methods or {}).items() if choice is not None}
     unknown = chosen.keys() - DEFAULTS.keys()
     if unknown:

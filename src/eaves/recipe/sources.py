@@ -6,16 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from eaves.methods import MethodChoice
-
-
-@dataclass(frozen=True)
-class PublishedStep:
-    """One step of a document: in its words, the stage that holds it, the parameters that switch it off."""
-
-    words: str
-    stage: str
-    off: Mapping[str, Any]
+from eaves.methods import MethodChoice, method_class
 
 
 @dataclass(frozen=True)
@@ -28,8 +19,14 @@ class PublishedSource:
     delivers: str
     methods: Mapping[str, str]
     lod: str
-    steps: tuple[PublishedStep, ...] = ()
-    """Those that a parameter switches off: each can be measured (benchmarks/accuracy/sources_ablation.py)."""
+
+    @property
+    def steps(self) -> list[tuple[str, str, dict[str, Any]]]:
+        """Stage, words and parameters of each step that a parameter leaves out."""
+        found = []
+        for stage, name in self.methods.items():
+            found += [(stage, step, off) for step, off in method_class(stage, name).steps().items()]
+        return found
 
 
 SOURCES: dict[str, PublishedSource] = {
@@ -41,14 +38,6 @@ SOURCES: dict[str, PublishedSource] = {
             "a mask and the contours of buildings",
             {"ground": "adaptive_tin", "detect": "planar_patches", "outline": "alpha_shape"},
             "0",
-            (
-                PublishedStep("patches: planar cells", "detect", {"max_rmse": 100.0}),
-                PublishedStep("at least 2 m over the DTM", "detect", {"min_height": 0.0}),
-                PublishedStep("facades go", "detect", {"max_slope": 89.99}),
-                PublishedStep("region growth", "detect", {"max_distance": 1e-9}),
-                PublishedStep("small planes take no part", "detect", {"min_cells": 1, "min_points": 0.5}),
-                PublishedStep("contour by alpha shape", "detect", {"alpha": 1e-3, "min_hole": 0.0}),
-            ),
         ),
         PublishedSource(
             "xiao2014",
@@ -62,15 +51,6 @@ SOURCES: dict[str, PublishedSource] = {
                 "reconstruct": "plane_intersection",
             },
             "2.2",
-            (
-                PublishedStep("walls by normals", "ground", {"wall_angle": 90.0}),
-                PublishedStep("trees by echoes", "ground", {"tree_share": 1.0}),
-                PublishedStep("small regions are noise", "ground", {"noise_area": 0.0}),
-                PublishedStep("area", "detect", {"min_area": 0.0, "min_width": 0.0}),
-                PublishedStep("width to height", "detect", {"min_width_to_height": 0.0}),
-                PublishedStep("mean density", "detect", {"min_density": 0.0}),
-                PublishedStep("share of high curvature", "detect", {"max_curved": 1.0}),
-            ),
         ),
         PublishedSource(
             "ren_fcs",
@@ -78,16 +58,6 @@ SOURCES: dict[str, PublishedSource] = {
             "the areas of buildings, on undulating terrain and beside vegetation",
             {"ground": "contours", "detect": "contours", "outline": "alpha_shape"},
             "0",
-            (
-                PublishedStep("closed contours: length", "ground", {"longest_outline": 1e6}),
-                PublishedStep("open contours: end distance", "ground", {"end_distance": 1e-3}),
-                PublishedStep("iteration of the DTM", "ground", {"rounds": 1}),
-                PublishedStep("low objects go", "detect", {"min_height": 0.0}),
-                PublishedStep("edge information (Sobel)", "detect", {"min_edge": 0.0}),
-                PublishedStep("quadratic gradient", "detect", {"max_bend": 1e6}),
-                PublishedStep("size", "detect", {"min_area": 0.0}),
-                PublishedStep("final iteration", "detect", {"min_share": 1.0, "regrow": 0.0}),
-            ),
         ),
         PublishedSource(
             "roof_attributes",
@@ -95,13 +65,6 @@ SOURCES: dict[str, PublishedSource] = {
             "the points of buildings",
             {"ground": "adaptive_tin", "detect": "roof_attributes", "outline": "alpha_shape"},
             "0",
-            (
-                PublishedStep("gradient density", "detect", {"max_density": 1.0}),
-                PublishedStep("surface roughness", "detect", {"max_roughness": 1e6}),
-                PublishedStep("operator 1: like normals", "detect", {"like_neighbours": 0}),
-                PublishedStep("operator 2: opening", "detect", {"min_area": 0.0, "min_width": 1e-3}),
-                PublishedStep("operator 3: reconstruction", "detect", {"min_share": 1.0, "regrow": 0.0}),
-            ),
         ),
         PublishedSource(
             "maas_vosselman",
@@ -115,12 +78,6 @@ SOURCES: dict[str, PublishedSource] = {
                 "reconstruct": "maas_vosselman",
             },
             "2.2",
-            (
-                PublishedStep("height texture", "detect", {"max_texture": 1e6}),
-                PublishedStep("opening", "detect", {"min_width": 1e-3}),
-                PublishedStep("size", "detect", {"min_area": 0.0}),
-                PublishedStep("height histogram", "detect", {"max_low": 1.0}),
-            ),
         ),
     )
 }

@@ -65,16 +65,26 @@ class ContourGround(GroundMethod):
     )
     interval: float = parameter(0.5, "Height between contours.", unit="m", gt=0.0)
     longest_outline: float = parameter(
-        400.0, "A closed contour longer than this lies on terrain.", unit="m", gt=0.0
+        400.0,
+        "A closed contour longer than this lies on terrain.",
+        unit="m",
+        off=1e6,
+        step="closed contours: length",
+        gt=0.0,
     )
     end_distance: float = parameter(
-        40.0, "An open contour with ends farther apart than this lies on terrain.", unit="m", gt=0.0
+        40.0,
+        "An open contour with ends farther apart than this lies on terrain.",
+        unit="m",
+        off=1e-3,
+        step="open contours: end distance",
+        gt=0.0,
     )
     tolerance: float = parameter(0.3, "What lies this close to the terrain belongs to it.", unit="m", gt=0.0)
     rise: float = parameter(
         0.3, "Added to the tolerance per unit of slope of the terrain, times the cell.", ge=0.0
     )
-    rounds: int = parameter(10, "Most rounds of refinement.", ge=1)
+    rounds: int = parameter(10, "Most rounds of refinement.", off=1, step="iteration of the DTM", ge=1)
 
     @property
     def buffer(self) -> float:
