@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import logging
+import shutil
 import signal
 import subprocess
 import sys
@@ -81,8 +82,12 @@ def test_found_is_modelled_plus_failed(built: Path) -> None:
 
 
 def test_the_written_models_are_valid(built: Path) -> None:
-    done = eaves("validate", built / "buildings.city.jsonl")
-    assert done.returncode == 0, done.stdout
+    foreign = built / ".eaves-work"
+    foreign.mkdir()
+    (foreign / "buildings.city.jsonl").write_text("no model of the run")
+    done = eaves("validate", built)
+    shutil.rmtree(foreign)
+    assert done.returncode == 0 and "valid, whole" in done.stdout, done.stdout
 
 
 def test_help_imports_nothing_that_computes() -> None:
@@ -162,19 +167,23 @@ def test_an_unknown_parameter_is_named(nine_roofs_file: Path, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("name", "xyz"),
+    ("words", "status", "xyz"),
     [
-        ("one point", np.array([[85000.0, 447000.0, 1.0]])),
-        ("flat ground", np.random.default_rng(0).random((4000, 3)) * [40, 40, 0.02] + [85000, 447000, 1]),
+        ((), 1, np.array([[85000.0, 447000.0, 1.0]])),
+        (("--bounds", "0,0,9,9"), 1, np.array([[85000.0, 447000.0, 1.0]])),
+        (("--bounds", "0,0,9,9", "--allow-empty"), 0, np.array([[85000.0, 447000.0, 1.0]])),
+        ((), 0, np.random.default_rng(0).random((4000, 3)) * [40, 40, 0.02] + [85000, 447000, 1]),
     ],
 )
-def test_points_without_buildings_give_valid_empty_outputs(
-    name: str, xyz: np.ndarray, tmp_path: Path
+def test_points_without_buildings_give_valid_empty_outputs__and_a_reason_where_none_is_used(
+    words: tuple[str, ...], status: int, xyz: np.ndarray, tmp_path: Path
 ) -> None:
     write_laz(tmp_path / "points.laz", xyz)
-    done = eaves("build", tmp_path / "points.laz", "-o", tmp_path / "out", "--jobs", "1")
-    assert done.returncode == 0, done.stderr
-    assert {path.name for path in (tmp_path / "out").iterdir()} == OUTPUTS
+    done = eaves("build", tmp_path / "points.laz", "-o", tmp_path / "out", "--jobs", "1", *words)
+    assert done.returncode == status, done.stderr
+    assert ("empty: none of 1 points is used" in done.stderr) == bool(status)
+    there = {path.name for path in (tmp_path / "out").iterdir()}
+    assert there == OUTPUTS - ({"classified.laz"} if "--bounds" in words else set())
     assert json.loads((tmp_path / "out" / "run.json").read_text())["found"] == 0
     assert eaves("validate", tmp_path / "out" / "buildings.city.jsonl").returncode == 0
 

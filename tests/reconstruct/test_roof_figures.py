@@ -69,6 +69,17 @@ def test_figures_of_a_gable_beside_a_low_annex() -> None:
     assert figures["roof_area_flat_m2"] == 14.0
 
 
+@pytest.mark.parametrize(("low", "eaves", "storeys"), [(442.0, 3.3, 1), (200.0, 11.5, 3)])
+def test_area_decides_of_a_stepped_building__and_no_storey_is_low(
+    low: float, eaves: float, storeys: int
+) -> None:
+    faces = [face(low, 0, None, 3.3, 3.3), face(232, 0, None, 11.5, 11.5)]
+    mean = (low * 3.3 + 232 * 11.5) / (low + 232)
+    figures = roof_figures(faces, 0.0, mean_height=mean)
+    assert (figures["h_eaves"], figures["storeysAboveGround"]) == (eaves, storeys)
+    assert figures["h_ridge"] == figures["h_max"] == 11.5
+
+
 def test_the_ridge_direction_does_not_depend_on_which_side_is_named_first() -> None:
     assert ridge_direction([face(50, 45, 350.0), face(50, 45, 170.0)]) == 80.0
 

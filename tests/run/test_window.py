@@ -73,12 +73,15 @@ def test_only_points_in_the_window_are_scattered(
     assert len(np.concatenate(wanted)) > 100
 
 
-def test_a_run_with_bounds_knows_nothing_outside(
+def test_a_run_with_bounds_knows_and_writes_nothing_outside(
     inputs: dict[str, Path], windows: dict[str, Window], tmp_path: Path
 ) -> None:
     bounds = windows["bounds"].bounds
     assert bounds is not None
-    summary = build(inputs["laz"], tmp_path / "out", bounds=bounds, outputs=("rasters",))
+    summary = build(inputs["laz"], tmp_path, bounds=bounds, outputs=("rasters", "classified"))
     assert summary.complete
-    with rasterio.open(tmp_path / "out" / "dtm.tif") as image:
+    with rasterio.open(tmp_path / "dtm.tif") as image:
         assert Bounds(*image.bounds).buffered(-1.0).union(bounds) == bounds
+    written = laspy.read(tmp_path / "classified.laz")
+    assert 100 < len(written) == bounds.contains(written.xyz).sum() == summary.points_used < summary.points
+    assert f"{summary.points_used:,} of {summary.points:,} points" in summary.as_text()

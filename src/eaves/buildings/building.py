@@ -17,6 +17,7 @@ from eaves.raster.surfaces import CELL
 from eaves.recipe.recipe import Recipe
 from eaves.reconstruct import add_overhangs, reconstruct_building
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
+from eaves.reconstruct.toolkit.attributes import measure_again
 from eaves.roof import segment_roof
 from eaves.run.clock import Clock
 from eaves.run.keys import key_of
@@ -102,6 +103,7 @@ def building_pass(
         )
     else:
         answer = reconstruct_building(points, footprint, planes, base, recipe.reconstruct)
+    described = answer.lod if isinstance(answer, BuildingModel) else ""
     if isinstance(answer, BuildingModel) and recipe.lod == OVERHANGS:
         around = points if building.around is None else building.around
         terrain_below = building.terrain.at(around)
@@ -114,6 +116,7 @@ def building_pass(
     if isinstance(answer, Failure):
         answer = Failure(answer.code, answer.reason, answer.stage, footprint)
     else:
+        answer = answer if answer.lod == described else measure_again(answer)
         facts = {"h_ground": terrain, **unit_attributes(footprint, building)}
         facts |= ground_facts(footprint, building)
         answer = answer.with_(attributes={**answer.attributes, **facts})

@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from eaves.cli.options import Config, Inputs, Out, Profile, Quiet, Strict, Verbose, with_run_options
+from eaves.cli.options import (
+    AllowEmpty,
+    Config,
+    Inputs,
+    Out,
+    Profile,
+    Quiet,
+    Strict,
+    Verbose,
+    with_run_options,
+)
 from eaves.cli.runs import finish, run_build
 
 if TYPE_CHECKING:
@@ -24,6 +34,7 @@ def build(
     config: Config = None,
     profile: Profile = False,
     strict: Strict = False,
+    allow_empty: AllowEmpty = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -31,7 +42,7 @@ def build(
     summary = run_build(inputs, out, options, config, quiet, verbose)
     if profile:
         typer.echo(summary.profile(), err=True)
-    finish(summary, quiet, strict)
+    finish(summary, quiet, allow_empty, strict)
 
 
 @with_run_options(
@@ -45,6 +56,7 @@ def ground(
     out: Out,
     options: RunOptions,
     config: Config = None,
+    allow_empty: AllowEmpty = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -52,7 +64,7 @@ def ground(
     single = out.suffix.lower() in (".laz", ".las")
     options |= {"lod": "0", "outputs": ("classified",), "classified": out if single else None}
     folder = out.parent if single else out
-    finish(run_build(inputs, folder, options, config, quiet, verbose, ground_only=True), quiet)
+    finish(run_build(inputs, folder, options, config, quiet, verbose, ground_only=True), quiet, allow_empty)
 
 
 @with_run_options("units", "roof", "reconstruct", "lod", *NO_MAP, *SETTLED, flags={"detect": "--method"})
@@ -61,12 +73,13 @@ def detect(
     out: Out,
     options: RunOptions,
     config: Config = None,
+    allow_empty: AllowEmpty = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Where buildings are: mask, footprints, classified points. The mask is a GeoTIFF with world file."""
     options |= {"lod": "0", "outputs": ("footprints", "mask", "classified")}
-    finish(run_build(inputs, out, options, config, quiet, verbose), quiet)
+    finish(run_build(inputs, out, options, config, quiet, verbose), quiet, allow_empty)
 
 
 @with_run_options(
@@ -81,8 +94,9 @@ def reconstruct(
     options: RunOptions,
     config: Config = None,
     strict: Strict = False,
+    allow_empty: AllowEmpty = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Models for given footprints. The points may be classified or not."""
-    finish(run_build(inputs, out, options, config, quiet, verbose), quiet, strict)
+    finish(run_build(inputs, out, options, config, quiet, verbose), quiet, allow_empty, strict)

@@ -28,6 +28,9 @@ Basemap = Annotated[Path | None, typer.Option(help="Aerial image (GeoTIFF) to la
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also what happens inside.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
+AllowEmpty = Annotated[
+    bool, typer.Option("--allow-empty", help="Exit with 0 also when no point lies in the area asked for.")
+]
 Profile = Annotated[bool, typer.Option("--profile", help="Also where the time went, by stage.")]
 SourceName = Annotated[
     str | None, typer.Option(help="A published system, whole; see `eaves methods --sources`.")

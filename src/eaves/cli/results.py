@@ -33,14 +33,14 @@ def validate(
 
     Of a run's folder also every file that is missing or is not as the run wrote it.
     """
-    from eaves.run.manifest import check_folder
+    from eaves.run.manifest import check_folder, files_of_run
     from eaves.validate import validate_file
 
     start_log(quiet)
     changed = check_folder(file) if file.is_dir() else []
     findings = []
-    for models in sorted(file.rglob(MODELS)) if file.is_dir() else [file]:
-        findings += validate_file(models, extensions=extension or ())
+    for models in files_of_run(file, MODELS) if file.is_dir() else [file]:
+        findings += validate_file(models, extensions=extension or ()) if models.exists() else []
     defects = [f"{one.code} {one.name}: {one.building} {one.where}: {one.detail}" for one in findings]
     for line in (*changed, *defects):
         typer.echo(printable(line))

@@ -167,8 +167,11 @@ def compiled_pieces() -> int:
     return sum(1 for _ in Path(place).rglob("*.nbc"))
 
 
-def finish(summary: Summary, quiet: bool, strict: bool = False) -> None:
-    """Say what came out, and leave with the right status."""
+def finish(summary: Summary, quiet: bool, allow_empty: bool, strict: bool = False) -> None:
+    """Say what came out, and leave with the right status.
+
+    Empty is a run that had no point to work on; a forest without a building is a result.
+    """
     if not quiet:
         typer.echo(summary.as_text())
         for program, name in WHERE_TO_OPEN.items():
@@ -177,8 +180,14 @@ def finish(summary: Summary, quiet: bool, strict: bool = False) -> None:
                 typer.echo(f"  {program:<14} {there[0]}")
     for reason in summary.failed:
         typer.echo(f"incomplete: {reason}", err=True)
+    empty = summary.points_used == 0 and not allow_empty
+    if empty:
+        typer.echo(
+            f"empty: none of {summary.points:,} points is used: see --bounds, --clip, or add --allow-empty",
+            err=True,
+        )
     failures = strict and summary.found > summary.modelled
-    raise typer.Exit(COMPLETE if summary.complete and not failures else INCOMPLETE)
+    raise typer.Exit(COMPLETE if summary.complete and not failures and not empty else INCOMPLETE)
 
 
 def start_log(quiet: bool, verbose: bool = False) -> None:

@@ -29,7 +29,7 @@ from eaves.model.provenance import Provenance
 from eaves.run.index import Index
 from eaves.run.keys import GONE, key_of
 from eaves.run.manifest import entry_of, known_files
-from eaves.run.partition import file_slices
+from eaves.run.partition import Window, file_slices
 from eaves.run.store import Store
 
 log = logging.getLogger("eaves")
@@ -105,15 +105,17 @@ def write_points(
     InputError
         When an input is no longer what it was when the run began.
     """
-    index, single = run.index, run.classified
+    index, single, windowed = run.index, run.classified, run.window != Window()
     labels = store.folder / "labels"
     gather_labels(labels, store, index, blocks, owners)
     records = copies_of(store, index)
     written: dict[Path, str] = {}
     names: set[str] = set()
     for number in range(len(index)):
-        path = single or run.folder / classified_name(index.path(number), len(index) == 1, names)
         columns = columns_of(labels, index, number)
+        if windowed and not has_used(columns["classes"]):
+            continue
+        path = single or run.folder / classified_name(index.path(number), len(index) == 1, names)
         made_from = replace(run.provenance, sources=(index.path(number).name,), count=1)
         key = key_of_columns(columns, index.mark(number), made_from) if run.options["keep"] else ""
         known = (copies or {}).get(key)
@@ -124,7 +126,14 @@ def write_points(
                 write = None if sink is None else partial(sink.write, path)
                 source, copied = index.source(number), records.get(number, [])
                 write_classified(
-                    source, path, classes, others, sink=write, provenance=made_from, copies=copied
+                    source,
+                    path,
+                    classes,
+                    others,
+                    sink=write,
+                    provenance=made_from,
+                    copies=copied,
+                    used_only=windowed,
                 )
             elif known != path:
                 with atomic(path) as temporary:
@@ -150,6 +159,12 @@ def columns_of(labels: Path, index: Index, number: int) -> dict[str, PointColumn
     """What is said of each point of an input, by name."""
     first, count = int(index.starts[number]), index.count(number)
     return {name: PointColumn(labels / f"{name}.bin", dtype, first, count) for name, dtype in TYPES.items()}
+
+
+def has_used(classes: PointColumn) -> bool:
+    """Whether a point of an input was used."""
+    pieces = (classes[first : first + PIECE] for first in range(0, len(classes), PIECE))
+    return any((piece != UNCHANGED).any() for piece in pieces)
 
 
 def key_of_columns(columns: Mapping[str, PointColumn], mark: bytes, made_from: Provenance) -> str:

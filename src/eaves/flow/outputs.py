@@ -34,6 +34,7 @@ from eaves.run.clock import Clock
 from eaves.run.keys import BLOCKS
 from eaves.run.manifest import begin_manifest, note_files
 from eaves.run.options import EVERYTHING
+from eaves.run.partition import Window
 from eaves.run.store import Store
 from eaves.run.workers import peak_memory_mb
 
@@ -157,7 +158,8 @@ def write_outputs(
     results = RunResults(run, store, used, owners, block_extent(metadata), shared, doubts, copies or {})
     if sink is not None:
         sizes = [int(row.values.get("points") or 0) for row in kept.rows(owners)]
-        sink.start(run.index.points, len(sizes), sum(sizes))
+        points = run.index.points if run.window == Window() else points_used(region)
+        sink.start(points, len(sizes), sum(sizes))
     if run.classified is None:
         begin_manifest(run.folder)
     written: dict[str, list[Path]] = {}
@@ -223,6 +225,7 @@ def write_run(summary: Summary) -> None:
     report = {
         **summary.run,
         "points": summary.points,
+        "points_used": summary.points_used,
         "found": summary.found,
         "modelled": summary.modelled,
         "failed": summary.found - summary.modelled,
@@ -236,6 +239,11 @@ def write_run(summary: Summary) -> None:
     }
     with atomic(summary.folder / "run.json") as temporary:
         temporary.write_text(json.dumps(report, indent=2, allow_nan=False), encoding="utf-8")
+
+
+def points_used(region: Region) -> int:
+    """How many points lie in the blocks of the region's core."""
+    return sum(map(region.store.count_points, region.own_blocks))
 
 
 def read_metadata(store: Store, blocks: Sequence[Block]) -> list[BlockMetadata]:
@@ -269,6 +277,7 @@ def summarise(
     return Summary(
         folder=run.folder,
         points=region.points,
+        points_used=points_used(region),
         found=found,
         modelled=sum(by_lod.values()),
         by_lod=dict(sorted(by_lod.items(), reverse=True)),

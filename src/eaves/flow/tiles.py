@@ -336,6 +336,7 @@ def tile_total(
     return Summary(
         folder=run.folder,
         points=run.index.points,
+        points_used=sum(one.get("points_used", 0) for one in runs),
         found=found,
         modelled=sum(one.get("modelled", 0) for one in runs),
         by_lod=dict(sorted(counts["by_lod"].items(), reverse=True)),

@@ -57,6 +57,7 @@ def write_classified(
     sink: Callable[[int, NDArray[np.void]], None] | None = None,
     provenance: Provenance = NOTHING_KNOWN,
     copies: Sequence[str | Path] = (),
+    used_only: bool = False,
 ) -> None:
     """Write the points of a file as LAZ: same records in the same order, classes replaced, dimensions added.
 
@@ -82,6 +83,8 @@ def write_classified(
     copies : sequence of str or Path
         Files with the input's records as `iter_chunks` copied them, one run after the other; where there are
         any, the input is not decompressed a second time.
+    used_only : bool
+        Whether points whose class is `UNCHANGED` are left out.
 
     Raises
     ------
@@ -113,6 +116,7 @@ def write_classified(
     if provenance:
         origins = json.dumps(provenance.members).encode()
         header.vlrs.append(laspy.VLR(OWNER, 1, "provenance", origins))
+    written = 0
     with (
         atomic(path) as temporary,
         temporary.open("w+b") as file,
@@ -127,6 +131,10 @@ def write_classified(
             _set_classes(points, header, np.asarray(classification[part], np.uint8))
             for name, values in arrays.items():
                 points.array[name] = values[part]
+            if used_only:
+                points = points[np.asarray(classification[part]) != UNCHANGED]
+                first = written
+            written += len(points)
             writer.write_points(points)
             if sink is not None:
                 sink(first, points.array)

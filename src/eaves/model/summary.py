@@ -16,7 +16,7 @@ class Summary:
     folder : Path
         Where the outputs are.
     points, found, modelled : int
-        Numbers of points, of buildings, and of buildings with a model.
+        Numbers of points of the inputs, of buildings, and of buildings with a model.
     by_lod, failures, fallbacks : dict of str to int
         Models by level of detail; buildings without a model, and with a coarser one than asked for, by code.
     seconds : dict of str to float
@@ -31,6 +31,8 @@ class Summary:
         The content of run.json.
     wall : dict of str to float
         Time on the clock (s) of each step, where it was measured.
+    points_used : int or None
+        Points within bounds and clip area that are not withheld; 0 is an empty result.
 
     Examples
     --------
@@ -53,6 +55,7 @@ class Summary:
     failed: tuple[str, ...] = ()
     run: dict[str, Any] = field(default_factory=dict)
     wall: dict[str, float] = field(default_factory=dict)
+    points_used: int | None = None
 
     @property
     def about(self) -> dict[str, Any]:
@@ -93,7 +96,8 @@ class Summary:
             for lod, count in self.by_lod.items()
         )
         files = self.run.get("files", 1)
-        inputs = f"{files:,} file{'s' * (files != 1)}, {self.points:,} points"
+        used = "" if self.points_used in (None, self.points) else f"{self.points_used:,} of "
+        inputs = f"{files:,} file{'s' * (files != 1)}, {used}{self.points:,} points"
         methods = self.run.get("methods")
         if methods is not None and methods.get("detect") is None:  # of buildings nothing was asked
             return f"{inputs}, ground and noise classified\n{self._ending()}"

@@ -110,6 +110,20 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return dict(told)
 
 
+def files_of_run(folder: Path, name: str) -> list[Path]:
+    """The files of a name that a run wrote into a folder and those of its tiles, by its manifest.
+
+    Raises
+    ------
+    InputError
+        When the folder holds no run's results.
+    """
+    names = sorted(read_manifest(folder)["files"])
+    own = [folder / one for one in names if PurePosixPath(one).name == name]
+    tiles = [(folder / one).parent for one in names if PurePosixPath(one).name == MANIFEST]
+    return own + [path for tile in tiles for path in files_of_run(tile, name)]
+
+
 def is_inside_folder(name: str) -> bool:
     """Whether a name cannot lead out of the folder."""
     parts = PurePosixPath(name).parts

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from eaves.model import Mask
 from eaves.validate.boundaries import Integers
 from eaves.validate.exact import CROSS, OPPOSITE_SIDE, SAME_SIDE, crossings_kernel, enclosed_kernel
 from eaves.validate.interior import count_interior_pieces
@@ -80,8 +81,9 @@ def solids_overlap(one: list[Shell], two: list[Shell]) -> bool:
 
 def _near(solid: list[Shell], box: tuple[Integers, Integers]) -> Shell:
     """The triangles of a solid whose boxes meet a box: no others have a part in it."""
-    triangles = np.concatenate(solid)
-    return triangles[((triangles.min(axis=1) <= box[1]) & (triangles.max(axis=1) >= box[0])).all(axis=1)]
+    triangles: Shell = np.concatenate(solid)
+    near: Mask = ((triangles.min(axis=1) <= box[1]) & (triangles.max(axis=1) >= box[0])).all(axis=1)
+    return triangles[near]
 
 
 def composite_defects(solids: list[list[Shell]]) -> list[Defect]:

@@ -150,8 +150,8 @@ def describe_roof(
     its roof points, `surface` the model over them where it is known.
     """
     solids = model.solids[model.lod]
-    vectors = [face_vectors(solid) for solid in solids]
-    roof_faces, wall_area = describe_faces(solids, vectors)
+    facts = describe_solids(model, ground)
+    roof_faces = facts["roof_faces"]
     height, cosine, number = surface or surface_heights(solids, roof[:, :2])
     error = np.where(np.isfinite(height), (roof[:, 2] - height) * cosine, 0.0)
     for face, record in enumerate(roof_faces):
@@ -162,28 +162,55 @@ def describe_roof(
     mark_unknown(roof_faces, surface_heights(solids, centres)[2], empty)
     grade_faces(roof_faces, error, number)
     own = roof[np.abs(error) <= OWN_SURFACE]
-    area = float(model.footprint.polygon.area)
     squared = np.sort(error**2)
     kept = squared[: max(1, int(TRIMMED_SHARE * len(squared)))]
     heights = (own if len(own) else roof)[:, 2]
     return {
-        **roof_figures(roof_faces, ground, face_shapes(solids)),
-        "h_ground": ground,
+        **facts,
         "h_50p": quantile(heights, 0.5),
         "h_70p": quantile(heights, 0.7),
-        "volume_m3": float(sum(map(volume_of, solids, vectors))),
+        "rmse_m": float(np.sqrt(squared.mean())),
+        "rmse95_m": float(np.sqrt(kept.mean())),
+        "points": len(points),
+        "density": len(points) / float(model.footprint.polygon.area),
+        "share_no_data": float(empty.mean()) if len(empty) else float(len(points) == 0),
+        "supported_share": supported_share(roof_faces),
+    }
+
+
+def describe_solids(model: BuildingModel, ground: float) -> dict[str, Any]:
+    """What the solids of a model's finest level say by themselves, with a record for each roof face."""
+    solids = model.solids[model.lod]
+    vectors = [face_vectors(solid) for solid in solids]
+    roof_faces, wall_area = describe_faces(solids, vectors)
+    volume = float(sum(map(volume_of, solids, vectors)))
+    mean_height = volume / float(model.footprint.polygon.area)
+    return {
+        **roof_figures(roof_faces, ground, face_shapes(solids), mean_height),
+        "h_ground": ground,
+        "volume_m3": volume,
         "wall_area_m2": wall_area,
         "roof_area_m2": float(sum(face["area_m2"] for face in roof_faces)),
         "roof_projected_m2": float(sum(face["projected_m2"] for face in roof_faces)),
         "roof_face_count": len(roof_faces),
-        "rmse_m": float(np.sqrt(squared.mean())),
-        "rmse95_m": float(np.sqrt(kept.mean())),
-        "points": len(points),
-        "density": len(points) / area if area > 0.0 else 0.0,
-        "share_no_data": float(empty.mean()) if len(empty) else float(len(points) == 0),
-        "supported_share": supported_share(roof_faces),
         "roof_faces": roof_faces,
     }
+
+
+SIZES = ("volume_", "wall_area_", "roof_area_", "roof_projected_", "roof_face")
+"""What the names of attributes begin with that are sizes of the finest level's solids."""
+
+
+def measure_again(model: BuildingModel) -> BuildingModel:
+    """The model with the sizes of its finest level in place of those of another; type, heights and slopes of
+    the roof stay what the points show."""
+    known = model.attributes
+    facts = describe_solids(model, known["h_ground"])
+    sizes = {name: value for name, value in facts.items() if name.startswith(SIZES)}
+    if known.get("roof_face_count") == facts["roof_face_count"]:  # the same faces, with what their points say
+        del sizes["roof_faces"]
+    storeys = min(known["storeysAboveGround"], facts["storeysAboveGround"])
+    return model.with_(attributes={**known, **sizes, "storeysAboveGround": storeys})
 
 
 def describe_faces(

@@ -21,7 +21,8 @@ LEVEL_SLOPE_DEG = 6.0
 """Faces flatter than this are flat: drainage falls reach 5 degrees."""
 
 ANNEX_SHARE = 0.6
-"""Main faces that end below this share of the ridge's height are an annex's and have eaves of their own."""
+"""Main faces that end below this share of the height that half of the main plan reaches are an annex's and
+have eaves of their own."""
 
 DECIDING_SHARE = 0.75
 """A roof is flat, or pitched, when this share of its main plan is."""
@@ -57,6 +58,9 @@ CHIMNEY_M = 1.2
 
 STOREY_M = 2.9
 """Height of a storey with its floor, from floor to floor (m), as dwellings in Europe have it."""
+
+LOWEST_STOREY_M = 2.2
+"""No storey is lower (m): the volume holds so many times the footprint, or there are fewer."""
 
 CODES = {"flat": "1000", "shed": "1010", "gable": "1030", "hip": "1040", "pyramid": "1070", "complex": "1130"}
 """The roof types in the code list of CityGML's `roofType` (SIG3D)."""
@@ -97,12 +101,18 @@ def face_shapes(solids: Sequence[Solid]) -> list[FaceShape]:
     return [FaceShape(plan, top) for plan, top in zip(polygons_of(faces), tops, strict=True)]
 
 
-def roof_figures(faces: list[Record], ground: float, shapes: Sequence[FaceShape] | None = None) -> Record:
+def roof_figures(
+    faces: list[Record],
+    ground: float,
+    shapes: Sequence[FaceShape] | None = None,
+    mean_height: float = np.inf,
+) -> Record:
     """Attributes from the records of the roof faces, and their shapes in plan; `ground` (m) is the base of
-    the building.
+    the building, `mean_height` (m) its volume over its footprint.
 
     Heights are those of the roof's own surface; the eaves are the lowest, the ridge the highest edge of the
-    main faces, annexes left out. Storeys are counted from the ground to the eaves.
+    main faces, annexes left out: area decides which are. Storeys are counted from the ground to the eaves, no
+    more than the volume holds.
     """
     if not faces:
         return {"roof_type": "flat", "h_eaves": None, "h_ridge": None, "h_max": None}
@@ -111,8 +121,11 @@ def roof_figures(faces: list[Record], ground: float, shapes: Sequence[FaceShape]
     main = main_faces(faces)
     kind = roof_type(faces)
     ridge, top = ridge_height(main), max(face["h_high"] for face in faces)
-    high = [face for face in main if face["h_high"] - ground > ANNEX_SHARE * (ridge - ground)]
-    eaves = min(face["h_low"] for face in high or main)
+    by_top = sorted(main, key=lambda face: face["h_high"])
+    below = np.cumsum([face["projected_m2"] for face in by_top])
+    half = by_top[int(np.searchsorted(below, below[-1] / 2.0))]["h_high"] - ground
+    eaves = min(face["h_low"] for face in main if face["h_high"] - ground >= min(half, ANNEX_SHARE * half))
+    storeys = min(round((eaves - ground) / STOREY_M), mean_height // LOWEST_STOREY_M)
     plan = sum(face["projected_m2"] for face in faces)
     pitched = [face for face in main if face["slope_deg"] >= LEVEL_SLOPE_DEG]
     level = sum(face["projected_m2"] for face in faces if face["slope_deg"] < LEVEL_SLOPE_DEG)
@@ -122,12 +135,12 @@ def roof_figures(faces: list[Record], ground: float, shapes: Sequence[FaceShape]
         "roof_share_flat": round(level / plan, 3) if plan > 0.0 else None,
         "roof_share_pitched": round(1.0 - level / plan, 3) if plan > 0.0 else None,
         "h_eaves": eaves,
-        "h_ridge": ridge,
+        "h_ridge": max(ridge, eaves),
         "h_max": top,
         "measuredHeight": top - ground,
         "ridge_direction_deg": ridge_direction(pitched),
         "roof_slope_deg": mean_slope(pitched),
-        "storeysAboveGround": max(1, round((eaves - ground) / STOREY_M)),
+        "storeysAboveGround": int(max(1, storeys)),
         "storeys_source": f"eaves over ground by {STOREY_M} m",
     }
     areas = dict.fromkeys(("flat", *QUARTERS), 0.0)
