@@ -56,7 +56,7 @@ class ChangeRules:
     doubted: float = 0.6
     """What stands alone, and the one run that has it scores lower, is a vehicle rather than a building."""
     most: float = 0.5
-    """Share of the points that decides: of a building on the whole of it, of a patch whether its run found it."""
+    """Share of the points that decides on the whole of a building, and whether its run found a patch."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,11 +45,10 @@ class OverhangRules:
     outside: float = 0.3
     """And this far (m) outside: outlines and wall points are both uncertain."""
     window: float = 0.2
-    """Points of one wall lie in a strip this wide (m): relief of a wall, and noise of a scan in plan."""
+    """Points of one wall lie in a strip this wide (m): relief of a wall, and noise of a scan in plan; nearer
+    than this to the underside they are of the roof's edge or gutter."""
     thickness: float = 0.25
     """Upright thickness (m) of a roof at its edge, which no scan from above shows: rafter, boards, tiles."""
-    clear: float = 0.15
-    """Points nearer than this (m) to the underside are of the roof's edge or gutter."""
     above_ground: float = 0.4
     """Points lower than this (m) over the terrain are ground, kerbs, low plants."""
     points: int = 4
@@ -59,31 +58,16 @@ class OverhangRules:
     strip of three."""
     certainty_together: float = 0.85
     """The same for a roof that shows no sure wall and no ground beneath: four points of four in one strip."""
-    points_together: int = 2
-    """Fewest points of ground under a roof that stands free, all its edges together, where more lie there
-    than of anything upright: one may be an error."""
     spread: float = 0.25
     """Share of an edge along which its wall's points lie, at least: a post or a shrub is no wall."""
     least: float = 0.1
     """Smaller overhangs (m) are not built."""
-    on_roof: float = 0.35
-    """Points nearer (m) to the roof lie on it."""
-    covered: float = 0.5
-    """Over an overhang there is roof, with this share of its points at least: beside the true edge of a roof,
-    where the outline only reaches too far, there are none."""
-    covered_around: float = 0.8
-    """The same around a place on open ground: at the true edge of a roof half of them are missing."""
-    under_roof: float = 0.7
-    """Least share of the ground seen so far inside an edge that lies under roof: else it is a court's."""
-    open_spread: float = 0.5
-    """And it is seen along this share of the edge, at least: light wells and gaps are shorter."""
+    covered: float = 0.7
+    """Share of the points of a roof over what is under it: at its true edge half of them lie around a place,
+    and beside it none. So much of the ground that is seen under a roof lies under points of it, and it is seen
+    along so much of an open edge."""
     open_depth: float = 0.6
-    """Ground seen farther (m) than this inside an edge without a wall may lie under a roof without walls."""
-    open_slant: float = 0.2
-    """And farther than this share of the roof's height over it: walls stand back less, be the roof high or
-    low."""
-    open_widest: float = 1.0
-    """But not more than this (m): few walls of any house stand back farther."""
+    """Ground seen farther (m) than this inside an edge without a wall lies under a roof without walls."""
     open_height: float = 1.5
     """Roofs lower than this (m) over the ground have no room below."""
 
@@ -174,34 +158,33 @@ def measure_overhangs(
     over, below = depth_below(solids, outline, points, rules)
     upright = below & (over_ground > rules.above_ground)
     low = below & (over_ground <= rules.above_ground) & (over > rules.open_height)
-    on_roof = shapely.contains_xy(outline, points[:, 0], points[:, 1]) & (np.abs(over) < rules.on_roof)
+    on_roof = shapely.contains_xy(outline, points[:, 0], points[:, 1]) & (np.abs(over) < rules.thickness)
     cover = Cover.of(points[on_roof])
     within = shapely.contains_xy(outline, points[upright, 0], points[upright, 1])
-    wall, passing, room = points[upright], points[low], over[low]
-    found = find_walls(start, end, wall, cover, rules, rules.certainty)
+    wall, passing = points[upright], points[low]
+    found = find_walls(start, end, wall, cover, rules)
     along, depth, length = edge_frames(start, end, passing)
     beneath = shapely.contains_xy(outline, passing[:, 0], passing[:, 1])
-    covered = cover.share_around(passing) >= rules.covered_around
+    covered = cover.share_around(passing) >= rules.covered
     edge_of = nearest_edge(start, end, passing)
-    limit = np.clip(rules.open_slant * room, rules.open_depth, rules.open_widest)
     left = [edge for edge in range(len(start)) if edge not in found]
-    seen_deep = {edge: beneath & (edge_of == edge) & (depth[edge] > limit) for edge in left}
+    seen_deep = {edge: beneath & (edge_of == edge) & (depth[edge] > rules.open_depth) for edge in left}
     deep = {edge: int((mine & covered).sum()) for edge, mine in seen_deep.items()}
     whole, whole_deep = sum(int(mine.sum()) for mine in seen_deep.values()), sum(deep.values())
     # a roof none of whose walls is seen stands free when its edges together show the ground below, and more
-    # of it than of what may be a wall
+    # of it than of what may be a wall; a single point may be an error
     hanging = int(
         (shapely.distance(outline.exterior, shapely.points(wall[within, :2])) > rules.outside).sum()
     )
-    together = max(rules.points_together, rules.under_roof * whole, hanging + 1)
+    together = max(2, rules.covered * whole, hanging + 1)
     free = not found and whole_deep >= together
     if not found and whole_deep == 0:
-        found = find_walls(start, end, wall, cover, rules, rules.certainty_together)
+        found = find_walls(start, end, wall, cover, replace(rules, certainty=rules.certainty_together))
         left = [edge for edge in left if edge not in found]
     for edge in left:
         extent = float(np.ptp(along[edge][seen_deep[edge] & covered])) if deep[edge] else 0.0
-        is_open = deep[edge] >= max(rules.points, rules.under_roof * seen_deep[edge].sum())
-        is_open = is_open and extent >= rules.open_spread * length[edge]
+        is_open = deep[edge] >= max(rules.points, rules.covered * seen_deep[edge].sum())
+        is_open = is_open and extent >= rules.covered * length[edge]
         is_open = is_open or (free and deep[edge] > 0)
         found[edge] = Overhang(
             *ends_of(start, end, edge),
@@ -219,10 +202,9 @@ def find_walls(
     wall: Points,
     cover: Cover,
     rules: OverhangRules,
-    enough: float,
 ) -> dict[int, Overhang]:
     """The edges (E, 2) under which upright points (N, 3) below the roof show a wall with a certainty of at
-    least `enough`; unknown those where the outline reaches beyond the wall, but no roof.
+    least `certainty`; unknown those where the outline reaches beyond the wall, but no roof.
     """
     along, inside, length = edge_frames(start, end, wall)
     around = (along > 0.0) & (along < length[:, None])
@@ -235,9 +217,9 @@ def find_walls(
             for edge in left
         ]
         edge, certainty, width, count = max(
-            strips, key=lambda one: (one[1] >= enough, one[1] * one[3], -one[0])
+            strips, key=lambda one: (one[1] >= rules.certainty, one[1] * one[3], -one[0])
         )
-        if certainty < enough:
+        if certainty < rules.certainty:
             break
         left.discard(edge)
         if cover.share_of_strip(start[edge], end[edge], width) >= rules.covered:
@@ -324,7 +306,7 @@ def depth_below(
         )
         places[outer] = shapely.get_coordinates(shapely.get_point(nearest, 1))
     below = np.nan_to_num(surface_heights(solids, places)[0] - points[:, 2])
-    return below, np.asarray(below > rules.thickness + rules.clear)
+    return below, np.asarray(below > rules.thickness + rules.window)
 
 
 def edge_frames(
