@@ -64,8 +64,8 @@ class OverhangRules:
     """Smaller overhangs (m) are not built."""
     covered: float = 0.7
     """Share of the points of a roof over what is under it: at its true edge half of them lie around a place,
-    and beside it none. So much of the ground that is seen under a roof lies under points of it, and it is seen
-    along so much of an open edge."""
+    and beside it none. So much of the ground that is seen under a roof lies under points of it, and it is
+    seen along so much of an open edge."""
     open_depth: float = 0.6
     """Ground seen farther (m) than this inside an edge without a wall lies under a roof without walls."""
     open_height: float = 1.5
