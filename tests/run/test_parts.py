@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import pickle
+import shutil
 from collections.abc import Callable
 from datetime import date, datetime, timedelta
 from pathlib import Path
@@ -103,30 +104,28 @@ def cut(path: Path) -> None:
 def test_a_damaged_part_is_named_and_computed_again(
     what: str,
     damage: Break,
-    interrupted: tuple[Path, Path, str],
-    monkeypatch: pytest.MonkeyPatch,
+    kept: Path,
+    nine_roofs_file: Path,
+    tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    out, source, expected = interrupted
+    out = tmp_path / "out"
+    shutil.copytree(kept, out)
     broken = next((out / ".eaves-work").glob(what))
     damage(broken)
     with caplog.at_level(logging.WARNING, "eaves"):
-        assert pipeline.build(source, out, resume=True).complete
+        assert pipeline.build(nine_roofs_file, out, resume=True).complete
     assert any(str(broken) in record.getMessage() for record in caplog.records)
-    assert (out / "buildings.city.jsonl").read_text() == expected
+    models = [(folder / "buildings.city.jsonl").read_text() for folder in (kept, out)]
+    assert models[0] == models[1]
 
 
-@pytest.fixture
-def interrupted(
-    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> tuple[Path, Path, str]:
-    """A folder with all parts of a run that did not write its outputs, its input, the models of another."""
-    assert pipeline.build(nine_roofs_file, tmp_path / "whole").complete
-    with monkeypatch.context() as change:
-        change.setattr(pipeline, "write_outputs", lambda *args, **kwargs: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
-            pipeline.build(nine_roofs_file, tmp_path / "out")
-    return tmp_path / "out", nine_roofs_file, (tmp_path / "whole" / "buildings.city.jsonl").read_text()
+@pytest.fixture(scope="module")
+def kept(nine_roofs_file: Path, blocks_of_60: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run with all its parts."""
+    folder = tmp_path_factory.mktemp("kept") / "out"
+    assert pipeline.build(nine_roofs_file, folder, keep=True).complete
+    return folder
 
 
 def test_the_field_of_ids_and_the_files_beside_a_shapefile_are_part_of_the_plan(tmp_path: Path) -> None:

@@ -11,12 +11,12 @@ from tests.conftest import blocks_of
 
 import eaves
 
-SIDE, HALL = 420.0, (90.0, 330.0)
+SIDE, HALL = 300.0, (60.0, 230.0)
 
 
 @pytest.fixture(scope="module")
 def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A hall of 240 by 240 m on a slope; one point a metre."""
+    """A hall of 170 by 170 m on a slope; one point a metre."""
     rng = np.random.default_rng(3)
     xy = np.stack(np.meshgrid(np.arange(0.5, SIDE), np.arange(0.5, SIDE)), axis=-1).reshape(-1, 2)
     xy += rng.uniform(-0.3, 0.3, xy.shape)
