@@ -162,7 +162,7 @@ class Method(BaseModel):
 
     @classmethod
     def declared(cls) -> dict[str, dict[str, Any]]:
-        """What `parameter` was given beside default, sentence and range, by name."""
+        """The arguments of `parameter` beside default, sentence and range, by name."""
         extras = {name: field.json_schema_extra for name, field in cls.model_fields.items()}
         return {name: extra for name, extra in extras.items() if isinstance(extra, dict)}
 

@@ -1,4 +1,4 @@
-"""What the block pass found in one block, as one file of which a reader takes only the arrays it needs."""
+"""The result of the block pass in one block, as one file of which a reader takes only the arrays it needs."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def save_block(store: Store, result: BlockResult, read: str = "", taken: str = "
 
 
 def open_block(store: Store, block: Block) -> BlockFile:
-    """What the block pass found in one block; to be used in a `with` statement."""
+    """The result of the block pass in one block; to be used in a `with` statement."""
     return BlockFile(store.path(BLOCKS, block), block)
 
 

@@ -1,1 +1,1 @@
-"""What time does to results: two epochs compared, results updated, corrected, and learned from."""
+"""Results over time: two epochs compared, results updated, corrected, and learned from."""

@@ -47,8 +47,8 @@ RIDGE = 1.0
 that is usual."""
 
 ANCHOR = 5.0
-"""What the surfaces and cells of no verdict weigh together, in verdicts for each verdict: with 1 a simulated
-town (seed 11, not scored) found more and invented more, with 25 it hardly moved."""
+"""The weight of the surfaces and cells of no verdict together, in verdicts for each verdict: with 1 a
+simulated town (seed 11, not scored) found more and invented more, with 25 it hardly moved."""
 
 HELD_CELLS = 2000
 """So many cells of no verdict in a block stand for all."""
@@ -64,7 +64,7 @@ Sample = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """What the detector weighs: mean terms (N, T) of places, what is said of each (N,), and its weight."""
+    """Places that the detector judges: mean terms (N, T), the verdict of each (N,), and its weight."""
 
     terms: Values
     truth: Values
@@ -99,7 +99,7 @@ class Check:
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """What a calibration found."""
+    """The result of a calibration."""
 
     buildings: int
     others: int
@@ -213,8 +213,8 @@ def gather(
     truths: NDArray[np.bool_],
     progress: Progress,
 ) -> tuple[Places, Places]:
-    """What the detector weighs at the places of verdicts, and elsewhere in their blocks; the truth of the
-    latter is what it says itself."""
+    """The terms that the detector weighs at the places of verdicts, and elsewhere in their blocks; the truth
+    of the latter is what it says itself."""
     by_block: dict[Block, list[int]] = {}
     for k, outline in enumerate(outlines):
         point = outline.representative_point()

@@ -1,4 +1,4 @@
-"""What a comparison says: what became of each building, and what the epochs are."""
+"""The result of a comparison: the change of each building, and the epochs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SEEN_WELL, SURE_SCORE = 0.8, 0.9
 
 @dataclass(frozen=True, eq=False)
 class BuildingChange:
-    """What became of one building.
+    """The change of one building.
 
     `id` is the building's name over time: the old epoch's where it was there; `old_ids` and `new_ids` name
     all that stand at its place. `polygon` is its outline, the new epoch's where there is one (world metres).
@@ -81,7 +81,7 @@ class BuildingChange:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What became of every building of two epochs, and what the epochs are."""
+    """The change of every building of two epochs, and the epochs."""
 
     old: Epoch
     new: Epoch

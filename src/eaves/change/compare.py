@@ -50,7 +50,7 @@ ATTACHED_M = 0.3
 def compare_epochs(
     old: Path, new: Path, work: Path, progress: Progress = no_progress, rules: ChangeRules | None = None
 ) -> Comparison:
-    """What became of every building between the runs in two folders.
+    """The change of every building between the runs in two folders.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Comparer:
     def judge(
         self, sites: Sequence[Site], whole: Sequence[Faced], covered: NDArray[np.int64]
     ) -> list[BuildingChange]:
-        """What became of each site, and of surfaces in none, from the faced points of both epochs."""
+        """The change of each site, and of surfaces in none, from the faced points of both epochs."""
         changes = []
         sides = [
             faced.by_site(len(sites), epoch.buildings, spacing)

@@ -26,7 +26,7 @@ OVERLAP_M2 = 1.0
 
 @dataclass
 class Corrected:
-    """What came of edits: ids of buildings modelled and removed, edits that gave no model with the reason,
+    """The result of edits: ids of buildings modelled and removed, edits that gave no model with the reason,
     and the owner blocks whose buildings are others now."""
 
     modelled: list[str] = field(default_factory=list)
@@ -103,7 +103,7 @@ def model_order(
 
 
 def model_outline(region: Region, owner: Block, given: Footprint, flat: bool) -> BuildingResult:
-    """What comes of an outline about the owner block's corner."""
+    """The result of an outline about the owner block's corner."""
     store, recipe = region.store, region.run.recipe
     west, south, east, north = given.polygon.bounds
     x, y = owner.origin

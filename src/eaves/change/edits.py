@@ -1,4 +1,4 @@
-"""What a user says of buildings: a polygon with a verdict each, from an edited layer or a file of edits."""
+"""The edits of a user: a polygon with a verdict each, from an edited layer or a file of edits."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def write_edits(path: Path, edits: Iterable[Edit], system: CoordinateSystem) -> 
 
 
 def edits_of_layer(path: Path, system: CoordinateSystem, before: dict[str, Polygon]) -> list[Edit]:
-    """What a user changed in the layer `footprints` of a run: outlines, features added and deleted, several
+    """The changes of a user in the layer `footprints` of a run: outlines, features added and deleted, several
     features of one id (party walls), and a field `verdict`.
 
     Parameters
@@ -179,7 +179,7 @@ def edits_of_layer(path: Path, system: CoordinateSystem, before: dict[str, Polyg
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """What is to be done with one building: its outlines (several between party walls, none for no building),
+    """The order for one building: its outlines (several between party walls, none for no building),
     whether its roof is flat, and the edits that say so."""
 
     id: str
@@ -198,7 +198,7 @@ class Order:
 
 
 def settle(edits: Sequence[Edit], outlines: dict[str, Polygon]) -> tuple[list[Order], list[str]]:
-    """What follows from all edits of a run, and the conflicts among them, in words.
+    """The orders that follow from all edits of a run, and the conflicts among them, in words.
 
     Later edits go before earlier ones of the same building. `outlines` are the buildings that the run found
     (world metres), by id.
@@ -241,7 +241,8 @@ def located(edit: Edit, names: Sequence[str], outlines: dict[str, Polygon], tree
 
 
 def settled(name: str, edits: Sequence[Edit], outline: Polygon, conflicts: list[str]) -> Order:
-    """What the edits of one building come to: the latest outline and the latest word on whether it is one."""
+    """The outcome of the edits of one building: the latest outline and the latest word on whether it is
+    one."""
     outlines: tuple[Polygon, ...] = (outline,)
     flat, gone = False, False
     used: list[Edit] = []

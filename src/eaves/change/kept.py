@@ -34,7 +34,7 @@ DECISIVE = ("version", "methods", "use_classes", "lod", "clip", "footprints", "p
 
 @dataclass(frozen=True)
 class Request:
-    """What a kept run was asked for, and the updates that it went through."""
+    """The request of a kept run, and the updates that it went through."""
 
     inputs: Sequence[str]
     options: dict[str, Any]
@@ -110,7 +110,7 @@ def ordered(index: Index, inputs: Sequence[str]) -> Index:
 
 
 def frame_of(folder: Path) -> tuple[float, ...] | None:
-    """What the coordinates of a run's models count from; None where it wrote none."""
+    """The origin of the coordinates of a run's models; None where it wrote none."""
     path = folder / MODELS
     try:
         with path.open(encoding="utf-8") as file:

@@ -1,4 +1,5 @@
-"""What two epochs are before they are compared: spacing, noise, and how far the new one lies off the old."""
+"""The properties of two epochs that are to be compared: spacing, noise, and how far the new one lies off the
+old."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def part_rows(comparison: Comparison) -> list[Row]:
 
 
 def describe_comparison(comparison: Comparison) -> dict[str, Any]:
-    """What was compared, how, and what came out, as JSON."""
+    """The inputs, settings and results of a comparison, as JSON."""
     shift = comparison.shift
     return {
         "eaves": version("eaves"),

@@ -29,7 +29,7 @@ WRITTEN = ("footprints", "models", "mask", "classified")
 
 @dataclass(frozen=True, eq=False)
 class Rebuilt:
-    """What a rebuild did."""
+    """The result of a rebuild."""
 
     summary: Summary
     edits: tuple[Edit, ...]
@@ -107,7 +107,7 @@ def kept_edits(folder: Path, store: Store) -> list[Edit]:
 
 
 def changed_in_layer(folder: Path, store: Store, shown: dict[str, Polygon]) -> list[Edit]:
-    """What a user changed in the run's footprints.gpkg, where it is not as the run wrote it."""
+    """The changes of a user in the run's footprints.gpkg, where it is not as the run wrote it."""
     path, entry = folder / LAYER, known_files(folder).get(LAYER)
     if not path.exists() or not entry or entry_of(path) == entry:
         return []

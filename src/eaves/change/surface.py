@@ -17,7 +17,7 @@ from eaves.model import Mask, Points, Values
 from eaves.model.cloud import BUILDING, GROUND
 
 UNSEEN, SAME, GROUND_BELOW, ROOF_BELOW, ROOF_ABOVE, OTHER_BELOW, HIDDEN = range(7)
-"""What the other epoch shows at a roof point: nothing; the same surface; the ground, another roof or
+"""State of a roof point in the other epoch: nothing; the same surface; the ground, another roof or
 something else under it; a roof above it; only what is no roof above it."""
 
 LEAST_NEIGHBOURS = 5
@@ -46,7 +46,7 @@ class PointPlanes:
 
 @dataclass(frozen=True, eq=False)
 class Facing:
-    """What the other epoch shows at roof points: `state` (N,), and how far it lies over them (m)."""
+    """The other epoch at roof points: `state` (N,), and how far it lies over them (m)."""
 
     state: NDArray[np.uint8]
     distance: Values
@@ -67,7 +67,8 @@ def face_points(
     radius: float,
     tolerance: float,
 ) -> Facing:
-    """What points of another epoch (M, 3) with classes show within `radius` (m) of roof points (N, 3)."""
+    """The state that points of another epoch (M, 3) with classes show within `radius` (m) of roof points (N,
+    3)."""
     if not len(others):
         return Facing(np.full(len(xyz), UNSEEN, np.uint8), np.full(len(xyz), np.nan))
     order, start, corner, columns = sort_into_cells(others, radius)

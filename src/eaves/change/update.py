@@ -42,7 +42,7 @@ AWAY_BLOCKS = 2
 
 @dataclass(frozen=True, eq=False)
 class Updated:
-    """What an update did."""
+    """The result of an update."""
 
     summary: Summary
     date: str

@@ -1,4 +1,4 @@
-"""What became of one building, from what each epoch shows at the other's roof points."""
+"""The change of one building, from the state of each roof point in the other epoch."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class ChangeRules:
     least_seen: float = 0.3
     """A building is unclear when the other epoch shows less than this share of its roof."""
     doubted: float = 0.6
-    """What stands alone, and the one run that has it scores lower, is a vehicle rather than a building."""
+    """A building that stands alone, and the one run that has it scores lower, is rather a vehicle."""
     most: float = 0.5
     """Share of the points that decides on the whole of a building, and whether its run found a patch."""
 
@@ -111,7 +111,7 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What became of a building: the change, others it underwent beside, the figures, and why."""
+    """The verdict on a building: the change, others it underwent beside, the figures, and why."""
 
     change: str
     also: tuple[str, ...] = ()
@@ -138,7 +138,7 @@ def judge_building(
     attached: bool = False,
     score: float | None = None,
 ) -> Verdict:
-    """What became of a building that is in the new epoch, in the old one, or in both.
+    """The change of a building that is in the new epoch, in the old one, or in both.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def judge_parts(
     volume: float,
     figures: dict[str, Any],
 ) -> Verdict:
-    """What became of a building that stands in both epochs."""
+    """The change of a building that stands in both epochs."""
     side, rise = max(
         ((new, moved(new, -1.0, rules)), (old, moved(old, 1.0, rules))),
         key=lambda pair: pair[0].area_of(np.isfinite(pair[1])),

@@ -1,4 +1,4 @@
-"""What a run found out about every point, one value a point in a file, and the classified copies."""
+"""The attributes of every point, a file each, and the classified copies."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def write_points(
 
 
 def columns_of(labels: Path, index: Index, number: int) -> dict[str, PointColumn]:
-    """What is said of each point of an input, by name."""
+    """The attributes of each point of an input, by name."""
     first, count = int(index.starts[number]), index.count(number)
     return {name: PointColumn(labels / f"{name}.bin", dtype, first, count) for name, dtype in TYPES.items()}
 

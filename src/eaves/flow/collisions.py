@@ -1,4 +1,4 @@
-"""What a run reads must not be what it writes."""
+"""No file that a run reads is one that it writes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ELSEWHERE = "choose another folder with -o"
 def refuse_collisions(
     folder: Path, classified: Path | None, inputs: Sequence[str | Path], polygons: Sequence[Path]
 ) -> None:
-    """Nothing, when no file that is read is one that is written, or would be read by the next run.
+    """Check that no file that is read is one that is written, or would be read by the next run.
 
     Parameters
     ----------

@@ -84,7 +84,7 @@ def doubt_of(row: Row, unit: float) -> Doubt:
 
 
 def describe_doubts(rows: Sequence[Row], unit: float, where: str) -> dict[str, Any]:
-    """What run.json says of them: counts, and the places of the largest in the reference system's unit, of so
+    """Their summary in run.json: counts, and the places of the largest in the reference system's unit, of so
     many metres. `where` names what to open for them."""
     places = []
     for row in rows[:MOST_TOLD]:

@@ -18,7 +18,7 @@ Writer = Callable[..., object]
 
 
 def citygml3_writer() -> Writer:
-    """What writes CityGML 3.0, which has no name among the public ones."""
+    """The writer of CityGML 3.0, which has no name among the public ones."""
     from eaves.formats.citygml import write_citygml3
 
     return write_citygml3
@@ -47,7 +47,7 @@ MODEL_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
 
 
 def check_formats(names: Sequence[str], outputs: Sequence[str] = ("footprints", "models")) -> None:
-    """Nothing, when every name is one of a format that can be written here, beside the `outputs` of the run.
+    """Check that every name is one of a format that can be written here, beside the `outputs` of the run.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What tiles wrote, put together without holding it in memory."""
+"""The files of tiles, merged without holding it in memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What buildings know of each other only when all are modelled: the walls they share."""
+"""The walls that buildings share, known once all are modelled."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class BuildingRows:
 
 @dataclass(frozen=True, eq=False)
 class RunResults:
-    """What a run has computed; picklable, for each output may be written by another process.
+    """The results of a run; picklable, for each output may be written by another process.
 
     `blocks` and `owners` are those the files show, without blocks that failed.
     """
@@ -92,7 +92,7 @@ class RunResults:
 
 
 def with_walls(answer: BuildingModel | Failure, walls: Mapping[str, float] | None) -> BuildingModel | Failure:
-    """What came of a building, a model with the figures that follow from its walls (`wall_figures`)."""
+    """The result of a building, a model with the figures that follow from its walls (`wall_figures`)."""
     if not isinstance(answer, BuildingModel) or walls is None:
         return answer
     own, storeys = answer.attributes, answer.footprint.attributes.get("storeys")

@@ -326,7 +326,7 @@ def points_read(region: Region, blocks: Sequence[Block]) -> list[tuple[str, str]
 
 
 def find_wide(region: Region, blocks: Sequence[Block]) -> None:
-    """What stands over the terrain, and the decks of bridges, in the squares that decide the ground of some
+    """Find wide objects, and the decks of bridges, in the squares that decide the ground of some
     blocks."""
     run, store, recipe = region.run, region.store, region.run.recipe
     if not recipe.sees_wide:
@@ -419,7 +419,7 @@ def join_buildings(region: Region, done: Sequence[Block]) -> list[OwnedBuildings
 
 
 def seams(region: Region, blocks: Sequence[Block]) -> list[Seam]:
-    """What the join needs of all blocks that could be computed."""
+    """The results that the join needs, of all blocks that could be computed."""
     found = []
     for block in sorted(blocks):
         if region.store.has(BLOCKS, block):
@@ -468,4 +468,4 @@ def warn_of_wrong_boxes(index: Index, wrong_boxes: Mapping[int, Bounds]) -> None
 
 
 def import_methods(recipe: Recipe) -> None:
-    """Nothing: what a worker needs is imported by the time it knows this function and the methods."""
+    """Do no work: a worker has imported all it needs once it knows this function and the methods."""

@@ -58,14 +58,14 @@ def no_progress(step: str, done: int, total: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What is to be computed: picklable, so that a worker can compute a tile on its own."""
+    """A run as it is asked for: picklable, so that a worker can compute a tile on its own."""
 
     folder: Path
     recipe: Recipe
     index: Index
     window: Window
     plan: dict[str, Any]
-    """What decides the result (`describe`)."""
+    """All that decides the result (`describe`)."""
     options: RunOptions = field(default_factory=lambda: DEFAULT_OPTIONS)
     """All of them."""
     inputs: tuple[str, ...] = ()
@@ -76,15 +76,15 @@ class Run:
     lost: tuple[Failure, ...] = ()
     """Given polygons that cannot be modelled, with the reason: each has its row all the same."""
     addresses: Sequence[Footprint] = ()
-    """What lies between known party walls; detected blocks are split into them."""
+    """Areas between known party walls; detected blocks are split into them."""
     generations: tuple[int, ...] = ()
     """Numbers of the first inputs of each later scan, whose points take the place of earlier ones."""
     updates: tuple[Mapping[str, Any], ...] = ()
-    """What each of them changed."""
+    """The counts of each update."""
     failed: tuple[str, ...] = ()
     """Inputs that could not be opened, with the reason."""
     translate: tuple[float, ...] | None = None
-    """What the coordinates of the models count from, where an earlier run's lines are to stay."""
+    """The origin of the models' coordinates, where an earlier run's lines are to stay."""
     started: float = 0.0
 
     def with_options(self, **options: Unpack[RunOptions]) -> Self:
@@ -119,7 +119,7 @@ class Run:
 
     @property
     def provenance(self) -> Provenance:
-        """What every output says of where it comes from."""
+        """The provenance that every output states."""
         names = tuple(self.index.path(number).name for number in range(min(len(self.index), NAMED_SOURCES)))
         datum = self.plan["vertical_datum"]
         return Provenance(names, len(self.index), datum["name"], datum["status"])
@@ -244,7 +244,7 @@ def check_whole(index: Index, options: RunOptions) -> None:
 
 
 def request_of(run: Run) -> dict[str, Any]:
-    """What a run is opened with again, as JSON, with paths that hold from any folder."""
+    """The request by which a run is opened again, as JSON, with paths that hold from any folder."""
     told = {"inputs": list(run.inputs), "options": kept_options(run.options), "plan": run.plan}
     return {**told, "generations": list(run.generations), "updates": list(run.updates)}
 
@@ -286,7 +286,7 @@ def describe_plan(
     known: Map | None,
     hashes: Mapping[str, str | None],
 ) -> dict[str, Any]:
-    """What decides the result, as JSON: inputs with their hashes, methods with parameters, version."""
+    """All that decides the result, as JSON: inputs with their hashes, methods with parameters, version."""
     methods = {
         stage: method and {"method": method.name, **method.model_dump(mode="json")}
         for stage in METHOD_OPTIONS

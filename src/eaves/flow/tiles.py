@@ -38,7 +38,8 @@ TILE_BLOCKS = 16
 building crosses over, files on the border are read again: a tenth to a third more work."""
 TILES_FOLDER = "tiles"
 WANTED = ("footprints", "models", "rasters")
-"""What a tile writes on its own; the mask needs the footprints of its neighbours and comes with the merge."""
+"""Outputs that a tile writes on its own; the mask needs the footprints of its neighbours and comes with the
+merge."""
 
 
 @dataclass(frozen=True, order=True)
@@ -70,7 +71,7 @@ class Tile:
 
 @dataclass(frozen=True)
 class TileDone:
-    """What came of a tile."""
+    """The result of a tile."""
 
     run: dict[str, Any]
     wrong_boxes: dict[int, Bounds]
@@ -116,7 +117,7 @@ class TileTask:
         return loaded_with(self.tile, self.ring, self.run.recipe.buffer)
 
     def done(self, wrong_boxes: Mapping[int, Bounds]) -> TileDone:
-        """What came of it, with the true boxes of inputs, by number in its own index."""
+        """Its result, with the true boxes of inputs, by number in its own index."""
         run = json.loads((self.run.folder / "run.json").read_text(encoding="utf-8"))
         return TileDone(run, {self.numbers[number]: box for number, box in wrong_boxes.items()})
 
@@ -198,7 +199,7 @@ def seen_with(loaded: Bounds, run: Run) -> Bounds:
 
 
 def known_tile(task: TileTask) -> TileDone | None:
-    """What an earlier run wrote of a tile, where it matches; None where it is to be computed."""
+    """The files that an earlier run wrote of a tile, where it matches; None where it is to be computed."""
     place, path = task.run.folder, task.run.folder / "run.json"
     if task.run.options["resume"] and is_whole(place):
         run = json.loads(path.read_text(encoding="utf-8"))
@@ -296,7 +297,7 @@ class Tiles:
 
 
 COUNTED = ("by_lod", "fallbacks", "stage_cpu_seconds")
-"""What the sums over all tiles hold, beside the failures."""
+"""The fields summed over all tiles, beside the failures."""
 
 
 def rows_of_no_tile(run: Run, tiles: set[Tile]) -> list[BuildingRow]:

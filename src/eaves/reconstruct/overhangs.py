@@ -23,7 +23,7 @@ LOD = "2.3"
 SOURCE = "2.2"
 """The level that is given its overhangs."""
 WALL, OPEN, UNKNOWN = "seen", "open", "unknown"
-"""What is known of the building under an edge of its roof."""
+"""State of the building under an edge of its roof."""
 FEWEST_IN_STRIP = 4
 """A strip that should hold fewer points says nothing."""
 POINTS_AROUND = 16.0
@@ -34,7 +34,7 @@ ROUNDS = 12
 
 @dataclass(frozen=True)
 class OverhangRules:
-    """What shows a wall under a roof, and that there is none.
+    """Limits by which a wall under a roof is seen, or that there is none.
 
     The limits are sizes of buildings and of errors in a scan, not of one survey: dwellings overhang by 0.2 to
     1 m, farms by up to 1.5 m.
@@ -74,7 +74,7 @@ class OverhangRules:
 
 @dataclass(frozen=True)
 class Overhang:
-    """What is known under one edge of a roof.
+    """The wall under one edge of a roof, or that there is none.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def measure_overhangs(
     over_ground: Values,
     rules: OverhangRules | None = None,
 ) -> list[Overhang]:
-    """What the points show under each edge of a roof's outline, in the order of its rings.
+    """The walls that points show under each edge of a roof's outline, in the order of its rings.
 
     A wall is an upright strip of points below the roof and along its edge. Edges are taken from the surest
     down; the points of a wall that is found are no longer evidence for its neighbours, whose strips it

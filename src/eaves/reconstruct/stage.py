@@ -21,7 +21,7 @@ ABSENT = -1
 
 
 class Reconstructor(Method):
-    """What a reconstruction method must do.
+    """The contract of a reconstruction method.
 
     `model` gets the building's points (N, 3) in canonical order, its footprint and roof planes, all in the
     same local metres, and the height of the solid's base (m). It returns a BuildingModel whose `solids` are

@@ -14,7 +14,7 @@ from eaves.model.cloud import canonical_order
 
 
 class RoofMethod(Method):
-    """What a roof segmentation method must do.
+    """The contract of a roof segmentation method.
 
     `planes` gets the building's points (N, 3) in canonical order, in local metres near the origin, and a
     random generator seeded by the building; it returns planes with member indices into these points, largest

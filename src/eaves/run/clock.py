@@ -21,7 +21,7 @@ class Clock:
 
 
 BLOCK_STAGES = ("ground", "rasters", "detect")
-"""What a block's clock books; the rest of its task is its points read and its part written."""
+"""The stages that a block's clock books; the rest of its task is its points read and its part written."""
 
 
 class Budget:

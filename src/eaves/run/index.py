@@ -1,4 +1,4 @@
-"""What the headers of all inputs say, in some 150 bytes a file: a country is a million of them."""
+"""The headers of all inputs, in some 150 bytes a file: a country is a million of them."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Index:
         return source
 
     def bounds(self, number: int) -> Bounds:
-        """What the header says of where one file's points are."""
+        """The place of one file's points by its header."""
         return Bounds(*map(float, self.entries["box"][number]))
 
     def spans_blocks(self, side: float, bounds: Bounds | None = None) -> bool:
@@ -236,7 +236,7 @@ def open_or_salvage(path: str | Path, crs: str | None, salvage: bool) -> tuple[S
 
 
 def refuse_system(source: Source, crs: str | None) -> None:
-    """Nothing, when a file's system, what the caller says of it and its numbers agree.
+    """Check that a file's system, the caller's and its numbers agree.
 
     Raises
     ------
@@ -253,7 +253,7 @@ def refuse_system(source: Source, crs: str | None) -> None:
 
 
 def own_system(source: Source) -> pyproj.CRS | None:
-    """What a file itself says of its system; None when nothing that can be read."""
+    """The system that a file states; None where it states none that can be read."""
     if not isinstance(source.layout, LasHeader):
         return None
     try:

@@ -46,7 +46,7 @@ STEPS = (GONE, FLOORS, WIDE, DECKS, GROUND, BLOCKS, BUILDINGS, NAMED, EDITED)
 
 @dataclass(frozen=True)
 class Mark:
-    """What a result follows from, and what it is.
+    """The inputs that a result follows from, and its kind.
 
     `read` is the key of the files that its step reads: where it is found, nothing is loaded. `taken` is the
     key of what the step took from them, to the last bit: where it is found, nothing is computed. `found` is

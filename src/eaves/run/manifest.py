@@ -88,7 +88,7 @@ def remove_own(path: Path, entry: Entry) -> None:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """What a folder's manifest says.
+    """The contents of a folder's manifest.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def is_inside_folder(name: str) -> bool:
 
 
 def known_files(folder: Path) -> dict[str, Entry]:
-    """What earlier runs wrote here; nothing, with a warning, when the manifest is damaged."""
+    """The files that earlier runs wrote here; none, with a warning, when the manifest is damaged."""
     if not (folder / MANIFEST).exists():
         return {}
     try:
@@ -149,7 +149,7 @@ def write_manifest(folder: Path, told: Mapping[str, Any]) -> None:
 
 
 def check_folder(folder: str | Path) -> list[str]:
-    """What is wrong with the results in a folder, a line each; nothing for a whole run's.
+    """The defects of the results in a folder, a line each; none for a whole run's.
 
     Checked are that the run ended and left nothing out, and that each file it wrote is there with the size
     and the checksum it had; of a run by tiles the same of every tile. Files that no run wrote are no matter.

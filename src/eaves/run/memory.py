@@ -8,7 +8,7 @@ from eaves.formats import InputError
 
 SIZES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 LEAST = 700 * 2**20
-"""What a process needs: libraries and kernels take 350 MB, a block of 240 m at 20 points/m² as much again."""
+"""Memory of a process: libraries and kernels take 350 MB, a block of 240 m at 20 points/m² as much again."""
 REMEDY = "use fewer --jobs or a larger --memory, and run again with --resume"
 
 

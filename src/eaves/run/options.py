@@ -26,7 +26,7 @@ POLYGONS = ("clip", "footprints", "party_walls")
 
 @dataclass(frozen=True)
 class Option:
-    """What is declared of a keyword beside its type: the sentence of docs and help, and its default."""
+    """The declaration of a keyword beside its type: the sentence of docs and help, and its default."""
 
     sentence: str
     default: Any = None

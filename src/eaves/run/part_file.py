@@ -174,7 +174,7 @@ def encode(value: Any, arrays: list[NDArray[Any]]) -> NDArray[np.uint8]:
 def decode(
     text: NDArray[np.uint8] | bytes, arrays: list[NDArray[Any]], types: Mapping[str, type[Any]] = TYPES
 ) -> Any:
-    """What `encode` was given."""
+    """The value that `encode` was given."""
     # the parser itself hands over each object, its members done: a walk over all takes five times as long
     return json.loads(bytes(text), object_hook=partial(restored, arrays=arrays, types=types))
 
@@ -227,7 +227,7 @@ def plain_solid(solid: Solid, arrays: list[NDArray[Any]]) -> dict[str, Any]:
 
 
 def restored(value: dict[str, Any], arrays: list[NDArray[Any]], types: Mapping[str, type[Any]]) -> Any:
-    """What `plain` was given, of an object whose members are restored."""
+    """The value that `plain` was given, of an object whose members are restored."""
     kind = value.pop(MARK, None)
     if kind is None:
         return value

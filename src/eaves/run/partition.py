@@ -68,7 +68,8 @@ class FileSlice:
 
 @dataclass(frozen=True)
 class SliceResult:
-    """What came of a part: records read, why not all of them, and the true box where the header's lies."""
+    """The result of reading a part: records read, why not all of them, and the true box where the header's
+    lies."""
 
     number: int
     records: int
@@ -78,7 +79,7 @@ class SliceResult:
 
 @dataclass(frozen=True)
 class PartMark:
-    """What is known of a part that is in place."""
+    """The facts of a part that is in place."""
 
     key: str
     records: int

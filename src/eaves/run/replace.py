@@ -53,8 +53,8 @@ def keep_gone(task: Task, store: Store, generations: Sequence[int]) -> None:
 
 
 def replace_in(store: Store, block: Block, generations: Sequence[int]) -> Replaced:
-    """What of a block's points is gone: earlier points where later ones cover their place, but of two that
-    agree the later one.
+    """The points of a block that are replaced: earlier points where later ones cover their place, but of two
+    that agree the later one.
 
     What is covered follows from the new points alone: not from the tiles they came in, nor from their order.
 

@@ -42,7 +42,7 @@ def around_squares(bounds: Bounds, side: float) -> Bounds:
 
 
 def within(one: Bounds, other: Bounds | None) -> Bounds:
-    """What two rectangles share; empty, where they share nothing."""
+    """The intersection of two rectangles; empty where they do not meet."""
     if other is None:
         return one
     west, south = max(one.west, other.west), max(one.south, other.south)

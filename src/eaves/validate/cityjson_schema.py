@@ -1,4 +1,4 @@
-"""What the schemas of CityJSON 2.0 ask of each object, and whether a value is so (draft 7, by jsonschema).
+"""The schemas of CityJSON 2.0 for each object, and whether a value fulfils them (draft 7, by jsonschema).
 
 Own words for the rules of https://www.cityjson.org/schemas/2.0.2; the lists of types are theirs. What
 geometry, semantics and references mean, and how they are nested, is checked in `structure.py` and `files.py`.

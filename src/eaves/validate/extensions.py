@@ -20,7 +20,7 @@ OWN = "urn:extension"
 
 @dataclass(frozen=True)
 class Extension:
-    """What a file says an extension adds.
+    """The additions of an extension, as a file declares them.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Extension:
         return str(self.document["name"])
 
     def added(self, part: str) -> Mapping[str, Any]:
-        """What it adds to a part (`extraCityObjects`, `extraAttributes/Building`): schemas by name."""
+        """Its additions to a part (`extraCityObjects`, `extraAttributes/Building`): schemas by name."""
         found: Any = self.document
         for step in part.split("/"):
             found = found.get(step, {})

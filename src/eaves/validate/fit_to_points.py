@@ -13,7 +13,7 @@ from eaves.model.building import ROOF_SURFACE
 from eaves.model.checks import check_points, check_type
 
 MISSED_RMSE = 1.0
-"""What a building without any face under its points counts as (m)."""
+"""The RMSE (m) of a building without any face under its points."""
 
 
 @dataclass(frozen=True)

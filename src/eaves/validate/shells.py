@@ -19,7 +19,7 @@ FEWEST_FACES = 4
 
 @dataclass(frozen=True)
 class ShellDefect:
-    """What is wrong with shell number `shell`; `face` is the number of a face concerned, or -1."""
+    """The defects of shell number `shell`; `face` is the number of a face concerned, or -1."""
 
     code: int
     shell: int

@@ -46,7 +46,7 @@ ADDED_SURFACE = re.compile(r"\+\w+")
 
 @dataclass(frozen=True)
 class Rules:
-    """What the documents of one file are held against."""
+    """The context against which the documents of one file are checked."""
 
     strict: bool = True
     """Whether the file is of version 2.0, of which there is a schema here."""

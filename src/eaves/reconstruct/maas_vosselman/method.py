@@ -183,7 +183,7 @@ class MaasVosselman(Reconstructor):
 
 
 def inside(segments: NDArray[np.float64], piece: Polygon) -> NDArray[np.float64]:
-    """What of segments (S, 4) lies in a piece or just past its border, (T, 4)."""
+    """The parts of segments (S, 4) in a piece or just past its border, (T, 4)."""
     if len(segments) == 0:
         return np.zeros((0, 4))
     clipped = shapely.intersection(

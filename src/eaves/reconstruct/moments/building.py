@@ -56,7 +56,7 @@ SHORT_RIDGE = 0.1
 """Ridge as a share of the length below which a hip is a pyramid."""
 
 PARAMETER_PRICE = 0.01
-"""What a parameter must save at least, as a share of the points, for roofs are not exact."""
+"""The least saving of a parameter, as a share of the points, for roofs are not exact."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,7 +146,7 @@ class Moments(Reconstructor):
         return Failure("not_sound", "the roof does not make a sound solid", "reconstruct", footprint)
 
     def part_limits(self) -> PartLimits:
-        """What makes a dormer or a terrace."""
+        """The limits of a dormer or a terrace."""
         return PartLimits(
             area=self.min_part_area,
             step=self.part_step,

@@ -20,7 +20,7 @@ FREE: dict[int, tuple[tuple[int, ...], ...]] = {
     GABLE: ((ANGLE,), (ACROSS,), (TOP,), (LEFT_SLOPE,), (RIGHT_SLOPE,)),
     HIP: ((ANGLE,), (ALONG,), (ACROSS,), (TOP,), (LEFT_SLOPE, RIGHT_SLOPE), (END_SLOPE,), (HALF_RIDGE,)),
 }
-"""What each form lets go; parameters in one bracket move together."""
+"""The free parameters of each form; those in one bracket move together."""
 
 GROUPS = {
     form: np.stack([np.isin(np.arange(8), group) for group in groups], axis=1).astype(float)

@@ -1,4 +1,4 @@
-"""What stands on, or is cut into, a parametric roof: dormers and terraces, from the residuals."""
+"""Parts on or cut into a parametric roof: dormers and terraces, from the residuals."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from eaves.reconstruct.moments.parametric_roof import (
 
 @dataclass(frozen=True)
 class PartLimits:
-    """What makes a part of a house; parameters of the method, which says what each means."""
+    """Limits of a part of a house; parameters of the method, which says what each means."""
 
     area: float
     step: float

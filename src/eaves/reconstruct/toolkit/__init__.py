@@ -1,1 +1,1 @@
-"""What several reconstructors share."""
+"""Steps that several reconstructors share."""

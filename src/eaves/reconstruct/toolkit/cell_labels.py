@@ -29,7 +29,7 @@ OPEN = -1
 """The label of a node that has not chosen yet."""
 
 NODE, REGION, LABEL = range(3)
-"""What moves to another label at once: a node, all that hangs together with it, all that has its label."""
+"""A move to another label: of a node, all that hangs together with it, all that has its label."""
 
 
 class Borders(NamedTuple):
@@ -159,7 +159,8 @@ def cost_kernel(
     label: int,
     most: float,
 ) -> float:
-    """What a label costs the `members` (K,) of a group and its borders; no less than `most` where it is more.
+    """The cost of a label to the `members` (K,) of a group and its borders; no less than `most` where it is
+    more.
 
     The `stamp` (N,) of members is `turn`.
     """
@@ -184,7 +185,7 @@ GAUSS_PLACES = (0.2113, 0.7887)
 
 
 class LabelCosts(BaseModel):
-    """What a label costs: parameters of a method that labels cells."""
+    """The costs of labels: parameters of a method that labels cells."""
 
     residual_limit: float = parameter(
         0.45, "Distance from a plane at which a point's residual stops growing.", unit="m", symbol="τ", gt=0.0

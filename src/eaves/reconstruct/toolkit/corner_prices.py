@@ -140,8 +140,9 @@ def changes_kernel(
     count: int,
     residual_limit: float,
 ) -> Values:
-    """What each of `count` moves costs the points (N, 3) that it sweeps: pairs of `point` (K,) and triangle
-    `swept` (K,), with the plane that its points get, the one they have, and the move it belongs to (T,)."""
+    """The cost of each of `count` moves to the points (N, 3) that it sweeps: pairs of `point` (K,) and
+    triangle `swept` (K,), with the plane that its points get, the one they have, and the move it belongs to
+    (T,)."""
     total = np.zeros(count)
     for pair in range(len(point)):
         x, y, z = points[point[pair]]

@@ -139,7 +139,7 @@ class Coverage:
         return points_in_polygons(points, start, end, self.cell[halves], self.count)
 
     def cells_merged(self, label: Integers, located: tuple[Integers, Integers]) -> tuple[Integers, Integers]:
-        """What `cells_of` answers once cells of like label (C,) are `merged`, from its answer before."""
+        """The answer of `cells_of` once cells of like label (C,) are `merged`, from its answer before."""
         point, cell = located
         region = self.regions(label)[0][cell]
         inside = region != OUTSIDE

@@ -38,7 +38,7 @@ LONGEST_RING = 200
 
 
 def find_defect(solid: Solid) -> str:
-    """What is wrong with a solid extruded from a plan, in a few words; empty when it is sound.
+    """The defects of a solid extruded from a plan, in a few words; empty when it is sound.
 
     Walls stand on one plan edge each and are planar by construction. What is checked is what rounding and
     merging of heights could break: edges used once each way, roof planes, rings that stay simple, faces
@@ -190,7 +190,7 @@ def on_own_plane(solid: Solid, rings: tuple[tuple[int, ...], ...]) -> NDArray[np
 
 
 def plan_defect(solid: Solid) -> str:
-    """What is wrong with the plan of the roof faces: rings that cross, faces that overlap."""
+    """The defects of the plan of the roof faces: rings that cross, faces that overlap."""
     polygons = plan_polygons(solid)
     if not shapely.is_valid(polygons).all():
         return "a face whose rings cross"

@@ -92,7 +92,7 @@ def worth_kernel(
     labels: NDArray[np.int32],
     worth: NDArray[np.float64],
 ) -> None:
-    """What every plane (K,) saves: the cost of its points without it, less the cost with it.
+    """The saving by every plane (K,): the cost of its points without it, less the cost with it.
 
     Without it a point goes to the cheapest of the planes that touch it, or becomes an outlier; with it, it
     pays for neighbours of other labels. So a plane that passes through a crown by chance saves little.

@@ -1,1 +1,1 @@
-"""What several roof segmentations share."""
+"""Steps that several roof segmentations share."""
