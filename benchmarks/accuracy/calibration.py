@@ -171,10 +171,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name, files in surveys(Path(os.environ["EAVES_DATA"]), Path(folder)):
             done, before, after = judge_survey(files(), Path(folder) / name)
-            told = "too few" if done.detector is None else done.detector.told
+            told = "too few" if done.detector is None else done.detector.words
             verdict = f"{done.buildings} and {done.others}"
-            end = "shipped weights stay" if after is None else after.told
-            print(f"| {name} | {verdict} | {told} | {before.told} | {end} |", flush=True)
+            end = "shipped weights stay" if after is None else after.words
+            print(f"| {name} | {verdict} | {told} | {before.words} | {end} |", flush=True)
 
 
 if __name__ == "__main__":

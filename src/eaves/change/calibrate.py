@@ -89,7 +89,7 @@ class Check:
         return gain > self.error and self.right[0] >= self.right[1]
 
     @property
-    def told(self) -> str:
+    def words(self) -> str:
         """In words."""
         return (
             f"left out one by one, {self.right[0]} of {self.count} are right (shipped: {self.right[1]}), "
@@ -118,7 +118,7 @@ class Calibrated:
         for name, check in (("detector", self.detector), ("score", self.score)):
             if check is not None:
                 lines.append(
-                    f"{name}: {check.told}" + ("" if check.better else "; no better, the shipped one stays")
+                    f"{name}: {check.words}" + ("" if check.better else "; no better, the shipped one stays")
                 )
         if self.weights is None:
             lines.append("nothing is written")
@@ -222,10 +222,10 @@ def gather(
     judged: list[tuple[Values, float]] = []
     held: list[Places] = []
     everything = shapely.STRtree(list(outlines))
-    for done, (block, mine) in enumerate(sorted(by_block.items()), 1):
+    for done, (block, own) in enumerate(sorted(by_block.items()), 1):
         if store.has(BLOCKS, block):
             seen = See(store, recipe, method, block)
-            for k in mine:
+            for k in own:
                 terms = seen.mean_terms(outlines[k])
                 if terms is not None:
                     judged.append((terms, float(truths[k])))

@@ -36,7 +36,7 @@ class BuildingChange:
 
     @property
     def certainty(self) -> str | None:
-        """How certain the change is, `high`, `medium` or `low`; None where none is told.
+        """How certain the change is, `high`, `medium` or `low`; None where there is none.
 
         A change rests on the points that show it, on how much of the roof the other epoch shows, and, where
         one run alone has the building, on that run's score. What is unchanged rests on the last two.

@@ -126,7 +126,7 @@ class Comparer:
             verdict = judge_building(
                 before, after, self.rules, seen, link, outlined, self.is_attached(site), score
             )
-            changes.append(self.told(site, verdict, (len(before), len(after))))
+            changes.append(self.words(site, verdict, (len(before), len(after))))
         for faced, spacing, epoch in zip(whole, self.measured.spacings, (0, 1), strict=True):
             changes += found_beside(faced, spacing, epoch, self.rules, link)
         return changes
@@ -168,17 +168,17 @@ class Comparer:
             inside = np.flatnonzero(core.contains(places))
             owner, building = self.owners(places[inside], epoch, block, site_of[epoch], local)
             mine_of = np.flatnonzero((owner >= 0) | roof.flat[inside])
-            mine = inside[mine_of]
+            own = inside[mine_of]
             usable = ~np.isin(other.classes, NOISE_CLASSES)
             facing = face_points(
-                places[mine],
-                roof.planes.slope[mine],
+                places[own],
+                roof.planes.slope[own],
                 clouds[1 - epoch][1][usable],
                 other.classes[usable],
                 self.measured.radius,
                 self.measured.tolerance,
             )
-            world = places[mine] + np.array([*block.origin, 0.0])
+            world = places[own] + np.array([*block.origin, 0.0])
             faced.append(
                 Faced(
                     world,
@@ -186,9 +186,9 @@ class Comparer:
                     building[mine_of],
                     facing.state,
                     facing.distance,
-                    roof.flat[mine],
-                    roof.known[mine],
-                    roof.height[mine],
+                    roof.flat[own],
+                    roof.known[own],
+                    roof.height[own],
                 )
             )
         return faced[0], faced[1]
@@ -231,21 +231,21 @@ class Comparer:
         box = shapely.box(west, south, east, north)
         for number in np.sort(self.trees[epoch].query(box, predicate="intersects")).tolist():
             building = buildings[number]
-            mine = shapely.transform(building.polygon, lambda xy: xy - np.array(block.origin)).buffer(
+            own = shapely.transform(building.polygon, lambda xy: xy - np.array(block.origin)).buffer(
                 self.measured.spacings[epoch] / 2
             )
-            w, s, e, n = mine.bounds
+            w, s, e, n = own.bounds
             near = np.flatnonzero(
                 (xyz[:, 0] >= w) & (xyz[:, 0] <= e) & (xyz[:, 1] >= s) & (xyz[:, 1] <= n) & (owner < 0)
             )
-            near = near[shapely.contains_xy(mine, xyz[near, 0], xyz[near, 1])]
+            near = near[shapely.contains_xy(own, xyz[near, 0], xyz[near, 1])]
             of[near] = number
             sites = site_of[building.id]
             if len(sites) == 1:
                 owner[near] = sites[0]
                 continue
             places = shapely.points(xyz[near, :2])
-            away = np.stack([shapely.distance(places, local.get(k, mine)) for k in sites])
+            away = np.stack([shapely.distance(places, local.get(k, own)) for k in sites])
             owner[near] = np.array(sites)[np.argmin(away, axis=0)]
         loose = np.flatnonzero(owner < 0)
         if len(loose) and local:
@@ -256,7 +256,7 @@ class Comparer:
             owner[loose[which]] = numbers[nearest]
         return owner, of
 
-    def told(self, site: Site, verdict: Verdict, points: tuple[int, int]) -> BuildingChange:
+    def words(self, site: Site, verdict: Verdict, points: tuple[int, int]) -> BuildingChange:
         """A judged site, before ids are carried over."""
         volumes = [
             None

@@ -21,7 +21,7 @@ from eaves.model.results import BuildingResult
 from eaves.run.keys import EDITED
 
 OVERLAP_M2 = 1.0
-"""An edited outline that covers more of a neighbour than this (m²) is told."""
+"""An edited outline that covers more of a neighbour than this (m²) is reported."""
 
 
 @dataclass
@@ -124,7 +124,7 @@ def overlaps(orders: Sequence[Order], shown: Mapping[str, Polygon]) -> list[str]
     edited = {order.id: shapely.union_all(order.outlines) for order in orders if order.outlines}
     names = list(shown)
     tree = shapely.STRtree([shown[name] for name in names])
-    told = []
+    words = []
     for name, outline in edited.items():
         for k in tree.query(outline, predicate="intersects"):
             other = names[k]
@@ -133,5 +133,5 @@ def overlaps(orders: Sequence[Order], shown: Mapping[str, Polygon]) -> list[str]
                 continue
             area = shapely.intersection(outline, shown[other]).area
             if area > OVERLAP_M2:
-                told.append(f"{name}: its outline covers {area:.1f} m² of {other}")
-    return told
+                words.append(f"{name}: its outline covers {area:.1f} m² of {other}")
+    return words

@@ -85,8 +85,8 @@ def read_edits(
                 f"feature {number} has the verdict '{row['verdict']}'",
                 f"use one of: {', '.join(VERDICTS)}",
             )
-        told = str(row.get("source") or path.name)
-        edits.append(Edit(verdict, usable(polygon, path, number), str(row.get("id") or ""), told))
+        words = str(row.get("source") or path.name)
+        edits.append(Edit(verdict, usable(polygon, path, number), str(row.get("id") or ""), words))
     return edits
 
 
@@ -206,7 +206,7 @@ def settle(edits: Sequence[Edit], outlines: dict[str, Polygon]) -> tuple[list[Or
     conflicts: list[str] = []
     names = list(outlines)
     tree = shapely.STRtree([outlines[name] for name in names])
-    mine: dict[str, list[Edit]] = {}
+    own: dict[str, list[Edit]] = {}
     fresh: dict[str, list[Edit]] = {}
     for edit in edits:
         name = edit.id if edit.id in outlines else located(edit, names, outlines, tree)
@@ -215,7 +215,7 @@ def settle(edits: Sequence[Edit], outlines: dict[str, Polygon]) -> tuple[list[Or
                 conflicts.append(
                     f"{edit.verdict} of '{edit.id}', which is no more: taken for {name}, at its place"
                 )
-            mine.setdefault(name, []).append(edit)
+            own.setdefault(name, []).append(edit)
         elif edit.verdict == IS_BUILDING or (edit.id and edit.id in fresh):
             place = edit.polygon.representative_point()
             fresh.setdefault(edit.id or f"e{place.x:.0f}_{place.y:.0f}", []).append(edit)
@@ -223,7 +223,7 @@ def settle(edits: Sequence[Edit], outlines: dict[str, Polygon]) -> tuple[list[Or
             conflicts.append(
                 f"{edit.verdict} of '{edit.id}': there is no such building at its place; left out"
             )
-    orders = [settled(name, some, outlines[name], conflicts) for name, some in mine.items()]
+    orders = [settled(name, some, outlines[name], conflicts) for name, some in own.items()]
     orders += [
         replace(settled(name, some, some[0].polygon, conflicts), known=False) for name, some in fresh.items()
     ]

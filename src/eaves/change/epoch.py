@@ -60,14 +60,14 @@ class Epoch:
     @cached_property
     def _move(self) -> tuple[Callable[..., Any], Callable[..., Any]] | None:
         """From the files' plane coordinates (metres) to the comparison's, and back; None where they agree."""
-        mine, wanted = horizontal_crs(self.store.system), horizontal_crs(self.system)
-        if mine is None or wanted is None or mine.equals(wanted, ignore_axis_order=True):
+        inner, wanted = horizontal_crs(self.store.system), horizontal_crs(self.system)
+        if inner is None or wanted is None or inner.equals(wanted, ignore_axis_order=True):
             return None
         from pyproj import Transformer
 
         return (
-            Transformer.from_crs(mine, wanted, always_xy=True).transform,
-            Transformer.from_crs(wanted, mine, always_xy=True).transform,
+            Transformer.from_crs(inner, wanted, always_xy=True).transform,
+            Transformer.from_crs(wanted, inner, always_xy=True).transform,
         )
 
     def blocks(self) -> list[Block]:
@@ -193,12 +193,12 @@ def run_points(folder: Path) -> list[Path]:
     """
     if not folder.is_dir() or not (folder / MANIFEST).exists():
         raise InputError.about(folder, "is no folder of a run", "give what `eaves build` wrote, or a scan")
-    told = read_manifest(folder)
-    if told.get("complete") is not True:
+    words = read_manifest(folder)
+    if words.get("complete") is not True:
         raise InputError.about(folder, "holds a run that did not end", "run it again with --resume")
-    names = sorted(name for name in told["files"] if is_points(name))
-    if not names or "footprints.gpkg" not in told["files"]:
-        tiles = any(name.startswith("tiles/") for name in told["files"])
+    names = sorted(name for name in words["files"] if is_points(name))
+    if not names or "footprints.gpkg" not in words["files"]:
+        tiles = any(name.startswith("tiles/") for name in words["files"])
         remedy = "build parts of it with --bounds and compare these" if tiles else "build it again with both"
         raise InputError.about(folder, "lacks footprints.gpkg or classified points", remedy)
     missing = [name for name in (*names, "footprints.gpkg") if not (folder / name).exists()]

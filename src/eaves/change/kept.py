@@ -131,8 +131,8 @@ def marks_of(plan: dict[str, Any]) -> list[tuple[int, str]]:
 def kept_recipe(plan: dict[str, Any]) -> Recipe:
     """The recipe that a run's plan states."""
     methods: dict[str, Any] = {
-        stage: None if told is None else resolve_method(stage, told, False)
-        for stage, told in ((stage, plan["methods"][stage]) for stage in METHOD_OPTIONS)
+        stage: None if words is None else resolve_method(stage, words, False)
+        for stage, words in ((stage, plan["methods"][stage]) for stage in METHOD_OPTIONS)
     }
     vegetation = plan.get("vegetation")
     return Recipe(

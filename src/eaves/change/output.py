@@ -74,10 +74,10 @@ def describe_comparison(comparison: Comparison) -> dict[str, Any]:
 def as_text(comparison: Comparison) -> str:
     """The closing lines of a comparison."""
     shift, counts = comparison.shift, comparison.counts
-    told = ", ".join(f"{counts[name]} {name}" for name in VERDICTS if name in counts)
+    words = ", ".join(f"{counts[name]} {name}" for name in VERDICTS if name in counts)
     changed = sum(one.verdict.change != UNCHANGED for one in comparison.changes)
     lines = [
-        f"{len(comparison.changes):,} buildings, {changed:,} not as they were: {told or 'none'}",
+        f"{len(comparison.changes):,} buildings, {changed:,} not as they were: {words or 'none'}",
         f"the new epoch lies {shift.east:+.2f} m east, {shift.north:+.2f} m north, {shift.up:+.2f} m up of "
         f"the old one ({shift.pairs:,} pairs, noise {shift.noise:.2f} m) and was moved back; surfaces within "
         f"{comparison.tolerance:.2f} m are the same",

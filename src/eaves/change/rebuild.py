@@ -46,8 +46,8 @@ class Rebuilt:
             f"{len(self.edits)} edits: {len(self.modelled)} buildings modelled again, "
             f"{len(self.removed)} removed"
         ]
-        lines += [f"conflict: {told}" for told in self.conflicts]
-        lines += [f"no model: {told}" for told in self.failed]
+        lines += [f"conflict: {words}" for words in self.conflicts]
+        lines += [f"no model: {words}" for words in self.failed]
         return "\n".join(lines)
 
 

@@ -70,7 +70,7 @@ class Updated:
         ]
         if self.beside:
             lines.append(f"{len(self.beside):,} of those as they were share other walls with a neighbour")
-        return "\n".join([*lines, *(f"conflict: {told}" for told in self.conflicts)])
+        return "\n".join([*lines, *(f"conflict: {words}" for words in self.conflicts)])
 
 
 def update(
@@ -137,7 +137,7 @@ def update(
         )
         summary = write_outputs(region, Kept(store).owners(run.side), copies=known_copies(folder, before))
         beside = walls_changed(folder, out, {*versions.new, *versions.remodelled, *(o.id for o in orders)})
-        told = {
+        words = {
             "date": when,
             "inputs": [Path(path).name for path in new],
             "new": len(versions.new),
@@ -149,7 +149,7 @@ def update(
         if (folder / EDITS).exists():
             write_edits(out / EDITS, edits, store.system)
             files.append(out / EDITS)
-        region.run = replace(run, updates=(*run.updates, told))
+        region.run = replace(run, updates=(*run.updates, words))
         end_region(region, summary.complete)
         end_manifest(out, files, summary.about, summary.complete)
         conflicts += [f"no model: {one}" for one in edited.failed]

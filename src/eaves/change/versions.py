@@ -104,7 +104,7 @@ def name_versions(
     for k, one in enumerate(fresh):
         names[k] = earlier[partners[k]].id if k in partners else unused(one.id, used)
         used.add(names[k])
-    told = Versions()
+    words = Versions()
     blocks = block_names(fresh, earlier, partners, names)
     results: dict[Block, list[BuildingResult]] = {}
     for k, one in enumerate(fresh):
@@ -112,14 +112,14 @@ def name_versions(
         result, is_same = versioned(one.result, names[k], blocks, old, date)
         results.setdefault(one.owner, []).append(result)
         if old is None:
-            told.new.append(names[k])
+            words.new.append(names[k])
         elif not is_same:
-            told.remodelled.append(names[k])
+            words.remodelled.append(names[k])
     matched = set(partners.values())
-    told.gone.extend(one.id for k, one in enumerate(earlier) if k not in matched)
+    words.gone.extend(one.id for k, one in enumerate(earlier) if k not in matched)
     for owner, some in results.items():
         save_buildings(after, NAMED, owner, some)
-    return told, changed
+    return words, changed
 
 
 def match(earlier: Sequence[Placed], fresh: Sequence[Placed]) -> dict[int, int]:

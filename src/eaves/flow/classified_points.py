@@ -82,10 +82,10 @@ def known_copies(folder: Path, store: Store) -> dict[str, Path]:
     """The classified points in a run's folder by the keys of what they follow from, those that are as the run
     wrote them."""
     keys, path = known_files(folder), store.folder / KEYS
-    told = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    words = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     return {
         key: folder / name
-        for name, key in told.items()
+        for name, key in words.items()
         if name in keys and (folder / name).exists() and entry_of(folder / name) == keys[name]
     }
 
@@ -150,8 +150,8 @@ def write_points(
     shutil.rmtree(labels)
     if run.options["keep"]:
         with atomic(store.folder / KEYS) as temporary:
-            told = {path.name: key for path, key in written.items()}
-            temporary.write_text(json.dumps(told), encoding="utf-8")
+            words = {path.name: key for path, key in written.items()}
+            temporary.write_text(json.dumps(words), encoding="utf-8")
     return list(written)
 
 

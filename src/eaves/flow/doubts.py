@@ -78,9 +78,9 @@ def doubt_of(row: Row, unit: float) -> Doubt:
     """The doubt of a row whose geometry has units of so many metres."""
     assert row.geometry is not None
     west, south, east, north = (unit * side for side in row.geometry.bounds)
-    told = row.attributes
+    words = row.attributes
     x, y = round(0.5 * (west + east), 2), round(0.5 * (south + north), 2)
-    return Doubt(x, y, told["area_m2"], told["reason"], told["stage"])
+    return Doubt(x, y, words["area_m2"], words["reason"], words["stage"])
 
 
 def describe_doubts(rows: Sequence[Row], unit: float, where: str) -> dict[str, Any]:

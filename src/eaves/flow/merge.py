@@ -80,12 +80,12 @@ def merge_footprints(
     as_it_is = replace(system, horizontal_unit_m=1.0, vertical_unit_m=1.0)  # the tiles' files are converted
     footprints, roof_planes = TileRows(places, "footprints", more), TileRows(places, "roof_planes")
     doubts = doubt_rows([doubt_of(row, unit) for row in TileRows(having(places, "doubts"), "doubts")], side)
-    told = describe_doubts(doubts, unit, LAYER)
+    words = describe_doubts(doubts, unit, LAYER)
     doubts = [Row(shapely.transform(row.geometry, lambda xy: xy / unit), row.attributes) for row in doubts]
     review = review_of_tiles(places)
     write_geopackage(path, footprints, roof_planes, as_it_is, review, doubts, provenance)
     write_review(path.with_name(REVIEW), review, as_it_is)
-    return told
+    return words
 
 
 def review_of_tiles(places: Sequence[Path]) -> list[Row]:

@@ -54,8 +54,8 @@ def shared_by(
     load: Callable[[int], Callable[[int], Walls | None]],
 ) -> dict[str, float] | None:
     """The walls (m², `wall_figures`) of the building at `place`, an owner and a number in it."""
-    mine = load(place[0])(place[1])
-    if mine is None:
+    own = load(place[0])(place[1])
+    if own is None:
         return None
     others = [load(owner)(number) for owner, number in near if [owner, number] != [*place]]
-    return wall_figures(mine, [walls for walls in others if walls is not None])
+    return wall_figures(own, [walls for walls in others if walls is not None])

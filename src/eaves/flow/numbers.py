@@ -18,7 +18,7 @@ NUMBERS = "numbers.json"
 @dataclass(frozen=True)
 class Numbers:
     """Id → the number of a building, the number before its first plane, and how many planes that leaves it;
-    and the next free ones. Of buildings that are no more, too: no other takes theirs."""
+    and the next free ones. Of buildings that are no more, too: no other takes one of these."""
 
     of: dict[str, tuple[int, int, int]]
     next: tuple[int, int]
@@ -29,8 +29,8 @@ def read_numbers(store: Store) -> Numbers | None:
     path = store.folder / NUMBERS
     if not path.exists():
         return None
-    told = json.loads(path.read_text(encoding="utf-8"))
-    return Numbers({name: tuple(some) for name, some in told["of"].items()}, tuple(told["next"]))
+    words = json.loads(path.read_text(encoding="utf-8"))
+    return Numbers({name: tuple(some) for name, some in words["of"].items()}, tuple(words["next"]))
 
 
 def count_planes(store: Store, owners: Sequence[Block]) -> dict[str, int]:

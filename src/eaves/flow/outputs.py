@@ -193,8 +193,8 @@ def write_outputs(
     region.budget.step("write")
     summary = summarise(region, metadata, owners, files)
     where = LAYER if "footprints" in steps else "run.json" if run.classified is None else ""
-    told = describe_doubts(doubts, store.system.horizontal_unit_m, where)
-    summary = replace(summary, run={**summary.run, "doubts": told})
+    words = describe_doubts(doubts, store.system.horizontal_unit_m, where)
+    summary = replace(summary, run={**summary.run, "doubts": words})
     if run.classified is None:
         write_run(summary)
         summary = replace(summary, files=(*summary.files, run.folder / "run.json"))

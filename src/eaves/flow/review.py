@@ -24,14 +24,14 @@ def review_rows(buildings: Iterable[BuildingRow]) -> list[Row]:
     for building in buildings:
         trust, badness, reason = judge(building.values)
         if trust != "high":
-            told = {
+            words = {
                 "id": building.values["id"],
                 "trust": trust,
                 "badness": round(badness, 3),
                 "reason": reason,
                 "link": f"report.html#building={quote(building.values['id'])}",
             }
-            found.append(Row(building.polygon, told))
+            found.append(Row(building.polygon, words))
     found.sort(key=lambda row: (-row.attributes["badness"], row.attributes["id"]))
     return [Row(row.geometry, {"rank": rank, **row.attributes}) for rank, row in enumerate(found, 1)]
 

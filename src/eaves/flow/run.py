@@ -245,8 +245,8 @@ def check_whole(index: Index, options: RunOptions) -> None:
 
 def request_of(run: Run) -> dict[str, Any]:
     """The request by which a run is opened again, as JSON, with paths that hold from any folder."""
-    told = {"inputs": list(run.inputs), "options": kept_options(run.options), "plan": run.plan}
-    return {**told, "generations": list(run.generations), "updates": list(run.updates)}
+    words = {"inputs": list(run.inputs), "options": kept_options(run.options), "plan": run.plan}
+    return {**words, "generations": list(run.generations), "updates": list(run.updates)}
 
 
 def warn_of_heights(system: CoordinateSystem, formats: Sequence[str]) -> None:
@@ -255,14 +255,14 @@ def warn_of_heights(system: CoordinateSystem, formats: Sequence[str]) -> None:
     datum = vertical_datum(system)
     if system.wkt is None:
         return
-    told = datum["status"] if datum["name"] is None else f"{datum['name']}, {datum['status']}"
-    log.info("heights: vertical datum %s", told)
+    words = datum["status"] if datum["name"] is None else f"{datum['name']}, {datum['status']}"
+    log.info("heights: vertical datum %s", words)
     if "3dtiles" in formats and datum["status"] != "known":
         log.warning(
             "3dtiles: the vertical datum of the files is %s, so their heights are taken as above the "
             "ellipsoid; install PROJ's geoid grid (pyproj sync), pass a compound --crs, or raise the tileset "
             "in the viewer",
-            told,
+            words,
         )
 
 

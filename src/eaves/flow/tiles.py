@@ -161,7 +161,7 @@ class TileTasks(Sequence[TileTask]):
         numbers = np.flatnonzero(self.run.index.meeting(seen_with(loaded, self.run).buffered(BOX_TOLERANCE)))
         index = self.run.index.subset(numbers)
         names = tuple(name for name in WANTED if name in ("footprints", *self.run.outputs))
-        mine = replace(
+        own = replace(
             self.run.with_options(outputs=names),
             folder=self.run.folder / TILES_FOLDER / tile.name,
             index=index,
@@ -171,7 +171,7 @@ class TileTasks(Sequence[TileTask]):
             lost=(),
             failed=(),
         )
-        task = TileTask(tile, mine, tuple(int(number) for number in numbers), self.run.window)
+        task = TileTask(tile, own, tuple(int(number) for number in numbers), self.run.window)
         return with_ring(task, 1)
 
 
@@ -203,8 +203,8 @@ def known_tile(task: TileTask) -> TileDone | None:
     place, path = task.run.folder, task.run.folder / "run.json"
     if task.run.options["resume"] and is_whole(place):
         run = json.loads(path.read_text(encoding="utf-8"))
-        told = json.loads(json.dumps(task.run.plan))
-        if not run["incomplete"] and all(run.get(key) == value for key, value in told.items()):
+        words = json.loads(json.dumps(task.run.plan))
+        if not run["incomplete"] and all(run.get(key) == value for key, value in words.items()):
             return TileDone(run, {})
     path.unlink(missing_ok=True)
     place.mkdir(parents=True, exist_ok=True)

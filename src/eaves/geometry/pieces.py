@@ -18,7 +18,7 @@ def joined_pieces(pieces: Sequence[Polygon], owner: list[int], count: int) -> li
     loose = [
         number
         for one in range(count)
-        for number in loose_pieces(pieces, [k for k, mine in enumerate(owner) if mine == one])
+        for number in loose_pieces(pieces, [k for k, own in enumerate(owner) if own == one])
     ]
     for number in loose:
         border = borders_of(number, pieces, owner, count)
@@ -27,19 +27,19 @@ def joined_pieces(pieces: Sequence[Polygon], owner: list[int], count: int) -> li
             owner[number] = int(np.argmax(border))
     answers: list[Polygon | None] = []
     for one in range(count):
-        mine = [piece for piece, number in zip(pieces, owner, strict=True) if number == one]
-        parts = polygon_parts(shapely.union_all(mine, grid_size=COORDINATE_STEP)) if mine else []
+        own = [piece for piece, number in zip(pieces, owner, strict=True) if number == one]
+        parts = polygon_parts(shapely.union_all(own, grid_size=COORDINATE_STEP)) if own else []
         answers.append(max(parts, key=lambda part: part.area) if parts else None)
     return answers
 
 
-def loose_pieces(pieces: Sequence[Polygon], mine: Sequence[int]) -> list[int]:
-    """Which of the pieces numbered `mine` are not in the largest part of their union."""
-    parts = polygon_parts(shapely.union_all([pieces[k] for k in mine], grid_size=COORDINATE_STEP))
+def loose_pieces(pieces: Sequence[Polygon], own: Sequence[int]) -> list[int]:
+    """Which of the pieces numbered `own` are not in the largest part of their union."""
+    parts = polygon_parts(shapely.union_all([pieces[k] for k in own], grid_size=COORDINATE_STEP))
     if len(parts) < 2:
         return []
     largest = max(parts, key=lambda part: part.area)
-    return [k for k in mine if not largest.covers(pieces[k].representative_point())]
+    return [k for k in own if not largest.covers(pieces[k].representative_point())]
 
 
 def borders_of(

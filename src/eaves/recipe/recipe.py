@@ -66,11 +66,9 @@ class Recipe:
     ground_classes : tuple of int
         What the files' classes of the ground are, with `use_classes`.
     vegetation : VegetationRules or None
-        How low, medium and high vegetation (3, 4, 5) is told from the rest; None leaves it unclassified.
-    others : bool
-        Tell water (9), wires (14), their towers (15) and decks of bridges (17) from the rest.
-    overhangs : OverhangRules
-        What shows a wall under a roof, at LoD 2.3.
+        How low, medium and high vegetation (3, 4, 5) is distinguished from the rest; None leaves it
+        unclassified. others : bool Tell water (9), wires (14), their towers (15) and decks of bridges (17)
+        from the rest. overhangs : OverhangRules What shows a wall under a roof, at LoD 2.3.
 
     Examples
     --------
@@ -104,12 +102,13 @@ class Recipe:
 
     @property
     def marks_vegetation(self) -> bool:
-        """Whether vegetation is told from the rest: where buildings are looked for, and classes not given."""
+        """Whether vegetation is distinguished from the rest: where buildings are looked for, and classes not
+        given."""
         return self.vegetation is not None and self.detect is not None and not self.use_classes
 
     @property
     def marks_others(self) -> bool:
-        """Whether water, wires and decks of bridges are told from the rest."""
+        """Whether water, wires and decks of bridges are distinguished from the rest."""
         return self.others and self.marks_vegetation
 
     @property
@@ -230,13 +229,13 @@ def _check_given(
     for name, numbers in (("building-classes", building_classes), ("ground-classes", ground_classes)):
         if not numbers:
             continue
-        told = f"--{name} {','.join(map(str, numbers))}"
+        words = f"--{name} {','.join(map(str, numbers))}"
         if not use_classes:
-            raise ValueError(f"{told}: the files' classes are not used; add --use-classes")
+            raise ValueError(f"{words}: the files' classes are not used; add --use-classes")
         if not all(0 <= number <= LARGEST_CLASS for number in numbers):
-            raise ValueError(f"{told}: classes are numbers from 0 to {LARGEST_CLASS}")
+            raise ValueError(f"{words}: classes are numbers from 0 to {LARGEST_CLASS}")
         if set(numbers) & set(NOISE_CLASSES):
-            raise ValueError(f"{told}: 7 and 18 are noise; leave them out")
+            raise ValueError(f"{words}: 7 and 18 are noise; leave them out")
     if building_classes and is_named(detect):
         raise ValueError("--building-classes: they are of the detector given_classes; leave --detect out")
     both = set(building_classes or (BUILDING,)) & set(ground_classes or (GROUND,))
@@ -250,10 +249,10 @@ def _with(classes: Sequence[int] | None, some: tuple[int, ...]) -> bool:
         return True
     sets = [{GROUND, BUILDING}, {GROUND, *VEGETATION, BUILDING}, {GROUND, *VEGETATION, BUILDING, *OTHERS}]
     if set(classes) not in sets:
-        told = ",".join(map(str, classes))
+        words = ",".join(map(str, classes))
         allowed = ", ".join(",".join(map(str, sorted(one))) for one in sets[:-1])
         last = ",".join(map(str, sorted(sets[-1])))
-        raise ValueError(f"--classes {told}: write {allowed} or {last}; noise (7, 18) is always marked")
+        raise ValueError(f"--classes {words}: write {allowed} or {last}; noise (7, 18) is always marked")
     return set(some) <= set(classes)
 
 

@@ -169,8 +169,8 @@ def measure_overhangs(
     edge_of = nearest_edge(start, end, passing)
     left = [edge for edge in range(len(start)) if edge not in found]
     seen_deep = {edge: beneath & (edge_of == edge) & (depth[edge] > rules.open_depth) for edge in left}
-    deep = {edge: int((mine & covered).sum()) for edge, mine in seen_deep.items()}
-    whole, whole_deep = sum(int(mine.sum()) for mine in seen_deep.values()), sum(deep.values())
+    deep = {edge: int((own & covered).sum()) for edge, own in seen_deep.items()}
+    whole, whole_deep = sum(int(own.sum()) for own in seen_deep.values()), sum(deep.values())
     # a roof none of whose walls is seen stands free when its edges together show the ground below, and more
     # of it than of what may be a wall; a single point may be an error
     hanging = int(
@@ -226,9 +226,9 @@ def find_walls(
             found[edge] = Overhang(*ends_of(start, end, edge), WALL, max(width, 0.0), certainty, count)
         else:  # the outline, not the roof, reaches beyond the wall
             found[edge] = Overhang(*ends_of(start, end, edge), UNKNOWN, None, 0.0, count)
-        mine = near[edge] & (np.abs(inside[edge] - width) <= 0.5 * rules.window)
-        near[:, mine] = False
-        around[:, mine] = False
+        own = near[edge] & (np.abs(inside[edge] - width) <= 0.5 * rules.window)
+        near[:, own] = False
+        around[:, own] = False
     return found
 
 
@@ -268,8 +268,8 @@ class Cover:
         wanted = float(self.around / (np.pi * self.reach**2) * width * length[0])
         if wanted < FEWEST_IN_STRIP:
             return 1.0
-        mine = (along[0] > 0.0) & (along[0] < length[0]) & (inside[0] > 0.0) & (inside[0] < width)
-        return float(mine.sum()) / wanted
+        own = (along[0] > 0.0) & (along[0] < length[0]) & (inside[0] > 0.0) & (inside[0] < width)
+        return float(own.sum()) / wanted
 
     def share_around(self, places: Points) -> Values:
         """Points around places (N, 3) over those around one of the roof."""
@@ -346,11 +346,11 @@ def find_strip(
     first = int(np.argmax(last - np.arange(count)))
     inner = places[first : last[first]]
     middle = float(np.median(inner))
-    mine = near & (np.abs(inside - middle) <= 0.5 * rules.window)
+    own = near & (np.abs(inside - middle) <= 0.5 * rules.window)
     beside = around & (np.abs(inside - middle) <= 1.5 * rules.window)
     places_tried = (rules.widest + rules.outside) / rules.window
-    chance = min(1.0, places_tried * float(bdtrc(mine.sum() - 1, beside.sum(), 1.0 / 3.0)))
-    extent = float(np.ptp(along[mine])) if mine.any() else 0.0
+    chance = min(1.0, places_tried * float(bdtrc(own.sum() - 1, beside.sum(), 1.0 / 3.0)))
+    extent = float(np.ptp(along[own])) if own.any() else 0.0
     if len(inner) < rules.points or extent < rules.spread * length:
         return 0.0, middle, len(inner)
     return 1.0 - chance, middle, len(inner)
@@ -410,12 +410,12 @@ def add_overhangs(
         outline = roof.outline
         if not isinstance(outline, Polygon):
             return without_overhangs(model, edges, "not_closed", "its roof is no single area in plan")
-        mine = measure_overhangs((solid,), outline, points, over_ground, rules)
-        parts, mine = build_part(roof, outline, mine, rules)
+        own = measure_overhangs((solid,), outline, points, over_ground, rules)
+        parts, own = build_part(roof, outline, own, rules)
         if not parts:
             return without_overhangs(model, edges, "not_closed", "LoD 2.3 cannot be drawn")
-        built += [number_walls(part, mine, len(edges), roof.base) for part in parts]
-        edges += mine
+        built += [number_walls(part, own, len(edges), roof.base) for part in parts]
+        edges += own
     if all(edge.kind == UNKNOWN for edge in edges):
         return without_overhangs(
             model, edges, "walls_unseen", "no wall is seen under its roof, and no ground"

@@ -117,8 +117,8 @@ def vote(plan: Coverage, roof: Points, labels: Labels, count: int) -> Integers:
     halves = np.flatnonzero((plan.cell >= 0) & (plan.cell[plan.twin] >= 0))
     halves = halves[np.argsort(-plan.length[halves], kind="stable")]
     for _ in range(plan.count):
-        mine, other = answer[plan.cell[halves]], answer[plan.cell[plan.twin[halves]]]
-        open_halves = halves[(mine < 0) & (other >= 0)]
+        own, other = answer[plan.cell[halves]], answer[plan.cell[plan.twin[halves]]]
+        open_halves = halves[(own < 0) & (other >= 0)]
         if len(open_halves) == 0:
             break
         first = open_halves[0]

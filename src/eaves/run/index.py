@@ -142,9 +142,9 @@ class Index:
     def describe(self) -> dict[str, Any]:
         """The inputs as JSON: how many, and their common hash; each with its own where they are few."""
         whole = hashlib.sha256(self.entries.tobytes() + self.paths)
-        told: dict[str, Any] = {"files": len(self), "inputs_sha256": whole.hexdigest()}
+        words: dict[str, Any] = {"files": len(self), "inputs_sha256": whole.hexdigest()}
         if len(self) <= LISTED_INPUTS:
-            told["inputs"] = [
+            words["inputs"] = [
                 {
                     "path": str(self.path(number)),
                     "points": int(self.entries["count"][number]),
@@ -152,7 +152,7 @@ class Index:
                 }
                 for number in range(len(self))
             ]
-        return told
+        return words
 
 
 def index_inputs(

@@ -50,9 +50,9 @@ def end_manifest(
 def add_to_manifest(folder: Path, files: Sequence[Path]) -> None:
     """Write down files made after the run, where it has a manifest."""
     if (folder / MANIFEST).exists():
-        told = read_manifest(folder)
-        told["files"] |= {name: entry_of(folder / name) for name in names_of(folder, files)}
-        write_manifest(folder, told)
+        words = read_manifest(folder)
+        words["files"] |= {name: entry_of(folder / name) for name in names_of(folder, files)}
+        write_manifest(folder, words)
 
 
 def names_of(folder: Path, files: Sequence[Path]) -> list[str]:
@@ -97,17 +97,17 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """
     path = folder / MANIFEST
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        words = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError.about(folder, f"holds no {MANIFEST}", "give the folder of a run") from None
     except (ValueError, RecursionError):
         raise InputError.about(path, "is damaged", "run again") from None
-    files = told.get("files") if isinstance(told, dict) else None
+    files = words.get("files") if isinstance(words, dict) else None
     if not isinstance(files, dict) or not all(map(is_inside_folder, files)):
         raise InputError.about(path, "is damaged: it lists no files of this folder", "run again")
     if not all(isinstance(entry, dict) for entry in files.values()):
         raise InputError.about(path, "is damaged: its entries say nothing of the files", "run again")
-    return dict(told)
+    return dict(words)
 
 
 def files_of_run(folder: Path, name: str) -> list[Path]:
@@ -141,10 +141,10 @@ def known_files(folder: Path) -> dict[str, Entry]:
         return {}
 
 
-def write_manifest(folder: Path, told: Mapping[str, Any]) -> None:
+def write_manifest(folder: Path, words: Mapping[str, Any]) -> None:
     """Write the manifest, whole or not at all."""
     with atomic(folder / MANIFEST) as temporary:
-        text = json.dumps({"eaves": version("eaves"), **told}, indent=1, allow_nan=False)
+        text = json.dumps({"eaves": version("eaves"), **words}, indent=1, allow_nan=False)
         temporary.write_text(text, encoding="utf-8")
 
 
@@ -170,13 +170,13 @@ def check_folder(folder: str | Path) -> list[str]:
     []
     """
     folder = Path(folder)
-    told = read_manifest(folder)
+    words = read_manifest(folder)
     wrong = []
-    if told.get("complete") is not True:
+    if words.get("complete") is not True:
         wrong.append(
             f"{folder / MANIFEST}: the run did not end, or left something out; run again with --resume"
         )
-    for name, entry in told["files"].items():
+    for name, entry in words["files"].items():
         path = folder / name
         if not path.is_file():
             wrong.append(f"{path}: is missing")

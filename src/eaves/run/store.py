@@ -89,10 +89,10 @@ class Store:
         for name in ("points", "parts", *(step.name for step in STEPS)):
             (self.folder / name).mkdir(exist_ok=True)
 
-    def write_request(self, told: Mapping[str, Any]) -> None:
+    def write_request(self, stated: Mapping[str, Any]) -> None:
         """Write what the run was asked for: its results can be gone on from."""
         with atomic(self.folder / REQUEST) as temporary:
-            temporary.write_text(json.dumps(told), encoding="utf-8")
+            temporary.write_text(json.dumps(stated), encoding="utf-8")
 
     def discard(self) -> None:
         """Remove the folder with everything in it."""
@@ -204,10 +204,8 @@ class Store:
     def ground_seconds(self, block: Block) -> float:
         """CPU seconds of the ground stage in the squares whose south-west corner a block holds."""
         squares = squares_of([block.bounds], GROUND_SQUARE)
-        mine = [
-            one for one in squares if Block.at(*one.origin, block.side) == block and self.has(GROUND, one)
-        ]
-        return sum(float(self.array(GROUND, square, SECONDS)) for square in mine)
+        own = [one for one in squares if Block.at(*one.origin, block.side) == block and self.has(GROUND, one)]
+        return sum(float(self.array(GROUND, square, SECONDS)) for square in own)
 
     def path(self, step: Step, unit: Block) -> Path:
         """The file of the result of a step for a block or a square."""

@@ -25,9 +25,8 @@ def cut_plan(plan: Polygon, least_fill: float, smallest: float) -> tuple[list[Po
     """The primitives of a plan, and the cuts (S, 4) between them.
 
     While a piece fills less than `least_fill` of its least rectangle it is cut from a reflex corner along
-    one of the corner's two sides, where both halves together fill theirs best. Pieces under `smallest` (m²)
-    are not cut off. The answer does not depend on where the ring starts.
-    """
+    one of the corner's two sides, where both halves together fill their boxes best. Pieces under `smallest`
+    (m²) are not cut off. The answer does not depend on where the ring starts."""
     open_: list[Polygon] = [plan]
     done: list[Polygon] = []
     cuts: list[tuple[float, float, float, float]] = []

@@ -92,9 +92,9 @@ def find_parts(house: ParametricBuilding, points: Points, limits: PartLimits) ->
     parts = []
     for sign in (1.0, -1.0):
         some = np.flatnonzero(inside & (sign * away > step))
-        for mine in clusters_of(points[some], limits.link * spacing):
-            if len(mine) * spacing**2 >= limits.area and len(mine) >= 5:
-                part = shape_part(house, points, some[mine], sign > 0, limits)
+        for inner in clusters_of(points[some], limits.link * spacing):
+            if len(inner) * spacing**2 >= limits.area and len(inner) >= 5:
+                part = shape_part(house, points, some[inner], sign > 0, limits)
                 if part is not None:
                     parts.append(part)
     return sorted(parts, key=lambda part: (-len(part.members), int(part.members[0])))

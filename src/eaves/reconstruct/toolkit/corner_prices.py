@@ -219,9 +219,9 @@ def moves_kernel(
         count = 0
         for some in (at_v, at_w):
             for one in some:
-                mine = cell[one]
-                if mine != OUTSIDE and mine != closed_left and mine != closed_right:
-                    a, b, c = planes[labels[mine]]
+                own = cell[one]
+                if own != OUTSIDE and own != closed_left and own != closed_right:
+                    a, b, c = planes[labels[own]]
                     heights[count] = a * nodes[w, 0] + b * nodes[w, 1] + c
                     count += 1
         fewer = before - corners_kernel(heights, count)

@@ -184,8 +184,8 @@ class Coverage:
             cells = np.flatnonzero(group == piece)
             numbers = np.full(self.count + 1, OUTSIDE)
             numbers[cells] = np.arange(len(cells))
-            mine = side == piece
-            part = Coverage(self.nodes, self.start[mine], self.end[mine], numbers[self.cell[mine]])
+            own = side == piece
+            part = Coverage(self.nodes, self.start[own], self.end[own], numbers[self.cell[own]])
             answer.append((part.compact(), cells))
         return answer
 

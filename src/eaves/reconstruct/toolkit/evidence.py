@@ -75,9 +75,9 @@ def level_unexplained(
     most = max(MOST_PLANES - count, 0)
     kept = np.argsort(-sizes, kind="stable")[:most]
     for number in np.sort(kept[sizes[kept] >= fewest]).tolist():
-        mine = loose[cluster == number]
-        answer[mine] = count + len(heights)
-        heights.append(float(np.median(points[mine, 2])))
+        own = loose[cluster == number]
+        answer[own] = count + len(heights)
+        heights.append(float(np.median(points[own, 2])))
     return answer, heights
 
 
@@ -145,7 +145,7 @@ def faces_as_planes(
     )
     answer = []
     for face, (row, shape) in enumerate(zip(coefficients.tolist(), shapes, strict=True)):
-        mine = number == face
-        rmse = float(np.sqrt(np.mean(error[mine] ** 2))) if mine.any() else 0.0
-        answer.append(RoofPlane((row[0], row[1], row[2]), top[mine], rmse, shape))
+        own = number == face
+        rmse = float(np.sqrt(np.mean(error[own] ** 2))) if own.any() else 0.0
+        answer.append(RoofPlane((row[0], row[1], row[2]), top[own], rmse, shape))
     return tuple(answer)

@@ -309,18 +309,18 @@ def rings_kernel(
     ring_cell, ring_area = np.empty(len(first) - 1, np.int64), np.empty(len(first) - 1)
     area, outer = np.zeros(count), np.full(count, -1)
     for ring in range(len(first) - 1):
-        mine = cell[halves[first[ring]]]
+        own = cell[halves[first[ring]]]
         total = 0.0
         for place in range(first[ring], first[ring + 1]):
             half = halves[place]
             ax, ay = nodes[start[half], 0] - nodes[0, 0], nodes[start[half], 1] - nodes[0, 1]
             bx, by = nodes[end[half], 0] - nodes[0, 0], nodes[end[half], 1] - nodes[0, 1]
             total += ax * by - bx * ay
-        ring_cell[ring], ring_area[ring] = mine, 0.5 * total
-        if mine >= 0:
-            area[mine] += ring_area[ring]
-            if outer[mine] == -1 and ring_area[ring] > 0.0:
-                outer[mine] = ring
+        ring_cell[ring], ring_area[ring] = own, 0.5 * total
+        if own >= 0:
+            area[own] += ring_area[ring]
+            if outer[own] == -1 and ring_area[ring] > 0.0:
+                outer[own] = ring
     for ring in range(len(first) - 1):
         if ring_cell[ring] >= 0 and first[ring + 1] - first[ring] < 3:
             outer[ring_cell[ring]] = -1

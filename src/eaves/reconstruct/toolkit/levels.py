@@ -40,8 +40,8 @@ def group_levels(plan: Coverage, cell: Integers, heights: Values, jump: float) -
         if not step[nearest] < jump:
             break
         group[group == other[nearest]] = one[nearest]
-        mine = group[cell] == one[nearest]
-        height[one[nearest]] = quantile(heights[mine], PRISM_PERCENTILE / 100.0) if mine.any() else np.nan
+        own = group[cell] == one[nearest]
+        height[one[nearest]] = quantile(heights[own], PRISM_PERCENTILE / 100.0) if own.any() else np.nan
     return np.unique(group, return_inverse=True)[1].ravel().astype(np.int64)
 
 

@@ -163,12 +163,12 @@ def candidate_lines(
     meeting: list[Line] = []
     jumps = np.ones(len(places), bool)
     found, number = np.unique(pairs[:, 0] * len(planes) + pairs[:, 1], return_inverse=True)
-    for pair, mine in zip(found.tolist(), members(number, len(found)), strict=True):
+    for pair, own in zip(found.tolist(), members(number, len(found)), strict=True):
         a, b = divmod(pair, len(planes))
-        line, near = meeting_line(places[mine], planes[a] - planes[b], spacing)
+        line, near = meeting_line(places[own], planes[a] - planes[b], spacing)
         if line is not None:
             meeting.append(line)
-            jumps[mine[near]] = False
+            jumps[own[near]] = False
     used, main = np.unique(pairs), main_directions(polygon)
     across = line_directions(main, planes[used])
     stepping = [line for some in divide(places[jumps]) for line in step_lines(some, across, spacing, limits)]

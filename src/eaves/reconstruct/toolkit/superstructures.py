@@ -229,15 +229,15 @@ def find_superstructures(
     group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(high))
     turn = turn_by(float(main[0]))
     clusters = [
-        mine for mine in members(group, int(group.max()) + 1) if len(mine) >= limits.superstructure_points
+        own for own in members(group, int(group.max()) + 1) if len(own) >= limits.superstructure_points
     ]
     turned = np.column_stack([roof[high, :2] @ turn, roof[high, 2]])
     found = []
     for cluster in join_overlapping(
         clusters, turned, 0.5 * limits.superstructure_gap * spacing, limits.superstructure_level
     ):
-        mine = high[cluster]
-        one = describe_object(solids, roof[mine], over[mine], turn, spacing, limits)
+        own = high[cluster]
+        one = describe_object(solids, roof[own], over[own], turn, spacing, limits)
         if one is None or one.polygon.area < limits.superstructure_least:
             continue
         if one.polygon.intersection(polygon).area > limits.superstructure_inside * one.polygon.area:
@@ -256,10 +256,10 @@ def join_overlapping(
     plan and whose tops are equally high to `level` (m): chance leaves gaps among the points of one object.
     """
     while len(groups) > 1:
-        low = np.array([points[mine, :2].min(axis=0) - margin for mine in groups])
-        high = np.array([points[mine, :2].max(axis=0) + margin for mine in groups])
+        low = np.array([points[own, :2].min(axis=0) - margin for own in groups])
+        high = np.array([points[own, :2].max(axis=0) + margin for own in groups])
         boxes = shapely.box(*low.T, *high.T)
-        top = np.array([top_of(points[mine]) for mine in groups])
+        top = np.array([top_of(points[own]) for own in groups])
         one, other = shapely.STRtree(boxes).query(boxes, predicate="intersects")
         alike = (one < other) & (np.abs(top[one] - top[other]) <= level)
         if not alike.any():

@@ -324,15 +324,14 @@ class Stacks:
 
 def close_slab(
     plan: Coverage,
-    mine: NDArray[np.bool_],
+    subset: NDArray[np.bool_],
     roof: RoofPlan,
     face: Integers,
     stands: NDArray[np.bool_],
     floors: NDArray[np.float64],
 ) -> tuple[Solid, NDArray[np.float64]]:
-    """The solid of the cells (C,) that are `mine`, each between its plane of `floors` and its roof, and the
-    places (K, 2) where it touches itself along an upright edge.
-    """
+    """The solid of the cells (C,) that are in `subset`, each between its plane of `floors` and its roof, and
+    the places (K, 2) where it touches itself along an upright edge."""
     stacks = Stacks()
 
     def height(node: int, plane: NDArray[np.float64]) -> float:
@@ -342,7 +341,7 @@ def close_slab(
     spans: dict[tuple[int, int], tuple[float, float]] = {}
     for half in range(len(plan.start)):
         cell = int(plan.cell[half])
-        if cell == OUTSIDE or not mine[cell]:
+        if cell == OUTSIDE or not subset[cell]:
             continue
         for node in (int(plan.start[half]), int(plan.end[half])):
             if (cell, node) not in spans:
@@ -357,7 +356,7 @@ def close_slab(
 
     def over(cell: int, start: int, end: int) -> tuple[Span, Span] | None:
         """The same over both ends of an edge; None where the cell is not of the solid."""
-        if cell == OUTSIDE or not mine[cell]:
+        if cell == OUTSIDE or not subset[cell]:
             return None
         return span(cell, start), span(cell, end)
 
@@ -376,20 +375,20 @@ def close_slab(
             for column in (range(low[0], high[0]), range(low[1], high[1])):
                 for vertex in column:
                     used[vertex] += 1
-    faces = level_faces(plan, mine, roof, face, stands, span)
+    faces = level_faces(plan, subset, roof, face, stands, span)
     vertices = np.array(stacks.vertices)
     touching = vertices[[vertex for vertex, count in used.items() if count > 2], :2]
     return without_unused(Solid(vertices, (*faces, *walls))), touching.reshape(-1, 2)
 
 
-def uncovered(mine: tuple[Span, Span], theirs: tuple[Span, Span] | None) -> list[tuple[Span, Span]]:
+def uncovered(subset: tuple[Span, Span], others: tuple[Span, Span] | None) -> list[tuple[Span, Span]]:
     """The pieces of wall of a cell over an edge that the neighbour does not cover: numbers of the lower and
     the upper vertices over start and end.
     """
-    (low0, high0), (low1, high1) = mine
-    if theirs is None:
+    (low0, high0), (low1, high1) = subset
+    if others is None:
         return [((low0, low1), (high0, high1))]
-    (floor0, top0), (floor1, top1) = theirs
+    (floor0, top0), (floor1, top1) = others
     above = ((max(top0, low0), max(top1, low1)), (high0, high1))
     below = ((low0, low1), (min(floor0, high0), min(floor1, high1)))
     return [
@@ -401,7 +400,7 @@ def uncovered(mine: tuple[Span, Span], theirs: tuple[Span, Span] | None) -> list
 
 def level_faces(
     plan: Coverage,
-    mine: NDArray[np.bool_],
+    subset: NDArray[np.bool_],
     roof: RoofPlan,
     face: Integers,
     stands: NDArray[np.bool_],
@@ -409,14 +408,14 @@ def level_faces(
 ) -> list[Face]:
     """Ground faces, roof faces in their order, undersides."""
     ground, tops, ceilings = [], [], []
-    on_ground = np.where(mine & stands, 0, OUTSIDE)
+    on_ground = np.where(subset & stands, 0, OUTSIDE)
     for rings, _ in rings_of(plan, on_ground):
         own = [[span(cell, node)[0] for cell, node in ring][::-1] for ring in rings]
         ground.append(Face(tuple(map(tuple, own)), GROUND_SURFACE))
-    for rings, label in rings_of(plan, np.where(mine, face, OUTSIDE)):
+    for rings, label in rings_of(plan, np.where(subset, face, OUTSIDE)):
         own = [[span(cell, node)[1] for cell, node in ring] for ring in rings]
         tops.append((label, Face(tuple(map(tuple, own)), ROOF_SURFACE, roof.numbers[label])))
-    for rings, _ in rings_of(plan, np.where(mine & ~stands, face, OUTSIDE)):
+    for rings, _ in rings_of(plan, np.where(subset & ~stands, face, OUTSIDE)):
         own = [[span(cell, node)[0] for cell, node in ring][::-1] for ring in rings]
         ceilings.append(Face(tuple(map(tuple, own)), OUTER_CEILING_SURFACE))
     tops.sort(key=lambda pair: pair[0])

@@ -110,21 +110,21 @@ def worth_kernel(
         own = labels[i]
         if own == 0:
             continue
-        cheapest, mine = outlier, 0.0
+        cheapest, inner = outlier, 0.0
         for label in beside[own, : sizes[own]]:
             plane = planes[label - 1]
             away = plane[0] * xyz[i, 0] + plane[1] * xyz[i, 1] + plane[2] * xyz[i, 2] - plane[3]
             cost = 0.5 * away * away * weights[label - 1]
             if label == own:
-                mine = cost
+                inner = cost
             elif cost < cheapest:
                 cheapest = cost
         others = 0
         for column in range(1, neighbours.shape[1]):
             if labels[neighbours[i, column]] != own:
                 others += 1
-        mine += smoothness * others / max(neighbours.shape[1] - 1, 1)
-        worth[own - 1] += cheapest - mine
+        inner += smoothness * others / max(neighbours.shape[1] - 1, 1)
+        worth[own - 1] += cheapest - inner
 
 
 def near_regions(labels: Labels, xyz: Points, count: int, gap: float) -> NDArray[np.bool_]:

@@ -69,9 +69,9 @@ def with_points_between(
     away = np.where(of >= 0, np.abs(over) / np.linalg.norm(normal[of], axis=2), np.inf)
     best = np.argmin(away, axis=1)
     rows = np.arange(len(rest))
-    mine = np.where(away[rows, best] <= tolerance, of[rows, best], -1)
+    own = np.where(away[rows, best] <= tolerance, of[rows, best], -1)
     members = [
-        np.sort(np.concatenate([kept[plane.members], rest[mine == number]]))
+        np.sort(np.concatenate([kept[plane.members], rest[own == number]]))
         for number, plane in enumerate(planes)
     ]
     return [replace(plane, members=one) for plane, one in zip(planes, members, strict=True)]
