@@ -291,7 +291,7 @@ ign_buildings: polygons over 100 m² found (touching ones united), outlines that
 Towns: per object, completeness/correctness over 10 m², then over 50 m². Their seeds (31 to 36) are not those
 the weights of `consensus` were fitted on, but they were looked at while it was being made, and so were
 ign_urban and Delft (LOW_CELL and the price of small windows): none of them is a blind test of it. Reference
-errors are shown and counted apart in docs/gallery/detection.md. Commit: what stood when the row was measured.
+errors are counted apart in docs/methods/detection.md. Commit: what stood when the row was measured.
 A method without a row "as published" prints no other numbers.
 
 Weak spots. `consensus`: clipped hedges over 2 m, sheds with the level top of a van. `planar_patches`: roofs
