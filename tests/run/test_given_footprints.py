@@ -12,6 +12,7 @@ import pytest
 import shapely
 
 from eaves.flow import tiles
+from eaves.footprints.read import read_footprints
 from eaves.formats import InputError
 from eaves.formats.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
@@ -92,3 +93,27 @@ def test_ids_that_name_no_single_footprint_are_refused(
     write_polygons(tmp_path / "given.gpkg", rows, CoordinateSystem())
     with pytest.raises(InputError, match=what):
         build(nine_roofs_file, tmp_path / "out", footprints=tmp_path / "given.gpkg", id_field="name")
+
+
+@pytest.mark.parametrize(
+    ("columns", "expected"),
+    [
+        ({"bag_id": ["0503", "0504"]}, ["0503", "0504"]),
+        ({"bag_id": ["0503", "0503"]}, ["1", "2"]),
+        ({"bag_id": ["0503", "0504"], "object id": [7, 8]}, ["1", "2"]),
+        ({"name": ["a", "b"], "width": [3, 4]}, ["1", "2"]),
+    ],
+    ids=["a lone unique id", "not unique", "two of them", "none"],
+)
+def test_a_lone_column_of_ids_is_taken(
+    columns: dict[str, list[Any]], expected: list[str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    boxes = [shapely.box(k, 0, k + 9, 9) for k in (0, 20)]
+    rows = [Row(box, {name: values[k] for name, values in columns.items()}) for k, box in enumerate(boxes)]
+    write_polygons(tmp_path / "map.gpkg", rows, CoordinateSystem())
+    with caplog.at_level("INFO", logger="eaves"):
+        found, _ = read_footprints(
+            tmp_path / "map.gpkg", None, CoordinateSystem(), shapely.box(-9, -9, 99, 99)
+        )
+    assert [one.id for one in found] == expected
+    assert ("--id-field" in caplog.text) == any("id" in name.split("_") + name.split() for name in columns)

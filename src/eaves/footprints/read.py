@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -124,6 +125,8 @@ def read_footprints(
     """
     if known is None:
         shapes, ids, attributes, _ = read_polygons(path, id_field=id_field, target=system, keep_all=True)
+        if id_field is None:
+            ids = found_ids(path, ids, attributes)
     else:
         shapes, ids, attributes = read_map(path, id_field, system, area, known)
     if id_field is not None:
@@ -235,6 +238,20 @@ def addresses_of(path: Path, layer: str | None, ids: set[str], width: int) -> di
         more = f" and {len(lines) - ADDRESSES_TOLD} more" if len(lines) > ADDRESSES_TOLD else ""
         answers[one] = {"address": "; ".join(lines[:ADDRESSES_TOLD]) + more, "addresses": len(lines)}
     return answers
+
+
+def found_ids(path: Path, numbers: list[str], attributes: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The ids in the one column that has "id" in its name and another value in each row, else the numbers; a
+    line says which."""
+    columns = {name: [row.get(name) for row in attributes] for name in (attributes[0] if attributes else ())}
+    named = [name for name in columns if re.search(r"(^|[^a-z])id([^a-z]|$)|ident", name.lower())]
+    unique = [name for name in named if len(set(map(text_of, columns[name])) - {""}) == len(numbers)]
+    if len(unique) == 1:
+        log.info("%s: ids from the field '%s'; --id-field names another", path, unique[0])
+        return list(map(text_of, columns[unique[0]]))
+    if named:
+        log.warning("%s: footprints are numbered; --id-field names one of: %s", path, ", ".join(named))
+    return numbers
 
 
 def refuse_ids(path: Path, id_field: str, ids: Sequence[object]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import date
 from io import BytesIO
 from pathlib import Path
@@ -112,6 +113,7 @@ def write_classified(
     else:
         header, pieces = _text_header(source), _text_pieces(source, chunk_points)
         _add_dimensions(header, arrays)
+    name_system(header, source)
     header.vlrs = VLRList([vlr for vlr in header.vlrs if vlr.user_id != OWNER])
     if provenance:
         origins = json.dumps(provenance.members).encode()
@@ -140,6 +142,15 @@ def write_classified(
                 sink(first, points.array)
         if header.evlrs and header.version.minor >= 4:
             writer.write_evlrs(header.evlrs)
+
+
+def name_system(header: laspy.LasHeader, source: Source) -> None:
+    """Add the system that the run was given to the header of a file that states none. Point formats before 6
+    hold those with a code alone."""
+    crs = pyproj_crs(source.system)
+    if crs is not None and not header.vlrs.get_by_id("LASF_Projection"):
+        with suppress(RuntimeError):
+            header.add_crs(crs)
 
 
 def _las_header(layout: LasHeader, arrays: Mapping[str, Values]) -> tuple[laspy.LasHeader, np.dtype[np.void]]:

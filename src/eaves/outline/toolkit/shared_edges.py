@@ -35,16 +35,23 @@ def share_edges(polygons: Sequence[Polygon], gap: float, facing: float, shortest
             bridges = bridges_to(polygons[grower], polygons[base], gap, facing, shortest)
             if bridges:
                 shapes[grower] = grown(shapes[grower], bridges)
-    for a, b in pairs:
-        loser, keeper = (a, b) if (polygons[a].area, a) < (polygons[b].area, b) else (b, a)
-        if shapes[loser].intersection(shapes[keeper]).area > 0.0:
-            rest = polygon_parts(shapely.difference(shapes[loser], shapes[keeper], grid_size=COORDINATE_STEP))
-            if rest:
-                shapes[loser] = max(rest, key=lambda part: part.area)
+    give_overlaps(shapes, pairs, [polygon.area for polygon in polygons])
     touched = sorted({number for pair in pairs for number in pair})
     for number, polygon in zip(touched, welded_outlines([shapes[number] for number in touched]), strict=True):
         shapes[number] = polygon
     return shapes
+
+
+def give_overlaps(
+    shapes: list[Polygon], pairs: Sequence[tuple[int, int]], area: Sequence[float], least: float = 0.0
+) -> None:
+    """Leave what two shapes have in common, more than `least` (m²), to that of the larger `area`."""
+    for a, b in pairs:
+        loser, keeper = (a, b) if (area[a], a) < (area[b], b) else (b, a)
+        if shapes[loser].intersection(shapes[keeper]).area > least:
+            rest = polygon_parts(shapely.difference(shapes[loser], shapes[keeper], grid_size=COORDINATE_STEP))
+            if rest:
+                shapes[loser] = max(rest, key=lambda part: part.area)
 
 
 def outline_edges(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -98,7 +105,8 @@ def grown(polygon: Polygon, strips: list[Polygon]) -> Polygon:
 
 
 def welded_outlines(polygons: Sequence[Polygon]) -> list[Polygon]:
-    """The polygons with their common vertices in both; one that would become invalid stays as it is."""
+    """The polygons with their common vertices in both; one that would become invalid stays as it is, but for
+    what its neighbours have then."""
     nodes, rings, owner = shared_rings(polygons)
     nodes = np.round(nodes / COORDINATE_STEP) * COORDINATE_STEP
     answers = []
@@ -106,6 +114,9 @@ def welded_outlines(polygons: Sequence[Polygon]) -> list[Polygon]:
         outer, *holes = [nodes[ring] for ring, one in zip(rings, owner, strict=True) if one == number]
         joined = Polygon(outer, holes)
         answers.append(joined if joined.is_valid and joined.area > 0.0 else polygon)
+    one, other = STRtree(answers).query(answers, predicate="intersects")
+    pairs = sorted((int(a), int(b)) for a, b in zip(one, other, strict=True) if a < b)
+    give_overlaps(answers, pairs, [polygon.area for polygon in polygons], COORDINATE_STEP)
     return answers
 
 
