@@ -68,7 +68,7 @@ def test_neither_dike_terrace_roof_nor_gap_is_a_deck() -> None:
 def test_a_house_that_a_slope_carries_on_at_one_end_is_a_doubt_and_no_deck() -> None:
     slope = np.clip(0.3 * (60.0 - ROWS), 0.0, 6.0)
     house = (COLUMNS >= 55) & (COLUMNS < 60) & (ROWS >= 40) & (ROWS < 75)
-    level, _, doubts = find_decks(np.where(house, 6.0, slope).astype(np.float32), CELL, np.zeros(SHAPE, bool))
+    level, doubts = find_decks(np.where(house, 6.0, slope).astype(np.float32), CELL, np.zeros(SHAPE, bool))
     assert not np.isfinite(level).any()
     assert [doubt.reason.split(":")[0] for doubt in doubts] == ["a bridge or a building"]
 

@@ -301,7 +301,7 @@ def describe_plan(
         "methods": methods,
         "use_classes": recipe.use_classes,
         "ground_classes": list(recipe.ground_classes) if recipe.use_classes else None,
-        "vegetation": None if vegetation is None else asdict(vegetation),
+        "vegetation": None if vegetation is None else vegetation.model_dump(),
         "others": recipe.others,
         "lod": recipe.lod,
         "overhangs": asdict(recipe.overhangs) if recipe.lod == OVERHANGS else None,

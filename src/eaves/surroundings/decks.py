@@ -12,60 +12,62 @@ from scipy import ndimage
 from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.wide_objects import Patch
 from eaves.kernels import kernel
+from eaves.methods import Method, parameter
 from eaves.model import Bounds, Grid, Labels, Mask, PointCloud, Values
 from eaves.model.cloud import BRIDGE_DECK, GRID_STEP, WATER
 from eaves.model.doubt import Doubt
-from eaves.raster.groups import group_cells, neighbour_pairs, steps_within
+from eaves.raster.groups import ONWARD, group_cells, neighbour_pairs, steps_within
 from eaves.raster.squares import closed_by_square, grown_by_square, opened_by_square
 
-LINES = ((0, 1), (1, 1), (1, 0), (1, -1))
-"""Four lines through a cell: one of them crosses any strip at an angle of 67° or more."""
-OPEN, FALL, WET = 0, 1, 2
-"""What ends a level run: neither of the others; known ground well below; a wide hole in the data."""
 STAGE = "classes"
 Classes = NDArray[np.uint8]
 
 
-@dataclass(frozen=True)
-class DeckRules:
-    """What counts as the deck of a bridge; lengths in m. Chosen on `delft` and `autzen`, by eye."""
+class DeckRules(Method):
+    """What counts as the deck of a bridge, and as water. Chosen on `delft` and `autzen`, by eye."""
 
-    around: float = 120.0
-    """So far from a place its deck is followed."""
-    widest: float = 30.0
-    """Six lanes and two footways; what is wider is terrain or a roof."""
-    step: float = 0.5
-    """A surface goes on from cell to cell up to this rise: a kerb, or a slope of one in three."""
-    gap: int = 2
-    """Cells so near continue each other: a railing or an echo gone astray spoils one between."""
-    fall: float = 2.0
-    """Known ground beside a deck lies deeper by so much, within two cells: a person walks beneath. A bank of
-    earth, one in two at the most, falls less in two cells of 1.5 m."""
-    water_fall: float = 0.7
-    """Where nothing returns beside a deck, the lowest rim near by lies deeper by so much."""
-    faint: float = 0.4
-    """Next to a deck, within `gap` cells, so much of either fall is enough: its ends lie low."""
-    water_width: float = 4.5
-    """A hole in the data is water when a square so wide fits in: the shadow of a wall is narrower."""
-    water_near: float = 12.0
-    """The rim of a hole is looked for within so much."""
-    least_area: float = 10.0
-    """A smaller strip (m²) is no bridge, but a boat or a stair."""
-    terrain_area: float = 300.0
-    """A deck's ends join a surface of at least so many m²."""
-    over_water: float = 0.8
-    """With water along so much of both sides one joined end is enough: the other may be a stair, or lie
-    beyond the data."""
-    water_share: float = 0.4
-    """Cells among those of a hole that hold less than this share of the usual points are water ..."""
-    water_flat: float = 0.3
-    """... if they lie no higher over the lowest near by: what returns from water is gapped and flat."""
-    on_deck: float = 0.5
-    """A point within so much of the height of a deck's cell is on it: not a person, nor a railing's top."""
-    steepest: float = 0.15
-    """A deck leans less on the whole; rows of seats and ramps to a roof lean more."""
-    slender: float = 2.5
-    """A strip joined at one end alone, so many times longer than wide, may be a bridge or a building."""
+    widest: float = parameter(
+        30.0,
+        "Six lanes and two footways; what is wider is terrain or a roof. A deck is followed four times "
+        "as far.",
+        unit="m",
+        gt=0.0,
+    )
+    step: float = parameter(
+        0.5,
+        "A surface goes on from cell to cell up to this rise, and a point so near to it is of it: a kerb, or "
+        "a slope of one in three.",
+        unit="m",
+        gt=0.0,
+    )
+    fall: float = parameter(
+        2.0,
+        "Known ground beside a deck lies deeper by so much, within two cells: a person walks beneath. A bank "
+        "of earth, one in two at the most, falls less in two cells of 1.5 m.",
+        unit="m",
+        gt=0.0,
+    )
+    water_fall: float = parameter(
+        0.7,
+        "Where nothing returns beside a deck, the lowest rim near by lies deeper by so much.",
+        unit="m",
+        gt=0.0,
+    )
+    water_width: float = parameter(
+        4.5,
+        "A hole in the data is water when a square so wide fits in: the shadow of a wall is narrower.",
+        unit="m",
+        gt=0.0,
+    )
+    water_share: float = parameter(
+        0.4, "Cells in a hole with less than this share of the usual points are water.", ge=0.0
+    )
+    least_area: float = parameter(
+        10.0, "A smaller strip is no bridge, but a boat or a stair.", unit="m²", ge=0.0
+    )
+    terrain_area: float = parameter(
+        300.0, "A deck's ends join a surface of at least so much.", unit="m²", ge=0.0
+    )
 
 
 RULES = DeckRules()
@@ -75,15 +77,14 @@ RULES = DeckRules()
 class Decks:
     """Decks in cells (H, W) of a side `cell` (m), numbered as in `Floor`.
 
-    `level` is the height of the deck, NaN where there is none; `base` how low a point may lie that is of it:
-    over water nothing else lies beneath its edge. `water` is how high a point of water may lie, or NaN.
+    `level` is the height of the deck, NaN where there is none; `water` is how high a point of water may lie,
+    or NaN.
     """
 
     west: int
     north: int
     cell: float
     level: Grid
-    base: Grid
     water: Grid
     doubts: tuple[Doubt, ...] = ()
 
@@ -99,8 +100,8 @@ class Decks:
             if bounds.west <= one.x < bounds.east and bounds.south <= one.y < bounds.north
         )
         west, north = max(self.west, first), min(self.north, top)
-        level, base, water = (grid[rows, columns].copy() for grid in (self.level, self.base, self.water))
-        return Decks(west, north, self.cell, level, base, water, inside)
+        level, water = (grid[rows, columns].copy() for grid in (self.level, self.water))
+        return Decks(west, north, self.cell, level, water, inside)
 
 
 def look_around(
@@ -109,18 +110,18 @@ def look_around(
     """All that decides the decks within `bounds`: heights (`level`) and counts (`water`) of the cells seen
     from there, and in which of them (H, W) something stands over the terrain (`raised`)."""
     floor = floor.in_wide_cells()
-    heights = floor.heights()
-    seen = Decks(floor.west, floor.north, floor.cell, heights, heights, floor.count.astype(np.float32))
-    seen = seen.cropped(bounds.buffered(rules.around))
+    count = floor.count.astype(np.float32)
+    seen = Decks(floor.west, floor.north, floor.cell, floor.heights(), count)
+    seen = seen.cropped(bounds.buffered(4.0 * rules.widest))
     return seen, raised_in(seen, raised)
 
 
 def decks_of(seen: Decks, roofs: Mask, bounds: Bounds, rules: DeckRules = RULES) -> Decks:
     """The decks within `bounds`, of what `look_around` saw from there."""
-    level, base, doubts = find_decks(seen.level, seen.cell, roofs, rules)
+    level, doubts = find_decks(seen.level, seen.cell, roofs, rules)
     placed = tuple(one.translated(seen.west * seen.cell, (seen.north + 1) * seen.cell) for one in doubts)
     wet = water_heights(seen.level, seen.water, seen.cell, rules)
-    return Decks(seen.west, seen.north, seen.cell, level, base, wet, placed).cropped(bounds)
+    return Decks(seen.west, seen.north, seen.cell, level, wet, placed).cropped(bounds)
 
 
 def raised_in(seen: Decks, raised: Patch | None) -> Mask:
@@ -159,7 +160,7 @@ def wet_or_bridged(cloud: PointCloud, decks: Sequence[Decks], rules: DeckRules =
         z = cloud.xyz[there, 2]
         with np.errstate(invalid="ignore"):
             found[there[z <= one.water[place]]] = WATER
-            on = (z <= one.level[place] + rules.on_deck) & (z >= one.base[place])
+            on = np.abs(z - one.level[place]) <= rules.step
         found[there[on]] = BRIDGE_DECK
     return found
 
@@ -172,63 +173,44 @@ def water_heights(heights: Grid, count: Grid, cell: float, rules: DeckRules) -> 
     side = max(2, round(rules.water_width / cell))
     among = closed_by_square(np.pad(hole, side), side)[side:-side, side:-side]
     few = count <= rules.water_share * np.median(count[known]) if known.any() else known
-    wet = among & known & few & (heights <= lowest + rules.water_flat)
-    return np.where(wet, lowest + rules.water_flat, np.nan).astype(np.float32)
+    wet = among & known & few & (heights <= lowest + rules.step)
+    return np.where(wet, lowest + rules.step, np.nan).astype(np.float32)
 
 
-def find_decks(
-    heights: Grid, cell: float, roofs: Mask, rules: DeckRules = RULES
-) -> tuple[Grid, Grid, list[Doubt]]:
-    """The height (H, W) of the decks among the lowest heights (H, W) of cells of a side (m), NaN elsewhere,
-    and how low their points may lie (H, W).
+def find_decks(heights: Grid, cell: float, roofs: Mask, rules: DeckRules = RULES) -> tuple[Grid, list[Doubt]]:
+    """The height (H, W) of the decks among the lowest heights (H, W) of cells of a side (m), NaN elsewhere.
 
     `roofs` marks cells known to be no terrain. Doubts count metres from the north-west corner of the cells.
     """
     known = np.isfinite(heights)
     water, level = water_of(heights, cell, rules)
     z = np.where(known, heights, np.where(water, level, np.nan)).astype(np.float32)
-    between, sides, line = find_between(z, water, cell, rules)
+    between, line = find_between(z, water, cell, rules)
     land = terrain_beside(z, known & ~between & ~roofs, cell, rules)
     joined = extended_deck(z, land, rules)
-    label, _ = even_groups(z, between, rules.step, rules.gap)
-    deck, wet, doubts = np.zeros(known.shape, bool), np.zeros(known.shape, bool), []
-    for number, window in enumerate(ndimage.find_objects(label), 1):
-        rows, columns = (slice(max(0, one.start - 3), one.stop + 3) for one in window)
-        here = (rows, columns)
-        mine = label[here] == number
-        area = float(mine.sum()) * cell * cell
-        if area < rules.least_area or not joined[here][mine].any():
+    label, _ = even_groups(z, between, rules.step, 2)
+    deck, doubts = np.zeros(known.shape, bool), []
+    for number, here in enumerate(ndimage.find_objects(label), 1):
+        strip = label[here] == number
+        area = float(strip.sum()) * cell * cell
+        if area < rules.least_area or not joined[here][strip].any():
             continue
-        ends, length, middle, lean = deck_ends(mine, z[here], joined[here], line[here])
-        if lean > rules.steepest * cell:
-            continue
-        over_water = bool((sides[here][mine] == WET).mean() >= rules.over_water)
-        if ends == 2 or (ends == 1 and over_water):
-            deck[here] |= mine
-            wet[here] |= mine & over_water
-        elif (
-            ends == 1
-            and length * cell * length * cell >= rules.slender * area
-            and area >= 4 * rules.least_area
-        ):
-            x, y = (columns.start + middle[1] + 0.5) * cell, -(rows.start + middle[0] + 0.5) * cell
+        ends, length, middle = deck_ends(strip, joined[here], line[here])
+        if ends == 2:
+            deck[here] |= strip
+        elif (length * cell) ** 2 >= 2.0 * area:
+            row, column = (one.start + at + 0.5 for one, at in zip(here, middle, strict=True))
             reason = "a bridge or a building: it falls off along both sides, and terrain carries on one end"
-            doubts.append(Doubt(round(x, 2), round(y, 2), area, reason, STAGE))
-    faint, *_ = find_between(z, water, cell, rules, rules.faint)
-    edge = beside_falls(
-        z, water, np.float32(rules.step), np.float32(rules.fall), np.float32(rules.water_fall)
-    )
-    edge &= grown_by_square(deck, 3)
-    deck = grown_deck(deck, z, (faint | edge) & ~roofs, rules)
-    level = with_edges(np.where(deck, heights, np.nan), z, land, rules)
-    wet = grown_by_square(wet, 2 * rules.gap + 1) & np.isfinite(level)
-    base = np.where(wet, -np.inf, level - rules.on_deck)
-    return level.astype(np.float32), base.astype(np.float32), doubts
+            doubts.append(Doubt(round(column * cell, 2), round(-row * cell, 2), area, reason, STAGE))
+    falls = (np.float32(one) for one in (rules.step, rules.fall, rules.water_fall))
+    edge = beside_falls(z, water, *falls) & grown_by_square(deck, 3)
+    deck = grown_deck(deck, z, (between | edge) & ~roofs, rules)
+    return with_edges(np.where(deck, heights, np.nan), z, land, rules).astype(np.float32), doubts
 
 
 def grown_deck(deck: Mask, z: Grid, allowed: Mask, rules: DeckRules) -> Mask:
     """Decks (H, W) with the cells next to them that go on from them, of those allowed."""
-    reach = grown_by_square(deck, 2 * rules.gap + 1) & (allowed | deck)
+    reach = grown_by_square(deck, 5) & (allowed | deck)
     label, _ = even_groups(z, reach, rules.step, 1)
     with_deck = np.unique(label[deck])
     return np.asarray(np.isin(label, with_deck[with_deck > 0]))
@@ -252,7 +234,7 @@ def water_of(heights: Grid, cell: float, rules: DeckRules) -> tuple[Mask, Grid]:
     hole = ~known & inside_data(known)
     core = opened_by_square(hole, side)
     wide = ndimage.binary_propagation(core, np.ones((3, 3)), mask=hole)
-    around = 2 * round(rules.water_near / cell) + 1
+    around = round(rules.widest / cell) // 2 * 2 + 1
     lowest = ndimage.minimum_filter(np.where(known, heights, np.inf), around)
     return np.asarray(wide & np.isfinite(lowest)), lowest
 
@@ -260,7 +242,7 @@ def water_of(heights: Grid, cell: float, rules: DeckRules) -> tuple[Mask, Grid]:
 def inside_data(known: Mask) -> Mask:
     """The cells (H, W) that lie between known ones along one of the four lines."""
     inside = np.zeros(known.shape, bool)
-    for down, right in LINES:
+    for down, right in ONWARD:
         inside |= seen_along(known, down, right) & seen_along(known[::-1, ::-1], down, right)[::-1, ::-1]
     return inside
 
@@ -279,20 +261,18 @@ def seen_along(known: Mask, down: int, right: int) -> Mask:
     return seen
 
 
-def find_between(
-    z: Grid, water: Mask, cell: float, rules: DeckRules, share: float = 1.0
-) -> tuple[Mask, NDArray[np.uint8], NDArray[np.uint8]]:
-    """The cells (H, W) between two falls no farther apart than a deck is wide, what is beside them, and which
-    of the lines is the shortest across; a `share` of the falls is enough."""
-    between, sides = np.zeros(z.shape, bool), np.zeros(z.shape, np.uint8)
+def find_between(z: Grid, water: Mask, cell: float, rules: DeckRules) -> tuple[Mask, NDArray[np.uint8]]:
+    """The cells (H, W) between two falls no farther apart than a deck is wide, and which of the four lines is
+    the shortest across."""
     shortest, line = np.full(z.shape, np.inf, np.float32), np.zeros(z.shape, np.uint8)
-    falls = np.float32(share * rules.fall), np.float32(share * rules.water_fall)
-    for number, (down, right) in enumerate(LINES):
+    falls = np.float32(rules.fall), np.float32(rules.water_fall)
+    for number, (down, right) in enumerate(ONWARD):
         slant = float(np.hypot(down, right))
         most = max(1, int(rules.widest / (cell * slant)))
-        step = np.float32(rules.step * slant)
-        between_kernel(z, water, down, right, most, step, *falls, between, sides, shortest, line, number)
-    return between, sides, line
+        between_kernel(
+            z, water, down, right, most, np.float32(rules.step * slant), *falls, shortest, line, number
+        )
+    return np.isfinite(shortest), line
 
 
 def terrain_beside(z: Grid, level: Mask, cell: float, rules: DeckRules) -> Mask:
@@ -304,38 +284,30 @@ def terrain_beside(z: Grid, level: Mask, cell: float, rules: DeckRules) -> Mask:
 
 
 def extended_deck(z: Grid, land: Mask, rules: DeckRules) -> Mask:
-    """The cells (H, W) that land within `gap` cells carries on, a step up or down."""
-    rows, columns, gap = *z.shape, rules.gap
-    wide_z, wide_land = np.pad(z, gap, constant_values=np.nan), np.pad(land, gap)
+    """The cells (H, W) that land within two cells carries on, a step up or down."""
+    rows, columns = z.shape
+    wide_z, wide_land = np.pad(z, 2, constant_values=np.nan), np.pad(land, 2)
     joined = np.zeros(z.shape, bool)
-    for down in range(2 * gap + 1):
-        for right in range(2 * gap + 1):
-            there = np.s_[down : down + rows, right : right + columns]
-            joined |= wide_land[there] & (np.abs(wide_z[there] - z) <= rules.step)
+    for down, right in np.ndindex(5, 5):
+        there = np.s_[down : down + rows, right : right + columns]
+        joined |= wide_land[there] & (np.abs(wide_z[there] - z) <= rules.step)
     return joined
 
 
-def deck_ends(mine: Mask, z: Grid, joined: Mask, line: NDArray[np.uint8]) -> tuple[int, float, Values, float]:
+def deck_ends(strip: Mask, joined: Mask, line: NDArray[np.uint8]) -> tuple[int, float, Values]:
     """How many ends of a strip of cells (H, W) land carries on, of those it does (`joined`); its length
-    (cells), its middle (2,), and how much its plane rises from cell to cell (m).
+    (cells), its middle (2,).
 
     It runs at right angles to the mean of the lines that are the shortest across its cells.
     """
-    rows, columns = np.nonzero(mine)
-    middle = np.array([rows.mean(), columns.mean()])
-    away = np.c_[rows, columns] - middle
-    twice = 2.0 * np.array([np.arctan2(down, right) for down, right in LINES])[line[mine]]
+    cells = np.argwhere(strip)
+    middle = cells.mean(axis=0)
+    twice = 2.0 * np.array([np.arctan2(down, right) for down, right in ONWARD])[line[strip]]
     angle = 0.5 * float(np.arctan2(np.sin(twice).mean(), np.cos(twice).mean()))
-    axis = np.array([np.cos(angle), -np.sin(angle)])
-    along = away @ axis
-    low, high = float(along.min()), float(along.max())
-    third = (high - low) / 3.0
-    meets = joined[mine]
-    ends = int((meets & (along <= low + third)).any()) + int((meets & (along >= high - third)).any())
-    slopes = np.linalg.lstsq(
-        np.c_[rows - middle[0], columns - middle[1]], z[mine] - z[mine].mean(), rcond=None
-    )[0]
-    return ends, high - low + 1.0, middle, float(np.hypot(*slopes))
+    along = (cells - middle) @ np.array([np.cos(angle), -np.sin(angle)])
+    length, meets = float(np.ptp(along)), along[joined[strip]]
+    ends = int((meets - along.min() <= length / 3).any()) + int((along.max() - meets <= length / 3).any())
+    return ends, length + 1.0, middle
 
 
 def even_groups(z: Grid, mask: Mask, step: float, reach: int) -> tuple[Labels, int]:
@@ -359,8 +331,6 @@ def between_kernel(
     step: float,
     fall: float,
     water_fall: float,
-    between: Mask,
-    sides: NDArray[np.uint8],
     shortest: Grid,
     line: NDArray[np.uint8],
     number: int,
@@ -371,19 +341,14 @@ def between_kernel(
         for column in range(columns):
             if water[row, column] or np.isnan(z[row, column]):
                 continue
-            back = side_kernel(z, water, row, column, -down, -right, step, fall, water_fall)
-            if back == OPEN:
+            if not falls_off(z, water, row, column, -down, -right, step, fall, water_fall):
                 continue
             for length in range(most):
                 r, c = row + length * down, column + length * right
-                ahead = side_kernel(z, water, r, c, down, right, step, fall, water_fall)
-                if ahead != OPEN:
-                    side = WET if back == WET and ahead == WET else FALL
+                if falls_off(z, water, r, c, down, right, step, fall, water_fall):
                     across = (length + 1) * np.sqrt(np.float64(down * down + right * right))
                     for k in range(length + 1):
                         y, x = row + k * down, column + k * right
-                        between[y, x] = True
-                        sides[y, x] = max(sides[y, x], side)
                         if across < shortest[y, x]:
                             shortest[y, x], line[y, x] = across, number
                     break
@@ -395,24 +360,22 @@ def between_kernel(
 
 
 @kernel
-def side_kernel(
+def falls_off(
     z: Grid, water: Mask, row: int, column: int, down: int, right: int, step: float, fall: float, wet: float
-) -> int:
-    """What is beside a cell in a direction: known ground well below within two cells, water, or neither."""
+) -> bool:
+    """Whether known ground well below lies beside a cell in a direction, within two cells, or water."""
     rows, columns = z.shape
     for k in range(1, 3):
         y, x = row + k * down, column + k * right
         if y < 0 or x < 0 or y >= rows or x >= columns:
-            return OPEN
+            return False
         if water[y, x]:
-            return WET if z[row, column] - z[y, x] >= wet else OPEN
-        if np.isnan(z[y, x]):
-            continue
+            return bool(z[row, column] - z[y, x] >= wet)
         if z[row, column] - z[y, x] >= fall:
-            return FALL
+            return True
         if abs(z[y, x] - z[row, column]) <= step:
-            return OPEN
-    return OPEN
+            return False
+    return False
 
 
 @kernel
@@ -425,6 +388,6 @@ def beside_falls(z: Grid, water: Mask, step: float, fall: float, water_fall: flo
             if water[row, column] or np.isnan(z[row, column]):
                 continue
             for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-                if side_kernel(z, water, row, column, down, right, step, fall, water_fall) != OPEN:
+                if falls_off(z, water, row, column, down, right, step, fall, water_fall):
                     found[row, column] = True
     return found

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.methods import Method, parameter
 from eaves.model import Labels, PointCloud, Values
 from eaves.model.cloud import (
     GRID_STEP,
@@ -17,30 +16,35 @@ from eaves.model.cloud import (
 )
 from eaves.model.scene import TREE
 
-PLANE_POINTS = 4
-"""A plane goes through three points whatever they are: fewer than four say nothing of roughness."""
 
-
-@dataclass(frozen=True)
-class VegetationRules:
+class VegetationRules(Method):
     """What counts as vegetation: cells of which many pulses come back more than once, or that no plane fits.
 
     The limits of height are those usual with the ASPRS classes; the others were chosen by looking at one tile
     of `ign_urban`. Points a detector calls tree are vegetation in any case.
     """
 
-    low: float = 0.5
-    """Up to this height (m) over the terrain vegetation is low, class 3."""
-    medium: float = 2.0
-    """Up to this height (m) it is medium, class 4; above, high, class 5."""
-    cell: float = 2.0
-    """Side (m) of the cells, fixed to the world: a tenth of a crown, and several points in most scans."""
-    clear: float = 0.2
-    """Points lower than this (m) over the terrain are no evidence: the noise of the terrain is among them."""
-    echoes: float = 0.3
-    """Share of a cell's points whose pulses have several returns: facades and cars stay below it."""
-    roughness: float = 0.3
-    """RMS distance (m) of a cell's points from their plane: ten times the noise of a scan."""
+    low: float = parameter(0.5, "Up to this height vegetation is low, class 3.", unit="m", ge=0.0)
+    medium: float = parameter(
+        2.0, "Up to this height it is medium, class 4; above, high, class 5.", unit="m", ge=0.0
+    )
+    cell: float = parameter(
+        2.0,
+        "Side of the cells, fixed to the world: a tenth of a crown, and several points in most scans.",
+        unit="m",
+        gt=0.0,
+    )
+    echoes: float = parameter(
+        0.3,
+        "Share of a cell's points whose pulses have several returns: facades and cars stay below it.",
+        ge=0.0,
+    )
+    roughness: float = parameter(
+        0.3,
+        "RMS distance of a cell's points from their plane: ten times the noise of a scan.",
+        unit="m",
+        ge=0.0,
+    )
 
 
 def vegetation_classes(
@@ -56,7 +60,7 @@ def vegetation_classes(
     free = np.flatnonzero((cloud.classification == UNCLASSIFIED) & (label == 0) & (height >= 0.0))
     if len(free) == 0:
         return classes
-    grown = grown_cells(cloud.take(free), height[free] >= rules.clear, rules)
+    grown = grown_cells(cloud.take(free), rules)
     if part is not None:
         grown |= part[free] == TREE
     chosen = free[grown]
@@ -65,24 +69,21 @@ def vegetation_classes(
     return classes
 
 
-def grown_cells(cloud: PointCloud, evident: NDArray[np.bool_], rules: VegetationRules) -> NDArray[np.bool_]:
-    """Which points (N,) lie in cells whose `evident` points show vegetation."""
+def grown_cells(cloud: PointCloud, rules: VegetationRules) -> NDArray[np.bool_]:
+    """Which points (N,) lie in cells whose points show vegetation."""
     side = round(rules.cell / GRID_STEP)
     quanta = np.round(cloud.xyz[:, :2] / GRID_STEP).astype(np.int64)
     quanta += np.round(np.array(cloud.origin) / GRID_STEP).astype(np.int64)
     place = quanta // side
     away: Values = np.asarray((quanta - place * side) * GRID_STEP - 0.5 * rules.cell, np.float64)
     place -= place.min(axis=0)
-    width = int(place[:, 0].max()) + 1
-    cell = place[:, 1] * width + place[:, 0]
-    count = (int(place[:, 1].max()) + 1) * width
-    seen = cell[evident]
-    points = np.bincount(seen, minlength=count)
-    several = np.zeros(count)
+    cell = np.ravel_multi_index(tuple(place.T), place.max(axis=0) + 1)
+    points = np.bincount(cell)
+    several = np.zeros(len(points))
     if cloud.number_of_returns is not None:
-        several += np.bincount(seen, cloud.number_of_returns[evident] > 1, minlength=count)
+        several = np.bincount(cell, cloud.number_of_returns > 1)
     shown = several >= rules.echoes * np.maximum(points, 1)
-    shown |= plane_residual(seen, points, away[evident], cloud.xyz[evident, 2]) >= rules.roughness
+    shown |= plane_residual(cell, points, away, cloud.xyz[:, 2]) >= rules.roughness
     return np.asarray(shown[cell], np.bool_)
 
 
@@ -108,5 +109,5 @@ def plane_residual(
     size = np.where(solvable, size, 1.0)
     slope_x, slope_y = (xz * yy - yz * xy) / size, (yz * xx - xz * xy) / size
     left = np.maximum(zz - slope_x * xz - slope_y * yz, 0.0)
-    enough = solvable & (points >= PLANE_POINTS)
+    enough = solvable & (points > 3)
     return np.where(enough, np.sqrt(left / np.maximum(points - 3, 1)), 0.0)

@@ -2,71 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from eaves.methods import Method, parameter
 from eaves.model import Mask, PointCloud, Points, Values
 from eaves.model.cloud import GROUND, UNCLASSIFIED
 from eaves.raster.squares import grown_by_square
 
 Cells = NDArray[np.int64]
-Grid = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class WireRules:
-    """What counts as a wire: points in a row, in long straight lines with air beneath.
+class WireRules(Method):
+    """What counts as a wire: points in a row, in long straight lines. The limits follow from how lines are
+    built; they were chosen on simulated lines."""
 
-    The limits follow from how lines are built; they were chosen on simulated lines.
-    """
-
-    spacing: float = 0.6
-    """In sparser scans (m) too few points of a span are neighbours."""
-    cell: float = 1.0
-    """Side (m) of the cells."""
-    height: float = 4.0
-    """Lowest height (m) over the terrain: lines along roads hang 5 m high and more."""
-    air: float = 2.0
-    """Empty height (m) beneath, at least, or above a roof: crowns reach down."""
-    thick: float = 3.0
-    """Range of heights (m) in a cell, at most: the conductors of a low line one over the other."""
-    step: float = 0.5
-    """One point is looked at in each cube (m): neighbours then show a row, not the noise."""
-    neighbours: int = 4
-    """So many neighbours of a point lie in a row with it."""
-    few: int = 16
-    """Points, one in each cube, in three by three cells and one layer, at most: a roof has 36, and half of
-    it 18."""
-    layer: float = 4.0
-    """Height (m) of a layer."""
-    reach: float = 4.0
-    """Farther ones (m) are of another conductor."""
-    across: float = 0.15
-    """Standard deviation (m) across the row, at most: noise and sag."""
-    slender: float = 0.15
-    """The same, in standard deviations along it."""
-    slope: float = 0.5
-    """Rise of a row, at most, for each metre along it."""
-    link: int = 2
-    """Cells without points, at most, between two of a line."""
-    length: float = 25.0
-    """Least length (m): shorter are branches, gutters and handrails."""
-    beside: int = 2
-    """A tower stands within so many cells of a wire."""
-    below: float = 3.0
-    """Its top is no farther (m) under the wire."""
-    upright: float = 4.0
-    """Times higher than wide, at least, in the middle of its height: a tree is not."""
-    arms: int = 16
-    """It has no more cells as high as that: a mast and its arms; a crown is wider."""
-    gap: float = 0.25
-    """Largest gap among its heights, in its own height: a tree beneath a wire does not reach up to it."""
-    root: float = 0.5
-    """Its points begin below this share of its height."""
+    spacing: float = parameter(
+        0.6, "In sparser scans too few points of a span are neighbours.", unit="m", gt=0.0
+    )
+    cell: float = parameter(
+        1.0,
+        "Side of the cells; one point is looked at in each cube half as wide: neighbours then show a row, "
+        "not the noise.",
+        unit="m",
+        gt=0.0,
+    )
+    height: float = parameter(
+        4.0, "Lowest height over the terrain: lines along roads hang 5 m high and more.", unit="m", ge=0.0
+    )
+    neighbours: int = parameter(
+        4, "So many neighbours of a point, no farther than as many cells, lie in a row with it.", ge=2
+    )
+    few: int = parameter(
+        16,
+        "Points, one in each cube, in three by three cells and one layer as high as wires hang, at most: a "
+        "roof has 36, and half of it 18.",
+        ge=1,
+    )
+    across: float = parameter(
+        0.15, "Standard deviation across a row, at most: noise and sag.", unit="m", gt=0.0
+    )
+    slender: float = parameter(0.15, "The same, in standard deviations along it.", gt=0.0)
+    length: float = parameter(
+        25.0, "Least length of a line: shorter are branches, gutters and handrails.", unit="m", gt=0.0
+    )
+    upright: float = parameter(
+        4.0, "A tower is so many times higher than wide in the middle of its height: a tree is not.", gt=0.0
+    )
+    gap: float = parameter(
+        0.25,
+        "Largest gap from the terrain to a tower's top, in its height: a tree under a wire does not reach "
+        "it.",
+        gt=0.0,
+    )
 
 
 RULES = WireRules()
@@ -84,35 +74,30 @@ def find_wires(cloud: PointCloud, height: Values, spacing: float, rules: WireRul
     """
     found = np.zeros(len(cloud), bool)
     assert cloud.classification is not None
-    high = (height >= rules.height) & (cloud.classification != GROUND) & ~cloud.noise
-    if spacing > rules.spacing or not high.any():
+    high = np.flatnonzero((height >= rules.height) & (cloud.classification != GROUND) & ~cloud.noise)
+    if spacing > rules.spacing or len(high) <= rules.neighbours:
         return found
-    places = np.flatnonzero(high)
-    xyz = cloud.xyz.take(places, axis=0)
+    xyz = cloud.xyz[high]
     cell, shape = wire_cells(xyz, rules.cell)
-    hanging = np.flatnonzero(top_in_air(cell, xyz[:, 2], shape, rules))
-    thinned = hanging[one_each(xyz[hanging], rules.step)]
-    thinned = thinned[few_around(cell[thinned], height[places[thinned]], shape, rules)]
-    if len(thinned) <= rules.neighbours:
-        return found
-    row = wire_rows(xyz[thinned], rules)
-    lines = lines_among(cell[thinned][row], shape, rules)
-    wire = np.zeros(len(xyz), bool)
-    wire[thinned[row & lines.ravel()[cell[thinned]]]] = True
-    # what hangs as high beside a point of a line is of the line
-    near = grown_by_square(lines, 3)
-    rest = hanging[near.ravel()[cell[hanging]] & ~wire[hanging]]
-    if wire.any() and len(rest):
-        away, _ = cKDTree(xyz[wire]).query(xyz[rest], distance_upper_bound=rules.cell)
-        wire[rest[np.isfinite(away)]] = True
-    found[places[wire]] = True
+    hanging = np.flatnonzero(top_in_air(cell, xyz[:, 2], 0.5 * rules.height))
+    some = hanging[one_each(xyz[hanging], 0.5 * rules.cell)]
+    some = some[
+        few_around(cell[some], (height[high[some]] / rules.height).astype(np.int64), shape, rules.few)
+    ]
+    row = some[wire_rows(xyz[some], rules)]
+    lines = lines_among(cell[row], shape, rules)
+    row = row[lines.ravel()[cell[row]]]
+    if len(row):  # what hangs beside a point of a line is of the line
+        near = hanging[grown_by_square(lines, 3).ravel()[cell[hanging]]]
+        away, _ = cKDTree(xyz[row]).query(xyz[near], distance_upper_bound=rules.cell)
+        found[high[near[np.isfinite(away)]]] = True
     return found
 
 
 def find_towers(
     cloud: PointCloud, wires: Mask, taken: Mask, height: Values, rules: WireRules = RULES
 ) -> Mask:
-    """The points (N,) of slender groups that stand on the ground and are as high as a wire beside them.
+    """The points (N,) of slender groups that stand on the ground and are as high as a wire, within two cells.
 
     Parameters
     ----------
@@ -129,25 +114,21 @@ def find_towers(
     cell, shape = wire_cells(cloud.xyz, rules.cell)
     lowest = np.full(shape[0] * shape[1], np.inf)
     np.minimum.at(lowest, cell[wires], height[wires])
-    beside = ndimage.minimum_filter(lowest.reshape(shape), 2 * rules.beside + 1)
+    beside = ndimage.minimum_filter(lowest.reshape(shape), 5)
     free = np.flatnonzero(
         (cloud.classification == UNCLASSIFIED) & ~wires & ~taken & np.isfinite(beside.ravel()[cell])
     )
     top = np.full(lowest.size, -np.inf)
     np.maximum.at(top, cell[free], height[free])
-    group, count = ndimage.label(top.reshape(shape) >= beside - rules.below, np.ones((3, 3)))
+    group, count = ndimage.label(top.reshape(shape) >= beside - 2.0 * rules.cell, np.ones((3, 3)))
     number = group.ravel()[cell[free]]
     for k in range(1, count + 1):
         mine = free[number == k]
         highest = float(height[mine].max())
-        if len(np.unique(cell[mine])) > rules.arms:
-            continue
-        core = mine[(height[mine] > 0.2 * highest) & (height[mine] < 0.7 * highest)]
-        steps = np.diff(np.sort(height[mine]))
-        if len(core) == 0 or height[mine].min() > rules.root * highest or steps.max() > rules.gap * highest:
-            continue
-        width = float(np.ptp(cloud.xyz[core, :2], axis=0).max())
-        found[mine] = highest >= rules.upright * width
+        core = mine[np.abs(height[mine] - 0.5 * highest) <= 0.25 * highest]
+        gap = float(np.diff(np.sort(height[mine]), prepend=0.0).max())
+        if len(core) and gap <= rules.gap * highest:
+            found[mine] = highest >= rules.upright * np.ptp(cloud.xyz[core, :2], axis=0).max()
     return found
 
 
@@ -160,22 +141,18 @@ def wire_cells(xyz: Points, side: float) -> tuple[Cells, tuple[int, int]]:
     return row * columns + column, (int(row.max()) + 1, columns)
 
 
-def top_in_air(cell: Cells, z: Values, shape: tuple[int, int], rules: WireRules) -> Mask:
-    """Which of some high points (K,) are the topmost of their cell, near in height, with air beneath them.
-
-    Looked at from above, the first gap of `air` ends them; a cell without one has none where it is thick.
-    """
+def top_in_air(cell: Cells, z: Values, air: float) -> Mask:
+    """Which of some high points (K,) are the topmost of their cell, within `air` (m), with as much beneath
+    them empty or in the cell nothing else: crowns reach down."""
     order = np.lexsort((-z, cell))
-    first = np.r_[True, np.diff(cell[order]) != 0]
-    drop = np.r_[0.0, -np.diff(z[order])]
-    fallen = np.cumsum((drop > rules.air) & ~first)
+    first = np.diff(cell[order], prepend=-1) != 0
+    fallen = np.cumsum((np.diff(-z[order], prepend=0.0) > air) & ~first)
     start = np.maximum.accumulate(np.where(first, np.arange(len(z)), 0))
     uppermost = fallen == fallen[start]
-    lowest = np.full(shape[0] * shape[1], np.inf)
-    np.minimum.at(lowest, cell[order][uppermost], z[order][uppermost])
-    thin = z[order][start] - lowest[cell[order]] <= rules.thick
+    depth = np.zeros(int(cell.max()) + 1)
+    np.maximum.at(depth, cell[order][uppermost], (z[order][start] - z[order])[uppermost])
     answer = np.zeros(len(z), bool)
-    answer[order[uppermost & thin]] = True
+    answer[order] = uppermost & (depth[cell[order]] <= air)
     return answer
 
 
@@ -183,52 +160,40 @@ def one_each(xyz: Points, side: float) -> NDArray[np.int64]:
     """Numbers of the points (K, 3), the first of each cube of a side (m)."""
     place = np.floor(xyz / side).astype(np.int64)
     place -= place.min(axis=0)
-    size = place.max(axis=0) + 1
-    _, first = np.unique((place[:, 0] * size[1] + place[:, 1]) * size[2] + place[:, 2], return_index=True)
+    _, first = np.unique(np.ravel_multi_index(tuple(place.T), place.max(axis=0) + 1), return_index=True)
     return np.sort(first)
 
 
-def few_around(cell: Cells, height: Values, shape: tuple[int, int], rules: WireRules) -> Mask:
-    """Which points (K,), by cell and height, have so few about them that they may be of wires."""
-    layer = (height / rules.layer).astype(np.int64)
-    layers = int(layer.max()) + 1
+def few_around(cell: Cells, layer: Cells, shape: tuple[int, int], few: int) -> Mask:
+    """Which points (K,), by cell and layer, have so few about them that they may be of wires."""
+    layers = int(layer.max(initial=0)) + 1
     place = cell * layers + layer
-    count = np.bincount(place, minlength=shape[0] * shape[1] * layers).astype(np.uint16)
-    around = count.reshape(*shape, layers)
+    count = np.bincount(place, minlength=shape[0] * shape[1] * layers).reshape(*shape, layers)
     for axis in (0, 1):
-        one = np.moveaxis(around, axis, 0)
-        total = one.copy()
-        total[1:] += one[:-1]
-        total[:-1] += one[1:]
-        around = np.moveaxis(total, 0, axis)
-    return np.asarray(around.reshape(-1)[place] <= rules.few, np.bool_)
+        count = ndimage.convolve1d(count, np.ones(3, np.int64), axis, mode="constant")
+    return np.asarray(count.ravel()[place] <= few, np.bool_)
 
 
 def wire_rows(xyz: Points, rules: WireRules) -> Mask:
-    """Which points (K, 3) lie in a row with their neighbours."""
-    away, near = cKDTree(xyz).query(xyz, rules.neighbours + 1, distance_upper_bound=rules.reach)
+    """Which points (K, 3) lie in a row with their neighbours, more level than upright."""
+    reach = rules.neighbours * rules.cell
+    away, near = cKDTree(xyz).query(xyz, rules.neighbours + 1, distance_upper_bound=reach)
     row, some = np.zeros(len(xyz), bool), np.flatnonzero(np.isfinite(away[:, rules.neighbours]))
-    if not len(some):
-        return row
     group = xyz[near[some]]
     group = group - group.mean(axis=1, keepdims=True)
     moments = np.einsum("nki,nkj->nij", group, group) / (rules.neighbours + 1)
     values, vectors = np.linalg.eigh(moments)
-    along, across = (np.sqrt(np.maximum(values[:, k], 0.0)) for k in (2, 1))
-    axis = vectors[:, :, 2]
-    level = np.hypot(axis[:, 0], axis[:, 1])
-    straight = (across <= rules.across) & (across <= rules.slender * along)
-    row[some] = straight & (np.abs(axis[:, 2]) <= rules.slope * level)
+    straight = values[:, 1] <= np.minimum(rules.across**2, rules.slender**2 * values[:, 2])
+    row[some] = straight & (vectors[:, 2, 2] ** 2 <= 0.5)
     return row
 
 
 def lines_among(cell: Cells, shape: tuple[int, int], rules: WireRules) -> Mask:
-    """The cells (H, W) of long lines among the cells (K,) of points in rows."""
-    there = np.zeros(shape[0] * shape[1], bool)
-    there[cell] = True
-    there = there.reshape(shape)
-    joined = grown_by_square(there, (rules.link + 1) // 2 * 2 + 1)
-    group, count = ndimage.label(joined, np.ones((3, 3)))
+    """The cells (H, W) of long lines among the cells (K,) of points in rows; between two of a line up to two
+    may be empty."""
+    there = np.zeros(shape, bool)
+    there.ravel()[cell] = True
+    group, count = ndimage.label(grown_by_square(there, 3), np.ones((3, 3)))
     group = np.where(there, group, 0)
     kept = np.zeros(count + 1, bool)
     for k, window in enumerate(ndimage.find_objects(group), 1):
