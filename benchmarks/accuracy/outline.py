@@ -25,7 +25,6 @@ from benchmarks.accuracy.outline_detected import (
     delft_detected,
     detected_rows,
     drawn_together,
-    in_plan,
     snap_rows,
 )
 from benchmarks.table import keep
@@ -40,10 +39,6 @@ from eaves.simulate import scan_town, simulate_town
 
 COMMAND = "python -m benchmarks.accuracy.outline"
 METHODS = ("alpha_shape", "ransac_lines", "global_fit")
-CROWNS = (3, 4, 5)
-"""Classes of vegetation."""
-BESIDE = 2.0
-"""What lies this far (m) around a building is known, as in a build."""
 MEASURES = (
     "median IoU",
     "median boundary RMS (m)",
@@ -68,9 +63,8 @@ SHAPES = {
     "hexagon": Polygon([(6 * np.cos(a), 6 * np.sin(a)) for a in np.arange(6) * np.pi / 3]),
     "cut corner": Polygon([(0, 0), (14, 0), (14, 7), (11, 10), (0, 10)]),
 }
-Case = tuple[Points, float, Polygon, NDArray[np.bool_] | None, Points | None, Points | None]
-"""A building's points, their spacing (m), its true outline, which points came back once more from below, the
-points of crowns around it, and those of the ground and of other buildings."""
+Case = tuple[Points, float, Polygon, NDArray[np.bool_] | None]
+"""A building's points, their spacing (m), its true outline, which points came back once more from below."""
 
 
 def drawn(
@@ -78,13 +72,9 @@ def drawn(
     spacing: float,
     method: OutlineMethod,
     not_last: NDArray[np.bool_] | None = None,
-    crowns: Points | None = None,
-    elsewhere: Points | None = None,
 ) -> Polygon | None:
     """The footprint a method draws, None when it fails."""
-    boundary = trace_outline(
-        points, spacing, method, not_last=not_last, crowns=in_plan(crowns), elsewhere=in_plan(elsewhere)
-    )
+    boundary = trace_outline(points, spacing, method, not_last=not_last)
     if isinstance(boundary, Failure):
         return None
     footprint = regularise_outlines([boundary], method)[0]
@@ -114,7 +104,7 @@ def shape_cases(density: float, stretch: float | None) -> list[Case]:
             xy = xy + middle
             xy = xy[shapely.contains_xy(truth, xy)]
             xy = xy + rng.normal(0, 0.05, xy.shape)
-            cases.append((np.column_stack([xy, np.full(len(xy), 5.0)]), spacing, truth, None, None, None))
+            cases.append((np.column_stack([xy, np.full(len(xy), 5.0)]), spacing, truth, None))
     return cases
 
 
@@ -125,15 +115,8 @@ def town_cases(density: float, roof_only: bool) -> list[Case]:
     good = np.asarray(scene.plane) > 0 if roof_only else np.ones(len(xyz), np.bool_)
     spacing = measure_spacing(xyz)
     divided = not_last(scene.cloud)
-    crown = (building == 0) & np.isin(scene.truth_class, CROWNS)
-    cases: list[Case] = []
-    for one in scene.buildings:
-        mine = building == one.number
-        near = shapely.contains_xy(one.footprint.buffer(BESIDE), *xyz[:, :2].T) & ~mine
-        mine &= good
-        places = xyz[near & crown], xyz[near & ~crown]
-        cases.append((xyz[mine], spacing, one.footprint, divided[mine], *places))
-    return cases
+    every = ((one.footprint, (building == one.number) & good) for one in scene.buildings)
+    return [(xyz[some], spacing, footprint, divided[some]) for footprint, some in every]
 
 
 def simulated_rows(name: str, cases: Sequence[Case], reach: Sequence[object]) -> list[dict[str, object]]:
@@ -143,8 +126,8 @@ def simulated_rows(name: str, cases: Sequence[Case], reach: Sequence[object]) ->
         outliner = make_method("outline", method)
         assert isinstance(outliner, OutlineMethod)
         table = []
-        for points, spacing, truth, *known in cases:
-            found = drawn(points, spacing, outliner, *known)
+        for points, spacing, truth, divided in cases:
+            found = drawn(points, spacing, outliner, divided)
             if found is None:
                 table.append(np.array([0.0, 3.0, -count_vertices(truth), 0.0]))
                 continue
@@ -431,8 +414,7 @@ NOTE = (
     "Town: simulated with a beam of 0.4 mrad, trees that hide roofs, balconies the reference leaves out. "
     "Shapes: a beam without width. Own detection: "
     "nothing but points given, towns of three seeds; thresholds were chosen on the first. Delft's map "
-    "shows walls. RMS and shift count all buildings, half hidden ones too. Crowns, the ground and other "
-    "buildings around one are given as a build knows them; what crowns hide was chosen on towns 21 to 23."
+    "shows walls. RMS and shift count all buildings, half hidden ones too. "
 )
 
 if __name__ == "__main__":

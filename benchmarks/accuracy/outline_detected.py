@@ -10,12 +10,9 @@ import laspy
 import numpy as np
 import pyogrio
 import shapely
-from scipy.spatial import cKDTree
 from shapely import Polygon, STRtree
 
 from eaves.blocks.block import not_last
-from eaves.blocks.block_file import CANDIDATE_HEIGHT
-from eaves.buildings.gather import MARGIN
 from eaves.detect import detect_buildings
 from eaves.evaluate.footprints import count_vertices, outline_distances
 from eaves.footprints.given import repair_footprints
@@ -41,23 +38,15 @@ MAP_OFF_M = (0.8, -0.6)
 @dataclass(frozen=True, eq=False)
 class Group:
     """The roof points (N, 3) of a building our default detector finds, which of them came back once more from
-    below, and the points near them of crowns and of anything else.
+    below.
     """
 
     points: Points
     divided: Mask | None = None
-    crowns: Points | None = None
-    elsewhere: Points | None = None
 
     def moved(self, by: np.ndarray) -> Group:
         """The same, moved by (3,)."""
-        crowns, elsewhere = (None if one is None else one + by for one in (self.crowns, self.elsewhere))
-        return replace(self, points=self.points + by, crowns=crowns, elsewhere=elsewhere)
-
-
-def in_plan(points: Points | None) -> np.ndarray | None:
-    """Where points (N, 3) lie (N, 2)."""
-    return None if points is None else points[:, :2]
+        return replace(self, points=self.points + by)
 
 
 def detected_groups(cloud: PointCloud) -> tuple[list[Group], float]:
@@ -66,37 +55,18 @@ def detected_groups(cloud: PointCloud) -> tuple[list[Group], float]:
     regions = detect_buildings(scene)
     roof = np.ones(len(cloud), np.bool_) if regions.part is None else regions.part != WALL
     divided = not_last(cloud)
-    ground = np.asarray(scene.cloud.ground)
     groups = []
     for number in range(1, int(regions.label.max(initial=0)) + 1):
-        all_mine = regions.label == number
-        mine = np.flatnonzero(all_mine & roof)
+        mine = np.flatnonzero((regions.label == number) & roof)
         if not len(mine):
             continue
-        near = np.flatnonzero(Bounds.of(cloud.xyz[all_mine]).buffered(MARGIN).contains(cloud.xyz) & ~all_mine)
-        away = cKDTree(cloud.xyz[all_mine, :2]).query(cloud.xyz[near, :2], distance_upper_bound=MARGIN)[0]
-        near = near[np.isfinite(away)]
-        seen = ground[near] | (regions.label[near] > 0)
-        high = scene.height[near] >= CANDIDATE_HEIGHT
-        groups.append(
-            Group(cloud.xyz[mine], divided[mine], cloud.xyz[near[~seen & high]], cloud.xyz[near[seen]])
-        )
+        groups.append(Group(cloud.xyz[mine], divided[mine]))
     return groups, scene.spacing
 
 
 def drawn_together(groups: Sequence[Group], spacing: float, method: OutlineMethod) -> list[Polygon]:
     """The footprints of all groups, neighbours regularised together as in a run."""
-    boundaries = [
-        trace_outline(
-            one.points,
-            spacing,
-            method,
-            not_last=one.divided,
-            crowns=in_plan(one.crowns),
-            elsewhere=in_plan(one.elsewhere),
-        )
-        for one in groups
-    ]
+    boundaries = [trace_outline(one.points, spacing, method, not_last=one.divided) for one in groups]
     good = [boundary for boundary in boundaries if not isinstance(boundary, Failure)]
     return [one.polygon for one in regularise_outlines(good, method) if isinstance(one, Footprint)]
 

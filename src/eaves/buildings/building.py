@@ -47,8 +47,6 @@ def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list
                 building.spacing,
                 recipe.outline,
                 not_last=building.roof_not_last,
-                crowns=building.crowns,
-                elsewhere=building.elsewhere,
             )
             if isinstance(boundary, Failure):
                 drawn[number] = boundary

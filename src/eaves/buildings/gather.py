@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from eaves.blocks.block_file import Candidates, open_block
@@ -22,11 +21,7 @@ from eaves.run.keys import BLOCKS
 from eaves.run.store import Store
 
 MARGIN = 2.0
-"""Terrain is known this far (m) around a building's points."""
-EDGE = 2.0**0.5
-"""Cells nearer to a footprint than this (cells) can be its roof's edge, which may have passed for ground."""
-AROUND = 2.0
-"""What lies this far (m) around a building's points is known where its walls are looked for."""
+"""Terrain is known this far (m) around a building's points, and all else where its walls are looked for."""
 TRUSTED_SHARE = 0.2
 """Under a given footprint the detector's points are taken if at least this share of the high points."""
 
@@ -90,10 +85,8 @@ class Gatherer:
         if self._around is not None:
             around = self.points_around(owner, plan, reach.buffered(self._around))
         seen = self.terrain(owner, reach.buffered(MARGIN), "ground")
-        heights, beside, crowns, elsewhere = None, None, None, None
-        if plan.given is None:
-            crowns, elsewhere = self.places_beside(owner, plan, found.xyz, seen)
-        else:
+        heights, beside = None, None
+        if plan.given is not None:
             beside = is_seen_beside(plan.given.polygon, seen)
             heights = None if beside else self.nearest_ground(owner, plan)
         return BuildingPoints(
@@ -110,36 +103,7 @@ class Gatherer:
             given=plan.given,
             not_last=found.not_last,
             around=around,
-            crowns=crowns,
-            elsewhere=elsewhere,
         )
-
-    def places_beside(
-        self, owner: Block, plan: BuildingPlan, points: Points, seen: Raster
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where, within `MARGIN` of a building's points (N, 3), high points are that no building has (K, 2),
-        and ground was `seen` or other buildings' points are (G, 2), in the blocks that it lies in.
-        """
-        reach = Bounds.of(points).buffered(MARGIN)
-        crowns, elsewhere = [np.zeros((0, 2))], [cells_of(seen)]
-        for block in sorted({block for block, _ in plan.regions}):
-            result = self.candidates(block)
-            if result is None:
-                continue
-            shift = np.subtract(block.origin, owner.origin)
-            mine = [label for one, label in plan.regions if one == block]
-            near = result.between(reach.west - shift[0], reach.east - shift[0])
-            near = near[result.high[near] & ~np.isin(result.label[near], mine)]
-            xy, free = result.xyz[near, :2] + shift, result.label[near] == 0
-            inside = (xy[:, 1] >= reach.south) & (xy[:, 1] <= reach.north)
-            crowns.append(xy[inside & free])
-            elsewhere.append(xy[inside & ~free])
-        tree = cKDTree(points[:, :2])
-        crown, other = (
-            xy[np.isfinite(tree.query(xy, distance_upper_bound=MARGIN)[0])]
-            for xy in (np.concatenate(crowns), np.concatenate(elsewhere))
-        )
-        return crown, other
 
     def points_of(self, owner: Block, plan: BuildingPlan) -> Found | None:
         """The building's points about the corner of its owner block; None where it has none."""
@@ -195,7 +159,7 @@ class Gatherer:
             if seen is None or terrain is None:
                 continue
             xy = cells_of(seen) + np.subtract(block.origin, owner.origin)
-            off = ~shapely.contains_xy(polygon.buffer(EDGE * seen.cell), *xy.T)
+            off = ~shapely.contains_xy(polygon.buffer(np.sqrt(2.0) * seen.cell), *xy.T)
             found.append(np.column_stack([xy, terrain.values[seen.values == 1]])[off])
         cells = np.concatenate([np.zeros((0, 3)), *found])
         if not len(cells):
@@ -264,7 +228,7 @@ def cells_of(seen: Raster) -> Points:
 def is_seen_beside(polygon: Polygon, seen: Raster) -> bool:
     """Whether ground was seen beside an outline and within `MARGIN` of it, off the cells that it touches."""
     xy = cells_of(seen)
-    wide, narrow = polygon.buffer(MARGIN), polygon.buffer(EDGE * seen.cell)
+    wide, narrow = polygon.buffer(MARGIN), polygon.buffer(np.sqrt(2.0) * seen.cell)
     shapely.prepare([wide, narrow])
     xy = xy[~shapely.intersects_xy(narrow, *xy.T)]
     return bool(shapely.contains_xy(wide, *xy.T).any())

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from eaves.buildings.building import broken_result, building_pass, draw_footprints, find_doubtful
 from eaves.buildings.building_file import Kept, SavedBuilding, save_buildings
-from eaves.buildings.gather import AROUND, Gatherer
+from eaves.buildings.gather import MARGIN, Gatherer
 from eaves.buildings.join import OwnedBuildings
 from eaves.footprints.addresses import split_buildings
 from eaves.model import Failure, Footprint
@@ -27,7 +27,7 @@ def keep_buildings(task: Task, store: Store, recipe: Recipe, snap: bool = False)
     """
     plan: OwnedBuildings = task.unit
     owner, step = plan.owner_block, BUILDINGS.key(recipe)
-    gatherer = Gatherer(store, around=AROUND if recipe.keeps_low else None)
+    gatherer = Gatherer(store, around=MARGIN if recipe.keeps_low else None)
     if snap:
         plan = gatherer.snapped(plan)
     gathered = [gatherer.gather(owner, building) for building in plan.buildings]

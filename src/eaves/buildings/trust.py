@@ -32,9 +32,6 @@ DETAILED = "2.2"
 LEAST_LOSS = 0.7
 """Log-odds that a trait must cost to be a reason: half of the odds."""
 
-LEAST_WALL = 0.6
-"""A party wall of less certainty is a reason to look."""
-
 SEEN_FROM_AFAR = ("interpolated", "nearest ground")
 """Sources of a base that no ground beside the building shows."""
 
@@ -107,7 +104,7 @@ def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:
     if row.get("failure_code") and str(row.get("lod")) < DETAILED:
         yield f"coarser than LoD 2.2: {row.get('failure_reason')}"
     wall = row.get("wall_certainty")
-    if wall is not None and wall < LEAST_WALL:
+    if wall is not None and wall < LOW:
         yield f"a party wall of certainty {wall:.2f}"
     if row.get("ground_source") in SEEN_FROM_AFAR:
         far = row.get("ground_distance_m")

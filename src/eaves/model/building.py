@@ -37,10 +37,6 @@ class Boundary:
         Mean distance (m) of the points in plan.
     not_last : ndarray (K, 3) or None
         Those of the points whose pulses have a later return; None where the scan does not say.
-    crowns : ndarray (K, 2) or None
-        Where points stand high around that are no building's; None where that is not known.
-    elsewhere : ndarray (G, 2) or None
-        Where the ground or another building is seen around; None where that is not known.
 
     Examples
     --------
@@ -55,8 +51,6 @@ class Boundary:
     points: Points
     spacing: float
     not_last: Points | None = None
-    crowns: NDArray[np.float64] | None = None
-    elsewhere: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)

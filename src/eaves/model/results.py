@@ -76,11 +76,6 @@ class BuildingPoints:
     around: Points | None = None
     """All points (K, 3) of the scan in and around the building, the ground's too; None where none asked."""
 
-    crowns: NDArray[np.float64] | None = None
-    """Where (K, 2) points stand high near the building that are of none; None where that is not known."""
-    elsewhere: NDArray[np.float64] | None = None
-    """Where (G, 2) ground is seen near it, or points of other buildings are."""
-
     @property
     def roof_not_last(self) -> NDArray[np.bool_] | None:
         """Which of `roof_points` (M,) came back once more from below; None where it is not known."""

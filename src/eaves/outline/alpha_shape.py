@@ -11,7 +11,7 @@ from eaves.geometry.rings import as_polygon
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
 from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import alpha_rings, triangulate_points
+from eaves.outline.toolkit.alpha import SHARE, alpha_rings, triangulate_points
 
 ALPHA_IN_SPACINGS = 4.8
 """The published 2.4 m at the published density of 4 points/m², that is a spacing of 0.5 m."""
@@ -65,7 +65,7 @@ class AlphaShape(OutlineMethod):
         gt=0,
     )
     min_hole: float = parameter(
-        50.0,
+        ...,
         "inner boundaries smaller than this are dropped",
         unit="m²",
         published=50.0,
@@ -80,7 +80,7 @@ class AlphaShape(OutlineMethod):
         ge=0,
     )
     share: float = parameter(
-        0.95,
+        SHARE,
         "least share of the points inside; alpha is widened until it holds",
         off=0.0,
         ge=0,

@@ -13,7 +13,7 @@ from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
 from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import alpha_rings, triangulate_points
+from eaves.outline.toolkit.alpha import SHARE, alpha_rings, triangulate_points
 from eaves.outline.toolkit.corners import Drawing, joined_edges, ring_of_edges
 from eaves.outline.toolkit.edges import RIGHT_ANGLE, OutlineEdges, common_axes, main_direction
 from eaves.outline.toolkit.polyline import FREE
@@ -61,7 +61,7 @@ class RansacLines(OutlineMethod):
 
     alpha: float = parameter(2.0, "radius of the largest empty disc, in spacings", gt=0)
     share: float = parameter(
-        0.95, "least share of the points inside, or alpha is widened", off=0.0, ge=0, le=1
+        SHARE, "least share of the points inside, or alpha is widened", off=0.0, ge=0, le=1
     )
     near: float = parameter(0.5, "largest distance of a segment's points from its line, in spacings", gt=0)
     skip: int = parameter(2, "most boundary points in a row that a segment passes by", unit="points", ge=0)

@@ -8,7 +8,6 @@ from typing import ClassVar
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.rings import as_polygon
@@ -18,9 +17,7 @@ from eaves.model.checks import check_points, check_positive, check_type
 from eaves.model.cloud import canonical_order
 
 MIN_POINTS = 4
-"""Fewer distinct points have no outline."""
-FIRST_POINTS = 64
-"""So many points are counted first."""
+"""Fewer points tell nothing of an outline or of one of its edges."""
 
 
 class OutlineMethod(Method):
@@ -54,8 +51,6 @@ def trace_outline(
     method: MethodChoice = None,
     *,
     not_last: Mask | None = None,
-    crowns: NDArray[np.float64] | None = None,
-    elsewhere: NDArray[np.float64] | None = None,
     debug: str | Path | Emit | None = None,
 ) -> Boundary | Failure:
     """The boundary of the points of one region.
@@ -71,10 +66,6 @@ def trace_outline(
     not_last : ndarray (N,) of bool or None
         The points whose pulses have a later return, where the scan says so: they show the width of the beam,
         which places points beyond an edge.
-    crowns : ndarray (K, 2) of float64 or None
-        Where points stand high beside or over the region that are no building's: they may hide its roof.
-    elsewhere : ndarray (G, 2) of float64 or None
-        Where the ground or another building is seen around the region: there its roof is not.
     debug : str, Path, callable or None
         A folder or a callback `(name, value)` that receives every named intermediate.
 
@@ -108,17 +99,14 @@ def trace_outline(
     finite = np.isfinite(points).all(axis=1)
     good = points[finite]
     good = good[canonical_order(good)]
-    for some in (good[:FIRST_POINTS], good):  # the first are nearly always enough
-        if (places := len(np.unique(some[:, :2], axis=0))) >= MIN_POINTS:
-            break
-    else:
+    if (places := len(np.unique(good[:, :2], axis=0))) < MIN_POINTS:
         reason = f"{len(good)} points at {places} places have no outline; {MIN_POINTS} places are needed"
         return Failure("too_few_points", reason, "outline")
     boundary = outliner.trace(good, spacing, emitter(debug))
     if isinstance(boundary, Failure):
         return boundary
     divided = None if not_last is None else points[finite & not_last]
-    return replace(boundary, not_last=divided, crowns=crowns, elsewhere=elsewhere)
+    return replace(boundary, not_last=divided)
 
 
 def regularise_outlines(

@@ -13,17 +13,15 @@ from shapely import Polygon
 from eaves.geometry.rings import as_polygon, signed_area
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
-from eaves.outline.global_fit.low_parts import LowPartRules, low_parts
-from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import alpha_rings, triangulate_points, wide_radius
+from eaves.outline.stage import MIN_POINTS, OutlineMethod
+from eaves.outline.toolkit.alpha import SHARE, alpha_rings, triangulate_points, wide_radius
 from eaves.outline.toolkit.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
 from eaves.outline.toolkit.edges import OutlineEdges, common_axes, edge_shift_kernel, fit_edges
-from eaves.outline.toolkit.hidden import HiddenCornerRules, fill_hidden
 from eaves.outline.toolkit.polyline import cheapest_polyline
 from eaves.outline.toolkit.shared_edges import share_edges
 
 
-class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
+class GlobalFit(OutlineMethod):
     """The closed polyline of least cost through the boundary of the points.
 
     The alpha shape with a small disc gives the boundary points in order. Of all closed polylines along them
@@ -51,18 +49,11 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
     [jung2017]; the mean distance ahead is the forward recurrence time of [cox1962]. The combination is
     ours.
 
-    Before that, points on walls and balconies are set aside: small, narrow surfaces well below a larger one
-    beside them (`low_parts`).
-
     The beam of a scanner has a width: a pulse that strikes the edge with a part of its spot is placed
     outside, and mostly comes back once more from below. Those pulses fall into a strip as far inside the
     edge as outside it: `spot` is the median depth of their points behind the outermost, but no more than the
     width of a strip they would fill at the roof's density. Where the scan says nothing of returns, or a
     pulse has one only, it is 0, and edges lie outside by up to half the lit disc.
-
-    Where crowns hide a corner of the roof, the edges beside it go on to where they meet, if they do so at a
-    right angle, or become one if they are in line: crowns must lie over the area added, and neither ground
-    nor another building may be seen in it (`fill_hidden`).
 
     Fails where
     -----------
@@ -84,7 +75,7 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
     paper: ClassVar[str] = "perez_vidal1994"
 
     alpha: float = parameter(1.15, "radius of the largest empty disc, in spacings", gt=0)
-    share: float = parameter(0.95, "least share of the points inside, or alpha is widened", ge=0, le=1)
+    share: float = parameter(SHARE, "least share of the points inside, or alpha is widened", ge=0, le=1)
     sparse: float = parameter(
         3.0, "points outside within so many times alpha of each other and of the rest are taken in", ge=1
     )
@@ -105,23 +96,15 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
     least: float = parameter(0.2, "least share of the outline along a frame of directions", ge=0, le=1)
     frames: int = parameter(2, "most right-angled frames of directions in one building", ge=0)
     detail: float = parameter(1.5, "shortest edge and smallest jog, in spacings", ge=0)
-    balcony: float = parameter(
-        5.0, "surfaces smaller than this below a larger one do not count", unit="m²", ge=0
-    )
     min_hole: float = parameter(10.0, "inner boundaries smaller than this are dropped", unit="m²", ge=0)
     widest: float = parameter(2.0, "empty discs wider than this are gaps, in spacings", gt=0)
     wide_share: float = parameter(
         0.7, "share of the area under discs no wider than the one that tells the spacing", gt=0, le=1
     )
-    sparse_points: int = parameter(
-        4, "fewer points outside together are noise, not a part seen badly", unit="points", ge=1
-    )
     strip_before: float = parameter(
         1.2, "points up to this far before an edge tell where they end, in spacings", gt=0
     )
     strip_behind: float = parameter(4.0, "and up to this far behind it, in spacings", gt=0)
-    strip_margin: float = parameter(0.3, "but no nearer than this to its ends, in spacings", ge=0)
-    strip_points: int = parameter(4, "fewer points in that strip tell nothing", unit="points", ge=2)
     wall_beside: float = parameter(
         1.0, "points of a wall have roof points above them within so many spacings", ge=0
     )
@@ -132,30 +115,15 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
         unit="m",
         gt=0,
     )
-    fewest_divided: int = parameter(
-        5, "fewer divided pulses at all edges of a building tell nothing of the beam", unit="points", ge=1
-    )
     corner_reach: float = parameter(
         4.0,
         "a corner farther than this from the boundary is cut off, one of 30° still is not; in spacings",
         gt=0,
     )
-    facing: float = parameter(
-        10.0, "edges that turn from one another by more are no party wall", unit="°", ge=0.0, lt=90.0
-    )
-    facing_length: float = parameter(
-        1.0, "shortest stretch along which two edges are a party wall", unit="m", gt=0
-    )
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3), with the spacing where they are sparse."""
         mesh = triangulate_points(points[:, :2])
-        if mesh is not None:
-            least = self.balcony / spacing**2
-            low = low_parts(mesh, points[:, 2], self.alpha * 2.0 * spacing, least, self)
-            if low.any():
-                points = points[~low]
-                mesh = triangulate_points(points[:, :2])
         if mesh is not None:
             wide = wide_radius(mesh, self.widest * spacing, self.wide_share) or spacing
             spacing = float(np.clip(np.sqrt(2.0) * wide, 0.7 * spacing, 2.0 * spacing))
@@ -167,7 +135,7 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
                 self.alpha * spacing,
                 share=self.share,
                 sparse=self.sparse,
-                sparse_points=self.sparse_points,
+                sparse_points=MIN_POINTS,
             )
         )
         if not rings:
@@ -178,18 +146,12 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
         return Boundary(tuple(kept), points, spacing)
 
     def regularise(self, boundaries: list[Boundary], emit: Emit = ignore) -> list[Polygon | Failure]:
-        """The fitted polygons; neighbours at most a spacing apart share their edges."""
+        """The fitted polygons; what two of them cover is of the larger."""
         answers: list[Polygon | Failure] = [self.fitted(boundary) for boundary in boundaries]
         drawn = [number for number, answer in enumerate(answers) if not isinstance(answer, Failure)]
         emit("fitted", [answers[number] for number in drawn])
         if len(drawn) > 1:
-            gap = max(boundaries[number].spacing for number in drawn)
-            shared = share_edges(
-                [polygon for polygon in answers if isinstance(polygon, Polygon)],
-                gap,
-                self.facing,
-                self.facing_length,
-            )
+            shared = share_edges([polygon for polygon in answers if isinstance(polygon, Polygon)])
             for number, polygon in zip(drawn, shared, strict=True):
                 answers[number] = polygon
         return answers
@@ -201,18 +163,7 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
         whole = as_polygon(Polygon(rings[0], holes))
         if whole is None:
             return Failure("no_area", f"a ring of {len(rings[0])} points encloses no area", "outline")
-        return whole if boundary.crowns is None else self.with_hidden(whole, boundary)
-
-    def with_hidden(self, drawn: Polygon, boundary: Boundary) -> Polygon:
-        """A polygon with what crowns hide of it."""
-        assert boundary.crowns is not None
-        none = np.zeros((0, 2))
-        outer = np.asarray(shapely.orient_polygons(drawn).exterior.coords)[:-1]
-        elsewhere = none if boundary.elsewhere is None else boundary.elsewhere
-        fuller = fill_hidden(outer, boundary.crowns, elsewhere, boundary.spacing, self)
-        if len(fuller) == len(outer):
-            return drawn
-        return as_polygon(Polygon(fuller, drawn.interiors)) or drawn
+        return whole
 
     def fitted_ring(self, ring: NDArray[np.float64], boundary: Boundary) -> NDArray[np.float64]:
         """The corners (C, 2) of one ring (M, 2) of a boundary.
@@ -269,10 +220,10 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
             length,
             self.strip_before * spacing,
             self.strip_behind * spacing,
-            self.strip_margin * spacing,
+            self.scatter * spacing,
             self.blur,
             max(self.wall_beside * spacing, self.least_beside),
-            self.strip_points,
+            MIN_POINTS,
         )
         told = np.isfinite(shift)
         shift = np.where(
@@ -301,7 +252,7 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
         in the median. They can fill no wider a strip than their number gives; what lies deeper was divided
         by something else, and as many are taken for that beside the edge.
         """
-        if len(divided) < self.fewest_divided:
+        if len(divided) < MIN_POINTS:
             return 0.0
         away = divided @ edges.normal.T - edges.offset
         along = divided @ edges.direction.T - (start * edges.direction).sum(axis=1)
@@ -311,7 +262,7 @@ class GlobalFit(HiddenCornerRules, LowPartRules, OutlineMethod):
         count = len(near) - int(
             np.count_nonzero((depth >= self.widest_spot) & (depth < 2.0 * self.widest_spot))
         )
-        if count < self.fewest_divided:
+        if count < MIN_POINTS:
             return 0.0
         return float(np.clip(np.median(near), 0.0, count / (density * float(length.sum()))))
 

@@ -12,6 +12,8 @@ from eaves.geometry.rings import signed_area, split_loops
 from eaves.geometry.tin import Tin
 from eaves.kernels import kernel
 
+SHARE = 0.95
+"""The least share of the points that lie inside."""
 WIDEN = 1.5
 """Factor from one try to the next when the radius is too small to hold the points together: the step of a
 search for the radius that `share` asks for, in every method that has an alpha shape."""

@@ -1,4 +1,4 @@
-"""Neighbours that touch made to share their edges, without gap or overlap."""
+"""Neighbours that overlap made to share their edges."""
 
 from __future__ import annotations
 
@@ -16,25 +16,14 @@ SAME_PLACE_M = 0.02
 """Vertices and edges of neighbours nearer than this (m, a tolerance) are the same."""
 
 
-def share_edges(polygons: Sequence[Polygon], gap: float, facing: float, shortest: float) -> list[Polygon]:
-    """The polygons with gaps up to `gap` (m) between facing edges closed, and overlaps given to one.
-
-    Edges face each other when they turn by at most `facing` (degrees) along a stretch of at least `shortest`
-    (m). Of two facing edges the shorter one's polygon is carried on to the longer one, so that the wall gets
-    no jog. An overlap stays with the larger polygon. Vertices of one on the edge of another become vertices
-    of both.
-    """
+def share_edges(polygons: Sequence[Polygon]) -> list[Polygon]:
+    """The polygons with overlaps given to the larger one. Vertices of one on the edge of another become
+    vertices of both."""
     shapes = list(polygons)
-    tree = STRtree(shapes)
-    one, other = tree.query(shapes, predicate="dwithin", distance=gap)
+    one, other = STRtree(shapes).query(shapes, predicate="intersects")
     pairs = sorted((int(a), int(b)) for a, b in zip(one, other, strict=True) if a < b)
     if not pairs:
         return shapes
-    for a, b in pairs:
-        for grower, base in ((a, b), (b, a)):
-            bridges = bridges_to(polygons[grower], polygons[base], gap, facing, shortest)
-            if bridges:
-                shapes[grower] = grown(shapes[grower], bridges)
     give_overlaps(shapes, pairs, [polygon.area for polygon in polygons])
     touched = sorted({number for pair in pairs for number in pair})
     for number, polygon in zip(touched, welded_outlines([shapes[number] for number in touched]), strict=True):
@@ -52,56 +41,6 @@ def give_overlaps(
             rest = polygon_parts(shapely.difference(shapes[loser], shapes[keeper], grid_size=COORDINATE_STEP))
             if rest:
                 shapes[loser] = max(rest, key=lambda part: part.area)
-
-
-def outline_edges(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Starts and ends (E, 2) of a polygon's edges, area on the left."""
-    whole = shapely.orient_polygons(polygon)
-    rings = [np.asarray(ring.coords) for ring in (whole.exterior, *whole.interiors)]
-    return np.concatenate([ring[:-1] for ring in rings]), np.concatenate([ring[1:] for ring in rings])
-
-
-def bridges_to(
-    grower: Polygon, base: Polygon, gap: float, most_turn: float, shortest: float
-) -> list[Polygon]:
-    """Strips that carry edges of `grower` on to longer edges of `base` that face them within `gap` (m).
-
-    Facing edges are turned by at most `most_turn` (degrees), along at least `shortest` (m).
-    """
-    start, end = outline_edges(grower)
-    base_start, base_end = outline_edges(base)
-    strips = []
-    for p, q in zip(start, end, strict=True):
-        length = np.hypot(*(q - p))
-        if length < shortest:
-            continue
-        along = (q - p) / length
-        outward = np.array([along[1], -along[0]])
-        run = base_end - base_start
-        base_length = np.hypot(*run.T)
-        facing = (run @ along) < -np.cos(np.radians(most_turn)) * base_length
-        for k in np.flatnonzero(facing & (base_length >= length)):
-            first, last = sorted(((base_start[k] - p) @ along, (base_end[k] - p) @ along))
-            low, high = max(0.0, first), min(length, last)
-            slope = (run[k] @ outward) / (run[k] @ along)
-            depth = [
-                (base_start[k] - p) @ outward + slope * (t - (base_start[k] - p) @ along) for t in (low, high)
-            ]
-            if high - low < shortest or min(depth) < 0.0 or max(depth) > gap:
-                continue
-            strip = [p + low * along, p + high * along]
-            strip += [strip[1] + depth[1] * outward, strip[0] + depth[0] * outward]
-            polygon = Polygon(strip)
-            if polygon.area > 0.0:
-                strips.append(polygon)
-    return strips
-
-
-def grown(polygon: Polygon, strips: list[Polygon]) -> Polygon:
-    """The polygon with the strips, without vertices that lie on a straight edge."""
-    united = polygon_parts(shapely.union_all([polygon, *strips], grid_size=COORDINATE_STEP))
-    largest = max(united, key=lambda part: part.area)
-    return shapely.simplify(largest, 2.0 * COORDINATE_STEP)
 
 
 def welded_outlines(polygons: Sequence[Polygon]) -> list[Polygon]:
