@@ -183,8 +183,8 @@ def main() -> None:
         "Units: houses in rows, from points alone",
         [{column: row.get(column) for column in columns} for row in rows],
         "python -m benchmarks.accuracy.units",
-        "The weights of signs were learned on `delfshaven` and five drawn towns (1, 2, 5, 6, 7), boldness "
-        "and border odds chosen on four of them, so its rows are no left-out figures: the table of "
+        "The weights of signs were learned on `delfshaven` and five drawn towns (1, 2, 5, 6, 7), "
+        "so its rows are no left-out figures: the table of "
         "`python -m benchmarks.accuracy.unit_weights` has those. `delft` was looked at while the narrowest "
         "width was set and the signs of a wall were chosen. The gain of edges was chosen on these very rows; "
         "on rows of other seeds F1 at .7 was .94 and .91 at 10 and 5/m². Single buildings are of a seed that "

@@ -11,7 +11,7 @@ from eaves.model import Values
 NEAR = 2
 """Divisions with a wall within so many steps agree on it."""
 
-LEAST = 1e-300
+LEAST = float(np.finfo(np.float64).tiny)
 """What cannot be is this likely, so that its logarithm is finite."""
 
 

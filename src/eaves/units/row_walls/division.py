@@ -18,9 +18,6 @@ from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan
 Walls = dict[tuple[int, int], float]
 """The probability of a wall between two units, by their numbers from 1, the smaller first."""
 
-EVERY = 2
-"""Every other cell of a line votes for the unit a piece belongs to."""
-
 
 @dataclass(frozen=True, eq=False)
 class RowUnits:
@@ -120,10 +117,8 @@ def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int
     """The unit (from 0) that has most cells in each piece; a piece without goes to the neighbour
     it shares the longest border with.
     """
-    some = label[::EVERY, ::EVERY]
-    row, column = np.nonzero(some > 0)
-    numbers = some[row, column] - 1
-    row, column = EVERY * row, EVERY * column
+    row, column = np.nonzero(label > 0)
+    numbers = label[row, column] - 1
     x = plan.west + (column + 0.5) * CELL_M
     y = plan.south + (row + 0.5) * CELL_M
     tree = shapely.STRtree(shapely.points(x, y))
@@ -131,7 +126,7 @@ def owners_by_cells(pieces: Sequence[Polygon], plan: Plan, label: NDArray[np.int
     piece, cell = tree.query(pieces, predicate="contains")
     for k in range(len(pieces)):
         votes = np.bincount(numbers[cell[piece == k]], minlength=count)
-        area = (EVERY * CELL_M) ** 2 * votes.max(initial=0)
+        area = CELL_M**2 * votes.max(initial=0)
         if area > max(0.25 * pieces[k].area, 0.5):
             owner[k] = int(np.argmax(votes))
     changed = True

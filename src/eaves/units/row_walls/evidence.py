@@ -16,9 +16,6 @@ DEPTH_STEP_M = 1.0
 WINDOW_M = 2.0
 """Width of the ground on either side that is compared: half of a narrow house."""
 
-STRIP_M = 0.5
-"""What stands over the roof within this distance of the wall stands on it."""
-
 FEWEST = 3
 """Fewer points on one side of a metre say nothing of it."""
 
@@ -41,23 +38,6 @@ USUAL_NOISE_M = 0.03
 """Noise of the scans that the weights were learned on. Roofs of tiles and gutters are no flatter: a scan of
 less noise is judged as one of this, and so is one that no square has points enough to measure.
 """
-
-SIGNS = (
-    "step",
-    "stepped share",
-    "valley",
-    "ridge",
-    "parapet",
-    "chimney",
-    "depth change",
-    "one-sided share",
-    "change of slope",
-    "rough share",
-    "longest step",
-    "step to an edge",
-)
-COLUMNS = 12
-"""The columns of `wall_signs`."""
 
 
 def roof_noise(points: Points) -> float:
@@ -88,7 +68,8 @@ def roof_noise(points: Points) -> float:
 
 
 def wall_signs(row: HouseRow, points: Points, noise: float) -> NDArray[np.float64]:
-    """The signs (S + 1, 12) of a wall at each step along the row, from its roof points (N, 3)."""
+    """The signs (S + 1, 3) of a wall at each step along the row, from its roof points (N, 3): the share
+    of its depth that steps, the mean folds (slopes) of valleys and of ridges."""
     s, t = row.coordinates(points[:, :2])
     step = np.floor(s / CELL_M).astype(np.int64)
     inside = (step >= 0) & (step < len(row.first))
@@ -102,55 +83,23 @@ def wall_signs(row: HouseRow, points: Points, noise: float) -> NDArray[np.float6
     ground = (low + (np.arange(depths)[:, None] + 0.5) * DEPTH_STEP_M >= row.first) & (
         low + (np.arange(depths)[:, None] + 0.5) * DEPTH_STEP_M < row.last
     )
-    window, strip = round(WINDOW_M / CELL_M), round(STRIP_M / CELL_M)
-    return np.asarray(signs_kernel(moments, ground, row.first, row.last, window, strip, CELL_M, noise))
+    return np.asarray(signs_kernel(moments, ground, round(WINDOW_M / CELL_M), CELL_M, noise))
 
 
-WEIGHTS = {
-    "one": -4.63,
-    "share": 8.68,
-    "step": 3.39,
-    "root": -5.49,
-    "valley": -7.0,
-    "ridge": -8.66,
-    "parapet": 2.79,
-    "depth": 0.33,
-    "lone": -0.81,
-    "rough": -0.66,
-    "rough share": -4.09,
-    "longest": 0.27,
-    "edge": -0.35,
-    "full valley": 9.37,
-}
+WEIGHTS = {"one": -4.96, "share": 6.33, "ridge": -7.97, "full valley": 4.7}
 """Of the traits in the log-odds of a wall; learned by `python -m benchmarks.accuracy.unit_weights`."""
 
 
 def wall_odds(signs: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Log-odds (S + 1,) of a party wall from its signs (S + 1, 12), by logistic regression."""
+    """Log-odds (S + 1,) of a party wall from its signs (S + 1, 3), by logistic regression."""
     return np.asarray(traits_of(signs) @ np.array(list(WEIGHTS.values())))
 
 
 def traits_of(signs: NDArray[np.float64]) -> NDArray[np.float64]:
     """The columns (S + 1, K) that `WEIGHTS` weigh."""
-    step, share, valley, ridge, parapet, _, depth, lone, _, rough, longest, edge = signs.T
-    return np.column_stack(
-        [
-            np.ones(len(signs)),
-            share,
-            step,
-            np.sqrt(step),
-            np.minimum(valley, 0.6),
-            np.minimum(ridge, 0.6),
-            np.minimum(parapet, 0.3),
-            np.minimum(depth, 1.5),
-            np.minimum(lone, 0.3),
-            rough,
-            rough * share,
-            longest / 10.0,
-            edge / 10.0,
-            np.clip((valley - 0.25) / 0.5, 0.0, 1.0),
-        ]
-    )
+    share, valley, ridge = signs.T
+    full = np.clip(2.0 * valley - 0.5, 0.0, 1.0)
+    return np.column_stack([np.ones(len(signs)), share, np.minimum(ridge, 0.6), full])
 
 
 @kernel
@@ -227,26 +176,19 @@ def side_kernel(
 def signs_kernel(
     sums: NDArray[np.float64],
     ground: Mask,
-    first: NDArray[np.float64],
-    last: NDArray[np.float64],
     window: int,
-    strip: int,
     cell: float,
     noise: float,
 ) -> NDArray[np.float64]:
     """The signs at each of S + 1 steps; see `wall_signs`."""
     depths, steps = ground.shape
-    signs = np.zeros((steps + 1, COLUMNS))
+    signs = np.zeros((steps + 1, 3))
     straight = 2.0 * noise + 0.03
     for j in range(1, steps):
         place = j * cell
-        both, lone, rough = 0, 0, 0
-        run, longest, lead, seen = 0, 0, 0, 0
+        both = 0
         for i in range(depths):
-            left, right = ground[i, j - 1], ground[i, j]
-            if left != right:
-                lone += 1
-            if not (left and right):
+            if not (ground[i, j - 1] and ground[i, j]):
                 continue
             good, n, before, rise = side_kernel(sums[i], j - 1, -1, window, place, straight)
             fine, m, after, fall = side_kernel(sums[i], j + 1, 1, window, place, straight)
@@ -254,50 +196,19 @@ def signs_kernel(
                 good, n, before, rise = side_kernel(sums[i], j - WIDE, -1, window, place, straight)
             if not fine:
                 fine, m, after, fall = side_kernel(sums[i], j + WIDE, 1, window, place, straight)
-            if n < FEWEST or m < FEWEST:
-                continue
             if not (good and fine):
-                rough += 1
                 continue
             both += 1
-            seen += 1
             jump = abs(after - before)
             if jump < CROSSING_M * abs(fall - rise):
                 jump = 0.0
-            doubt = 3.0 * noise * np.sqrt(4.0 / n + 4.0 / m)
-            run = run + 1 if jump > max(doubt, 0.08) else 0
-            longest = max(longest, run)
-            if run == seen:
-                lead = run
-            if jump > max(doubt, 0.08):
-                signs[j, 0] += min(jump, 1.0)
-                signs[j, 1] += 1.0
+            if jump > max(3.0 * noise * np.sqrt(4.0 / n + 4.0 / m), 0.08):
+                signs[j, 0] += 1.0
             fold = min(max(fall - rise, -1.5), 1.5)
             if jump < 0.5:
                 if fold > 0.0:
-                    signs[j, 2] += fold
+                    signs[j, 1] += fold
                 else:
-                    signs[j, 3] -= fold
-            signs[j, 8] += min(abs(fall - rise), 1.0)
-            good, n, before, _ = side_kernel(sums[i], j - strip, -1, window, place, straight)
-            fine, m, after, _ = side_kernel(sums[i], j + strip, 1, window, place, straight)
-            half = strip // 2
-            if good and fine and j >= strip and j + strip <= steps:
-                k = sums[i, j + half, 0] - sums[i, j - half, 0]
-                if k >= 1:
-                    top = (sums[i, j + half, 6] - sums[i, j - half, 6]) / k
-                    over = top - max(before, after)
-                    if over > max(0.15, 3.0 * noise):
-                        signs[j, 4] += 1.0
-                    if over > 0.4:
-                        signs[j, 5] += 1.0
-        if both:
-            for c in (0, 1, 2, 3, 4, 8):
-                signs[j, c] /= both
-            signs[j, 5] = min(signs[j, 5], 2.0)
-        signs[j, 7] = lone / max(both + rough + lone, 1)
-        signs[j, 6] = min(abs(first[j] - first[j - 1]), 2.0) + min(abs(last[j] - last[j - 1]), 2.0)
-        signs[j, 10] = min(longest * DEPTH_STEP_M, 10.0)
-        signs[j, 11] = min(max(lead, run) * DEPTH_STEP_M, 10.0)
-        signs[j, 9] = rough / max(both + rough, 1)
+                    signs[j, 2] -= fold
+        signs[j] /= max(both, 1)
     return signs

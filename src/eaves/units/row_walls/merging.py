@@ -1,4 +1,4 @@
-"""Units of two rows that meet where no wall shows are one."""
+"""Units of two rows that meet where no wall shows are one, and small ones are of those beside them."""
 
 from __future__ import annotations
 
@@ -11,24 +11,18 @@ from eaves.methods import Method, parameter
 from eaves.model import Points
 from eaves.units.row_walls.certainty import sure_in_row, sure_on_border
 from eaves.units.row_walls.division import RowUnits, Walls
-from eaves.units.row_walls.evidence import wall_odds, wall_signs
+from eaves.units.row_walls.evidence import WINDOW_M, wall_odds, wall_signs
 from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan
 
 
 class MergeRules(Method):
-    """What keeps two units apart."""
+    """Which units are too small, and which walls too short."""
 
-    border_odds: float = parameter(
-        -1.0, "Log-odds above which a border of two rows is a wall.", ge=-20.0, le=20.0
-    )
     smallest_unit: float = parameter(
         25.0,
         "A smaller unit is part of the one it shares its longest border with.",
         unit="m2",
         ge=0.0,
-    )
-    beside: float = parameter(
-        3.0, "Points this near to a border of two rows are compared across it.", unit="m", gt=0.0
     )
     shortest_border: float = parameter(
         2.0, "Units that share less do not stand wall to wall.", unit="m", ge=0.0
@@ -43,8 +37,9 @@ def merged_units(
     noise: float,
     limits: MergeRules,
 ) -> tuple[NDArray[np.int32], Walls]:
-    """The labels with the units of later rows given to those of earlier ones where no wall is seen between
-    them, numbered without gaps; and the walls between them.
+    """The labels with small units given to those that they share the longest border with, and the units of
+    later rows to those of earlier ones where no wall is seen between them, numbered without gaps; and the
+    walls between them.
     """
     count = int(label.max(initial=0))
     owner = np.repeat(np.arange(len(rows)), [len(row.walls) + 1 for row in rows])
@@ -52,29 +47,25 @@ def merged_units(
     area = np.bincount(label.ravel(), minlength=count + 1) * CELL_M**2
     borders = borders_between(label)
     seen: dict[tuple[int, int], float] = {}
-    alone = np.repeat([len(row.walls) == 0 for row in rows], [len(row.walls) + 1 for row in rows])
     for unit in range(count, 0, -1):
         near = [
-            (len(places), other, places)
-            for (a, b), places in borders.items()
-            for one, other in ((a, b), (b, a))
-            if one == unit
+            (len(places), -other, places)
+            for pair, places in borders.items()
+            if unit in pair
+            for other in pair
+            if other != unit
         ]
-        if not near:
-            continue
-        if area[unit] < limits.smallest_unit:
-            other = max(near, key=lambda item: (item[0], -item[1]))[1]
+        near.sort(key=lambda one: one[:2], reverse=True)
+        if near and area[unit] < limits.smallest_unit:
+            other = -near[0][1]
             if head_of(target, other) != unit:
                 target[unit] = other
             continue
-        before = [item for item in near if owner[item[1] - 1] < owner[unit - 1]]
-        for length, other, places in sorted(before, key=lambda item: (-item[0], item[1])):
-            if length * CELL_M < limits.shortest_border:
-                break
-            if target[unit] != unit and not (alone[unit - 1] and alone[other - 1]):
+        for length, other, places in ((length, -minus, places) for length, minus, places in near):
+            if owner[other - 1] >= owner[unit - 1] or length * CELL_M < limits.shortest_border:
                 continue
-            seen[other, unit] = border_odds(plan, places, points, noise, limits.beside)
-            if seen[other, unit] < limits.border_odds:
+            seen[other, unit] = border_odds(plan, places, points, noise)
+            if seen[other, unit] < 0.0:
                 one, two = sorted((head_of(target, unit), head_of(target, other)))
                 target[two] = one
     target = np.array([head_of(target, unit) for unit in range(count + 1)])
@@ -96,7 +87,7 @@ def merged_units(
         if len(places) * CELL_M < limits.shortest_border:
             continue
         if (a, b) not in seen:
-            seen[a, b] = border_odds(plan, places, points, noise, limits.beside)
+            seen[a, b] = border_odds(plan, places, points, noise)
         walls[one, two] = sure_on_border(seen[a, b])
     return number.astype(np.int32), walls
 
@@ -129,12 +120,8 @@ def borders_between(label: NDArray[np.int32]) -> dict[tuple[int, int], NDArray[n
     }
 
 
-def border_odds(
-    plan: Plan, places: NDArray[np.float64], points: Points, noise: float, beside: float
-) -> float:
-    """Log-odds of a wall along the border through places (M, 2; row, column), from the points nearer than
-    `beside` (m).
-    """
+def border_odds(plan: Plan, places: NDArray[np.float64], points: Points, noise: float) -> float:
+    """Log-odds of a wall along the border through places (M, 2; row, column), from the points beside it."""
     xy = np.column_stack(
         [plan.west + (places[:, 1] + 0.5) * CELL_M, plan.south + (places[:, 0] + 0.5) * CELL_M]
     )
@@ -143,9 +130,9 @@ def border_odds(
     across = axes[0] * (1.0 if axes[0][int(np.argmax(np.abs(axes[0])))] > 0 else -1.0)
     along = np.array([across[1], -across[0]])
     t = (xy - centre) @ across
-    steps = int(2 * beside / CELL_M)
+    steps = int(2 * WINDOW_M / CELL_M)
     row = HouseRow(
-        centre - beside * along, along, across, np.full(steps, t.min()), np.full(steps, t.max() + CELL_M)
+        centre - WINDOW_M * along, along, across, np.full(steps, t.min()), np.full(steps, t.max() + CELL_M)
     )
     odds = wall_odds(wall_signs(row, points, noise))
     return float(odds[steps // 2 - 2 : steps // 2 + 3].max())

@@ -15,7 +15,7 @@ from eaves.units.row_walls.chain import best_walls, total_of
 from eaves.units.row_walls.division import RowUnits, divide_outline, label_unit_cells
 from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
 from eaves.units.row_walls.merging import MergeRules, merged_units
-from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan, RowRules, rows_of
+from eaves.units.row_walls.rows import CELL_M, HOUSE_M, SAME_DEG, HouseRow, Plan, RowRules, rows_of
 from eaves.units.row_walls.several import odds_of_several
 from eaves.units.row_walls.volumes import VolumeRules, main_volumes
 from eaves.units.stage import Division, UnitMethod
@@ -27,10 +27,10 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
     What stands higher than an annex is the main volume. Behind each of its long fronts, longest first, lies
     the ground of a row; walls run along the direction in which heights change most alike at all depths. At
     every quarter of a metre along a row planes are fitted to the points on both sides, metre by metre of
-    depth, and compared: steps, valleys, what stands over both, changes of depth, and against them ridges,
-    give the odds of a party wall there by logistic regression. The row is divided where the product of the
-    odds of its walls and of the widths of its units is greatest, by dynamic programming; the forward and
-    backward sums over all divisions give the certainty of each wall. Houses of one width make weak signs at
+    depth, and compared: steps, valleys, and against them ridges, give the odds of a party wall there by
+    logistic regression. The row is divided where the product of the odds of its walls and of the widths of
+    its units is greatest, by dynamic programming; the forward and backward sums over all divisions give the
+    certainty of each wall. Houses of one width make weak signs at
     equal distances likely: that width is the one under which the row's signs are likeliest, so it comes from
     the scan alone. Rows that meet without a wall are one; walls are carried on through annexes.
 
@@ -38,7 +38,7 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
     -------
     max Π_walls o(s) · Π_units f(w),  f(w) = q g(w) + (1 − q) r N(ln w; ln u, λ),
 
-    o the odds at place s times e^boldness, w the width of a unit, g falling off below the narrowest, u the
+    o the odds at place s, w the width of a unit, g falling off below the narrowest, u the
     usual width of the row, λ the likeness, q the share of odd widths, r the range of widths. A row without
     a usual width has f = g.
 
@@ -47,8 +47,9 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
     Own method; the sums over divisions are those of [rabiner1989] for states of explicit duration. The
     weights of the signs, and how sure walls are, were learned on six towns
     (`benchmarks/accuracy/unit_weights.py`): a real town's models of 853 buildings and five drawn at random,
-    scanned at 10/m²; boldness and border odds were chosen on four of them. Whether a block is several
-    buildings at all was learned on these towns at 10 and 3/m² and on drawn houses with wings, halls and rows.
+    scanned at 10/m². Of fourteen signs these three tell the walls of a town left out best. Whether a block is
+    several buildings at all was learned on these towns at 10 and 3/m² and on drawn houses with wings, halls
+    and rows.
 
     Fails where
     -----------
@@ -71,25 +72,16 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
     idea: ClassVar[str] = "Rows along fronts, each divided where its points show walls, by one sum."
     paper: ClassVar[str] = "rabiner1989"
 
-    boldness: float = parameter(
-        0.7,
-        "Logarithm of how many false walls are worth as much as a missed one.",
-        symbol="b",
-        ge=-5.0,
-        le=5.0,
-    )
-    narrowest: float = parameter(
-        4.0, "Width under which a unit is unlikely: 99 of 100 houses in rows are wider.", unit="m", gt=0.0
-    )
-    spread: float = parameter(0.15, "Spread of the logarithm of widths below the narrowest.", gt=0.0)
     likeness: float = parameter(
-        0.07, "Spread of the logarithm of widths in a regular row.", symbol="λ", gt=0.0
+        0.07,
+        "Spread of the logarithm of widths in a regular row; half of that below the narrowest.",
+        symbol="λ",
+        gt=0.0,
     )
     odd_share: float = parameter(
         0.3, "Share of units of another width in a regular row.", symbol="q", gt=0.0, lt=1.0
     )
     width_range: float = parameter(1.7, "Range of the logarithm of widths of units.", symbol="r", gt=0.0)
-    widest_usual: float = parameter(12.0, "Greatest usual width of a regular row.", unit="m", gt=0.0)
     regular_gain: float = parameter(
         2.0, "Logarithm of how much better a usual width must explain a row than any width.", ge=0.0
     )
@@ -99,11 +91,8 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
         ge=0.0,
         le=1.0,
     )
-    shortest_edge: float = parameter(
-        5.0, "Length of edges in one direction that show how walls run.", unit="m", gt=0.0
-    )
     carried_on: float = parameter(
-        15.0, "A wall is carried on through annexes and sheds by at most this much.", unit="m", gt=0.0
+        HOUSE_M, "A wall is carried on through annexes and sheds by at most this much.", unit="m", gt=0.0
     )
 
     def divide(
@@ -112,7 +101,7 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
         """The division; see the class."""
         whole = Division((outline,), (1.0,))
         plan = Plan.of(outline, main_volumes(outline, points, height, self), points)
-        rows = list(rows_of(plan, directions_of(outline, self.shortest_edge), self))
+        rows = list(rows_of(plan, directions_of(outline, self.shortest_front), self))
         if not rows:
             return whole
         noise = roof_noise(points)
@@ -141,8 +130,8 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
     def walls_of(self, row: HouseRow, log_odds: Values) -> RowUnits:
         """The inner walls of one row, from the log-odds (S + 1,) of a wall at each step."""
         width = np.maximum(np.arange(len(log_odds)), 1) * CELL_M
-        broad = np.exp(-0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / self.spread) ** 2)
-        odds = np.exp(log_odds + self.boldness)
+        broad = np.exp(-0.5 * (np.minimum(np.log(width / self.narrowest), 0.0) / (2.0 * self.likeness)) ** 2)
+        odds = np.exp(log_odds)
         best, chosen = total_of(odds, broad) + self.regular_gain, broad
         for usual in self.usual_widths(row):
             regular = self.regular_width(width, usual, broad)
@@ -153,7 +142,7 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
 
     def usual_widths(self, row: HouseRow) -> list[float]:
         """The widths (m) that most units of a regular row may have; three at least stand in it."""
-        widest = min(self.widest_usual, row.length / 3.0)
+        widest = min(3.0 * self.narrowest, row.length / 3.0)
         if widest < self.narrowest:
             return []
         ratio = 1.0 + 0.5 * self.likeness
@@ -179,13 +168,14 @@ def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
     length = np.hypot(step[:, 0], step[:, 1])
     angle = np.arctan2(step[:, 1], step[:, 0])
     found: list[float] = []
-    while len(found) < MOST_DIRECTIONS and len(length):
+    same = np.radians(SAME_DEG)
+    while len(length):
         apart = np.mod(angle[:, None] - angle[None, :] + np.pi / 2, np.pi) - np.pi / 2
-        weight = (np.abs(apart) < SAME_RAD) @ length
+        weight = (np.abs(apart) < same) @ length
         best = int(np.argmax(weight))
         if weight[best] < shortest:
             break
-        mine = np.abs(apart[best]) < SAME_RAD
+        mine = np.abs(apart[best]) < same
         found.append(float(angle[best] - np.average(apart[best][mine], weights=length[mine])))
         length, angle = length[~mine], angle[~mine]
     return np.column_stack([np.cos(found), np.sin(found)])
@@ -194,7 +184,3 @@ def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
 def unit_rings(outline: Polygon) -> list[shapely.LinearRing]:
     """The outer ring and the holes."""
     return [outline.exterior, *outline.interiors]
-
-
-MOST_DIRECTIONS, SAME_RAD = 8, float(np.radians(2.0))
-"""So many directions, so far apart, are looked at: a bound of the work and a tolerance."""

@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 from eaves.model import Values
 from eaves.units.row_walls.chain import NEAR
 from eaves.units.row_walls.division import RowUnits
+from eaves.units.row_walls.rows import HOUSE_M
 
-WEIGHTS = {"one": -7.61, "units": 3.3, "density": 1.65, "depth": -5.25, "second": 0.54}
+WEIGHTS = {"one": -7.47, "units": 3.48, "density": 1.53, "depth": -5.23, "second": 0.61}
 """Of the traits in the log-odds that a block is several buildings; learned by
 `python -m benchmarks.accuracy.unit_weights` on towns and on drawn houses, halls and rows.
 """
-
-SHALLOW_M = 15.0
-"""Houses in rows are this deep at most: only what is deeper counts against them."""
 
 MOST_UNITS = 8
 """More units prove no more: a factory of a hundred bays would outweigh its depth."""
@@ -57,7 +55,7 @@ def traits_of_block(
             1.0,
             np.log(min(len(strength) + 1, MOST_UNITS)),
             np.log(max(points, 1) / area),
-            max(float(np.log(np.median(depth) / SHALLOW_M)), 0.0),
+            max(float(np.log(np.median(depth) / HOUSE_M)), 0.0),
             np.clip(second, LEAST_ODDS, MOST_ODDS),
         ]
     )

@@ -11,8 +11,10 @@ from shapely import Polygon
 from eaves.geometry.rings import polygon_parts
 from eaves.methods import Method, parameter
 from eaves.model import Mask, Points
+from eaves.units.row_walls.rows import CELL_M as FINE_M
+from eaves.units.row_walls.rows import JOG_M
 
-CELL_M = 0.5
+CELL_M = 2.0 * FINE_M
 """Side of the cells (m) in which heights are compared."""
 
 
@@ -27,7 +29,7 @@ class VolumeRules(Method):
         gt=0.0,
     )
     narrowest_annex: float = parameter(
-        1.5,
+        JOG_M,
         "Narrower low ground is an eave, a gap or a balcony, and stays with what stands beside it.",
         unit="m",
         ge=0.0,
