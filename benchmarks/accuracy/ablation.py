@@ -215,7 +215,7 @@ def target_of(name: str) -> tuple[Any, str]:
 def put(name: str, value: Any) -> None:
     """Set a parameter's default, a constant or a function, wherever it was imported."""
     owner, last = target_of(name)
-    if last in getattr(owner, "model_fields", {}):
+    if isinstance(owner, type) and last in getattr(owner, "model_fields", {}):
         owner.model_fields[last].default = value
         owner.model_rebuild(force=True)
         return

@@ -59,19 +59,16 @@ def nowhere(evidence: Any, *_: Any) -> Any:
 
 def no_decks(heights: Any, *_: Any) -> Any:
     """No deck."""
-    none = np.full(heights.shape, np.nan, np.float32)
-    return none, none, []
+    return np.full(heights.shape, np.nan, np.float32), []
 
 
 METHOD = "detect.consensus.method:"
 TERMS = {"company": 0.5, "enclosed": 0.3, "rough": 0.2, "low": -0.3, "width": 0.5, "height": 0.7, "area": 1.0}
 DETECT = (
-    detect("vehicles", 12, {"detect.vehicle_area": 0.0}),
-    detect("vehicles, their pitched tops", 4, {"detect.vehicle_points": 10**9}),
-    detect("limbs", 1, {"detect.limb_width": 0.0}),
-    detect("hidden roofs", 4, {"detect.hidden_reach": 0.0}),
-    detect("voids", 8, {f"{METHOD}find_roof_voids": nowhere}),
-    detect("rims of voids", 1, {f"{METHOD}raise_rims": lambda odds, rims, least: odds}),
+    detect("vehicles", 6, {"detect.vehicle_area": 0.0}),
+    detect("narrow parts", 1, {"detect.room": 0.0}),
+    detect("hidden roofs", 2, {"detect.hidden_on_plane": 1e-9}),
+    detect("voids", 5, {f"{METHOD}find_roof_voids": nowhere}),
     detect("even roofs", 2, {"detect.even_area": NEVER}),
     detect("attachment", 3, {"detect.max_attached": 1.0}),
     detect("small surfaces", 1, {"detect.small_surface": 0.0}),
@@ -84,17 +81,8 @@ DETECT = (
     detect("walls", 2, {"detect.wall_below_plane": NEVER}),
     detect(
         "doubts, all",
-        6,
+        4,
         {f"{METHOD}{name}_doubts": (lambda *_: []) for name in ("region", "crown", "void")},
-    ),
-    detect(
-        "vehicles in the score",
-        5,
-        {
-            "detect.consensus.classifier:FITTED": replace(
-                classifier.FITTED, score=replace(classifier.SCORE, height=0.0, width=0.0)
-            )
-        },
     ),
     *(
         detect(f"term {name}", 2, {"detect.consensus.classifier:FITTED": without_term(name, usual)})
@@ -111,22 +99,16 @@ WIRES, DECKS, GREEN = (
     "surroundings.vegetation:VegetationRules.",
 )
 RUN = (
-    of("wires", "all", 26, {"surroundings.wires:find_wires": lambda cloud, *_: np.zeros(len(cloud), bool)}),
+    of("wires", "all", 10, {"surroundings.wires:find_wires": lambda cloud, *_: np.zeros(len(cloud), bool)}),
     of(
-        "wires", "towers", 7, {"surroundings.wires:find_towers": lambda cloud, *_: np.zeros(len(cloud), bool)}
+        "wires", "towers", 2, {"surroundings.wires:find_towers": lambda cloud, *_: np.zeros(len(cloud), bool)}
     ),
-    of("wires", "air beneath", 2, {f"{WIRES}air": NEVER, f"{WIRES}thick": NEVER}),
-    of("wires", "few around", 2, {f"{WIRES}few": 10**9}),
-    of("wires", "slope", 1, {f"{WIRES}slope": NEVER}),
-    of("decks", "all", 27, {"surroundings.decks:find_decks": no_decks}),
-    of("decks", "water", 4, {f"{DECKS}water_share": -1.0}),
-    of("decks", "faint falls", 1, {f"{DECKS}faint": 1.0}),
-    of("decks", "steepest", 1, {f"{DECKS}steepest": NEVER}),
-    of("decks", "over water", 1, {f"{DECKS}over_water": 2.0}),
+    of("wires", "few around", 1, {f"{WIRES}few": 10**9}),
+    of("decks", "all", 8, {"surroundings.decks:find_decks": no_decks}),
+    of("decks", "water", 2, {f"{DECKS}water_share": -1.0}),
     of("decks", "edges", 0, {"surroundings.decks:with_edges": lambda found, *_: found}),
     of("vegetation", "echoes", 1, {f"{GREEN}echoes": NEVER}),
     of("vegetation", "roughness", 1, {f"{GREEN}roughness": NEVER}),
-    of("vegetation", "clear of the terrain", 1, {f"{GREEN}clear": 0.0}),
 )
 TIN = "ground.adaptive_tin.method:"
 GROUND = (
@@ -170,40 +152,36 @@ GROUND = (
     of("ground", "slope in the opening", 3, {"ground.slope_share": 0.0}),
 )
 OUTLINE = (
-    of("outline", "hidden corners", 6, {"outline.hidden_cover": NEVER}),
-    of("outline", "low parts", 7, {"outline.low_drop": NEVER}),
     of(
         "outline",
         "shared edges",
-        2,
+        0,
         {"outline.global_fit.method:share_edges": lambda shapes, *_: list(shapes)},
     ),
-    of("outline", "beam", 2, {"outline.spot": 0.0}),
+    of("outline", "beam", 1, {"outline.spot": 0.0}),
     of("outline", "common directions", 4, {"outline.frames": 0}),
     of("outline", "second frame", 1, {"outline.frames": 1}),
     of("outline", "least share of a frame", 1, {"outline.least": 0.0}),
-    of("outline", "shift of edges", 6, {"outline.strip_points": 10**9}),
+    of("outline", "shift of edges", 4, {"outline.strip_before": 1e-9, "outline.strip_behind": 1e-9}),
     of("outline", "walls beside", 2, {"outline.wall_beside": 0.0, "outline.least_beside": 0.0}),
     of("outline", "measured spacing", 2, {"outline.global_fit.method:wide_radius": lambda *_: 0.0}),
-    of("outline", "sparse parts", 2, {"outline.sparse": 1.0}),
+    of("outline", "sparse parts", 1, {"outline.sparse": 1.0}),
     of("outline", "share inside", 1, {"outline.share": 0.0}),
     of("outline", "corner reach", 1, {"outline.corner_reach": NEVER}),
     of("outline", "blur", 1, {"outline.blur": 0.01}),
 )
 WEIGHTS = "units.row_walls.evidence:WEIGHTS"
 UNITS = (
-    of("units", "usual widths", 6, {"units.regular_gain": NEVER}),
-    of("units", "borders of rows", 4, {"units.border_odds": -20.0}),
+    of("units", "usual widths", 4, {"units.regular_gain": NEVER}),
     of("units", "smallest unit", 1, {"units.smallest_unit": 0.0}),
-    of("units", "several", 9, {"units.least_sure": 0.0}),
-    of("units", "volumes", 5, {"units.house": NEVER}),
+    of("units", "several", 8, {"units.least_sure": 0.0}),
+    of("units", "volumes", 3, {"units.house": NEVER}),
     of("units", "lean", 3, {"units.most_lean": 0.0}),
     of("units", "deeper rows", 1, {"units.most_deeper": NEVER}),
     of("units", "jogs of fronts", 2, {"units.jog": 0.0}),
-    of("units", "least free", 1, {"units.least_free": 0.0}),
     *(
         of("units", f"trait {name}", 1, {WEIGHTS: {**evidence.WEIGHTS, name: 0.0}})
-        for name in ("parapet", "depth", "lone", "rough", "rough share", "longest", "edge", "full valley")
+        for name in ("ridge", "full valley")
     ),
 )
 FLAT = "reconstruct.arrangement:"

@@ -54,7 +54,8 @@ def parameter(
     Parameters
     ----------
     default : object
-        The default; None means: derived from the measured spacing and noise, by the rule the sentence states.
+        The default; None means: derived from the measured spacing and noise, by the rule the sentence states;
+        `...`: what the paper prints.
     sentence : str
         What the parameter means.
     unit : str
@@ -99,7 +100,7 @@ def parameter(
     extra = {"unit": unit, "symbol": symbol, "published": published, "printed_in": printed_in}
     extra |= {"off": off, "step": step}
     declared: dict[str, Any] = {"description": sentence, "json_schema_extra": extra, **limits}
-    return Field(default, **declared)
+    return Field(published if default is ... else default, **declared)
 
 
 class Method(BaseModel):

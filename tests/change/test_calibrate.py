@@ -20,7 +20,6 @@ from eaves.change.calibrate import (
 from eaves.cli.runs import read_config
 from eaves.detect.consensus.classifier import (
     FITTED,
-    SCORE,
     ScoreWeights,
     Weights,
     read_weights,
@@ -89,13 +88,17 @@ def test_a_score_is_scaled_to_the_verdicts__and_too_few_scale_nothing() -> None:
     check, (shift, _) = check_score(score, truth)
     assert check is not None and check.better
     assert shift < 0
-    assert scaled(SCORE, 0.0, 1.0) == SCORE
-    assert scaled(SCORE, -1.0, 2.0) == ScoreWeights(1.8, odds=0.6, height=9.6, width=12.4)
+    assert scaled(ScoreWeights(), 0.0, 1.0) == ScoreWeights()
+    assert scaled(ScoreWeights(1.4, 0.3), -1.0, 2.0) == ScoreWeights(1.8, 0.6)
     assert check_score(score[: LEAST - 1], truth[: LEAST - 1])[0] is None
 
 
 def test_weights_are_read_as_they_were_written__by_a_configuration_too(tmp_path: Path) -> None:
-    weights = Weights(FITTED.surface, tuple(value + 0.125 for value in FITTED.cell), scaled(SCORE, 0.5, 1.5))
+    weights = Weights(
+        FITTED.surface,
+        tuple(value + 0.125 for value in FITTED.cell),
+        scaled(ScoreWeights(1.4, 0.3), 0.5, 1.5),
+    )
     assert read_weights(write_weights(weights)) == weights
     path = tmp_path / "calibration.toml"
     path.write_text(f'[detect]\nmethod = "consensus"\nweights = {toml(write_weights(weights))}\n')

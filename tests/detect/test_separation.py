@@ -7,7 +7,7 @@ import pytest
 
 from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
-from eaves.detect.consensus.separation import NOTHING, separate
+from eaves.detect.consensus.separation import nothing, separate
 from eaves.model import Scene
 from eaves.raster.surfaces import make_scene
 from eaves.simulate.exact import ExactScene
@@ -37,16 +37,16 @@ def test_a_measure_that_is_alike_on_both_tells_nothing(value: float) -> None:
     silent = separate(*two_groups(0.3, 0.3, 0.1))
     assert abs(silent.log_ratio(np.array([value]), MOST)[0]) < 0.3
     assert silent.power < 0.01
-    assert NOTHING.log_ratio(np.array([value]), MOST)[0] == 0.0
+    assert nothing().log_ratio(np.array([value]), MOST)[0] == 0.0
 
 
 def test_a_measure_without_values_tells_nothing() -> None:
-    assert separate(np.zeros(100), np.repeat([1.0, 0.0], 50)) == NOTHING
-    assert separate(np.ones(100), np.ones(100)) == NOTHING
+    assert separate(np.zeros(100), np.repeat([1.0, 0.0], 50)) == nothing()
+    assert separate(np.ones(100), np.ones(100)) == nothing()
 
 
 def test_a_measure_the_wrong_way_round_tells_nothing() -> None:
-    assert separate(*two_groups(0.6, 0.1, 0.2)) == NOTHING
+    assert separate(*two_groups(0.6, 0.1, 0.2)) == nothing()
 
 
 def test_what_is_told_grows_smoothly_with_the_distance() -> None:

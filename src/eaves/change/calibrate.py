@@ -348,7 +348,4 @@ def check_score(scores: Values, truth: NDArray[np.bool_]) -> tuple[Check | None,
 
 def scaled(score: ScoreWeights, shift: float, scale: float) -> ScoreWeights:
     """The weights of a score whose odds are shifted and scaled."""
-    constant, *others = rounded_weights(
-        np.array([score.constant * scale + shift, *(np.array(list(vars(score).values())[1:]) * scale)])
-    )
-    return ScoreWeights(constant, *others)
+    return ScoreWeights(*rounded_weights(np.array([score.constant * scale + shift, score.odds * scale])))

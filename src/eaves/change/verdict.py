@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.change.surface import GROUND_BELOW, HIDDEN, OTHER_BELOW, ROOF_ABOVE, ROOF_BELOW, SAME, UNSEEN
-from eaves.detect.consensus.vehicles import VehicleRules, measure_tops
+from eaves.detect.consensus.vehicles import VehicleRules, find_vehicles
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.model import Mask, Points, Values
 
@@ -105,8 +105,8 @@ class Side:
         xyz, rules = self.xyz[mask], VehicleRules()
         height = np.where(np.isfinite(self.height), self.height, np.abs(self.distance))[mask]
         body = (linked(xyz[:, :2], link) + 1).astype(np.int32)
-        tops = measure_tops(xyz, np.nan_to_num(height), body, int(body.max()) + 1, rules)
-        return bool(tops.vehicle[body].mean() >= rules.vehicle_flat)
+        vehicle = find_vehicles(xyz, np.nan_to_num(height), body, int(body.max()) + 1, rules)
+        return bool(vehicle[body].mean() >= rules.vehicle_flat)
 
 
 @dataclass(frozen=True, eq=False)

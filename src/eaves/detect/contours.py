@@ -7,30 +7,32 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.stage import Detector
+from eaves.detect.stage import MIN_HEIGHT_M, Detector
 from eaves.detect.toolkit.cells import side_near
 from eaves.detect.toolkit.surface_grid import (
-    EIGHT,
+    GROUP_M2,
+    LIKE_SHARE,
+    RIM_M,
+    GrowthRules,
     SurfaceGrid,
     connected,
-    grow_back,
     height_error,
     nearest_surface,
     no_regions,
     opened_by_area,
     regions_of_cells,
-    share_around,
     share_in,
     surface_noise,
 )
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Mask, Regions, Scene, Values
+from eaves.raster.squares import grown_by_square, shrunk_by_square
 
 BEND_OF_ERROR = 5.0
 """The quadratic gradient of independent heights, in their errors: √(6 + 6 + 1/2) = 3.5, and half as much."""
 
 
-class Contours(Detector):
+class Contours(GrowthRules, Detector):
     """Building labels by Fc-S: the second half, from the normalised surface to buildings.
 
     The surface is interpolated by nearest neighbour, which keeps the jump at walls, and the terrain found
@@ -77,7 +79,7 @@ class Contours(Detector):
         None, "Side of a cell; default: the spacing, at least 0.5.", unit="m", gt=0.0
     )
     min_height: float = parameter(
-        2.0, "Lower objects (cars) are removed.", unit="m", off=0.0, step="low objects go", ge=0.0
+        MIN_HEIGHT_M, "Lower objects (cars) are removed.", unit="m", off=0.0, step="low objects go", ge=0.0
     )
     edge_height: float = parameter(1.5, "A Sobel height difference this large is an edge.", unit="m", gt=0.0)
     min_edge: float = parameter(
@@ -98,30 +100,19 @@ class Contours(Detector):
         gt=0.0,
     )
     min_area: float = parameter(
-        10.0, "Smaller groups of smooth cells are vegetation.", unit="m²", off=0.0, step="size", ge=0.0
-    )
-    window: float = parameter(
-        3.5, "Side of the window in which smooth cells are counted while growing.", unit="m", gt=0.0
+        GROUP_M2, "Smaller groups of smooth cells are vegetation.", unit="m²", off=0.0, step="size", ge=0.0
     )
     min_share: float = parameter(
-        0.2,
+        LIKE_SHARE,
         "Cores grow over cells around which this share is smooth.",
         off=1.0,
         step="final iteration",
         ge=0.0,
         le=1.0,
     )
-    storey: float = parameter(
-        3.0, "Largest step in height between the parts of a building.", unit="m", gt=0.0
-    )
-    max_step: float = parameter(1.0, "Largest step in height at the rim.", unit="m", gt=0.0)
     regrow: float = parameter(
-        1.0, "How far the rim grows.", unit="m", off=0.0, step="final iteration", ge=0.0
+        RIM_M, "How far the rim grows.", unit="m", off=0.0, step="final iteration", ge=0.0
     )
-
-    @property
-    def buffer(self) -> float:
-        return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
         grid = nearest_surface(scene, self.cell or side_near(max(0.5, scene.spacing)))
@@ -139,11 +130,7 @@ class Contours(Detector):
             ndimage.binary_opening(smooth, np.ones((2, 2), bool)), self.min_area / grid.side**2
         )
         emit("cores", core)
-        mixed = edged & (share_around(smooth, edged, round(self.window / grid.side)) >= self.min_share)
-        grown = grow_back(core, mixed, grid.surface, self.storey, int((self.buffer - 10.0) / grid.side))
-        emit("iteration", grown)
-        whole = grow_back(grown, edged, grid.surface, self.max_step, round(self.regrow / grid.side))
-        label, count = connected(whole)
+        label, count = connected(self.with_rim(grid, self.grown(grid, core, smooth, edged, edged), edged))
         emit("buildings", label)
         return regions_of_cells(scene, grid, label, share_in(label, count, smooth), self.min_height)
 
@@ -160,13 +147,13 @@ class Contours(Detector):
         edge = sobel_height(grid.surface) >= self.edge_height
         between = high & ~edge
         label, count = connected(between)
-        rim = between & ~ndimage.binary_erosion(between, EIGHT)
+        rim = between & ~shrunk_by_square(between, 3)
         size = np.bincount(label[rim], minlength=count + 1)
-        hits = np.bincount(label[rim & ndimage.binary_dilation(edge, EIGHT)], minlength=count + 1)
+        hits = np.bincount(label[rim & grown_by_square(edge, 3)], minlength=count + 1)
         keep = hits >= self.min_edge * size
         keep[0] = False
         kept = keep[label]
-        return np.asarray(kept | (high & edge & ndimage.binary_dilation(kept, EIGHT)), np.bool_)
+        return np.asarray(kept | (high & edge & grown_by_square(kept, 3)), np.bool_)
 
 
 def filled(surface: Values) -> Values:

@@ -11,15 +11,15 @@ from eaves.detect.contours import filled
 from eaves.detect.stage import Detector
 from eaves.detect.toolkit.cells import side_near
 from eaves.detect.toolkit.surface_grid import (
+    GROUP_M2,
+    GrowthRules,
     SurfaceGrid,
     connected,
-    grow_back,
     height_error,
     nearest_surface,
     no_regions,
     opened_by_area,
     regions_of_cells,
-    share_around,
     surface_noise,
 )
 from eaves.methods import Emit, ignore, parameter
@@ -30,7 +30,7 @@ TEXTURE_OF_ERROR = 1.4
 """The texture of independent heights, in their errors: √(6/9) = 0.8, and three quarters more."""
 
 
-class HeightTexture(Detector):
+class HeightTexture(GrowthRules, Detector):
     """Building segments, as raw points: high cells of little texture, opened, sized, checked by histogram.
 
     A fine grid serves only to find the segments. The texture of a cell is how far the heights around it leave
@@ -74,7 +74,6 @@ class HeightTexture(Detector):
     cell: float | None = parameter(
         None, "Side of a cell; default: the spacing, at least 0.5.", unit="m", gt=0.0
     )
-    min_height: float = parameter(2.0, "Least height of a roof over the terrain.", unit="m", ge=0.0)
     max_texture: float | None = parameter(
         None,
         "Cells of more texture are no roof; default: 1.4 times the error of a height on a roof of 45°, or 3 "
@@ -88,7 +87,7 @@ class HeightTexture(Detector):
         1.5, "Narrowest building; the side of the opening.", unit="m", off=1e-3, step="opening", gt=0.0
     )
     min_area: float = parameter(
-        10.0, "Smaller components are no buildings.", unit="m²", off=0.0, step="size", ge=0.0
+        GROUP_M2, "Smaller components are no buildings.", unit="m²", off=0.0, step="size", ge=0.0
     )
     max_low: float = parameter(
         0.2,
@@ -98,21 +97,6 @@ class HeightTexture(Detector):
         ge=0.0,
         le=1.0,
     )
-    window: float = parameter(
-        3.5, "Side of the window in which smooth cells are counted while growing.", unit="m", gt=0.0
-    )
-    min_share: float = parameter(
-        0.2, "Components grow over cells around which this share is smooth.", ge=0.0, le=1.0
-    )
-    storey: float = parameter(
-        3.0, "Largest step in height between the parts of a building.", unit="m", gt=0.0
-    )
-    max_step: float = parameter(1.0, "Largest step in height at the rim.", unit="m", gt=0.0)
-    regrow: float = parameter(1.0, "How far the rim grows.", unit="m", ge=0.0)
-
-    @property
-    def buffer(self) -> float:
-        return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
         grid = nearest_surface(scene, self.cell or side_near(max(0.5, scene.spacing)))
@@ -131,9 +115,7 @@ class HeightTexture(Detector):
         low = self.low_share(scene, grid, found, count)
         core = np.r_[False, low <= self.max_low][found]
         emit("components", core)
-        mixed = high & (share_around(smooth, high, round(self.window / grid.side)) >= self.min_share)
-        grown = grow_back(core, mixed, grid.surface, self.storey, int((self.buffer - 10.0) / grid.side))
-        whole = grow_back(grown, high, grid.surface, self.max_step, round(self.regrow / grid.side))
+        whole = self.with_rim(grid, self.grown(grid, core, smooth, high, high), high)
         label, count = connected(whole)
         score = 1.0 - self.low_share(scene, grid, label, count)
         return regions_of_cells(scene, grid, label, score, self.min_height)

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from eaves.detect.stage import Detector, area_of_cells
+from eaves.detect.stage import MIN_HEIGHT_M, Detector, area_of_cells
 from eaves.geometry.planes import local_planes
 from eaves.geometry.smooth_surfaces import (
     NEIGHBOURS,
@@ -78,7 +78,7 @@ class NormalEcho(Detector):
         ge=4,
     )
     min_height: float = parameter(
-        2.0, "Lower points are left out before all steps.", unit="m", off=0.0, ge=0.0
+        MIN_HEIGHT_M, "Lower points are left out before all steps.", unit="m", off=0.0, ge=0.0
     )
     wall_angle: float = parameter(
         WALL_ANGLE_DEG,

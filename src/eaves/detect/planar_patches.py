@@ -77,7 +77,7 @@ class PlanarPatches(Detector):
         gt=0.0,
     )
     max_rmse: float = parameter(
-        0.1,
+        ...,
         "Largest residual (RMSE) of a patch and of merged patches.",
         unit="m",
         published=0.1,
@@ -87,7 +87,7 @@ class PlanarPatches(Detector):
         gt=0.0,
     )
     min_height: float = parameter(
-        2.0,
+        ...,
         "Least height of a patch over the terrain.",
         unit="m",
         published=2.0,
@@ -100,7 +100,7 @@ class PlanarPatches(Detector):
         75.0, "Steeper planes are facades.", unit="degree", off=89.99, step="facades go", gt=0.0, lt=90.0
     )
     max_distance: float = parameter(
-        0.1,
+        ...,
         "Largest vertical distance of a point to its plane.",
         unit="m",
         published=0.1,
@@ -118,7 +118,7 @@ class PlanarPatches(Detector):
         gt=0.0,
     )
     join_share: float = parameter(
-        0.4,
+        ...,
         "A cell with this share of its points in a plane joins it.",
         published=0.4,
         printed_in="step 4",
@@ -126,7 +126,7 @@ class PlanarPatches(Detector):
         le=1.0,
     )
     min_cells: int = parameter(
-        3,
+        ...,
         "Planes of fewer cells are crowns.",
         unit="cell",
         published=3,
@@ -157,7 +157,7 @@ class PlanarPatches(Detector):
         gt=0.0,
     )
     min_hole: float = parameter(
-        50.0,
+        ...,
         "Inner boundaries smaller than this are dropped.",
         unit="m²",
         published=50.0,

@@ -11,9 +11,11 @@ from eaves.detect.contours import filled
 from eaves.detect.stage import Detector
 from eaves.detect.toolkit.cells import side_near
 from eaves.detect.toolkit.surface_grid import (
+    GROUP_M2,
+    RIM_M,
+    GrowthRules,
     SurfaceGrid,
     connected,
-    grow_back,
     height_error,
     nearest_surface,
     no_regions,
@@ -31,7 +33,7 @@ ANGLE_OF_ERROR = 1.65
 """Two slopes of independent errors differ by less than this many of one in three of four cases."""
 
 
-class RoofAttributes(Detector):
+class RoofAttributes(GrowthRules, Detector):
     """Building labels from what the surface of roofs is like, cell by cell and segment by segment.
 
     High cells are described by the micro surface normal and the roughness of the four heights around each
@@ -76,7 +78,6 @@ class RoofAttributes(Detector):
     cell: float | None = parameter(
         None, "Side of a cell; default: 1.5 spacings, at least 0.5.", unit="m", symbol="Δ", gt=0.0
     )
-    min_height: float = parameter(2.0, "Least height of a roof over the terrain.", unit="m", ge=0.0)
     steep: float = parameter(60.0, "Slope of a gradient that counts.", unit="degree", gt=0.0, lt=90.0)
     max_density: float = parameter(
         0.45,
@@ -86,7 +87,6 @@ class RoofAttributes(Detector):
         ge=0.0,
         le=1.0,
     )
-    window: float = parameter(3.5, "Side of the window of a density.", unit="m", gt=0.0)
     max_roughness: float | None = parameter(
         None,
         "Rougher cells are no roof; default: 1.4 times the error of a height on a roof of 45°, or 3 "
@@ -113,7 +113,7 @@ class RoofAttributes(Detector):
         ge=0,
     )
     min_area: float = parameter(
-        10.0,
+        GROUP_M2,
         "Smaller groups of roof-like cells are opened away.",
         unit="m²",
         off=0.0,
@@ -136,17 +136,9 @@ class RoofAttributes(Detector):
         ge=0.0,
         le=1.0,
     )
-    storey: float = parameter(
-        3.0, "Largest step in height between the parts of a building.", unit="m", gt=0.0
-    )
-    max_step: float = parameter(1.0, "Largest step in height at the rim.", unit="m", gt=0.0)
     regrow: float = parameter(
-        1.0, "How far the rim grows.", unit="m", off=0.0, step="operator 3: reconstruction", ge=0.0
+        RIM_M, "How far the rim grows.", unit="m", off=0.0, step="operator 3: reconstruction", ge=0.0
     )
-
-    @property
-    def buffer(self) -> float:
-        return 30.0
 
     def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
         grid = nearest_surface(scene, self.cell or side_near(max(0.5, 1.5 * scene.spacing)))
@@ -168,11 +160,10 @@ class RoofAttributes(Detector):
         emit("roof-like cells", roof)
         core = opened_by_area(roof, least)
         emit("large groups", core)
-        mixed = calm & (share_around(roof, high, wide) >= self.min_share)
-        grown = grow_back(core, mixed, grid.surface, self.storey, int((self.buffer - 10.0) / grid.side))
+        grown = self.grown(grid, core, roof, calm, high)
         square = np.ones((max(1, round(self.min_width / grid.side)),) * 2, bool)
         grown = opened_by_area(ndimage.binary_opening(grown, square), least)
-        whole = grow_back(grown, high, grid.surface, self.max_step, round(self.regrow / grid.side))
+        whole = self.with_rim(grid, grown, high)
         emit("segments", whole)
         label, count = connected(whole)
         return regions_of_cells(scene, grid, label, 1.0 - share_of(label, count, density), self.min_height)

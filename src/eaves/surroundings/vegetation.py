@@ -79,9 +79,8 @@ def grown_cells(cloud: PointCloud, rules: VegetationRules) -> NDArray[np.bool_]:
     place -= place.min(axis=0)
     cell = np.ravel_multi_index(tuple(place.T), place.max(axis=0) + 1)
     points = np.bincount(cell)
-    several = np.zeros(len(points))
-    if cloud.number_of_returns is not None:
-        several = np.bincount(cell, cloud.number_of_returns > 1)
+    returns = cloud.number_of_returns
+    several = np.zeros(len(points)) if returns is None else np.bincount(cell, returns > 1)
     shown = several >= rules.echoes * np.maximum(points, 1)
     shown |= plane_residual(cell, points, away, cloud.xyz[:, 2]) >= rules.roughness
     return np.asarray(shown[cell], np.bool_)

@@ -11,8 +11,8 @@ from scipy import ndimage
 
 from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.segments import Segments, least_around
-from eaves.detect.consensus.separation import NOTHING, Separation, separate
-from eaves.detect.stage import TALL_SHARE
+from eaves.detect.consensus.separation import Separation, nothing, separate
+from eaves.detect.stage import MIN_AREA_M2, STOREY_M, TALL_SHARE
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Values
 
@@ -31,19 +31,14 @@ SURFACE_TERMS, CELL_TERMS = terms_from(SURFACE_SHAPE), terms_from(CELL_SHAPE)
 
 @dataclass(frozen=True)
 class ScoreWeights:
-    """Log odds that a region is a building for each unit of the terms of `score_regions`."""
+    """Log odds that a region is a building, and for each unit of the mean log odds of its cells.
 
-    constant: float
-    odds: float
-    height: float
-    width: float
+    Logistic regression over 642 regions, 13 of them false, of simulated towns (seeds 7300 and on, 1.5 to 30
+    points/m², a quarter without returns). `benchmarks.accuracy.detection_scores` judges the score on others.
+    """
 
-
-SCORE = ScoreWeights(1.4, odds=0.3, height=4.8, width=6.2)
-"""Logistic regression over 3950 regions, 85 of them false, of 86 simulated towns (seeds 7300 to 7386, 1.5 to
-18 points/m², a third of them wooded, a quarter without returns). The weight of the odds was given, not
-fitted: nearly all that is false there is a van, and elsewhere it is not. The benchmark
-`benchmarks.accuracy.detection_scores` judges the score on other towns."""
+    constant: float = 0.7
+    odds: float = 1.58
 
 
 @dataclass(frozen=True)
@@ -52,7 +47,7 @@ class Weights:
 
     surface: tuple[float, ...]
     cell: tuple[float, ...]
-    score: ScoreWeights = SCORE
+    score: ScoreWeights = ScoreWeights()
 
 
 def read_weights(given: str) -> Weights:
@@ -60,7 +55,7 @@ def read_weights(given: str) -> Weights:
     the score is weighed otherwise, too, a list `score` of the fields of `ScoreWeights`."""
     text = given if given.lstrip().startswith("{") else Path(given).read_text(encoding="utf-8")
     found = json.loads(text)
-    score = ScoreWeights(*map(float, found["score"])) if "score" in found else SCORE
+    score = ScoreWeights(*map(float, found["score"])) if "score" in found else ScoreWeights()
     return Weights(tuple(map(float, found["surface"])), tuple(map(float, found["cell"])), score)
 
 
@@ -90,16 +85,10 @@ simulated towns (0.3 to 30 points/m², all, few or no echoes) and the labelled s
 `benchmarks.accuracy.detection_fit`, which also keeps what each survey left out gives."""
 
 
-VAN_WIDTH_M, VAN_HEIGHT_M, NEAR_M = 2.5, 2.5, 0.5
-"""Where the terms of the score are zero, as it was fitted: about the width and height of vans (m); and how
-far (m) from them a region's own say more."""
-
-SHED_M2, DOOR_M, SHED_HEIGHT_M, ROUGH = 6.0, 2.5, 2.5, 0.4
-"""Where the terms are zero, as the weights were fitted: the smallest shed, its width and height, a share of
-the largest residual."""
-STOREY_M = 3.0
-"""Bushes and hedges stay below a storey; above it (m) height tells nothing of a cell. The weights were
-fitted to this term."""
+ROOM_M, ROUGH = 2.5, 0.4
+"""Width and height of the smallest room (m), and a share of the largest residual: with the least area of a
+building and the height of a storey, above which height tells nothing of a cell, where the terms are zero, as
+the weights were fitted."""
 
 
 class EvidenceRules(Method):
@@ -107,7 +96,8 @@ class EvidenceRules(Method):
 
     enclosed: float = parameter(
         6.0,
-        "What stands on a roof has roof on all sides within so much; a tree beside one has not.",
+        "What stands on a roof has roof on all sides within so much, a tree beside one has not; and so far a "
+        "plane is carried on below a crown.",
         unit="m",
         gt=0.0,
     )
@@ -173,10 +163,10 @@ def surface_shape(segments: Segments, company: Values, enclosed: Values, max_res
     return np.column_stack(
         [
             np.ones(segments.count),
-            np.clip(np.log2(np.maximum(segments.area, 0.1) / SHED_M2), -2.0, 4.0),
+            np.clip(np.log2(np.maximum(segments.area, 0.1) / MIN_AREA_M2), -2.0, 4.0),
             np.clip(np.log(np.maximum(segments.residual, 1e-4) / (ROUGH * max_residual)), 0.0, 1.0),
-            np.clip(segments.width - DOOR_M, -2.0, 2.0),
-            np.clip(segments.height - SHED_HEIGHT_M, -1.0, 1.5),
+            np.clip(segments.width - ROOM_M, -2.0, 2.0),
+            np.clip(segments.height - ROOM_M, -1.0, 1.5),
             weighted_mean(segments.label, segments.count, company),
             weighted_mean(segments.label, segments.count, enclosed),
         ]
@@ -253,14 +243,14 @@ def measured_terms(
     large = np.r_[False, segments.area >= limits.small_surface][segments.label]
     seen = evidence.candidate
     company = smooth_share(seen, segments.label > 0, limits.company)
-    roofs = np.r_[False, segments.area >= SHED_M2][segments.label]
+    roofs = np.r_[False, segments.area >= MIN_AREA_M2][segments.label]
     enclosed = enclosure(roofs, round(limits.enclosed / evidence.cells.side))
     of_surfaces = surface_shape(segments, company, enclosed, max_residual)
     of_cells = cell_shape(evidence, company, enclosed, max_residual)
     inner_multi_return_share = least_around(evidence.multi_return_share, seen)
     inner_penetration_share = least_around(evidence.penetration, seen)
     even = (segments.area >= limits.even_area) & (segments.residual <= limits.even_residual * max_residual)
-    echoes = penetration = inner_echoes = inner_penetration = NOTHING
+    echoes = penetration = inner_echoes = inner_penetration = nothing()
     of_seen, several, through = of_cells[seen], evidence.multi_return_share[seen], evidence.penetration[seen]
     for rounds_left in range(limits.rounds, -1, -1):
         surface = with_echoes(
@@ -308,21 +298,9 @@ def cell_odds(terms: Values, weights: Weights) -> Values:
     return np.asarray(terms @ np.array(weights.cell), np.float64)
 
 
-def score_regions(
-    region: Labels, odds: Values, width: Values, height: Values, weight: ScoreWeights = SCORE
-) -> Values:
-    """How sure each region 1…K of (H, W) is, 0 to 1, from its cells' mean odds and its top.
-
-    `width` and `height` (m, (K,)) are those of the top, inf where it is larger than any vehicle. Of the
-    regions with a score of 0.9, nine in ten are buildings.
-    """
-    count = len(width)
-    size = np.bincount(region.ravel(), minlength=count + 1)[1:]
-    total = np.bincount(region.ravel(), weights=np.clip(odds, -8.0, 8.0).ravel(), minlength=count + 1)[1:]
-    sure = (
-        weight.constant
-        + weight.odds * total / np.maximum(size, 1)
-        + weight.height * np.clip(height - VAN_HEIGHT_M, -NEAR_M, NEAR_M)
-        + weight.width * np.clip(width - VAN_WIDTH_M, -NEAR_M, NEAR_M)
-    )
+def score_regions(region: Labels, odds: Values, weight: ScoreWeights) -> Values:
+    """How sure each region 1…K of (H, W) is, 0 to 1, from its cells' mean odds (H, W)."""
+    size = np.bincount(region.ravel())[1:]
+    total = np.bincount(region.ravel(), weights=np.clip(odds, -8.0, 8.0).ravel())[1:]
+    sure = weight.constant + weight.odds * total / np.maximum(size, 1)
     return np.asarray(1.0 / (1.0 + np.exp(-sure)), np.float64)

@@ -21,13 +21,6 @@ class DoubtRules(Method):
     doubt_score: float = parameter(
         0.2, "A region with a score between this and one less this is doubtful.", ge=0.0, le=0.5
     )
-    doubt_attached: float = parameter(
-        0.25,
-        "A region that goes on in the terrain along more of its rim is doubtful, unless along all but "
-        "less than this share, which is rock.",
-        ge=0.0,
-        le=1.0,
-    )
     doubt_rim: float = parameter(
         0.1,
         "A region with more of its rim on the rim of the data is doubtful: chance gaps touch less.",
@@ -44,7 +37,13 @@ class DoubtRules(Method):
 
 
 def region_doubts(
-    evidence: Evidence, region: Labels, score: Values, attached: Values, water: Mask, limits: DoubtRules
+    evidence: Evidence,
+    region: Labels,
+    score: Values,
+    attached: Values,
+    water: Mask,
+    most_attached: float,
+    limits: DoubtRules,
 ) -> list[Doubt]:
     """Doubts about regions 1…K of cells (H, W).
 
@@ -55,6 +54,7 @@ def region_doubts(
     score : how sure each region is, (K,).
     attached : share of the rim that continues the terrain, (K + 1,).
     water : cells with a point of water, (H, W).
+    most_attached : the largest share of a building; half of it is doubtful.
     limits : from where on there is doubt.
 
     Returns
@@ -91,7 +91,7 @@ def region_doubts(
             continue
         if limits.doubt_score <= score[number - 1] <= 1.0 - limits.doubt_score:
             found.append(doubt(mine, f"a roof or not: score {score[number - 1]:.2f}"))
-        if attached[number] > limits.doubt_attached:
+        if attached[number] > most_attached / 2:
             share = round(100 * attached[number])
             found.append(doubt(mine, f"a roof or a rock: {share} % of its rim continues the terrain"))
         wet = rim & water[around]

@@ -16,25 +16,27 @@ class HiddenRoofRules(Method):
     hidden_on_plane: float = parameter(
         0.1, "Points no farther from a plane carried on below a crown are of the roof.", unit="m", gt=0.0
     )
-    hidden_points: int = parameter(
-        1, "Points of a cell that must lie on that plane: few echoes get through a crown.", ge=1
-    )
     hidden_below: float = parameter(
         0.5,
         "Points below that plane, at most, for each on it: beyond a roof the beam goes on to the ground.",
         ge=0.0,
     )
-    hidden_reach: float = parameter(6.0, "How far a plane is carried on below a crown.", unit="m", ge=0.0)
 
 
 def find_hidden_roofs(
-    evidence: Evidence, xyz: Points, usable: Mask, region: Labels, surface: Mask, limits: HiddenRoofRules
+    evidence: Evidence,
+    xyz: Points,
+    usable: Mask,
+    region: Labels,
+    surface: Mask,
+    reach: float,
+    limits: HiddenRoofRules,
 ) -> NDArray[np.int32]:
     """The region of each point (N,) on a building's plane carried on below a crown, 0 for the others.
 
     `region` (H, W) numbers the buildings' cells, `surface` (H, W) marks cells with a roof plane, and `usable`
-    (N,) the points that are no noise. From each round's cells the plane of the neighbour that most points lie
-    on is taken over; ties go to the smaller cell number.
+    (N,) the points that are no noise; a plane is carried on by `reach` (m). From each round's cells the plane
+    of the neighbour that most points lie on is taken over; ties go to the smaller cell number.
     """
     columns, side = evidence.shape[1], evidence.cells.side
     east, north, level = (plane.ravel().copy() for plane in (evidence.east, evidence.north, evidence.level))
@@ -49,7 +51,7 @@ def find_hidden_roofs(
         y = xyz[points, 1] - evidence.cells.north + (row + 0.5) * side
         return np.asarray(xyz[points, 2] - level[cells] - east[cells] * x - north[cells] * y, np.float64)
 
-    for _ in range(round(limits.hidden_reach / side)):
+    for _ in range(round(reach / side)):
         source = np.repeat(front, 8)
         target = (front[:, None] + evidence.cells.neighbours).ravel()
         free = open_[target]
@@ -59,7 +61,7 @@ def find_hidden_roofs(
         rise = above_plane(points, source[which])
         on = np.bincount(which[np.abs(rise) <= limits.hidden_on_plane], minlength=len(target))
         below = np.bincount(which[rise < -limits.hidden_on_plane], minlength=len(target))
-        good = (on >= limits.hidden_points) & (below <= limits.hidden_below * on)
+        good = (on > 0) & (below <= limits.hidden_below * on)
         source, target, on = source[good], target[good], on[good]
         order = np.lexsort((source, -on, target))
         source, target = source[order], target[order]

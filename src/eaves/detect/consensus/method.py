@@ -11,6 +11,7 @@ from eaves.detect.consensus.attachment import attached_share
 from eaves.detect.consensus.borders import cut_cells
 from eaves.detect.consensus.classifier import (
     FITTED,
+    ROOM_M,
     EvidenceRules,
     Terms,
     Weights,
@@ -27,11 +28,11 @@ from eaves.detect.consensus.doubts import (
 )
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.hidden_roofs import HiddenRoofRules, find_hidden_roofs
-from eaves.detect.consensus.limbs import without_limbs
 from eaves.detect.consensus.members import part_of_points
+from eaves.detect.consensus.narrow_parts import without_narrow_parts
 from eaves.detect.consensus.segments import Segments, find_segments
-from eaves.detect.consensus.vehicles import VehicleRules, measure_tops
-from eaves.detect.consensus.voids import VoidRules, find_roof_voids, raise_rims
+from eaves.detect.consensus.vehicles import VehicleRules, find_vehicles
+from eaves.detect.consensus.voids import VoidRules, find_roof_voids
 from eaves.detect.consensus.windows import WindowRules
 from eaves.detect.stage import MIN_HEIGHT_M, Detector
 from eaves.detect.toolkit.cells import side_near
@@ -140,13 +141,12 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         "Weights of the evidence, a file (JSON) or the JSON itself; default: those fitted to all labelled "
         "surveys.",
     )
-    limb_width: float = parameter(
-        2.5,
-        "Limbs of a building that no square so wide fits into are fences and hedges: a room is wider.",
+    room: float = parameter(
+        ROOM_M,
+        "Parts of a building that no square so wide fits into are fences and hedges: a room is wider.",
         unit="m",
         ge=0.0,
     )
-    rim_odds: float = parameter(3.0, "Log odds of the rim of a roof that swallows the beam.", ge=0.0)
     continues: float = parameter(
         0.3,
         "Terrain that misses a region's carried-on surface by less goes on from it: two steps of a stair.",
@@ -156,17 +156,10 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
     wall_below_plane: float = parameter(
         0.5, "At a building's rim a point this far under its cell's plane is on the wall.", unit="m", gt=0.0
     )
-    vehicle_area: float = parameter(
-        60.0, "An articulated lorry, with the cells at its rim, is no larger.", unit="m²", ge=0.0
-    )
-
     doubt_uneven: float = parameter(
         2.2,
         "A region so many times as uneven as the roofs of the scan is doubtful where echoes tell little.",
         ge=1.0,
-    )
-    doubt_echoes: float = parameter(
-        0.5, "Echoes tell little, from 0 to 1, below this: the means are one spread apart.", ge=0.0, le=1.0
     )
 
     @property
@@ -185,15 +178,15 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
         surface = roof & (segments.label > 0)
-        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface, self)
+        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface, self.enclosed, self)
         emit("hidden", hidden)
         regions = self.regions_of(scene, xyz, evidence, region, hidden, odds)
         water = wet_cells(scene, evidence)
         none = np.zeros(rocks.max(initial=0))
-        crowns_pass = terms.echoes.power < self.doubt_echoes
+        crowns_pass = terms.echoes.power < 0.5  # the means are less than one spread apart
         doubts = [
-            *region_doubts(evidence, region, regions.score, attached, water, self),
-            *region_doubts(evidence, rocks, none, attached, water, self),
+            *region_doubts(evidence, region, regions.score, attached, water, self.max_attached, self),
+            *region_doubts(evidence, rocks, none, attached, water, self.max_attached, self),
             *(crown_doubts(region, evidence, surface, self.doubt_uneven) if crowns_pass else ()),
             *void_doubts(evidence, void & (region > 0)),
         ]
@@ -232,8 +225,8 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         odds = np.where(terms.large, emitted, terms.cell_odds(weights))
         emit("odds", odds)
         void, rims = find_roof_voids(evidence, self)
-        odds, roof = raise_rims(odds, rims, self.rim_odds), (emitted > 0.0) | void
-        building = void | cut_cells(evidence, odds, self.sure, self.smoothness, self.max_jump)
+        roof = (emitted > 0.0) | void
+        building = void | rims | cut_cells(evidence, odds, self.sure, self.smoothness, self.max_jump)
         emit("cut", building)
         return building, roof, void, odds
 
@@ -246,7 +239,7 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         """Numbers (H, W) of the connected groups of building cells that have a core of roof surfaces; the
         share of each group's rim that continues the terrain; the groups (H, W) dropped for that alone, and
         not without doubt."""
-        building = without_limbs(building, evidence, self.limb_width)
+        building = without_narrow_parts(building, evidence, self.room)
         found, count = ndimage.label(building, np.ones((3, 3)))
         label: Labels = np.asarray(found, np.int32)
         core = np.bincount(label.ravel(), weights=roof.ravel(), minlength=count + 1)
@@ -254,7 +247,7 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         good[0] = False
         attached = attached_share(evidence, label, count, self.continues)
         loose = attached <= self.max_attached
-        rock = good & ~loose & (attached <= 1.0 - self.doubt_attached)
+        rock = good & ~loose & (attached <= 1.0 - self.max_attached / 2)
 
         def chosen(which: Mask) -> Labels:
             return np.asarray(np.where(which, np.arange(count + 1), 0).astype(np.int32)[label], np.int32)
@@ -278,14 +271,11 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         number = np.where(hidden > 0, hidden, number)
         part[hidden > 0] = ROOF
         size = np.bincount(region.ravel()) * evidence.cells.side**2
-        vehicle_size = size <= self.vehicle_area
-        small = np.where(vehicle_size[number], number, 0)
-        tops = measure_tops(xyz, scene.height, np.where(part == ROOF, small, 0), len(size), self)
-        vehicle = tops.vehicle & vehicle_size
-        part[vehicle[number]] = 0
-        number[vehicle[number]] = 0
-        width, low = (np.where(vehicle_size, one, np.inf) for one in (tops.width, tops.low))
-        score = score_regions(region, odds, width[1:], low[1:], self.judged_by.score)
+        small = np.where((size <= self.vehicle_area)[number] & (part == ROOF), number, 0)
+        vehicle = find_vehicles(xyz, scene.height, small, len(size), self)[number]
+        part[vehicle] = 0
+        number[vehicle] = 0
+        score = score_regions(region, odds, self.judged_by.score)
         return Regions(number, score, part)
 
 

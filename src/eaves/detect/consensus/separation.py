@@ -40,8 +40,9 @@ class Separation:
         return np.asarray(np.clip(ratio, -most, most), np.float64)
 
 
-NOTHING = Separation(0.0, 0.0, 1.0, 0.0)
-"""The measure tells nothing."""
+def nothing() -> Separation:
+    """The measure tells nothing."""
+    return Separation(0.0, 0.0, 1.0, 0.0)
 
 
 def separate(value: Values, roof: Values) -> Separation:
@@ -53,7 +54,7 @@ def separate(value: Values, roof: Values) -> Separation:
     crown = 1.0 - roof
     weight_roof, weight_crown = float(roof.sum()), float(crown.sum())
     if min(weight_roof, weight_crown) < WINDOW_CELLS:
-        return NOTHING
+        return nothing()
     on_roofs = float((roof * value).sum()) / weight_roof
     on_crowns = float((crown * value).sum()) / weight_crown
     scatter = float((roof * (value - on_roofs) ** 2).sum()) / weight_roof
@@ -61,7 +62,7 @@ def separate(value: Values, roof: Values) -> Separation:
     spread = max(1e-3, float(np.sqrt(scatter / 2)))
     distance = on_crowns - on_roofs
     if distance <= 0.0:
-        return NOTHING
+        return nothing()
     chance = spread**2 * WINDOW_CELLS * (1.0 / weight_roof + 1.0 / weight_crown)
     trust = max(0.0, 1.0 - chance / distance**2)
     return Separation(on_roofs, on_crowns, spread, trust)

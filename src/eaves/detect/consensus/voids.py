@@ -7,24 +7,18 @@ from scipy import ndimage
 
 from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.segments import inner_width
+from eaves.detect.stage import MIN_AREA_M2
 from eaves.methods import Method, parameter
-from eaves.model import Mask, Values
+from eaves.model import Mask
 from eaves.raster.squares import grown_by_square
 
 
 class VoidRules(Method):
     """Which holes in the data are roofs."""
 
-    void_area: float = parameter(
-        6.0,
-        "Smaller holes in the data are closed by the outline and are no roofs of their own.",
-        unit="m²",
-        ge=0.0,
-    )
     void_most_area: float = parameter(
         400.0, "Larger holes are courts, ponds or the outside of the survey.", unit="m²", gt=0.0
     )
-    void_width: float = parameter(2.0, "Narrower holes are the shadow of a wall.", unit="m", ge=0.0)
     void_width_cells: float = parameter(3.0, "Narrower holes are chance.", unit="cells", ge=0.0)
     void_rim_share: float = parameter(
         0.7, "Share of a hole's rim, at least, well above the terrain.", ge=0.0, le=1.0
@@ -50,9 +44,9 @@ def find_roof_voids(evidence: Evidence, limits: VoidRules) -> tuple[Mask, Mask]:
     side = evidence.cells.side
     area = np.bincount(found.ravel(), minlength=count + 1)[1:] * side * side
     width = inner_width(np.asarray(found, np.int32), count)
-    wide = (width >= limits.void_width_cells) & (width * side >= limits.void_width)
+    wide = width >= limits.void_width_cells
     void, rims = np.zeros(evidence.shape, bool), np.zeros(evidence.shape, bool)
-    likely = np.flatnonzero(wide & (area >= limits.void_area) & (area <= limits.void_most_area)) + 1
+    likely = np.flatnonzero(wide & (area >= MIN_AREA_M2) & (area <= limits.void_most_area)) + 1
     number_of = np.zeros(count + 1, np.int32)
     number_of[likely] = np.arange(1, len(likely) + 1)
     holes = number_of[found]
@@ -74,8 +68,3 @@ def find_roof_voids(evidence: Evidence, limits: VoidRules) -> tuple[Mask, Mask]:
             void[window] |= hole
             rims[window] |= raised
     return void, rims
-
-
-def raise_rims(odds: Values, rims: Mask, least: float) -> Values:
-    """The odds (H, W) with those of the rims of roof voids raised to `least`."""
-    return np.where(rims, np.maximum(odds, least), odds)

@@ -8,14 +8,17 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from eaves.detect.stage import MIN_HEIGHT_M, STOREY_M
 from eaves.detect.toolkit.cells import Cells
+from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Regions, Scene, Values
 from eaves.model.scene import ROOF
 
-EIGHT = np.ones((3, 3), bool)
-"""A cell and its eight neighbours."""
 LEAST_POINTS = 4
 """Fewer points make no surface."""
+GROUP_M2, LIKE_SHARE, RIM_M = 10.0, 0.2, 1.0
+"""The least group of cells like a roof (m²), the share of such cells around those that a core grows over, and
+how far and by what step in height the rim grows (m)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +37,41 @@ class SurfaceGrid:
     def high(self, least: float) -> Mask:
         """The cells (H, W) at least so high (m) over the terrain."""
         return np.nan_to_num(self.height, nan=-np.inf) >= least
+
+
+class GrowthRules(Method):
+    """What the detectors share that grow cores of roof on the grid."""
+
+    min_height: float = parameter(
+        MIN_HEIGHT_M, "Least height over the terrain: lower objects (cars) are removed.", unit="m", ge=0.0
+    )
+    min_area: float = parameter(GROUP_M2, "Smaller groups of cells are vegetation.", unit="m²", ge=0.0)
+    window: float = parameter(
+        3.5, "Side of the window in which the cells like a roof are counted.", unit="m", gt=0.0
+    )
+    min_share: float = parameter(
+        LIKE_SHARE, "Cores grow over cells around which this share is like a roof.", ge=0.0, le=1.0
+    )
+    storey: float = parameter(
+        STOREY_M, "Largest step in height between the parts of a building.", unit="m", gt=0.0
+    )
+    max_step: float = parameter(RIM_M, "Largest step in height at the rim.", unit="m", gt=0.0)
+    regrow: float = parameter(RIM_M, "How far the rim grows.", unit="m", ge=0.0)
+
+    @property
+    def buffer(self) -> float:
+        return 30.0
+
+    def grown(self, grid: SurfaceGrid, core: Mask, like: Mask, mixed: Mask, among: Mask) -> Mask:
+        """The core (H, W) grown, by up to a storey, over `mixed` cells around which enough of the cells
+        `among` are like a roof; (H, W) each."""
+        share = share_around(like, among, round(self.window / grid.side))
+        rounds = int((self.buffer - 10.0) / grid.side)
+        return grow_back(core, mixed & (share >= self.min_share), grid.surface, self.storey, rounds)
+
+    def with_rim(self, grid: SurfaceGrid, grown: Mask, allowed: Mask) -> Mask:
+        """What has grown (H, W), with the rim that is allowed (H, W)."""
+        return grow_back(grown, allowed, grid.surface, self.max_step, round(self.regrow / grid.side))
 
 
 def nearest_surface(scene: Scene, side: float) -> SurfaceGrid | None:
@@ -61,7 +99,7 @@ def nearest_surface(scene: Scene, side: float) -> SurfaceGrid | None:
 
 def connected(mask: Mask) -> tuple[Labels, int]:
     """Numbers (H, W) of the connected groups (eight neighbours) of a mask, and how many there are."""
-    label, count = ndimage.label(mask, EIGHT)
+    label, count = ndimage.label(mask, np.ones((3, 3)))
     return np.asarray(label, np.int32), int(count)
 
 

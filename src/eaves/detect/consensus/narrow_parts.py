@@ -1,4 +1,4 @@
-"""Narrow limbs of buildings: fences, hedges and garden walls that run into them."""
+"""Narrow parts of buildings: fences, hedges and garden walls that run into them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from eaves.model import Mask
 from eaves.raster.squares import closed_by_square, grown_by_square, opened_by_square
 
 
-def without_limbs(building: Mask, evidence: Evidence, least: float) -> Mask:
-    """The building cells (H, W) without limbs that no square of a side `least` (m) fits into.
+def without_narrow_parts(building: Mask, evidence: Evidence, least: float) -> Mask:
+    """The building cells (H, W) without parts that no square of a side `least` (m) fits into.
 
     What lies within half that square of one that fits stays, so corners and eaves do, and so does all that is
-    connected with none: a shed may be narrower than a limb. Empty cells between building cells count as
+    connected with none: a shed may be narrower than a room. Empty cells between building cells count as
     building: at one spacing a third of all cells is empty by chance.
     """
     size = int(least / evidence.cells.side + 1e-9)
