@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
+from eaves.buildings.envelope import envelope_figures, wall_figures
 from eaves.buildings.party_wall_areas import Walls, party_wall_area
-from eaves.buildings.stock import stock_figures, wall_figures
 from eaves.model import BuildingModel, Footprint, RoofPlane
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.prism import Prism
@@ -64,8 +64,8 @@ def test_free_walls_are_known_by_the_way_they_look() -> None:
 def test_floors_and_envelope_are_those_of_the_box__storeys_of_the_map_go_first() -> None:
     walls = wall_figures(Walls.of(block(0, 0, 10, 6, 5.0)), [])
     known = {"storeysAboveGround": 2, "roof_area_m2": 60.0, "volume_m3": 300.0}
-    figures = stock_figures(walls, known, 60.0)
+    figures = envelope_figures(walls, known, 60.0)
     assert (figures["floor_area_m2"], figures["envelope_m2"]) == (120.0, 280.0)
     assert figures["envelope_per_volume"] == pytest.approx(280.0 / 300.0, abs=1e-3)
-    assert stock_figures(walls, known, 60.0, 3)["floor_area_m2"] == 180.0
-    assert "floor_area_m2" not in stock_figures(walls, {}, 60.0)
+    assert envelope_figures(walls, known, 60.0, 3)["floor_area_m2"] == 180.0
+    assert "floor_area_m2" not in envelope_figures(walls, {}, 60.0)

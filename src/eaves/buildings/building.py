@@ -244,7 +244,7 @@ def find_doubtful(results: Sequence[BuildingResult], finest: str, unit_m: float)
 
 
 def broken_result(building: BuildingPoints, error: Exception) -> BuildingResult:
-    """What is left of a building whose pass raised: its place, its points, the error as the reason."""
+    """The rest of a building whose pass raised: its place, its points, the error as the reason."""
     place = name_footprint(building.given or hull_of(building.xyz, building.spacing), building)
     failure = Failure("internal_error", f"{type(error).__name__}: {error}", "pipeline", place)
     return BuildingResult(failure, building.point_id, np.zeros(len(building.xyz), np.int32))

@@ -66,7 +66,7 @@ class SavedBuilding:
 
     @property
     def row(self) -> BuildingRow:
-        """What tables say of it."""
+        """The row of tables for it."""
         row: BuildingRow = self.rows[self.number]
         return row
 

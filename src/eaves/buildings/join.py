@@ -19,7 +19,7 @@ from eaves.model import Block, Failure, Footprint
 
 @dataclass(frozen=True, eq=False)
 class Seam:
-    """What the join needs to know of one block: its regions, and the labelled points near its border."""
+    """The join's view of one block: its regions, and the labelled points near its border."""
 
     block: Block
     count: int
@@ -33,7 +33,7 @@ class Seam:
 
     @classmethod
     def read(cls, file: BlockFile) -> Seam:
-        """What the block pass found near the seams of its block."""
+        """The points that the block pass found near the seams of its block."""
         sides = file["sides"]
         return cls(file.block, len(sides) - 1, file["seam_id"], file["seam_label"], (sides & 1) > 0, sides)
 
@@ -101,9 +101,9 @@ def blocks_beyond(seams: Sequence[Seam], core: Callable[[Block], bool]) -> set[B
     `core` says whether a block is one of the core's.
     """
     regions, known = connect_regions(seams), {seam.block for seam in seams}
-    mine = np.array([core(block) for block in regions.blocks], bool)
+    own = np.array([core(block) for block in regions.blocks], bool)
     wanted = np.zeros(regions.component.max(initial=-1) + 1, bool)
-    wanted[regions.component[regions.held & mine[regions.owner]]] = True
+    wanted[regions.component[regions.held & own[regions.owner]]] = True
     near = np.flatnonzero(regions.held & (regions.sides > 1) & wanted[regions.component])
     beyond = set()
     for owner, sides in {(int(regions.owner[k]), int(regions.sides[k])) for k in near}:
@@ -137,11 +137,11 @@ def join_regions(seams: Sequence[Seam]) -> list[OwnedBuildings]:
     numbered there in the order of its first label.
     """
     regions = connect_regions(seams)
-    members: dict[int, list[int]] = {}
+    grouped: dict[int, list[int]] = {}
     for index in np.flatnonzero(regions.held):
-        members.setdefault(int(regions.component[index]), []).append(int(index))
+        grouped.setdefault(int(regions.component[index]), []).append(int(index))
     owners: dict[Block, list[tuple[tuple[Block, int], ...]]] = {}
-    for parts in sorted(members.values()):
+    for parts in sorted(grouped.values()):
         joined = tuple((regions.blocks[regions.owner[part]], int(regions.label[part])) for part in parts)
         owners.setdefault(joined[0][0], []).append(joined)
     return [OwnedBuildings(owner, tuple(map(BuildingPlan, owners[owner]))) for owner in sorted(owners)]
@@ -184,11 +184,11 @@ def assign_footprints(
     }
     for failure in failures:
         owner = block_of(failure.footprint, side, min(blocks, default=Block(0, 0, side)))
-        mine = plans.setdefault(owner, [])
+        own = plans.setdefault(owner, [])
         place = failure.footprint or Footprint(Polygon())
         local = shapely.transform(place.polygon, lambda xy, origin=owner.origin: xy - np.array(origin))
         place = place.with_(polygon=local, origin=owner.origin)
-        mine.append(BuildingPlan((), place, replace(failure, footprint=place)))
+        own.append(BuildingPlan((), place, replace(failure, footprint=place)))
     return [OwnedBuildings(owner, tuple(plans[owner])) for owner in sorted(plans)]
 
 
@@ -210,10 +210,10 @@ def with_addresses(plans: Sequence[OwnedBuildings], addresses: Sequence[Footprin
         blocks = sorted({block for building in plan.buildings for block, _ in building.regions})
         boxes = [as_box(block.bounds) for block in blocks]
         near = np.unique(tree.query(boxes)[1])
-        mine = tuple(
+        own = tuple(
             moved for k in near if (moved := about(addresses[k], plan.owner_block.origin)) is not None
         )
-        answers.append(replace(plan, addresses=mine))
+        answers.append(replace(plan, addresses=own))
     return answers
 
 

@@ -67,7 +67,7 @@ def keep_buildings(task: Task, store: Store, recipe: Recipe, snap: bool = False)
 def try_building(
     building: BuildingPoints, footprint: Footprint | Failure, recipe: Recipe, store: Store, check: bool = True
 ) -> BuildingResult:
-    """What `building_pass` answers, or what is left of a building where it raises: one must not take the
+    """The answer of `building_pass`, or what is left of a building where it raises: one must not take the
     others of its block with it."""
     try:
         return building_pass(building, footprint, recipe, store.system.horizontal_unit_m, False, check)

@@ -81,34 +81,34 @@ def party_wall_area(model: BuildingModel, neighbours: Sequence[BuildingModel]) -
     return float(shared_areas(Walls.of(model), [Walls.of(neighbour) for neighbour in neighbours]).sum())
 
 
-def shared_areas(mine: Walls, others: Sequence[Walls]) -> NDArray[np.float64]:
+def shared_areas(subject: Walls, others: Sequence[Walls]) -> NDArray[np.float64]:
     """Area (m², W) of each wall that others stand against.
 
     Two walls stand against each other where they face each other at most `PARTY_GAP` apart; what of one
     rises above the other is not shared.
     """
-    area = np.zeros(len(mine.corners))
+    area = np.zeros(len(subject.corners))
     if not len(area):
         return area
-    tree = shapely.STRtree(mine.lines())
+    tree = shapely.STRtree(subject.lines())
     corners: list[NDArray[np.float64]] = []
     against: list[int] = []
     for neighbour in others:
-        walls = neighbour.about(mine.origin)
+        walls = neighbour.about(subject.origin)
         if not walls.corners:
             continue
-        theirs, own = tree.query(walls.lines(), predicate="dwithin", distance=PARTY_GAP)
-        facing = (walls.outward[theirs] * mine.outward[own]).sum(axis=1)
+        neighbouring, own = tree.query(walls.lines(), predicate="dwithin", distance=PARTY_GAP)
+        facing = (walls.outward[neighbouring] * subject.outward[own]).sum(axis=1)
         facing = facing < -np.cos(np.radians(MOST_TURN_DEG))
-        corners += [walls.corners[other] for other in theirs[facing].tolist()]
+        corners += [walls.corners[other] for other in neighbouring[facing].tolist()]
         against += own[facing].tolist()
-    covers = upright(corners, mine.start[against], mine.end[against])
+    covers = upright(corners, subject.start[against], subject.end[against])
     found: dict[int, list[BaseGeometry]] = {}
     for wall, cover in zip(against, covers, strict=True):
         found.setdefault(wall, []).append(cover)
     whole = [some[0] if len(some) == 1 else shapely.union_all(some) for some in found.values()]
     walled = list(found)
-    area[walled] = shapely.area(shapely.intersection(mine.faces[walled], whole))
+    area[walled] = shapely.area(shapely.intersection(subject.faces[walled], whole))
     return area
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.buildings.stock import stock_figures
+from eaves.buildings.envelope import envelope_figures
 from eaves.buildings.trust import judge
 from eaves.geometry.rings import area_vector
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
@@ -21,7 +21,7 @@ from eaves.reconstruct.overhangs import LOD as OVERHANGS
 
 @dataclass(frozen=True, eq=False)
 class BuildingRow:
-    """What tables say of one building: made with it, for its model takes ten times as long to load."""
+    """The figures of one building for tables: made with it, for its model takes ten times as long to load."""
 
     polygon: Polygon
     """The footprint in world metres."""
@@ -37,7 +37,7 @@ class BuildingRow:
 
     @classmethod
     def of(cls, answer: BuildingModel | Failure, seconds: Mapping[str, float]) -> BuildingRow:
-        """What is told of one building."""
+        """The columns of one building."""
         footprint = answer.footprint
         assert footprint is not None
         row = building_row(answer)
@@ -56,10 +56,10 @@ class BuildingRow:
     def numbered(self, number: int, walls: Mapping[str, float] | None) -> dict[str, Any]:
         """The whole row; `number` is what `building_id` says in the classified points, `walls` the building's
         (`wall_figures`), where known."""
-        stock: Mapping[str, Any] = {}
+        floors: Mapping[str, Any] = {}
         if walls is not None:
-            stock = stock_figures(walls, self.values, self.polygon.area, self.given.get("given_storeys"))
-        return {**self.values, "number": number, **stock, **self.given}
+            floors = envelope_figures(walls, self.values, self.polygon.area, self.given.get("given_storeys"))
+        return {**self.values, "number": number, **floors, **self.given}
 
 
 def world_polygon(footprint: Footprint) -> Polygon:

@@ -94,13 +94,13 @@ WORDS = {
     "small": "only {area_m2:.0f} m²: its rim is much of it",
     "score": "detection score {score:.2f}",
 }
-"""What is wrong by a trait, in words."""
+"""The fault that a trait shows, in words."""
 
 SMALL_DOUBTS = "no single reason: error, points without data and detection together"
 
 
 def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:
-    """What lowers the trust by itself, in words."""
+    """The reasons that lower the trust by themselves, in words."""
     if row.get("failure_code") and str(row.get("lod")) < DETAILED:
         yield f"coarser than LoD 2.2: {row.get('failure_reason')}"
     wall = row.get("wall_certainty")

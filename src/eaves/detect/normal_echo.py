@@ -82,7 +82,7 @@ class NormalEcho(Detector):
     )
     wall_angle: float = parameter(
         WALL_ANGLE_DEG,
-        "Normals that far from the vertical are walls; only where the ground filter told none apart.",
+        "Normals that far from the vertical are walls; only where the ground filter set none apart.",
         unit="degree",
         gt=0.0,
         le=90.0,
@@ -254,7 +254,7 @@ def narrow_sides(xyz: Points, component: Labels, count: int) -> Values:
 
 
 def neighbours_of_disc(spacing: float) -> int:
-    """What a disc of 0.75 m holds, 12 to 40."""
+    """The number of points in a disc of 0.75 m, 12 to 40."""
     return int(np.clip(round(np.pi * (0.75 / spacing) ** 2), 12, 40))
 
 

@@ -26,7 +26,7 @@ TALL_SHARE = 0.1
 
 
 class Detector(Method):
-    """What a building detector must do.
+    """The contract of a building detector.
 
     `label` gets a scene whose cloud is in canonical order, about the origin of its block. Noise points (class
     7, 18) are still in it and must get label 0, as must ground and vegetation. Labels need not be

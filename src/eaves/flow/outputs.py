@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from eaves.blocks.block_file import BlockMetadata, block_extent, open_block
 from eaves.buildings.building_file import Kept
-from eaves.buildings.stock import stock_figures
+from eaves.buildings.envelope import envelope_figures
 from eaves.flow.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.flow.exports import export_footprints, export_models
 from eaves.flow.neighbours import party_walls
@@ -96,7 +96,7 @@ def with_walls(answer: BuildingModel | Failure, walls: Mapping[str, float] | Non
     if not isinstance(answer, BuildingModel) or walls is None:
         return answer
     own, storeys = answer.attributes, answer.footprint.attributes.get("storeys")
-    stock = stock_figures(walls, own, answer.footprint.polygon.area, storeys)
+    stock = envelope_figures(walls, own, answer.footprint.polygon.area, storeys)
     return answer.with_(attributes={**own, **stock})
 
 

@@ -200,7 +200,7 @@ ADDRESS_COLUMNS: tuple[tuple[str, ...], ...] = (
 )
 """Columns of the BAG's addressable objects: the building's id, street, number, letter, addition, postcode,
 town."""
-ADDRESSES_TOLD = 3
+ADDRESSES_SHOWN = 3
 """A building of more addresses lists so many, and how many more there are."""
 
 
@@ -235,8 +235,8 @@ def addresses_of(path: Path, layer: str | None, ids: set[str], width: int) -> di
             f"{street} {house}" + (f", {place}" if place else "")
             for street, _, house, place in sorted(known_here)
         ]
-        more = f" and {len(lines) - ADDRESSES_TOLD} more" if len(lines) > ADDRESSES_TOLD else ""
-        answers[one] = {"address": "; ".join(lines[:ADDRESSES_TOLD]) + more, "addresses": len(lines)}
+        more = f" and {len(lines) - ADDRESSES_SHOWN} more" if len(lines) > ADDRESSES_SHOWN else ""
+        answers[one] = {"address": "; ".join(lines[:ADDRESSES_SHOWN]) + more, "addresses": len(lines)}
     return answers
 
 

@@ -21,7 +21,7 @@ MIN_POINTS = 4
 
 
 class OutlineMethod(Method):
-    """What an outline method must do.
+    """The contract of an outline method.
 
     `trace` gets the points (N, 3) of one region in canonical order and their spacing (m); it returns a
     Boundary with at least one ring, or a Failure. `regularise` gets the boundaries of neighbours together and

@@ -24,7 +24,7 @@ Classes = NDArray[np.uint8]
 
 
 class DeckRules(Method):
-    """What counts as the deck of a bridge, and as water. Chosen on `delft` and `autzen`, by eye."""
+    """The limits of decks of bridges, and of water. Chosen on `delft` and `autzen`, by eye."""
 
     widest: float = parameter(
         30.0,
@@ -222,7 +222,7 @@ def with_edges(found: Grid, z: Grid, land: Mask, rules: DeckRules) -> Grid:
     top = ndimage.maximum_filter(np.where(known, found, -np.inf), 3)
     near = ~known & np.isfinite(top)
     lower = ~np.isfinite(z) | (top - np.nan_to_num(z) >= rules.water_fall)
-    # a railing's foot or an echo gone astray leaves single cells open
+    # a railing's foot or a stray echo leaves single cells open
     closed = closed_by_square(np.pad(known, 2), 3)[2:-2, 2:-2]
     return np.asarray(np.where(near & (lower | (closed & ~land)), top, found))
 

@@ -18,7 +18,7 @@ from eaves.model.scene import TREE
 
 
 class VegetationRules(Method):
-    """What counts as vegetation: cells of which many pulses come back more than once, or that no plane fits.
+    """The limits of vegetation: cells of which many pulses come back more than once, or that no plane fits.
 
     The limits of height are those usual with the ASPRS classes; the others were chosen by looking at one tile
     of `ign_urban`. Points a detector calls tree are vegetation in any case.

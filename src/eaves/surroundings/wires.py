@@ -16,7 +16,7 @@ Cells = NDArray[np.int64]
 
 
 class WireRules(Method):
-    """What counts as a wire: points in a row, in long straight lines. The limits follow from how lines are
+    """The limits of wires: points in a row, in long straight lines. The limits follow from how lines are
     built; they were chosen on simulated lines."""
 
     spacing: float = parameter(
@@ -123,12 +123,12 @@ def find_towers(
     group, count = ndimage.label(top.reshape(shape) >= beside - 2.0 * rules.cell, np.ones((3, 3)))
     number = group.ravel()[cell[free]]
     for k in range(1, count + 1):
-        mine = free[number == k]
-        highest = float(height[mine].max())
-        core = mine[np.abs(height[mine] - 0.5 * highest) <= 0.25 * highest]
-        gap = float(np.diff(np.sort(height[mine]), prepend=0.0).max())
+        own = free[number == k]
+        highest = float(height[own].max())
+        core = own[np.abs(height[own] - 0.5 * highest) <= 0.25 * highest]
+        gap = float(np.diff(np.sort(height[own]), prepend=0.0).max())
         if len(core) and gap <= rules.gap * highest:
-            found[mine] = highest >= rules.upright * np.ptp(cloud.xyz[core, :2], axis=0).max()
+            found[own] = highest >= rules.upright * np.ptp(cloud.xyz[core, :2], axis=0).max()
     return found
 
 

@@ -29,9 +29,9 @@ class Division:
     @classmethod
     def of(cls, parts: Sequence[Polygon], walls: Iterable[tuple[int, int, float]]) -> Division:
         """The division with parts and walls."""
-        told = tuple(walls)
-        least = [min((sure for a, b, sure in told if k in (a, b)), default=1.0) for k in range(len(parts))]
-        return cls(tuple(parts), tuple(least), told)
+        listed = tuple(walls)
+        least = [min((sure for a, b, sure in listed if k in (a, b)), default=1.0) for k in range(len(parts))]
+        return cls(tuple(parts), tuple(least), listed)
 
 
 class UnitMethod(Method):

@@ -18,7 +18,7 @@ from eaves.model import Labels, Mask, Values
 
 SURFACE_SHAPE = ("constant", "area", "rough", "width", "height", "company", "enclosed")
 CELL_SHAPE = ("constant", "rough", "low", "company", "enclosed")
-"""What is known of surfaces, and of cells in none, without echoes and penetration."""
+"""The terms of surfaces, and of cells in none, without echoes and penetration."""
 
 
 def terms_from(shape: tuple[str, ...]) -> tuple[str, ...]:
@@ -159,7 +159,7 @@ def weighted_mean(label: Labels, count: int, values: Values) -> Values:
 
 
 def surface_shape(segments: Segments, company: Values, enclosed: Values, max_residual: float) -> Values:
-    """What shape tells of each surface (K, 6), each term clipped, in the order of `SURFACE_SHAPE`."""
+    """The terms of shape of each surface (K, 7), each term clipped, in the order of `SURFACE_SHAPE`."""
     return np.column_stack(
         [
             np.ones(segments.count),
@@ -174,8 +174,8 @@ def surface_shape(segments: Segments, company: Values, enclosed: Values, max_res
 
 
 def cell_shape(evidence: Evidence, company: Values, enclosed: Values, max_residual: float) -> Values:
-    """What shape tells of cells (H, W, 4) in no surface, in the order of `CELL_SHAPE`: bushes are low, crowns
-    rough."""
+    """The terms of shape of cells (H, W, 5) in no surface, in the order of `CELL_SHAPE`: bushes are low,
+    crowns rough."""
     return np.stack(
         [
             np.ones(evidence.shape),

@@ -74,9 +74,9 @@ def region_doubts(
             slice(max(0, rows.start - 1), rows.stop + 1),
             slice(max(0, columns.start - 1), columns.stop + 1),
         )
-        mine = region[around] == number
-        size = float(mine.sum()) * area
-        rim = grown_by_square(mine, 3) & ~mine
+        of_region = region[around] == number
+        size = float(of_region.sum()) * area
+        rim = grown_by_square(of_region, 3) & ~of_region
         open_rim = rim & outside[around]
 
         def doubt(
@@ -90,13 +90,13 @@ def region_doubts(
         if size < MIN_AREA_M2:
             continue
         if limits.doubt_score <= score[number - 1] <= 1.0 - limits.doubt_score:
-            found.append(doubt(mine, f"a roof or not: score {score[number - 1]:.2f}"))
+            found.append(doubt(of_region, f"a roof or not: score {score[number - 1]:.2f}"))
         if attached[number] > most_attached / 2:
             share = round(100 * attached[number])
-            found.append(doubt(mine, f"a roof or a rock: {share} % of its rim continues the terrain"))
+            found.append(doubt(of_region, f"a roof or a rock: {share} % of its rim continues the terrain"))
         wet = rim & water[around]
         if wet.any() and (wet | (rim & empty[around])).sum() > limits.doubt_afloat * rim.sum():
-            found.append(doubt(mine, "a building or a ship: there is water all round"))
+            found.append(doubt(of_region, "a building or a ship: there is water all round"))
         if open_rim.sum() > limits.doubt_rim * rim.sum():
             found.append(doubt(open_rim, "a building on the rim of the data"))
     return found
@@ -113,16 +113,16 @@ def crown_doubts(region: Labels, evidence: Evidence, roofs: Mask, most: float) -
     for number, window in enumerate(ndimage.find_objects(region), 1):
         if window is None:
             continue
-        mine = region[window] == number
-        size = float(mine.sum()) * evidence.cells.side**2
-        own = evidence.residual[window][mine & known[window]]
+        of_region = region[window] == number
+        size = float(of_region.sum()) * evidence.cells.side**2
+        own = evidence.residual[window][of_region & known[window]]
         if size < MIN_AREA_M2 or not len(own) or np.median(own) <= most * usual:
             continue
         times = float(np.median(own)) / max(usual, 1e-4)
         reason = (
             f"a roof or a crown: {times:.1f} times as uneven as the roofs of a scan that splits few pulses"
         )
-        found.append(doubt_at(evidence, mine, (window[0].start, window[1].start), size, reason))
+        found.append(doubt_at(evidence, of_region, (window[0].start, window[1].start), size, reason))
     return found
 
 
@@ -131,11 +131,11 @@ def void_doubts(evidence: Evidence, void: Mask) -> list[Doubt]:
     found, _ = ndimage.label(void)
     doubts = []
     for number, window in enumerate(ndimage.find_objects(found), 1):
-        mine = found[window] == number
+        of_region = found[window] == number
         corner = (window[0].start, window[1].start)
-        size = float(mine.sum()) * evidence.cells.side**2
+        size = float(of_region.sum()) * evidence.cells.side**2
         doubts.append(
-            doubt_at(evidence, mine, corner, size, "a hole in the data, taken for a roof by its rim")
+            doubt_at(evidence, of_region, corner, size, "a hole in the data, taken for a roof by its rim")
         )
     return doubts
 

@@ -1,4 +1,4 @@
-"""What each cell of a scene tells for or against a roof: planes, echoes, ground seen through it, height."""
+"""The evidence of each cell for or against a roof: planes, echoes, ground seen through it, height."""
 
 from __future__ import annotations
 

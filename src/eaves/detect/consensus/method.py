@@ -28,8 +28,8 @@ from eaves.detect.consensus.doubts import (
 )
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
 from eaves.detect.consensus.hidden_roofs import HiddenRoofRules, find_hidden_roofs
-from eaves.detect.consensus.members import part_of_points
 from eaves.detect.consensus.narrow_parts import without_narrow_parts
+from eaves.detect.consensus.roof_or_wall import part_of_points
 from eaves.detect.consensus.segments import Segments, find_segments
 from eaves.detect.consensus.vehicles import VehicleRules, find_vehicles
 from eaves.detect.consensus.voids import VoidRules, find_roof_voids

@@ -9,7 +9,7 @@ from eaves.model import Labels, Mask, Points, Values
 
 
 class VehicleRules(Method):
-    """What road vehicles are like."""
+    """The measures of road vehicles."""
 
     vehicle_width: float = parameter(
         2.45,

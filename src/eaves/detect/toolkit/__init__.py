@@ -1,1 +1,1 @@
-"""What several detectors share."""
+"""Steps that several detectors share."""

@@ -52,7 +52,7 @@ class Cells:
 
     @property
     def neighbours(self) -> NDArray[np.int64]:
-        """What to add to a cell's number for each of its eight neighbours (8,); the margin keeps it in."""
+        """The steps from a cell's number to its eight neighbours (8,); the margin keeps them in."""
         columns = self.shape[1]
         return np.array([-columns - 1, -columns, -columns + 1, -1, 1, columns - 1, columns, columns + 1])
 

@@ -40,7 +40,7 @@ class SurfaceGrid:
 
 
 class GrowthRules(Method):
-    """What the detectors share that grow cores of roof on the grid."""
+    """The parameters of the detectors that grow cores of roof on the grid."""
 
     min_height: float = parameter(
         MIN_HEIGHT_M, "Least height over the terrain: lower objects (cars) are removed.", unit="m", ge=0.0
@@ -70,7 +70,7 @@ class GrowthRules(Method):
         return grow_back(core, mixed & (share >= self.min_share), grid.surface, self.storey, rounds)
 
     def with_rim(self, grid: SurfaceGrid, grown: Mask, allowed: Mask) -> Mask:
-        """What has grown (H, W), with the rim that is allowed (H, W)."""
+        """The grown cells (H, W), with the rim that is allowed (H, W)."""
         return grow_back(grown, allowed, grid.surface, self.max_step, round(self.regrow / grid.side))
 
 
@@ -150,7 +150,7 @@ def height_error(grid: SurfaceGrid, spacing: float) -> float:
 
 
 def surface_noise(feature: Values, grid: SurfaceGrid, below: float) -> float:
-    """What a feature (m, (H, W)) of a surface is where nothing is: its lower quartile on level ground.
+    """The noise of a feature (m, (H, W)) of a surface: its lower quartile on level ground.
 
     Ground under `below` (m) is the one surface of a scan that is as smooth as its ranges are; a quartile
     leaves kerbs, cars and the rims of everything out.

@@ -225,9 +225,9 @@ class GlobalFit(OutlineMethod):
             max(self.wall_beside * spacing, self.least_beside),
             MIN_POINTS,
         )
-        told = np.isfinite(shift)
+        enough = np.isfinite(shift)
         shift = np.where(
-            told, np.clip(shift, -self.strip_before * spacing, self.strip_before * spacing), -0.5 * spacing
+            enough, np.clip(shift, -self.strip_before * spacing, self.strip_before * spacing), -0.5 * spacing
         )
         edges = edges.with_(offset=edges.offset + shift)
         spot = self.spot

@@ -1,1 +1,1 @@
-"""What several outline methods share."""
+"""Steps that several outline methods share."""

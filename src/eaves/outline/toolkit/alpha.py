@@ -111,8 +111,8 @@ def with_sparse_parts(mesh: Mesh, kept: NDArray[np.bool_], radius: float, least:
     corners = mesh.triangles[around]
     pairs = np.unique(np.repeat(part[around], 3) * len(outside) + corners.ravel())
     group, corner = np.divmod(pairs, len(outside))
-    members = np.bincount(group[outside[corner]], minlength=count + 1)
-    return largest_part(mesh, kept | (around & (members[part] >= least)))
+    points_outside = np.bincount(group[outside[corner]], minlength=count + 1)
+    return largest_part(mesh, kept | (around & (points_outside[part] >= least)))
 
 
 @kernel

@@ -17,7 +17,7 @@ PARALLEL = np.radians(3.0)
 
 @dataclass(frozen=True)
 class Drawing:
-    """What a draughtsman would not draw: lengths in metres, prices in nats."""
+    """The details that a draughtsman would not draw: lengths in metres, prices in nats."""
 
     detail: float
     """The shortest edge and the smallest jog."""
@@ -26,7 +26,7 @@ class Drawing:
     sigma: float
     """Scatter of a boundary point about its edge."""
     price: float
-    """What an edge costs."""
+    """The cost of an edge."""
 
 
 def ends_of_edges(edges: OutlineEdges, drawing: Drawing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -13,7 +13,7 @@ from eaves.outline.toolkit.polyline import FREE
 
 RIGHT_ANGLE = np.pi / 2
 WALL_ABOVE, WALL_STEEP = 0.6, 1.7
-"""What a point of a wall is: one with another this much above it (m), and steeper than 60°; for fitted
+"""A point of a wall is one with another this much above it (m), and steeper than 60°; for fitted
 outlines and given footprints alike."""
 
 
@@ -124,12 +124,12 @@ def common_axes(
         reach = np.minimum(np.hypot(deviation[:, None], deviation[None, :]), tolerance)
         agree = np.maximum(1.0 - (apart / reach) ** 2, 0.0) * left[None, :] * length[None, :] * left[:, None]
         lead = int(np.argmax(np.round(agree.sum(axis=1), 9)))
-        members = np.flatnonzero(agree[lead] > 0)
-        if len(members) < 2 or length[members].sum() < least * length.sum():
+        along_it = np.flatnonzero(agree[lead] > 0)
+        if len(along_it) < 2 or length[along_it].sum() < least * length.sum():
             break
-        turns = np.round((edges.angle[members] - edges.angle[lead]) / RIGHT_ANGLE).astype(np.int64)
-        axes += frame_axes(edges.moments[members], turns)
-        left[members] = False
+        turns = np.round((edges.angle[along_it] - edges.angle[lead]) / RIGHT_ANGLE).astype(np.int64)
+        axes += frame_axes(edges.moments[along_it], turns)
+        left[along_it] = False
     return np.array(axes)
 
 

@@ -12,7 +12,7 @@ NEAR = 2
 """Divisions with a wall within so many steps agree on it."""
 
 LEAST = float(np.finfo(np.float64).tiny)
-"""What cannot be is this likely, so that its logarithm is finite."""
+"""The impossible is this likely, so that its logarithm is finite."""
 
 
 def best_walls(odds: Values, width_odds: Values) -> tuple[NDArray[np.int64], Values]:

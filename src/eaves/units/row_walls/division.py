@@ -41,10 +41,10 @@ def label_unit_cells(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUni
     for units in rows:
         row = units.row
         s, t = row.grid()
-        mine = (t >= row.first) & (t < row.last)
-        step = np.broadcast_to(np.arange(len(row.first)), s.shape)[mine]
+        own = (t >= row.first) & (t < row.last)
+        step = np.broadcast_to(np.arange(len(row.first)), s.shape)[own]
         unit = np.searchsorted(units.walls, step, side="right")
-        cells = plan.cells(*row.place(s[mine], t[mine]))
+        cells = plan.cells(*row.place(s[own], t[own]))
         label[cells] = number + unit
         number += len(units.walls) + 1
     return number - first

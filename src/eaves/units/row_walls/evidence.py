@@ -1,4 +1,4 @@
-"""What the points on both sides of a line across a row say of a party wall along it."""
+"""The signs of a party wall along a line across a row, in the points on both sides of it."""
 
 from __future__ import annotations
 

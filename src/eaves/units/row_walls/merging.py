@@ -115,8 +115,8 @@ def borders_between(label: NDArray[np.int32]) -> dict[tuple[int, int], NDArray[n
     order = np.argsort(number.ravel(), kind="stable")
     cuts = np.searchsorted(number.ravel()[order], np.arange(1, len(names)))
     return {
-        (int(a), int(b)): where[mine]
-        for (a, b), mine in zip(names.tolist(), np.split(order, cuts), strict=True)
+        (int(a), int(b)): where[own]
+        for (a, b), own in zip(names.tolist(), np.split(order, cuts), strict=True)
     }
 
 

@@ -175,9 +175,9 @@ def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
         best = int(np.argmax(weight))
         if weight[best] < shortest:
             break
-        mine = np.abs(apart[best]) < same
-        found.append(float(angle[best] - np.average(apart[best][mine], weights=length[mine])))
-        length, angle = length[~mine], angle[~mine]
+        along_it = np.abs(apart[best]) < same
+        found.append(float(angle[best] - np.average(apart[best][along_it], weights=length[along_it])))
+        length, angle = length[~along_it], angle[~along_it]
     return np.column_stack([np.cos(found), np.sin(found)])
 
 

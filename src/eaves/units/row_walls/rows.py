@@ -25,7 +25,7 @@ JOG_M, HOUSE_M = 1.5, 15.0
 
 
 class RowRules(Method):
-    """What makes a row."""
+    """The measures of a row."""
 
     deepest: float = parameter(2.0 * HOUSE_M, "Greatest depth of a row.", unit="m", gt=0.0)
     jog: float = parameter(
@@ -146,8 +146,8 @@ class HouseRow:
     def ground(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """x, y (M,) of the middles of the row's cells."""
         s, t = self.grid()
-        mine = (t >= self.first) & (t < self.last)
-        return self.place(s[mine], t[mine])
+        own = (t >= self.first) & (t < self.last)
+        return self.place(s[own], t[own])
 
     def place(
         self, s: NDArray[np.float64], t: NDArray[np.float64]
@@ -165,8 +165,8 @@ class HouseRow:
     def strip(self, start: float, end: float) -> Polygon:
         """The parallelogram of the row's ground between two places on its front (m)."""
         first = round(start / CELL_M)
-        mine = slice(first, max(round(end / CELL_M), first + 1))
-        near, far = float(self.first[mine].min()), float(self.last[mine].max())
+        own = slice(first, max(round(end / CELL_M), first + 1))
+        near, far = float(self.first[own].min()), float(self.last[own].max())
         corners = self.place(np.array([start, end, end, start]), np.array([near, near, far, far]))
         return shapely.orient_polygons(Polygon(np.column_stack(corners)))
 
@@ -264,7 +264,7 @@ def ground_behind(
     t = np.arange(-limits.jog - 0.5, limits.deepest, CELL_M)
     x, y = ((start[k] + s * along[k])[:, None] + t * across[k] for k in range(2))
     cells = plan.cells(x, y)
-    main, mine = plan.main[cells], free[cells]
+    main, own = plan.main[cells], free[cells]
     begin = np.argmax(main, axis=1)
     there = main[np.arange(steps), begin] & (t[begin] < limits.jog + 0.5)
     to_end = main | (np.arange(len(t)) < begin[:, None])
@@ -277,7 +277,7 @@ def ground_behind(
     end = np.where(deep, begin + int(usual), end)
     run = (np.arange(len(t)) >= begin[:, None]) & (np.arange(len(t)) < end[:, None]) & there[:, None]
     # the row ends where others' ground begins
-    taken = run & ~mine
+    taken = run & ~own
     there &= ~(taken.sum(axis=1) > 0.5 * np.maximum(run.sum(axis=1), 1))
     first_taken = np.where(taken.any(axis=1), np.argmax(taken, axis=1), len(t))
     begin = np.where(first_taken <= begin, begin + taken.sum(axis=1), begin)

@@ -19,7 +19,7 @@ CELL_M = 2.0 * FINE_M
 
 
 class VolumeRules(Method):
-    """What makes an annex and a main volume."""
+    """The measures of an annex and of a main volume."""
 
     annex: float = parameter(4.2, "An annex is lower: one storey, with its roof.", unit="m", gt=0.0)
     house: float = parameter(

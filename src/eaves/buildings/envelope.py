@@ -1,4 +1,4 @@
-"""What an energy model of the building stock asks for: floors, and the surfaces that lie in the open."""
+"""The figures that an energy model asks for: floors, and the surfaces that lie in the open."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from eaves.reconstruct.toolkit.roof_figures import QUARTERS, quarter_of
 PARTY_WALLS = "party_wall_area_m2"
 
 
-def wall_figures(mine: Walls, others: Sequence[Walls]) -> dict[str, float]:
+def wall_figures(own: Walls, others: Sequence[Walls]) -> dict[str, float]:
     """Areas (m²) of walls that `others` stand against, and of those in the open by quarter of the compass."""
-    shared = shared_areas(mine, others)
-    free = np.maximum(mine.areas() - shared, 0.0)
-    turn = np.degrees(np.arctan2(mine.outward[:, 0], mine.outward[:, 1])) % 360.0
+    shared = shared_areas(own, others)
+    free = np.maximum(own.areas() - shared, 0.0)
+    turn = np.degrees(np.arctan2(own.outward[:, 0], own.outward[:, 1])) % 360.0
     sides = dict.fromkeys(QUARTERS, 0.0)
     for azimuth, area in zip(turn, free, strict=True):
         sides[quarter_of(float(azimuth))] += float(area)
@@ -26,7 +26,7 @@ def wall_figures(mine: Walls, others: Sequence[Walls]) -> dict[str, float]:
     return {name: round(area, 2) for name, area in areas.items()}
 
 
-def stock_figures(
+def envelope_figures(
     walls: Mapping[str, float], attributes: Mapping[str, Any], area_m2: float, map_storeys: Any = None
 ) -> dict[str, Any]:
     """The walls with floor area, envelope (free walls, roof, ground; m²) and its share of the volume (1/m).
