@@ -6,6 +6,8 @@ import json
 import logging
 from pathlib import Path
 
+import laspy
+import laspy.vlrs.known
 import numpy as np
 import pytest
 from tests.conftest import write_laz
@@ -53,6 +55,21 @@ def test_a_conflict_is_refused_unless_forced(
         with pytest.raises(InputError, match=what):
             index(tmp_path / "a.laz", said)
     assert index(tmp_path / "a.laz", said, force=True)
+
+
+def test_a_system_of_no_place_gives_way_to_the_one_that_is_given(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "a.laz"
+    write_laz(path, PATCH + [500_000, 5_000_000, 0], None)
+    las = laspy.read(path)
+    site = 'LOCAL_CS["site grid",LOCAL_DATUM["site",0],UNIT["metre",1],AXIS["E",EAST],AXIS["N",NORTH]]'
+    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(site))
+    las.header.global_encoding.wkt = True
+    las.write(path)
+    with caplog.at_level(logging.WARNING, "eaves"):
+        assert index(path, "EPSG:32631") == "EPSG:32631"
+    assert "site grid; --crs is taken" in caplog.text
 
 
 def test_a_place_nothing_explains_is_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

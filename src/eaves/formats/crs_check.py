@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
+import pyproj.exceptions
 from pyproj.transformer import TransformerGroup
 
 from eaves.formats.crs import code_of, horizontal_crs, parse_crs, pyproj_crs
@@ -42,7 +43,11 @@ def refuse_conflict(path: Path, said: str, own: pyproj.CRS | None, box: Bounds) 
     if stated.equals(given, ignore_axis_order=True) and same_heights(own, parse_crs(said)):
         return
     x, y = (box.west + box.east) / 2, (box.south + box.north) / 2
-    east, north = pyproj.Transformer.from_crs(stated, given, always_xy=True).transform(x, y)
+    try:
+        east, north = pyproj.Transformer.from_crs(stated, given, always_xy=True).transform(x, y)
+    except pyproj.exceptions.ProjError:
+        log.warning("%s: says a system that PROJ cannot place on Earth, %s; --crs is taken", path, own.name)
+        return
     unit = given.axis_info[0].unit_conversion_factor if given.axis_info else 1.0
     near = np.isfinite([east, north]).all() and np.hypot(east - x, north - y) * unit <= SAME_PLACE
     if near and same_heights(own, parse_crs(said)):

@@ -247,7 +247,8 @@ def _check_point_bytes(header: LasHeader, refuse: object) -> None:
 
 
 def _check_laszip(header: LasHeader) -> None:
-    """Compressor 2 (by chunk) or 3 (by chunk and layer), whose items add up to the record (LASzip VLR)."""
+    """Compressor 1 (one stream), 2 (by chunk) or 3 (by chunk and layer), whose items add up to the record
+    (LASzip VLR)."""
     data = header.laszip
     if len(data) < 34:
         raise InputError.about(header.path, "is compressed but has no laszip record", WRITE_AGAIN)
@@ -256,7 +257,7 @@ def _check_laszip(header: LasHeader) -> None:
         *struct.unpack_from("<I", data, 12),
         *struct.unpack_from("<H", data, 32),
     )
-    if compressor not in (2, 3) or chunk_size == 0:
+    if compressor not in (1, 2, 3) or (chunk_size == 0 and compressor > 1):
         raise InputError.about(
             header.path,
             f"is compressed by method {compressor} in chunks of {chunk_size} points, which this reader "

@@ -18,6 +18,8 @@ from eaves.formats.las_header import COPY_AGAIN, RECORD_LENGTHS, WRITE_AGAIN, La
 CHUNK_BYTES = 1 << 30
 """Largest chunk (bytes, decompressed) this reader takes; laszip's usual 50,000 points are 2 MB."""
 VARIABLE_CHUNKS = 0xFFFFFFFF
+POINTWISE = 1
+"""LASzip's first method (`header.laszip` begins with it): no chunks."""
 LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}
 """Compressed layers of a chunk by point format; every extra byte is one more (LASzip 1.4 specification)."""
 
@@ -50,6 +52,8 @@ def read_chunk_table(file: BinaryIO, header: LasHeader) -> ChunkTable:
         When the table is missing or states more than the file can hold.
     """
     start = header.data_offset + 8
+    if header.laszip[0] == POINTWISE:
+        return one_stream(header)
     file.seek(header.data_offset)
     place = struct.unpack("<q", file.read(8).ljust(8, b"\0"))[0]
     if place == -1:  # a writer that could not seek leaves the place in the last eight bytes
@@ -85,6 +89,16 @@ def read_chunk_table(file: BinaryIO, header: LasHeader) -> ChunkTable:
     offset = start + np.cumsum(length) - length
     filled = points > 0  # writers that end a chunk at the last point leave an empty one behind it
     return ChunkTable(offset[filled], length[filled], points[filled])
+
+
+def one_stream(header: LasHeader) -> ChunkTable:
+    """The table of a file without one: LASzip's first method compressed all its points as one stream."""
+    if header.count * header.record_length > CHUNK_BYTES:
+        raise InputError.about(
+            header.path, f"has {header.count} points in one piece, too large to open", WRITE_AGAIN
+        )
+    values = header.data_offset, header.size - header.data_offset, header.count
+    return ChunkTable(*(np.array([value] if header.count else [], np.int64) for value in values))
 
 
 def decompress(
