@@ -67,7 +67,11 @@ TERMS = {"company": 0.5, "enclosed": 0.3, "rough": 0.2, "low": -0.3, "width": 0.
 DETECT = (
     detect("vehicles", 6, {"detect.vehicle_area": 0.0}),
     detect("narrow parts", 1, {"detect.room": 0.0}),
-    detect("hidden roofs", 2, {"detect.hidden_on_plane": 1e-9}),
+    detect(
+        "hidden roofs",
+        0,
+        {f"{METHOD}find_hidden_roofs": lambda evidence, xyz, *_: np.zeros(len(xyz), np.int32)},
+    ),
     detect("voids", 5, {f"{METHOD}find_roof_voids": nowhere}),
     detect("even roofs", 2, {"detect.even_area": NEVER}),
     detect("attachment", 3, {"detect.max_attached": 1.0}),

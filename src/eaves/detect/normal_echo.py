@@ -9,7 +9,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from eaves.detect.stage import MIN_HEIGHT_M, Detector, area_of_cells
+from eaves.detect.stage import MIN_HEIGHT_M, ROOM_M, Detector, area_of_cells
+from eaves.detect.toolkit.surface_grid import GROUP_M2
 from eaves.geometry.planes import local_planes
 from eaves.geometry.smooth_surfaces import (
     NEIGHBOURS,
@@ -111,10 +112,10 @@ class NormalEcho(Detector):
         gt=0.0,
     )
     min_area: float = parameter(
-        10.0, "Smaller components are no buildings.", unit="m²", off=0.0, step="area", ge=0.0
+        GROUP_M2, "Smaller components are no buildings.", unit="m²", off=0.0, step="area", ge=0.0
     )
     min_width: float = parameter(
-        2.5, "Components with a narrower side are hedges and walls.", unit="m", off=0.0, ge=0.0
+        ROOM_M, "Components with a narrower side are hedges and walls.", unit="m", off=0.0, ge=0.0
     )
     min_width_to_height: float = parameter(
         0.3,

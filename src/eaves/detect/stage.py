@@ -16,8 +16,9 @@ from eaves.model.checks import check_type
 MIN_AREA_M2 = 6.0
 MIN_HEIGHT_M = 2.0
 """The smallest shed that counts as a building."""
-STOREY_M = 3.0
-"""Height of a storey: bushes and hedges stay below it, and parts of a building step by no more."""
+STOREY_M, ROOM_M = 3.0, 2.5
+"""Height of a storey: bushes and hedges stay below it, and parts of a building step by no more;
+and the width and height of the smallest room, below which parts are hedges and walls."""
 
 FEW_CELLS = 9
 """Groups of no more cells are measured by their hull, too."""

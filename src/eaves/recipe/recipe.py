@@ -67,8 +67,11 @@ class Recipe:
         What the files' classes of the ground are, with `use_classes`.
     vegetation : VegetationRules or None
         How low, medium and high vegetation (3, 4, 5) is distinguished from the rest; None leaves it
-        unclassified. others : bool Tell water (9), wires (14), their towers (15) and decks of bridges (17)
-        from the rest. overhangs : OverhangRules What shows a wall under a roof, at LoD 2.3.
+        unclassified.
+    others : bool
+        Distinguish water (9), wires (14), their towers (15) and decks of bridges (17) from the rest.
+    overhangs : OverhangRules
+        The limits of a wall seen under a roof, at LoD 2.3.
 
     Examples
     --------

@@ -12,7 +12,7 @@ from scipy import ndimage
 from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.segments import Segments, least_around
 from eaves.detect.consensus.separation import Separation, nothing, separate
-from eaves.detect.stage import MIN_AREA_M2, STOREY_M, TALL_SHARE
+from eaves.detect.stage import MIN_AREA_M2, ROOM_M, STOREY_M, TALL_SHARE
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Values
 
@@ -85,10 +85,10 @@ simulated towns (0.3 to 30 points/m², all, few or no echoes) and the labelled s
 `benchmarks.accuracy.detection_fit`, which also keeps what each survey left out gives."""
 
 
-ROOM_M, ROUGH = 2.5, 0.4
-"""Width and height of the smallest room (m), and a share of the largest residual: with the least area of a
-building and the height of a storey, above which height tells nothing of a cell, where the terms are zero, as
-the weights were fitted."""
+ROUGH = 0.4
+"""A share of the largest residual: with the least area of a building, the width and height of a room and the
+height of a storey, above which height says nothing of a cell, where the terms are zero, as the weights were
+fitted."""
 
 
 class EvidenceRules(Method):
@@ -197,10 +197,6 @@ def with_echoes(
     return np.concatenate([shape, echoes.power * shape, *said], axis=-1)
 
 
-ROWS_AT_ONCE = 64
-"""Rows of cells whose terms are in memory at a time."""
-
-
 @dataclass(frozen=True, eq=False)
 class Terms:
     """The terms of surfaces (K, T) and of cells; `large` (H, W) marks the cells that their
@@ -217,19 +213,12 @@ class Terms:
     @property
     def cell(self) -> Values:
         """The terms (H, W, T) of the cells."""
-        return self.cells_in(slice(None))
-
-    def cells_in(self, rows: slice) -> Values:
-        """The terms (R, W, T) of the cells in some rows."""
-        several, through = self.evidence.multi_return_share[rows], self.evidence.penetration[rows]
-        measured = (self.echoes, self.penetration, self.most_log_ratio)
-        return with_echoes(self.shape[rows], several, through, *measured)
+        several, through = self.evidence.multi_return_share, self.evidence.penetration
+        return with_echoes(self.shape, several, through, self.echoes, self.penetration, self.most_log_ratio)
 
     def cell_odds(self, weights: Weights) -> Values:
-        """Log odds (H, W) of cells in no surface; a few rows at a time, for the terms would fill memory."""
-        count = len(self.shape)
-        pieces = [slice(first, first + ROWS_AT_ONCE) for first in range(0, count, ROWS_AT_ONCE)]
-        return np.concatenate([cell_odds(self.cells_in(rows), weights) for rows in pieces])
+        """Log odds (H, W) of cells in no surface."""
+        return cell_odds(self.cell, weights)
 
 
 def measured_terms(

@@ -6,21 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.detect.consensus.evidence import Evidence
-from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Points, Values
-
-
-class HiddenRoofRules(Method):
-    """When a plane is carried on below a crown."""
-
-    hidden_on_plane: float = parameter(
-        0.1, "Points no farther from a plane carried on below a crown are of the roof.", unit="m", gt=0.0
-    )
-    hidden_below: float = parameter(
-        0.5,
-        "Points below that plane, at most, for each on it: beyond a roof the beam goes on to the ground.",
-        ge=0.0,
-    )
 
 
 def find_hidden_roofs(
@@ -29,14 +15,16 @@ def find_hidden_roofs(
     usable: Mask,
     region: Labels,
     surface: Mask,
+    tolerance: float,
     reach: float,
-    limits: HiddenRoofRules,
 ) -> NDArray[np.int32]:
     """The region of each point (N,) on a building's plane carried on below a crown, 0 for the others.
 
     `region` (H, W) numbers the buildings' cells, `surface` (H, W) marks cells with a roof plane, and `usable`
-    (N,) the points that are no noise; a plane is carried on by `reach` (m). From each round's cells the plane
-    of the neighbour that most points lie on is taken over; ties go to the smaller cell number.
+    (N,) the points that are no noise; a plane is carried on by `reach` (m), where points lie on it to a
+    `tolerance` (m) and at most half as many below: beyond a roof the beam goes on to the ground. From each
+    round's cells the plane of the neighbour that most points lie on is taken over; ties go to the smaller
+    cell number.
     """
     columns, side = evidence.shape[1], evidence.cells.side
     east, north, level = (plane.ravel().copy() for plane in (evidence.east, evidence.north, evidence.level))
@@ -59,9 +47,9 @@ def find_hidden_roofs(
         which, points = evidence.cells.points_of(target)
         which, points = which[usable[points]], points[usable[points]]
         rise = above_plane(points, source[which])
-        on = np.bincount(which[np.abs(rise) <= limits.hidden_on_plane], minlength=len(target))
-        below = np.bincount(which[rise < -limits.hidden_on_plane], minlength=len(target))
-        good = (on > 0) & (below <= limits.hidden_below * on)
+        on = np.bincount(which[np.abs(rise) <= tolerance], minlength=len(target))
+        below = np.bincount(which[rise < -tolerance], minlength=len(target))
+        good = (on > 0) & (below <= 0.5 * on)
         source, target, on = source[good], target[good], on[good]
         order = np.lexsort((source, -on, target))
         source, target = source[order], target[order]
@@ -77,6 +65,6 @@ def find_hidden_roofs(
 
     found = np.zeros(len(xyz), np.int32)
     inside = np.flatnonzero((hidden[evidence.cells.cell] > 0) & usable)
-    inside = inside[np.abs(above_plane(inside, evidence.cells.cell[inside])) <= limits.hidden_on_plane]
+    inside = inside[np.abs(above_plane(inside, evidence.cells.cell[inside])) <= tolerance]
     found[inside] = hidden[evidence.cells.cell[inside]]
     return found

@@ -11,7 +11,6 @@ from eaves.detect.consensus.attachment import attached_share
 from eaves.detect.consensus.borders import cut_cells
 from eaves.detect.consensus.classifier import (
     FITTED,
-    ROOM_M,
     EvidenceRules,
     Terms,
     Weights,
@@ -27,14 +26,14 @@ from eaves.detect.consensus.doubts import (
     void_doubts,
 )
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
-from eaves.detect.consensus.hidden_roofs import HiddenRoofRules, find_hidden_roofs
+from eaves.detect.consensus.hidden_roofs import find_hidden_roofs
 from eaves.detect.consensus.narrow_parts import without_narrow_parts
 from eaves.detect.consensus.roof_or_wall import part_of_points
 from eaves.detect.consensus.segments import Segments, find_segments
 from eaves.detect.consensus.vehicles import VehicleRules, find_vehicles
 from eaves.detect.consensus.voids import VoidRules, find_roof_voids
 from eaves.detect.consensus.windows import WindowRules
-from eaves.detect.stage import MIN_HEIGHT_M, Detector
+from eaves.detect.stage import MIN_HEIGHT_M, ROOM_M, Detector
 from eaves.detect.toolkit.cells import side_near
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Points, Regions, Scene, Values
@@ -51,7 +50,7 @@ LEAST_TOLERANCE_M, TOLERANCE = 0.12, 0.11
 windows that span a ridge miss one plane."""
 
 
-class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRules, WindowRules, Detector):
+class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules, Detector):
     """Building labels from planes, echoes, penetration, height, size and width together.
 
     Points well above the terrain are gathered in cells of about two points. Each cell is given the best
@@ -178,7 +177,8 @@ class Consensus(DoubtRules, VehicleRules, HiddenRoofRules, VoidRules, EvidenceRu
         region, attached, rocks = self.keep_buildings(building, roof, evidence)
         emit("regions", region)
         surface = roof & (segments.label > 0)
-        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface, self.enclosed, self)
+        most = self.tolerance(scene.spacing)
+        hidden = find_hidden_roofs(evidence, xyz, ~scene.cloud.noise, region, surface, most, self.enclosed)
         emit("hidden", hidden)
         regions = self.regions_of(scene, xyz, evidence, region, hidden, odds)
         water = wet_cells(scene, evidence)

@@ -11,9 +11,6 @@ from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import Values
 
-LEAST_DETERMINANT = 1e-12
-"""Of the moments in plan (m⁴): a line has no slope of its own (a tolerance)."""
-
 
 class WindowRules(Method):
     """Which windows have a plane, and how those of two sizes compare."""
@@ -91,14 +88,15 @@ def planes_kernel(
             xx, xy, xz = total[4] / n - x * x, total[5] / n - x * y, total[6] / n - x * z
             yy, yz, zz = total[7] / n - y * y, total[8] / n - y * z, total[9] / n - z * z
             least = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
-            determinant = max(xx * yy - xy * xy, LEAST_DETERMINANT)
+            if least < least_width * least_width or xx * yy <= xy * xy:
+                continue
+            determinant = xx * yy - xy * xy
             a = (xz * yy - yz * xy) / determinant
             b = (yz * xx - xz * xy) / determinant
             planes[0, row, column], planes[1, row, column] = a, b
             planes[2, row, column] = z - a * x - b * y
-            if np.sqrt(max(least, 0.0)) >= least_width:
-                rest = max(zz - a * xz - b * yz, 0.0) * n / max(n - 3, 1.0)
-                planes[3, row, column] = np.sqrt(rest / (1 + a * a + b * b))
+            rest = max(zz - a * xz - b * yz, 0.0) * n / max(n - 3, 1.0)
+            planes[3, row, column] = np.sqrt(rest / (1 + a * a + b * b))
 
 
 def window_sum(values: Values, size: int = 3) -> Values:

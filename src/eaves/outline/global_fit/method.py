@@ -20,6 +20,9 @@ from eaves.outline.toolkit.edges import OutlineEdges, common_axes, edge_shift_ke
 from eaves.outline.toolkit.polyline import cheapest_polyline
 from eaves.outline.toolkit.shared_edges import share_edges
 
+REACH = 4.0
+"""Points so far (spacings) from an edge, and corners from the boundary, are still of it."""
+
 
 class GlobalFit(OutlineMethod):
     """The closed polyline of least cost through the boundary of the points.
@@ -104,7 +107,7 @@ class GlobalFit(OutlineMethod):
     strip_before: float = parameter(
         1.2, "points up to this far before an edge tell where they end, in spacings", gt=0
     )
-    strip_behind: float = parameter(4.0, "and up to this far behind it, in spacings", gt=0)
+    strip_behind: float = parameter(REACH, "and up to this far behind it, in spacings", gt=0)
     wall_beside: float = parameter(
         1.0, "points of a wall have roof points above them within so many spacings", ge=0
     )
@@ -116,7 +119,7 @@ class GlobalFit(OutlineMethod):
         gt=0,
     )
     corner_reach: float = parameter(
-        4.0,
+        REACH,
         "a corner farther than this from the boundary is cut off, one of 30° still is not; in spacings",
         gt=0,
     )

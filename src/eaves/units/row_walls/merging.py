@@ -25,7 +25,7 @@ class MergeRules(Method):
         ge=0.0,
     )
     shortest_border: float = parameter(
-        2.0, "Units that share less do not stand wall to wall.", unit="m", ge=0.0
+        WINDOW_M, "Units that share less do not stand wall to wall.", unit="m", ge=0.0
     )
 
 
