@@ -1,8 +1,9 @@
 """Writes the generated pages: `make docs`, or `python -m docs.build`; `--check` lists what is out of date.
 
-docs/reference/ is made from the registry, the docstrings and references.bib, docs/comparison.md from the
-tables in benchmarks/results, the list of galleries in docs/README.md from docs/gallery. All else under docs/
-is written by hand. Pictures: `python -m docs.pictures`.
+docs/reference/ is made from the registry, the docstrings and references.bib, the classes in
+docs/conventions.md and the stages in docs/errors.md from the code, docs/comparison.md from the tables in
+benchmarks/results, the list of galleries in docs/README.md from docs/gallery. All else under docs/ is written
+by hand. Pictures: `python -m docs.pictures`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import sys
 from pathlib import Path
 
 from docs.api_page import api_page
+from docs.code_tables import conventions_page, errors_page
 from docs.comparison_page import comparison_page
 from docs.method_pages import method_index, method_page
 
@@ -22,6 +24,8 @@ DOCS = Path(__file__).parent
 def reference_pages() -> dict[Path, str]:
     """File (under docs/) → text of every page that the code alone decides."""
     pages = {Path("reference/methods/README.md"): method_index(), Path("reference/api.md"): api_page()}
+    for name, page in (("conventions.md", conventions_page), ("errors.md", errors_page)):
+        pages[Path(name)] = page((DOCS / name).read_text(encoding="utf-8"))
     for stage, names in REGISTRY.items():
         for name in names:
             pages[Path(f"reference/methods/{stage}-{name}.md")] = method_page(stage, name, DOCS)

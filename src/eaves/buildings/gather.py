@@ -77,7 +77,7 @@ class Gatherer:
             return plan.failure
         found = self.points_of(owner, plan)
         if found is None:
-            return Failure("no_points", "no point above the ground lies in it", "tiling", plan.given)
+            return Failure("no_points", "no point above the ground lies in it", "outline", plan.given)
         reach = Bounds.of(found.xyz)
         if plan.given is not None:
             reach = reach.union(Bounds(*plan.given.polygon.bounds))

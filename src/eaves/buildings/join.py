@@ -55,7 +55,7 @@ class OwnedBuildings:
     owner_block: Block
     buildings: tuple[BuildingPlan, ...]
     addresses: tuple[Footprint, ...] = ()
-    """Between known party walls, about the block's corner (tiling.addresses)."""
+    """Between known party walls, about the block's corner (`footprints.addresses`)."""
 
 
 @dataclass(frozen=True, eq=False)

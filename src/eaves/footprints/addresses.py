@@ -62,7 +62,7 @@ def split_buildings(
                 )
             )
             reason = "no point of the block lies in this address"
-            outlines.append(part if inside.any() else Failure("no_points", reason, "tiling", part))
+            outlines.append(part if inside.any() else Failure("no_points", reason, "outline", part))
     return pieces, outlines
 
 
