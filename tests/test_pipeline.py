@@ -15,6 +15,7 @@ import pytest
 import shapely
 
 import eaves
+from eaves.formats import write_cityjson
 from eaves.report.build import build
 from eaves.simulate.roofs import ExactScene
 from tests.conftest import blocks_of, write_laz
@@ -151,3 +152,23 @@ def columns_of(path: Path, layer: str) -> list[tuple[str, str]]:
     with closing(sqlite3.connect(path)) as base:
         found = base.execute(f"PRAGMA table_info({layer})").fetchall()
     return [(row[1], row[2]) for row in found if row[1] != "geom"]
+
+
+def test_a_region_modelled_in_python_is_written_where_it_stands(
+    nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    cloud = eaves.classify_ground(eaves.read(nine_roofs_file))
+    regions = eaves.detect_buildings(eaves.make_scene(cloud, cloud.bounds))
+    points = cloud.xyz[regions.label == 1]
+    boundary = eaves.trace_outline(points, 0.4, origin=cloud.origin)
+    (footprint,) = eaves.regularise_outlines([boundary])
+    planes = eaves.segment_roof(points, 0.4)
+    models = [eaves.reconstruct_building(points, one, planes, points[:, 2].min() - 5) for one in (footprint,)]
+    write_cityjson(tmp_path / "one.city.json", models)
+    written = json.loads((tmp_path / "one.city.json").read_text("utf-8"))
+    corners = (
+        np.array(written["vertices"]) * written["transform"]["scale"] + written["transform"]["translate"]
+    )
+    assert np.abs(corners[:, :2].mean(axis=0) - cloud.origin - points[:, :2].mean(axis=0)).max() < 5.0
+    failure = eaves.Failure("no_area", "no outline")
+    assert eaves.reconstruct_building(points, failure, planes, 0.0) is failure

@@ -37,6 +37,8 @@ class Boundary:
         Mean distance (m) of the points in plan.
     not_last : ndarray (K, 3) or None
         Those of the points whose pulses have a later return; None where the scan does not say.
+    origin : (float, float)
+        World metres of local (0, 0).
 
     Examples
     --------
@@ -51,6 +53,7 @@ class Boundary:
     points: Points
     spacing: float
     not_last: Points | None = None
+    origin: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

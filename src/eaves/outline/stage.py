@@ -51,6 +51,7 @@ def trace_outline(
     method: MethodChoice = None,
     *,
     not_last: Mask | None = None,
+    origin: tuple[float, float] = (0.0, 0.0),
     debug: str | Path | Emit | None = None,
 ) -> Boundary | Failure:
     """The boundary of the points of one region.
@@ -66,6 +67,9 @@ def trace_outline(
     not_last : ndarray (N,) of bool or None
         The points whose pulses have a later return, where the scan says so: they show the width of the beam,
         which places points beyond an edge.
+    origin : (float, float)
+        World metres of local (0, 0): `cloud.origin`. The footprint and the model have it, and files are then
+        written where the building stands.
     debug : str, Path, callable or None
         A folder or a callback `(name, value)` that receives every named intermediate.
 
@@ -106,7 +110,7 @@ def trace_outline(
     if isinstance(boundary, Failure):
         return boundary
     divided = None if not_last is None else points[finite & not_last]
-    return replace(boundary, not_last=divided)
+    return replace(boundary, not_last=divided, origin=origin)
 
 
 def regularise_outlines(
@@ -156,7 +160,8 @@ def regularise_outlines(
     outliner = resolve_method("outline", method)
     assert isinstance(outliner, OutlineMethod)
     results: list[Footprint | Failure] = []
-    for polygon in outliner.regularise(boundaries, emitter(debug)):
+    polygons = outliner.regularise(boundaries, emitter(debug))
+    for boundary, polygon in zip(boundaries, polygons, strict=True):
         if isinstance(polygon, Failure):
             results.append(polygon)
             continue
@@ -164,5 +169,5 @@ def regularise_outlines(
         if whole is None:
             results.append(Failure("no_area", "the outline encloses no area", "outline"))
         else:
-            results.append(Footprint(shapely.orient_polygons(whole)))
+            results.append(Footprint(shapely.orient_polygons(whole), boundary.origin))
     return results

@@ -50,7 +50,7 @@ class Reconstructor(Method):
 
 def reconstruct_building(
     points: Points,
-    footprint: Footprint,
+    footprint: Footprint | Failure,
     planes: list[RoofPlane],
     ground: float,
     method: MethodChoice = None,
@@ -66,8 +66,8 @@ def reconstruct_building(
     ----------
     points : ndarray (N, 3) of float64
         x, y, z of the building in local metres; points with NaN coordinates are left out.
-    footprint : Footprint
-        The outline, in the same local metres.
+    footprint : Footprint or Failure
+        The outline, in the same local metres; a Failure of the outline is given back.
     planes : list of RoofPlane
         The planes of `segment_roof`; their `members` index `points`.
     ground : float
@@ -103,6 +103,8 @@ def reconstruct_building(
     '2.2'
     """
     check_points(points)
+    if isinstance(footprint, Failure):
+        return footprint
     check_type(footprint, Footprint, "footprint", "use Footprint(polygon) or regularise_outlines")
     if not np.isfinite(ground):
         raise ValueError(

@@ -48,6 +48,8 @@ class Results(Summary):
         The content of run.json.
     wall : dict of str to float
         Time on the clock (s) of each step, where it was measured.
+    points_used : int or None
+        Points within bounds and clip area that are not withheld; 0 is an empty result.
 
     Examples
     --------
