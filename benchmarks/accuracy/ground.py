@@ -45,7 +45,7 @@ CROPS = ("Amsterdam", "Biesbosch")
 METHODS: dict[str, GroundMethod] = {
     "adaptive_tin": AdaptiveTin(),
     "adaptive_tin, plain": AdaptiveTin(
-        seed_cell=40.0, distance_share=10.0, distance_most=1.4, angle=14.0, angle_share=0.0, rounds=1000
+        seed_cell=40.0, distance_share=2.8, angle=14.0, angle_share=0.0, rounds=1000
     ),
     "smooth_region": SmoothRegion(),
     "contours": ContourGround(),

@@ -86,7 +86,7 @@ def test_the_result_is_the_same_in_any_order_and_far_away() -> None:
 
 def test_seed_cells_are_axelssons_start() -> None:
     cloud, truth = scene(4.0)
-    plain = AdaptiveTin(seed_cell=40.0, distance_share=10.0, distance_most=1.4, angle=14.0, rounds=1000)
+    plain = AdaptiveTin(seed_cell=40.0, distance_share=2.8, angle=14.0, rounds=1000)
     score = evaluate_ground(classify_ground(cloud, plain).ground, truth)
     assert score.total_error < 0.05
 

@@ -22,7 +22,7 @@ def test_rim_points_go_on_with_the_slope() -> None:
 
 def test_rim_points_surround_the_bounds() -> None:
     points = rim_points(np.zeros((1, 3)), BOUNDS, RULES)
-    outside = BOUNDS.buffered(RULES.rim_beyond)
+    outside = BOUNDS.buffered(RULES.rim_apart / 2)
     on_rim = np.isin(points[:, 0], (outside.west, outside.east)) | np.isin(
         points[:, 1], (outside.south, outside.north)
     )

@@ -33,5 +33,5 @@ def test_a_low_roof_steps_down_however_few_of_its_cells_hold_a_point(share: floa
     occupied = np.random.default_rng(3).random((40, 40)) < share
     objects = np.zeros((40, 40), bool)
     objects[PIECE] = True
-    terrain = find_terraces(surface(occupied, spur), objects, occupied, np.zeros_like(objects), RULES)
+    terrain = find_terraces(surface(occupied, spur), objects, occupied, RULES)
     assert (terrain == (objects & spur))[occupied].all()

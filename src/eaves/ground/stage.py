@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.outliers import find_outliers
-from eaves.ground.toolkit.wide_objects import OVER, Patch, Standing, WideObjects
+from eaves.ground.toolkit.wide_objects import Patch, WideObjects
 from eaves.kernels import kernel
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
 from eaves.model import Mask, PointCloud, Points
@@ -52,10 +52,10 @@ class GroundMethod(Method):
         """
         return 0.0
 
-    def ground_mask_among(self, cloud: PointCloud, standing: Standing, emit: Emit = ignore) -> Mask:
-        """As `ground_mask`, where it is known of some points (N,) where they stand."""
+    def ground_mask_among(self, cloud: PointCloud, over: Mask, emit: Emit = ignore) -> Mask:
+        """As `ground_mask`, where it is known that some points (N,) stand over the terrain."""
         mask = np.zeros(len(cloud), bool)
-        below = np.flatnonzero(standing != OVER)
+        below = np.flatnonzero(~over)
         mask[below] = self.ground_mask(cloud.take(below), emit)
         return mask
 
@@ -145,7 +145,7 @@ def classify_ground(
     if wide is None:
         mask, found = filter_.separate(taken, emitter(debug))
     else:
-        mask = filter_.ground_mask_among(taken, wide.place(taken), emitter(debug))
+        mask = filter_.ground_mask_among(taken, wide.over(taken), emitter(debug))
     classes[place[mask]] = GROUND
     part = None
     if found is not None:

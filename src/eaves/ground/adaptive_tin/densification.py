@@ -14,7 +14,7 @@ from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Mask, Points, Values
 from eaves.model.cloud import GRID_STEP
 
-UPRIGHT = 1e6
+UPRIGHT = np.inf
 """Slope (1) of a facet that has no area."""
 
 
@@ -26,21 +26,13 @@ class Limits:
     """From the facet, m."""
     angle: float
     """To the facet, seen from its vertices, radians."""
-    angle_gain: float
-    """Added to `angle` per unit of the facet's slope, radians."""
-    angle_slope_most: float
-    """Steeper facets add no more to `angle`."""
-    mirror_rise: float
-    """Height over the extended facet across the nearest vertex, per metre from the vertex."""
-    mirror_slope: float
-    """Steepest facet that is extended."""
-    mirror_reach: float
-    """Farthest vertex that is mirrored at, m."""
     steep: float
-    """Facets at least this steep may hide a break line."""
+    """Facets at least this steep may hide a break line, and none so steep is extended across it."""
+    reach: float
+    """Farthest vertex that is mirrored at, m."""
     noise: float
     """A point nearer to the facet than this (m) is ground, and tells the TIN nothing new."""
-    sliver_slope: float
+    steepest: float
     """A steeper facet at the hull says nothing of the terrain beyond."""
 
 
@@ -66,14 +58,10 @@ def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits
             judged,
             limits.distance,
             limits.angle,
-            limits.angle_gain,
-            limits.angle_slope_most,
-            limits.mirror_rise,
-            limits.mirror_slope,
-            limits.mirror_reach,
             limits.steep,
+            limits.reach,
             limits.noise,
-            limits.sliver_slope,
+            limits.steepest,
         )
         if not fits.any():
             return number
@@ -89,7 +77,7 @@ def insert_residuals(
     numbers: NDArray[np.int64],
     residual: Values,
     noise: float,
-    sliver_slope: float,
+    steepest: float,
 ) -> None:
     """Insert the points (K,) that are farther than `noise` (m) from the TIN, until none is.
 
@@ -103,34 +91,30 @@ def insert_residuals(
         numbers, residual = numbers.take(left), residual.take(left)
         hint, judged = hint.take(left), judged.take(left, axis=0)
         residual_kernel(
-            xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, residual, sliver_slope
+            xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, residual, steepest
         )
 
 
-def residuals(tin: Tin, xyz: Points, numbers: NDArray[np.int64], sliver_slope: float) -> Values:
+def residuals(tin: Tin, xyz: Points, numbers: NDArray[np.int64], steepest: float) -> Values:
     """Distances (K,) of the points with these numbers from the facets of the TIN, m; 0 without facets."""
     residual = np.zeros(len(numbers))
     if len(tin.vertices):
         hint = np.full(len(numbers), -1, np.int32)
         judged = np.full((len(numbers), 3), OUTSIDE, np.int32)
         residual_kernel(
-            xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, residual, sliver_slope
+            xyz, numbers, tin.whole, tin.vertices, tin.neighbours, hint, judged, residual, steepest
         )
     return residual
 
 
-def near_surface(
-    tin: Tin, xyz: Points, level: float, slant: float, slope_cap: float, sliver_slope: float
-) -> Mask:
+def near_surface(tin: Tin, xyz: Points, level: float, slant: float, steepest: float) -> Mask:
     """The points (N,) no farther along z from the TIN of some of them than `level` (m), plus `slant` (m) per
-    unit of the facet's slope, which counts up to `slope_cap`.
+    unit of the facet's slope, which counts up to `steepest`.
     """
     if len(tin.vertices) == 0:  # all on one line: the nearest point is all there is to compare with
         nearest = cKDTree(xyz[tin.waiting, :2]).query(xyz[:, :2])[1]
         return np.asarray(np.abs(xyz[:, 2] - xyz[tin.waiting[nearest], 2]) <= level)
-    return np.asarray(
-        near_kernel(xyz, tin.whole, tin.vertices, tin.neighbours, level, slant, slope_cap, sliver_slope)
-    )
+    return np.asarray(near_kernel(xyz, tin.whole, tin.vertices, tin.neighbours, level, slant, steepest))
 
 
 @inlined_kernel
@@ -156,12 +140,12 @@ def facet_inside(xyz: Points, vertices: Ids, triangle: int, x: float, y: float) 
 
 @inlined_kernel
 def facet_at(
-    xyz: Points, vertices: Ids, neighbours: Ids, triangle: int, x: float, y: float, sliver_slope: float
+    xyz: Points, vertices: Ids, neighbours: Ids, triangle: int, x: float, y: float, steepest: float
 ) -> Any:
     """Height of a facet at (x, y), its slope, and the distance of (x, y) from the hull (0 inside).
 
     Outside the hull the facet behind the hull's edge goes on, or where that is steeper than
-    `sliver_slope` the edge's height does.
+    `steepest` the edge's height does.
     """
     for k in range(3):
         if vertices[triangle, k] != OUTSIDE:
@@ -172,7 +156,7 @@ def facet_at(
         along = min(1.0, max(0.0, along))
         away = np.hypot(x - xyz[a, 0] - along * ux, y - xyz[a, 1] - along * uy)
         height, slope = facet_inside(xyz, vertices, neighbours[triangle, k], x, y)
-        if slope <= sliver_slope:
+        if slope <= steepest:
             return height, slope, away
         return xyz[a, 2] + along * (xyz[b, 2] - xyz[a, 2]), 0.0, away
     height, slope = facet_inside(xyz, vertices, triangle, x, y)
@@ -191,14 +175,10 @@ def fits_kernel(
     judged: Ids,
     distance: float,
     angle: float,
-    angle_gain: float,
-    angle_slope_most: float,
-    mirror_rise: float,
-    mirror_slope: float,
-    mirror_reach: float,
     steep: float,
+    reach: float,
     noise: float,
-    sliver_slope: float,
+    steepest: float,
 ) -> tuple[Mask, Mask]:
     """Which candidates (K,) fit the TIN, and which change it.
 
@@ -221,7 +201,7 @@ def fits_kernel(
         hint[i] = here
         last = here
         judged[i, 0], judged[i, 1], judged[i, 2] = vertices[here, 0], vertices[here, 1], vertices[here, 2]
-        height, slope, away = facet_at(xyz, vertices, neighbours, here, x, y, sliver_slope)
+        height, slope, away = facet_at(xyz, vertices, neighbours, here, x, y, steepest)
         off = abs(z - height) / np.sqrt(1.0 + slope * slope)
         if off > distance and slope < steep:
             continue
@@ -236,26 +216,20 @@ def fits_kernel(
             if length > 0.0:
                 sine = max(sine, min(1.0, off / length))
         widest = np.arctan2(off, away) if away > 0.0 else np.arcsin(sine)
-        if off <= distance and widest <= angle + angle_gain * min(slope, angle_slope_most):
+        if off <= distance and widest <= angle:
             fits[i], new[i] = True, off > noise
             continue
-        reach = np.hypot(x - xyz[nearest, 0], y - xyz[nearest, 1])
-        if slope < steep or reach > mirror_reach:
+        length = np.hypot(x - xyz[nearest, 0], y - xyz[nearest, 1])
+        if slope < steep or length > reach:
             continue
         mx, my = 2.0 * xyz[nearest, 0] - x, 2.0 * xyz[nearest, 1] - y
-        across = walk(
-            whole,
-            vertices,
-            neighbours,
-            here,
-            int(np.round((mx - corner[0]) / GRID_STEP)),
-            int(np.round((my - corner[1]) / GRID_STEP)),
-        )
-        height, slope, away = facet_at(xyz, vertices, neighbours, across, mx, my, sliver_slope)
-        if away > 0.0 or slope > mirror_slope:
+        right, up = int(np.round((mx - corner[0]) / GRID_STEP)), int(np.round((my - corner[1]) / GRID_STEP))
+        across = walk(whole, vertices, neighbours, here, right, up)
+        height, slope, away = facet_at(xyz, vertices, neighbours, across, mx, my, steepest)
+        if away > 0.0 or slope > steep:
             continue
         off = abs(z - (2.0 * xyz[nearest, 2] - height))
-        fits[i] = new[i] = off <= distance and off <= mirror_rise * reach
+        fits[i] = new[i] = off <= distance and np.arctan2(off, length) <= angle
     return fits, new
 
 
@@ -269,7 +243,7 @@ def residual_kernel(
     hint: Ids,
     judged: Ids,
     residual: Values,
-    sliver_slope: float,
+    steepest: float,
 ) -> None:
     """Distance of each of the points (K,) from its facet, into `residual`.
 
@@ -286,7 +260,7 @@ def residual_kernel(
         hint[i] = last
         for k in range(3):
             judged[i, k] = vertices[last, k]
-        height, slope, _ = facet_at(xyz, vertices, neighbours, last, xyz[p, 0], xyz[p, 1], sliver_slope)
+        height, slope, _ = facet_at(xyz, vertices, neighbours, last, xyz[p, 0], xyz[p, 1], steepest)
         residual[i] = abs(xyz[p, 2] - height) / np.sqrt(1.0 + slope * slope)
 
 
@@ -298,8 +272,7 @@ def near_kernel(
     neighbours: Ids,
     level: float,
     slant: float,
-    slope_cap: float,
-    sliver_slope: float,
+    steepest: float,
 ) -> Mask:
     """Whether each point (N,) lies within `level` + `slant` · slope of the facet at it, along z."""
     near = np.empty(len(xyz), np.bool_)
@@ -309,12 +282,12 @@ def near_kernel(
         here = walk(whole, vertices, neighbours, here, whole[i, 0], whole[i, 1])
         a, b, c = vertices[here, 0], vertices[here, 1], vertices[here, 2]
         if a == OUTSIDE or b == OUTSIDE or c == OUTSIDE:
-            height, slope, _ = facet_at(xyz, vertices, neighbours, here, xyz[i, 0], xyz[i, 1], sliver_slope)
+            height, slope, _ = facet_at(xyz, vertices, neighbours, here, xyz[i, 0], xyz[i, 1], steepest)
             held = -1
         else:
             if here != held:  # points come in order, so a plane often serves the next one too
                 east, north, slope = plane_of(xyz, vertices, here)
                 held = here
             height = xyz[a, 2] + east * (xyz[i, 0] - xyz[a, 0]) + north * (xyz[i, 1] - xyz[a, 1])
-        near[i] = abs(xyz[i, 2] - height) <= level + slant * min(slope, slope_cap)
+        near[i] = abs(xyz[i, 2] - height) <= level + slant * min(slope, steepest)
     return near

@@ -13,18 +13,14 @@ from eaves.model.cloud import GRID_STEP
 class Rim(Method):
     """How the terrain is foretold beyond the data."""
 
-    rim_beyond: float = parameter(
-        5.0, "Points that foretell the terrain stand this far outside the data.", unit="m", gt=0
+    rim_apart: float = parameter(
+        10.0,
+        "Points that foretell the terrain stand half as far outside the data, and so far from each other.",
+        unit="m",
+        gt=0,
     )
-    rim_apart: float = parameter(10.0, "Largest distance between two of them.", unit="m", gt=0)
     rim_nearest: int = parameter(
         32, "Each lies on the plane through so many of the nearest sure ground points.", ge=1
-    )
-    rim_stiffness: float = parameter(
-        1.0, "A plane through points scattered less than this is drawn level.", unit="m", gt=0
-    )
-    rim_farthest: float = parameter(
-        20.0, "The plane is level farther than this from the nearest ground point.", unit="m", ge=0
     )
 
 
@@ -33,22 +29,23 @@ def rim_points(sure: Points, bounds: Bounds, rules: Rim) -> Points:
 
     Without them the hull of a TIN runs through roofs and crowns that the rim of the data cuts. Its facets
     there are slivers as steep as walls, and points climb them. Each height is that of a plane through the
-    nearest ground points, fitted with a little stiffness, for their place may not tell a slope.
+    nearest ground points, fitted with a little stiffness (a metre), for their place may not tell a slope; it
+    goes on for twice `rim_apart`, and level from there.
     """
     if len(sure) == 0:
         return np.zeros((0, 3))
-    xy = rim_ring(bounds.buffered(rules.rim_beyond), rules.rim_apart)
+    xy = rim_ring(bounds.buffered(rules.rim_apart / 2), rules.rim_apart)
     number = min(rules.rim_nearest, len(sure))
     distance, nearest = map(np.asarray, cKDTree(sure[:, :2]).query(xy, k=np.arange(1, number + 1)))
     near = sure[nearest]
     middle = near.mean(axis=1)
     offset = near - middle[:, None]
     spread = np.einsum("ijk,ijl->ikl", offset[..., :2], offset[..., :2])
-    spread += number * rules.rim_stiffness**2 * np.eye(2)
+    spread += number * np.eye(2)
     rise = np.einsum("ijk,ij->ik", offset[..., :2], offset[..., 2])
     slope = np.linalg.solve(spread, rise[..., None])[..., 0]
     step = xy - near[:, 0, :2]
-    step *= np.minimum(1.0, rules.rim_farthest / np.maximum(distance[:, :1], GRID_STEP))
+    step *= np.minimum(1.0, 2 * rules.rim_apart / np.maximum(distance[:, :1], GRID_STEP))
     height = middle[:, 2] + ((near[:, 0, :2] + step - middle[:, :2]) * slope).sum(axis=1)
     return np.asarray(np.c_[xy, np.round(height / GRID_STEP) * GRID_STEP])
 

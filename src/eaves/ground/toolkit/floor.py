@@ -15,10 +15,8 @@ from eaves.model.cloud import GRID_STEP
 FINEST_M = 1.5
 """Side of the finest cells: two of them are as wide as a way that a car takes. Fixed, for floors are kept
 with their blocks before a method is asked, and squares of the world are whole multiples of all cells."""
-LEVELS = 3
-"""Cells are doubled up to this many levels: 1.5, 3, 6 m."""
-COARSEST_M = FINEST_M * 2 ** (LEVELS - 1)
-"""Side of the widest cells."""
+COARSEST_M = 6.0
+"""Side of the widest cells: they are doubled twice."""
 
 
 STRAY_DEPTH_M, STRAY_POINTS, ENOUGH_POINTS = 1.0, 4, 2.5
@@ -139,7 +137,7 @@ class Floor:
     def in_wide_cells(self) -> Floor:
         """The same in cells so wide that half of those that hold points hold more than `ENOUGH_POINTS`."""
         floor = self
-        for _ in range(LEVELS - 1):
+        while floor.cell < COARSEST_M:
             held = floor.count[floor.count > 0]
             if len(held) == 0 or np.median(held) > ENOUGH_POINTS:
                 break

@@ -15,16 +15,15 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Bounds, Mask, PointCloud, Points
 
-CELL_M, CELL_SPACINGS = 10.0, 10.0
-"""Side of the cells that are compared: 10 m, or ten spacings (about a hundred points) in thin data."""
+CELL_M = 10.0
+"""Side of the cells that are compared: 10 m, or ten spacings (about a hundred points) in thin data. A high
+group lies as far above the rest of its cell, and no neighbour reaches as high: wires do."""
 GROUP = 32
 """Most points of a cell that are looked at from either end."""
-SHALLOW_GAP_M, SHALLOW_GROUP, SHALLOW_SHARE = 1.0, 16, 0.25
-"""A gap of 1 m parts at most 16 points and a quarter of the cell from the rest: echoes gone astray."""
+SHALLOW_GAP_M, SHALLOW_SHARE = 1.0, 0.25
+"""A gap of 1 m parts at most half a group and a quarter of the cell from the rest: echoes gone astray."""
 DEEP_GAP_M, DEEP_SHARE = 5.0, 0.4
 """A gap of 5 m parts at most four tenths of the cell from the rest: a mirror image of the ground."""
-HIGH_GAP_M = 10.0
-"""A high group lies this far above the rest of its cell, and no neighbour reaches as high: wires do."""
 
 
 def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
@@ -40,9 +39,9 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
     """
     xyz = cloud.xyz
     low, high = np.zeros(len(xyz), bool), np.zeros(len(xyz), bool)
-    if len(xyz) < SHALLOW_GROUP:
+    if len(xyz) < GROUP // 2:
         return low, high
-    side, bounds = max(CELL_M, CELL_SPACINGS * measure_spacing(xyz)), Bounds.of(xyz)
+    side, bounds = CELL_M * max(1.0, measure_spacing(xyz)), Bounds.of(xyz)
     for shift in (0.0, 0.5):
         # cells are fixed to the origin, not to the data
         west, south = (
@@ -127,15 +126,15 @@ def limits_kernel(
                 continue
             around = np.sort(near[:close])
             level = 2 * around[1] - around[close // 2] - SHALLOW_GAP_M
-            most = min(SHALLOW_GROUP, int(SHALLOW_SHARE * count))
+            most = min(GROUP // 2, int(SHALLOW_SHARE * count))
             size = group_below(below[row, column], most, SHALLOW_GAP_M, level)
             level = np.sort(wide[:far])[far // 4] - DEEP_GAP_M
             most = int(DEEP_SHARE * count)
             size = max(size, group_below(below[row, column], most, DEEP_GAP_M, level))
             if size > 0:
                 floor[row, column] = below[row, column, size - 1]
-            most = min(SHALLOW_GROUP, int(SHALLOW_SHARE * count))
-            size = group_below(above[row, column], most, HIGH_GAP_M, -top - HIGH_GAP_M)
+            most = min(GROUP // 2, int(SHALLOW_SHARE * count))
+            size = group_below(above[row, column], most, CELL_M, -top - CELL_M)
             if size > 0:
                 ceiling[row, column] = -above[row, column, size - 1]
     return floor, ceiling

@@ -16,63 +16,33 @@ from eaves.raster.nearest import nearest_cells
 
 Integers = NDArray[np.int64]
 
-UNKNOWN, DOWN, UP, LEVEL, VOID = 0, 1, 2, 3, 4
+UNKNOWN, DOWN, UP, LEVEL, VOID = KINDS = range(5)
+KIND_COUNT = len(KINDS)
 """What is beyond a piece of rim; void, where nothing was measured at all."""
-KINDS = 5
+LOOK_CELLS = 2
+"""What is beyond a rim is looked for so far: walls and eaves hide the ground at their foot. The terrain
+beneath a raised surface is drawn from that as near; cells of none within twice as much are its parapets."""
 
 
 class PlateauRules(Method):
     """When a surface stands over the terrain."""
 
     wall: float = parameter(
-        2.0, "Least height of the walls of a surface that stands on the terrain.", unit="m", gt=0
-    )
-    wall_cells: float = parameter(
-        0.8, "The same in sides of a cell of 1.5, 3 or 6 m, where that is more: less may be a slope.", ge=0
+        2.0,
+        "Least height of the walls of a surface that stands on the terrain, or the side of a cell where that "
+        "is more; half as much parts surfaces.",
+        unit="m",
+        gt=0,
     )
     wall_share: float = parameter(
         0.85, "Share of its rim to the terrain that must be walls, where it is known.", gt=0, le=1
     )
-    rim_known: float = parameter(0.3, "Least share of its rim that must face terrain.", ge=0, le=1)
-    rim_void: float = parameter(
-        0.4, "Largest share of its rim beyond which nothing was measured.", ge=0, le=1
+    rim_known: float = parameter(
+        0.3, "Least share of its rim that must face terrain, where no half of it faces nothing.", ge=0, le=1
     )
-    rim_look: float = parameter(
-        3.0,
-        "What is beyond the rim is looked for so far: walls and eaves hide the ground at their foot.",
-        unit="m",
-        gt=0,
+    wide_area: float = parameter(
+        200.0, "Smaller surfaces are left to the opening, and it has the last word on them.", unit="m²", gt=0
     )
-    rim_joined: float = parameter(
-        0.05,
-        "A surface that joins terrain on so much of its rim is judged even where it hardly meets terrain.",
-        ge=0,
-        le=1,
-    )
-    rim_stepped: float = parameter(
-        0.5,
-        "Surfaces of whose rim no more steps down are terrain before the doubtful are judged.",
-        ge=0,
-        le=1,
-    )
-    wide_area: float = parameter(200.0, "Smaller surfaces are left to the opening.", unit="m²", gt=0)
-    wide_step: float = parameter(
-        1.0, "Rise up to which cells join to a surface, per metre of their side.", ge=0
-    )
-    wide_step_least: float = parameter(1.0, "The same, at least.", unit="m", ge=0)
-    wide_step_most: float = parameter(2.0, "The same, at most.", unit="m", gt=0)
-    scrap_cells: int = parameter(8, "Surfaces of fewer cells are left out.", ge=0)
-    low_share: float = parameter(
-        0.1,
-        "A surface is low when no more of its rim steps down and it lies no wall over the widest.",
-        ge=0,
-        le=1,
-    )
-    low_slope: float = parameter(0.15, "Slope between them that is allowed for.", ge=0)
-    ringed_share: float = parameter(
-        0.01, "Where no more of its rim steps down it may lie `ringed_walls` higher.", ge=0, le=1
-    )
-    ringed_walls: float = parameter(2.0, "Walls that a yard on a terrace may lie higher.", ge=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,23 +62,17 @@ class Surfaces:
 
     def rims(self, which: Mask) -> Values:
         """Sides of cells of each surface (K + 1, KINDS) by kind, counting the contacts (E,) picked."""
-        key = self.contacts[which, 0] * KINDS + self.contacts[which, 2]
-        rims = np.bincount(key, self.length[which], KINDS * len(self.area))
-        return np.asarray(rims.reshape(-1, KINDS), np.float64)
+        key = self.contacts[which, 0] * KIND_COUNT + self.contacts[which, 2]
+        rims = np.bincount(key, self.length[which], KIND_COUNT * len(self.area))
+        return np.asarray(rims.reshape(-1, KIND_COUNT), np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class PlateauVerdict:
-    """Of each surface (K + 1,): whether it is terrain, whether it stands over it; neither is said of scraps.
-
-    `share` is the part of the known rim that steps down to terrain, `known` the part of the rim that is
-    known; of a group of surfaces that touch where they stand together.
-    """
+    """Of each surface (K + 1,): whether it is terrain, whether it stands over it."""
 
     terrain: Mask
     raised: Mask
-    share: Values
-    known: Values
 
 
 def find_surfaces(heights: Grid, cell: float, rules: PlateauRules) -> Surfaces:
@@ -117,30 +81,29 @@ def find_surfaces(heights: Grid, cell: float, rules: PlateauRules) -> Surfaces:
     Squares of two by two cells with no step between them join where they share two cells: a way from one
     surface to another is at least two cells wide.
     """
-    step = min(rules.wide_step_most, max(rules.wide_step_least, rules.wide_step * cell))
+    step = min(rules.wall, max(rules.wall / 2, cell))
     known = np.isfinite(heights)
     z = np.where(known, heights, ndimage.minimum_filter(np.where(known, heights, np.inf), 3))
     z = np.where(np.isfinite(z), z, np.nan).astype(np.float32)
     square, count = ndimage.label(squares_kernel(z, np.float32(step)))
-    label = cells_kernel(np.asarray(square, np.int32), count, rules.scrap_cells)
-    count = int(label.max())
+    label = cells_kernel(np.asarray(square, np.int32))
     area = np.bincount(label.ravel(), minlength=count + 1).astype(np.float64) * cell * cell
     area[0] = 0.0
-    down = max(rules.wall, rules.wall_cells * cell)
-    sides = rim_kernel(z, known, label, round(max(2.0, rules.rim_look / cell)), down, step)
+    sides = rim_kernel(z, known, label, LOOK_CELLS, max(rules.wall, cell), step)
     key, length = np.unique(sides, return_counts=True)
-    one, rest = np.divmod(key, KINDS * (count + 1))
-    contacts = np.stack([one, rest // KINDS, rest % KINDS], axis=-1)
+    one, rest = np.divmod(key, KIND_COUNT * (count + 1))
+    contacts = np.stack([one, rest // KIND_COUNT, rest % KIND_COUNT], axis=-1)
     return Surfaces(cell, z, label, np.asarray(area, np.float64), contacts, length.astype(np.float64))
 
 
 def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
     """Which surfaces are terrain, and which stand over it.
 
-    The widest surface is terrain, and so are low ones, such as courtyards. All others are taken for raised,
-    in groups of those that touch, until their rims object: a surface that meets terrain is terrain too unless
-    `wall_share` of what is known steps down to it by a wall; so is one in a group whose outer rim does not.
-    What is low in terrain's company no longer is a wall's foot, so the worst objections come first.
+    The widest surface is terrain, and so are low ones that hardly step down, such as courtyards. All others
+    are taken for raised, in groups of those that touch, until their rims object: a surface that meets terrain
+    is terrain too unless `wall_share` of what is known steps down to it by a wall; so is one in a group whose
+    outer rim does not, or is hardly known. What is low in terrain's company no longer is a wall's foot, so
+    the worst objections come first.
     """
     area, contacts = surfaces.area, surfaces.contacts
     one, other, _ = contacts.T
@@ -148,11 +111,8 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
     everything = surfaces.rims(np.ones(len(contacts), bool))
     rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
     widest = int(np.argmax(area))
-    terrain = wide & (everything[:, DOWN] <= rules.low_share * stepped)
-    terrain[widest] = False
-    ringed = everything[:, DOWN] <= rules.ringed_share * stepped
-    over = height_over(surfaces, widest, terrain, rules.low_slope)
-    terrain &= over < np.where(ringed, rules.ringed_walls, 1.0) * rules.wall
+    terrain = wide & (everything[:, DOWN] <= (1.0 - rules.wall_share) * stepped)
+    terrain &= height_over(surfaces, widest, terrain) < rules.wall
     terrain[widest] = True
     terrain[0] = False
     while True:
@@ -160,10 +120,11 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
         met = facing[:, DOWN:VOID].sum(axis=1)
         share = facing[:, DOWN] / np.maximum(met, 1.0)
         joined = facing[:, LEVEL] + facing[:, UP]
-        heard = (met >= (1.0 - rules.wall_share) * rim) | (joined >= rules.rim_joined * rim)
+        # little of a rim need meet terrain where a third of that is joined to it
+        heard = np.maximum(met, 3 * joined) >= (1.0 - rules.wall_share) * rim
         objects = ~terrain & wide & heard & (met > 0) & (share < rules.wall_share)
         if objects.any():
-            terrain |= objects & (share <= max(rules.rim_stepped, float(share[objects].min())))
+            terrain |= objects & (share <= max(0.5, float(share[objects].min())))
             continue
         inner = ~terrain[one] & ~terrain[other] & (other > 0)
         group = connected_groups_kernel(one[inner], other[inner], len(area))
@@ -174,27 +135,25 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
         )
         outer -= np.bincount(group[one[inner]], surfaces.length[inner], count)
         outer = np.maximum(outer, 1.0)
-        group_share, known = down / np.maximum(together, 1.0), together / outer
-        stands = (
-            (group_share >= rules.wall_share) & (known >= rules.rim_known) & (void <= rules.rim_void * outer)
-        )
+        known = (together >= rules.rim_known * outer) & (2 * void <= outer)
+        stands = known & (down >= rules.wall_share * together)
         objects = ~terrain & wide & ~stands[group]
         if not objects.any():
             break
         first = np.where(met > 0, share, 2.0)
-        terrain |= objects & (first <= max(rules.rim_stepped, float(first[objects].min())))
+        terrain |= objects & (first <= max(0.5, float(first[objects].min())))
     has_wide = np.bincount(group, ~terrain & wide, count) > 0
     raised = ~terrain & (stands & has_wide)[group]
     # a scrap goes with its group unless it meets the terrain without a wall, or lies low in the group
-    low = np.where(met > 0, share < rules.wall_share, everything[:, DOWN] < rules.rim_stepped * stepped)
+    low = np.where(met > 0, share < rules.wall_share, everything[:, DOWN] < 0.5 * stepped)
     raised &= wide | ~low
     raised[0] = False
-    return PlateauVerdict(terrain, raised, group_share[group], known[group])
+    return PlateauVerdict(terrain, raised)
 
 
-def height_over(surfaces: Surfaces, base: int, wanted: Mask, slope: float) -> Values:
-    """How much higher than the surface `base` each wanted surface (K + 1,) lies where it is nearest to
-    it, less what such a slope makes; 0 for the others.
+def height_over(surfaces: Surfaces, base: int, wanted: Mask) -> Values:
+    """How much higher than the surface `base` each wanted surface (K + 1,) lies where it is nearest to it; 0
+    for the others.
     """
     over = np.zeros(len(surfaces.area))
     at = np.flatnonzero(wanted[surfaces.label])
@@ -204,11 +163,10 @@ def height_over(surfaces: Surfaces, base: int, wanted: Mask, slope: float) -> Va
     rows, columns = np.divmod(at, there.shape[1])
     near_rows, near_columns = nearest_cells(there, rows, columns)
     away = np.hypot(near_rows - rows, near_columns - columns)
-    mine = surfaces.label.ravel()[at]
-    order = np.lexsort((at, away, mine))
-    first = order[np.r_[True, np.diff(mine[order]) > 0]]
-    rise = surfaces.z.ravel()[at[first]] - surfaces.z[near_rows[first], near_columns[first]]
-    over[mine[first]] = rise - slope * surfaces.cell * away[first]
+    own = surfaces.label.ravel()[at]
+    order = np.lexsort((at, away, own))
+    first = order[np.r_[True, np.diff(own[order]) > 0]]
+    over[own[first]] = surfaces.z.ravel()[at[first]] - surfaces.z[near_rows[first], near_columns[first]]
     return over
 
 
@@ -228,8 +186,8 @@ def squares_kernel(z: Grid, step: float) -> Mask:
 
 
 @kernel
-def cells_kernel(square: Labels, count: int, least: int) -> Labels:
-    """Labels (H + 1, W + 1) of the cells of labelled squares (H, W), those of under `least` cells left out.
+def cells_kernel(square: Labels) -> Labels:
+    """Labels (H + 1, W + 1) of the cells of labelled squares (H, W).
 
     A cell that two surfaces share at a corner goes to the one that is numbered higher.
     """
@@ -237,25 +195,9 @@ def cells_kernel(square: Labels, count: int, least: int) -> Labels:
     label = np.zeros((rows, columns), np.int32)
     for row in range(rows - 1):
         for column in range(columns - 1):
-            mine = square[row, column]
-            if mine == 0:
-                continue
             for r in (row, row + 1):
                 for c in (column, column + 1):
-                    label[r, c] = max(label[r, c], mine)
-    size = np.zeros(count + 1, np.int64)
-    for row in range(rows):
-        for column in range(columns):
-            size[label[row, column]] += 1
-    number = np.zeros(count + 1, np.int32)
-    kept = 0
-    for k in range(1, count + 1):
-        if size[k] >= least:
-            kept += 1
-            number[k] = kept
-    for row in range(rows):
-        for column in range(columns):
-            label[row, column] = number[label[row, column]]
+                    label[r, c] = max(label[r, c], square[row, column])
     return label
 
 
@@ -295,6 +237,6 @@ def rim_kernel(z: Grid, known: Mask, label: Labels, looks: int, down: float, ste
                     kind = DOWN if fall >= down else (UP if fall <= -step else LEVEL)
                     break
                 if beyond != mine:
-                    found[used] = (mine * count + beyond) * KINDS + kind
+                    found[used] = (mine * count + beyond) * KIND_COUNT + kind
                     used += 1
     return found[:used].copy()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.ground.toolkit.plateaus import LOOK_CELLS, PlateauRules
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Raster
@@ -12,17 +13,23 @@ from eaves.raster.groups import BESIDE, group_cells, neighbour_pairs
 from eaves.raster.nearest import ADJOINING, near_cells
 
 
-class TerraceRules(Method):
+class Tolerance(Method):
+    """How far a point may lie off a surface that is rough by itself."""
+
+    tolerance_gain: float = parameter(7.0, "Tolerance of a surface, in roughnesses.", symbol="t/ρ", ge=0)
+    tolerance_least: float = parameter(0.1, "The same, at least.", unit="m", symbol="t", ge=0)
+    tolerance_most: float = parameter(0.4, "The same, at most.", unit="m", symbol="t", ge=0)
+
+    def tolerance(self, roughness: float) -> float:
+        """How far from a level surface, along z, what belongs to it may lie, m."""
+        return min(self.tolerance_most, max(self.tolerance_least, self.tolerance_gain * roughness))
+
+
+class TerraceRules(PlateauRules, Tolerance):
     """When an object cell is terrain."""
 
     level_share: float = parameter(
-        0.2, "A wide piece that meets the ground level on more of its rim is terrain.", ge=0, le=1
-    )
-    terrace_step: float = parameter(
-        0.3,
-        "A larger residual between two cells of 1 m parts pieces; it grows with the root of the cell.",
-        unit="m",
-        gt=0,
+        0.25, "A wide piece that meets the ground level on more of its rim is terrain.", ge=0, le=1
     )
     terrace_steep: float = parameter(
         0.2,
@@ -30,59 +37,36 @@ class TerraceRules(Method):
         ge=0,
         le=1,
     )
-    terrace_area: float = parameter(
-        200.0, "Smaller pieces must be level on twice `level_share` of the rim.", unit="m²", ge=0
-    )
-    terrace_area_least: float = parameter(
-        80.0, "Smaller pieces have a rim too short to judge.", unit="m²", ge=0
-    )
-    roof_height: float = parameter(
-        2.0, "A wide piece that is nowhere so high over the ground is no roof.", unit="m", gt=0
-    )
-    roof_share: float = parameter(0.1, "Share of its rim that may be higher all the same.", ge=0, le=1)
-    roof_cells: int = parameter(
-        5, "Wide, for that, is a piece with a cell so many cells from its rim: no car, hedge or boat.", ge=1
-    )
-    reached_share: float = parameter(
-        0.75, "A piece over `terrace_area` is terrain when a way leads to so much of it.", ge=0, le=1
-    )
-    terrace_rounds: int = parameter(2, "Terraces that may join the ground over one another.", ge=0)
 
 
-def find_terraces(surface: Raster, objects: Mask, occupied: Mask, reached: Mask, rules: TerraceRules) -> Mask:
+def find_terraces(surface: Raster, objects: Mask, occupied: Mask, rules: TerraceRules) -> Mask:
     """The object cells (H, W) that are terrain.
 
-    Object cells that continue each other smoothly make a piece. Its rim is counted where it meets the ground:
-    level, or as a step down; both cells must hold a point, for one interpolated between them makes a slope
-    of a low wall. A roof meets the ground by steps on nearly all sides, also when it is flush with the ground
-    uphill; a spur, a terrace, or a high field at the rim of the data does not. A piece is terrain when more
-    than `level_share` of its counted rim is level. So is a wide one that is lower than any roof: a strip of a
-    terrace that the rim of the data cuts off; and a wide one whose cells are `reached` by a way.
+    Object cells that continue each other within the tolerance of the ground's roughness make a piece. Its rim
+    is counted where it meets the ground: level, or as a step down; both cells must hold a point, for one
+    interpolated between them makes a slope of a low wall. A roof meets the ground by steps on nearly all
+    sides, also when it is flush with the ground uphill; a spur, a terrace, or a high field at the rim of the
+    data does not. So a piece is terrain when more than `level_share` of its counted rim is level; so is a
+    broad one that nearly nowhere falls by a `wall`, such as a strip of a terrace cut by the rim of the data.
+    One under `wide_area` has a rim too short to judge.
     """
     z = surface.values.astype(np.float64)
-    cell = surface.cell
-    step = rules.terrace_step * np.sqrt(max(1.0, cell))
     residual = residual_kernel(z, rules.terrace_steep)
-    left = objects.copy()
-    for _ in range(rules.terrace_rounds):
-        piece, count = terrace_pieces(left, residual, step)
-        # cells without a point of their own kind beside them were interpolated, and have no area
-        near = [near_cells(occupied & kind, ADJOINING) for kind in (left, ~left)]
-        known = np.where(left, *near)
-        level, down, high = rim_kernel(left, piece, count, residual, z, step, occupied, rules.roof_height)
-        area = np.bincount(piece[known], minlength=count + 1) * cell * cell
-        wide = area >= rules.terrace_area
-        terrain = level > np.where(wide, 1.0, 2.0) * rules.level_share * (level + down)
-        deep = np.bincount(piece[~near_cells(~left, rules.roof_cells**2 - 1)], minlength=count + 1) > 0
-        terrain |= deep & (high <= rules.roof_share * (level + down)) & (down > 0)
-        ways, held = (np.bincount(piece[some], minlength=count + 1) for some in (reached, occupied))
-        terrain |= wide & (ways >= rules.reached_share * held)
-        terrain &= area >= rules.terrace_area_least
-        terrain[0] = False
-        if not terrain.any():
-            break
-        left &= ~terrain[piece]
-    return objects & ~left
+    ground = occupied & ~objects
+    beside = [ground[:, :-1] & ground[:, 1:], ground[:-1] & ground[1:]]
+    even = np.concatenate([residual[0][:, :-1][beside[0]], residual[1][:-1][beside[1]]])
+    step = rules.tolerance(float(np.median(even)) if len(even) else 0.0)
+    piece, count = terrace_pieces(objects, residual, step)
+    # cells without a point of their own kind beside them were interpolated, and have no area
+    held = objects & near_cells(occupied & objects, ADJOINING)
+    size = np.bincount(piece[held], minlength=count + 1) * surface.cell**2
+    level, down, high = rim_kernel(objects, piece, count, residual, z, step, occupied, rules.wall)
+    broad = np.bincount(piece[~near_cells(~objects, (2 * LOOK_CELLS) ** 2)], minlength=count + 1) > 0
+    terrain = level > rules.level_share * (level + down)
+    terrain |= broad & (high <= (1.0 - rules.wall_share) * (level + down))
+    terrain &= size >= rules.wide_area
+    terrain[0] = False
+    return np.asarray(terrain[piece])
 
 
 def terrace_pieces(objects: Mask, residual: NDArray[np.float64], step: float) -> tuple[Labels, int]:
@@ -128,12 +112,12 @@ def rim_kernel(
     z: NDArray[np.float64],
     step: float,
     known: Mask,
-    roof: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Cell sides where each piece (count + 1,) meets ground without a step, where it steps down, and where it
-    does by more than `roof` (m).
+    wall: float,
+) -> NDArray[np.float64]:
+    """Cell sides (3, count + 1) where each piece meets ground without a step, where it steps down, and where
+    it does by more than `wall` (m).
     """
-    level, down, high = np.zeros(count + 1), np.zeros(count + 1), np.zeros(count + 1)
+    rims = np.zeros((3, count + 1))
     rows, columns = objects.shape
     for row in range(rows):
         for column in range(columns):
@@ -145,11 +129,10 @@ def rim_kernel(
                     continue
                 if residual[k, row, column] < step:
                     if objects[row, column] != objects[r, c]:
-                        level[piece[row, column]] += 1
-                        level[piece[r, c]] += 1
+                        rims[0, piece[row, column]] += 1
+                        rims[0, piece[r, c]] += 1
                     continue
                 upper = piece[row, column] if z[r, c] < z[row, column] else piece[r, c]
-                down[upper] += 1
-                if abs(z[r, c] - z[row, column]) > roof:
-                    high[upper] += 1
-    return level, down, high
+                rims[1, upper] += 1
+                rims[2, upper] += abs(z[r, c] - z[row, column]) > wall
+    return rims

@@ -12,6 +12,7 @@ from scipy import ndimage
 from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.plateaus import (
     DOWN,
+    LOOK_CELLS,
     VOID,
     PlateauRules,
     PlateauVerdict,
@@ -20,44 +21,21 @@ from eaves.ground.toolkit.plateaus import (
     judge_surfaces,
 )
 from eaves.kernels import kernel
-from eaves.methods import parameter
 from eaves.model import Bounds, Grid, Mask, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
 from eaves.model.doubt import Doubt
 from eaves.raster.interpolate import interpolate_cells
 from eaves.raster.nearest import ADJOINING, near_cells
-from eaves.raster.squares import opened_by_square
 
-DOUBT_M2, DOUBT_MOST_M2, DOUBT_SHARE = 500.0, 250_000.0, 0.6
-"""Word is given of surfaces of 500 m² to 500 by 500 m that were left in the terrain though so much of their
-known rim steps down. They decide what is said, no result."""
+DOUBT_M2 = 500.0
+"""Word is given of surfaces so large that were left in the terrain though more than half of their known rim
+steps down. It decides what is said, no result."""
 ISLAND_M2, ISLAND_MOST_M2 = 50.0, 2_500.0
 """... and of islands of data from 50 m² to 50 by 50 m: nothing lower beside tells terrain from a roof."""
 BAND_ROWS = 128
 """Rows of cells for which the patches are compared at once; it bounds memory and decides no result."""
 Integers = NDArray[np.int64]
 Place = tuple[Integers, ...]
-Standing = NDArray[np.uint8]
-"""(N,) `OVER` or `REACHED`; 0 where nothing is said."""
-OVER, REACHED = 1, 2
-"""A point over the terrain beneath a raised surface; one on a surface to which a way leads."""
-
-
-class WideRules(PlateauRules):
-    """What belongs to a raised surface."""
-
-    clear: float = parameter(
-        1.0, "Points so far over the terrain beneath a raised surface belong to it.", unit="m", ge=0
-    )
-    support_cells: int = parameter(
-        2, "The terrain beneath is drawn from that within so many cells of the raised surface.", ge=1
-    )
-    fringe_cells: int = parameter(
-        4, "Cells of no surface so near to a raised one are its parapets, flanks and walls.", ge=0
-    )
-    broad_cells: int = parameter(
-        5, "A surface narrower than this, in cells, is a way and no terrace: it may be a bridge.", ge=1
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +43,7 @@ class Patch:
     """Extrusion surfaces in a rectangle of cells (H, W) of a side `cell` (m), numbered as in `Floor`.
 
     `ceiling`: the height from which on points are none of the terrain's, NaN where there is nothing raised;
-    `terrain`: the height of the terrain well inside a raised surface, NaN elsewhere; `reached`: the height of
-    broad surfaces to which a way leads over the terrain, NaN elsewhere; `clear`: how far over that a point
-    still is on it, m.
+    `terrain`: the height of the terrain well inside a raised surface, NaN elsewhere.
     """
 
     west: int
@@ -75,8 +51,6 @@ class Patch:
     cell: float
     ceiling: Grid
     terrain: Grid
-    reached: Grid
-    clear: float
     doubts: tuple[Doubt, ...] = ()
 
     def cells_at(self, floor: Floor, rows: Integers, columns: Integers, right: int, up: int) -> Place:
@@ -100,8 +74,6 @@ class Patch:
             self.cell,
             self.ceiling[rows, columns],
             self.terrain[rows, columns],
-            self.reached[rows, columns],
-            self.clear,
             tuple(
                 doubt
                 for doubt in self.doubts
@@ -116,15 +88,14 @@ class WideObjects:
 
     patches: tuple[Patch, ...] = ()
 
-    def place(self, cloud: PointCloud) -> Standing:
-        """Where the points (N,) of a cloud stand."""
-        standing = np.zeros(len(cloud), np.uint8)
+    def over(self, cloud: PointCloud) -> Mask:
+        """The points (N,) of a cloud that stand over the terrain beneath a raised surface."""
+        over = np.zeros(len(cloud), bool)
         for patch in self.patches:
             right, up = (round(value / GRID_STEP) for value in cloud.origin)
-            side = round(patch.cell / GRID_STEP)
-            about = right, up, side, patch.west, patch.north
-            place_kernel(cloud.xyz, *about, patch.ceiling, patch.reached, np.float32(patch.clear), standing)
-        return standing
+            about = right, up, round(patch.cell / GRID_STEP), patch.west, patch.north
+            over_kernel(cloud.xyz, *about, patch.ceiling, over)
+        return over
 
     def terrain_beneath(self, bounds: Bounds, origin: tuple[float, float]) -> Points:
         """Points (K, 3) of the terrain beneath, those within `bounds`; local metres about `origin`."""
@@ -143,7 +114,7 @@ class WideObjects:
         return tuple(one for one in some if bounds.contains(np.array([[one.x, one.y]]))[0])
 
 
-def find_wide_objects(floor: Floor, rules: WideRules) -> Patch:
+def find_wide_objects(floor: Floor, rules: PlateauRules) -> Patch:
     """What stands over the terrain on a floor, in its cells.
 
     Where they hold too few points wider ones are looked at, in all places that their borders can have on
@@ -167,7 +138,7 @@ def most_of(floor: Floor, patches: Sequence[Patch], places: Sequence[tuple[int, 
     right and up too far; a doubt is said once, and of nothing that is raised.
     """
     rows, columns = floor.shape
-    ceiling, terrain, reached = (np.empty(floor.shape, np.float32) for _ in range(3))
+    ceiling, terrain = (np.empty(floor.shape, np.float32) for _ in range(2))
     for top in range(0, rows, BAND_ROWS):
         here = np.s_[top : top + BAND_ROWS]
         cells = [
@@ -177,7 +148,6 @@ def most_of(floor: Floor, patches: Sequence[Patch], places: Sequence[tuple[int, 
         pairs = list(zip(patches, cells, strict=True))
         ceiling[here] = middle_kernel(np.stack([patch.ceiling[at] for patch, at in pairs]))
         terrain[here] = middle_kernel(np.stack([patch.terrain[at] for patch, at in pairs]))
-        reached[here] = -middle_kernel(np.stack([-patch.reached[at] for patch, at in pairs]))
     doubts: list[Doubt] = []
     for patch, (right, up) in zip(patches, places, strict=True):
         for one in patch.doubts:
@@ -189,32 +159,28 @@ def most_of(floor: Floor, patches: Sequence[Patch], places: Sequence[tuple[int, 
             said = any(np.hypot(doubt.x - other.x, doubt.y - other.y) < apart for other in doubts)
             if not said and not np.isfinite(ceiling[row, column]):
                 doubts.append(doubt)
-    clear = patches[0].clear
-    return Patch(floor.west, floor.north, floor.cell, ceiling, terrain, reached, clear, tuple(doubts))
+    return Patch(floor.west, floor.north, floor.cell, ceiling, terrain, tuple(doubts))
 
 
-def find_in_cells(floor: Floor, rules: WideRules) -> Patch:
+def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
     """What stands over the terrain on a floor, seen in its cells as they are."""
     surfaces = find_surfaces(floor.heights(), floor.cell, rules)
     verdict = judge_surfaces(surfaces, rules)
     terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
     nothing = np.full(floor.shape, np.nan, np.float32)
     doubts = find_doubts(floor, surfaces, verdict, rules)
-    widest = surfaces.label == np.argmax(surfaces.area)
-    broad = opened_by_square(widest, rules.broad_cells)
-    reached = np.where(broad, surfaces.z, np.nan).astype(np.float32)
     if not raised.any():
-        return Patch(floor.west, floor.north, floor.cell, nothing, nothing, reached, rules.clear, doubts)
+        return Patch(floor.west, floor.north, floor.cell, nothing, nothing, doubts)
     inside = raised | enclosed_by_terrain(raised, terrain)
-    region = near_cells(inside, ADJOINING) | (near_cells(inside, rules.fringe_cells**2) & ~terrain)
-    support = terrain & near_cells(region, rules.support_cells**2) & np.isfinite(floor.lowest)
+    region = near_cells(inside, ADJOINING) | (near_cells(inside, (2 * LOOK_CELLS) ** 2) & ~terrain)
+    support = terrain & near_cells(region, LOOK_CELLS**2) & np.isfinite(floor.lowest)
     beneath = nothing
     if support.sum() >= 3:
         wanted = region & ~terrain
         beneath = np.where(wanted, interpolate_cells(surfaces.z, support, wanted), nothing)
     known = terrain & np.isfinite(surfaces.z)
     ground = np.where(known, surfaces.z, beneath)
-    ceiling = np.where(region, ground + rules.clear + rise_within(ground, floor.cell), np.nan)
+    ceiling = np.where(region, ground + rules.wall / 2 + rise_within(ground, floor.cell), np.nan)
     core = ~near_cells(~inside, ADJOINING)
     return Patch(
         floor.west,
@@ -222,8 +188,6 @@ def find_in_cells(floor: Floor, rules: WideRules) -> Patch:
         floor.cell,
         ceiling.astype(np.float32),
         np.where(core, ground, np.nan).astype(np.float32),
-        reached,
-        rules.clear,
         doubts,
     )
 
@@ -249,7 +213,7 @@ def rise_within(ground: Grid, cell: float) -> Grid:
 
 
 def find_doubts(
-    floor: Floor, surfaces: Surfaces, verdict: PlateauVerdict, rules: WideRules
+    floor: Floor, surfaces: Surfaces, verdict: PlateauVerdict, rules: PlateauRules
 ) -> tuple[Doubt, ...]:
     """The large surfaces left in the terrain though much of their rim steps down, and islands of data as
     large as a roof: clips of a scan may hold a roof and nothing else.
@@ -259,12 +223,12 @@ def find_doubts(
     everything = surfaces.rims(np.ones(len(surfaces.contacts), bool))
     rim, stepped = everything.sum(axis=1), everything[:, DOWN:VOID].sum(axis=1)
     share = everything[:, DOWN] / np.maximum(stepped, 1.0)
-    doubtful = ~verdict.raised & (share >= DOUBT_SHARE)
-    doubtful &= (surfaces.area >= DOUBT_M2) & (surfaces.area <= DOUBT_MOST_M2)
+    doubtful = ~verdict.raised & (share > 0.5)
+    doubtful &= surfaces.area >= DOUBT_M2
     doubtful[np.argmax(surfaces.area)] = False
     doubts = []
     for k in np.flatnonzero(doubtful):
-        cut = everything[k, VOID] > rules.rim_void * rim[k]
+        cut = everything[k, VOID] > 0.5 * rim[k]
         reason = (
             f"left in the terrain: a surface of {surfaces.area[k]:.0f} m² that steps down on "
             f"{100 * share[k]:.0f} % of its known rim" + (", cut by the rim of the data" if cut else "")
@@ -273,8 +237,7 @@ def find_doubts(
     island, count = ndimage.label(np.isfinite(floor.lowest), np.ones((3, 3)))
     area = np.bincount(island.ravel(), minlength=count + 1) * floor.cell**2
     stands = np.bincount(island[verdict.raised[surfaces.label]], minlength=count + 1) > 0
-    least = max(ISLAND_M2, rules.scrap_cells * floor.cell**2)
-    alone = ~stands & (area >= least) & (area <= ISLAND_MOST_M2)
+    alone = ~stands & (area >= ISLAND_M2) & (area <= ISLAND_MOST_M2)
     alone[0] = False
     for k in np.flatnonzero(alone):
         reason = f"left in the terrain: {area[k]:.0f} m² with nothing measured around, which may be a roof"
@@ -296,31 +259,16 @@ def wide_doubt(floor: Floor, mask: Mask, reason: str) -> Doubt:
 
 
 @kernel
-def place_kernel(
-    xyz: Points,
-    right: int,
-    up: int,
-    side: int,
-    west: int,
-    north: int,
-    ceiling: Grid,
-    reached: Grid,
-    clear: float,
-    standing: Standing,
+def over_kernel(
+    xyz: Points, right: int, up: int, side: int, west: int, north: int, ceiling: Grid, over: Mask
 ) -> None:
-    """Mark in `standing` (N,) the points over the ceiling (H, W) of their cells, and those on a surface
-    that is reached (H, W).
-    """
+    """Mark in `over` (N,) the points over the ceiling (H, W) of their cells."""
     rows, columns = ceiling.shape
     for i in range(len(xyz)):
         column = (np.int64(np.rint(xyz[i, 0] / GRID_STEP)) + right) // side - west
         row = north - (np.int64(np.rint(xyz[i, 1] / GRID_STEP)) + up) // side
-        if row < 0 or column < 0 or row >= rows or column >= columns:
-            continue
-        if xyz[i, 2] > ceiling[row, column]:
-            standing[i] = OVER
-        elif xyz[i, 2] <= reached[row, column] + clear:
-            standing[i] = REACHED
+        if 0 <= row < rows and 0 <= column < columns and xyz[i, 2] > ceiling[row, column]:
+            over[i] = True
 
 
 @kernel
