@@ -45,7 +45,6 @@ from eaves.units.row_walls.method import RowWalls, directions_of
 from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan, rows_of
 from eaves.units.row_walls.several import WEIGHTS as SEVERAL
 from eaves.units.row_walls.several import odds_of_several, traits_of_block
-from eaves.units.row_walls.volumes import main_volumes
 
 DATA = Path(os.environ.get("EAVES_DATA", "data"))
 DENSITY, SPARSE, NOISE = 10.0, 3.0, 0.03
@@ -133,8 +132,7 @@ def owners_of(xy: NDArray[np.float64], tree: STRtree) -> NDArray[np.int64]:
 def divided(block: Detected) -> tuple[Plan, list[HouseRow], float]:
     """The plan, the rows and the noise of a block."""
     method = RowWalls()
-    volumes = main_volumes(block.outline, block.points, block.height, method)
-    plan = Plan.of(block.outline, volumes, block.points)
+    plan = Plan.of(block.outline, block.points)
     directions = directions_of(block.outline, method.shortest_front)
     return plan, list(rows_of(plan, directions, method)), roof_noise(block.points)
 

@@ -79,9 +79,6 @@ class GlobalFit(OutlineMethod):
 
     alpha: float = parameter(1.15, "radius of the largest empty disc, in spacings", gt=0)
     share: float = parameter(SHARE, "least share of the points inside, or alpha is widened", ge=0, le=1)
-    sparse: float = parameter(
-        3.0, "points outside within so many times alpha of each other and of the rest are taken in", ge=1
-    )
     scatter: float = parameter(0.28, "scatter of a boundary point about its edge, in spacings", gt=0)
     blur: float = parameter(
         0.1, "horizontal blur of an edge: noise of the points and the laser's spot", unit="m", ge=0
@@ -111,7 +108,6 @@ class GlobalFit(OutlineMethod):
     wall_beside: float = parameter(
         1.0, "points of a wall have roof points above them within so many spacings", ge=0
     )
-    least_beside: float = parameter(0.5, "and at least within this", unit="m", ge=0)
     widest_spot: float = parameter(
         1.0,
         "pulses are divided by an edge within this: the disc of a beam of 0.5 mrad from 2000 m",
@@ -137,8 +133,6 @@ class GlobalFit(OutlineMethod):
                 mesh,
                 self.alpha * spacing,
                 share=self.share,
-                sparse=self.sparse,
-                sparse_points=MIN_POINTS,
             )
         )
         if not rings:
@@ -225,7 +219,7 @@ class GlobalFit(OutlineMethod):
             self.strip_behind * spacing,
             self.scatter * spacing,
             self.blur,
-            max(self.wall_beside * spacing, self.least_beside),
+            self.wall_beside * spacing,
             MIN_POINTS,
         )
         enough = np.isfinite(shift)

@@ -17,22 +17,21 @@ from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
 from eaves.units.row_walls.merging import MergeRules, merged_units
 from eaves.units.row_walls.rows import CELL_M, HOUSE_M, SAME_DEG, HouseRow, Plan, RowRules, rows_of
 from eaves.units.row_walls.several import odds_of_several
-from eaves.units.row_walls.volumes import VolumeRules, main_volumes
 from eaves.units.stage import Division, UnitMethod
 
 
-class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
+class RowWalls(MergeRules, RowRules, UnitMethod):
     """The buildings that stand wall to wall in one detected block.
 
-    What stands higher than an annex is the main volume. Behind each of its long fronts, longest first, lies
-    the ground of a row; walls run along the direction in which heights change most alike at all depths. At
-    every quarter of a metre along a row planes are fitted to the points on both sides, metre by metre of
-    depth, and compared: steps, valleys, and against them ridges, give the odds of a party wall there by
-    logistic regression. The row is divided where the product of the odds of its walls and of the widths of
-    its units is greatest, by dynamic programming; the forward and backward sums over all divisions give the
-    certainty of each wall. Houses of one width make weak signs at
-    equal distances likely: that width is the one under which the row's signs are likeliest, so it comes from
-    the scan alone. Rows that meet without a wall are one; walls are carried on through annexes.
+    Behind each of the long fronts of a block, longest first, lies the ground of a row; walls run along
+    the direction in which heights change most alike at all depths. At every quarter of a metre along a
+    row planes are fitted to the points on both sides, metre by metre of depth, and compared: steps,
+    valleys, and against them ridges, give the odds of a party wall there by logistic regression. The row
+    is divided where the product of the odds of its walls and of the widths of its units is greatest, by
+    dynamic programming; the forward and backward sums over all divisions give the certainty of each wall.
+    Houses of one width make weak signs at equal distances likely: that width is the one under which the
+    row's signs are likeliest, so it comes from the scan alone. Rows that meet without a wall are one;
+    walls are carried on through annexes.
 
     Formula
     -------
@@ -100,7 +99,7 @@ class RowWalls(MergeRules, RowRules, VolumeRules, UnitMethod):
     ) -> Division:
         """The division; see the class."""
         whole = Division((outline,), (1.0,))
-        plan = Plan.of(outline, main_volumes(outline, points, height, self), points)
+        plan = Plan.of(outline, points)
         rows = list(rows_of(plan, directions_of(outline, self.shortest_front), self))
         if not rows:
             return whole

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -68,27 +68,21 @@ class RowRules(Method):
     upright_trust: float = parameter(
         1.3, "Upright walls are believed unless others explain this many times as much.", gt=0.0
     )
-    most_change: float = parameter(
-        0.5,
-        "Changes of height over a metre count up to this when the direction of walls is sought.",
-        unit="m",
-        gt=0.0,
-    )
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Cells of a block's main volume: `main` (H, W), `west` and `south` (m) the corner of cell (0, 0)."""
+    """Cells of a block: `main` (H, W), `west` and `south` (m) the corner of cell (0, 0)."""
 
     main: Mask
     height: NDArray[np.float64]
     """Mean height (m) of the points in each cell (H, W), NaN where there is none."""
     west: float
     south: float
-    volumes: tuple[Polygon, ...]
+    outline: Polygon
 
     @classmethod
-    def of(cls, outline: Polygon, volumes: Sequence[Polygon], points: Points) -> Plan:
+    def of(cls, outline: Polygon, points: Points) -> Plan:
         """The cells over an outline, with the heights of points (N, 3)."""
         west, south, east, north = outline.bounds
         west, south = west - 2.0, south - 2.0
@@ -96,10 +90,8 @@ class Plan:
         x = west + (np.arange(columns) + 0.5) * CELL_M
         y = south + (np.arange(rows) + 0.5) * CELL_M
         places = [part.ravel() for part in np.meshgrid(x, y)]
-        main = np.zeros(rows * columns, bool)
-        for volume in volumes:
-            shapely.prepare(volume)
-            main |= shapely.contains_xy(volume, *places)
+        shapely.prepare(outline)
+        main = shapely.contains_xy(outline, *places)
         column = np.clip(((points[:, 0] - west) / CELL_M).astype(np.int64), 0, columns - 1)
         row = np.clip(((points[:, 1] - south) / CELL_M).astype(np.int64), 0, rows - 1)
         cell = row * columns + column
@@ -107,7 +99,7 @@ class Plan:
         total = np.bincount(cell, points[:, 2], rows * columns)
         with np.errstate(invalid="ignore"):
             height = (total / count).reshape(rows, columns)
-        return cls(main.reshape(rows, columns), height, west, south, tuple(volumes))
+        return cls(main.reshape(rows, columns), height, west, south, outline)
 
     def cells(
         self, x: NDArray[np.float64], y: NDArray[np.float64]
@@ -203,23 +195,22 @@ def by_length(front: tuple[NDArray[np.float64], NDArray[np.float64]]) -> tuple[f
 
 
 def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> Iterator[HouseRow]:
-    """The rows of a block's main volume, longest front first; what one claims no other has.
+    """The rows of a block, longest front first; what one claims no other has.
 
     `directions` (K, 2) are unit vectors along which walls may run, where they do not stand upright.
     """
     free = plan.main.copy()
-    fronts = [front for volume in plan.volumes for front in fronts_of(volume, limits)]
-    for start, end in sorted(fronts, key=by_length):
+    for start, end in sorted(fronts_of(plan.outline, limits), key=by_length):
         length = float(np.hypot(*(end - start)))
         along = straightened((end - start) / length, directions, limits.most_turn)
         upright = np.array([-along[1], along[0]])
         best = ground_behind(plan, free, start, along, upright, length, limits)
         if best is None:
             continue
-        most = limits.upright_trust * coherence(plan, best, limits.most_change)
+        most = limits.upright_trust * coherence(plan, best)
         for across in leaning(directions, upright, limits.most_lean):
             row = ground_behind(plan, free, start, along, across, length, limits)
-            if row is not None and (coherent := coherence(plan, row, limits.most_change)) > most:
+            if row is not None and (coherent := coherence(plan, row)) > most:
                 most, best = coherent, row
         free[plan.cells(*best.ground())] = False
         yield best
@@ -235,14 +226,14 @@ def leaning(
     return list(turned[near])
 
 
-def coherence(plan: Plan, row: HouseRow, most: float) -> float:
+def coherence(plan: Plan, row: HouseRow) -> float:
     """How much heights change along the row in the same way at all depths (m²): walls that run along
-    `row.across` make it large. A change counts up to `most` (m).
+    `row.across` make it large.
     """
     s, t = row.grid()
     height = plan.height[plan.cells(*row.place(s, t))]
     height[(t < row.first) | (t >= row.last)] = np.nan
-    change = np.clip(height[:, 4:] - height[:, :-4], -most, most)
+    change = height[:, 4:] - height[:, :-4]
     known = np.isfinite(change)
     count = known.sum(axis=0)
     mean = np.where(known, change, 0.0).sum(axis=0) / np.maximum(count, 1)
