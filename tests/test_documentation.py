@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ import typer
 from docs.build import outdated
 
 from eaves.cli.app import make_app
+from eaves.pipeline import build
 from tests.contracts.test_public_docstrings import PUBLIC
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -39,6 +41,17 @@ def test_generated_pages_are_up_to_date() -> None:
 def test_examples_of_the_researchers_guide_run() -> None:
     found = doctest.testfile(str(DOCS / "guides" / "researcher.md"), module_relative=False)
     assert found.attempted > 10 and found.failed == 0
+
+
+def test_the_readmes_python_writes_what_a_build_writes(
+    nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(nine_roofs_file, "tile.laz")
+    build("tile.laz", "out", outputs=("models",))
+    lines = (DOCS.parent / "README.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    exec(lines, {})
+    assert Path("buildings.city.jsonl").read_bytes() == Path("out/buildings.city.jsonl").read_bytes()
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda path: path.stem)

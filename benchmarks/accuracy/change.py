@@ -22,7 +22,7 @@ import numpy as np
 import shapely
 
 from eaves.change.changes import BuildingChange
-from eaves.change.compare import compare_epochs
+from eaves.change.compare import compare
 from eaves.formats import read_polygons
 from eaves.pipeline import build
 from eaves.simulate import Survey, later_survey, simulate_epochs, write_changes, write_simulation
@@ -98,7 +98,7 @@ class Score:
 
 def score_town(folder: Path, old: Path, new: Path) -> Score:
     """Compare two runs, and hold what is told against changes.gpkg of a folder."""
-    changes = compare_epochs(old, new, folder / "work").changes
+    changes = compare(old, new, folder / "work").changes
     truth, _, rows, _ = read_polygons(folder / "changes.gpkg")
     told = [one for one in changes if one.verdict.patches]
     score = Score(buildings=len(rows))
@@ -216,7 +216,7 @@ def compare_strips(place: Path) -> None:
             runs[number] = place / path.stem / f"run-{number}"
             build(str(file), runs[number], lod="0", outputs=("footprints", "classified"), jobs=1)
         for one, other in (*combinations(strips, 2), *combinations(halves, 2)):
-            comparison = compare_epochs(runs[one], runs[other], place / path.stem / "work")
+            comparison = compare(runs[one], runs[other], place / path.stem / "work")
             points = " and ".join(f"{int({**strips, **halves}[number].sum()):,}" for number in (one, other))
             told = ", ".join(f"{count} {verdict}" for verdict, count in comparison.counts.items())
             print(f"| {path.stem} | {one} and {other} | {points} | {told} |", flush=True)

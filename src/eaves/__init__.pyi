@@ -1,3 +1,5 @@
+from .change.compare import compare as compare
+from .change.update import update as update
 from .detect import Detector as Detector
 from .detect import detect_buildings as detect_buildings
 from .detect.consensus import Consensus as Consensus
@@ -37,6 +39,7 @@ from .outline import trace_outline as trace_outline
 from .outline.alpha_shape import AlphaShape as AlphaShape
 from .outline.global_fit import GlobalFit as GlobalFit
 from .outline.ransac_lines import RansacLines as RansacLines
+from .pipeline import model_buildings as model_buildings
 from .raster.surfaces import make_dsm as make_dsm
 from .raster.surfaces import make_dtm as make_dtm
 from .raster.surfaces import make_scene as make_scene
@@ -68,3 +71,4 @@ from .validate import validate_file as validate_file
 from .validate import validate_model as validate_model
 
 __version__: str
+from .solar.folder import measure_solar as measure_solar

@@ -13,18 +13,20 @@ region's store (`run/store.py`, `run/keys.py`): what is found there by its key i
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 from eaves.flow import region as steps
-from eaves.flow.outputs import write_outputs
+from eaves.flow.outputs import finished_models, write_outputs
 from eaves.flow.region import Core, Region, TooNarrowError
 from eaves.flow.run import Progress, Run, no_progress, open_run
 from eaves.formats.atomic import DiskFullError, report_full_disk
-from eaves.model import Block
+from eaves.model import Block, BuildingModel, CoordinateSystem, Failure
+from eaves.model.provenance import Provenance
 from eaves.model.summary import Summary
 from eaves.recipe.recipe import Recipe
 from eaves.run.lock import lock_folder
@@ -76,6 +78,73 @@ def build(
         summary = build_run(run, workers, progress, sink)
         end_run(run, summary)
         return summary
+
+
+class ModelledBuildings(NamedTuple):
+    """The buildings of inputs as `build` writes them.
+
+    Parameters
+    ----------
+    models : list of BuildingModel or Failure
+        In metres about the origins of their footprints.
+    system : CoordinateSystem
+        What files of them are written in.
+    provenance : Provenance
+        What they are made from.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> models, system, provenance = eaves.model_buildings("tile.laz")    # doctest: +SKIP
+    """
+
+    models: list[BuildingModel | Failure]
+    system: CoordinateSystem
+    provenance: Provenance
+
+
+@list_options
+def model_buildings(
+    inputs: str | Path | Sequence[str | Path], recipe: Recipe | None = None, **options: Unpack[RunOptions]
+) -> ModelledBuildings:
+    """The buildings that `build` writes, by all its steps from the points to the models, without files.
+
+    Parameters
+    ----------
+    inputs : str, Path or sequence of them
+        LAS, LAZ, COPC or text files, folders or globs.
+    recipe : Recipe or None
+        The methods, instead of the options that name them.
+    {options}
+
+    Returns
+    -------
+    ModelledBuildings
+        The models and failures in the order of `buildings.city.jsonl`, with what `write_cityjson_seq` takes.
+
+    Raises
+    ------
+    InputError
+        When an input cannot be used.
+    TypeError, ValueError
+        When an option, a method or a value does not exist.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> from eaves.formats import write_cityjson_seq
+    >>> models, system, source = eaves.model_buildings("tile.laz")        # doctest: +SKIP
+    >>> write_cityjson_seq("a.city.jsonl", models, system, provenance=source)  # doctest: +SKIP
+    153
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        options["outputs"] = ("models",)
+        run = open_run(inputs, Path(folder) / "out", recipe, **options)
+        with hold_folder(run) as workers:
+            region = steps.open_region(run, workers, no_progress)
+            bring_points(region)
+            models = list(finished_models(region.store, find_buildings(region)))
+        return ModelledBuildings(models, region.store.system, run.provenance)
 
 
 @contextmanager

@@ -47,32 +47,49 @@ ATTACHED_M = 0.3
 """Outlines so near each other touch (m)."""
 
 
-def compare_epochs(
-    old: Path, new: Path, work: Path, progress: Progress = no_progress, rules: ChangeRules | None = None
+def compare(
+    old: str | Path,
+    new: str | Path,
+    work: str | Path | None = None,
+    progress: Progress = no_progress,
+    rules: ChangeRules | None = None,
 ) -> Comparison:
     """The change of every building between the runs in two folders.
 
     Parameters
     ----------
-    old, new
+    old, new : str or Path
         What `eaves build` wrote for each epoch.
-    work
-        Folder for the points by block; it is removed.
-    progress
+    work : str, Path or None
+        Folder for the points by block, which are removed; None for the system's temporary folder.
+    progress : callable
         Called with the step, how much of it is done, and how much there is.
-    rules
-        From what size on a difference is a change.
+    rules : ChangeRules or None
+        From what size on a difference is a change; None for the defaults.
+
+    Returns
+    -------
+    Comparison
+        The change of each building, and the shift between the epochs.
 
     Raises
     ------
     InputError
         When a folder holds no complete run, or the systems cannot be brought together.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> comparison = eaves.compare("run-2020", "run-2025")                # doctest: +SKIP
+    >>> comparison.counts                                                 # doctest: +SKIP
+    {'unchanged': 152, 'new': 2}
     """
-    work.mkdir(parents=True, exist_ok=True)
+    if work is not None:
+        Path(work).mkdir(parents=True, exist_ok=True)
     place = Path(tempfile.mkdtemp(prefix="compare-", dir=work))
     try:
         epochs: list[Epoch] = []
-        for name, folder in (("old", old), ("new", new)):
+        for name, folder in (("old", Path(old)), ("new", Path(new))):
             target = epochs[0].system if epochs else None
             epochs.append(open_epoch(folder, place / name, target, SIDE, partial(progress, f"read {name}")))
         return Comparer(epochs[0], epochs[1], rules or ChangeRules(), progress).compare()

@@ -74,9 +74,9 @@ class Updated:
 
 
 def update(
-    folder: Path,
+    folder: str | Path,
     inputs: str | Path | Sequence[str | Path],
-    out: Path,
+    out: str | Path,
     date: str | None = None,
     jobs: int = 1,
     progress: Progress = no_progress,
@@ -89,24 +89,36 @@ def update(
 
     Parameters
     ----------
-    folder
+    folder : str or Path
         What `eaves build --keep`, or an earlier update, wrote. It stays as it is.
-    inputs
+    inputs : str, Path or sequence of them
         The new points: files, folders or globs, in the run's reference system.
-    out
+    out : str or Path
         Folder for the results; another one.
-    date
+    date : str or None
         `YYYY-MM-DD`, for the `creationDate` and `terminationDate` of what changes; by default the latest
         creation date in the headers of the new files.
-    jobs
+    jobs : int
         Processes.
-    progress
+    progress : callable
         Called with the step, how much of it is done, and how much there is.
+
+    Returns
+    -------
+    Updated
+        The summary of the new results, and the buildings that are new, modelled again or gone.
 
     Raises
     ------
     InputError
         When the folder keeps no parts, or the new points do not fit it; nothing is written then.
+
+    Examples
+    --------
+    >>> import eaves
+    >>> updated = eaves.update("out", "later.laz", "out-2026")            # doctest: +SKIP
+    >>> updated.versions.new                                              # doctest: +SKIP
+    ['b351_1863_66_250']
     """
     folder, out = Path(folder), Path(out)
     known = read_request(folder).inputs

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from eaves.change.compare import compare_epochs
+from eaves.change.compare import compare
 from eaves.change.output import as_text, write_comparison
 from eaves.flow.run import claim
 from eaves.formats import InputError
@@ -46,7 +46,7 @@ def run_comparison(
             folder = out / name
         folders.append(folder)
     with lock_folder(out), report_full_disk(out):
-        comparison = compare_epochs(folders[0], folders[1], out, progress)
+        comparison = compare(folders[0], folders[1], out, progress)
         begin_manifest(out)
         paths = write_comparison(comparison, out)
         paths.append(write_change_page(comparison, out))

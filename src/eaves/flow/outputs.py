@@ -86,9 +86,17 @@ class RunResults:
 
     def answers(self) -> Iterator[BuildingModel | Failure]:
         """All models and failures, owner block by owner block, the models with their party walls."""
-        areas = iter(self.shared)
-        for answer in Kept(self.store).answers(self.owners):
-            yield with_walls(answer, next(areas, None))
+        return finished_models(self.store, self.owners, self.shared)
+
+
+def finished_models(
+    store: Store, owners: Sequence[Block], shared: Sequence[dict[str, float] | None] | None = None
+) -> Iterator[BuildingModel | Failure]:
+    """The models and failures of the `owners`, the models with their party walls, `shared` where known."""
+    kept = Kept(store)
+    walls = iter(party_walls(kept, owners) if shared is None else shared)
+    for answer in kept.answers(owners):
+        yield with_walls(answer, next(walls, None))
 
 
 def with_walls(answer: BuildingModel | Failure, walls: Mapping[str, float] | None) -> BuildingModel | Failure:

@@ -14,6 +14,7 @@ unit or finer (never over 1 mm).
 from __future__ import annotations
 
 import json
+import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date, datetime
@@ -29,6 +30,8 @@ from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Sol
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
+
+log = logging.getLogger("eaves")
 
 VERSION = "2.0"
 STEP_M = 0.001
@@ -244,6 +247,8 @@ class _Vertices:
         self.unit = np.array(system.unit_m)
         self.scale = 10.0 ** np.floor(np.log10(STEP_M / self.unit) + 1e-9)
         start = near.origin if near is not None else (0.0, 0.0)
+        if near is not None and system.wkt is not None and not any(start):
+            log.warning("models stand about 0, 0 of %s: give `trace_outline` their origin", system.code)
         self.translate = np.floor(np.array([*start, 0.0]) / self.unit)
         if translate is not None:
             self.translate = np.array(translate, np.float64)
