@@ -192,7 +192,9 @@ def judge_counts_and_ids(result: Result, judged: Judged) -> None:
     judged.hold("ids", "CityJSONSeq", sorted(written), sorted(rows.index))
     judged.hold("ids", "roof_planes", set(result.roofs["building_id"]) <= modelled, True)
     review = pd.read_csv(result.folder / "review.csv", dtype={"id": str})
-    judged.hold("ids", "review.csv", list(review["id"]), list(result.layer("review")["id"].astype(str)))
+    layer = pyogrio.list_layers(result.folder / "footprints.gpkg")[:, 0]
+    listed = list(result.layer("review")["id"].astype(str)) if "review" in layer else []
+    judged.hold("ids", "review.csv", list(review["id"]), listed)
     judged.hold("ids", "review", set(review["id"]) <= set(rows.index), True)
     page = (result.folder / "report.html").read_text("utf-8") if run["found"] <= 2000 else ""
     for name in rows.index if page else ():

@@ -17,6 +17,7 @@ from eaves.flow.collisions import refuse_collisions
 from eaves.flow.exports import check_formats
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
 from eaves.formats import InputError
+from eaves.formats.crs import name_units
 from eaves.formats.crs_check import vertical_datum
 from eaves.formats.inputs import list_inputs
 from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
@@ -298,6 +299,7 @@ def describe_plan(
         "version": version("eaves"),
         **index.describe(),
         "vertical_datum": vertical_datum(index.system),
+        "units": name_units(index.system),
         "methods": methods,
         "use_classes": recipe.use_classes,
         "ground_classes": list(recipe.ground_classes) if recipe.use_classes else None,

@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.formats.atomic import atomic
+from eaves.formats.crs import name_units
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model.coordinates import LOCAL_METRES, describe_units
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 log = logging.getLogger("eaves")
@@ -283,7 +284,8 @@ def _frame(vertices: _Vertices, system: CoordinateSystem, title: str, provenance
         metadata["referenceSystem"] = url
     if system.wkt is not None and (system.code is None or "+" in system.code or not _says_all(system)):
         metadata[WKT_MEMBER] = system.wkt
-    metadata |= provenance.members
+    units = name_units(system)
+    metadata |= provenance.members | ({"units": units} if describe_units(units) else {})
     frame: Json = {"type": "CityJSON", "version": VERSION}
     frame["transform"] = {"scale": vertices.scale.tolist(), "translate": vertices.translate.tolist()}
     return frame | ({"metadata": metadata} if metadata else {})

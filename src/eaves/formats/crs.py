@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pyproj
 from pyproj.crs import CompoundCRS
+from pyproj.database import get_units_map
 from pyproj.enums import WktVersion
 from pyproj.exceptions import CRSError
 
@@ -119,6 +120,22 @@ def horizontal_crs(system: CoordinateSystem) -> pyproj.CRS | None:
     """The plane part of the system, None for a local one."""
     crs = pyproj_crs(system)
     return crs.sub_crs_list[0] if crs is not None and crs.is_compound else crs
+
+
+def unit_lengths(system: CoordinateSystem) -> tuple[float, float]:
+    """Metres a unit, along the ground and upright, of the system as it is registered."""
+    if system.wkt is None:
+        return system.horizontal_unit_m, system.vertical_unit_m
+    known = system_of(parse_crs(system.wkt), "", (0.0, 0.0))
+    return known.horizontal_unit_m, known.vertical_unit_m
+
+
+def name_units(system: CoordinateSystem) -> dict[str, str]:
+    """EPSG's names of the units of results: of geometry and rasters along the ground and upright, which are
+    those of the system, and of attributes, which are metres whatever the system is."""
+    known = get_units_map("EPSG", "linear").values()
+    names = [min(known, key=lambda one: abs(one.conv_factor - unit)).name for unit in unit_lengths(system)]
+    return dict(zip(("geometry", "heights", "attributes"), (*names, "metre"), strict=True))
 
 
 def degrees_remedy(longitude: float, latitude: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 
@@ -34,6 +35,18 @@ class CoordinateSystem:
     def unit_m(self) -> tuple[float, float, float]:
         """Metres per unit along x, y, z."""
         return self.horizontal_unit_m, self.horizontal_unit_m, self.vertical_unit_m
+
+
+def describe_units(units: Mapping[str, str]) -> str:
+    """The units of results (`name_units`) in words: `geometry in US survey feet, attributes in metres`; empty
+    where all of them are metres."""
+    if not set(units.values()) - {"metre"}:
+        return ""
+    words = {
+        what: name.replace("foot", "feet") if "foot" in name else f"{name}s" for what, name in units.items()
+    }
+    upright = f", its heights in {words['heights']}" if words["heights"] != words["geometry"] else ""
+    return f"geometry in {words['geometry']}{upright}, attributes in {words['attributes']}"
 
 
 LOCAL_METRES = CoordinateSystem()

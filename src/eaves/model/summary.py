@@ -6,6 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from eaves.model.coordinates import describe_units
+
 
 @dataclass(frozen=True)
 class Summary:
@@ -112,7 +114,8 @@ class Summary:
         return "\n".join([*lines, self._ending()])
 
     def _ending(self) -> str:
-        return "\n".join([*self._doubts(), self._last_line()])
+        units = describe_units(self.run.get("units", {}))
+        return "\n".join([*self._doubts(), *([units] if units else []), self._last_line()])
 
     def _doubts(self) -> list[str]:
         """How many places the scan left undecided, and which file lists them; empty where there are none."""

@@ -25,6 +25,7 @@ from eaves.formats.atomic import atomic
 from eaves.model import Points, Raster
 from eaves.model.building import LODS
 from eaves.model.columns import COLUMNS as MEANINGS
+from eaves.model.coordinates import describe_units
 from eaves.model.summary import Summary
 from eaves.report.contents import Contents, local_rings, read_contents
 from eaves.report.sample import PointSample
@@ -44,6 +45,7 @@ COLUMNS = {
     "h_ground": "ground above datum (m)",
     "h_eaves": "eaves above datum (m)",
     "h_ridge": "ridge above datum (m)",
+    "measuredHeight": "height above ground (m)",
     "roof_face_count": "faces",
     "volume_m3": "volume (m³)",
     "points": "points",
@@ -146,6 +148,8 @@ def say_shown(contents: Contents) -> str:
         if rows < contents.buildings
         else f"all {rows:,} buildings"
     )
+    units = describe_units(contents.run.get("units", {}))
+    parts += [f"all lengths here in metres; in the files {units}"] if units else []
     source = contents.run.get("footprint_source")
     parts += [f"footprints: {source['attribution']}"] if source else []
     parts += [f"aerial image: {contents.basemap.name}"] if contents.basemap else []

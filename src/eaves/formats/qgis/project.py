@@ -16,9 +16,9 @@ import numpy as np
 from pyproj.enums import WktVersion
 
 from eaves.formats.atomic import atomic
-from eaves.formats.crs import epsg_of, horizontal_crs
+from eaves.formats.crs import epsg_of, horizontal_crs, unit_lengths
 from eaves.formats.qgis import symbols
-from eaves.formats.qgis.styles import VERSION, Style, styles_of, unit_lengths
+from eaves.formats.qgis.styles import VERSION, Style, styles_of
 from eaves.model import CoordinateSystem
 
 RELIEF_LIGHT_DEG = (315.0, 45.0)

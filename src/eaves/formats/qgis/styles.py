@@ -14,7 +14,7 @@ from importlib.resources import files
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
-from eaves.formats.crs import parse_crs, system_of
+from eaves.formats.crs import unit_lengths
 from eaves.formats.qgis.symbols import classified, raised_polygons, single
 from eaves.model import CoordinateSystem
 from eaves.model.columns import COLUMNS
@@ -68,14 +68,6 @@ def renderer_of(style: dict[str, Any], system: CoordinateSystem) -> Element:
     unit = f"{unit_lengths(system)[0]:.9g}"
     layers = [{**one, "shape": one.get("shape", "").replace("{unit}", unit)} for one in style["layers"]]
     return single(layers, style.get("farthest"))
-
-
-def unit_lengths(system: CoordinateSystem) -> tuple[float, float]:
-    """Metres a unit, along the ground and upright, of the system as it is registered."""
-    if system.wkt is None:
-        return system.horizontal_unit_m, system.vertical_unit_m
-    known = system_of(parse_crs(system.wkt), "", (0.0, 0.0))
-    return known.horizontal_unit_m, known.vertical_unit_m
 
 
 def aliases(columns: Sequence[str]) -> Element:

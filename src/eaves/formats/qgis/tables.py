@@ -7,9 +7,11 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
+from eaves.formats.crs import name_units
 from eaves.formats.qgis.styles import styles_of
 from eaves.model import CoordinateSystem
 from eaves.model.columns import COLUMNS
+from eaves.model.coordinates import describe_units
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 TABLES = """
@@ -54,8 +56,8 @@ METADATA_EXTENSION = (
 
 
 def describe_layers(path: Path, system: CoordinateSystem, provenance: Provenance = NOTHING_KNOWN) -> None:
-    """Add to a GeoPackage the styles of its layers, title, unit and meaning of their columns, and what it is
-    made from, as JSON: of GDAL's own kind of metadata a reader of its would leave a file beside it."""
+    """Add to a GeoPackage the styles and units of its layers, title, unit and meaning of their columns, and
+    what it is made from, as JSON: of GDAL's own kind of metadata its reader would leave a file beside it."""
     with closing(sqlite3.connect(path)) as database, database:
         if provenance:
             database.executescript(METADATA_TABLES)
@@ -75,7 +77,9 @@ def describe_layers(path: Path, system: CoordinateSystem, provenance: Provenance
                 "INSERT INTO gpkg_extensions VALUES (?, NULL, ?, ?, ?)", (table, *METADATA_EXTENSION)
             )
         described = False
+        units = describe_units(name_units(system)) or "geometry and attributes in metres"
         for layer, geometry in layers:
+            database.execute("UPDATE gpkg_contents SET description = ? WHERE table_name = ?", (units, layer))
             names = [row[1] for row in database.execute(f'PRAGMA table_info("{layer}")')]
             columns = [name for name in names if name not in ("fid", geometry)]
             for number, style in enumerate(styles_of(layer, columns, system)):
