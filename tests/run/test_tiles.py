@@ -32,35 +32,25 @@ def of_tiles(folder: Path) -> dict[str, object]:
 
 
 @pytest.mark.usefixtures("small_tiles")
-def test_given_footprints_are_modelled_once_each(
+def test_given_footprints_are_modelled_once_each__by_tiles_and_whole_on_the_border_of_two_files(
     nine_roofs: ExactScene, nine_roofs_file: Path, tmp_path: Path
 ) -> None:
     polygons = [shapely.transform(one.footprint, lambda xy: xy + PLACE) for one in nine_roofs.buildings]
     rows = [Row(polygon, {"name": f"house {k}"}) for k, polygon in enumerate(polygons)]
     write_geopackage(tmp_path / "given.gpkg", rows, (), CoordinateSystem())
-    options = {"footprints": tmp_path / "given.gpkg", "id_field": "name"}
-    assert build(nine_roofs_file, tmp_path / "whole", **options).found == 9
-    summary = build(nine_roofs_file, tmp_path / "tiled", **options, per_tile=True)
-    assert summary.found == 9
-    assert features([tmp_path / "whole" / "buildings.city.jsonl"]) == of_tiles(tmp_path / "tiled")
-
-
-def test_a_given_footprint_on_the_border_of_two_files_stays_whole(
-    nine_roofs: ExactScene, nine_roofs_file: Path, tmp_path: Path
-) -> None:
-    polygons = [shapely.transform(one.footprint, lambda xy: xy + PLACE) for one in nine_roofs.buildings]
-    write_geopackage(tmp_path / "given.gpkg", [Row(one, {}) for one in polygons], (), CoordinateSystem())
     las = laspy.read(nine_roofs_file)
     east = las.x >= polygons[4].centroid.x
-    for name, which in ("east", east), ("west", ~east):
+    halves = [tmp_path / "east.laz", tmp_path / "west.laz"]
+    for path, which in zip(halves, (east, ~east), strict=True):
         part = laspy.LasData(las.header)
         part.points = las.points[which]
-        part.write(tmp_path / f"{name}.laz")
-    options = dict(footprints=tmp_path / "given.gpkg")
-    build(nine_roofs_file, tmp_path / "whole", **options)
-    build([tmp_path / "east.laz", tmp_path / "west.laz"], tmp_path / "cut", **options)
-    models = [features([tmp_path / name / "buildings.city.jsonl"]) for name in ("whole", "cut")]
-    assert models[0] == models[1]
+        part.write(path)
+    options = {"footprints": tmp_path / "given.gpkg", "id_field": "name"}
+    assert build(nine_roofs_file, tmp_path / "whole", **options).found == 9
+    assert build(nine_roofs_file, tmp_path / "tiled", **options, per_tile=True).found == 9
+    build(halves, tmp_path / "cut", **options)
+    whole, cut = (features([tmp_path / name / "buildings.city.jsonl"]) for name in ("whole", "cut"))
+    assert whole == cut == of_tiles(tmp_path / "tiled")
 
 
 @pytest.mark.usefixtures("small_tiles")
