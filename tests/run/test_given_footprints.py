@@ -52,34 +52,26 @@ EXPECTED = {"sliver": "no_area", "line": "no_area", "nowhere": "no_area", "far":
 EXPECTED |= {"other side": "outside"}
 
 
-def test_each_has_one_row_and_the_rest_stays_building(
-    given: Path, nine_roofs_file: Path, tmp_path: Path
+def test_each_has_one_row_also_by_tiles_and_the_rest_stays_building(
+    given: Path, nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    summary = build(nine_roofs_file, tmp_path / "given", footprints=given, id_field="name")
-    assert (summary.found, summary.modelled) == (10, 5)
-    rows = rows_of(tmp_path / "given")
-    assert {name: row["failure_code"] for name, row in rows.items() if row["failure_code"]} == EXPECTED
-    assert set(rows) == {f"house {k}" for k in range(5)} | set(EXPECTED)
-    assert all(row["failure_reason"] for name, row in rows.items() if name in EXPECTED)
+    monkeypatch.setattr(tiles, "TILE_BLOCKS", 1)
+    for name, per_tile in (("given", False), ("tiled", True)):
+        out = tmp_path / name
+        summary = build(nine_roofs_file, out, footprints=given, id_field="name", per_tile=per_tile)
+        assert (summary.found, summary.modelled) == (10, 5)
+        assert summary.failures == {"no_area": 3, "outside": 2}
+        rows = rows_of(out)
+        assert {name: row["failure_code"] for name, row in rows.items() if row["failure_code"]} == EXPECTED
+        assert set(rows) == {f"house {k}" for k in range(5)} | set(EXPECTED)
+        assert all(row["failure_reason"] for name, row in rows.items() if name in EXPECTED)
+        assert check_folder(out) == []
     assert validate_file(tmp_path / "given" / "buildings.city.jsonl") == []
-    assert check_folder(tmp_path / "given") == []
     assert build(nine_roofs_file, tmp_path / "own").complete
     classes = [laspy.read(tmp_path / name / "classified.laz") for name in ("given", "own")]
     ours = [np.asarray(one.classification) == 6 for one in classes]
     assert ours[0].sum() >= 0.99 * ours[1].sum()
     assert (np.asarray(classes[0].building_id)[ours[0]] == 0).any()
-
-
-def test_tile_by_tile_too(
-    given: Path, nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tiles, "TILE_BLOCKS", 1)
-    summary = build(nine_roofs_file, tmp_path, footprints=given, id_field="name", per_tile=True)
-    assert (summary.found, summary.modelled) == (10, 5)
-    assert summary.failures == {"no_area": 3, "outside": 2}
-    rows = rows_of(tmp_path)
-    assert {name: row["failure_code"] for name, row in rows.items() if row["failure_code"]} == EXPECTED
-    assert check_folder(tmp_path) == []
 
 
 @pytest.mark.parametrize(
