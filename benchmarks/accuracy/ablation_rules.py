@@ -151,6 +151,8 @@ OUTLINE = (
         0,
         {"outline.global_fit.method:share_edges": lambda shapes, *_: list(shapes)},
     ),
+    of("outline", "sparse parts", 1, {"outline.sparse": 1.0}),
+    of("outline", "low parts", 5, {"outline.balcony": 0.0, "outline.low_drop": NEVER}),
     of("outline", "beam", 1, {"outline.spot": 0.0}),
     of("outline", "common directions", 4, {"outline.frames": 0}),
     of("outline", "second frame", 1, {"outline.frames": 1}),

@@ -13,6 +13,7 @@ from shapely import Polygon
 from eaves.geometry.rings import as_polygon, signed_area
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Points
+from eaves.outline.global_fit.low_parts import LowPartRules, low_parts
 from eaves.outline.stage import MIN_POINTS, OutlineMethod
 from eaves.outline.toolkit.alpha import SHARE, alpha_rings, triangulate_points, wide_radius
 from eaves.outline.toolkit.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
@@ -24,7 +25,7 @@ REACH = 4.0
 """Points so far (spacings) from an edge, and corners from the boundary, are still of it."""
 
 
-class GlobalFit(OutlineMethod):
+class GlobalFit(LowPartRules, OutlineMethod):
     """The closed polyline of least cost through the boundary of the points.
 
     The alpha shape with a small disc gives the boundary points in order. Of all closed polylines along them
@@ -51,6 +52,9 @@ class GlobalFit(OutlineMethod):
     edge in place of a number of edges; that a shared direction costs less follows the description length of
     [jung2017]; the mean distance ahead is the forward recurrence time of [cox1962]. The combination is
     ours.
+
+    Before that, points on walls and balconies are set aside: small, narrow surfaces well below a larger one
+    beside them (`low_parts`).
 
     The beam of a scanner has a width: a pulse that strikes the edge with a part of its spot is placed
     outside, and mostly comes back once more from below. Those pulses fall into a strip as far inside the
@@ -79,6 +83,9 @@ class GlobalFit(OutlineMethod):
 
     alpha: float = parameter(1.15, "radius of the largest empty disc, in spacings", gt=0)
     share: float = parameter(SHARE, "least share of the points inside, or alpha is widened", ge=0, le=1)
+    sparse: float = parameter(
+        3.0, "points outside within so many times alpha of each other and of the rest are taken in", ge=1
+    )
     scatter: float = parameter(0.28, "scatter of a boundary point about its edge, in spacings", gt=0)
     blur: float = parameter(
         0.1, "horizontal blur of an edge: noise of the points and the laser's spot", unit="m", ge=0
@@ -108,6 +115,7 @@ class GlobalFit(OutlineMethod):
     wall_beside: float = parameter(
         1.0, "points of a wall have roof points above them within so many spacings", ge=0
     )
+    least_beside: float = parameter(0.5, "and at least within this", unit="m", ge=0)
     widest_spot: float = parameter(
         1.0,
         "pulses are divided by an edge within this: the disc of a beam of 0.5 mrad from 2000 m",
@@ -124,6 +132,12 @@ class GlobalFit(OutlineMethod):
         """The rings of the alpha shape of `points` (N, 3), with the spacing where they are sparse."""
         mesh = triangulate_points(points[:, :2])
         if mesh is not None:
+            least = self.balcony / spacing**2
+            low = low_parts(mesh, points[:, 2], self.alpha * 2.0 * spacing, least, self)
+            if low.any():
+                points = points[~low]
+                mesh = triangulate_points(points[:, :2])
+        if mesh is not None:
             wide = wide_radius(mesh, self.widest * spacing, self.wide_share) or spacing
             spacing = float(np.clip(np.sqrt(2.0) * wide, 0.7 * spacing, 2.0 * spacing))
         rings = (
@@ -133,6 +147,8 @@ class GlobalFit(OutlineMethod):
                 mesh,
                 self.alpha * spacing,
                 share=self.share,
+                sparse=self.sparse,
+                sparse_points=MIN_POINTS,
             )
         )
         if not rings:
@@ -219,7 +235,7 @@ class GlobalFit(OutlineMethod):
             self.strip_behind * spacing,
             self.scatter * spacing,
             self.blur,
-            self.wall_beside * spacing,
+            max(self.wall_beside * spacing, self.least_beside),
             MIN_POINTS,
         )
         enough = np.isfinite(shift)

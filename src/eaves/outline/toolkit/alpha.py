@@ -64,12 +64,16 @@ def wide_radius(mesh: Mesh, most: float, share: float) -> float | None:
     return float(radius[order][np.searchsorted(covered, share * covered[-1])])
 
 
-def alpha_rings(mesh: Mesh, radius: float, *, share: float = 0.0) -> tuple[NDArray[np.int64], ...]:
+def alpha_rings(
+    mesh: Mesh, radius: float, *, share: float = 0.0, sparse: float = 1.0, sparse_points: int = 1
+) -> tuple[NDArray[np.int64], ...]:
     """Rings of numbers of points: the outer one counter-clockwise, then holes clockwise; () for no area.
 
     The area is the union of the Delaunay triangles whose circumscribed disc, which is empty, has at most
     `radius` (m), reduced to its largest part connected over edges [edelsbrunner1983]. The radius is
-    widened, by steps of `WIDEN`, while that part holds less than `share` of the points.
+    widened, by steps of `WIDEN`, while that part holds less than `share` of the points. Points left outside
+    that hang together with it at `sparse` times the radius are taken in, in groups of `sparse_points` and
+    more: there something stood between the roof and the scanner.
     """
     for _ in range(WIDEN_TRIES):
         kept = largest_part(mesh, mesh.radius <= radius)
@@ -80,6 +84,8 @@ def alpha_rings(mesh: Mesh, radius: float, *, share: float = 0.0) -> tuple[NDArr
         radius *= WIDEN
     if not kept.any():
         return ()
+    if sparse > 1.0:
+        kept = with_sparse_parts(mesh, kept, sparse * radius, sparse_points)
     starts, ring = boundary_kernel(mesh.triangles, mesh.neighbours, kept)
     loops = [loop for a, b in pairwise(starts.tolist()) for loop in split_loops(ring[a:b]) if len(loop) > 2]
     areas = np.array([signed_area(mesh.xy[loop]) for loop in loops])
@@ -94,6 +100,19 @@ def largest_part(mesh: Mesh, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
     area = np.bincount(part, weights=mesh.area, minlength=count + 1)
     area[0] = 0.0
     return np.asarray(kept & (part == int(np.argmax(area))))
+
+
+def with_sparse_parts(mesh: Mesh, kept: NDArray[np.bool_], radius: float, least: int) -> NDArray[np.bool_]:
+    """The kept triangles (T,) and those up to `radius` (m) around groups of `least` points outside."""
+    outside = np.ones(len(mesh.xy), np.bool_)
+    outside[mesh.triangles[kept]] = False
+    around = ~kept & (mesh.radius <= radius) & outside[mesh.triangles].any(axis=1)
+    part, count = part_kernel(mesh.neighbours, around)
+    corners = mesh.triangles[around]
+    pairs = np.unique(np.repeat(part[around], 3) * len(outside) + corners.ravel())
+    group, corner = np.divmod(pairs, len(outside))
+    points_outside = np.bincount(group[outside[corner]], minlength=count + 1)
+    return largest_part(mesh, kept | (around & (points_outside[part] >= least)))
 
 
 @kernel
