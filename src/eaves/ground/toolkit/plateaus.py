@@ -38,7 +38,10 @@ class PlateauRules(Method):
         0.85, "Share of its rim to the terrain that must be walls, where it is known.", gt=0, le=1
     )
     rim_known: float = parameter(
-        0.3, "Least share of its rim that must face terrain, where no half of it faces nothing.", ge=0, le=1
+        0.3, "Least share of its rim that must face terrain, where little of it faces nothing.", ge=0, le=1
+    )
+    rim_void: float = parameter(
+        0.4, "Largest share of its rim beyond which nothing was measured.", ge=0, le=1
     )
     wide_area: float = parameter(
         200.0, "Smaller surfaces are left to the opening, and it has the last word on them.", unit="m²", gt=0
@@ -135,7 +138,7 @@ def judge_surfaces(surfaces: Surfaces, rules: PlateauRules) -> PlateauVerdict:
         )
         outer -= np.bincount(group[one[inner]], surfaces.length[inner], count)
         outer = np.maximum(outer, 1.0)
-        known = (together >= rules.rim_known * outer) & (2 * void <= outer)
+        known = (together >= rules.rim_known * outer) & (void <= rules.rim_void * outer)
         stands = known & (down >= rules.wall_share * together)
         objects = ~terrain & wide & ~stands[group]
         if not objects.any():
