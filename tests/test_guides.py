@@ -13,7 +13,7 @@ import shapely
 
 from eaves.change.edits import NO_BUILDING, Edit, write_edits
 from eaves.formats import read_polygons
-from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.vectors.geopackage import Row, write_polygons
 from tests.cli.test_commands import eaves
 from tests.conftest import write_laz
 from tests.test_documentation import PAGES, commands_of

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.table import keep
 from eaves.evaluate.wireframes import NOTHING, Wireframe, evaluate_wireframe, read_wireframe, sum_scores
-from eaves.formats.obj_wireframe import DRAWN_DETAIL, roof_wireframe
+from eaves.formats.models.obj_wireframe import DRAWN_DETAIL, roof_wireframe
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import fit_roof, roof_point_mask
 from eaves.model import BuildingModel, Footprint, Points, RoofPlane

@@ -26,7 +26,7 @@ from PIL import Image
 from scipy import ndimage
 
 import eaves
-from eaves.formats.geotiff import read_raster
+from eaves.formats.rasters.geotiff import read_raster
 from eaves.model import Raster
 
 PAGE = Path(__file__).parents[2] / "docs" / "gallery"

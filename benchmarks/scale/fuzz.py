@@ -39,7 +39,7 @@ from benchmarks.scale.point_mutations import hurt_points
 from benchmarks.table import keep
 from eaves.cli import app as cli
 from eaves.formats import iter_cityjson, open_source, read_polygons
-from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.simulate import scan_town, simulate_town, write_simulation
 
 SECONDS = 300

@@ -29,8 +29,8 @@ from benchmarks.table import keep
 from eaves.flow.merge import merge_footprints
 from eaves.flow.run import Run
 from eaves.flow.tiles import TileTasks, plan_tiles
-from eaves.formats.geopackage import Row, write_geopackage
 from eaves.formats.inputs import list_inputs
+from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import CoordinateSystem
 from eaves.recipe.recipe import make_recipe
 from eaves.run.index import index_inputs

@@ -15,7 +15,7 @@ import shapely
 
 from eaves.evaluate import evaluate_files
 from eaves.formats import InputError, write_mask
-from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
 from tests.validate.make_files import box, city, solid
 

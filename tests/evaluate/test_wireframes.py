@@ -10,7 +10,7 @@ import pytest
 from eaves.evaluate import evaluate_files, evaluate_wireframe
 from eaves.evaluate.wireframes import Wireframe, read_wireframe
 from eaves.formats import InputError, write_obj_wireframe
-from eaves.formats.obj_wireframe import corner_groups, joined_faces, without_straight_corners
+from eaves.formats.models.obj_wireframe import corner_groups, joined_faces, without_straight_corners
 from eaves.simulate import nine_roofs_on_a_slope
 
 SQUARE = np.array([[0, 0, 5], [10, 0, 5], [10, 10, 5], [0, 10, 5]], float)

@@ -16,7 +16,7 @@ from eaves.footprints.layouts import LAYOUTS, SOURCE_NAMES, layout_of
 from eaves.footprints.read import read_footprints, recognise_map
 from eaves.formats import InputError, iter_cityjson
 from eaves.formats.crs import parse_crs, system_of
-from eaves.formats.geopackage import Row, append_rows, write_polygons
+from eaves.formats.vectors.geopackage import Row, append_rows, write_polygons
 from eaves.model import CoordinateSystem
 from eaves.report.build import build
 from eaves.simulate.roofs import ExactScene

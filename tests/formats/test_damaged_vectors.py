@@ -23,7 +23,7 @@ from eaves.formats import (
     write_cityjson_seq,
     write_mask,
 )
-from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import BuildingModel, Face, Footprint, Solid
 from eaves.model.coordinates import LOCAL_METRES
 

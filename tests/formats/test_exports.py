@@ -21,8 +21,8 @@ from shapely import Polygon
 from eaves.flow.exports import check_formats
 from eaves.formats import write_3dtiles, write_cityjson, write_geoparquet, write_glb, write_obj
 from eaves.formats.crs import parse_crs, system_of
-from eaves.formats.geopackage import Row, write_polygons
-from eaves.formats.meshes import mesh_of_solids
+from eaves.formats.models.meshes import mesh_of_solids
+from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 

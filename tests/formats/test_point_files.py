@@ -100,7 +100,7 @@ def test_laspy_opens_the_copc_file_of_the_tests(tmp_path: Path) -> None:
 
 
 def test_of_copc_only_the_nodes_needed_are_read(tmp_path: Path) -> None:
-    from eaves.formats.las import iter_records
+    from eaves.formats.points.las import iter_records
 
     source = open_source(written(tmp_path, "copc")[0])
     corner = (84900.0, 447100.0, 84910.0, 447110.0)

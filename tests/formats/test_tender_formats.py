@@ -30,11 +30,11 @@ from eaves.formats import (
     write_lod_layers,
     write_postgis,
 )
-from eaves.formats.citygml import CITYGML_2, CITYGML_3, Version
 from eaves.formats.crs import parse_crs, system_of
-from eaves.formats.geopackage import Row, write_polygons
-from eaves.formats.obj_wireframe import roof_wireframe
-from eaves.formats.postgis import hidden
+from eaves.formats.models.citygml import CITYGML_2, CITYGML_3, Version
+from eaves.formats.models.obj_wireframe import roof_wireframe
+from eaves.formats.models.postgis import hidden
+from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid
 from eaves.simulate import nine_roofs_on_a_slope
 from eaves.validate import validate_file

@@ -11,7 +11,7 @@ import shapely
 
 from eaves.formats import InputError, read_polygons
 from eaves.formats.crs import parse_crs, system_of
-from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.vectors.geopackage import Row, write_polygons
 
 SQUARE = shapely.box(85000, 447000, 85010, 447010)
 PLANE = system_of(parse_crs("EPSG:28992"), "test", (85000.0, 447000.0))

@@ -10,7 +10,7 @@ import shapely
 from tests.conftest import write_laz
 
 from eaves.blocks.block import nearest_ground
-from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import Bounds, PointCloud
 from eaves.pipeline import build
 from eaves.simulate.roofs import ExactScene

@@ -16,7 +16,7 @@ from eaves.blocks.block_file import BlockFile, block_arrays
 from eaves.buildings.rows import BuildingRow
 from eaves.flow import tiles
 from eaves.flow.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
-from eaves.formats.geopackage import read_polygons
+from eaves.formats.vectors.geopackage import read_polygons
 from eaves.ground import classify_ground
 from eaves.model import Block
 from eaves.model.doubt import Doubt

@@ -14,7 +14,7 @@ import shapely
 from eaves.flow import tiles
 from eaves.footprints.read import read_footprints
 from eaves.formats import InputError
-from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
 from eaves.report.build import build
 from eaves.run.manifest import check_folder

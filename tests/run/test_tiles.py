@@ -12,7 +12,7 @@ from tests.run.test_long_buildings import features
 
 from eaves import pipeline
 from eaves.flow import tiles
-from eaves.formats.geopackage import Row, write_geopackage
+from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import CoordinateSystem
 from eaves.pipeline import build
 from eaves.simulate.roofs import ExactScene

@@ -11,7 +11,7 @@ import pytest
 import eaves
 from eaves import pipeline
 from eaves.buildings import building_file
-from eaves.formats import laz
+from eaves.formats.points import laz
 from eaves.model import BuildingModel, Footprint
 from eaves.simulate.roofs import ExactScene
 from eaves.validate import validate_model
@@ -50,7 +50,7 @@ def test_a_run_decodes_its_input_and_its_models_once(
 ) -> None:
     decoded, unpacked = [], []
     decompress, unpack = laz.decompress, building_file.unpack_item
-    monkeypatch.setattr("eaves.formats.las.decompress", lambda *a: decoded.append(1) or decompress(*a))
+    monkeypatch.setattr("eaves.formats.points.las.decompress", lambda *a: decoded.append(1) or decompress(*a))
     monkeypatch.setattr(building_file, "unpack_item", lambda data: unpacked.append(data) or unpack(data))
     assert pipeline.build(nine_roofs_file, tmp_path).complete
     assert len(decoded) == 1  # what else the records hold is kept from then

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eaves.formats.cityjson import write_cityjson
 from eaves.formats.errors import InputError
+from eaves.formats.models.cityjson import write_cityjson
 from eaves.simulate import Scanner, nine_roofs_on_a_slope, scan_town, town_of_model, write_simulation
 
 EXACT = Scanner(noise=0.0, strip_offset=0.0, outliers=0.0)
@@ -44,7 +44,7 @@ def test_points_on_the_roofs_of_a_model_lie_on_its_faces(model: Path) -> None:
 
 
 def test_scanned_model_is_written_with_its_own_ids(model: Path, tmp_path: Path) -> None:
-    from eaves.formats.cityjson_read import read_cityjson
+    from eaves.formats.models.cityjson_read import read_cityjson
 
     scene = scan_town(town_of_model(model, trees=1.0), 1.0)
     paths = write_simulation(scene, tmp_path)

@@ -13,7 +13,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from eaves.formats import InputError, read_polygons
-from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.geometry.rings import as_polygon
 from eaves.model import CoordinateSystem
 

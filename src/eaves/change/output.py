@@ -12,7 +12,7 @@ from eaves.change.changes import Comparison
 from eaves.change.faced import outline_of
 from eaves.change.verdict import UNCHANGED, VERDICTS
 from eaves.formats.atomic import atomic
-from eaves.formats.geopackage import Row, write_layers
+from eaves.formats.vectors.geopackage import Row, write_layers
 
 LAYER, TABLE, SUMMARY = "changes.gpkg", "changes.csv", "changes.json"
 

@@ -11,7 +11,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from eaves.formats import CityObject, read_cityjson
-from eaves.formats.cityjson_read import has_corners
+from eaves.formats.models.cityjson_read import has_corners
 from eaves.geometry.rings import area_vector, polygon_parts
 from eaves.model import CoordinateSystem, Points
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE

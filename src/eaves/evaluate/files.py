@@ -30,7 +30,7 @@ from eaves.evaluate.roof_planes import evaluate_planes
 from eaves.evaluate.scores import Agreement
 from eaves.evaluate.wireframes import compare_wireframes
 from eaves.formats import InputError, read, read_polygons
-from eaves.formats.vector_files import checked_vector
+from eaves.formats.vectors.vector_files import checked_vector
 from eaves.model import Mask, PointCloud, Raster, Values
 from eaves.model.cloud import BUILDING, GROUND
 from eaves.model.coordinates import LOCAL_METRES

@@ -119,7 +119,7 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> list[Path]:
             writer.writeheader()
             writer.writerows(_json_value(evaluation.rows))
     if evaluation.shapes:
-        from eaves.formats.geopackage import Row, write_polygons
+        from eaves.formats.vectors.geopackage import Row, write_polygons
 
         written.append(stem.with_suffix(".gpkg"))
         places = [Row(shape, row) for shape, row in zip(evaluation.shapes, evaluation.rows, strict=True)]
@@ -138,7 +138,7 @@ def evaluation_rows(rows: Sequence[Any]) -> tuple[dict[str, Any], ...]:
 def _write_error_map(path: Path, values: NDArray[np.uint8], grid: Raster, system: CoordinateSystem) -> None:
     import rasterio
 
-    from eaves.formats.geotiff import profile_of, transform_of
+    from eaves.formats.rasters.geotiff import profile_of, transform_of
 
     profile = profile_of(grid.shape, transform_of(grid.west, grid.north, grid.cell, system), system)
     with (

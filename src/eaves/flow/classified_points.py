@@ -21,8 +21,8 @@ from eaves.flow.numbers import read_numbers
 from eaves.flow.run import Run
 from eaves.formats import InputError, write_classified
 from eaves.formats.atomic import atomic
-from eaves.formats.classified import SUPERSEDED, UNCHANGED
 from eaves.formats.fingerprint import refuse_change
+from eaves.formats.points.classified import SUPERSEDED, UNCHANGED
 from eaves.model import BLOCK_SIDE, Block
 from eaves.model.cloud import BUILDING
 from eaves.model.provenance import Provenance

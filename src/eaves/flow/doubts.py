@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from eaves.buildings.rows import BuildingRow
-from eaves.formats.geopackage import Row
+from eaves.formats.vectors.geopackage import Row
 from eaves.model import Block
 from eaves.model.doubt import Doubt
 from eaves.run.world_squares import WIDE_SQUARE

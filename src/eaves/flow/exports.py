@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from eaves import formats
-from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.provenance import Provenance
 
@@ -19,7 +19,7 @@ Writer = Callable[..., object]
 
 def citygml3_writer() -> Writer:
     """The writer of CityGML 3.0, which has no name among the public ones."""
-    from eaves.formats.citygml import write_citygml3
+    from eaves.formats.models.citygml import write_citygml3
 
     return write_citygml3
 
@@ -62,7 +62,7 @@ def check_formats(names: Sequence[str], outputs: Sequence[str] = ("footprints", 
         if needed not in outputs:
             raise ValueError(f"--formats {name}: it is written with the {needed}; add {needed} to --outputs")
     if "parquet" in names:
-        from eaves.formats.parquet import require_pyarrow
+        from eaves.formats.vectors.parquet import require_pyarrow
 
         require_pyarrow()
 

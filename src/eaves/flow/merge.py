@@ -16,8 +16,8 @@ from eaves.buildings.rows import BuildingRow
 from eaves.flow.doubts import LAYER, describe_doubts, doubt_of, doubt_rows
 from eaves.flow.rasters import write_run_mask
 from eaves.flow.review import REVIEW, write_review
-from eaves.formats.geopackage import Row, plain_value, write_geopackage
-from eaves.formats.vrt import write_vrt
+from eaves.formats.rasters.vrt import write_vrt
+from eaves.formats.vectors.geopackage import Row, plain_value, write_geopackage
 from eaves.model import Block, Bounds, CoordinateSystem
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 from eaves.raster.surfaces import CELL

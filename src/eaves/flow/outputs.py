@@ -26,8 +26,8 @@ from eaves.flow.review import REVIEW, review_rows, write_review
 from eaves.flow.run import Run
 from eaves.formats import write_cityjson_seq
 from eaves.formats.atomic import atomic
-from eaves.formats.geopackage import Row, write_geopackage
 from eaves.formats.qgis.project import write_project
+from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.clock import Clock

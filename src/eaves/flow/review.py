@@ -10,7 +10,7 @@ from urllib.parse import quote
 from eaves.buildings.rows import BuildingRow
 from eaves.buildings.trust import judge
 from eaves.formats.atomic import atomic
-from eaves.formats.geopackage import Row
+from eaves.formats.vectors.geopackage import Row
 from eaves.model import CoordinateSystem
 
 REVIEW = "review.csv"

@@ -18,7 +18,7 @@ from shapely.geometry.base import BaseGeometry
 from eaves.footprints.given import PART, clip_footprints, repair_footprints, unusable_footprints
 from eaves.footprints.layouts import NO_SOURCE, SOURCE_NAMES, Layout, Reader, layout_of, text_of
 from eaves.formats import InputError, read_polygons
-from eaves.formats.geopackage import VectorLayer, list_vector_layers, read_table
+from eaves.formats.vectors.geopackage import VectorLayer, list_vector_layers, read_table
 from eaves.model import Bounds, CoordinateSystem, Failure, Footprint
 
 log = logging.getLogger("eaves")

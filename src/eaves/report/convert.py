@@ -10,7 +10,7 @@ import numpy as np
 
 from eaves.buildings.rows import building_row, world_polygon
 from eaves.formats.crs import horizontal_crs
-from eaves.formats.meshes import BuildingMesh, mesh_of
+from eaves.formats.models.meshes import BuildingMesh, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, PointCloud, Raster, Scene
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.pictures import class_colours

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats import InputError, open_source
-from eaves.formats.las import FIRST_LAYERED_FORMAT, NEEDED
-from eaves.formats.las_header import LasHeader
-from eaves.formats.laz import decompress, read_chunk_table
-from eaves.formats.source import CHUNK_POINTS, has_coordinates
+from eaves.formats.points.las import FIRST_LAYERED_FORMAT, NEEDED
+from eaves.formats.points.las_header import LasHeader
+from eaves.formats.points.laz import decompress, read_chunk_table
+from eaves.formats.points.source import CHUNK_POINTS, has_coordinates
 from eaves.model import Bounds, CoordinateSystem, Mask, Points
 
 POINTS_READ = 12_000_000

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from eaves.formats import CityObject, InputError, iter_cityjson, write_3dtiles
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
-from eaves.formats.tiles3d import Earth
+from eaves.formats.models.tiles3d import Earth
 from eaves.model import BLOCK_SIDE, Bounds, BuildingModel, CoordinateSystem, Footprint, Points
 from eaves.model.building import LODS
 from eaves.model.columns import COLUMNS

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from eaves.formats import InputError, Source, open_source
 from eaves.formats.crs import agree
 from eaves.formats.crs_check import refuse_conflict, refuse_numbers
-from eaves.formats.las_header import LasHeader
-from eaves.formats.recovery import check_chunks
-from eaves.formats.source import FIELDS, open_marked, warn_without_system
+from eaves.formats.points.las_header import LasHeader
+from eaves.formats.points.recovery import check_chunks
+from eaves.formats.points.source import FIELDS, open_marked, warn_without_system
 from eaves.model import Bounds, CoordinateSystem, Mask
 
 log = logging.getLogger("eaves")

@@ -13,8 +13,8 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from eaves.formats.cityjson_read import CityObject, has_corners, read_cityjson
 from eaves.formats.errors import InputError
+from eaves.formats.models.cityjson_read import CityObject, has_corners, read_cityjson
 from eaves.geometry.rings import as_polygon
 from eaves.model import Bounds, Face, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE

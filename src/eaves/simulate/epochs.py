@@ -14,7 +14,7 @@ from shapely import Polygon
 from shapely.affinity import affine_transform
 
 from eaves.formats.atomic import atomic
-from eaves.formats.geopackage import Row, write_polygons
+from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model.checks import check_positive
 from eaves.model.cloud import snap
 from eaves.simulate.exact import ExactBuilding, ExactScene

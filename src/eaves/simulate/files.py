@@ -15,9 +15,9 @@ import numpy as np
 import pyogrio
 
 from eaves.formats.atomic import atomic
-from eaves.formats.cityjson import write_cityjson
 from eaves.formats.crs import pyproj_crs
-from eaves.formats.geopackage import Row, write_geopackage
+from eaves.formats.models.cityjson import write_cityjson
+from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.simulate.exact import ExactBuilding, ExactScene
 
 STEP = 0.001

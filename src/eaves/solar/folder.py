@@ -15,8 +15,8 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.formats import InputError, read_polygons
 from eaves.formats.crs import horizontal_crs
-from eaves.formats.geopackage import Row, read_upright, write_layers
-from eaves.formats.geotiff import RasterWindow
+from eaves.formats.rasters.geotiff import RasterWindow
+from eaves.formats.vectors.geopackage import Row, read_upright, write_layers
 from eaves.model import Bounds, CoordinateSystem
 from eaves.solar.roofs import FaceLight, RoofFace, SolarRules, best_in_the_open, light_on_faces
 from eaves.solar.sun import Hours, Weather, clear_hours

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats import InputError
-from eaves.formats.cityjson_read import system_of_head
+from eaves.formats.models.cityjson_read import system_of_head
 from eaves.model import Finding
 from eaves.validate.boundaries import FINEST_STEP, Integers
 from eaves.validate.codes import make_finding

@@ -65,7 +65,7 @@ def write_project(path: Path, footprints: Path, rasters: Sequence[Path], system:
     >>> import shapely
     >>> from pathlib import Path
     >>> from eaves.formats import write_geopackage
-    >>> from eaves.formats.geopackage import Row
+    >>> from eaves.formats.vectors.geopackage import Row
     >>> from eaves.formats.qgis.project import write_project
     >>> from eaves.model.coordinates import LOCAL_METRES
     >>> write_geopackage("shed.gpkg", [Row(shapely.box(0, 0, 10, 10), {"id": "shed"})])

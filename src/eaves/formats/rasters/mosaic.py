@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rasterio.windows import Window
 
 from eaves.formats.atomic import atomic
-from eaves.formats.geotiff import COG_OPTIONS, profile_of, transform_of, write_world_file
+from eaves.formats.rasters.geotiff import COG_OPTIONS, profile_of, transform_of, write_world_file
 from eaves.model import Bounds, CoordinateSystem, Raster
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance

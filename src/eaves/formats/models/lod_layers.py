@@ -12,9 +12,9 @@ import numpy as np
 from shapely import MultiPolygon, Polygon
 
 from eaves.formats.atomic import atomic
-from eaves.formats.geopackage import PIECE_ROWS, Row, append_rows
-from eaves.formats.meshes import SURFACES
+from eaves.formats.models.meshes import SURFACES
 from eaves.formats.qgis.tables import describe_layers
+from eaves.formats.vectors.geopackage import PIECE_ROWS, Row, append_rows
 from eaves.geometry.rings import area_vector
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.building import LODS

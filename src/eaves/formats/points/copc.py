@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats.errors import InputError
-from eaves.formats.las_header import COPY_AGAIN, LasHeader
-from eaves.formats.laz import ChunkTable
+from eaves.formats.points.las_header import COPY_AGAIN, LasHeader
+from eaves.formats.points.laz import ChunkTable
 
 ENTRY = np.dtype(
     [("level", "<i4"), ("cell", "<i4", 3), ("offset", "<u8"), ("length", "<i4"), ("points", "<i4")]

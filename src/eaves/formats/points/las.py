@@ -12,12 +12,12 @@ import lazrs
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.formats.chunk import Chunk
-from eaves.formats.copc import chunks_within
 from eaves.formats.errors import InputError
-from eaves.formats.las_header import COPY_AGAIN, LasHeader
-from eaves.formats.laz import decompress, read_chunk_table
-from eaves.formats.recovery import whole_chunks
+from eaves.formats.points.chunk import Chunk
+from eaves.formats.points.copc import chunks_within
+from eaves.formats.points.las_header import COPY_AGAIN, LasHeader
+from eaves.formats.points.laz import decompress, read_chunk_table
+from eaves.formats.points.recovery import whole_chunks
 
 NEEDED = (
     lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL

@@ -14,7 +14,7 @@ import numpy as np
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
-from eaves.formats.obj_wireframe import roof_wireframe
+from eaves.formats.models.obj_wireframe import roof_wireframe
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance

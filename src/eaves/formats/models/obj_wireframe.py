@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.formats.atomic import atomic
-from eaves.formats.cityjson import footprint_of
 from eaves.formats.crs import describe_system
+from eaves.formats.models.cityjson import footprint_of
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Points, Solid
@@ -63,7 +63,7 @@ def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[
     Examples
     --------
     >>> from eaves.simulate import nine_roofs_on_a_slope
-    >>> from eaves.formats.obj_wireframe import roof_wireframe
+    >>> from eaves.formats.models.obj_wireframe import roof_wireframe
     >>> shed = nine_roofs_on_a_slope(density=4.0).buildings[2].model((0.0, 0.0))
     >>> corners, edges = roof_wireframe(shed)
     >>> len(corners), len(edges)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from eaves.formats.meshes import SURFACES, BuildingMesh, mesh_of_solids
+from eaves.formats.models.meshes import SURFACES, BuildingMesh, mesh_of_solids
 from eaves.model import BuildingModel, Face, Points, Solid
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
 

@@ -19,11 +19,11 @@ from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from eaves.formats.atomic import atomic
-from eaves.formats.chunk import FARTHEST
 from eaves.formats.crs import describe_system, horizontal_crs, parse_crs, system_of
 from eaves.formats.errors import InputError
+from eaves.formats.points.chunk import FARTHEST
 from eaves.formats.qgis.tables import describe_layers
-from eaves.formats.vector_files import OFFLINE, REMEDY, checked_vector
+from eaves.formats.vectors.vector_files import OFFLINE, REMEDY, checked_vector
 from eaves.model import Bounds, CoordinateSystem
 from eaves.model.columns import COLUMNS, LAYERS
 from eaves.model.coordinates import LOCAL_METRES
@@ -96,7 +96,7 @@ def write_geopackage(
     >>> import shapely
     >>> from eaves.formats import write_geopackage
     >>> from eaves.formats.crs import parse_crs, system_of
-    >>> from eaves.formats.geopackage import Row
+    >>> from eaves.formats.vectors.geopackage import Row
     >>> dutch = system_of(parse_crs("EPSG:28992"), "--crs", (85000.0, 447000.0))
     >>> square = shapely.box(85000, 447000, 85010, 447010)
     >>> write_geopackage("shed.gpkg", [Row(square, {"id": "shed", "area_m2": 100.0})], system=dutch)
@@ -277,7 +277,7 @@ def list_vector_layers(path: Path) -> list[VectorLayer]:
         When it is none that can be read.
     """
     if is_parquet(path):
-        from eaves.formats.parquet import parquet_layer
+        from eaves.formats.vectors.parquet import parquet_layer
 
         return [parquet_layer(path)]
     import pyogrio
@@ -320,7 +320,7 @@ def _read_layer(
     """A layer as pyogrio reads it: its description, the features' numbers from 1, their geometries as WKB
     and their columns."""
     if is_parquet(path):
-        from eaves.formats.parquet import read_geoparquet
+        from eaves.formats.vectors.parquet import read_geoparquet
 
         return read_geoparquet(path, lambda crs: _box_in(crs, path, within, target))
     # imported late: it imports geopandas, pandas and pyarrow, 0.4 s and 130 MB that no block needs

@@ -20,7 +20,7 @@ import numpy as np
 from shapely import Polygon
 
 from eaves.formats.atomic import atomic
-from eaves.formats.cityjson import attributes_of, clean, reference_system
+from eaves.formats.models.cityjson import attributes_of, clean, reference_system
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Points, Solid
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance

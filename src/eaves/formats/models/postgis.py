@@ -16,10 +16,10 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from eaves.formats.cityjson_read import iter_cityjson
 from eaves.formats.crs import horizontal_crs, parse_crs, system_of
 from eaves.formats.errors import InputError
-from eaves.formats.geopackage import PIECE_ROWS, plain_value
+from eaves.formats.models.cityjson_read import iter_cityjson
+from eaves.formats.vectors.geopackage import PIECE_ROWS, plain_value
 from eaves.model import CoordinateSystem
 from eaves.model.columns import COLUMNS
 from eaves.model.coordinates import LOCAL_METRES

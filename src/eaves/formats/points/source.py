@@ -13,15 +13,15 @@ from typing import Any, BinaryIO
 import numpy as np
 import pyproj
 
-from eaves.formats.chunk import FARTHEST, Chunk
 from eaves.formats.crs import agree, degrees_remedy, parse_crs, system_of
 from eaves.formats.errors import InputError
 from eaves.formats.fingerprint import fingerprint
 from eaves.formats.inputs import find_inputs
-from eaves.formats.las import WHOLE, iter_las
-from eaves.formats.las_header import LasHeader, read_las_header
-from eaves.formats.recovery import corrected
-from eaves.formats.text import TextLayout, iter_text, read_text_layout
+from eaves.formats.points.chunk import FARTHEST, Chunk
+from eaves.formats.points.las import WHOLE, iter_las
+from eaves.formats.points.las_header import LasHeader, read_las_header
+from eaves.formats.points.recovery import corrected
+from eaves.formats.points.text import TextLayout, iter_text, read_text_layout
 from eaves.model import Block, Bounds, CoordinateSystem, Mask, PointCloud, Points
 from eaves.model.cloud import snap
 from eaves.model.coordinates import LOCAL_METRES

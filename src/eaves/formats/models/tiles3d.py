@@ -25,13 +25,20 @@ from numpy.typing import NDArray
 from pyproj.transformer import TransformerGroup
 
 from eaves.formats.atomic import atomic
-from eaves.formats.cityjson import attributes_of, clean
 from eaves.formats.crs import horizontal_crs, pyproj_crs
 from eaves.formats.crs_check import vertical_datum
-from eaves.formats.features import EXTENSIONS, add_feature_numbers, add_property_table
-from eaves.formats.glb import GlbParts, Json, scene_extras, y_up
-from eaves.formats.meshes import SURFACES, BuildingMesh, mesh_of
-from eaves.formats.tiles_overview import NODE_PRISMS, TILE_PRISMS, Prism, describe_overview, largest, prism_of
+from eaves.formats.models.cityjson import attributes_of, clean
+from eaves.formats.models.features import EXTENSIONS, add_feature_numbers, add_property_table
+from eaves.formats.models.glb import GlbParts, Json, scene_extras, y_up
+from eaves.formats.models.meshes import SURFACES, BuildingMesh, mesh_of
+from eaves.formats.models.tiles_overview import (
+    NODE_PRISMS,
+    TILE_PRISMS,
+    Prism,
+    describe_overview,
+    largest,
+    prism_of,
+)
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.formats.chunk import FARTHEST
-from eaves.formats.cityjson import WKT_MEMBER
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.errors import InputError
+from eaves.formats.models.cityjson import WKT_MEMBER
+from eaves.formats.points.chunk import FARTHEST
 from eaves.model import CoordinateSystem, Face, Solid
 from eaves.model.coordinates import LOCAL_METRES
 

@@ -10,8 +10,8 @@ from typing import TextIO
 
 import numpy as np
 
-from eaves.formats.chunk import Chunk
 from eaves.formats.errors import InputError
+from eaves.formats.points.chunk import Chunk
 
 LONGEST_LINE = 4096
 SEPARATORS = (";", ",", "\t", None)

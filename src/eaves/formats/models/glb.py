@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
-from eaves.formats.cityjson import attributes_of, clean, footprint_of
 from eaves.formats.errors import InputError
-from eaves.formats.meshes import COLOURS, SURFACES, BuildingMesh, mesh_of
+from eaves.formats.models.cityjson import attributes_of, clean, footprint_of
+from eaves.formats.models.meshes import COLOURS, SURFACES, BuildingMesh, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Points
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from eaves.formats.geopackage import column_of
-from eaves.formats.glb import ARRAY_BUFFER, FLOAT, GlbParts, Json
+from eaves.formats.models.glb import ARRAY_BUFFER, FLOAT, GlbParts, Json
+from eaves.formats.vectors.geopackage import column_of
 
 EXTENSIONS = ["EXT_mesh_features", "EXT_structural_metadata"]
 NO_NUMBER = -9999.0

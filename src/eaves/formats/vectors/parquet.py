@@ -15,7 +15,7 @@ import shapely
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.errors import InputError
-from eaves.formats.geopackage import Row, VectorLayer, column_of
+from eaves.formats.vectors.geopackage import Row, VectorLayer, column_of
 from eaves.model import CoordinateSystem
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
@@ -72,7 +72,7 @@ def write_geoparquet(
     --------
     >>> import shapely
     >>> from eaves.formats import write_geoparquet
-    >>> from eaves.formats.geopackage import Row
+    >>> from eaves.formats.vectors.geopackage import Row
     >>> square = shapely.box(85000, 447000, 85010, 447010)
     >>> write_geoparquet("shed.parquet", [Row(square, {"id": "shed", "area_m2": 100.0})])
     """

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats.errors import InputError
-from eaves.formats.las_header import RECORD_LENGTHS, LasHeader
-from eaves.formats.laz import LAYERS, VARIABLE_CHUNKS, ChunkTable, guard, read_chunk_table
+from eaves.formats.points.las_header import RECORD_LENGTHS, LasHeader
+from eaves.formats.points.laz import LAYERS, VARIABLE_CHUNKS, ChunkTable, guard, read_chunk_table
 
 FIRST_LAYERED_FORMAT = 6
 LOOKED_AT = 1000

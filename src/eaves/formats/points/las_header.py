@@ -13,8 +13,8 @@ import pyproj
 from pyproj.exceptions import CRSError
 
 from eaves.formats.errors import InputError
-from eaves.formats.geokeys import crs_of_geokeys
 from eaves.formats.inputs import LAS_SUFFIXES
+from eaves.formats.points.geokeys import crs_of_geokeys
 
 SIGNATURE = b"LASF"
 RECORD_LENGTHS = {0: 20, 1: 28, 2: 26, 3: 34, 4: 57, 5: 63, 6: 30, 7: 36, 8: 38, 9: 59, 10: 67}

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from eaves.formats.atomic import atomic
-from eaves.formats.cityjson import footprint_of
 from eaves.formats.crs import describe_system
-from eaves.formats.meshes import COLOURS, SURFACES, mesh_of
+from eaves.formats.models.cityjson import footprint_of
+from eaves.formats.models.meshes import COLOURS, SURFACES, mesh_of
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance

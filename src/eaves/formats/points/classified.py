@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import pyproj_crs
-from eaves.formats.las import FIRST_LAYERED_FORMAT, iter_copied, iter_records
-from eaves.formats.las_header import LasHeader
-from eaves.formats.source import CHUNK_POINTS, Source, has_coordinates
-from eaves.formats.text import iter_text
+from eaves.formats.points.las import FIRST_LAYERED_FORMAT, iter_copied, iter_records
+from eaves.formats.points.las_header import LasHeader
+from eaves.formats.points.source import CHUNK_POINTS, Source, has_coordinates
+from eaves.formats.points.text import iter_text
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 log = logging.getLogger("eaves")

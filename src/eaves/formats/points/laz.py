@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats.errors import InputError
-from eaves.formats.las_header import COPY_AGAIN, RECORD_LENGTHS, WRITE_AGAIN, LasHeader
+from eaves.formats.points.las_header import COPY_AGAIN, RECORD_LENGTHS, WRITE_AGAIN, LasHeader
 
 CHUNK_BYTES = 1 << 30
 """Largest chunk (bytes, decompressed) this reader takes; laszip's usual 50,000 points are 2 MB."""

@@ -1,0 +1,1 @@
+"""Building models: CityJSON, CityGML, meshes, 3D Tiles, drawings and tables."""

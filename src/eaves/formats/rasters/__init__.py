@@ -1,0 +1,1 @@
+"""Rasters: GeoTIFF, mosaics written by block, virtual rasters."""

@@ -1,0 +1,1 @@
+"""Layers of polygons: GeoPackage, GeoParquet and what GDAL reads."""
