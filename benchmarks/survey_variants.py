@@ -18,7 +18,7 @@ import pyproj
 from numpy.typing import NDArray
 
 from eaves.model import Mask, PointCloud, Points
-from eaves.simulate.exact import ExactScene
+from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.standard import StandardScene
 
 FOOT_M = 0.3048

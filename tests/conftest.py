@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from eaves.flow import run
-from eaves.simulate.roofs import ExactScene, nine_roofs_on_a_slope
+from eaves.simulate.objects.roofs import ExactScene, nine_roofs_on_a_slope
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,7 @@ import shapely
 import eaves
 from eaves.formats import write_cityjson
 from eaves.report.build import build
-from eaves.simulate.roofs import ExactScene
+from eaves.simulate.objects.roofs import ExactScene
 from tests.conftest import blocks_of, write_laz
 
 

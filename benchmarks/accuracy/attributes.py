@@ -15,10 +15,10 @@ from eaves.outline import regularise_outlines, trace_outline
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.toolkit.roof_figures import LEVEL_SLOPE_DEG, QUARTERS, quarter_of
 from eaves.roof import segment_roof
-from eaves.simulate.exact import ExactBuilding
-from eaves.simulate.houses import STOREY, draw_detached
-from eaves.simulate.masses import Mass
-from eaves.simulate.roofs import make_building
+from eaves.simulate.objects.exact import ExactBuilding
+from eaves.simulate.objects.houses import STOREY, draw_detached
+from eaves.simulate.objects.masses import Mass
+from eaves.simulate.objects.roofs import make_building
 
 HOUSES, NOISE = 300, 0.03
 """Houses of each density; standard deviation of heights (m)."""

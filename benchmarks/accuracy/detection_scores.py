@@ -17,8 +17,8 @@ from eaves.detect.consensus import Consensus
 from eaves.model.cloud import BUILDING
 from eaves.simulate.flight import Pattern
 from eaves.simulate.standard import StandardScene
-from eaves.simulate.streets import TownStyle
-from eaves.simulate.terrain import TerrainKind
+from eaves.simulate.objects.streets import TownStyle
+from eaves.simulate.objects.terrain import TerrainKind
 
 COMMAND = "python -m benchmarks.accuracy.detection_scores"
 STYLES: tuple[TownStyle, ...] = ("suburb", "centre", "mixed")

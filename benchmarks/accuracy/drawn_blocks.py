@@ -15,9 +15,9 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon, box
 
-from eaves.simulate.houses import draw_church, draw_hall, draw_slab
-from eaves.simulate.masses import Mass
-from eaves.simulate.roofs import Masses, chimney, flat, gable, hip, shed, shifted_masses
+from eaves.simulate.objects.houses import draw_church, draw_hall, draw_slab
+from eaves.simulate.objects.masses import Mass
+from eaves.simulate.objects.roofs import Masses, chimney, flat, gable, hip, shed, shifted_masses
 
 DEPTH, SLOPE, NOISE = 9.0, 0.8, 0.03
 """Of the rows (m; rise per metre; m)."""

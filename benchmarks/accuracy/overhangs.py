@@ -19,12 +19,12 @@ from eaves.reconstruct.overhangs import edge_frames, edges_inward
 from eaves.reconstruct.toolkit.undersides import RoofPlan, walls_inside
 from eaves.roof import segment_roof
 from eaves.simulate import Flight, Town, scan_town
-from eaves.simulate.exact import ExactBuilding
-from eaves.simulate.houses import lifted
-from eaves.simulate.roofs import Masses, flat, gable, hip, make_building, shed, shifted_masses, wing
-from eaves.simulate.surfaces import FASCIA, ScannedSurfaces
-from eaves.simulate.terrain import make_terrain
-from eaves.simulate.vegetation import Foliage, grow_shrub
+from eaves.simulate.objects.exact import ExactBuilding
+from eaves.simulate.objects.houses import lifted
+from eaves.simulate.objects.roofs import Masses, flat, gable, hip, make_building, shed, shifted_masses, wing
+from eaves.simulate.objects.surfaces import FASCIA, ScannedSurfaces
+from eaves.simulate.objects.terrain import make_terrain
+from eaves.simulate.objects.vegetation import Foliage, grow_shrub
 from eaves.validate.models import validate_model
 
 COMMAND = "python -m benchmarks.accuracy.overhangs"

@@ -27,8 +27,8 @@ from eaves.roof import RoofMethod, segment_roof
 from eaves.roof.global_refinement import GlobalRefinement
 from eaves.roof.region_growing import RegionGrowing
 from eaves.roof.tin_faces import TinFaces
-from eaves.simulate.exact import ExactBuilding, ExactScene
-from eaves.simulate.roofs import nine_roofs_on_a_slope
+from eaves.simulate.objects.exact import ExactBuilding, ExactScene
+from eaves.simulate.objects.roofs import nine_roofs_on_a_slope
 from eaves.simulate.scanner import Scanner, scan_town
 from eaves.simulate.town import simulate_town
 

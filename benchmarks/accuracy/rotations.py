@@ -26,8 +26,8 @@ from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.toolkit.attributes import surface_heights
 from eaves.roof import segment_roof
-from eaves.simulate.exact import ExactBuilding
-from eaves.simulate.roofs import Masses, gable, hip, make_building, nine_shapes, wing
+from eaves.simulate.objects.exact import ExactBuilding
+from eaves.simulate.objects.roofs import Masses, gable, hip, make_building, nine_shapes, wing
 from eaves.validate.models import validate_model
 
 COMMAND = "python -m benchmarks.accuracy.rotations"

@@ -17,8 +17,8 @@ from eaves.model import BuildingModel, Footprint, Points
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.toolkit.attributes import surface_heights
 from eaves.roof import segment_roof
-from eaves.simulate.masses import Mass
-from eaves.simulate.roofs import Masses, flat, gable, hip, make_building, plan_rectangle
+from eaves.simulate.objects.masses import Mass
+from eaves.simulate.objects.roofs import Masses, flat, gable, hip, make_building, plan_rectangle
 from eaves.validate.models import validate_model
 
 COMMAND = "python -m benchmarks.accuracy.superstructures"

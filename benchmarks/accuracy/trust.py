@@ -25,7 +25,7 @@ from eaves.geometry.roof_fit import RoofFaces, collect_faces, fit_roof
 from eaves.model import Mask, Values
 from eaves.pipeline import build
 from eaves.simulate import scan_town, simulate_town, town_of_model, write_simulation
-from eaves.simulate.exact import ExactScene
+from eaves.simulate.objects.exact import ExactScene
 
 DATA = Path(os.environ.get("EAVES_DATA", "data"))
 TOWNS = (

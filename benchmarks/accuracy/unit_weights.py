@@ -35,7 +35,7 @@ from eaves.model.scene import WALL
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.raster.surfaces import make_scene
 from eaves.simulate import scan_town, simulate_town, town_of_model
-from eaves.simulate.exact import ExactScene
+from eaves.simulate.objects.exact import ExactScene
 from eaves.units import divide_block
 from eaves.units.row_walls import certainty, evidence
 from eaves.units.row_walls.division import RowUnits, label_unit_cells

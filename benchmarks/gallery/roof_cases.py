@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.model import Bounds, Points, RoofPlane
 from eaves.simulate import scan_town, simulate_town, town_of_model
-from eaves.simulate.exact import ExactScene
+from eaves.simulate.objects.exact import ExactScene
 
 FEWEST = 60
 """Roofs of fewer points are not looked at."""

@@ -13,7 +13,7 @@ from eaves.cli import app as cli
 from eaves.formats.crs import parse_crs, system_of
 from eaves.pipeline import build
 from eaves.simulate import ExactBuilding, ExactFace, nine_roofs_on_a_slope, write_simulation
-from eaves.simulate.roofs import PITCH, sample_from_above
+from eaves.simulate.objects.roofs import PITCH, sample_from_above
 
 GONE, RAISED = 2, 7
 SHIFT = 0.06, -0.05, 0.10

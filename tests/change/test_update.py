@@ -30,7 +30,7 @@ from eaves.run.manifest import check_folder
 from eaves.run.replace import GAP_CELLS, keep_gone, pair_same, replace_in
 from eaves.run.store import RECORD, Store, Task
 from eaves.simulate import ExactFace, nine_roofs_on_a_slope, write_simulation
-from eaves.simulate.roofs import PITCH, sample_from_above
+from eaves.simulate.objects.roofs import PITCH, sample_from_above
 
 GONE, RAISED = 2, 7
 OUTPUTS = ("footprints", "models", "classified")

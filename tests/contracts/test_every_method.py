@@ -21,7 +21,7 @@ from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster import surfaces
 from eaves.reconstruct import Reconstructor, reconstruct_building
 from eaves.roof import RoofMethod, segment_roof
-from eaves.simulate.roofs import ExactScene, nine_roofs_on_a_slope
+from eaves.simulate.objects.roofs import ExactScene, nine_roofs_on_a_slope
 
 EVERY = [(stage, name) for stage, names in REGISTRY.items() for name in names]
 MOVE = np.array([2000 * 240.0, -1000 * 240.0, 0.0])

@@ -10,7 +10,7 @@ from eaves.detect.consensus import Consensus
 from eaves.detect.consensus.separation import nothing, separate
 from eaves.model import Scene
 from eaves.raster.surfaces import make_scene
-from eaves.simulate.exact import ExactScene
+from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.standard import StandardScene
 from tests.detect.made_scenes import MadeScene
 

@@ -18,7 +18,7 @@ from eaves.reconstruct.overhangs import edges_inward
 from eaves.reconstruct.toolkit.attributes import face_vectors, measure_volume
 from eaves.reconstruct.toolkit.undersides import RoofPlan, build_overhanging, walls_inside
 from eaves.simulate import scan_town, simulate_town, write_simulation
-from eaves.simulate.roofs import Masses, flat, gable, hip, make_building, shifted_masses, wing
+from eaves.simulate.objects.roofs import Masses, flat, gable, hip, make_building, shifted_masses, wing
 
 THICK = 0.25
 

@@ -12,8 +12,8 @@ from eaves.model import BuildingModel, Footprint
 from eaves.reconstruct.toolkit.attributes import grade_faces, supported_share
 from eaves.reconstruct.toolkit.roof_figures import ridge_direction, roof_figures, roof_type
 from eaves.simulate import nine_roofs_on_a_slope
-from eaves.simulate.exact import ExactBuilding
-from eaves.simulate.roofs import (
+from eaves.simulate.objects.exact import ExactBuilding
+from eaves.simulate.objects.roofs import (
     Masses,
     chimney,
     flat,

@@ -17,7 +17,7 @@ from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.toolkit.attributes import surface_heights
 from eaves.reconstruct.toolkit.superstructures import join_overlapping, stand_bodies
 from eaves.roof import segment_roof
-from eaves.simulate.roofs import Masses, chimney, gable, make_building
+from eaves.simulate.objects.roofs import Masses, chimney, gable, make_building
 from eaves.validate import validate_file, validate_model
 
 GABLE = gable(14, 9, 0.8)

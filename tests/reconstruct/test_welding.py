@@ -11,7 +11,7 @@ from eaves.model import BuildingModel, Footprint, RoofPlane
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.toolkit.coverage import coverage_of
 from eaves.reconstruct.toolkit.simplification import is_sound, weld_necks
-from eaves.simulate.roofs import gable, make_building, wing
+from eaves.simulate.objects.roofs import gable, make_building, wing
 from eaves.validate.models import validate_model
 
 

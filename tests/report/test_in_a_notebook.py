@@ -15,7 +15,7 @@ import eaves
 from eaves.formats.crs import parse_crs, system_of
 from eaves.model import BuildingModel, Failure, Footprint, PointCloud, Raster, Scene
 from eaves.model.pictures import cloud_picture, png_bytes, raster_picture
-from eaves.simulate.roofs import ExactScene
+from eaves.simulate.objects.roofs import ExactScene
 
 SVG = "{http://www.w3.org/2000/svg}"
 

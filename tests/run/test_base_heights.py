@@ -13,7 +13,7 @@ from eaves.blocks.block import nearest_ground
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import Bounds, PointCloud
 from eaves.pipeline import build
-from eaves.simulate.roofs import ExactScene
+from eaves.simulate.objects.roofs import ExactScene
 
 
 def table(folder: Path) -> dict[str, tuple[str, float]]:

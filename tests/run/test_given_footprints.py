@@ -18,7 +18,7 @@ from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
 from eaves.report.build import build
 from eaves.run.manifest import check_folder
-from eaves.simulate.roofs import ExactScene
+from eaves.simulate.objects.roofs import ExactScene
 from eaves.validate import validate_file
 
 pytestmark = pytest.mark.usefixtures("blocks_of_60")

@@ -11,7 +11,7 @@ import pytest
 from tests.conftest import write_laz
 
 from eaves.report.build import build
-from eaves.simulate.roofs import ExactScene
+from eaves.simulate.objects.roofs import ExactScene
 
 judges = pytest.importorskip("benchmarks.accuracy.judges")
 COLORADO = 950_000.0, 380_000.0, 1_600.0

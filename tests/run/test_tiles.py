@@ -15,7 +15,7 @@ from eaves.flow import tiles
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import CoordinateSystem
 from eaves.pipeline import build
-from eaves.simulate.roofs import ExactScene
+from eaves.simulate.objects.roofs import ExactScene
 
 pytestmark = pytest.mark.usefixtures("blocks_of_60")
 

@@ -17,7 +17,7 @@ from eaves.pipeline import build
 from eaves.run.index import index_inputs
 from eaves.run.partition import Window, file_slices, partition_slice
 from eaves.run.store import Store
-from eaves.simulate.roofs import ExactScene
+from eaves.simulate.objects.roofs import ExactScene
 
 SIDE = 30.0
 BORDER = 13.0

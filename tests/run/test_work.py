@@ -13,7 +13,7 @@ from eaves import pipeline
 from eaves.buildings import building_file
 from eaves.formats.points import laz
 from eaves.model import BuildingModel, Footprint
-from eaves.simulate.roofs import ExactScene
+from eaves.simulate.objects.roofs import ExactScene
 from eaves.validate import validate_model
 
 MODELLING, CHECKING = 8_000, 3_200

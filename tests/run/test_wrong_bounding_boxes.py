@@ -15,7 +15,7 @@ from eaves.flow import tiles
 from eaves.flow.tiles import plan_tiles
 from eaves.pipeline import build
 from eaves.run.index import index_inputs
-from eaves.simulate.roofs import ExactScene
+from eaves.simulate.objects.roofs import ExactScene
 
 pytestmark = pytest.mark.usefixtures("blocks_of_60")
 

@@ -10,8 +10,8 @@ import pytest
 import shapely
 
 from eaves.model import Solid
-from eaves.simulate.masses import Mass, roof_partition
-from eaves.simulate.roofs import (
+from eaves.simulate.objects.masses import Mass, roof_partition
+from eaves.simulate.objects.roofs import (
     chimney,
     flat,
     flat_dormer,

@@ -13,7 +13,7 @@ import shapely
 
 from eaves.model import Bounds
 from eaves.simulate import scan_town, simulate_epochs, simulate_town
-from eaves.simulate.houses import (
+from eaves.simulate.objects.houses import (
     draw_church,
     draw_detached,
     draw_garden_shed,
@@ -25,8 +25,8 @@ from eaves.simulate.houses import (
     draw_town_house,
 )
 from eaves.simulate.old_town import simulate_old_town
-from eaves.simulate.roofs import make_building, shifted_masses
-from eaves.simulate.terrain import Corridor, cut_corridor, make_terrain
+from eaves.simulate.objects.roofs import make_building, shifted_masses
+from eaves.simulate.objects.terrain import Corridor, cut_corridor, make_terrain
 from eaves.simulate.town import Town
 from eaves.validate import validate_model
 

@@ -18,8 +18,8 @@ from eaves.simulate import (
     write_simulation,
 )
 from eaves.simulate.flight import Pattern
-from eaves.simulate.streets import TownStyle
-from eaves.simulate.terrain import TerrainKind
+from eaves.simulate.objects.streets import TownStyle
+from eaves.simulate.objects.terrain import TerrainKind
 
 CHOICES = {"pattern": get_args(Pattern), "terrain": get_args(TerrainKind), "style": get_args(TownStyle)}
 """The values of each option."""

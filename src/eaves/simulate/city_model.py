@@ -19,12 +19,12 @@ from eaves.geometry.rings import as_polygon
 from eaves.model import Bounds, Face, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
-from eaves.simulate.exact import ExactBuilding, ExactFace
-from eaves.simulate.solids import extrude_partition
-from eaves.simulate.surfaces import ScannedSurfaces
-from eaves.simulate.terrain import CELL, MARGIN, Terrain
+from eaves.simulate.objects.exact import ExactBuilding, ExactFace
+from eaves.simulate.objects.solids import extrude_partition
+from eaves.simulate.objects.surfaces import ScannedSurfaces
+from eaves.simulate.objects.terrain import CELL, MARGIN, Terrain
 from eaves.simulate.town import TRUNK_CLEARANCE, Town
-from eaves.simulate.vegetation import Foliage, grow_tree
+from eaves.simulate.objects.vegetation import Foliage, grow_tree
 
 logger = logging.getLogger(__name__)
 

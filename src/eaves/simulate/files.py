@@ -18,7 +18,7 @@ from eaves.formats.atomic import atomic
 from eaves.formats.crs import pyproj_crs
 from eaves.formats.models.cityjson import write_cityjson
 from eaves.formats.vectors.geopackage import Row, write_geopackage
-from eaves.simulate.exact import ExactBuilding, ExactScene
+from eaves.simulate.objects.exact import ExactBuilding, ExactScene
 
 STEP = 0.001
 """Resolution of written coordinates (m)."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eaves.model import Bounds, Mask
 from eaves.model.cloud import BRIDGE_DECK
-from eaves.simulate.houses import (
+from eaves.simulate.objects.houses import (
     Design,
     draw_church,
     draw_garden_shed,
@@ -19,12 +19,12 @@ from eaves.simulate.houses import (
     draw_town_house,
     lifted,
 )
-from eaves.simulate.roofs import flat
-from eaves.simulate.streets import CityBlock, Placement, Plot, lay_streets
-from eaves.simulate.surfaces import ScannedSurfaces, upright_box
-from eaves.simulate.terrain import Corridor, Terrain, cut_corridor, make_terrain
+from eaves.simulate.objects.roofs import flat
+from eaves.simulate.objects.streets import CityBlock, Placement, Plot, lay_streets
+from eaves.simulate.objects.surfaces import ScannedSurfaces, upright_box
+from eaves.simulate.objects.terrain import Corridor, Terrain, cut_corridor, make_terrain
 from eaves.simulate.town import BuildingSite, Town
-from eaves.simulate.vegetation import Foliage
+from eaves.simulate.objects.vegetation import Foliage
 
 Grid = NDArray[np.float64]
 NODES_M = 0.5

@@ -13,8 +13,8 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.model.cloud import BUILDING
-from eaves.simulate.exact import ExactBuilding, ExactFace
-from eaves.simulate.surfaces import UP, ScannedSurfaces, curtain, fan, upright_box
+from eaves.simulate.objects.exact import ExactBuilding, ExactFace
+from eaves.simulate.objects.surfaces import UP, ScannedSurfaces, curtain, fan, upright_box
 
 FROM_EDGE = 0.6
 """The least distance of objects from the edge of a face (m)."""

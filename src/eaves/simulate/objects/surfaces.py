@@ -15,7 +15,7 @@ from eaves.geometry.rings import as_polygon
 from eaves.model import Labels, Solid
 from eaves.model.building import GROUND_SURFACE, WALL_SURFACE
 from eaves.model.cloud import BUILDING
-from eaves.simulate.exact import ExactBuilding
+from eaves.simulate.objects.exact import ExactBuilding
 
 UP = np.array([0.0, 0.0, 1.0])
 """The vertical."""

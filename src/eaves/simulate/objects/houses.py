@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from eaves.simulate.masses import Mass
-from eaves.simulate.roofs import (
+from eaves.simulate.objects.masses import Mass
+from eaves.simulate.objects.roofs import (
     Masses,
     chimney,
     flat,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model import Bounds
-from eaves.simulate.houses import (
+from eaves.simulate.objects.houses import (
     Design,
     draw_church,
     draw_detached,

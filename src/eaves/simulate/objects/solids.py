@@ -12,7 +12,7 @@ from shapely import Polygon
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Face, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
-from eaves.simulate.masses import Plane
+from eaves.simulate.objects.masses import Plane
 
 SAME_HEIGHT = 0.005
 """Heights at a node nearer than this (m) are one vertex: on a steep roof 1 mm in plan is 3 mm in height."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model.cloud import HIGH_VEGETATION, LOW_VEGETATION, MEDIUM_VEGETATION
-from eaves.simulate.surfaces import ScannedSurfaces, upright_box
+from eaves.simulate.objects.surfaces import ScannedSurfaces, upright_box
 
 ELLIPSOID, CONE, BLOCK = 0, 1, 2
 """Shapes of a body of leaves: a broad crown or shrub, a conifer, a clipped hedge."""

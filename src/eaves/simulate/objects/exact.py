@@ -10,8 +10,8 @@ from shapely import Polygon
 from shapely.affinity import translate
 
 from eaves.model import BuildingModel, Footprint, Labels, PointCloud, RoofPlane, Solid
-from eaves.simulate.masses import Plane
-from eaves.simulate.solids import extrude_partition
+from eaves.simulate.objects.masses import Plane
+from eaves.simulate.objects.solids import extrude_partition
 
 
 @dataclass(frozen=True, eq=False)

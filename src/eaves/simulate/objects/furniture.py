@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model.cloud import BRIDGE_DECK, UNCLASSIFIED, WIRE, WIRE_TOWER
-from eaves.simulate.surfaces import UP, ScannedSurfaces, curtain, fan, upright_box
-from eaves.simulate.terrain import Corridor, Terrain
+from eaves.simulate.objects.surfaces import UP, ScannedSurfaces, curtain, fan, upright_box
+from eaves.simulate.objects.terrain import Corridor, Terrain
 
 
 def park_car(x: float, y: float, ground: float, angle: float, rng: np.random.Generator) -> ScannedSurfaces:

@@ -1,0 +1,1 @@
+"""What stands in a made scene: ground, houses, streets, trees, furniture."""
