@@ -29,10 +29,10 @@ from eaves.model.scene import WALL
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.outline.alpha_shape import AlphaShape
 from eaves.raster.surfaces import make_scene
-from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.flight import Pattern
-from eaves.simulate.scanner import scan_town
+from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.objects.terrain import TerrainKind
+from eaves.simulate.scanner import scan_town
 from eaves.simulate.town import simulate_town
 
 COMMAND = "python -m benchmarks.accuracy.detection"

@@ -42,9 +42,9 @@ from eaves.model import Bounds, Mask, Values
 from eaves.model.cloud import BUILDING
 from eaves.raster.surfaces import make_scene
 from eaves.simulate.flight import Pattern
-from eaves.simulate.standard import StandardScene
 from eaves.simulate.objects.streets import TownStyle
 from eaves.simulate.objects.terrain import TerrainKind
+from eaves.simulate.standard import StandardScene
 
 TRAINED_ON = ("whole", "echoes 15 %", "echoes 0 %", "no return fields", "density 1/4", "density 1/10")
 FIRST_SEED, TOWNS = 7400, 24

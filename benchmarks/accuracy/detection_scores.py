@@ -16,9 +16,9 @@ from benchmarks.table import keep
 from eaves.detect.consensus import Consensus
 from eaves.model.cloud import BUILDING
 from eaves.simulate.flight import Pattern
-from eaves.simulate.standard import StandardScene
 from eaves.simulate.objects.streets import TownStyle
 from eaves.simulate.objects.terrain import TerrainKind
+from eaves.simulate.standard import StandardScene
 
 COMMAND = "python -m benchmarks.accuracy.detection_scores"
 STYLES: tuple[TownStyle, ...] = ("suburb", "centre", "mixed")

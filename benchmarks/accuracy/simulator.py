@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from benchmarks.table import keep
 from eaves.simulate.flight import Flight
-from eaves.simulate.scanner import scan_town
 from eaves.simulate.objects.streets import TownStyle
+from eaves.simulate.scanner import scan_town
 from eaves.simulate.town import simulate_town
 
 COMMAND = "python -m benchmarks.accuracy.simulator"

@@ -10,9 +10,9 @@ import pytest
 from matplotlib.image import imread
 
 from eaves.model.summary import Summary
-from eaves.report.axonometry import cut_lines, cut_triangles, view_matrix
-from eaves.report.errors import agreement
-from eaves.report.plot import plot_run
+from eaves.report.plots.axonometry import cut_lines, cut_triangles, view_matrix
+from eaves.report.plots.errors import agreement
+from eaves.report.plots.plot import plot_run
 
 
 @pytest.mark.parametrize("what", ["plan", "section", "models"])

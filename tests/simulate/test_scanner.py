@@ -18,13 +18,13 @@ from eaves.simulate import (
     simulate_town,
 )
 from eaves.simulate.objects.exact import ExactBuilding, ExactScene
-from eaves.simulate.pulses import Receiver, gaussian_beam, pencil_beam, trace_pulses
-from eaves.simulate.ray_grid import index_town
 from eaves.simulate.objects.roofs import gable, make_building, shifted_masses
 from eaves.simulate.objects.surfaces import ScannedSurfaces, building_surfaces
 from eaves.simulate.objects.terrain import MARGIN, Terrain
-from eaves.simulate.town import Town
 from eaves.simulate.objects.vegetation import BLOCK, Foliage
+from eaves.simulate.pulses import Receiver, gaussian_beam, pencil_beam, trace_pulses
+from eaves.simulate.ray_grid import index_town
+from eaves.simulate.town import Town
 
 SIDE = 60.0
 EXACT = Scanner(noise=0.0, strip_offset=0.0, outliers=0.0)

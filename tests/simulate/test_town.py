@@ -24,9 +24,9 @@ from eaves.simulate.objects.houses import (
     draw_tower,
     draw_town_house,
 )
-from eaves.simulate.old_town import simulate_old_town
 from eaves.simulate.objects.roofs import make_building, shifted_masses
 from eaves.simulate.objects.terrain import Corridor, cut_corridor, make_terrain
+from eaves.simulate.old_town import simulate_old_town
 from eaves.simulate.town import Town
 from eaves.validate import validate_model
 

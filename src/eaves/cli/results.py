@@ -179,7 +179,7 @@ def export(
     start_log(quiet)
     lines = []
     if picture is not None:
-        from eaves.report.plot import plot_run
+        from eaves.report.plots.plot import plot_run
 
         path = plot_run(folder, out, picture, reference=reference, building=building, size_cm=size, dpi=dpi)
         lines.append(f"picture: {path}")

@@ -94,7 +94,7 @@ def summary_html(summary: Summary) -> str:
     picture = ""
     files = [summary.folder / name for name in ("dsm.tif", "footprints.gpkg")]
     if find_spec("matplotlib") is not None and all(path.exists() for path in files):
-        from eaves.report.plan import plan_figure
+        from eaves.report.plots.plan import plan_figure
 
         buffer = io.BytesIO()
         plan_figure(summary.folder, 5.0).savefig(buffer, format="png", dpi=100)

@@ -5,11 +5,11 @@ from .epochs import Survey as Survey
 from .epochs import later_survey as later_survey
 from .epochs import simulate_epochs as simulate_epochs
 from .epochs import write_changes as write_changes
+from .files import write_simulation as write_simulation
+from .flight import Flight as Flight
 from .objects.exact import ExactBuilding as ExactBuilding
 from .objects.exact import ExactFace as ExactFace
 from .objects.exact import ExactScene as ExactScene
-from .files import write_simulation as write_simulation
-from .flight import Flight as Flight
 from .objects.roofs import nine_roofs_on_a_slope as nine_roofs_on_a_slope
 from .scanner import Scanner as Scanner
 from .scanner import scan_town as scan_town

@@ -23,8 +23,8 @@ from eaves.simulate.objects.exact import ExactBuilding, ExactFace
 from eaves.simulate.objects.solids import extrude_partition
 from eaves.simulate.objects.surfaces import ScannedSurfaces
 from eaves.simulate.objects.terrain import CELL, MARGIN, Terrain
-from eaves.simulate.town import TRUNK_CLEARANCE, Town
 from eaves.simulate.objects.vegetation import Foliage, grow_tree
+from eaves.simulate.town import TRUNK_CLEARANCE, Town
 
 logger = logging.getLogger(__name__)
 

@@ -23,8 +23,8 @@ from eaves.simulate.objects.roofs import flat
 from eaves.simulate.objects.streets import CityBlock, Placement, Plot, lay_streets
 from eaves.simulate.objects.surfaces import ScannedSurfaces, upright_box
 from eaves.simulate.objects.terrain import Corridor, Terrain, cut_corridor, make_terrain
-from eaves.simulate.town import BuildingSite, Town
 from eaves.simulate.objects.vegetation import Foliage
+from eaves.simulate.town import BuildingSite, Town
 
 Grid = NDArray[np.float64]
 NODES_M = 0.5

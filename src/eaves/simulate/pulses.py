@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.simulate.ray_grid import TERRAIN_LABEL, TOUCH, WATER_LABEL, RayGrid
 from eaves.simulate.objects.vegetation import CONE, ELLIPSOID
+from eaves.simulate.ray_grid import TERRAIN_LABEL, TOUCH, WATER_LABEL, RayGrid
 
 MAX_ECHOES = 6
 """Echoes kept of one pulse; AHN3 holds up to 5, IGN LiDAR HD up to 6."""

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from eaves.model import PointCloud
 from eaves.model.cloud import HIGH_NOISE, LOW_NOISE, UNCLASSIFIED
-from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.flight import Flight, Pattern, Pulses, fly
+from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.pulses import Beam, Receiver, gaussian_beam, pencil_beam, trace_pulses
 from eaves.simulate.ray_grid import RayGrid
 from eaves.simulate.town import Town

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.flight import Flight, Pattern
-from eaves.simulate.scanner import scan_town
+from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.objects.streets import TownStyle
 from eaves.simulate.objects.terrain import TerrainKind
+from eaves.simulate.scanner import scan_town
 from eaves.simulate.town import simulate_town
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eaves.model import Mask, Points, Raster
 from eaves.report.contents import Contents, finest_faces, read_contents
-from eaves.report.plan import SUN_ALTITUDE_DEG, SUN_AZIMUTH_DEG
+from eaves.report.plots.plan import SUN_ALTITUDE_DEG, SUN_AZIMUTH_DEG
 from eaves.report.surfaces import SURFACES, cut_into_triangles, face_edges
 
 ROOF_COLOUR, WALL_COLOUR, EARTH_COLOUR, TREE_COLOUR = "#dd7a5b", "#f3eee4", "#cdd2b6", "#6f8f56"

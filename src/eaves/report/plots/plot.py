@@ -68,10 +68,10 @@ def figure_of(
     folder: Path, what: str, reference: str | Path | None, building: str | None, size_inches: float
 ) -> Figure:
     """The picture as a matplotlib figure."""
-    from eaves.report.axonometry import models_figure
-    from eaves.report.errors import errors_figure
-    from eaves.report.plan import plan_figure
-    from eaves.report.section import section_figure
+    from eaves.report.plots.axonometry import models_figure
+    from eaves.report.plots.errors import errors_figure
+    from eaves.report.plots.plan import plan_figure
+    from eaves.report.plots.section import section_figure
 
     if what == "errors":
         if reference is None:

@@ -14,7 +14,7 @@ from eaves.evaluate.detection import FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_POSITI
 from eaves.formats import read_polygons, read_raster
 from eaves.model import Raster
 from eaves.raster.rasterize import rasterize
-from eaves.report.plan import draw_shade, shape_of
+from eaves.report.plots.plan import draw_shade, shape_of
 
 KINDS = {
     TRUE_POSITIVE: ("found", "#3d9a50"),
