@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from shapely import Polygon
 
-from eaves.change.calibrate import Calibrated, calibrate
 from eaves.change.edits import IS_BUILDING, NO_BUILDING, Edit, write_edits
-from eaves.change.kept import open_kept
+from eaves.change.upkeep.calibrate import Calibrated, calibrate
+from eaves.change.upkeep.kept import open_kept
 from eaves.cli.runs import read_config
 from eaves.formats import read_polygons
 from eaves.model.cloud import BUILDING

@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 
 from benchmarks.speed.budget import run_alone
 from eaves.change.edits import FLAT_ROOF, FOOTPRINT, NO_BUILDING, PARTY_WALLS, Edit, write_edits
-from eaves.change.kept import open_kept
-from eaves.change.update import Updated, update
-from eaves.change.versions import lines_of
+from eaves.change.upkeep.kept import open_kept
+from eaves.change.upkeep.update import Updated, update
+from eaves.change.upkeep.versions import lines_of
 from eaves.formats import read_polygons
 from eaves.model.cloud import GRID_STEP
 from eaves.pipeline import build

@@ -1,5 +1,5 @@
 from .change.compare import compare as compare
-from .change.update import update as update
+from .change.upkeep.update import update as update
 from .detect import Detector as Detector
 from .detect import detect_buildings as detect_buildings
 from .detect.consensus import Consensus as Consensus

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eaves.change.calibrate import (
+from eaves.change.upkeep.calibrate import (
     LEAST,
     Places,
     check_score,

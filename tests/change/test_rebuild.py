@@ -19,7 +19,7 @@ from eaves.change.edits import (
     settle,
     write_edits,
 )
-from eaves.change.rebuild import Rebuilt, rebuild
+from eaves.change.upkeep.rebuild import Rebuilt, rebuild
 from eaves.formats import read_cityjson, read_polygons
 from eaves.formats.errors import InputError
 from eaves.model.coordinates import LOCAL_METRES

@@ -17,10 +17,10 @@ import shapely
 from pyproj import CRS
 
 from eaves.change.edits import FLAT_ROOF, NO_BUILDING, Edit, write_edits
-from eaves.change.kept import open_kept
-from eaves.change.rebuild import rebuild
-from eaves.change.update import Updated, date_of, update
-from eaves.change.versions import lines_of, terminated
+from eaves.change.upkeep.kept import open_kept
+from eaves.change.upkeep.rebuild import rebuild
+from eaves.change.upkeep.update import Updated, date_of, update
+from eaves.change.upkeep.versions import lines_of, terminated
 from eaves.formats import InputError, read_polygons
 from eaves.model import Block
 from eaves.model.coordinates import LOCAL_METRES
@@ -347,7 +347,7 @@ def test_an_update_that_was_stopped_can_be_made_again(
 def test_an_update_that_was_killed_can_be_made_again(epochs: Path, updated: Updated, tmp_path: Path) -> None:
     out = tmp_path / "out2"
     lines = [
-        "import os, signal; from pathlib import Path; from eaves.change.update import update",
+        "import os, signal; from pathlib import Path; from eaves.change.upkeep.update import update",
         "def stop(step, done, total): step == 'blocks' and os.kill(os.getpid(), signal.SIGKILL)",
         f"update(Path({str(epochs / 'out')!r}), {str(epochs / 'tiles')!r}, Path({str(out)!r}), "
         "date='2026-05-01', progress=stop)",

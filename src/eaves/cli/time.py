@@ -74,9 +74,9 @@ def update(
       eaves update out
       eaves update out --edits verdicts.gpkg
     """
-    from eaves.change.rebuild import Rebuilt, rebuild
-    from eaves.change.update import Updated
-    from eaves.change.update import update as run_update
+    from eaves.change.upkeep.rebuild import Rebuilt, rebuild
+    from eaves.change.upkeep.update import Updated
+    from eaves.change.upkeep.update import update as run_update
 
     refuse_mixture(inputs, out, edits, date)
     begin(quiet)
@@ -127,7 +127,7 @@ def calibrate(
       eaves calibrate out verdicts.gpkg
       eaves build tiles/ -o out2 --config out/calibration.toml
     """
-    from eaves.change.calibrate import calibrate as run_calibrate
+    from eaves.change.upkeep.calibrate import calibrate as run_calibrate
 
     begin(quiet)
     with progress_display(quiet) as progress:

@@ -8,9 +8,9 @@ from pathlib import Path
 from shapely import Polygon
 
 from eaves.buildings.building_file import Kept, as_found
-from eaves.change.corrected import correct, outlines_in, overlaps
 from eaves.change.edits import EDITS, Edit, edits_of_layer, read_edits, settle, write_edits
-from eaves.change.kept import open_kept
+from eaves.change.upkeep.corrected import correct, outlines_in, overlaps
+from eaves.change.upkeep.kept import open_kept
 from eaves.flow.classified_points import known_copies
 from eaves.flow.numbers import keep_numbers, numbers_of_owners
 from eaves.flow.outputs import write_outputs

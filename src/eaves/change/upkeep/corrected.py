@@ -14,7 +14,7 @@ from eaves.buildings.building_file import Kept, SavedBuilding, as_found, save_bu
 from eaves.buildings.gather import Gatherer
 from eaves.buildings.join import BuildingPlan, about, block_of
 from eaves.change.edits import Order
-from eaves.change.versions import version_of
+from eaves.change.upkeep.versions import version_of
 from eaves.flow.region import Region
 from eaves.model import Block, BuildingModel, Failure, Footprint
 from eaves.model.results import BuildingResult

@@ -13,11 +13,11 @@ import laspy
 import numpy as np
 
 from eaves.buildings.building_file import Kept, as_found
-from eaves.change.corrected import correct, outlines_in
 from eaves.change.edits import EDITS, settle, write_edits
-from eaves.change.kept import MODELS, open_kept, read_request
-from eaves.change.rebuild import LAYER, changed_in_layer, kept_edits
-from eaves.change.versions import Versions, known_ids, lines_of, name_versions, write_history
+from eaves.change.upkeep.corrected import correct, outlines_in
+from eaves.change.upkeep.kept import MODELS, open_kept, read_request
+from eaves.change.upkeep.rebuild import LAYER, changed_in_layer, kept_edits
+from eaves.change.upkeep.versions import Versions, known_ids, lines_of, name_versions, write_history
 from eaves.flow.classified_points import known_copies
 from eaves.flow.collisions import is_same_place
 from eaves.flow.numbers import keep_numbers, numbers_of_owners

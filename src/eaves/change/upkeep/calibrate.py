@@ -21,10 +21,10 @@ from shapely.geometry.base import BaseGeometry
 
 from eaves.blocks.block import load_block, see_block
 from eaves.buildings.building_file import Kept, as_found
-from eaves.change.corrected import outlines_in
 from eaves.change.edits import read_edits, settle
-from eaves.change.kept import open_kept
-from eaves.change.rebuild import kept_edits
+from eaves.change.upkeep.corrected import outlines_in
+from eaves.change.upkeep.kept import open_kept
+from eaves.change.upkeep.rebuild import kept_edits
 from eaves.detect.consensus.classifier import ScoreWeights, Weights, measured_terms, write_weights
 from eaves.detect.consensus.method import Consensus
 from eaves.flow.region import store_of

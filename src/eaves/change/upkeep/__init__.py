@@ -1,0 +1,1 @@
+"""Kept runs: updated with new points, rebuilt after edits, learned from."""
