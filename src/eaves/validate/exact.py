@@ -166,8 +166,8 @@ def self_intersections_kernel(  # type: ignore[no-untyped-def]
     """Pairs (K, 2) of faces of one shell that meet elsewhere than in shared corners and edges.
 
     `corners` (T, 3, 3) and `numbers` (T, 3) are the triangles' coordinates and vertex numbers, sorted by
-    `shell` (T,); triangles of one `face` (T,) are not compared. Each pair is found once per pair of
-    triangles.
+    `shell` (T,) and within it by their lowest x; triangles of one `face` (T,) are not compared. Each pair is
+    found once per pair of triangles.
     """
     count = len(face)
     low, high = np.empty((count, 3), np.int64), np.empty((count, 3), np.int64)
@@ -176,25 +176,16 @@ def self_intersections_kernel(  # type: ignore[no-untyped-def]
             low[t, k] = min(corners[t, 0, k], corners[t, 1, k], corners[t, 2, k])
             high[t, k] = max(corners[t, 0, k], corners[t, 1, k], corners[t, 2, k])
     found = [(0, 0)]
-    start = 0
-    while start < count:
-        stop = start
-        while stop < count and shell[stop] == shell[start]:
-            stop += 1
-        order = start + np.argsort(low[start:stop, 0])
-        for m in range(stop - start):
-            t = order[m]
-            for n in range(m + 1, stop - start):
-                u = order[n]
-                if low[u, 0] > high[t, 0]:
-                    break
-                if face[t] == face[u] or low[u, 1] > high[t, 1] or low[t, 1] > high[u, 1]:
-                    continue
-                if low[u, 2] > high[t, 2] or low[t, 2] > high[u, 2]:
-                    continue
-                if triangles_meet_kernel(corners[t], corners[u], numbers[t], numbers[u]):
-                    found.append((min(face[t], face[u]), max(face[t], face[u])))
-        start = stop
+    for t in range(count):
+        for u in range(t + 1, count):
+            if shell[u] != shell[t] or low[u, 0] > high[t, 0]:
+                break
+            if face[t] == face[u] or low[u, 1] > high[t, 1] or low[t, 1] > high[u, 1]:
+                continue
+            if low[u, 2] > high[t, 2] or low[t, 2] > high[u, 2]:
+                continue
+            if triangles_meet_kernel(corners[t], corners[u], numbers[t], numbers[u]):
+                found.append((min(face[t], face[u]), max(face[t], face[u])))
     pairs = np.empty((len(found) - 1, 2), np.int64)
     for k in range(1, len(found)):
         pairs[k - 1, 0], pairs[k - 1, 1] = found[k]

@@ -187,8 +187,12 @@ def _self_intersections(boundaries: Boundaries, triangles: Triangles, corner: In
     if len(triangles.face) == 0:
         return []
     shell = boundaries.shell_of_face[triangles.face]
+    order = np.lexsort((triangles.corners[:, :, 0].min(axis=1), shell))
     pairs = np.unique(
-        self_intersections_kernel(triangles.corners, triangles.numbers, triangles.face, shell), axis=0
+        self_intersections_kernel(
+            triangles.corners[order], triangles.numbers[order], triangles.face[order], shell[order]
+        ),
+        axis=0,
     )
     defects = []
     for one, two in pairs:
