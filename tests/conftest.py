@@ -15,15 +15,6 @@ from eaves.flow import run
 from eaves.simulate.objects.roofs import ExactScene, nine_roofs_on_a_slope
 
 
-@pytest.fixture(scope="session", autouse=True)
-def no_power_cuts() -> Iterator[None]:
-    """Files are renamed without waiting for the disk, which takes a fifteenth of the suite: no test cuts the
-    power."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(os, "fsync", lambda file: None)
-        yield
-
-
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The folder of real data; tests that need it skip where EAVES_DATA does not name one."""
