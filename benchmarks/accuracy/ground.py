@@ -1,7 +1,7 @@
 """How good the ground filters are: real samples, simulated towns, speed, memory, and what the choice of
 numbers is worth.
 
-`python -m benchmarks.accuracy.ground [--command] [--left-out] [--moved [NAME …]] [--speed] [--surroundings]
+`python -m benchmarks.accuracy.ground [--command] [--moved [NAME …]] [--speed] [--surroundings]
 [--towns]`, EAVES_DATA set.
 Maps of the errors are drawn by `benchmarks.gallery.ground`.
 """
@@ -23,18 +23,21 @@ from typing import Literal
 
 import laspy
 import numpy as np
+from scipy import ndimage
 
 import eaves
 from benchmarks.table import keep
 from eaves.evaluate.ground import evaluate_ground
+from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import GroundMethod, classify_ground
 from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.ground.contours import ContourGround
 from eaves.ground.smooth_region import SmoothRegion
+from eaves.ground.toolkit.doubts import doubts_within
 from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Bounds, Mask, PointCloud, Points
-from eaves.raster.grid import cell_centres
+from eaves.raster.grid import cell_centres, whole_cells
 from eaves.raster.surfaces import make_dtm
 from eaves.simulate.scanner import scan_town
 from eaves.simulate.town import simulate_town
@@ -71,17 +74,12 @@ OTHERS: dict[str, list[float | None]] = {
 """Total errors in per cent of others: each ISPRS sample, their mean, the two crops."""
 PLACES, PLACES_SEED = 6, 5
 """Random places at which the command is judged."""
+PATCH_M2 = 4.0
+"""Smaller patches of wrong ground are not asked of doubts."""
 SQUARES, SEEN_M, RIM_M = 6, 120.0, 20.0
 SQUARES_M = {"woodford": 240.0, "galapagos": 120.0}
 SURROUNDINGS_M = (60.0, 48.0, 40.0, 36.0)
 """Random squares of so many metres, and how much is seen around them."""
-LEFT_OUT = dict(
-    object_slope=(0.1, 0.12, 0.14),
-    slope_share=(0.2, 0.3, 0.4),
-    level_share=(0.2, 0.28),
-    angle_share=(3.0, 6.0),
-)
-"""The numbers among which the left-out choice is made."""
 
 
 @dataclass(frozen=True)
@@ -216,32 +214,51 @@ def judge_towns() -> None:
     )
 
 
-def leave_one_out(data: Path) -> dict[str, dict[str, float]]:
-    """What the numbers are worth on a sample that had no say in them; those chosen for each."""
-    samples = [read_isprs(data, name) for name in ISPRS]
-    choices = [dict(zip(LEFT_OUT, values, strict=True)) for values in product(*LEFT_OUT.values())]
-    errors = np.array(
-        [
-            [total_error(s, classify_ground(s.cloud, AdaptiveTin(**c)).ground) for s in samples]
-            for c in choices
-        ]
+def doubt_figures(cloud: PointCloud, truth: Mask, counted: Mask) -> dict[str, float]:
+    """Of patches of ground lost or false over 4 m² in a classified cloud, how many there are and how many
+    touch a doubt; and the share of the area that doubts cover. Cells of 1 m or a spacing.
+    """
+    cell = max(1.0, measure_spacing(cloud.xyz))
+    bounds = whole_cells(cloud.bounds, cell)
+    shape = round(bounds.height / cell) + 1, round(bounds.width / cell) + 1
+    row, column = ((bounds.north - cloud.xyz[:, 1]) / cell).astype(int), cloud.xyz[:, 0] - bounds.west
+    home = row * shape[1] + (column / cell).astype(int)
+    points, wrong = (
+        np.bincount(home, some, shape[0] * shape[1]).reshape(shape)
+        for some in (counted, counted & (cloud.ground != truth))
     )
+    patch, count = ndimage.label(2 * wrong > points, np.ones((3, 3)))
+    large = np.bincount(patch.ravel(), minlength=count + 1) * cell**2 > PATCH_M2
+    large[0] = False
+    said, area = np.zeros(shape, bool), 0.0
+    for doubt in doubts_within(cloud, cloud.bounds.translated(*cloud.origin)):
+        area += doubt.area_m2
+        x, y = doubt.x - cloud.origin[0] - bounds.west, bounds.north - doubt.y + cloud.origin[1]
+        first, last = (np.array([y, x]) + half * np.sqrt(doubt.area_m2) for half in (-0.5, 0.5))
+        (top, left), (bottom, right) = np.maximum(first / cell, 0).astype(int), (last / cell).astype(int) + 1
+        said[top:bottom, left:right] = True
+    touched = np.zeros(count + 1, bool)
+    touched[patch[said]] = True
+    return {
+        "wrong patches": float(large.sum()),
+        "touched by a doubt": float((large & touched).sum()),
+        "doubts cover %": 100.0 * area / (cell**2 * float((points > 0).sum())),
+    }
+
+
+def judge_doubts(data: Path) -> None:
+    """What the doubts on the ISPRS samples are worth."""
     rows: list[dict[str, object]] = []
-    sets = {}
-    for k, name in enumerate(ISPRS):
-        chosen = int(np.argmin(np.delete(errors, k, axis=1).mean(axis=1)))
-        sets[name] = choices[chosen]
-        said = ", ".join(f"{key} {value:g}" for key, value in choices[chosen].items())
-        row = {"left out %": errors[chosen, k], "best for it %": errors[:, k].min()}
-        rows.append({"sample": name, **row, "set chosen by the others": said})
-    best = int(np.argmin(errors.mean(axis=1)))
-    left_out = float(np.mean([float(str(row["left out %"])) for row in rows]))
-    note = (
-        f"{len(choices)} sets. Mean when each sample's set is chosen by the other seven: {left_out:.2f} %; "
-        f"the best one set for all: {errors[best].mean():.2f} % {choices[best]}."
+    for name in ISPRS:
+        sample = read_isprs(data, name)
+        found = classify_ground(sample.cloud)
+        rows.append({"sample": name, **doubt_figures(found, sample.truth, np.ones(len(found), bool))})
+    patches, touched, cover = (
+        [float(str(row[key])) for row in rows]
+        for key in ("wrong patches", "touched by a doubt", "doubts cover %")
     )
-    keep("ground-left-out", "Ground: leave-one-out choice", rows, f"{COMMAND} --left-out", note)
-    return sets
+    note = f"{sum(touched) / sum(patches):.2f} of the patches are touched; mean cover {np.mean(cover):.2f} %."
+    keep("ground-doubts", "Ground: doubts on the samples", rows, COMMAND, note)
 
 
 def by_command(xyz: Points, truth: Mask) -> float:
@@ -418,7 +435,6 @@ def measure_speed(data: Path) -> None:
 def main() -> None:
     """Print and keep the tables that are asked for; those of the real samples by default."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--left-out", action="store_true", help="leave-one-out choice of the parameters")
     parser.add_argument("--command", action="store_true", help="the samples by `eaves ground`")
     parser.add_argument(
         "--moved", nargs="*", metavar="NAME", help="each constant, or those named, a quarter lower and higher"
@@ -434,8 +450,6 @@ def main() -> None:
         print("EAVES_DATA names no folder with the benchmark data: only simulated towns can be judged")
         return
     data = Path(folder)
-    if wanted.left_out:
-        leave_one_out(data)
     if wanted.command:
         judge_command(data)
     if wanted.moved is not None:
@@ -447,6 +461,7 @@ def main() -> None:
     if wanted.moved is None and not any(vars(wanted).values()):
         compare_methods(data)
         judge_dense(data)
+        judge_doubts(data)
 
 
 if __name__ == "__main__":

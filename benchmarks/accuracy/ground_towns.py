@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.accuracy.ground import METHODS
+from benchmarks.accuracy.ground import METHODS, doubt_figures
 from benchmarks.table import keep
 from eaves.ground import classify_ground
 from eaves.model import Mask, PointCloud
@@ -85,8 +85,9 @@ def draw_all(seeds: tuple[int, ...]) -> Iterator[Drawn]:
             yield draw(seed, *SCANS[scan % len(SCANS)])
 
 
-def judge(drawn: Drawn, ground: Mask) -> dict[str, object]:
-    """What a mask of ground is worth."""
+def judge(drawn: Drawn, found: PointCloud) -> dict[str, object]:
+    """What a classified cloud is worth."""
+    ground = found.ground
     wrong = ground != drawn.truth
     return {
         "total error %": 100.0 * float(wrong[drawn.counted].mean()),
@@ -94,6 +95,7 @@ def judge(drawn: Drawn, ground: Mask) -> dict[str, object]:
         "type II %": 100.0 * float(ground[~drawn.truth & drawn.counted].mean()),
         "levels kept": float(ground[drawn.level].mean()),
         "halls found": float((~ground)[drawn.hall].mean()),
+        **doubt_figures(found, drawn.truth, drawn.counted),
     }
 
 
@@ -107,7 +109,7 @@ def main() -> None:
     methods = METHODS if wanted.rivals else {"adaptive_tin": METHODS["adaptive_tin"]}
     for drawn in draw_all(UNSEEN if wanted.unseen else SEEDS):
         for name, method in methods.items():
-            found = classify_ground(drawn.cloud, method).ground
+            found = classify_ground(drawn.cloud, method)
             rows.append({"town": drawn.name, "method": name, "points": len(found), **judge(drawn, found)})
     for name in methods:
         some = [row for row in rows if row["method"] == name and row["town"] != "mean"]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from eaves.blocks.block_file import save_block
 from eaves.blocks.wide import load_decks, load_wide
 from eaves.detect import detect_buildings
+from eaves.ground.toolkit.doubts import doubts_within
 from eaves.ground.toolkit.floor import COARSEST_M
 from eaves.ground.toolkit.wide_objects import WideObjects
 from eaves.model import Block, Bounds, Mask, PointCloud, Points, Raster, Regions
@@ -81,6 +82,7 @@ def block_pass(
         seam_label=regions.label[seam],
         doubts=(
             *(doubt.translated(*block.origin) for doubt in regions.doubts if holds(core, doubt)),
+            *doubts_within(cloud, block.bounds),
             *(() if wide is None else wide.doubts_in(block.bounds)),
             *(doubt for one in decks for doubt in one.cropped(block.bounds).doubts),
         ),

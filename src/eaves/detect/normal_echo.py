@@ -25,7 +25,7 @@ from eaves.geometry.smooth_surfaces import (
 )
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Points, Regions, Scene, Values
-from eaves.model.scene import NOISE, ROOF, TREE, WALL
+from eaves.model.scene import DOUBTFUL, NOISE, ROOF, TREE, WALL
 
 
 class NormalEcho(Detector):
@@ -183,8 +183,9 @@ class NormalEcho(Detector):
 
     def separate(self, scene: Scene) -> NDArray[np.uint8]:
         """WALL, TREE, NOISE or 0 (N,): what the ground filter of the paper found, else found here."""
-        if scene.cloud.part is not None:
-            return scene.cloud.part
+        known = scene.cloud.part
+        if known is not None and DOUBTFUL not in known:
+            return known
         part = np.zeros(len(scene.cloud), np.uint8)
         some = np.flatnonzero(~scene.cloud.noise)
         cloud = scene.cloud.take(some)

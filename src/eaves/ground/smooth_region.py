@@ -123,9 +123,11 @@ class SmoothRegion(GroundMethod):
         return 60.0
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
-        return self.separate(cloud, emit)[0]
+        return self.separate(cloud, np.zeros(len(cloud), bool), emit)[0]
 
-    def separate(self, cloud: PointCloud, emit: Emit = ignore) -> tuple[Mask, NDArray[np.uint8] | None]:
+    def separate(
+        self, cloud: PointCloud, over: Mask, emit: Emit = ignore
+    ) -> tuple[Mask, NDArray[np.uint8] | None]:
         ground = np.zeros(len(cloud), bool)
         if len(cloud) <= self.neighbours:
             return ground, None
@@ -147,7 +149,7 @@ class SmoothRegion(GroundMethod):
         ground[left] = chosen[region]
         part[left[(area < self.noise_area)[region] & ~ground[left]]] = NOISE
         emit("small regions", part == NOISE)
-        return ground, part
+        return ground & ~over, part
 
     def add_level_regions(self, xyz: Points, region: NDArray[np.int64], area: Values, chosen: Mask) -> None:
         """Mark in `chosen` (K,) the regions that continue the ground, round by round, until none does."""

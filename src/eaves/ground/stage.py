@@ -37,13 +37,19 @@ class GroundMethod(Method):
         """Whether each point is ground; see the class."""
         raise NotImplementedError
 
-    def separate(self, cloud: PointCloud, emit: Emit = ignore) -> tuple[Mask, NDArray[np.uint8] | None]:
-        """The mask (N,), and the walls, trees and small regions (N,) found on the way, by a filter that does.
+    def separate(
+        self, cloud: PointCloud, over: Mask, emit: Emit = ignore
+    ) -> tuple[Mask, NDArray[np.uint8] | None]:
+        """The mask (N,), and the walls, trees and small regions (N,) found on the way, by a filter that does;
+        or the points it is not sure of. Some points (N,) are known to stand `over` the terrain.
 
         What is found once is handed on with the cloud (`PointCloud.part`), so that the detector of the same
         paper need not find it again.
         """
-        return self.ground_mask(cloud, emit), None
+        mask = np.zeros(len(cloud), bool)
+        below = np.flatnonzero(~over)
+        mask[below] = self.ground_mask(cloud.take(below), emit)
+        return mask, None
 
     @property
     def wide_buffer(self) -> float:
@@ -51,13 +57,6 @@ class GroundMethod(Method):
         finds nothing. A tiler adds the side of its squares.
         """
         return 0.0
-
-    def ground_mask_among(self, cloud: PointCloud, over: Mask, emit: Emit = ignore) -> Mask:
-        """As `ground_mask`, where it is known that some points (N,) stand over the terrain."""
-        mask = np.zeros(len(cloud), bool)
-        below = np.flatnonzero(~over)
-        mask[below] = self.ground_mask(cloud.take(below), emit)
-        return mask
 
     def find_wide_objects(self, floor: Floor) -> Patch | None:
         """What the method takes away before its filter sees a point, whatever its width; None for nothing.
@@ -141,11 +140,8 @@ def classify_ground(
     if wide is None and len(taken):
         patch = filter_.find_wide_objects(Floor.of(taken))
         wide = None if patch is None else WideObjects((patch,))
-    found = None
-    if wide is None:
-        mask, found = filter_.separate(taken, emitter(debug))
-    else:
-        mask = filter_.ground_mask_among(taken, wide.over(taken), emitter(debug))
+    over = np.zeros(len(taken), bool) if wide is None else wide.over(taken)
+    mask, found = filter_.separate(taken, over, emitter(debug))
     classes[place[mask]] = GROUND
     part = None
     if found is not None:

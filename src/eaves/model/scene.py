@@ -15,8 +15,9 @@ from eaves.model.block import Bounds
 from eaves.model.cloud import PointCloud
 from eaves.model.doubt import Doubt
 
-ROOF, WALL, TREE, NOISE = 1, 2, 3, 4
-"""Codes of `Regions.part` and of the extra dimension `part` of classified.laz; 0 is none of them."""
+ROOF, WALL, TREE, NOISE, DOUBTFUL = 1, 2, 3, 4, 5
+"""Codes of `Regions.part` and of the extra dimension `part` of classified.laz; 0 is none of them. Doubtful
+are points in `PointCloud.part` alone, of which a ground filter is not sure."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,18 +5,21 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.tin import Tin
 from eaves.ground.adaptive_tin.densification import Limits, densify, insert_residuals, near_surface, residuals
 from eaves.ground.adaptive_tin.rim import Rim, rim_points
 from eaves.ground.stage import GroundMethod
+from eaves.ground.toolkit.doubts import edges_without_step
 from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.seeds import Opening, lowest_of_cells, lowest_surface, seeds_by_opening
 from eaves.ground.toolkit.wide_objects import Patch, find_wide_objects
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Bounds, Mask, PointCloud
 from eaves.model.cloud import snap
+from eaves.model.scene import DOUBTFUL
 
 
 class AdaptiveTin(Rim, Opening, GroundMethod):
@@ -175,20 +178,27 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
         return find_wide_objects(floor, self)
 
     def ground_mask(self, cloud: PointCloud, emit: Emit = ignore) -> Mask:
-        return self.ground_mask_among(cloud, np.zeros(len(cloud), bool), emit)
+        return self.separate(cloud, np.zeros(len(cloud), bool), emit)[0]
 
-    def ground_mask_among(self, cloud: PointCloud, over: Mask, emit: Emit = ignore) -> Mask:
+    def separate(
+        self, cloud: PointCloud, over: Mask, emit: Emit = ignore
+    ) -> tuple[Mask, NDArray[np.uint8] | None]:
         if len(cloud) < 3:
-            return np.ones(len(cloud), bool)
+            return np.ones(len(cloud), bool), None
         spacing = measure_spacing(cloud.xyz)
-        if spacing <= self.cell_least or self.seed_cell is not None:
-            return self.ground_mask_in_cells(cloud, spacing, over, emit)
+        looks = self.looks if spacing > self.cell_least and self.seed_cell is None else 1
         votes = np.zeros(len(cloud), np.int64)
-        for k in range(self.looks):
-            shift = spacing * np.array([k / self.looks, (2 * k % self.looks) / self.looks, 0.0])
-            moved = cloud.with_(xyz=snap(cloud.xyz + shift))
+        for k in range(looks):
+            shift = spacing * np.array([k / looks, (2 * k % looks) / looks, 0.0])
+            moved = cloud.with_(xyz=snap(cloud.xyz + shift)) if k else cloud
             votes += self.ground_mask_in_cells(moved, spacing, over, ignore if k else emit)
-        return np.asarray(2 * votes > self.looks)
+        ground = np.asarray(2 * votes > looks)
+        unsure = (votes > 0) & (votes < looks)
+        if looks == 1:
+            unsure = edges_without_step(
+                cloud.xyz, ground, max(2 * self.fine_cell, spacing), self.tolerance_most
+            )
+        return ground, np.where(unsure, np.uint8(DOUBTFUL), np.uint8(0))
 
     def ground_mask_in_cells(
         self, cloud: PointCloud, spacing: float, over: Mask, emit: Emit = ignore

@@ -21,7 +21,7 @@ class Opening(TerraceRules):
     """What an opening takes for objects."""
 
     window: float = parameter(
-        36.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
+        27.0, "Widest window of the opening; what is wider was found by its walls.", unit="m", gt=0
     )
     object_slope: float = parameter(
         0.08, "Rise over the opened surface, per metre of the window's radius, that makes an object.", gt=0

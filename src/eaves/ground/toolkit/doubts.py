@@ -1,0 +1,57 @@
+"""Where a filter may err: ground that ends without a step, and what depends on where cells lie."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eaves.ground.toolkit.floor import COARSEST_M
+from eaves.model import Bounds, Mask, PointCloud, Points
+from eaves.model.cloud import GRID_STEP
+from eaves.model.doubt import Doubt
+from eaves.model.scene import DOUBTFUL
+from eaves.raster.grid import EMPTY, lowest_points, whole_cells
+from eaves.raster.groups import BESIDE, neighbour_pairs
+
+REASON = "ground or not: it ends without a step here, or as the cells are laid"
+
+
+def edges_without_step(xyz: Points, ground: Mask, cell: float, step: float) -> Mask:
+    """The points (N,) in cells of a side (m) beside each other, of which the lowest of one is ground and that
+    of the other is not, though they differ by `step` (m) or less.
+
+    Objects end in walls, and terrain ends nowhere: where there is none, one of the two was misjudged.
+    """
+    bounds = whole_cells(Bounds.of(xyz), cell)
+    number = lowest_points(xyz, bounds, cell)
+    one, other = neighbour_pairs(number != EMPTY, steps=BESIDE)
+    lowest = number.ravel()
+    a, b = lowest[one], lowest[other]
+    open_ = (ground[a] != ground[b]) & (np.abs(xyz[a, 2] - xyz[b, 2]) <= step)
+    marked = np.zeros(number.size, bool)
+    marked[one[open_]] = marked[other[open_]] = True
+    row = np.minimum((bounds.north - xyz[:, 1]) / cell, number.shape[0] - 1).astype(np.int64)
+    column = np.minimum((xyz[:, 0] - bounds.west) / cell, number.shape[1] - 1).astype(np.int64)
+    return np.asarray(marked[row * number.shape[1] + column])
+
+
+def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:
+    """One doubt for each cell of `COARSEST_M` of the world that holds doubtful points, as large as their
+    share of its points; those with their middle in `bounds` (world metres).
+
+    Cells are fixed to the world, so blocks and tiles have the same.
+    """
+    if cloud.part is None or not (cloud.part == DOUBTFUL).any():
+        return ()
+    quanta = np.rint(cloud.xyz[:, :2] / GRID_STEP).astype(np.int64)
+    quanta += np.rint(np.divide(cloud.origin, GRID_STEP)).astype(np.int64)
+    cells, home = np.unique(quanta // round(COARSEST_M / GRID_STEP), axis=0, return_inverse=True)
+    doubtful = cloud.part == DOUBTFUL
+    every, some = np.bincount(home), np.bincount(home[doubtful], minlength=len(cells))
+    middle = np.zeros((len(cells), 2), np.int64)
+    np.add.at(middle, home[doubtful], quanta[doubtful])
+    found = []
+    for k in np.flatnonzero(some):
+        x, y = (round(float(value) * GRID_STEP, 2) for value in middle[k] // some[k])
+        if bounds.contains(np.array([[x, y]]))[0]:
+            found.append(Doubt(x, y, round(COARSEST_M**2 * some[k] / every[k], 1), REASON, "ground"))
+    return tuple(found)
