@@ -36,7 +36,7 @@ def edges_without_step(xyz: Points, ground: Mask, cell: float, step: float) -> M
 
 def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:
     """One doubt for each cell of `COARSEST_M` of the world that holds doubtful points, as large as their
-    share of its points; those with their middle in `bounds` (world metres).
+    share of its points; those with their middle in `bounds` (world metres). One point alone is no doubt.
 
     Cells are fixed to the world, so blocks and tiles have the same.
     """
@@ -50,7 +50,7 @@ def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:
     middle = np.zeros((len(cells), 2), np.int64)
     np.add.at(middle, home[doubtful], quanta[doubtful])
     found = []
-    for k in np.flatnonzero(some):
+    for k in np.flatnonzero(some > 1):
         x, y = (round(float(value) * GRID_STEP, 2) for value in middle[k] // some[k])
         if bounds.contains(np.array([[x, y]]))[0]:
             found.append(Doubt(x, y, round(COARSEST_M**2 * some[k] / every[k], 1), REASON, "ground"))
