@@ -9,11 +9,11 @@ import pytest
 import shapely
 from shapely import Polygon
 
+from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.toolkit.plan_lines import (
     MOST_TOGETHER,
     OVERSHOOT,
-    PARALLEL,
     Line,
     border_places,
     divide,
@@ -97,7 +97,7 @@ def extended_by_every_pair(lines: list[Line], polygon: Polygon, extension: float
     starts = np.vstack([foot + direction * low[:, None], ring[:-1]])
     ends = np.vstack([foot + direction * high[:, None], ring[1:]])
     before, after = starts @ normal.T - offset, ends @ normal.T - offset
-    crosses = (before * after <= 0.0) & (np.abs(before - after) > PARALLEL)
+    crosses = (before * after <= 0.0) & (np.abs(before - after) > COORDINATE_STEP)
     share = before / np.where(crosses, before - after, 1.0)
     along = starts @ direction.T + share * ((ends - starts) @ direction.T)
     up = np.where(crosses & (along >= high), along, np.inf).min(axis=0)

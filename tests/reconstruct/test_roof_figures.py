@@ -99,13 +99,14 @@ def test_a_crown_above_does_not_raise_the_roof() -> None:
 
 def test_a_face_far_from_its_points_is_named_weak() -> None:
     good = {**face(20, 1, None), "points": 50, "rmse_m": 0.03, "share_no_data": 0.0, "no_data": False}
-    bad = {**good, "rmse_m": 4.4}
-    error = np.concatenate([np.full(50, 0.03), np.full(50, 4.4)])
-    records = [good, bad]
-    grade_faces(records, error, np.repeat([0, 1], 50))
+    bad, strays = {**good, "rmse_m": 4.4}, {**good, "rmse_m": 1.9}
+    error = np.concatenate([np.full(50, 0.03), np.full(50, 4.4), np.full(47, 0.03), np.full(3, 8.0)])
+    records = [good, bad, strays]
+    grade_faces(records, error, np.repeat([0, 1, 2], 50))
     assert records[0]["weak"] is None and records[0]["inlier_share"] == 1.0
-    assert "RMSE 4.40 m" in records[1]["weak"] and records[1]["coverage"] == 1.0
-    assert supported_share(records) == 0.5
+    assert "0% of its points" in records[1]["weak"] and records[1]["coverage"] == 1.0
+    assert records[2]["weak"] is None  # three points far off make an RMSE of metres and no face unsupported
+    assert supported_share([good, bad]) == 0.5
     assert judge({"lod": "2.2", "score": 1.0, "supported_share": 0.5})[0] == "low"
 
 

@@ -19,6 +19,7 @@ from eaves.reconstruct import add_overhangs, reconstruct_building
 from eaves.reconstruct.overhangs import LOD as OVERHANGS
 from eaves.reconstruct.toolkit.attributes import measure_again
 from eaves.roof import segment_roof
+from eaves.roof.toolkit.crowns import crown_points
 from eaves.run.clock import Clock
 from eaves.run.keys import key_of
 from eaves.validate import Tolerances, validate_model
@@ -73,7 +74,8 @@ def building_pass(
     """
     clock = Clock()
     roof = np.flatnonzero(building.part != WALL)
-    points = building.roof_points
+    roof = roof[~crown_points(building.xyz[roof], building.roof_not_last)]
+    points = building.xyz[roof]
     plane = np.zeros(len(building.xyz), np.int32)
     if isinstance(footprint, Failure):
         blank = name_footprint(hull_of(building.xyz, building.spacing), building)

@@ -9,13 +9,18 @@ from numpy.typing import NDArray
 
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Values
-from eaves.reconstruct.toolkit.attributes import Surface, describe_roof, surface_heights
-from eaves.reconstruct.toolkit.cell_labels import LabelCosts, label_cells, plane_reach
+from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid
+from eaves.reconstruct.toolkit.attributes import (
+    FEWEST_POINTS,
+    NEAR_M,
+    Surface,
+    describe_roof,
+    surface_heights,
+)
+from eaves.reconstruct.toolkit.cell_labels import LARGEST, cell_costs, label_cells, plane_reach
 from eaves.reconstruct.toolkit.corner_prices import settle_corners
 from eaves.reconstruct.toolkit.coverage import Coverage, arrange
 from eaves.reconstruct.toolkit.evidence import (
-    FEWEST_POINTS,
     LOWEST_ROOF,
     faces_as_planes,
     points_inside,
@@ -23,12 +28,13 @@ from eaves.reconstruct.toolkit.evidence import (
     support_of,
 )
 from eaves.reconstruct.toolkit.extrude import extrude_plan, without_numbers
+from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS
 from eaves.reconstruct.toolkit.levels import coarse_solids
-from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, candidate_lines, extend
-from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_superstructures
+from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
+from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_superstructures, find_towers
 
 
-class Arrangement(LineReconstructor, LabelCosts, ObjectLimits):
+class Arrangement(ObjectLimits):
     """The solids at LoD 1.2, 1.3, 2.0 and 2.2 from one plan.
 
     Lines cut the footprint into cells: where two roof planes meet, where heights jump between the points
@@ -62,7 +68,7 @@ class Arrangement(LineReconstructor, LabelCosts, ObjectLimits):
     Curved roofs become facets: on exact vaults, domes, cones and stands 95 % of the roof lies within
     0.12 m of them (`benchmarks/accuracy/curved`). A roof part smaller than a few points, or narrower than
     half a spacing, is not seen. An object on the roof needs `superstructure_points` points that rise by
-    `superstructure_height`: at ρ points/m² that is 8/ρ m², which chance leaves to one in two; nine of ten
+    `residual_limit`: at ρ points/m² that is 8/ρ m², which chance leaves to one in two; nine of ten
     are found over about 15/ρ m² (1.5 m² at 10/m², 0.5 m² at 30/m², 0.25 m² at 60/m²). Overhangs and passages
     are filled to the ground. Codes: `too_few_points`, `no_area`, `not_closed`; `no_plane`, `poor_fit` and
     `not_closed` as the reason of a fallback; `base_too_high` where the base leaves no room for the roof.
@@ -90,14 +96,8 @@ class Arrangement(LineReconstructor, LabelCosts, ObjectLimits):
         ge=0.0,
     )
     corner_reach: float = parameter(0.6, "How far a corner moves at most for others' sake.", unit="m", ge=0.0)
-    extension: float = parameter(
-        1.0, "How far a line reaches beyond its evidence before it ends on the next one.", unit="m", ge=0.0
-    )
     smallest: float = parameter(
         0.1, "Roof faces smaller than this are not built, however many points they hold.", unit="m2", ge=0.0
-    )
-    level_jump: float = parameter(
-        3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", gt=0.0
     )
     simple_smallest: float = parameter(
         10.0,
@@ -111,17 +111,12 @@ class Arrangement(LineReconstructor, LabelCosts, ObjectLimits):
         ge=0.0,
         le=1.0,
     )
-    largest_error: float = parameter(
-        2.0,
-        "Distances above this count as this when levels are compared: what they measure is no roof.",
-        unit="m",
-        gt=0.0,
-    )
     worse_by: float = parameter(
         0.05,
-        "A finer level is given up when its RMSE is greater than a coarser one's by more than this.",
-        unit="m",
+        "A finer level is given up when a coarser one has a share of the roof points near it that is greater "
+        "by more than this.",
         ge=0.0,
+        le=1.0,
     )
 
     under_base: float = parameter(
@@ -153,9 +148,17 @@ class Arrangement(LineReconstructor, LabelCosts, ObjectLimits):
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
         reach = plane_reach(roof, labels, coefficients, spacing, ground, self)
         located = plan.cells_of(roof)
-        chosen = label_cells(plan, reach, self, located)
+        data = cell_costs(plan, reach, self, located)
+        for _ in range(MOST_ROUNDS):
+            chosen = label_cells(plan, reach, self, data)
+            merged, names = plan.merged(chosen)
+            towers = find_towers(merged, names, coefficients, points[inside], spacing, self)
+            cells = np.flatnonzero(towers[plan.regions(chosen)[0]])
+            if len(cells) == 0:
+                break
+            data[cells, chosen[cells]] = LARGEST
         located = plan.cells_merged(chosen, located)
-        merged, chosen = plan.merged(chosen)
+        chosen = names
         plan, chosen = settle_corners(
             merged,
             chosen,
@@ -173,18 +176,13 @@ class Arrangement(LineReconstructor, LabelCosts, ObjectLimits):
         known = (plan, chosen, coefficients, ground)
         fine = extrude_plan(*known, self.smallest)
         solids = coarse_solids(plan, roof, ground, self.level_jump, self.smallest, located)
-        errors: dict[str, Values] = {}
-        for lod, parts in solids.items():
-            alike = next((other for other in errors if solids[other] is parts), None)
-            errors[lod] = (
-                self.errors(surface_heights(parts, roof[:, :2]), roof) if alike is None else errors[alike]
-            )
+        near = {lod: share_near(parts, roof) for lod, parts in solids.items()}
         if planes and plan.count > 1:
             smallest = min(self.simple_smallest, self.simple_share * float(plan.area.sum()))
             simple = without_numbers(extrude_plan(*known, smallest).solids)
-            error = self.errors(surface_heights(simple, roof[:, :2]), roof)
-            if simple and not self.compare("2.0", error, errors):
-                solids["2.0"], errors["2.0"] = simple, error
+            share = share_near(simple, roof)
+            if simple and not self.compare("2.0", share, near):
+                solids["2.0"], near["2.0"] = simple, share
         fallback: dict[str, Any] = {}
         surface: Surface | None = None
         if not planes:
@@ -193,7 +191,7 @@ class Arrangement(LineReconstructor, LabelCosts, ObjectLimits):
             fallback = fallen_back("not_closed", f"LoD 2.2 has {fine.defect}")
         else:
             surface = surface_heights(fine.solids, roof[:, :2])
-            fallback = self.compare("2.2", self.errors(surface, roof), errors)
+            fallback = self.compare("2.2", share_near(fine.solids, roof, surface), near)
         if not fallback:
             solids["2.2"] = fine.solids
             solids.setdefault("2.0", without_numbers(fine.solids))
@@ -246,22 +244,21 @@ class Arrangement(LineReconstructor, LabelCosts, ObjectLimits):
             return {}
         return fallen_back("base_too_high", f"{under:.0%} of the roof lie under the base or on it")
 
-    def errors(self, surface: Surface, roof: Points) -> NDArray[np.float64]:
-        """Distances (N,; m) of roof points (N, 3) from the roof over them, a tree's above it cut off."""
-        height, cosine, _ = surface
-        distance = np.nan_to_num(np.abs(roof[:, 2] - height) * cosine, nan=0.0)
-        return np.minimum(distance, self.largest_error)
-
-    def compare(self, lod: str, error: Values, coarser: dict[str, Values]) -> dict[str, Any]:
-        """Why a level with errors (N,; m) is given up for one of those `coarser`, as attributes; empty if
-        not.
+    def compare(self, lod: str, share: float, coarser: dict[str, float]) -> dict[str, Any]:
+        """Why a level with a share of the points near it is given up for one of those `coarser`, as
+        attributes; empty if not.
         """
-        rmse = float(np.sqrt(np.mean(error**2)))
-        for other, its_error in sorted(coarser.items(), reverse=True):
-            its = float(np.sqrt(np.mean(its_error**2)))
-            if rmse > its + self.worse_by:
-                return fallen_back("poor_fit", f"RMSE {rmse:.2f} m at LoD {lod}, {its:.2f} m at LoD {other}")
+        for other, its in sorted(coarser.items(), reverse=True):
+            if share < its - self.worse_by:
+                found = f"{share:.0%} of the points within {NEAR_M} m at LoD {lod}, {its:.0%} at LoD {other}"
+                return fallen_back("poor_fit", found)
         return {}
+
+
+def share_near(solids: tuple[Solid, ...], roof: Points, surface: Surface | None = None) -> float:
+    """Share of the roof points (N, 3) that lie near the roof; `surface` is that over them where known."""
+    height, cosine, _ = surface or surface_heights(solids, roof[:, :2])
+    return float(np.mean(~(np.abs(roof[:, 2] - height) * cosine > NEAR_M)))
 
 
 def fallen_back(code: str, reason: str) -> dict[str, Any]:

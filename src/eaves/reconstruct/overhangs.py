@@ -17,6 +17,7 @@ from eaves.model import Bounds, BuildingModel, Mask, Points, Solid, Values
 from eaves.model.building import WALL_SURFACE
 from eaves.model.checks import check_points, check_type
 from eaves.reconstruct.toolkit.attributes import surface_heights
+from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS
 from eaves.reconstruct.toolkit.undersides import RoofPlan, build_overhanging, walls_inside
 
 LOD = "2.3"
@@ -28,8 +29,6 @@ FEWEST_IN_STRIP = 4
 """A strip that should hold fewer points says nothing."""
 POINTS_AROUND = 16.0
 """Points of a roof that are counted around a place, about: their number is then known to a quarter."""
-ROUNDS = 12
-"""Times that overhangs are taken back where the solid would touch itself."""
 
 
 @dataclass(frozen=True)
@@ -438,7 +437,7 @@ def build_part(
     width = np.array([edge.width if edge.width is not None else 0.0 for edge in edges])
     width[width < rules.least] = 0.0
     lines = shapely.linestrings([[edge.start, edge.end] for edge in edges])
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         walls = walls_inside(outline, width.tolist())
         parts, touching = build_overhanging(roof, walls, rules.thickness)
         if (parts and len(touching) == 0) or not width.any():

@@ -10,10 +10,9 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
-from eaves.reconstruct.toolkit.attributes import describe_roof
+from eaves.reconstruct.toolkit.attributes import FEWEST_POINTS, describe_roof
 from eaves.reconstruct.toolkit.coverage import Coverage, arrange
 from eaves.reconstruct.toolkit.evidence import (
-    FEWEST_POINTS,
     faces_as_planes,
     points_inside,
     support_of,
@@ -64,13 +63,7 @@ class PlaneIntersection(LineReconstructor):
     idea: ClassVar[str] = "Adjacent planes intersected, jumps along the main directions, divisions by vote."
     paper: ClassVar[str] = "xiao2014"
 
-    extension: float = parameter(
-        1.0, "How far a line reaches beyond its evidence before it ends on the next one.", unit="m", ge=0.0
-    )
     smallest: float = parameter(0.5, "Area of the smallest roof face.", unit="m2", ge=0.0)
-    level_jump: float = parameter(
-        3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", gt=0.0
-    )
 
     def model(
         self,

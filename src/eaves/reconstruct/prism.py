@@ -10,10 +10,9 @@ from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
 from eaves.reconstruct.stage import Reconstructor
-from eaves.reconstruct.toolkit.attributes import describe_roof
+from eaves.reconstruct.toolkit.attributes import FEWEST_POINTS, describe_roof
 from eaves.reconstruct.toolkit.coverage import arrange
 from eaves.reconstruct.toolkit.evidence import (
-    FEWEST_POINTS,
     LOWEST_ROOF,
     PRISM_PERCENTILE,
     points_inside,

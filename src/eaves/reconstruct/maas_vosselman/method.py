@@ -22,16 +22,13 @@ from eaves.reconstruct.moments.parts import RoofPart, find_parts
 from eaves.reconstruct.moments.solid import house_segments, name_cells, to_world, to_world_plane
 from eaves.reconstruct.plane_intersection import PlaneIntersection, vote
 from eaves.reconstruct.stage import Reconstructor
-from eaves.reconstruct.toolkit.attributes import describe_roof
+from eaves.reconstruct.toolkit.attributes import FEWEST_POINTS, describe_roof
 from eaves.reconstruct.toolkit.coverage import Coverage, arrange
-from eaves.reconstruct.toolkit.evidence import FEWEST_POINTS, faces_as_planes, points_inside, support_of
+from eaves.reconstruct.toolkit.evidence import faces_as_planes, points_inside, support_of
 from eaves.reconstruct.toolkit.extrude import extrude_plan
 from eaves.reconstruct.toolkit.half_edges import Integers
 from eaves.reconstruct.toolkit.levels import coarse_solids
-from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
-
-PAST = 0.02
-"""How far (m) a crease runs past its primitive, so that rounding leaves no gap."""
+from eaves.reconstruct.toolkit.plan_lines import OVERSHOOT, candidate_lines, extend
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +126,7 @@ class MaasVosselman(Reconstructor):
             return Primitive(piece, None, [])
         covered = (1.0 - house.empty_share) * house.length * house.width
         house = replace(house, empty_share=1.0 - covered / piece.area)
-        parts = find_parts(house, own, self.houses.part_limits())
+        parts = find_parts(house, own, self.houses)
         if self.houses.doubt(house, parts, own):
             return Primitive(piece, None, [])
         return Primitive(piece, house, parts)
@@ -187,7 +184,7 @@ def inside(segments: NDArray[np.float64], piece: Polygon) -> NDArray[np.float64]
     if len(segments) == 0:
         return np.zeros((0, 4))
     clipped = shapely.intersection(
-        shapely.linestrings(segments.reshape(-1, 2, 2)), shapely.buffer(piece, PAST, join_style="mitre")
+        shapely.linestrings(segments.reshape(-1, 2, 2)), shapely.buffer(piece, OVERSHOOT, join_style="mitre")
     )
     parts = shapely.get_parts(clipped)
     parts = parts[shapely.get_type_id(parts) == shapely.GeometryType.LINESTRING]

@@ -9,16 +9,15 @@ from shapely import LineString, Polygon
 from shapely.geometry.polygon import orient
 from shapely.ops import split
 
+from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.reconstruct.toolkit.plan_lines import OVERSHOOT
+
 JOG = 0.25
 """A corner that a line simplified by this (m) leaves out starts no cut."""
 GAIN = 0.01
 """A cut must fill the rectangles better by this share of the area."""
 MOST_PIECES = 12
 """A plan of more pieces is no set of standard houses."""
-PAST = 0.001
-"""How far (m) a cut runs past its ends, so that rounding leaves no bridge."""
-NEAR_CORNER = 0.01
-"""A cut that passes a corner nearer than this (m) ends there."""
 
 
 def cut_plan(plan: Polygon, least_fill: float, smallest: float) -> tuple[list[Polygon], NDArray[np.float64]]:
@@ -77,12 +76,14 @@ def cuts_of(piece: Polygon) -> list[LineString]:
             continue
         for way in (one, two):
             step = way / max(float(np.hypot(*way)), 1e-9)
-            ray = LineString([corner + PAST * step, corner + far * step])
+            ray = LineString([corner + COORDINATE_STEP * step, corner + far * step])
             meets = shapely.get_coordinates(shapely.intersection(ray, border))
-            near = np.abs((ring - corner) @ [-step[1], step[0]]) < NEAR_CORNER
-            near &= (ring - corner) @ step > NEAR_CORNER
+            near = np.abs((ring - corner) @ [-step[1], step[0]]) < OVERSHOOT
+            near &= (ring - corner) @ step > OVERSHOOT
             meets = np.vstack([meets, ring[near]])
-            if len(meets) and piece.contains(shapely.Point(corner + 2.0 * PAST * step)):
+            if len(meets) and piece.contains(shapely.Point(corner + 2.0 * COORDINATE_STEP * step)):
                 away = float(np.min((meets - corner) @ step))
-                lines.append(LineString([corner - PAST * step, corner + (away + PAST) * step]))
+                lines.append(
+                    LineString([corner - COORDINATE_STEP * step, corner + (away + COORDINATE_STEP) * step])
+                )
     return lines

@@ -86,7 +86,7 @@ class ParametricBuilding:
     edges: tuple[float, float, float, float] = field(repr=False)
     """Rectangle in the axes of the fit: low and high along, low and high across (m)."""
     inlier: Mask = field(repr=False)
-    empty_share: float = 0.0
+    empty_share: float
     """Share of the rectangle that the points, with their border, do not cover."""
 
 

@@ -9,16 +9,23 @@ from numpy.typing import NDArray
 
 from eaves.model import Points
 
-FAR, NEAR = 0.445948490915965, 0.091576213509771
-RULE = np.vstack([np.full((3, 3), share) + (1.0 - 3.0 * share) * np.eye(3) for share in (FAR, NEAR)])
-WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3)
-"""Dunavant's six-point rule: exact for polynomials of degree 4 on a triangle."""
-
 SQUARISH = 1.2
 """Length over width under which the axes of inertia are too vague to give the orientation."""
 
 DIRECTED = 0.3
 """Difference of the height tensor's eigenvalues, as a share of their sum, from which it has a direction."""
+
+
+def triangle_rule() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Shares (9, 3) of a triangle's corners and weights (9,): Gauss and Legendre's rule of three points each
+    way, the square folded onto the triangle, is exact for polynomials of degree 4."""
+    place, weight = np.polynomial.legendre.leggauss(3)
+    u, v = np.meshgrid(0.5 + 0.5 * place, 0.5 + 0.5 * place, indexing="ij")
+    shares = np.stack([1.0 - u, u - u * v, u * v], axis=-1)
+    return shares.reshape(-1, 3), 0.5 * (u * np.outer(weight, weight)).ravel()
+
+
+RULE, WEIGHTS = triangle_rule()
 
 
 @dataclass(frozen=True)

@@ -20,14 +20,8 @@ from eaves.reconstruct.stage import Reconstructor
 from eaves.reconstruct.toolkit.attributes import describe_roof
 from eaves.reconstruct.toolkit.evidence import points_inside
 
-EMPTY_MEAN, EMPTY_SPREAD = 0.04, 0.4
-"""Share of a full rectangle that n random points seem to leave empty, and √n times its standard deviation.
 
-Measured on simulated rectangles of 100 to 2,500 points, random and in scan lines.
-"""
-
-
-class Moments(Reconstructor):
+class Moments(Reconstructor, PartLimits):
     """A house with a flat, shed, gable, hip, half-hip or pyramid roof, its parameters, and their variances.
 
     The moments of order 0 to 2 of the area under the points, plain and weighted with height, determine a
@@ -80,41 +74,14 @@ class Moments(Reconstructor):
         False, "Take place, orientation, length and width from the footprint instead of the points."
     )
     empty_share: float = parameter(
-        0.10,
-        "Share of the rectangle, beyond three of its own standard deviations, that may lack points.",
+        0.05,
+        "Share of the rectangle that may lack points, beside what chance leaves of n: 1/√n, measured on "
+        "drawn rectangles of 100 to 2,500 points, random and in scan lines.",
         ge=0.0,
         le=1.0,
-    )
-    tolerance: float = parameter(
-        0.2, "Distance from the roof up to which it explains a point.", unit="m", gt=0.0
     )
     unexplained_share: float = parameter(
         0.2, "Share of the roof points that neither the roof nor its parts need explain.", ge=0.0, le=1.0
-    )
-    min_part_area: float = parameter(2.0, "Area of the smallest dormer or terrace.", unit="m2", ge=0.0)
-    part_step: float = parameter(
-        0.15,
-        "Residual under which nothing stands on a roof, however exact the points are.",
-        unit="m",
-        ge=0.0,
-    )
-    part_link: float = parameter(
-        2.0, "Distance, in spacings, at which residual points hang together.", gt=0.0
-    )
-    part_reach: float = parameter(
-        1.5,
-        "How far behind its last clear point a dormer may still meet the main roof.",
-        unit="m",
-        gt=0.0,
-    )
-    narrowest_part: float = parameter(
-        0.8, "Width under which a part is a parapet or a gutter.", unit="m", ge=0.0
-    )
-    part_filling: float = parameter(
-        0.5,
-        "Share of its rectangle that the points of a part cover at least: parapets and L-shapes cover less.",
-        ge=0.0,
-        le=1.0,
     )
 
     def model(
@@ -134,7 +101,7 @@ class Moments(Reconstructor):
             return replace(house, footprint=footprint)
         emit("closed solution", house.closed)
         emit("house", house)
-        parts = find_parts(house, roof, self.part_limits())
+        parts = find_parts(house, roof, self)
         emit("parts", parts)
         for count in range(len(parts), -1, -1):  # the smallest part may be one that cannot be built
             doubt = self.doubt(house, parts[:count], roof)
@@ -145,20 +112,9 @@ class Moments(Reconstructor):
                 return self.present(house, parts[:count], found, points, roof, footprint, ground)
         return Failure("not_sound", "the roof does not make a sound solid", "reconstruct", footprint)
 
-    def part_limits(self) -> PartLimits:
-        """The limits of a dormer or a terrace."""
-        return PartLimits(
-            area=self.min_part_area,
-            step=self.part_step,
-            link=self.part_link,
-            reach_back=self.part_reach,
-            narrowest=self.narrowest_part,
-            filling=self.part_filling,
-        )
-
     def doubt(self, house: ParametricBuilding, parts: list[RoofPart], roof: Points) -> str:
         """Why the points are not those of a house with this roof; empty when they are."""
-        allowed = max(self.empty_share, EMPTY_MEAN + 3.0 * EMPTY_SPREAD / np.sqrt(len(roof)))
+        allowed = self.empty_share + 1.0 / np.sqrt(len(roof))
         if abs(house.empty_share) > allowed:
             return (
                 f"the points cover {1.0 - house.empty_share:.0%} of a rectangle of "
@@ -184,7 +140,7 @@ class Moments(Reconstructor):
     ) -> BuildingModel:
         """The model of a house, its planes with the points on them, and its measures."""
         solids, faces = found
-        reach = max(CUT * house.fit.scale, self.part_step)
+        reach = max(CUT * house.fit.scale, self.tolerance)
         planes = tuple(members_on(points, (float(a), float(b), float(c)), reach) for a, b, c in faces)
         plan = rectangle_of(house)
         model = BuildingModel(footprint.with_(polygon=plan), {"2.2": tuple(solids)}, planes)

@@ -12,7 +12,7 @@ from eaves.model import Points, Values
 ANGLE, ALONG, ACROSS, TOP, LEFT_SLOPE, RIGHT_SLOPE, END_SLOPE, HALF_RIDGE = range(8)
 """Parameters: the ridge's angle (radians), middle along, across, height (m), slopes, half its length."""
 
-PLANE, GABLE, HIP = 0, 1, 2
+PLANE, GABLE, HIP = range(3)
 """Forms: one plane (of END_SLOPE along and LEFT_SLOPE across), two planes, four planes."""
 
 FREE: dict[int, tuple[tuple[int, ...], ...]] = {
@@ -22,11 +22,14 @@ FREE: dict[int, tuple[tuple[int, ...], ...]] = {
 }
 """The free parameters of each form; those in one bracket move together."""
 
-GROUPS = {
-    form: np.stack([np.isin(np.arange(8), group) for group in groups], axis=1).astype(float)
-    for form, groups in FREE.items()
-}
-"""The same as matrices (8, k): what each free number adds to the parameters."""
+
+def matrix_of(groups: tuple[tuple[int, ...], ...]) -> NDArray[np.float64]:
+    """What each free number adds to the parameters (8, k)."""
+    return np.stack([np.isin(np.arange(8), group) for group in groups], axis=1).astype(np.float64)
+
+
+GROUPS = {form: matrix_of(groups) for form, groups in FREE.items()}
+"""The same as matrices (8, k)."""
 
 CUT = 3.0
 """Distance, in standard deviations, at which a point's weight has fallen to a quarter."""
@@ -34,8 +37,8 @@ CUT = 3.0
 ROUNDS = 25
 """Gauss–Newton steps at most; ten are usual."""
 
-RESCALED = (0, 3, 6)
-"""Steps before which the scale of the residuals is measured."""
+SCALINGS = 3
+"""So many times the scale of the residuals is measured, each so many steps after the last."""
 
 LEAST_STEP = 0.05
 """Share of a step under which halving it ends."""
@@ -114,7 +117,7 @@ def fit_parametric_roof(
     lowest, shrink, scale = np.inf, 1.0, floor
     normal, step = np.eye(moves.shape[1]), np.zeros(moves.shape[1])
     for turn in range(rounds):
-        if turn in RESCALED:
+        if turn % SCALINGS == 0 and turn < SCALINGS**2:
             scale = max(1.4826 * float(np.median(np.abs(z - roof_heights(form, best, xy)[0]))), floor)
             trial, lowest = best, np.inf
         height, slopes = roof_heights(form, trial, xy)
@@ -128,7 +131,7 @@ def fit_parametric_roof(
             gain, lowest, shrink, best = lowest - cost, cost, 1.0, trial
             free, weight = slopes @ moves, (1.0 + square) ** -2
             normal = free.T @ (free * weight[:, None])
-            if turn > max(RESCALED) and gain < 1e-6 * len(z):
+            if turn > SCALINGS**2 - SCALINGS and gain < 1e-6 * len(z):
                 break
             damped = normal + np.diag(1e-4 * np.diag(normal) + 1e-9)
             step = np.linalg.solve(damped, free.T @ (weight * (z - height)))

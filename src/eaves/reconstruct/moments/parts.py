@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from pydantic import BaseModel
 from scipy.spatial import cKDTree
 
-from eaves.geometry.components import members
+from eaves.geometry.components import connected_groups_kernel, members
+from eaves.methods import parameter
 from eaves.model import Mask, Points
 from eaves.reconstruct.moments.building import FEWEST_POINTS, ParametricBuilding
 from eaves.reconstruct.moments.edges import LEAST_NOISE
@@ -31,16 +31,34 @@ from eaves.reconstruct.moments.parametric_roof import (
 )
 
 
-@dataclass(frozen=True)
-class PartLimits:
-    """Limits of a part of a house; parameters of the method, which says what each means."""
+class PartLimits(BaseModel):
+    """What makes a dormer or a terrace: parameters of a method that looks for them."""
 
-    area: float
-    step: float
-    link: float
-    reach_back: float
-    narrowest: float
-    filling: float
+    tolerance: float = parameter(
+        0.2,
+        "Distance from the roof up to which it explains a point, and under which nothing stands on it.",
+        unit="m",
+        gt=0.0,
+    )
+    min_part_area: float = parameter(2.0, "Area of the smallest dormer or terrace.", unit="m2", ge=0.0)
+    part_link: float = parameter(
+        2.0, "Distance, in spacings, at which residual points hang together.", gt=0.0
+    )
+    part_reach: float = parameter(
+        1.5,
+        "How far behind its last clear point a dormer may still meet the main roof.",
+        unit="m",
+        gt=0.0,
+    )
+    narrowest_part: float = parameter(
+        0.8, "Width under which a part is a parapet or a gutter.", unit="m", ge=0.0
+    )
+    part_filling: float = parameter(
+        0.5,
+        "Share of its rectangle that the points of a part cover at least: parapets and L-shapes cover less.",
+        ge=0.0,
+        le=1.0,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,18 +100,18 @@ def lowest(
 
 
 def find_parts(house: ParametricBuilding, points: Points, limits: PartLimits) -> list[RoofPart]:
-    """The parts of at least `limits.area` (m²) in points (N, 3) that the main roof leaves, largest first."""
+    """The parts of at least `min_part_area` in points (N, 3) that the main roof leaves, largest first."""
     west, east, south, north = house.edges
     u, v = house.fit.axes(points)
     inside = (u >= west) & (u <= east) & (v >= south) & (v <= north)
     spacing = float(np.sqrt(house.length * house.width / max(int(inside.sum()), 1)))
     away = house.fit.residuals
-    step = max(CUT * house.fit.scale, limits.step)
+    step = max(CUT * house.fit.scale, limits.tolerance)
     parts = []
     for sign in (1.0, -1.0):
         some = np.flatnonzero(inside & (sign * away > step))
-        for inner in clusters_of(points[some], limits.link * spacing):
-            if len(inner) * spacing**2 >= limits.area and len(inner) >= 5:
+        for inner in clusters_of(points[some], limits.part_link * spacing):
+            if len(inner) * spacing**2 >= limits.min_part_area and len(inner) >= 5:
                 part = shape_part(house, points, some[inner], sign > 0, limits)
                 if part is not None:
                     parts.append(part)
@@ -105,10 +123,8 @@ def clusters_of(points: Points, link: float) -> list[NDArray[np.int64]]:
     if len(points) == 0:
         return []
     pairs = cKDTree(points[:, :2]).query_pairs(link, output_type="ndarray")
-    size = len(points)
-    graph = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
-    count, group = connected_components(graph, directed=False)
-    return members(group, count)
+    group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(points))
+    return members(group, int(group.max()) + 1)
 
 
 def shape_part(
@@ -142,15 +158,15 @@ def shape_part(
                 ]
             )
     good = np.abs(fit.residuals) <= CUT * fit.scale
-    if fit.scale > max(3.0 * house.fit.scale, limits.step) or good.sum() < 5:
+    if fit.scale > max(CUT * house.fit.scale, limits.tolerance) or good.sum() < 5:
         return None
     west, east, _ = extent_of(u[good])
     south, north, _ = extent_of(v[good])
     spacing_square = house.length * house.width / max(int(house.inlier.sum()), 1)
-    if good.sum() * spacing_square < limits.filling * (east - west) * (north - south):
+    if good.sum() * spacing_square < limits.part_filling * (east - west) * (north - south):
         return None
-    edges = reach_main_roof(house, planes, (west, east, south, north), limits.reach_back)
-    narrow = min(edges[1] - edges[0], edges[3] - edges[2]) < limits.narrowest
+    edges = reach_main_roof(house, planes, (west, east, south, north), limits.part_reach)
+    narrow = min(edges[1] - edges[0], edges[3] - edges[2]) < limits.narrowest_part
     return None if narrow else RoofPart(edges, planes, raised, members)
 
 

@@ -15,10 +15,8 @@ from eaves.reconstruct.moments.building import ParametricBuilding, squared_up
 from eaves.reconstruct.moments.parts import RoofPart, lowest, main_planes
 from eaves.reconstruct.toolkit.coverage import arrange
 from eaves.reconstruct.toolkit.extrude import extrude
+from eaves.reconstruct.toolkit.plan_lines import OVERSHOOT
 from eaves.reconstruct.toolkit.soundness import find_defect
-
-SHORTEST = 0.01
-"""A piece of a ridge shorter than this (m) is none."""
 
 Edges = tuple[float, float, float, float]
 
@@ -44,7 +42,7 @@ def solids_of(
     lines = house_segments(house, parts)
     places = to_world(house, lines.reshape(-1, 2))
     for corner in shapely.get_coordinates(rectangle):
-        places[np.hypot(*(places - corner).T) < SHORTEST] = corner
+        places[np.hypot(*(places - corner).T) < OVERSHOOT] = corner
     coverage = arrange(rectangle, places.reshape(-1, 4))
     if coverage is None:
         return None
@@ -82,9 +80,9 @@ def reach_out(segments: NDArray[np.float64], edges: Edges) -> NDArray[np.float64
         place, way = segments[:, end], segments[:, end] - segments[:, other]
         near = np.column_stack([np.abs(place[:, :1] - [west, east]), np.abs(place[:, 1:] - [south, north])])
         on = (near < 1e-6).any(axis=1)
-        corner = (near[:, :2].min(axis=1) < SHORTEST) & (near[:, 2:].min(axis=1) < SHORTEST)
+        corner = (near[:, :2].min(axis=1) < OVERSHOOT) & (near[:, 2:].min(axis=1) < OVERSHOOT)
         length = np.hypot(way[:, 0], way[:, 1])[:, None]
-        answer[:, end] = np.where((on & ~corner)[:, None], place + 2.0 * SHORTEST * way / length, place)
+        answer[:, end] = np.where((on & ~corner)[:, None], place + 2.0 * OVERSHOOT * way / length, place)
     return answer
 
 
@@ -134,7 +132,7 @@ def clip_line(
             low = max(low, -value / rate)
         else:
             high = min(high, -value / rate)
-    if high - low < SHORTEST:
+    if high - low < OVERSHOOT:
         return None
     start, end = foot + low * way, foot + high * way
     return float(start[0]), float(start[1]), float(end[0]), float(end[1])

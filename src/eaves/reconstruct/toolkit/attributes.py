@@ -20,14 +20,11 @@ from eaves.reconstruct.toolkit.roof_figures import face_shapes, roof_figures
 NEAR_M = 0.2
 """A point this near (m) to its face lies on it: six times the noise of a common scan."""
 
-WORST_RMSE_M = 1.0
-"""A face whose points scatter by more (m) is no surface they show."""
+LEAST_SHOWN = 0.5
+"""Share of a face's points that must lie on it, and of its plan that must have points."""
 
-LEAST_INLIERS = 0.5
-"""Share of a face's points that must lie on it."""
-
-FEWEST = 3
-"""Fewer points do not support a face."""
+FEWEST_POINTS = 3
+"""Fewer points support no face and say nothing of a roof."""
 
 
 def grade_faces(records: list[dict[str, Any]], error: Values, face: NDArray[np.int64]) -> None:
@@ -48,10 +45,10 @@ def grade_faces(records: list[dict[str, Any]], error: Values, face: NDArray[np.i
 
 def weakness(record: dict[str, Any]) -> str | None:
     """Why a face is not supported by its points; None where it is."""
-    if record["points"] < FEWEST:
+    if record["points"] < FEWEST_POINTS:
         return f"{record['points']} points"
-    if record["rmse_m"] > WORST_RMSE_M or record["inlier_share"] < LEAST_INLIERS:
-        return f"{record['inlier_share']:.0%} of its points within {NEAR_M} m, RMSE {record['rmse_m']:.2f} m"
+    if record["inlier_share"] < LEAST_SHOWN:
+        return f"{record['inlier_share']:.0%} of its points within {NEAR_M} m"
     if record["no_data"]:
         return f"{record['share_no_data']:.0%} of its plan without points"
     return None
@@ -66,9 +63,6 @@ def supported_share(records: list[dict[str, Any]]) -> float | None:
 
 EMPTY_CELL = 1.0
 """Side of the cells (m) in which the share of roof without points is counted."""
-
-MOST_UNKNOWN = 0.5
-"""A roof face with a larger share of cells without points is not measured but filled in."""
 
 OWN_SURFACE = 1.0
 """Points further (m) from the roof hang over it or lie under it: they say nothing of its heights."""
@@ -262,4 +256,4 @@ def mark_unknown(roof_faces: list[dict[str, Any]], face: NDArray[np.int64], empt
         mine = empty[face == number]
         share = float(mine.mean()) if len(mine) else float(record["points"] == 0)
         record["share_no_data"] = share
-        record["no_data"] = share > MOST_UNKNOWN
+        record["no_data"] = share > 1.0 - LEAST_SHOWN

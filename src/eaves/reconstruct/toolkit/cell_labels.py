@@ -14,19 +14,13 @@ from eaves.methods import parameter
 from eaves.model import Labels, Points, Values
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF
-from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
+from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS, OUTSIDE, Integers
 
 LARGEST = 1e5
 """A label that costs so much at a node is never taken."""
 
 LEAST_GAIN = 1e-4
 """Moves that gain no more than this are not made."""
-
-ROUNDS = 20
-"""Rounds of moves at most; most graphs are settled after three."""
-
-OPEN = -1
-"""The label of a node that has not chosen yet."""
 
 NODE, REGION, LABEL = range(3)
 """A move to another label: of a node, all that hangs together with it, all that has its label."""
@@ -55,7 +49,7 @@ def label_nodes(data: NDArray[np.float64], borders: Borders, label_cost: float) 
     single nodes are caught; expansion by minimal cuts [boykov2001] reaches sums as low, to 0.1 % over the
     roofs of four surveys.
     """
-    labels = np.full(len(data), OPEN)
+    labels = np.full(len(data), OUTSIDE)
     second = np.sort(data, axis=1)[:, :2]
     order = np.argsort(second[:, 0] - second[:, -1], kind="stable")
     ends = borders.edges.ravel()
@@ -68,7 +62,7 @@ def label_nodes(data: NDArray[np.float64], borders: Borders, label_cost: float) 
 @kernel
 def border_kernel(borders: Borders, edge: int, one: int, other: int) -> float:
     """The cost of an edge between two labels."""
-    if one == other or other == OPEN:
+    if one == other or other == OUTSIDE:
         return 0.0
     a = borders.planes[one, 0] - borders.planes[other, 0]
     b = borders.planes[one, 1] - borders.planes[other, 1]
@@ -104,7 +98,7 @@ def settle_kernel(
         labels[node] = best
         turn += 1
     uses = np.bincount(labels, minlength=data.shape[1])
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         settled = True
         for kind in (NODE, REGION, LABEL):
             begin = turn
@@ -180,9 +174,6 @@ def cost_kernel(
 RUNAWAY = 1e3
 """Cost (m²) of a metre under the lowest roof: more than any residual."""
 
-GAUSS_PLACES = (0.2113, 0.7887)
-"""Where along a border its jump is measured: the two places of Gauss and Legendre's rule."""
-
 
 class LabelCosts(BaseModel):
     """The costs of labels: parameters of a method that labels cells."""
@@ -215,6 +206,19 @@ class LabelCosts(BaseModel):
         "they explain so many.",
         symbol="γ",
         ge=0.0,
+    )
+    tower_largest: float = parameter(
+        6.0,
+        "Parts of a roof smaller than this, high over the rest, are towers of leaves unless they are bodies.",
+        unit="m2",
+        ge=0.0,
+    )
+    tower_share: float = parameter(
+        0.75,
+        "Least share, on the planes of a body, of the points in and beside it that the roof around does not "
+        "explain.",
+        ge=0.0,
+        le=1.0,
     )
     farthest: float = parameter(
         5.0,
@@ -260,15 +264,15 @@ def plane_reach(
 
 
 def label_cells(
-    coverage: Coverage, reach: PlaneReach, costs: LabelCosts, located: tuple[Integers, Integers]
+    coverage: Coverage, reach: PlaneReach, costs: LabelCosts, data: NDArray[np.float64]
 ) -> Integers:
-    """The plane (C,) of every cell; `located` are the roof points and the cells they lie in."""
+    """The plane (C,) of every cell, of which `data` (C, P) has the costs."""
     planes = reach.planes
-    data = cell_costs(coverage, reach, costs, located)
     halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
     edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
     start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
-    places = np.stack([start + share * (end - start) for share in GAUSS_PLACES], axis=1)
+    gauss, _ = np.polynomial.legendre.leggauss(2)  # the places of a border at which its jump is measured
+    places = np.stack([start + share * (end - start) for share in 0.5 + 0.5 * gauss], axis=1)
     borders = Borders(
         edges,
         costs.border_cost * coverage.length[halves],
@@ -283,7 +287,7 @@ def label_cells(
 def cell_costs(
     coverage: Coverage, reach: PlaneReach, costs: LabelCosts, located: tuple[Integers, Integers]
 ) -> NDArray[np.float64]:
-    """The cost (C, P; m²) of every plane for every cell, arguments as for `label_cells`.
+    """The cost (C, P; m²) of every plane for every cell; `located` are roof points and the cells they lie in.
 
     Only planes near a cell may have it: those the rectangle around whose points is near the cell's.
     """

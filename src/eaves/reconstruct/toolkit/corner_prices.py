@@ -12,12 +12,11 @@ from eaves.reconstruct.toolkit.cell_labels import LabelCosts
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers, leaving_kernel
 from eaves.reconstruct.toolkit.simplification import contract, corner_rank, is_sound
+from eaves.reconstruct.toolkit.soundness import LOWEST_WALL
 
-MOST_ROUNDS = 8
-"""Passes over the plan, in each of which moves that do not touch one another are made together."""
-
-ONE_CORNER = 0.05
-"""Heights over a node that differ by less (m) make one corner."""
+PASSES = 8
+"""Passes over the plan, in each of which moves that do not touch one another are made together; more of them
+wear sound corners away."""
 
 MOST_HEIGHTS = 64
 """Half-edges of two neighbouring nodes, at most, for one of them to move into the other."""
@@ -47,7 +46,7 @@ def settle_corners(
     for careful in (False, True):
         refused: set[tuple[float, ...]] = set()
         plan, kept = coverage, labels
-        for _ in range(MOST_ROUNDS):
+        for _ in range(PASSES):
             pairs = worthwhile_moves(plan, kept, roof, planes, costs, price, reach)
             moved = make_moves(plan, kept, pairs, refused, careful) if len(pairs) else None
             if moved is None:
@@ -252,9 +251,11 @@ def moves_kernel(
 
 @kernel
 def corners_kernel(heights: Values, count: int) -> int:
-    """How many corners the first `count` of the heights (m) over one node make; they are put in order."""
+    """How many corners the first `count` of the heights (m) over one node make: one for all between which no
+    wall is high enough.
+    """
     some = np.sort(heights[:count])
     corners = 1 if count > 0 else 0
     for one in range(1, count):
-        corners += some[one] - some[one - 1] > ONE_CORNER
+        corners += some[one] - some[one - 1] > LOWEST_WALL
     return corners

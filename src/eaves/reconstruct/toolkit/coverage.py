@@ -15,6 +15,7 @@ from eaves.geometry.inside import points_in_polygons
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Points, Values
 from eaves.reconstruct.toolkit.half_edges import (
+    MOST_ROUNDS,
     OUTSIDE,
     Integers,
     compact_kernel,
@@ -240,16 +241,11 @@ def coverage_of(polygons: NDArray[np.object_], grid: float) -> Coverage | None:
 
 
 NARROWEST_NECK = 0.03
-"""Parts of a footprint held together or apart by less than this (m) touch, for all that can be built."""
+"""What is held together or apart by less than this (m) touches, for all that can be built: parts of a
+footprint, a segment and a corner that it passes."""
 
 SMALLEST_PART = 0.1
-"""Parts of a footprint smaller than this (m²) are not parts."""
-
-MOST_CUTS = 20
-"""Necks cut through one by one, where corners of a footprint touch."""
-
-CORNER_REACH = 0.03
-"""A segment that passes a corner of the polygon nearer than this (m) goes through it."""
+"""Parts of a footprint, and cells between a wall and a border of the roof, that are smaller (m²) are none."""
 
 
 def arrange(
@@ -280,7 +276,7 @@ def through_corners(segments: NDArray[np.float64], corners: NDArray[np.float64])
     ends = segments.reshape(-1, 2, 2)
     lines = np.asarray(shapely.linestrings(ends), object)
     tree = shapely.STRtree(shapely.points(corners))
-    number, corner = tree.query(lines, predicate="dwithin", distance=CORNER_REACH)
+    number, corner = tree.query(lines, predicate="dwithin", distance=NARROWEST_NECK)
     step = ends[number, 1] - ends[number, 0]
     length = np.maximum(np.hypot(step[:, 0], step[:, 1]), COORDINATE_STEP)
     along = ((corners[corner] - ends[number, 0]) * step).sum(axis=1) / length**2
@@ -304,7 +300,7 @@ def without_necks(polygon: BaseGeometry, grid: float) -> BaseGeometry:
         for distance in (reach, -2.0 * reach, reach):
             polygon = shapely.buffer(polygon, distance, join_style="mitre", mitre_limit=3.0)
         polygon = shapely.set_precision(polygon, grid)
-    for _ in range(MOST_CUTS):
+    for _ in range(MOST_ROUNDS):
         if shapely.minimum_clearance(polygon) >= 0.5 * NARROWEST_NECK:
             break
         neck = shapely.buffer(shapely.minimum_clearance_line(polygon), NARROWEST_NECK, cap_style="square")

@@ -19,9 +19,6 @@ from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directi
 PRISM_PERCENTILE = 70.0
 """Height of a flat-topped model: percentile of the roof points, as the 3DBAG publishes it."""
 
-FEWEST_POINTS = 3
-"""Fewer roof points than this say nothing about a roof."""
-
 LOWEST_ROOF = 0.5
 """A roof is at least this high (m) above the base: nothing is built lower, and solids keep a wall."""
 

@@ -14,7 +14,7 @@ from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Face, Mask, Points, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
 from eaves.reconstruct.toolkit.coverage import Coverage
-from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers, leaving_kernel
+from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS, OUTSIDE, Integers, leaving_kernel
 from eaves.reconstruct.toolkit.simplification import (
     SHORTEST_BORDER,
     SHORTEST_EDGE,
@@ -147,14 +147,6 @@ def columns_kernel(
     return vertices[:count], vertex, spans[:walls], np.flatnonzero(touching)
 
 
-CORNER = 0.10
-"""How far (m) a corner steps back where a building would touch itself in a vertical edge."""
-
-ROUNDS = 40
-"""Rounds in which self-contacts are resolved, all that do not touch each other at once, before the plan is
-given up."""
-
-
 def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> list[Solid] | None:
     """The solids between the base (m) and the planes (C, 3: a, b, c) of the cells, one for each connected
     part.
@@ -168,7 +160,7 @@ def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> lis
     that more than two walls share is a self-contact: there the corner of one cell steps back.
     """
     names = np.arange(coverage.count)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         plan = split_crossings(coverage, planes)
         touching = []
         solids = []
@@ -296,7 +288,7 @@ def highest_corner(
     peak = np.flatnonzero((height > before + SAME_HEIGHT) & (height > after + SAME_HEIGHT))
     for corner in peak[np.argsort(opening[peak], kind="stable")].tolist():
         one, other = int(leaving[corner]), int(leaving[(corner + 1) % len(leaving)])
-        reach = min(CORNER, 0.4 * float(coverage.length[[one, other]].min()))
+        reach = min(SHORTEST_EDGE, 0.4 * float(coverage.length[[one, other]].min()))
         chord = 2.0 * reach * np.sin(0.5 * opening[corner])  # of 180° and more no chord cuts the corner
         if opening[corner] < np.pi and chord >= 5.0 * COORDINATE_STEP:
             return one, other
@@ -309,7 +301,7 @@ def cut_corners(coverage: Coverage, corners: list[tuple[int, int]]) -> tuple[Cov
     """
     halves = np.array(corners, np.int64).ravel()
     first, count = halves[0::2], len(corners)
-    reach = np.minimum(CORNER, 0.4 * coverage.length[halves])
+    reach = np.minimum(SHORTEST_EDGE, 0.4 * coverage.length[halves])
     start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
     places = start + (end - start) * (reach / coverage.length[halves])[:, None]
     places = np.round(np.round(places / COORDINATE_STEP) * COORDINATE_STEP, 6)

@@ -16,6 +16,9 @@ Integers = NDArray[np.int64]
 OUTSIDE = -1
 """The cell number of everything that is not covered."""
 
+MOST_ROUNDS = 40
+"""Passes after which improving a plan stops, finished or not; nearly all end by themselves after a few."""
+
 
 @kernel
 def leaving_kernel(start: Integers, size: int) -> tuple[Integers, Integers]:

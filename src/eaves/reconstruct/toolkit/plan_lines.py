@@ -14,7 +14,7 @@ from shapely import Polygon
 from eaves.geometry.components import members
 from eaves.geometry.percentiles import column_percentiles
 from eaves.geometry.tin import Tin
-from eaves.geometry.tolerance import FLAT_SLOPE_DEG
+from eaves.geometry.tolerance import COORDINATE_STEP, FLAT_SLOPE_DEG
 from eaves.kernels import kernel
 from eaves.methods import parameter
 from eaves.model import Labels, Mask, Points, Values
@@ -42,6 +42,12 @@ class LineReconstructor(Reconstructor):
         ge=0.0,
         lt=50.0,
     )
+    extension: float = parameter(
+        1.0, "How far a line reaches beyond its evidence before it ends on the next one.", unit="m", ge=0.0
+    )
+    level_jump: float = parameter(
+        3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", gt=0.0
+    )
     clutter_points: int = parameter(6, "Fewest points that make a level of what no plane explains.", ge=1)
     clutter_area: float = parameter(
         1.0, "Least area that makes a level of what no plane explains.", unit="m2", ge=0.0
@@ -61,10 +67,7 @@ FEWEST_LINES = 80
 """Lines that are used however few planes there are."""
 
 OVERSHOOT = 0.01
-"""How far (m) a line runs past the one it ends on, so that rounding leaves no gap."""
-
-PARALLEL = 1e-3
-"""A stretch that comes this little (m) nearer to a line runs along it and does not cross it."""
+"""How far (m) a line runs past the one it ends on, so that rounding leaves no gap; a shorter one is none."""
 
 SAME_DIRECTION_DEG = 4.0
 """Directions nearer than this are one."""
@@ -334,7 +337,7 @@ def free_ways_kernel(
         for other in range(len(starts)):
             before = starts[other, 0] * nx + starts[other, 1] * ny - offset[line]
             after = ends[other, 0] * nx + ends[other, 1] * ny - offset[line]
-            if before * after > 0.0 or abs(before - after) <= PARALLEL:
+            if before * after > 0.0 or abs(before - after) <= COORDINATE_STEP:
                 continue
             share = before / (before - after)
             x = starts[other, 0] + share * (ends[other, 0] - starts[other, 0])

@@ -10,6 +10,7 @@ import shapely
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.reconstruct.toolkit.coverage import NARROWEST_NECK, Coverage
 from eaves.reconstruct.toolkit.half_edges import (
+    MOST_ROUNDS,
     OUTSIDE,
     Integers,
     contract_kernel,
@@ -25,13 +26,11 @@ STRAIGHT = 0.005
 """A node this near (m) to the line between its neighbours is not needed."""
 
 SHORTEST_EDGE = 0.10
-"""Edges inside the coverage shorter than this (m) become a node."""
+"""Edges inside the coverage shorter than this (m) become a node; a corner steps back so far where a building
+would touch itself in a vertical edge."""
 
 SHORTEST_BORDER = 0.02
 """Edges between two corners of the outline shorter than this (m) become a node."""
-
-ROUNDS = 12
-"""Passes after which simplifying stops, finished or not."""
 
 
 def contract(coverage: Coverage, target: Integers) -> tuple[Coverage, Integers] | None:
@@ -74,7 +73,7 @@ def is_clear(coverage: Coverage) -> bool:
 def drop_straight_nodes(coverage: Coverage, labels: Integers) -> tuple[Coverage, Integers]:
     """The coverage, and its labels (C,), without nodes of two edges on the line of their neighbours."""
     known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.count)
-    *parts, kept = straighten_kernel(*known, STRAIGHT, ROUNDS)
+    *parts, kept = straighten_kernel(*known, STRAIGHT, MOST_ROUNDS)
     if len(parts[1]) == len(coverage.start):
         return coverage, labels
     return Coverage(*parts), labels[kept]
@@ -97,7 +96,7 @@ def merge_short_edges(
     if simpler is not None and is_sound(simpler[0]):
         coverage, labels = simpler[0], labels[simpler[1]]
     refused: set[tuple[float, ...]] = set()
-    for _ in range(4 * ROUNDS):
+    for _ in range(MOST_ROUNDS):
         halves, mover, goal = short_edges(coverage, shortest)
         trial = None
         for node, into in zip(mover.tolist(), goal.tolist(), strict=True):
@@ -145,7 +144,7 @@ def absorb_slivers(
     narrowest: float,
 ) -> tuple[Coverage, Integers]:
     """The coverage with cells too small (m²) or narrow (m) given to the neighbour they share most with."""
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         if coverage.count < 2:
             break
         known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin, coverage.area)
@@ -156,10 +155,6 @@ def absorb_slivers(
         given[worst] = labels[beside]
         coverage, labels = coverage.merged(given)
     return coverage, labels
-
-
-MOST_WELDS = 40
-"""Necks of one plan that are welded; each takes a pass over the plan."""
 
 
 def weld_necks(
@@ -177,7 +172,7 @@ def weld_necks(
     ):
         return coverage, labels
     refused: set[tuple[float, ...]] = set()
-    for _ in range(MOST_WELDS):
+    for _ in range(MOST_ROUNDS):
         if shapely.minimum_clearance(coverage.polygons()).min(initial=np.inf) >= reach:
             break
         for node, half in near_pairs(coverage, reach):

@@ -9,7 +9,6 @@ from itertools import chain
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from pydantic import BaseModel
 from scipy.spatial import cKDTree
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
@@ -19,25 +18,19 @@ from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.methods import parameter
-from eaves.model import Installation, Points, Solid, Values
+from eaves.model import Installation, Mask, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE
-from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
-from eaves.reconstruct.toolkit.coverage import coverage_of
+from eaves.reconstruct.toolkit.attributes import LEAST_SHOWN, NEAR_M, Surface, surface_heights
+from eaves.reconstruct.toolkit.cell_labels import LabelCosts
+from eaves.reconstruct.toolkit.coverage import NARROWEST_NECK, Coverage, coverage_of
 from eaves.reconstruct.toolkit.extrude import SAME_HEIGHT
-from eaves.reconstruct.toolkit.plan_lines import main_directions, turn_by
+from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
+from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
+from eaves.reconstruct.toolkit.soundness import CLOSEST, LOWEST_WALL
 from eaves.reconstruct.toolkit.undersides import RoofPlan, close_slabs, underside_cells
 
 CLEARANCE = SAME_HEIGHT + COORDINATE_STEP
 """A body begins so far (m) over the planes of the roof: what rounding and shared vertices move both by."""
-
-OVER_BORDER = 2.0 * COORDINATE_STEP
-"""A higher face counts up to so far (m) beyond its border, for the corners of a body are rounded."""
-
-LOWEST = 0.05
-"""A body is at least so high (m)."""
-
-NARROWEST = 0.04
-"""Pieces of a body narrower than this (m) are left out."""
 
 
 def stand_bodies(
@@ -83,7 +76,7 @@ def pieces_of(
     heights = middle @ planes[near, :2].T
     order = near[np.argsort(-(np.diag(heights) + planes[near, 2]), kind="stable")]
     for face in order.tolist():
-        reach = shapely.buffer(polygons[face], OVER_BORDER, join_style="mitre")
+        reach = shapely.buffer(polygons[face], CLOSEST, join_style="mitre")
         piece = shapely.intersection(outline, reach, grid_size=COORDINATE_STEP)
         outline = shapely.difference(outline, reach, grid_size=COORDINATE_STEP)
         above = 0.0
@@ -92,8 +85,8 @@ def pieces_of(
             rise = places @ (planes[other] - planes[face])[:2] + (planes[other] - planes[face])[2]
             above = max(above, float(rise.max(initial=0.0)) + off[other] * (len(places) > 0))
         floor = planes[face] + [0.0, 0.0, above + CLEARANCE]
-        for part in polygon_parts(below(piece, floor, top - LOWEST)):
-            if 2.0 * part.area > NARROWEST * part.length:
+        for part in polygon_parts(below(piece, floor, top - LOWEST_WALL)):
+            if 2.0 * part.area > NARROWEST_NECK * part.length:
                 yield part, floor
 
 
@@ -123,7 +116,9 @@ def raise_pieces(pieces: list[tuple[Polygon, NDArray[np.float64]]], top: float) 
     if not pieces:
         return None
     largest, floor = max(pieces, key=lambda piece: piece[0].area)
-    smooth = shapely.simplify(shapely.buffer(largest, -NARROWEST, join_style="mitre"), 0.5 * NARROWEST)
+    smooth = shapely.simplify(
+        shapely.buffer(largest, -NARROWEST_NECK, join_style="mitre"), 0.5 * NARROWEST_NECK
+    )
     for some in (pieces, [(part, floor) for part in polygon_parts(smooth)[:1]]):
         polygons = np.array([polygon for polygon, _ in some], object)
         cells, owner = underside_cells(polygons, shapely.boundary(polygons))
@@ -137,54 +132,11 @@ def raise_pieces(pieces: list[tuple[Polygon, NDArray[np.float64]]], top: float) 
     return None
 
 
-PLACES = 9
-"""Places on each side of an object at which the roof beside it is looked up."""
-
-
-class ObjectLimits(BaseModel):
-    """What makes an object on a roof: parameters of a method that finds them."""
+class ObjectLimits(LineReconstructor, LabelCosts):
+    """What makes an object on a roof, beside what makes a part of one: parameters of a method."""
 
     superstructure_points: int = parameter(
         8, "Points that show an object on the roof which the solids leave out.", ge=4
-    )
-    superstructure_height: float = parameter(
-        0.4, "Least height of such an object over the roof.", unit="m", gt=0.0
-    )
-    superstructure_gap: float = parameter(
-        1.6, "Points of one object have another this many spacings away or nearer.", gt=0.0
-    )
-    superstructure_level: float = parameter(
-        0.35,
-        "Points this near to the top of an object lie on it; a chimney's pots stand out by less.",
-        unit="m",
-        gt=0.0,
-    )
-    superstructure_inside: float = parameter(
-        0.8, "Least share of an object's outline inside the footprint.", ge=0.0, le=1.0
-    )
-    superstructure_on_top: float = parameter(
-        0.5,
-        "Least share of an object's points on its top: those of a crown are strewn over its height.",
-        ge=0.0,
-        le=1.0,
-    )
-    superstructure_largest: float = parameter(
-        6.0, "Larger objects are parts of the roof that it lacks, not objects on it.", unit="m2", gt=0.0
-    )
-    superstructure_highest: float = parameter(
-        6.0, "Objects higher than this over the roof are crowns, masts and cranes.", unit="m", gt=0.0
-    )
-    superstructure_beside: float = parameter(
-        1.5,
-        "Points that the roof within so many spacings explains lie where a border is drawn a little off.",
-        ge=0.0,
-    )
-    superstructure_beside_least: float = parameter(0.2, "The same, at least.", unit="m", ge=0.0)
-    superstructure_beside_most: float = parameter(
-        0.5,
-        "The same, at most; farther up a slope the roof would explain an object, too.",
-        unit="m",
-        ge=0.0,
     )
     superstructure_least: float = parameter(
         0.0,
@@ -202,6 +154,46 @@ class ObjectLimits(BaseModel):
     lowest_lift_housing: float = parameter(1.6, "Height of the lowest lift housing.", unit="m", gt=0.0)
 
 
+def find_towers(
+    plan: Coverage,
+    labels: Integers,
+    planes: NDArray[np.float64],
+    points: Points,
+    spacing: float,
+    limits: ObjectLimits,
+) -> Mask:
+    """Which cells (C,) are towers of leaves; `planes` (P, 3) lie over them by their `labels` (C,).
+
+    A tower is cells whose planes meet, together smaller than `tower_largest` and higher by `level_jump` than
+    most of what lies around them. It is a body where its planes hold most of the points (N, 3) in and beside
+    it that the roof around it does not: those of a crown are strewn over its height.
+    """
+    halves = np.flatnonzero((plan.cell != OUTSIDE) & (plan.cell[plan.twin] != OUTSIDE))
+    own, other, length = plan.cell[halves], plan.cell[plan.twin[halves]], plan.length[halves]
+    middle = 0.5 * (plan.nodes[plan.start[halves]] + plan.nodes[plan.end[halves]])
+    apart = planes[labels[own]] - planes[labels[other]]
+    step = (apart[:, :2] * middle).sum(axis=1) + apart[:, 2]
+    meet = np.abs(step) < limits.full_jump
+    group = connected_groups_kernel(own[meet], other[meet], plan.count)
+    rim, count = group[own] != group[other], int(group.max()) + 1
+    high = np.bincount(group[own], length * rim * np.where(step > limits.level_jump, 1.0, -1.0), count) > 0.0
+    small = np.bincount(group, plan.area, count) < limits.tower_largest
+    towers = np.zeros(plan.count, bool)
+    for one in np.flatnonzero(small & high).tolist():
+        body = shapely.union_all(plan.polygons()[group == one])
+        some = points[shapely.dwithin(body, shapely.points(points[:, :2]), spacing)]
+        on_top = lie_on(some, planes[labels[group == one]])
+        strewn = ~on_top & ~lie_on(some, planes[labels[other[rim & (group[own] == one)]]])
+        towers |= (group == one) & (on_top.sum() < limits.tower_share * (on_top | strewn).sum())
+    return towers
+
+
+def lie_on(points: Points, planes: NDArray[np.float64]) -> Mask:
+    """Which points (N, 3) lie near one of the planes (P, 3)."""
+    heights = points[:, :2] @ planes[:, :2].T + planes[:, 2]
+    return np.asarray((np.abs(heights - points[:, 2:3]) <= NEAR_M).any(axis=1))
+
+
 def find_superstructures(
     solids: tuple[Solid, ...],
     roof: Points,
@@ -212,20 +204,21 @@ def find_superstructures(
 ) -> tuple[Installation, ...]:
     """The objects that roof points (N, 3) show above the model, largest first.
 
-    Points higher over the roof than `superstructure_height` (m) stand together where they are near in plan.
+    Points higher over the roof than `residual_limit`, where residuals stop growing, stand together where they
+    are near in plan.
     An object has `superstructure_points` of them, most on one level, is no wider strip along a border of the
     roof, and no crown. Its outline is the rectangle along the building's main direction, wider than its
     points by half a spacing.
     """
     height, _, _ = surface or surface_heights(solids, roof[:, :2])
     over = roof[:, 2] - height
-    high = np.flatnonzero((over > limits.superstructure_height) & (over < limits.superstructure_highest))
+    high = np.flatnonzero((over > limits.residual_limit) & (over < limits.level_jump))
     if len(high) < limits.superstructure_points:
         return ()
     main = main_directions(polygon)
     if len(main) == 0:
         return ()
-    pairs = cKDTree(roof[high, :2]).query_pairs(limits.superstructure_gap * spacing, output_type="ndarray")
+    pairs = cKDTree(roof[high, :2]).query_pairs(limits.clutter_reach * spacing, output_type="ndarray")
     group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(high))
     turn = turn_by(float(main[0]))
     clusters = [
@@ -234,13 +227,13 @@ def find_superstructures(
     turned = np.column_stack([roof[high, :2] @ turn, roof[high, 2]])
     found = []
     for cluster in join_overlapping(
-        clusters, turned, 0.5 * limits.superstructure_gap * spacing, limits.superstructure_level
+        clusters, turned, 0.5 * limits.clutter_reach * spacing, limits.residual_limit
     ):
         own = high[cluster]
         one = describe_object(solids, roof[own], over[own], turn, spacing, limits)
         if one is None or one.polygon.area < limits.superstructure_least:
             continue
-        if one.polygon.intersection(polygon).area > limits.superstructure_inside * one.polygon.area:
+        if one.polygon.intersection(polygon).area > limits.tower_share * one.polygon.area:
             found.append(one)
     found.sort(key=lambda one: (-one.polygon.area, one.polygon.centroid.x))
     bodies = stand_bodies(solids, [one.polygon for one in found], [one.top for one in found])
@@ -289,42 +282,30 @@ def describe_object(
     `turn` (2, 2) lays its sides along the axes.
     """
     top = top_of(points)
-    if (
-        np.mean(np.abs(points[:, 2] - top) < limits.superstructure_level + 0.5 * np.ptp(over))
-        < limits.superstructure_on_top
-    ):
+    if np.mean(np.abs(points[:, 2] - top) < limits.residual_limit + 0.5 * np.ptp(over)) < LEAST_SHOWN:
         return None
     local = points[:, :2] @ turn
     low, high = local.min(axis=0) - 0.5 * spacing, local.max(axis=0) + 0.5 * spacing
     sides = np.sort(high - low)
     filled = len(points) * spacing**2 / float(np.prod(sides))
     if (
-        np.prod(sides) > limits.superstructure_largest
+        np.prod(sides) > limits.tower_largest
         or filled < 0.4
         or sides[0] < 1.5 * spacing
         or sides[1] > 5.0 * sides[0]
     ):
         return None
-    beside = float(
-        np.clip(
-            limits.superstructure_beside * spacing,
-            limits.superstructure_beside_least,
-            limits.superstructure_beside_most,
-        )
-    )
-    if explained_beside(solids, points, beside, limits.superstructure_level):
+    if explained_beside(solids, points, spacing, limits.residual_limit):
         return None
     ring = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     corners = np.vstack([ring, ring.mean(axis=0)]) @ turn.T
-    if continued_beside(solids, local, turn, beside, top, limits):
-        return None
     under, cosine, _ = surface_heights(solids, corners)
     if not np.isfinite(under[-1]):
         return None
     base = float(np.nanmin(under))
     rise = float(np.sqrt(max(1.0 / cosine[-1] ** 2 - 1.0, 0.0)))
     area, above = float(np.prod(sides)), float(np.median(over))
-    if above < limits.superstructure_height or top - base < limits.superstructure_height:
+    if above < limits.residual_limit or top - base < limits.residual_limit:
         return None
     if rise < limits.superstructure_flat:
         kind = "lift_housing" if area > 2.0 and above >= limits.lowest_lift_housing else "plant"
@@ -339,7 +320,7 @@ def describe_object(
 
 
 def explained_beside(solids: tuple[Solid, ...], points: Points, beside: float, level: float) -> bool:
-    """Whether the roof within `beside` (m) explains most of the points (N, 3) to `level` (m): its border is a
+    """Whether the roof `beside` (m) explains most of the points (N, 3) to `level` (m): its border is a
     little off.
     """
     ways = beside * np.array(
@@ -349,30 +330,3 @@ def explained_beside(solids: tuple[Solid, ...], points: Points, beside: float, l
     height = surface_heights(solids, places)[0].reshape(len(points), len(ways))
     near = np.abs(np.nan_to_num(height, nan=-1e9) - points[:, 2:3]) < level
     return bool(np.mean(near.any(axis=1)) > 0.5)
-
-
-def continued_beside(
-    solids: tuple[Solid, ...],
-    local: NDArray[np.float64],
-    turn: NDArray[np.float64],
-    beside: float,
-    top: float,
-    limits: ObjectLimits,
-) -> bool:
-    """Whether a level face of the roof, as high as the `top` (m) of an object, goes on within `beside` (m) of
-    its box: the object is a piece of what the roof has. Its places `local` (N, 2) lie along `turn` (2, 2).
-    """
-    low, high = local.min(axis=0) - beside, local.max(axis=0) + beside
-    share = np.linspace(0.0, 1.0, PLACES)
-    across, along = (np.tile(side, 2) for side in (low + share[:, None] * (high - low)).T)
-    sides = np.repeat([0, 1], PLACES)
-    rim = np.vstack(
-        [
-            np.column_stack([across, np.where(sides, high[1], low[1])]),
-            np.column_stack([np.where(sides, high[0], low[0]), along]),
-        ]
-    )
-    height, cosine, face = surface_heights(solids, np.vstack([rim, local]) @ turn.T)
-    under = np.isin(face[: len(rim)], face[len(rim) :])
-    level = cosine[: len(rim)] > np.cos(np.arctan(limits.superstructure_flat))
-    return bool((level & ~under & (np.abs(height[: len(rim)] - top) < limits.superstructure_level)).any())

@@ -16,22 +16,17 @@ from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Face, Solid
 from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
-from eaves.reconstruct.toolkit.coverage import CORNER_REACH, Coverage, coverage_of, through_corners
+from eaves.reconstruct.toolkit.coverage import (
+    NARROWEST_NECK,
+    SMALLEST_PART,
+    Coverage,
+    coverage_of,
+    through_corners,
+)
+from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF
 from eaves.reconstruct.toolkit.extrude import SAME_HEIGHT
-from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
-
-SMALLEST_CELL = 0.05
-"""Smaller cells (m²) between a wall and a border of the roof are rounding: they go to the other side."""
-NARROWEST_CELL = 0.04
-"""The same for narrower ones (m)."""
-NEAR_NODE = CORNER_REACH
-"""A wall whose corner lies nearer than this (m) to a node or border of the roof goes through it."""
-LEAST_WALL = 0.5
-"""A roof whose underside would be nearer to the base than this (m) stands on the ground."""
-SHORTEST = 3.0 * COORDINATE_STEP
-"""Nodes nearer to each other than this (m) could fall together when they are written."""
-SPLITS = 3
-"""Rounds in which edges are cut where a roof crosses the underside of its neighbour."""
+from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS, OUTSIDE, Integers
+from eaves.reconstruct.toolkit.soundness import CLOSEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,13 +141,13 @@ def close_slabs(
     """The solids between the planes `floors` (C, 3) of the cells and the roof over them, `face` (C,), and the
     places (K, 2) where they touch themselves; those that `stand` (C,) do so on the ground.
     """
-    for _ in range(SPLITS):
+    for _ in range(MOST_ROUNDS):
         halves, places = crossings(plan, roof.planes[face], floors)
         if len(halves) == 0:
             break
         plan = plan.split(halves, places)
     group = joined_cells(plan, roof.planes[face], floors)
-    solids, touching = [], [plan.nodes[plan.start[plan.length < SHORTEST]]]
+    solids, touching = [], [plan.nodes[plan.start[plan.length < CLOSEST]]]
     for number in range(int(group.max(initial=-1)) + 1):
         built, places = close_slab(plan, group == number, roof, face, stands, floors)
         solids.append(built)
@@ -178,9 +173,9 @@ def draw_plan(
         float((a[k] * xy[:, 0] + b[k] * xy[:, 1] + c[k]).min())
         for k, xy in enumerate(map(shapely.get_coordinates, cells))
     ]
-    stands |= np.array(low) - thickness < roof.base + LEAST_WALL
+    stands |= np.array(low) - thickness < roof.base + LOWEST_ROOF
     width = 2.0 * shapely.area(cells) / shapely.length(cells)
-    small = (shapely.area(cells) < SMALLEST_CELL) | (width < NARROWEST_CELL)
+    small = (shapely.area(cells) < SMALLEST_PART) | (width < NARROWEST_NECK)
     stands = give_to_other_side(plan, face, stands, small)
     stands |= hanging_alone(plan, roof, face, stands, thickness)
     plan, label = plan.merged(2 * face + stands)
@@ -208,7 +203,7 @@ def wall_segments(walls: BaseGeometry, borders: NDArray[np.object_]) -> NDArray[
     lines = shapely.union_all(borders)
     for goal in (lines, shapely.multipoints(shapely.get_coordinates(borders))):
         nearest = shapely.shortest_line(shapely.points(places), goal)
-        near = shapely.length(nearest) < NEAR_NODE
+        near = shapely.length(nearest) < NARROWEST_NECK
         places[near] = shapely.get_coordinates(shapely.get_point(nearest[near], 1))
     goes_on = (ring[:-1] == ring[1:]) & (places[:-1] != places[1:]).any(axis=1)
     return np.asarray(np.column_stack([places[:-1], places[1:]])[goes_on])

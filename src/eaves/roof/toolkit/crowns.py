@@ -1,0 +1,35 @@
+"""Which of a building's points are of crowns that stand over its roof."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from eaves.model import Mask, Points
+
+NEIGHBOURS = 8
+"""Points, a point itself with them, that say what it lies on; solid ones that say how high the roof is."""
+
+
+HIGH = 2.0
+"""Chimneys and railings, whose edges split pulses too, rise no more than this (m) over the roof."""
+
+
+def crown_points(points: Points, not_last: Mask | None) -> Mask:
+    """Which points (N, 3) are of a crown over the roof.
+
+    A roof lets no pulse through but at its edges. A point is of something that does where most of the points
+    around it are `not_last` (N,): echoes of pulses that came back once more from below. It is of a crown
+    where the solid points around it in plan lie lower by more than `HIGH`. Glass has no solid roof below and
+    stays. Without echoes nothing is a crown.
+    """
+    crown = np.zeros(len(points), bool)
+    if not_last is None or not not_last.any() or len(points) < NEIGHBOURS:
+        return crown
+    around = cKDTree(points).query(points, NEIGHBOURS)[1]
+    split = not_last[around].mean(axis=1) > 0.5
+    loose, solid = np.flatnonzero(split), np.flatnonzero(~split)
+    if len(loose) and len(solid) >= NEIGHBOURS:
+        below = cKDTree(points[solid, :2]).query(points[loose, :2], NEIGHBOURS)[1]
+        crown[loose] = points[loose, 2] - np.median(points[solid[below], 2], axis=1) > HIGH
+    return crown
