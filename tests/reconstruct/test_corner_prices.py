@@ -29,7 +29,7 @@ def settled(cells: list[list[tuple[float, float]]], roof: Points, planes: list[n
         roof,
         known,
         method,
-        method.corner_points,
+        method.plane_points,
         method.corner_reach,
     )
     assert is_sound(answer)

@@ -55,7 +55,7 @@ class Arrangement(ObjectLimits):
     Cells choose in the order of what it matters to them, then cells, regions and whole planes move to what is
     cheaper for them; expansion moves [boykov2001] come to the same sums. A corner then stays where it is only
     when its moving into the next one, or onto the line between its neighbours, would cost the points more
-    than `corner_points` for each corner that saves.
+    than `plane_points` for each corner that saves.
 
     Fidelity
     --------
@@ -89,12 +89,6 @@ class Arrangement(ObjectLimits):
     )
     paper: ClassVar[str] = "peters2022"
 
-    corner_points: float = parameter(
-        4.0,
-        "Points that a corner of the roof must explain, or it goes: two numbers, one more for a second "
-        "height, are worth no less than a plane.",
-        ge=0.0,
-    )
     corner_reach: float = parameter(0.6, "How far a corner moves at most for others' sake.", unit="m", ge=0.0)
     smallest: float = parameter(
         0.1, "Roof faces smaller than this are not built, however many points they hold.", unit="m2", ge=0.0
@@ -146,7 +140,7 @@ class Arrangement(ObjectLimits):
         plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
         if plan is None:
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
-        reach = plane_reach(roof, labels, coefficients, spacing, ground, self)
+        reach = plane_reach(roof, labels, coefficients, spacing, ground, self.extension)
         located = plan.cells_of(roof)
         data = cell_costs(plan, reach, self, located)
         for _ in range(MOST_ROUNDS):
@@ -165,7 +159,7 @@ class Arrangement(ObjectLimits):
             roof,
             coefficients,
             self,
-            self.corner_points,
+            self.plane_points,
             self.corner_reach,
         )
         if plan is not merged:

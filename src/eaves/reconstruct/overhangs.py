@@ -26,7 +26,7 @@ SOURCE = "2.2"
 WALL, OPEN, UNKNOWN = "seen", "open", "unknown"
 """State of the building under an edge of its roof."""
 FEWEST_IN_STRIP = 4
-"""A strip that should hold fewer points says nothing."""
+"""Fewer points in a strip say nothing: three lie in it by chance."""
 POINTS_AROUND = 16.0
 """Points of a roof that are counted around a place, about: their number is then known to a quarter."""
 
@@ -50,8 +50,8 @@ class OverhangRules:
     """Upright thickness (m) of a roof at its edge, which no scan from above shows: rafter, boards, tiles."""
     above_ground: float = 0.4
     """Points lower than this (m) over the terrain are ground, kerbs, low plants."""
-    points: int = 4
-    """Fewest points that show a wall or an open side: three lie in a strip by chance."""
+    points: int = FEWEST_IN_STRIP
+    """Fewest points that show a wall or an open side."""
     certainty: float = 0.95
     """Least certainty of a wall: one less the chance that as many of the points strewn there would lie in one
     strip of three."""

@@ -179,7 +179,12 @@ class LabelCosts(BaseModel):
     """The costs of labels: parameters of a method that labels cells."""
 
     residual_limit: float = parameter(
-        0.45, "Distance from a plane at which a point's residual stops growing.", unit="m", symbol="τ", gt=0.0
+        0.45,
+        "Distance from a plane at which a point's residual stops growing; a border with a jump so high has its "
+        "full price.",
+        unit="m",
+        symbol="τ",
+        gt=0.0,
     )
     gross_limit: float = parameter(
         2.0, "Distance at which a point's gross residual, added, stops growing.", unit="m", symbol="g", gt=0.0
@@ -197,13 +202,10 @@ class LabelCosts(BaseModel):
         ge=0.0,
         le=1.0,
     )
-    full_jump: float = parameter(
-        0.5, "Height of a jump from which on a border costs its full price.", unit="m", gt=0.0
-    )
     plane_points: float = parameter(
         4.0,
-        "Price of a plane in use, in points: three numbers and the corners around it are worth stating when "
-        "they explain so many.",
+        "Price of a plane in use, and of a corner, in points: three numbers are worth stating when they "
+        "explain so many.",
         symbol="γ",
         ge=0.0,
     )
@@ -211,19 +213,6 @@ class LabelCosts(BaseModel):
         6.0,
         "Parts of a roof smaller than this, high over the rest, are towers of leaves unless they are bodies.",
         unit="m2",
-        ge=0.0,
-    )
-    tower_share: float = parameter(
-        0.75,
-        "Least share, on the planes of a body, of the points in and beside it that the roof around does not "
-        "explain.",
-        ge=0.0,
-        le=1.0,
-    )
-    farthest: float = parameter(
-        5.0,
-        "How near a cell must be to the rectangle around a plane's points to get that plane.",
-        unit="m",
         ge=0.0,
     )
 
@@ -249,16 +238,17 @@ def plane_reach(
     planes: NDArray[np.float64],
     spacing: float,
     ground: float,
-    costs: LabelCosts,
+    farthest: float,
 ) -> PlaneReach:
-    """Where planes (P, 3) may be: near the rectangles around their own points, and over the base.
+    """Where planes (P, 3) may be: nearer than `farthest` (m) to the rectangles around their own points, and
+    over the base.
 
     `labels` (N,) say which of them each roof point (N, 3) supports.
     """
     box = np.full((len(planes), 4), np.inf)
     np.minimum.at(box[:, :2], labels[labels >= 0], roof[labels >= 0, :2])
     np.minimum.at(box[:, 2:], labels[labels >= 0], -roof[labels >= 0, :2])
-    box = (box - costs.farthest) * np.array([1.0, 1.0, -1.0, -1.0])
+    box = (box - farthest) * np.array([1.0, 1.0, -1.0, -1.0])
     box[-1] = -np.inf, -np.inf, np.inf, np.inf
     return PlaneReach(roof, planes, spacing, box, ground + LOWEST_ROOF)
 
@@ -279,7 +269,7 @@ def label_cells(
         places,
         planes,
         costs.meeting_share,
-        costs.full_jump,
+        costs.residual_limit,
     )
     return label_nodes(data, borders, costs.plane_points * reach.spacing**2)
 

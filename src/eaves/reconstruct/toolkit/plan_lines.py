@@ -34,7 +34,6 @@ class LineReconstructor(Reconstructor):
     strip_width: float = parameter(
         1.2, "Width, in spacings, of the strip in which border places make one line.", gt=0.0
     )
-    rectangle_points: int = parameter(6, "Fewest points of a plane whose rectangle is worth drawing.", ge=1)
     rectangle_trim: float = parameter(
         2.0,
         "Percentage of a plane's points, on each side, that its rectangle leaves out.",
@@ -43,12 +42,20 @@ class LineReconstructor(Reconstructor):
         lt=50.0,
     )
     extension: float = parameter(
-        1.0, "How far a line reaches beyond its evidence before it ends on the next one.", unit="m", ge=0.0
+        1.0,
+        "How far a line reaches beyond its evidence before it ends on the next one, and a plane beyond its "
+        "points.",
+        unit="m",
+        ge=0.0,
     )
     level_jump: float = parameter(
         3.0, "Height difference that makes two levels at LoD 1.3.", unit="m", gt=0.0
     )
-    clutter_points: int = parameter(6, "Fewest points that make a level of what no plane explains.", ge=1)
+    clutter_points: int = parameter(
+        6,
+        "Fewest points that make a level of what no plane explains, or of a plane whose rectangle is drawn.",
+        ge=1,
+    )
     clutter_area: float = parameter(
         1.0, "Least area that makes a level of what no plane explains.", unit="m2", ge=0.0
     )
@@ -283,7 +290,7 @@ def rectangle(
 
     The sides of a dormer are too short to gather border places; its rectangle is not.
     """
-    if len(places) < limits.rectangle_points or len(main) == 0:
+    if len(places) < limits.clutter_points or len(main) == 0:
         return []
     trim = limits.rectangle_trim
     boxes = [

@@ -39,11 +39,6 @@ PYRAMID_LIKENESS = 0.85
 ONE_SLOPE_DEG = 10.0
 """Slopes of one side that differ by more break it, as those of a mansard: no pyramid."""
 
-FULL_SHARE = 0.9
-"""Four sides are a hip only where they fill this share of the rectangle around them: two gables that cross
-have four sides, too.
-"""
-
 NARROWEST_M = 0.5
 """Faces narrower than this are parapets: no main faces."""
 
@@ -197,12 +192,12 @@ def roof_type(faces: list[Record]) -> str:
 
 
 def fills_rectangle(pitched: list[Record]) -> bool:
-    """Whether pitched faces fill the rectangle around them."""
+    """Whether pitched faces fill the rectangle around them: two gables that cross have four sides, too."""
     plans = [face["shape"].plan.buffer(0.0) for face in pitched if face.get("shape") is not None]
     if not plans:
         return True
     whole = shapely.union_all(plans)
-    return bool(whole.area >= FULL_SHARE * shapely.minimum_rotated_rectangle(whole).area)
+    return bool(whole.area >= MAIN_SHARE * shapely.minimum_rotated_rectangle(whole).area)
 
 
 def is_broken(pitched: list[Record]) -> bool:

@@ -79,6 +79,7 @@ def pieces_of(
         reach = shapely.buffer(polygons[face], CLOSEST, join_style="mitre")
         piece = shapely.intersection(outline, reach, grid_size=COORDINATE_STEP)
         outline = shapely.difference(outline, reach, grid_size=COORDINATE_STEP)
+        outline = shapely.MultiPolygon(list(polygon_parts(outline)))
         above = 0.0
         for other in near.tolist():
             places = shapely.get_coordinates(shapely.intersection(piece, polygons[other]))
@@ -173,7 +174,7 @@ def find_towers(
     middle = 0.5 * (plan.nodes[plan.start[halves]] + plan.nodes[plan.end[halves]])
     apart = planes[labels[own]] - planes[labels[other]]
     step = (apart[:, :2] * middle).sum(axis=1) + apart[:, 2]
-    meet = np.abs(step) < limits.full_jump
+    meet = np.abs(step) < limits.residual_limit
     group = connected_groups_kernel(own[meet], other[meet], plan.count)
     rim, count = group[own] != group[other], int(group.max()) + 1
     high = np.bincount(group[own], length * rim * np.where(step > limits.level_jump, 1.0, -1.0), count) > 0.0
@@ -184,7 +185,7 @@ def find_towers(
         some = points[shapely.dwithin(body, shapely.points(points[:, :2]), spacing)]
         on_top = lie_on(some, planes[labels[group == one]])
         strewn = ~on_top & ~lie_on(some, planes[labels[other[rim & (group[own] == one)]]])
-        towers |= (group == one) & (on_top.sum() < limits.tower_share * (on_top | strewn).sum())
+        towers |= (group == one) & (on_top.sum() < LEAST_SHOWN * (on_top | strewn).sum())
     return towers
 
 
@@ -233,7 +234,7 @@ def find_superstructures(
         one = describe_object(solids, roof[own], over[own], turn, spacing, limits)
         if one is None or one.polygon.area < limits.superstructure_least:
             continue
-        if one.polygon.intersection(polygon).area > limits.tower_share * one.polygon.area:
+        if one.polygon.intersection(polygon).area > LEAST_SHOWN * one.polygon.area:
             found.append(one)
     found.sort(key=lambda one: (-one.polygon.area, one.polygon.centroid.x))
     bodies = stand_bodies(solids, [one.polygon for one in found], [one.top for one in found])
