@@ -1,22 +1,29 @@
-"""Chimneys, dormers and plant on simulated roofs: found in the solid, found as objects, false.
+"""Chimneys, dormers and plant on simulated roofs: found in the solid, found as objects, false; and towers of
+leaves, on roofs under crowns and in the results of runs.
 
-Run `python -m benchmarks.accuracy.superstructures`.
+Run `python -m benchmarks.accuracy.superstructures [RESULTS...]`, folders that `eaves build` wrote.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import pyogrio
 import shapely
 
 from benchmarks.table import keep
 from eaves.geometry.neighbours import measure_spacing
+from eaves.geometry.roof_fit import collect_faces, fit_roof
 from eaves.model import BuildingModel, Footprint, Points
+from eaves.model.building import ROOF_SURFACE
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.toolkit.attributes import surface_heights
 from eaves.roof import segment_roof
+from eaves.roof.toolkit.crowns import crown_points
 from eaves.simulate.objects.masses import Mass
 from eaves.simulate.objects.roofs import Masses, flat, gable, hip, make_building, plan_rectangle
 from eaves.validate.models import validate_model
@@ -128,8 +135,83 @@ def rows() -> Iterator[dict[str, object]]:
             }
 
 
+NOTE = (
+    "Drawn: shafts found are those that stand in the model, towers what stands of the crown. In results of runs, "
+    "named by their folders, true chimneys, spires and lift housings are among the towers."
+)
+
+
+def count_towers(faces: Sequence[Sequence[Points]], owner: Sequence[int]) -> list[shapely.Point]:
+    """The middles of the faces, rings of corners, under 6 m² and more than 3 m over the roof around them."""
+    roof, found = collect_faces(faces, owner), []
+    for rings in faces:
+        plan = shapely.Polygon(rings[0][:, :2], [ring[:, :2] for ring in rings[1:]])
+        if plan.area >= 6.0:
+            continue
+        rim = shapely.segmentize(plan.buffer(0.3, join_style="mitre").exterior, 0.3)
+        places = shapely.get_coordinates(rim)
+        rise = fit_roof(np.column_stack([places, np.full(len(places), rings[0][:, 2].mean())]), roof).vertical
+        if np.isfinite(rise).sum() >= 3 and np.nanmedian(rise) > 3.0:
+            found.append(plan.centroid)
+    return found
+
+
+def towers_under_crowns() -> Iterator[dict[str, object]]:
+    """Gables with a shaft of 4 m², 3.5 to 4 m high, and a crown that most pulses pass, by density."""
+    for density in (5.0, 10.0, 20.0):
+        found = false = 0
+        for number in range(FIRST, FIRST + ROOFS):
+            rng = np.random.default_rng([number, int(density)])
+            shaft = plan_rectangle(2.0, 2.0, rng.uniform(-6.0, -3.0), rng.uniform(-2.0, 2.0))
+            main = gable(18, 11, 0.6)
+            foot = max(min(a * u + b * v + c for a, b, c in main[0].planes) for u, v in shaft.exterior.coords)
+            top = Mass(shaft, ((0.0, 0.0, foot + rng.uniform(3.5, 4.0)),), "object")
+            points, outline = scanned((*main, top), density, rng)
+            count = int(4.0 * density)
+            crown = rng.normal([4.0, 0.0, foot + 5.0], [1.2, 1.2, 0.8], (count, 3))
+            every = np.vstack([points, crown])
+            split = np.append(np.zeros(len(points), bool), rng.random(count) < 0.8)
+            every = every[~crown_points(every, split)]
+            footprint = Footprint(shapely.orient_polygons(shapely.set_precision(outline, 0.001)))
+            spacing = measure_spacing(points)
+            model = reconstruct_building(every, footprint, segment_roof(every, spacing), BASE)
+            assert isinstance(model, BuildingModel)
+            towers = count_towers(*roof_rings(model))
+            found += any(shaft.buffer(0.5).contains(one) for one in towers)
+            false += sum(not shaft.buffer(0.5).contains(one) for one in towers)
+        yield {"roofs": f"drawn, {density:g}/m²", "buildings": ROOFS, "shafts found": found, "towers": false}
+
+
+def roof_rings(model: BuildingModel) -> tuple[list[list[Points]], list[int]]:
+    """The rings of a model's roof faces and of its objects' tops, all of one building."""
+    solids = [*model.solids[model.lod], *(one.solid for one in model.installations if one.solid is not None)]
+    faces = [
+        [solid.vertices[list(ring)] for ring in face.rings]
+        for solid in solids
+        for face in solid.faces
+        if face.surface == ROOF_SURFACE
+    ]
+    return faces, [0] * len(faces)
+
+
+def towers_in_results(out: Path) -> dict[str, object]:
+    """The towers in a folder that `eaves build` wrote, in metres; true chimneys and spires are among them."""
+    _, _, shapes, columns = pyogrio.raw.read(out / "footprints.gpkg", "roof_planes", columns=["building_id"])
+    rings = [[one.exterior, *one.interiors] for one in shapely.from_wkb(shapes)]
+    faces = [[shapely.get_coordinates(ring, include_z=True)[:-1] for ring in own] for own in rings]
+    names = np.unique(columns[0], return_inverse=True)[1]
+    return {
+        "roofs": out.name,
+        "buildings": int(names.max()) + 1,
+        "shafts found": None,
+        "towers": len(count_towers(faces, names.tolist())),
+    }
+
+
 def main() -> None:
-    """Print and keep the table."""
+    """Print and keep the tables."""
+    found = [*towers_under_crowns(), *(towers_in_results(Path(name)) for name in sys.argv[1:])]
+    keep("towers", "Faces under 6 m², more than 3 m over the roof around them", found, COMMAND, NOTE)
     note = (
         "Blocks 0.5 to 1.5 m over gables, hips and flat roofs, points at random, 2 cm of noise, true "
         "outline. Found: the solid's roof is within 0.25 m of the top over the middle, or an object shares "

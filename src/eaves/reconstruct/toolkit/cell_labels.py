@@ -180,7 +180,7 @@ class LabelCosts(BaseModel):
 
     residual_limit: float = parameter(
         0.45,
-        "Distance from a plane at which a point's residual stops growing; a border with a jump so high has its "
+        "Distance from a plane at which a point's residual stops growing; a border with such a jump has its "
         "full price.",
         unit="m",
         symbol="τ",
