@@ -136,8 +136,8 @@ def rows() -> Iterator[dict[str, object]]:
 
 
 NOTE = (
-    "Drawn: shafts found are those that stand in the model, towers what stands of the crown. In results of runs, "
-    "named by their folders, true chimneys, spires and lift housings are among the towers."
+    "Drawn: shafts found are those that stand in the model, towers what stands of the crown. In results of "
+    "runs, named by their folders, true chimneys, spires and lift housings are among the towers."
 )
 
 

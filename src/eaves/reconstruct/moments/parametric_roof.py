@@ -115,7 +115,8 @@ def fit_parametric_roof(
     moves = GROUPS[form] if turns else GROUPS[form][:, GROUPS[form][ANGLE] == 0.0]
     best = trial = start.astype(np.float64)
     lowest, shrink, scale = np.inf, 1.0, floor
-    normal, step = np.eye(moves.shape[1]), np.zeros(moves.shape[1])
+    normal: NDArray[np.float64] = np.eye(moves.shape[1])
+    step: NDArray[np.float64] = np.zeros(moves.shape[1])
     for turn in range(rounds):
         if turn % SCALINGS == 0 and turn < SCALINGS**2:
             scale = max(1.4826 * float(np.median(np.abs(z - roof_heights(form, best, xy)[0]))), floor)
@@ -134,7 +135,7 @@ def fit_parametric_roof(
             if turn > SCALINGS**2 - SCALINGS and gain < 1e-6 * len(z):
                 break
             damped = normal + np.diag(1e-4 * np.diag(normal) + 1e-9)
-            step = np.linalg.solve(damped, free.T @ (weight * (z - height)))
+            step = np.asarray(np.linalg.solve(damped, free.T @ (weight * (z - height))), np.float64)
         trial = best + shrink * (moves @ step)
     residuals = z - roof_heights(form, best, xy)[0]
     covariance = np.zeros((8, 8))
