@@ -103,9 +103,6 @@ class RegionGrowing(RoofMethod):
         "Distance to a plane's nearest point up to which a point is given to it, in spacings.",
         gt=0.0,
     )
-    min_area: float = parameter(
-        0.8, "Area of the smallest plane; never fewer than 5 points.", unit="m2", ge=0.0
-    )
     max_slope: float = parameter(78.0, "Slope above which a plane is a wall.", unit="degree", gt=0.0, lt=90.0)
     fewest_neighbours: int = parameter(
         10, "The fewest neighbours derived: a normal wants ten points.", unit="points", ge=4

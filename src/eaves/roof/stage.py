@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
+from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, parameter, resolve_method
 from eaves.model import Points, RoofPlane
 from eaves.model.checks import check_points, check_positive
 from eaves.model.cloud import canonical_order
@@ -28,6 +28,10 @@ class RoofMethod(Method):
     """
 
     stage: ClassVar[str] = "roof"
+
+    min_area: float = parameter(
+        0.8, "Area of the smallest plane; never fewer than 5 points.", unit="m2", ge=0.0
+    )
 
     def planes(
         self, points: Points, spacing: float, rng: np.random.Generator, emit: Emit = ignore

@@ -77,7 +77,6 @@ class TinFaces(RoofMethod):
     distance_share: float = parameter(
         3.0, "Distance to a plane up to which a triangle belongs to it, in multiples of the noise.", gt=0.0
     )
-    min_area: float = parameter(0.8, "Area of the smallest face.", unit="m2", ge=0.0)
     finish: RegionGrowing = parameter(
         RegionGrowing(),
         "What joins coplanar faces and gives the points between faces to one of them.",

@@ -81,9 +81,6 @@ class GlobalRefinement(RoofMethod):
         "Price of a plane, as the share of the smallest plane's points that are left out instead.",
         ge=0.0,
     )
-    min_area: float = parameter(
-        0.8, "Area of the smallest plane; never fewer than 5 points.", unit="m2", ge=0.0
-    )
     join_gap: float = parameter(
         1.5,
         "Gap in plan over which coplanar pieces twice as wide are one plane; at least 3 spacings.",
