@@ -242,10 +242,6 @@ class RegionGrowing(RoofMethod):
                 break
         return labels
 
-    def fewest_points(self, local: LocalPlanes) -> int:
-        """Points of the smallest plane."""
-        return max(5, int(self.min_area / local.spacing**2))
-
     def join_tolerance(self, noise: float) -> float:
         """Root mean square distance (m) from one plane up to which regions are pieces of it."""
         return float(np.hypot(1.2 * noise, self.sag))

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from eaves.geometry.planes import LocalPlanes
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, parameter, resolve_method
 from eaves.model import Points, RoofPlane
 from eaves.model.checks import check_points, check_positive
@@ -38,6 +39,10 @@ class RoofMethod(Method):
     ) -> list[RoofPlane]:
         """The planes of roof points; see the class."""
         raise NotImplementedError
+
+    def fewest_points(self, local: LocalPlanes) -> int:
+        """Points of the smallest plane."""
+        return max(5, int(self.min_area / local.spacing**2))
 
 
 def segment_roof(

@@ -211,10 +211,6 @@ class GlobalRefinement(RoofMethod):
             labels = np.where(np.isin(labels, dropped + 1), 0, labels).astype(np.int32)
             relabel_kernel(points, ring, planes, weights, outlier, self.smoothness, 4, labels)
 
-    def fewest_points(self, local: LocalPlanes) -> int:
-        """Points of the smallest plane."""
-        return max(5, int(self.min_area / local.spacing**2))
-
 
 def weights_of(squares: Values, noise: float, sag: float) -> Values:
     """Weights (K,), one over the variance of the points of each plane, from their mean squares (K,).
