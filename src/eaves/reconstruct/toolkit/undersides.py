@@ -26,7 +26,7 @@ from eaves.reconstruct.toolkit.coverage import (
 from eaves.reconstruct.toolkit.evidence import LOWEST_ROOF
 from eaves.reconstruct.toolkit.extrude import SAME_HEIGHT
 from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS, OUTSIDE, Integers
-from eaves.reconstruct.toolkit.soundness import CLOSEST
+from eaves.reconstruct.toolkit.plan_lines import OVERSHOOT
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ def close_slabs(
     plan: Coverage, roof: RoofPlan, face: Integers, stands: NDArray[np.bool_], floors: NDArray[np.float64]
 ) -> tuple[tuple[Solid, ...], NDArray[np.float64]]:
     """The solids between the planes `floors` (C, 3) of the cells and the roof over them, `face` (C,), and the
-    places (K, 2) where they touch themselves; those that `stand` (C,) do so on the ground.
+    places (K, 2) where they touch themselves, or nearly; those that `stand` (C,) do so on the ground.
     """
     for _ in range(MOST_ROUNDS):
         halves, places = crossings(plan, roof.planes[face], floors)
@@ -147,7 +147,7 @@ def close_slabs(
             break
         plan = plan.split(halves, places)
     group = joined_cells(plan, roof.planes[face], floors)
-    solids, touching = [], [plan.nodes[plan.start[plan.length < CLOSEST]]]
+    solids, touching = [], [plan.nodes[plan.start[plan.length < OVERSHOOT]]]
     for number in range(int(group.max(initial=-1)) + 1):
         built, places = close_slab(plan, group == number, roof, face, stands, floors)
         solids.append(built)
