@@ -206,7 +206,7 @@ def segment_edges(ring: NDArray[np.float64], runs: list[tuple[int, int]]) -> Out
 
 def turned_edges(edges: OutlineEdges, sigma: float, tolerance: float) -> OutlineEdges:
     """The edges, those within `tolerance` (radians) of the main direction or across turned into it."""
-    axes = common_axes(edges, sigma, tolerance, 0.0, 1)
+    axes = common_axes(edges, sigma, tolerance, frames=1, fewest=2)
     if len(axes) == 0:
         return edges
     turns = np.round((edges.angle - axes[0]) / RIGHT_ANGLE)

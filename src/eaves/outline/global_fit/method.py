@@ -17,12 +17,16 @@ from eaves.outline.global_fit.low_parts import LowPartRules, low_parts
 from eaves.outline.stage import MIN_POINTS, OutlineMethod
 from eaves.outline.toolkit.alpha import SHARE, alpha_rings, triangulate_points, wide_radius
 from eaves.outline.toolkit.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
-from eaves.outline.toolkit.edges import OutlineEdges, common_axes, edge_shift_kernel, fit_edges
-from eaves.outline.toolkit.polyline import cheapest_polyline
+from eaves.outline.toolkit.edges import (
+    RIGHT_ANGLE,
+    OutlineEdges,
+    common_axes,
+    edge_shift_kernel,
+    fit_edges,
+    turned_freely,
+)
+from eaves.outline.toolkit.polyline import Prices, cheapest_polyline, travel_angles
 from eaves.outline.toolkit.shared_edges import share_edges
-
-REACH = 4.0
-"""Points so far (spacings) from an edge, and corners from the boundary, are still of it."""
 
 
 class GlobalFit(LowPartRules, OutlineMethod):
@@ -97,11 +101,15 @@ class GlobalFit(LowPartRules, OutlineMethod):
         unit="m",
         ge=0,
     )
-    price: float = parameter(1.5, "price of an edge, in nats per log of the number of boundary points", gt=0)
-    angle_cost: float = parameter(3.0, "further price of a direction of its own, in nats", ge=0)
-    tolerance: float = parameter(8.0, "largest turn of an edge into a common direction", unit="°", ge=0)
-    least: float = parameter(0.2, "least share of the outline along a frame of directions", ge=0, le=1)
-    frames: int = parameter(2, "most right-angled frames of directions in one building", ge=0)
+    corner: float = parameter(
+        8.0, "price of a side with a corner of 90°, in nats; a corner of another angle costs more", gt=0
+    )
+    direction: float = parameter(
+        10.0, "further price of a side that follows another frame of directions than most, in nats", ge=0
+    )
+    stray: float = parameter(3.0, "price of a boundary point on no side, in nats", gt=0)
+    step: float = parameter(7.5, "directions that are tried first are so far apart", unit="°", gt=0, le=45)
+    tolerance: float = parameter(12.0, "largest turn of an edge into a common direction", unit="°", ge=0)
     detail: float = parameter(1.5, "shortest edge and smallest jog, in spacings", ge=0)
     min_hole: float = parameter(10.0, "inner boundaries smaller than this are dropped", unit="m²", ge=0)
     widest: float = parameter(2.0, "empty discs wider than this are gaps, in spacings", gt=0)
@@ -111,7 +119,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
     strip_before: float = parameter(
         1.2, "points up to this far before an edge tell where they end, in spacings", gt=0
     )
-    strip_behind: float = parameter(REACH, "and up to this far behind it, in spacings", gt=0)
+    strip_behind: float = parameter(4.0, "and up to this far behind it, in spacings", gt=0)
     wall_beside: float = parameter(
         1.0, "points of a wall have roof points above them within so many spacings", ge=0
     )
@@ -120,11 +128,6 @@ class GlobalFit(LowPartRules, OutlineMethod):
         1.0,
         "pulses are divided by an edge within this: the disc of a beam of 0.5 mrad from 2000 m",
         unit="m",
-        gt=0,
-    )
-    corner_reach: float = parameter(
-        REACH,
-        "a corner farther than this from the boundary is cut off, one of 30° still is not; in spacings",
         gt=0,
     )
 
@@ -182,7 +185,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
         """The corners (C, 2) of one ring (M, 2) of a boundary.
 
         What crosses itself loses the smaller loops; what encloses another area than the boundary is not
-        used: then it is the polyline without common directions, and at last the boundary, simplified.
+        used: then it is the least rectangle around it, and at last the boundary, simplified.
         """
         origin = ring[0].copy()
         spacing = boundary.spacing
@@ -190,23 +193,40 @@ class GlobalFit(LowPartRules, OutlineMethod):
         divided = None if boundary.not_last is None else boundary.not_last[:, :2] - origin
         density = len(points) / max(abs(signed_area(boundary.rings[0])), 1e-9)
         sigma = float(np.hypot(self.scatter * spacing, self.blur))
-        far = int(np.argmax(((local - local.mean(axis=0)) ** 2).sum(axis=1)))
-        local = np.roll(local, -far, axis=0)
-        none = np.zeros(0)
-        price = self.price * float(np.log(len(ring)))
-        starts, axis = cheapest_polyline(local, none, sigma, price, self.angle_cost)
-        free = fit_edges(local, starts, axis, none)
-        axes = common_axes(free, sigma, np.radians(self.tolerance), self.least, self.frames)
-        again = np.roll(local, -int(starts[len(starts) // 2]), axis=0)
-        starts, axis = cheapest_polyline(again, axes, sigma, price, self.angle_cost)
-        edges = fit_edges(again, starts, axis, axes)
-        drawing = Drawing(self.detail * spacing, self.corner_reach * spacing, sigma, price)
-        for candidate in (edges, free):
-            corners = self.drawn(candidate, points, divided, density, spacing, drawing)
-            corners = None if corners is None else simple_ring(corners)
-            if corners is not None and is_like(corners, local, 1.5 * spacing):
-                return np.asarray(corners + origin)
+        drawing = Drawing(self.detail * spacing, np.inf, sigma, self.corner)
+        edges = self.cheapest_edges(local, sigma)
+        corners = None if edges is None else self.drawn(edges, points, divided, density, spacing, drawing)
+        rectangle = shapely.oriented_envelope(Polygon(local))
+        for candidate in (corners, np.asarray(shapely.orient_polygons(rectangle).boundary.coords)[:-1]):
+            whole = None if candidate is None else simple_ring(candidate)
+            if whole is not None and is_like(whole, local, 1.5 * spacing):
+                return np.asarray(whole + origin)
         return np.asarray(Polygon(ring).simplify(spacing).exterior.coords)[:-1]
+
+    def cheapest_edges(self, ring: NDArray[np.float64], sigma: float) -> OutlineEdges | None:
+        """The edges of the cheapest polyline along a ring (M, 2) of points that scatter by `sigma` (m), None
+        when there are under three.
+
+        The directions of a first polyline, which has all to choose from, are those of the second.
+        """
+        prices = Prices(self.corner, self.direction, self.stray)
+        far = int(np.argmax(((ring - ring.mean(axis=0)) ** 2).sum(axis=1)))
+        ring = np.roll(ring, -far, axis=0)
+        every = np.arange(0.0, RIGHT_ANGLE, np.radians(self.step))
+        every = np.stack([every, every + RIGHT_ANGLE], axis=1).ravel()
+        sides = cheapest_polyline(ring, every, sigma, prices)
+        if len(sides) < 3:
+            return None
+        free = turned_freely(fit_edges(ring, sides, every))
+        axes = common_axes(free, sigma, np.radians(self.tolerance), len(free), fewest=1)
+        longest = int(np.argmax(sides[:, 1] - sides[:, 0]))
+        ring = np.roll(ring, -int(sides[longest, :2].sum() // 2), axis=0)
+        first = int(np.argmax(np.cos(travel_angles(axes) - free.angle[longest])))
+        sides = cheapest_polyline(ring, axes, sigma, prices, first)
+        if len(sides) < 4:
+            return None
+        sides[0, 0], sides[0, 1] = sides[-1, 0], sides[0, 1] + len(ring)
+        return fit_edges(ring, sides[:-1], axes)
 
     def drawn(
         self,

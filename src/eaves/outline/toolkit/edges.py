@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.outline.toolkit.polyline import FREE
+from eaves.outline.toolkit.polyline import travel_angles
 
 RIGHT_ANGLE = np.pi / 2
 WALL_ABOVE, WALL_STEEP = 0.6, 1.7
@@ -57,19 +57,18 @@ class OutlineEdges:
         )
 
 
-def stretch_moments(ring: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
+def stretch_moments(
+    ring: NDArray[np.float64], first: NDArray[np.int64], last: NDArray[np.int64]
+) -> NDArray[np.float64]:
     """Count, mean and central second moments (K, 6) of the ring points (M, 2) of every stretch.
 
-    A stretch runs from its start to the next one, both included; where it has five points or more its ends,
-    which lie in rounded corners, are left out.
+    A stretch runs from its `first` point to its `last` one, both included, which may be number M and more;
+    where it has five points or more its ends, which lie in rounded corners, are left out.
     """
-    size = len(ring)
-    ends = np.append(starts[1:], starts[0] + size)
-    trim = (ends - starts >= 4).astype(np.int64)
-    first, last = starts + trim, ends - trim
-    twice = np.concatenate([ring, ring])
-    x, y = twice.T
-    sums = np.zeros((2 * size + 1, 5))
+    trim = (last - first >= 4).astype(np.int64)
+    first, last = first + trim, last - trim
+    x, y = np.concatenate([ring, ring]).T
+    sums = np.zeros((len(x) + 1, 5))
     np.cumsum(np.stack([x, y, x * x, x * y, y * y], axis=1), axis=0, out=sums[1:])
     total = sums[last + 1] - sums[first]
     n = (last - first + 1).astype(np.float64)
@@ -86,29 +85,33 @@ def main_direction(moments: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def fit_edges(
-    ring: NDArray[np.float64], starts: NDArray[np.int64], axis: NDArray[np.int64], axes: NDArray[np.float64]
+    ring: NDArray[np.float64], sides: NDArray[np.int64], axes: NDArray[np.float64]
 ) -> OutlineEdges:
-    """Edges along `ring` (M, 2): through their points, those on an axis of `axes` (A,) in its direction."""
-    moments = stretch_moments(ring, starts)
-    corner = ring[starts]
-    travel = np.roll(corner, -1, axis=0) - corner
-    angle = main_direction(moments)
-    angle[axis != FREE] = axes[axis[axis != FREE]]
-    backwards = np.cos(angle) * travel[:, 0] + np.sin(angle) * travel[:, 1] < 0
-    angle = angle + np.where(backwards, np.pi, 0.0)
+    """Edges along `ring` (M, 2) through the points of `sides` (K, 3), which `cheapest_polyline` answers."""
+    first, last, direction = sides.T
+    angle = travel_angles(axes)[direction]
+    moments = stretch_moments(ring, first, last)
     offset = -np.sin(angle) * moments[:, 1] + np.cos(angle) * moments[:, 2]
-    return OutlineEdges(angle, offset, axis, moments, corner)
+    before = np.roll(last, 1)
+    corner = ring[(before + np.mod(first - before, len(ring)) // 2) % len(ring)]
+    return OutlineEdges(angle, offset, direction // 2, moments, corner)
+
+
+def turned_freely(edges: OutlineEdges) -> OutlineEdges:
+    """The edges, each in the direction that fits its points best."""
+    angle = main_direction(edges.moments)
+    return edges.with_(angle=np.where(np.cos(angle - edges.angle) < 0.0, angle + np.pi, angle))
 
 
 def common_axes(
-    edges: OutlineEdges, sigma: float, tolerance: float, least: float, frames: int
+    edges: OutlineEdges, sigma: float, tolerance: float, frames: int, fewest: int
 ) -> NDArray[np.float64]:
-    """Directions (2 F,) of at most `frames` right-angled frames that several edges agree on: φ, φ + 90°, ….
+    """Directions (2 F,) of at most `frames` right-angled frames that edges agree on: φ, φ + 90°, ….
 
     The longest edges lead. An edge belongs to a frame when it deviates by less than three standard
     deviations of its own direction (`sigma` (m) is the scatter of a boundary point about its line), at most
-    by `tolerance` (radians). A frame needs two edges and `least` of the total length; its direction is the
-    one that fits the points of all its edges best.
+    by `tolerance` (radians). A frame needs `fewest` edges; its direction is the one that fits the points of
+    all its edges best.
     """
     xx, xy, yy = edges.moments[:, 3], edges.moments[:, 4], edges.moments[:, 5]
     spread = np.sqrt(np.maximum(0.5 * (xx + yy + np.hypot(xx - yy, 2 * xy)), 1e-9))
@@ -118,14 +121,14 @@ def common_axes(
     left = np.ones(len(edges), np.bool_)
     axes: list[float] = []
     for _ in range(frames):
-        if left.sum() < 2:
+        if left.sum() < fewest:
             break
         apart = np.mod(angle[:, None] - angle[None, :] + RIGHT_ANGLE / 2, RIGHT_ANGLE) - RIGHT_ANGLE / 2
         reach = np.minimum(np.hypot(deviation[:, None], deviation[None, :]), tolerance)
         agree = np.maximum(1.0 - (apart / reach) ** 2, 0.0) * left[None, :] * length[None, :] * left[:, None]
         lead = int(np.argmax(np.round(agree.sum(axis=1), 9)))
         along_it = np.flatnonzero(agree[lead] > 0)
-        if len(along_it) < 2 or length[along_it].sum() < least * length.sum():
+        if len(along_it) < fewest:
             break
         turns = np.round((edges.angle[along_it] - edges.angle[lead]) / RIGHT_ANGLE).astype(np.int64)
         axes += frame_axes(edges.moments[along_it], turns)

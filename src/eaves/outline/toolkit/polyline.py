@@ -1,6 +1,8 @@
-"""The cheapest polyline around a ring: few edges, each a line fitted to its stretch of boundary points."""
+"""The cheapest polyline around a ring: few sides, each along one of few directions."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,52 +11,84 @@ from eaves.kernels import kernel
 
 FREE = -1
 """Axis of an edge that runs in a direction of its own."""
+ANY = -1
+"""The polyline may start along any direction."""
+
+
+@dataclass(frozen=True)
+class Prices:
+    """What the parts of a polyline cost, in nats: minus the logarithm of how likely they are."""
+
+    corner: float
+    """A corner of 90°; one that turns by τ costs 1 / |sin τ| times that, as its place is less sure."""
+    direction: float
+    """A side that does not follow the first frame of directions."""
+    stray: float
+    """A boundary point that lies on no side."""
 
 
 def cheapest_polyline(
-    ring: NDArray[np.float64],
-    axes: NDArray[np.float64],
-    sigma: float,
-    price: float,
-    angle_cost: float,
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First point of every edge (K,) and its axis (K,) for the cheapest closed polyline along `ring` (M, 2).
+    ring: NDArray[np.float64], axes: NDArray[np.float64], sigma: float, prices: Prices, first: int = ANY
+) -> NDArray[np.int64]:
+    """First point, last point and direction (K, 3) of every side of the cheapest polyline along `ring` (M, 2).
 
-    The ring starts at a corner. An edge takes a stretch of the ring, both ends included, and costs half the
-    sum of squared distances to its line in units of `sigma` (m), plus `price`; a line in a direction of its
-    own costs `angle_cost` more than one along one of `axes` (A,) (radians; axis a has the number a). Two
-    edges that follow each other never share an axis. Exact, by dynamic programming over the end of the last
-    edge.
+    `axes` (2 F,) are the directions (radians) of F right-angled frames: φ, φ + 90°, …, the first frame
+    first; direction d of a side is axis d // 2, travelled backwards where d is odd. A side takes a stretch
+    of the ring, both ends included, that leads along it, and costs half the sum of squared distances to its
+    line in units of `sigma` (m). Points between two sides are on none. With `first` the ring starts and
+    ends within one side of that direction, which is the first and the last of the answer. Exact, by dynamic
+    programming over the end of the last side.
     """
     closed = np.concatenate([ring, ring[:1]])
     closed = closed - closed.mean(axis=0)
     x, y = closed.T
     sums = np.zeros((len(closed) + 1, 5))
     sums[1:] = np.cumsum(np.stack([x, y, x * x, x * y, y * y], axis=1), axis=0)
-    normals = np.stack([-np.sin(axes), np.cos(axes)], axis=1).reshape(-1, 2)
-    starts, axis = polyline_kernel(sums, normals, 0.5 / sigma**2, price, angle_cost)
-    return starts, axis
+    angle = travel_angles(axes)
+    way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    sine = np.abs(np.sin(angle[:, None] - angle))
+    turn = np.where(sine > 1e-6, prices.corner / np.maximum(sine, 1e-6), np.inf)
+    own = np.where(np.arange(len(angle)) < 4, 0.0, prices.direction) if first != ANY else np.zeros(len(angle))
+    return np.asarray(polyline_kernel(closed, sums, way, turn, own, 0.5 / sigma**2, prices.stray, first))
+
+
+def travel_angles(axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The angle (2 A,) of travel along each axis (A,), in radians: there and back."""
+    return (axes[:, None] + np.array([0.0, np.pi])).ravel()
 
 
 @kernel
 def polyline_kernel(
+    ring: NDArray[np.float64],
     sums: NDArray[np.float64],
-    normals: NDArray[np.float64],
+    way: NDArray[np.float64],
+    turn: NDArray[np.float64],
+    own: NDArray[np.float64],
     scale: float,
-    price: float,
-    angle_cost: float,
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Dynamic programming over prefix sums of moments (M + 2, 5); answers as `cheapest_polyline`."""
-    last = len(sums) - 2
-    kinds = len(normals) + 1
-    free = kinds - 1
+    stray: float,
+    first: int,
+) -> NDArray[np.int64]:
+    """Dynamic programming over prefix sums of moments (M + 2, 5); answers as `cheapest_polyline`.
+
+    `best` is the least cost of a polyline whose last side ends at a point, `low` of one whose next side
+    starts there; a turn from one direction to the next costs `turn` (D, D), a side `own` (D,).
+    """
+    last, kinds = len(ring) - 1, len(way)
     best = np.full((last + 1, kinds), np.inf)
     came = np.full((last + 1, kinds), -1, np.int64)
-    came_kind = np.full((last + 1, kinds), -1, np.int64)
-    low = np.zeros((last + 1, 2))  # the cheapest, and the cheapest of another kind
-    low_kind = np.full((last + 1, 2), free, np.int64)
+    low = np.full((last + 1, kinds), np.inf)
+    left = np.zeros((last + 1, kinds), np.int64)
+    left_kind = np.full((last + 1, kinds), -1, np.int64)
+    for kind in range(kinds):
+        if first < 0 or kind == first:
+            low[0, kind] = 0.0
+    dearest = 0.0
+    for a in range(kinds):
+        least = np.inf
+        for b in range(kinds):
+            least = min(least, turn[a, b])
+        dearest = max(dearest, least + own[a])
     for j in range(1, last + 1):
-        bound = np.inf
         for i in range(j - 1, -1, -1):
             n = j - i + 1
             mx = (sums[j + 1, 0] - sums[i, 0]) / n
@@ -62,47 +96,39 @@ def polyline_kernel(
             sxx = sums[j + 1, 2] - sums[i, 2] - n * mx * mx
             sxy = sums[j + 1, 3] - sums[i, 3] - n * mx * my
             syy = sums[j + 1, 4] - sums[i, 4] - n * my * my
-            least = 0.5 * (sxx + syy - np.sqrt((sxx - syy) ** 2 + 4.0 * sxy * sxy))
-            least = max(least, 0.0) * scale + price
-            if least > bound:  # longer edges only cost more
+            least = 0.5 * (sxx + syy - np.sqrt((sxx - syy) ** 2 + 4.0 * sxy * sxy)) * scale
+            if least > stray * n + 2.0 * dearest:  # leaving all of them out costs less
                 break
+            dx, dy = ring[j, 0] - ring[i, 0], ring[j, 1] - ring[i, 1]
             for kind in range(kinds):
-                if kind == free:
-                    cost = least + angle_cost
-                    before = 0
-                else:
-                    a, b = normals[kind, 0], normals[kind, 1]
-                    cost = (a * a * sxx + 2.0 * a * b * sxy + b * b * syy) * scale + price
-                    before = 1 if i > 0 and low_kind[i, 0] == kind else 0
-                cost += low[i, before]
+                a, b = way[kind, 0], way[kind, 1]
+                if low[i, kind] == np.inf or a * dx + b * dy <= 0.0:
+                    continue
+                cost = (b * b * sxx - 2.0 * a * b * sxy + a * a * syy) * scale + own[kind] + low[i, kind]
                 if cost < best[j, kind]:
                     best[j, kind] = cost
                     came[j, kind] = i
-                    came_kind[j, kind] = low_kind[i, before]
-            smallest = best[j, 0]
-            for kind in range(1, kinds):
-                smallest = min(smallest, best[j, kind])
-            bound = smallest + angle_cost + price
-        first, second = 0, -1
-        for kind in range(1, kinds):
-            if best[j, kind] < best[j, first]:
-                first = kind
         for kind in range(kinds):
-            if kind != first and (second < 0 or best[j, kind] < best[j, second]):
-                second = kind
-        low[j, 0], low_kind[j, 0] = best[j, first], first
-        if first == free or second < 0:
-            low[j, 1], low_kind[j, 1] = best[j, first], first
-        else:
-            low[j, 1], low_kind[j, 1] = best[j, second], second
-    starts = np.empty(last, np.int64)
-    axis = np.empty(last, np.int64)
-    count, j, kind = 0, last, low_kind[last, 0]
-    while j > 0:
+            low[j, kind] = low[j - 1, kind] + stray
+            left[j, kind] = left[j - 1, kind]
+            left_kind[j, kind] = left_kind[j - 1, kind]
+            for before in range(kinds):
+                cost = best[j, before] + turn[before, kind]
+                if cost < low[j, kind]:
+                    low[j, kind] = cost
+                    left[j, kind] = j
+                    left_kind[j, kind] = before
+    j, kind, cheapest = 0, -1, np.inf
+    for end in range(1, last + 1):
+        for one in range(kinds):
+            cost = best[end, one] + stray * (last - end)
+            if (first < 0 or one == first) and cost < cheapest:
+                j, kind, cheapest = end, one, cost
+    sides = np.empty((last, 3), np.int64)
+    count = 0
+    while kind >= 0:
         i = came[j, kind]
-        starts[count] = i
-        axis[count] = -1 if kind == free else kind
-        kind = came_kind[j, kind]
-        j = i
+        sides[count] = i, j, kind
         count += 1
-    return starts[:count][::-1].copy(), axis[:count][::-1].copy()
+        j, kind = left[i, kind], left_kind[i, kind]
+    return sides[:count][::-1].copy()
