@@ -154,14 +154,12 @@ OUTLINE = (
     of("outline", "sparse parts", 1, {"outline.sparse": 1.0}),
     of("outline", "low parts", 5, {"outline.balcony": 0.0, "outline.low_drop": NEVER}),
     of("outline", "beam", 1, {"outline.spot": 0.0}),
-    of("outline", "common directions", 4, {"outline.frames": 0}),
-    of("outline", "second frame", 1, {"outline.frames": 1}),
-    of("outline", "least share of a frame", 1, {"outline.least": 0.0}),
+    of("outline", "first frame cheaper", 1, {"outline.direction": 0.0}),
+    of("outline", "points on no side", 1, {"outline.stray": NEVER}),
     of("outline", "shift of edges", 4, {"outline.strip_before": 1e-9, "outline.strip_behind": 1e-9}),
     of("outline", "walls beside", 2, {"outline.wall_beside": 0.0, "outline.least_beside": 0.0}),
     of("outline", "measured spacing", 2, {"outline.global_fit.method:wide_radius": lambda *_: 0.0}),
     of("outline", "share inside", 1, {"outline.share": 0.0}),
-    of("outline", "corner reach", 1, {"outline.corner_reach": NEVER}),
     of("outline", "blur", 1, {"outline.blur": 0.01}),
 )
 WEIGHTS = "units.row_walls.evidence:WEIGHTS"

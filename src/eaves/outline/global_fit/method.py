@@ -33,18 +33,20 @@ class GlobalFit(LowPartRules, OutlineMethod):
     """The closed polyline of least cost through the boundary of the points.
 
     The alpha shape with a small disc gives the boundary points in order. Of all closed polylines along them
-    the cheapest is taken: half the squared distance of every point to its edge, in units of its scatter,
-    plus a cost per edge; the first pass lets every edge run freely, the second offers the directions that
-    several edges of the first agree on at a lower cost, so that right angles and parallels appear where
-    the points support them and nowhere else. Edges with a common direction are then fitted together;
-    corners are intersections; edges and jogs below `detail` go. At last every edge moves to the place where
+    the cheapest is taken, whose sides follow few directions: half the squared distance of every point to its
+    side, in units of its scatter, plus a price for every corner, for a side that does not follow the frame of
+    most, and for a point that no side explains. The first pass has directions all around to choose from; those
+    of its sides, joined to right-angled frames where they agree, are the directions of the second. So right
+    angles appear unless the points pay for another one, a rounded or hidden corner is drawn where its sides
+    meet, and a spike is left out. Jogs below `detail` go. At last every edge moves to the place where
     the points behind it end, which corrects the half spacing that points stay inside.
 
     Formula
     -------
-    The cost of a polyline with K edges, F of them free, along M boundary points is
+    The cost of a polyline with corners of turn τ, F sides off the first frame and S points on no side is
 
-        Σ_points d² / 2σ² + price · log M · K + angle_cost · F,    σ² = (scatter · spacing)² + blur²
+        Σ_points d² / 2σ² + Σ_corners corner / |sin τ| + direction · F + stray · S,
+        σ² = (scatter · spacing)² + blur²
 
     and an edge stands before the k-th point of its strip by the mean distance from a random place to the
     k-th point after it, for k = 1 with gaps g between the points' depths Σ g² / 2 Σ g: 1/density for random
@@ -52,10 +54,10 @@ class GlobalFit(LowPartRules, OutlineMethod):
 
     Fidelity
     --------
-    The polyline is the optimal polygonal approximation of [perez_vidal1994] with a cost per
-    edge in place of a number of edges; that a shared direction costs less follows the description length of
-    [jung2017]; the mean distance ahead is the forward recurrence time of [cox1962]. The combination is
-    ours.
+    The polyline is the optimal polygonal approximation of [perez_vidal1994] with a price per
+    corner in place of a number of edges; that a shared direction costs less follows the description length of
+    [jung2017]; the mean distance ahead is the forward recurrence time of [cox1962]. The combination, and the
+    points on no side, are ours.
 
     Before that, points on walls and balconies are set aside: small, narrow surfaces well below a larger one
     beside them (`low_parts`).
@@ -69,12 +71,13 @@ class GlobalFit(LowPartRules, OutlineMethod):
     Fails where
     -----------
     a jog or passage is narrower than twice the spacing; where trees touch the roof and were
-    not taken out before (a bulge); on curves, which become polygons with a scatter's sagitta.
+    not taken out before (a bulge); on curves, which become polygons with a scatter's
+    sagitta; where oblique walls are short against the spacing, which are drawn square.
 
     Complexity
     ----------
-    O(N log N) for the triangulation; O(M²) at worst for a ring of M points, less where edges
-    are short, because a stretch that costs more than the best known is not made longer.
+    O(N log N) for the triangulation; O(M² D + M D²) at worst for a ring of M points and D directions, less
+    where sides are short, because a stretch that costs more than its points on no side is not made longer.
 
     References
     ----------
@@ -102,12 +105,12 @@ class GlobalFit(LowPartRules, OutlineMethod):
         ge=0,
     )
     corner: float = parameter(
-        8.0, "price of a side with a corner of 90°, in nats; a corner of another angle costs more", gt=0
+        6.0, "price of a side with a corner of 90°, in nats; a corner of another angle costs more", gt=0
     )
     direction: float = parameter(
         10.0, "further price of a side that follows another frame of directions than most, in nats", ge=0
     )
-    stray: float = parameter(3.0, "price of a boundary point on no side, in nats", gt=0)
+    stray: float = parameter(4.0, "price of a boundary point on no side, in nats", gt=0)
     step: float = parameter(7.5, "directions that are tried first are so far apart", unit="°", gt=0, le=45)
     tolerance: float = parameter(12.0, "largest turn of an edge into a common direction", unit="°", ge=0)
     detail: float = parameter(1.5, "shortest edge and smallest jog, in spacings", ge=0)

@@ -84,9 +84,7 @@ def main_direction(moments: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(0.5 * np.arctan2(2.0 * xy, xx - yy))
 
 
-def fit_edges(
-    ring: NDArray[np.float64], sides: NDArray[np.int64], axes: NDArray[np.float64]
-) -> OutlineEdges:
+def fit_edges(ring: NDArray[np.float64], sides: NDArray[np.int64], axes: NDArray[np.float64]) -> OutlineEdges:
     """Edges along `ring` (M, 2) through the points of `sides` (K, 3), which `cheapest_polyline` answers."""
     first, last, direction = sides.T
     angle = travel_angles(axes)[direction]
