@@ -30,7 +30,7 @@ class Prices:
 def cheapest_polyline(
     ring: NDArray[np.float64], axes: NDArray[np.float64], sigma: float, prices: Prices, first: int = ANY
 ) -> NDArray[np.int64]:
-    """First point, last point and direction (K, 3) of every side of the cheapest polyline along `ring` (M, 2).
+    """First point, last point, direction (K, 3) of each side of the cheapest polyline along `ring` (M, 2).
 
     `axes` (2 F,) are the directions (radians) of F right-angled frames: φ, φ + 90°, …, the first frame
     first; direction d of a side is axis d // 2, travelled backwards where d is odd. A side takes a stretch
