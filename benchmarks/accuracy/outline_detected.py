@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 from shapely import Polygon, STRtree
 
 from benchmarks.table import keep
-
 from eaves.blocks.block import not_last
 from eaves.detect import detect_buildings
 from eaves.evaluate.footprints import count_vertices, outline_distances

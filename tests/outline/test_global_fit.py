@@ -93,6 +93,23 @@ def test_edge_stands_where_the_points_end__on_average(lines_along_the_edge: bool
     assert abs(np.mean(shifts)) < 0.04
 
 
+@pytest.mark.parametrize("density", [2.0, 4.0, 10.0])
+def test_hidden_corner_is_drawn_where_its_sides_meet(density: float) -> None:
+    points = scanned(affinity.rotate(RECTANGLE, 20.0), density)
+    corner = np.array(affinity.rotate(RECTANGLE, 20.0).exterior.coords)[2]
+    seen = points[np.hypot(*(points[:, :2] - corner).T) > 2.0 * density**-0.5]
+    drawn = outlined(seen, density)
+    assert corner_count(drawn) == 4
+    assert drawn.exterior.distance(shapely.Point(corner)) < 1.5 * density**-0.5
+
+
+def test_spike_is_left_out() -> None:
+    tail = np.column_stack([np.arange(14.2, 18.0, 0.3), np.full(13, 4.5), np.full(13, 5.0)])
+    drawn = outlined(np.concatenate([scanned(RECTANGLE, 10.0), tail, tail + [0.1, 0.25, 0.0]]), 10.0)
+    assert corner_count(drawn) == 4
+    assert iou(drawn, RECTANGLE) > 0.95
+
+
 def test_moved_points_give_the_moved_outline() -> None:
     points = np.round(scanned(L_SHAPE, 6.0), 3)
     here = outlined(points, 6.0)

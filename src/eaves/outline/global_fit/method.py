@@ -34,9 +34,9 @@ class GlobalFit(LowPartRules, OutlineMethod):
 
     The alpha shape with a small disc gives the boundary points in order. Of all closed polylines along them
     the cheapest is taken, whose sides follow few directions: half the squared distance of every point to its
-    side, in units of its scatter, plus a price for every corner, for a side that does not follow the frame of
-    most, and for a point that no side explains. The first pass has directions all around to choose from; those
-    of its sides, joined to right-angled frames where they agree, are the directions of the second. So right
+    side, in units of its scatter, plus a price for every corner, for a side that does not follow the frame
+    of most, and for a point that no side explains. The first pass has directions all around to choose from;
+    those of its sides, joined to right-angled frames where they agree, are those of the second. So right
     angles appear unless the points pay for another one, a rounded or hidden corner is drawn where its
     sides meet, and a spike is left out. Jogs below `detail` go. At last every edge moves to the place where
     the points behind it end, which corrects the half spacing that points stay inside.
