@@ -111,8 +111,9 @@ class GlobalFit(LowPartRules, OutlineMethod):
         10.0, "further price of a side that follows another frame of directions than most, in nats", ge=0
     )
     stray: float = parameter(4.0, "price of a boundary point on no side, in nats", gt=0)
-    step: float = parameter(7.5, "directions that are tried first are so far apart", unit="°", gt=0, le=45)
-    tolerance: float = parameter(12.0, "largest turn of an edge into a common direction", unit="°", ge=0)
+    tolerance: float = parameter(
+        7.5, "directions nearer than this may be one, and those tried first are so far apart", unit="°", gt=0
+    )
     detail: float = parameter(1.5, "shortest edge and smallest jog, in spacings", ge=0)
     min_hole: float = parameter(10.0, "inner boundaries smaller than this are dropped", unit="m²", ge=0)
     widest: float = parameter(2.0, "empty discs wider than this are gaps, in spacings", gt=0)
@@ -178,7 +179,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
     def fitted(self, boundary: Boundary) -> Polygon | Failure:
         """One boundary's polygon."""
         rings = [self.fitted_ring(ring, boundary) for ring in boundary.rings]
-        holes = [ring for ring in rings[1:] if -signed_area(ring) >= self.min_hole]
+        holes = [ring for ring in rings[1:] if abs(signed_area(ring)) >= self.min_hole]
         whole = as_polygon(Polygon(rings[0], holes))
         if whole is None:
             return Failure("no_area", f"a ring of {len(rings[0])} points encloses no area", "outline")
@@ -199,11 +200,11 @@ class GlobalFit(LowPartRules, OutlineMethod):
         drawing = Drawing(self.detail * spacing, np.inf, sigma, self.corner)
         edges = self.cheapest_edges(local, sigma)
         corners = None if edges is None else self.drawn(edges, points, divided, density, spacing, drawing)
-        rectangle = shapely.oriented_envelope(Polygon(local))
-        for candidate in (corners, np.asarray(shapely.orient_polygons(rectangle).boundary.coords)[:-1]):
-            whole = None if candidate is None else simple_ring(candidate)
-            if whole is not None and is_like(whole, local, 1.5 * spacing):
-                return np.asarray(whole + origin)
+        whole, rectangle = Polygon(local), shapely.oriented_envelope(Polygon(local))
+        for candidate in (corners, shapely.get_coordinates(rectangle)):
+            drawn = None if candidate is None or len(candidate) < 3 else as_polygon(Polygon(candidate))
+            if drawn is not None and abs(drawn.area - whole.area) <= 1.5 * spacing * whole.length:
+                return np.asarray(shapely.get_coordinates(drawn.exterior)[:-1] + origin)
         return np.asarray(Polygon(ring).simplify(spacing).exterior.coords)[:-1]
 
     def cheapest_edges(self, ring: NDArray[np.float64], sigma: float) -> OutlineEdges | None:
@@ -215,13 +216,14 @@ class GlobalFit(LowPartRules, OutlineMethod):
         prices = Prices(self.corner, self.direction, self.stray)
         far = int(np.argmax(((ring - ring.mean(axis=0)) ** 2).sum(axis=1)))
         ring = np.roll(ring, -far, axis=0)
-        every = np.arange(0.0, RIGHT_ANGLE, np.radians(self.step))
+        apart = np.radians(self.tolerance)
+        every = np.arange(0.0, RIGHT_ANGLE, apart)
         every = np.stack([every, every + RIGHT_ANGLE], axis=1).ravel()
         sides = cheapest_polyline(ring, every, sigma, prices)
         if len(sides) < 3:
             return None
         free = turned_freely(fit_edges(ring, sides, every))
-        axes = common_axes(free, sigma, np.radians(self.tolerance), len(free), fewest=1)
+        axes = common_axes(free, sigma, apart, len(free), fewest=1)
         longest = int(np.argmax(sides[:, 1] - sides[:, 0]))
         ring = np.roll(ring, -int(sides[longest, :2].sum() // 2), axis=0)
         first = int(np.argmax(np.cos(travel_angles(axes) - free.angle[longest])))
@@ -301,24 +303,3 @@ class GlobalFit(LowPartRules, OutlineMethod):
         if count < MIN_POINTS:
             return 0.0
         return float(np.clip(np.median(near), 0.0, count / (density * float(length.sum()))))
-
-
-def simple_ring(ring: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The ring (C, 2), or the largest loop of one that crosses itself; None when there is no area."""
-    if len(ring) < 3:
-        return None
-    polygon = Polygon(ring)
-    if polygon.is_valid:
-        return ring
-    whole = as_polygon(polygon)
-    if whole is None:
-        return None
-    loop = np.asarray(shapely.orient_polygons(whole).exterior.coords)[:-1]
-    return loop if signed_area(ring) > 0 else loop[::-1]
-
-
-def is_like(ring: NDArray[np.float64], boundary: NDArray[np.float64], distance: float) -> bool:
-    """Whether the areas in a ring (C, 2) and in the boundary differ by less than a band of `distance` (m)."""
-    length = float(np.hypot(*(boundary - np.roll(boundary, 1, axis=0)).T).sum())
-    area = signed_area(boundary)
-    return signed_area(ring) * area > 0 and abs(signed_area(ring) - area) <= distance * length

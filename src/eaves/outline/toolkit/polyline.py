@@ -54,7 +54,7 @@ def cheapest_polyline(
 
 def travel_angles(axes: NDArray[np.float64]) -> NDArray[np.float64]:
     """The angle (2 A,) of travel along each axis (A,), in radians: there and back."""
-    return (axes[:, None] + np.array([0.0, np.pi])).ravel()
+    return np.stack([axes, axes + np.pi], axis=1).ravel()
 
 
 @kernel
@@ -82,12 +82,7 @@ def polyline_kernel(
     for kind in range(kinds):
         if first < 0 or kind == first:
             low[0, kind] = 0.0
-    dearest = 0.0
-    for a in range(kinds):
-        least = np.inf
-        for b in range(kinds):
-            least = min(least, turn[a, b])
-        dearest = max(dearest, least + own[a])
+    dearest = own.max() + turn.min()
     for j in range(1, last + 1):
         for i in range(j - 1, -1, -1):
             n = j - i + 1
