@@ -89,6 +89,12 @@ class Arrangement(ObjectLimits):
     )
     paper: ClassVar[str] = "peters2022"
 
+    farthest: float = parameter(
+        5.0,
+        "How near a cell must be to the rectangle around a plane's points to get that plane.",
+        unit="m",
+        ge=0.0,
+    )
     corner_reach: float = parameter(0.6, "How far a corner moves at most for others' sake.", unit="m", ge=0.0)
     smallest: float = parameter(
         0.1, "Roof faces smaller than this are not built, however many points they hold.", unit="m2", ge=0.0
@@ -140,7 +146,7 @@ class Arrangement(ObjectLimits):
         plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)
         if plan is None:
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
-        reach = plane_reach(roof, labels, coefficients, spacing, ground, self.extension)
+        reach = plane_reach(roof, labels, coefficients, spacing, ground, self.farthest)
         located = plan.cells_of(roof)
         data = cell_costs(plan, reach, self, located)
         for _ in range(MOST_ROUNDS):
