@@ -57,9 +57,7 @@ def merged_units(
         ]
         near.sort(key=lambda one: one[:2], reverse=True)
         if near and area[unit] < limits.smallest_unit:
-            other = -near[0][1]
-            if head_of(target, other) != unit:
-                target[unit] = other
+            target[head_of(target, unit)] = head_of(target, -near[0][1])
             continue
         for length, other, places in ((length, -minus, places) for length, minus, places in near):
             if owner[other - 1] >= owner[unit - 1] or length * CELL_M < limits.shortest_border:
