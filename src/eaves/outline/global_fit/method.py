@@ -111,9 +111,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
         10.0, "further price of a side that follows another frame of directions than most, in nats", ge=0
     )
     stray: float = parameter(4.0, "price of a boundary point on no side, in nats", gt=0)
-    tolerance: float = parameter(
-        7.5, "directions nearer than this may be one, and those tried first are so far apart", unit="°", gt=0
-    )
+    step: float = parameter(7.5, "directions that are tried first are so far apart", unit="°", gt=0, le=45)
+    tolerance: float = parameter(12.0, "largest turn of an edge into a common direction", unit="°", ge=0)
     detail: float = parameter(1.5, "shortest edge and smallest jog, in spacings", ge=0)
     min_hole: float = parameter(10.0, "inner boundaries smaller than this are dropped", unit="m²", ge=0)
     widest: float = parameter(2.0, "empty discs wider than this are gaps, in spacings", gt=0)
@@ -216,14 +215,13 @@ class GlobalFit(LowPartRules, OutlineMethod):
         prices = Prices(self.corner, self.direction, self.stray)
         far = int(np.argmax(((ring - ring.mean(axis=0)) ** 2).sum(axis=1)))
         ring = np.roll(ring, -far, axis=0)
-        apart = np.radians(self.tolerance)
-        every = np.arange(0.0, RIGHT_ANGLE, apart)
+        every = np.arange(0.0, RIGHT_ANGLE, np.radians(self.step))
         every = np.stack([every, every + RIGHT_ANGLE], axis=1).ravel()
         sides = cheapest_polyline(ring, every, sigma, prices)
         if len(sides) < 3:
             return None
         free = turned_freely(fit_edges(ring, sides, every))
-        axes = common_axes(free, sigma, apart, len(free), fewest=1)
+        axes = common_axes(free, sigma, np.radians(self.tolerance), len(free), fewest=1)
         longest = int(np.argmax(sides[:, 1] - sides[:, 0]))
         ring = np.roll(ring, -int(sides[longest, :2].sum() // 2), axis=0)
         first = int(np.argmax(np.cos(travel_angles(axes) - free.angle[longest])))
