@@ -197,7 +197,7 @@ ROOF = (
         "reconstruct",
         "towers",
         1,
-        {"reconstruct.arrangement:find_towers": lambda plan, *_: np.zeros(plan.count, bool)},
+        {"reconstruct.arrangement:find_leaf_towers": lambda plan, *_: np.zeros(plan.count, bool)},
     ),
     of("roof", "crowns", 2, {"buildings.building:crown_points": lambda xyz, _: np.zeros(len(xyz), bool)}),
     of("reconstruct", "cheap meetings", 2, {"reconstruct.meeting_share": 1.0}),

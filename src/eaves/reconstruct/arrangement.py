@@ -31,7 +31,7 @@ from eaves.reconstruct.toolkit.extrude import extrude_plan, without_numbers
 from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS
 from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.plan_lines import candidate_lines, extend
-from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_superstructures, find_towers
+from eaves.reconstruct.toolkit.superstructures import ObjectLimits, find_leaf_towers, find_superstructures
 
 
 class Arrangement(ObjectLimits):
@@ -152,7 +152,7 @@ class Arrangement(ObjectLimits):
         for _ in range(MOST_ROUNDS):
             chosen = label_cells(plan, reach, self, data)
             merged, names = plan.merged(chosen)
-            towers = find_towers(merged, names, coefficients, points[inside], spacing, self)
+            towers = find_leaf_towers(merged, names, coefficients, points[inside], spacing, self)
             cells = np.flatnonzero(towers[plan.regions(chosen)[0]])
             if len(cells) == 0:
                 break

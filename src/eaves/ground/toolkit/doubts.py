@@ -40,15 +40,18 @@ def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:
 
     Cells are fixed to the world, so blocks and tiles have the same.
     """
-    if cloud.part is None or not (cloud.part == DOUBTFUL).any():
+    doubtful = np.zeros(0, np.int64) if cloud.part is None else np.flatnonzero(cloud.part == DOUBTFUL)
+    if len(doubtful) == 0:
         return ()
     quanta = np.rint(cloud.xyz[:, :2] / GRID_STEP).astype(np.int64)
     quanta += np.rint(np.divide(cloud.origin, GRID_STEP)).astype(np.int64)
-    cells, home = np.unique(quanta // round(COARSEST_M / GRID_STEP), axis=0, return_inverse=True)
-    doubtful = cloud.part == DOUBTFUL
-    every, some = np.bincount(home), np.bincount(home[doubtful], minlength=len(cells))
+    cell = quanta // round(COARSEST_M / GRID_STEP)
+    cell -= cell.min(axis=0)
+    number = cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]
+    cells, home = np.unique(number[doubtful], return_inverse=True)
+    every, some = np.bincount(number)[cells], np.bincount(home)
     middle = np.zeros((len(cells), 2), np.int64)
-    np.add.at(middle, home[doubtful], quanta[doubtful])
+    np.add.at(middle, home, quanta[doubtful])
     found = []
     for k in np.flatnonzero(some > 1):
         x, y = (round(float(value) * GRID_STEP, 2) for value in middle[k] // some[k])

@@ -174,6 +174,9 @@ def cost_kernel(
 RUNAWAY = 1e3
 """Cost (m²) of a metre under the lowest roof: more than any residual."""
 
+GAUSS_PLACES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(2)[0]
+"""Where along a border its jump is measured: the two places of Gauss and Legendre's rule."""
+
 
 class LabelCosts(BaseModel):
     """The costs of labels: parameters of a method that labels cells."""
@@ -207,12 +210,6 @@ class LabelCosts(BaseModel):
         "Price of a plane in use, and of a corner, in points: three numbers are worth stating when they "
         "explain so many.",
         symbol="γ",
-        ge=0.0,
-    )
-    tower_largest: float = parameter(
-        6.0,
-        "Parts of a roof smaller than this, high over the rest, are towers of leaves unless they are bodies.",
-        unit="m2",
         ge=0.0,
     )
 
@@ -261,8 +258,7 @@ def label_cells(
     halves = np.flatnonzero((coverage.cell >= 0) & (coverage.cell[coverage.twin] > coverage.cell))
     edges = np.column_stack([coverage.cell[halves], coverage.cell[coverage.twin[halves]]])
     start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
-    gauss, _ = np.polynomial.legendre.leggauss(2)  # the places of a border at which its jump is measured
-    places = np.stack([start + share * (end - start) for share in 0.5 + 0.5 * gauss], axis=1)
+    places = np.stack([start + share * (end - start) for share in GAUSS_PLACES], axis=1)
     borders = Borders(
         edges,
         costs.border_cost * coverage.length[halves],

@@ -43,8 +43,7 @@ class LineReconstructor(Reconstructor):
     )
     extension: float = parameter(
         1.0,
-        "How far a line reaches beyond its evidence before it ends on the next one, and a plane beyond its "
-        "points.",
+        "How far a line reaches beyond its evidence before it ends on the next one.",
         unit="m",
         ge=0.0,
     )

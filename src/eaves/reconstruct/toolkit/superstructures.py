@@ -139,6 +139,12 @@ class ObjectLimits(LineReconstructor, LabelCosts):
     superstructure_points: int = parameter(
         8, "Points that show an object on the roof which the solids leave out.", ge=4
     )
+    tower_largest: float = parameter(
+        6.0,
+        "Parts of a roof smaller than this, high over the rest, are towers of leaves unless they are bodies.",
+        unit="m2",
+        ge=0.0,
+    )
     superstructure_least: float = parameter(
         0.0,
         "Smaller objects are left out of what is written; the solids are as they are.",
@@ -155,7 +161,7 @@ class ObjectLimits(LineReconstructor, LabelCosts):
     lowest_lift_housing: float = parameter(1.6, "Height of the lowest lift housing.", unit="m", gt=0.0)
 
 
-def find_towers(
+def find_leaf_towers(
     plan: Coverage,
     labels: Integers,
     planes: NDArray[np.float64],
@@ -180,9 +186,11 @@ def find_towers(
     high = np.bincount(group[own], length * rim * np.where(step > limits.level_jump, 1.0, -1.0), count) > 0.0
     small = np.bincount(group, plan.area, count) < limits.tower_largest
     towers = np.zeros(plan.count, bool)
-    for one in np.flatnonzero(small & high).tolist():
+    found = np.flatnonzero(small & high).tolist()
+    places = shapely.points(points[:, :2]) if found else points
+    for one in found:
         body = shapely.union_all(plan.polygons()[group == one])
-        some = points[shapely.dwithin(body, shapely.points(points[:, :2]), spacing)]
+        some = points[shapely.dwithin(body, places, spacing)]
         on_top = lie_on(some, planes[labels[group == one]])
         strewn = ~on_top & ~lie_on(some, planes[labels[other[rim & (group[own] == one)]]])
         towers |= (group == one) & (on_top.sum() < LEAST_SHOWN * (on_top | strewn).sum())
