@@ -88,10 +88,15 @@ def settle_kernel(
     edges of node n are `around[first[n]]` to `around[first[n + 1]]`.
     """
     group, stamp, turn = np.full(len(labels), -1), np.full(len(labels), -1), 0
+    start, may = np.zeros(len(labels) + 1, np.int64), np.empty(np.sum(data < LARGEST), np.int64)
+    for node in range(len(labels)):
+        free = np.flatnonzero(data[node] < LARGEST)
+        start[node + 1] = start[node] + len(free)
+        may[start[node] : start[node + 1]] = free
     for node in order:
         group[0], best, least = node, 0, np.inf
         stamp[node] = turn
-        for label in range(data.shape[1]):
+        for label in may[start[node] : start[node + 1]]:
             cost = cost_kernel(data, borders, around, first, labels, group[:1], stamp, turn, label, least)
             if cost < least:
                 least, best = cost, label
@@ -124,7 +129,7 @@ def settle_kernel(
                 args = (data, borders, around, first, labels, members, stamp, turn)
                 whole = label_cost if uses[own] == size else 0.0
                 least, best = cost_kernel(*args, own, np.inf) + whole - LEAST_GAIN, own
-                for label in range(data.shape[1]):
+                for label in may[start[seed] : start[seed + 1]]:
                     if label != own:
                         price = label_cost if uses[label] == 0 else 0.0
                         cost = price + cost_kernel(*args, label, least - price)

@@ -130,8 +130,11 @@ def worth_kernel(
 def near_regions(labels: Labels, xyz: Points, count: int, gap: float) -> NDArray[np.bool_]:
     """Which of K regions come about as near as `gap` (m) in plan (K, K): cells that wide touch."""
     near = np.zeros((count, count), bool)
-    cells = np.column_stack([np.floor(xyz[:, :2] / gap).astype(np.int64), labels - 1])
-    cells = np.unique(cells[labels > 0], axis=0)
+    place = np.floor(xyz[labels > 0, :2] / gap).astype(np.int64)
+    place -= place.min(axis=0, initial=0)
+    wide = place.max(initial=0) + 1
+    number = np.unique((place[:, 0] * wide + place[:, 1]) * count + labels[labels > 0] - 1)
+    cells = np.column_stack([number // count // wide, number // count % wide, number % count])
     if len(cells):
         pairs = cKDTree(cells[:, :2]).query_pairs(1.0, p=np.inf, output_type="ndarray")
         one, other = cells[pairs, 2].T

@@ -111,15 +111,15 @@ def join_kernel(
     plane, joint = np.zeros(4), np.zeros(10)
     covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     own, cost = np.zeros(count), np.full((count, count), np.inf)
-    alive = np.ones(count, np.bool_)
-    stale = np.ones(count, np.bool_)
+    alive, stale = np.ones(count, np.bool_), np.ones(count, np.bool_)
+    again, least, partner = np.ones(count, np.bool_), np.full(count, np.inf), np.zeros(count, np.int64)
     for i in range(count):
         owner[i] = i
         plane_of_sums_kernel(sums[i], covariance, vectors, values, plane)
         own[i] = values[0]
-    while True:
-        best, first, second = np.inf, -1, -1
-        for i in range(count):
+    while count:
+        for i in np.flatnonzero(again):
+            least[i] = np.inf
             for j in range(i + 1, count):
                 if not (alive[i] and alive[j] and touching[i, j]):
                     continue
@@ -131,11 +131,13 @@ def join_kernel(
                         squared_distance_kernel(sums[j], plane) / max(most_square, growth * own[j]),
                     )
                     cost[i, j] = ratio
-                if cost[i, j] < best:
-                    best, first, second = cost[i, j], i, j
-        stale[:] = False
-        if best > 1.0:
+                if cost[i, j] < least[i]:
+                    least[i], partner[i] = cost[i, j], j
+        first = np.argmin(least)
+        second = partner[first]
+        if least[first] > 1.0:
             break
+        stale[:] = False
         sums[first] += sums[second]
         alive[second] = False
         stale[first] = True
@@ -147,6 +149,8 @@ def join_kernel(
             if touching[second, k]:
                 touching[first, k] = touching[k, first] = True
         touching[first, first] = False
+        again[:] = touching[first]
+        again[first] = again[second] = True
 
 
 def without_gaps(labels: Labels) -> Labels:
