@@ -18,6 +18,8 @@ from shapely import Polygon, STRtree
 
 from benchmarks.table import keep
 from eaves.blocks.block import not_last
+from eaves.blocks.block_file import CANDIDATE_HEIGHT
+from eaves.buildings.gather import MARGIN
 from eaves.detect import detect_buildings
 from eaves.evaluate.footprints import count_vertices, outline_distances
 from eaves.footprints.given import repair_footprints
@@ -27,9 +29,10 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import classify_ground
 from eaves.methods import make_method
 from eaves.model import Bounds, Failure, Footprint, Mask, PointCloud, Points
+from eaves.model.cloud import GROUND, NOISE_CLASSES
 from eaves.model.scene import WALL
 from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
-from eaves.raster.surfaces import make_scene
+from eaves.raster.surfaces import CELL, make_scene
 from eaves.simulate import scan_town, simulate_town
 
 SEEDS = (3, 11, 12)
@@ -43,11 +46,13 @@ MAP_OFF_M = (0.8, -0.6)
 @dataclass(frozen=True, eq=False)
 class Group:
     """The roof points (N, 3) of a building our default detector finds, which of them came back once more from
-    below.
+    below, the ground (K, 2) and the other high points (L, 3) around it.
     """
 
     points: Points
     divided: Mask | None = None
+    ground: Points | None = None
+    others: Points | None = None
 
     def moved(self, by: np.ndarray) -> Group:
         """The same, moved by (3,)."""
@@ -118,22 +123,33 @@ def crown_rows(density: float, methods: Sequence[str]) -> list[dict[str, object]
 
 def detected_groups(cloud: PointCloud) -> tuple[list[Group], float]:
     """Every building our default detector finds, and the spacing (m)."""
-    scene = make_scene(classify_ground(cloud), Bounds.of(cloud.xyz).buffered(3.0))
+    cloud = classify_ground(cloud)
+    scene = make_scene(cloud, Bounds.of(cloud.xyz).buffered(3.0))
     regions = detect_buildings(scene)
     roof = np.ones(len(cloud), np.bool_) if regions.part is None else regions.part != WALL
     divided = not_last(cloud)
+    assert cloud.classification is not None
+    seen = cloud.classification == GROUND
+    ground = (np.unique(np.floor(cloud.xyz[seen, :2] / CELL), axis=0) + 0.5) * CELL
+    high = (scene.height >= CANDIDATE_HEIGHT) & ~np.isin(cloud.classification, (GROUND, *NOISE_CLASSES))
+    others = cloud.xyz[high & (regions.label == 0)]
     groups = []
     for number in range(1, int(regions.label.max(initial=0)) + 1):
         mine = np.flatnonzero((regions.label == number) & roof)
         if not len(mine):
             continue
-        groups.append(Group(cloud.xyz[mine], divided[mine]))
+        around = Bounds.of(cloud.xyz[mine]).buffered(MARGIN)
+        beside = (ground[around.contains(ground)], others[around.contains(others)])
+        groups.append(Group(cloud.xyz[mine], divided[mine], *beside))
     return groups, scene.spacing
 
 
 def drawn_together(groups: Sequence[Group], spacing: float, method: OutlineMethod) -> list[Polygon]:
     """The footprints of all groups, neighbours regularised together as in a run."""
-    boundaries = [trace_outline(one.points, spacing, method, not_last=one.divided) for one in groups]
+    boundaries = [
+        trace_outline(one.points, spacing, method, not_last=one.divided, ground=one.ground, others=one.others)
+        for one in groups
+    ]
     good = [boundary for boundary in boundaries if not isinstance(boundary, Failure)]
     return [one.polygon for one in regularise_outlines(good, method) if isinstance(one, Footprint)]
 

@@ -31,9 +31,9 @@ def scanned(shape: Polygon, density: float, seed: int = 1, noise: float = 0.03) 
     return np.column_stack([xy + rng.normal(0, noise, xy.shape), np.full(len(xy), 5.0)])
 
 
-def outlined(points: NDArray[np.float64], density: float) -> Polygon:
+def outlined(points: NDArray[np.float64], density: float, **around: NDArray[np.float64]) -> Polygon:
     method = GlobalFit(spot=0.0)  # a beam without width
-    boundary = trace_outline(points, density**-0.5, method)
+    boundary = trace_outline(points, density**-0.5, method, **around)
     assert isinstance(boundary, Boundary)
     footprint = regularise_outlines([boundary], method)[0]
     assert isinstance(footprint, Footprint)
@@ -131,3 +131,25 @@ def test_edge_stands_amid_divided_pulses__whatever_the_beam(beam: float) -> None
     footprint = regularise_outlines([boundary], GlobalFit())[0]
     assert isinstance(footprint, Footprint)
     assert abs(footprint.polygon.area - truth.area) / truth.length < 0.04
+
+
+@pytest.mark.parametrize(
+    ("height", "ground_below", "truth"),
+    [(9.0, False, RECTANGLE), (9.0, True, None), (4.0, False, None)],
+    ids=["hidden", "ground seen", "lower than the roof"],
+)
+def test_a_bite_under_a_crown_is_closed_unless_ground_was_seen_in_it(
+    height: float, ground_below: bool, truth: Polygon | None
+) -> None:
+    bite = shapely.Point(14, 9).buffer(4.0)
+    roof = scanned(RECTANGLE.difference(bite), 10.0)
+    crown = scanned(bite, 10.0, seed=2) + [0.0, 0.0, height - 5.0]
+    ground = scanned(RECTANGLE.buffer(2.0).difference(RECTANGLE.union(bite)), 10.0, seed=3)[:, :2]
+    if ground_below:
+        ground = np.concatenate([ground, scanned(bite, 10.0, seed=4)[:, :2]])
+    drawn = outlined(roof, 10.0, ground=ground, others=crown)
+    if truth is None:
+        assert drawn.intersection(bite).area < 0.4 * bite.intersection(RECTANGLE).area
+    else:
+        assert corner_count(drawn) == 4
+        assert iou(drawn, truth) > 0.96

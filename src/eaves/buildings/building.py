@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from eaves.buildings.gather import is_seen_beside
+from eaves.buildings.gather import cells_of, is_seen_beside
 from eaves.geometry.tolerance import PLANARITY, SNAP
 from eaves.model import Block, Boundary, BuildingModel, Failure, Finding, Footprint, Points, Raster, RoofPlane
 from eaves.model.results import BuildingPoints, BuildingResult
@@ -48,6 +48,8 @@ def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list
                 building.spacing,
                 recipe.outline,
                 not_last=building.roof_not_last,
+                ground=None if building.ground_seen is None else cells_of(building.ground_seen),
+                others=building.others,
             )
             if isinstance(boundary, Failure):
                 drawn[number] = boundary

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,6 +103,7 @@ class Gatherer:
             score=found.score,
             given=plan.given,
             not_last=found.not_last,
+            others=self.others(owner, reach.buffered(MARGIN)) if plan.given is None else None,
             around=around,
         )
 
@@ -144,6 +146,19 @@ class Gatherer:
             if result is not None:
                 shift = np.array([block.origin[0] - owner.origin[0], block.origin[1] - owner.origin[1], 0.0])
                 places = result.xyz + shift
+                found.append(places[reach.contains(places)])
+        return snap(np.concatenate(found))
+
+    def others(self, owner: Block, reach: Bounds) -> Points:
+        """The high points (K, 3) within `reach`, about the owner block's corner, that are no building's."""
+        found = [np.zeros((0, 3))]
+        for block in blocks_in(owner, reach):
+            result = self.candidates(block)
+            if result is not None:
+                shift = np.array([*np.subtract(block.origin, owner.origin), 0.0])
+                near = result.between(reach.west - shift[0], reach.east - shift[0])
+                near = near[result.high[near] & (result.label[near] == 0)]
+                places = result.xyz[near] + shift
                 found.append(places[reach.contains(places)])
         return snap(np.concatenate(found))
 
@@ -201,22 +216,28 @@ class Gatherer:
         columns, rows = int(np.ceil((bounds.east - west) / CELL)), int(np.ceil((bounds.north - south) / CELL))
         north = south + rows * CELL
         values = np.full((rows, columns), np.nan, np.float32)
-        first = Block.at(west + owner.origin[0], south + owner.origin[1], owner.side)
-        last = Block.at(bounds.east + owner.origin[0], north + owner.origin[1], owner.side)
-        for column in range(first.column, last.column + 1):
-            for row in range(first.row, last.row + 1):
-                block = Block(column, row, owner.side)
-                tile = self.terrain_of(block, name)
-                if tile is None:
-                    continue
-                left = round((tile.west + block.origin[0] - owner.origin[0] - west) / CELL)
-                top = round((north - (tile.north + block.origin[1] - owner.origin[1])) / CELL)
-                height, width = tile.shape
-                r0, r1 = max(top, 0), min(top + height, rows)
-                c0, c1 = max(left, 0), min(left + width, columns)
-                if r0 < r1 and c0 < c1:
-                    values[r0:r1, c0:c1] = tile.values[r0 - top : r1 - top, c0 - left : c1 - left]
+        for block in blocks_in(owner, Bounds(west, south, bounds.east, north)):
+            tile = self.terrain_of(block, name)
+            if tile is None:
+                continue
+            left = round((tile.west + block.origin[0] - owner.origin[0] - west) / CELL)
+            top = round((north - (tile.north + block.origin[1] - owner.origin[1])) / CELL)
+            height, width = tile.shape
+            r0, r1 = max(top, 0), min(top + height, rows)
+            c0, c1 = max(left, 0), min(left + width, columns)
+            if r0 < r1 and c0 < c1:
+                values[r0:r1, c0:c1] = tile.values[r0 - top : r1 - top, c0 - left : c1 - left]
         return Raster(values, float(west), float(north), CELL)
+
+
+def blocks_in(owner: Block, bounds: Bounds) -> Iterator[Block]:
+    """The blocks that `bounds` (about the owner block's corner) reach into."""
+    west, south = owner.origin
+    first = Block.at(bounds.west + west, bounds.south + south, owner.side)
+    last = Block.at(bounds.east + west, bounds.north + south, owner.side)
+    for column in range(first.column, last.column + 1):
+        for row in range(first.row, last.row + 1):
+            yield Block(column, row, owner.side)
 
 
 def cells_of(seen: Raster) -> Points:

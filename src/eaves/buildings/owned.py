@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
+from dataclasses import replace
 
 from eaves.buildings.building import broken_result, building_pass, draw_footprints, find_doubtful
 from eaves.buildings.building_file import Kept, SavedBuilding, save_buildings
@@ -42,6 +43,7 @@ def keep_buildings(task: Task, store: Store, recipe: Recipe, snap: bool = False)
     buildings = [building for building in gathered if not isinstance(building, Failure)]
     clock = Clock()
     footprints = draw_all(buildings, recipe)
+    buildings = [replace(building, others=None) for building in buildings]
     clock.lap("outline")
     buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
     clock.lap("units")

@@ -37,6 +37,10 @@ class Boundary:
         Mean distance (m) of the points in plan.
     not_last : ndarray (K, 3) or None
         Those of the points whose pulses have a later return; None where the scan does not say.
+    ground : ndarray (K, 2) or None
+        Where ground was seen around them; None where that is not known.
+    others : ndarray (K, 3) or None
+        Points around them that are high and no building's.
     origin : (float, float)
         World metres of local (0, 0).
 
@@ -53,6 +57,8 @@ class Boundary:
     points: Points
     spacing: float
     not_last: Points | None = None
+    ground: Points | None = None
+    others: Points | None = None
     origin: tuple[float, float] = (0.0, 0.0)
 
 

@@ -73,6 +73,8 @@ class BuildingPoints:
     """Whether ground was seen beside a given footprint; None where that was not looked at."""
     not_last: NDArray[np.bool_] | None = None
     """Points whose pulses came back once more from below."""
+    others: Points | None = None
+    """High points (K, 3) in and around the building that are no building's, until its outline is drawn."""
     around: Points | None = None
     """All points (K, 3) of the scan in and around the building, the ground's too; None where none asked."""
 

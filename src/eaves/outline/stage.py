@@ -51,6 +51,8 @@ def trace_outline(
     method: MethodChoice = None,
     *,
     not_last: Mask | None = None,
+    ground: Points | None = None,
+    others: Points | None = None,
     origin: tuple[float, float] = (0.0, 0.0),
     debug: str | Path | Emit | None = None,
 ) -> Boundary | Failure:
@@ -67,6 +69,11 @@ def trace_outline(
     not_last : ndarray (N,) of bool or None
         The points whose pulses have a later return, where the scan says so: they show the width of the beam,
         which places points beyond an edge.
+    ground : ndarray (K, 2) of float64 or None
+        Where ground was seen around the points; None when that is not known.
+    others : ndarray (K, 3) of float64 or None
+        Points around them that are high and no building's: trees. Where they stand over the boundary, and no
+        ground was seen beside it, it says less about where the building ends.
     origin : (float, float)
         World metres of local (0, 0): `cloud.origin`. The footprint and the model have it, and files are then
         written where the building stands.
@@ -110,7 +117,7 @@ def trace_outline(
     if isinstance(boundary, Failure):
         return boundary
     divided = None if not_last is None else points[finite & not_last]
-    return replace(boundary, not_last=divided, origin=origin)
+    return replace(boundary, not_last=divided, ground=ground, others=others, origin=origin)
 
 
 def regularise_outlines(

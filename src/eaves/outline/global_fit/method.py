@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from eaves.geometry.rings import as_polygon, signed_area
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Boundary, Failure, Points
+from eaves.model import Boundary, Failure, Mask, Points, Values
 from eaves.outline.global_fit.low_parts import LowPartRules, low_parts
 from eaves.outline.stage import MIN_POINTS, OutlineMethod
 from eaves.outline.toolkit.alpha import SHARE, alpha_rings, triangulate_points, wide_radius
@@ -28,6 +30,9 @@ from eaves.outline.toolkit.edges import (
 from eaves.outline.toolkit.polyline import Prices, cheapest_polyline, travel_angles
 from eaves.outline.toolkit.shared_edges import share_edges
 
+SURE = 1e-3
+"""Weight of points that may be hidden in a first polyline: sides that only they support have no direction."""
+
 
 class GlobalFit(LowPartRules, OutlineMethod):
     """The closed polyline of least cost through the boundary of the points.
@@ -35,17 +40,20 @@ class GlobalFit(LowPartRules, OutlineMethod):
     The alpha shape with a small disc gives the boundary points in order. Of all closed polylines along them
     the cheapest is taken, whose sides follow few directions: half the squared distance of every point to its
     side, in units of its scatter, plus a price for every corner, for a side that does not follow the frame
-    of most, and for a point that no side explains. The first pass has directions all around to choose from;
-    those of its sides, joined to right-angled frames where they agree, are those of the second. So right
-    angles appear unless the points pay for another one, a rounded or hidden corner is drawn where its
+    of most, and for a point that no side explains. A point with something higher and no ground beside it
+    counts less: a crown may hide the rest of the roof. The first pass has directions all around to choose
+    from; those of its sides, joined to right-angled frames where they agree, are those of the second. So
+    right angles appear unless the points pay for another one, a rounded or hidden corner is drawn where its
     sides meet, and a spike is left out. Jogs below `detail` go. At last every edge moves to the place where
     the points behind it end, which corrects the half spacing that points stay inside.
 
     Formula
     -------
-    The cost of a polyline with corners of turn τ, F sides off the first frame and S points on no side is
+    The cost of a polyline with corners of turn τ, F sides off the first frame and strays, which are points
+    on no side, is
 
-        Σ_points d² / 2σ² + Σ_corners corner / |sin τ| + direction · F + stray · S,
+        Σ_points w d² / 2σ² + Σ_corners corner / |sin τ| + direction · F + stray · Σ_strays w,
+        w = `hidden` for points that a crown may hide, 1 for all others,
         σ² = (scatter · spacing)² + blur²
 
     and an edge stands before the k-th point of its strip by the mean distance from a random place to the
@@ -111,6 +119,15 @@ class GlobalFit(LowPartRules, OutlineMethod):
         10.0, "further price of a side that follows another frame of directions than most, in nats", ge=0
     )
     stray: float = parameter(4.0, "price of a boundary point on no side, in nats", gt=0)
+    hidden: float = parameter(
+        0.1, "weight of a boundary point that something higher may hide the rest of the roof at", gt=0, le=1
+    )
+    beside: float = parameter(
+        1.5,
+        "ground beside a boundary point lies within so many spacings and `least_beside`, a crown within "
+        "twice that",
+        gt=0,
+    )
     step: float = parameter(7.5, "directions that are tried first are so far apart", unit="°", gt=0, le=45)
     tolerance: float = parameter(12.0, "largest turn of an edge into a common direction", unit="°", ge=0)
     detail: float = parameter(1.5, "shortest edge and smallest jog, in spacings", ge=0)
@@ -188,7 +205,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
         """The corners (C, 2) of one ring (M, 2) of a boundary.
 
         What crosses itself loses the smaller loops; what encloses another area than the boundary is not
-        used: then it is the least rectangle around it, and at last the boundary, simplified.
+        used: then no point is taken for hidden, then it is the least rectangle around the boundary, and at
+        last the boundary, simplified.
         """
         origin = ring[0].copy()
         spacing = boundary.spacing
@@ -197,16 +215,36 @@ class GlobalFit(LowPartRules, OutlineMethod):
         density = len(points) / max(abs(signed_area(boundary.rings[0])), 1e-9)
         sigma = float(np.hypot(self.scatter * spacing, self.blur))
         drawing = Drawing(self.detail * spacing, np.inf, sigma, self.corner)
-        edges = self.cheapest_edges(local, sigma)
-        corners = None if edges is None else self.drawn(edges, points, divided, density, spacing, drawing)
-        whole, rectangle = Polygon(local), shapely.oriented_envelope(Polygon(local))
-        for candidate in (corners, shapely.get_coordinates(rectangle)):
-            drawn = None if candidate is None or len(candidate) < 3 else as_polygon(Polygon(candidate))
-            if drawn is not None and abs(drawn.area - whole.area) <= 1.5 * spacing * whole.length:
+        whole = Polygon(local)
+        most = 1.5 * spacing * whole.length
+        for hidden in self.hidden_points(ring, boundary):
+            edges = self.cheapest_edges(local, sigma, np.where(hidden, self.hidden, 1.0))
+            corners = None if edges is None else self.drawn(edges, points, divided, density, spacing, drawing)
+            drawn = None if corners is None or len(corners) < 3 else as_polygon(Polygon(corners))
+            if drawn is not None and abs(drawn.area - whole.area) <= most:
                 return np.asarray(shapely.get_coordinates(drawn.exterior)[:-1] + origin)
+        rectangle = as_polygon(shapely.oriented_envelope(whole))
+        if rectangle is not None and rectangle.area - whole.area <= most:
+            return np.asarray(shapely.get_coordinates(rectangle.exterior)[:-1] + origin)
         return np.asarray(Polygon(ring).simplify(spacing).exterior.coords)[:-1]
 
-    def cheapest_edges(self, ring: NDArray[np.float64], sigma: float) -> OutlineEdges | None:
+    def hidden_points(self, ring: NDArray[np.float64], boundary: Boundary) -> Iterator[Mask]:
+        """Which points (M,) of a ring (M, 2) are taken for hidden, what is to be tried first: those with
+        something higher and no ground beside them, where there are such; at last none.
+        """
+        if boundary.others is not None and len(boundary.others):
+            height = boundary.points[cKDTree(boundary.points[:, :2]).query(ring)[1], 2]
+            reach = max(self.beside * boundary.spacing, self.least_beside)
+            near = cKDTree(boundary.others[:, :2]).query_ball_point(ring, 2.0 * reach)
+            over = [boundary.others[one, 2].max(initial=-np.inf) for one in near]
+            hidden = np.array(over) > height
+            if boundary.ground is not None and len(boundary.ground):
+                hidden &= cKDTree(boundary.ground).query(ring)[0] > reach
+            if hidden.any():
+                yield hidden
+        yield np.zeros(len(ring), np.bool_)
+
+    def cheapest_edges(self, ring: NDArray[np.float64], sigma: float, weight: Values) -> OutlineEdges | None:
         """The edges of the cheapest polyline along a ring (M, 2) of points that scatter by `sigma` (m), None
         when there are under three.
 
@@ -214,18 +252,19 @@ class GlobalFit(LowPartRules, OutlineMethod):
         """
         prices = Prices(self.corner, self.direction, self.stray)
         far = int(np.argmax(((ring - ring.mean(axis=0)) ** 2).sum(axis=1)))
-        ring = np.roll(ring, -far, axis=0)
+        ring, weight = np.roll(ring, -far, axis=0), np.roll(weight, -far)
         every = np.arange(0.0, RIGHT_ANGLE, np.radians(self.step))
         every = np.stack([every, every + RIGHT_ANGLE], axis=1).ravel()
-        sides = cheapest_polyline(ring, every, sigma, prices)
+        sides = cheapest_polyline(ring, every, sigma, prices, np.where(weight < 1.0, SURE, 1.0))
         if len(sides) < 3:
             return None
         free = turned_freely(fit_edges(ring, sides, every))
         axes = common_axes(free, sigma, np.radians(self.tolerance), len(free), fewest=1)
         longest = int(np.argmax(sides[:, 1] - sides[:, 0]))
-        ring = np.roll(ring, -int(sides[longest, :2].sum() // 2), axis=0)
+        middle = int(sides[longest, :2].sum() // 2)
+        ring, weight = np.roll(ring, -middle, axis=0), np.roll(weight, -middle)
         first = int(np.argmax(np.cos(travel_angles(axes) - free.angle[longest])))
-        sides = cheapest_polyline(ring, axes, sigma, prices, first)
+        sides = cheapest_polyline(ring, axes, sigma, prices, weight, first)
         if len(sides) < 4:
             return None
         sides[0, 0], sides[0, 1] = sides[-1, 0], sides[0, 1] + len(ring)

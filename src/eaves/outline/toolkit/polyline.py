@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
+from eaves.model import Values
 
 FREE = -1
 """Axis of an edge that runs in a direction of its own."""
@@ -28,22 +29,31 @@ class Prices:
 
 
 def cheapest_polyline(
-    ring: NDArray[np.float64], axes: NDArray[np.float64], sigma: float, prices: Prices, first: int = ANY
+    ring: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    sigma: float,
+    prices: Prices,
+    weight: Values,
+    first: int = ANY,
 ) -> NDArray[np.int64]:
     """First point, last point, direction (K, 3) of each side of the cheapest polyline along `ring` (M, 2).
 
     `axes` (2 F,) are the directions (radians) of F right-angled frames: φ, φ + 90°, …, the first frame
     first; direction d of a side is axis d // 2, travelled backwards where d is odd. A side takes a stretch
     of the ring, both ends included, that leads along it, and costs half the sum of squared distances to its
-    line in units of `sigma` (m). Points between two sides are on none. With `first` the ring starts and
+    line in units of `sigma` (m), times the `weight` (M,) of each point. Points between two sides
+    are on none, at `stray` times their weight. With `first` the ring starts and
     ends within one side of that direction, which is the first and the last of the answer. Exact, by dynamic
     programming over the end of the last side.
     """
     closed = np.concatenate([ring, ring[:1]])
     closed = closed - closed.mean(axis=0)
     x, y = closed.T
-    sums = np.zeros((len(closed) + 1, 5))
-    sums[1:] = np.cumsum(np.stack([x, y, x * x, x * y, y * y], axis=1), axis=0)
+    each = np.append(weight, weight[:1])
+    sums = np.zeros((len(closed) + 1, 6))
+    sums[1:] = np.cumsum(
+        each[:, None] * np.stack([x, y, x * x, x * y, y * y, np.ones_like(x)], axis=1), axis=0
+    )
     angle = travel_angles(axes)
     way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     sine = np.abs(np.sin(angle[:, None] - angle))
@@ -68,7 +78,7 @@ def polyline_kernel(
     stray: float,
     first: int,
 ) -> NDArray[np.int64]:
-    """Dynamic programming over prefix sums of moments (M + 2, 5); answers as `cheapest_polyline`.
+    """Dynamic programming over prefix sums of moments and weights (M + 2, 6); answers as `cheapest_polyline`.
 
     `best` is the least cost of a polyline whose last side ends at a point, `low` of one whose next side
     starts there; a turn from one direction to the next costs `turn` (D, D), a side `own` (D,).
@@ -85,7 +95,7 @@ def polyline_kernel(
     dearest = own.max() + turn.min()
     for j in range(1, last + 1):
         for i in range(j - 1, -1, -1):
-            n = j - i + 1
+            n = sums[j + 1, 5] - sums[i, 5]
             mx = (sums[j + 1, 0] - sums[i, 0]) / n
             my = (sums[j + 1, 1] - sums[i, 1]) / n
             sxx = sums[j + 1, 2] - sums[i, 2] - n * mx * mx
@@ -104,7 +114,7 @@ def polyline_kernel(
                     best[j, kind] = cost
                     came[j, kind] = i
         for kind in range(kinds):
-            low[j, kind] = low[j - 1, kind] + stray
+            low[j, kind] = low[j - 1, kind] + stray * (sums[j + 1, 5] - sums[j, 5])
             left[j, kind] = left[j - 1, kind]
             left_kind[j, kind] = left_kind[j - 1, kind]
             for before in range(kinds):
@@ -116,7 +126,7 @@ def polyline_kernel(
     j, kind, cheapest = 0, -1, np.inf
     for end in range(1, last + 1):
         for one in range(kinds):
-            cost = best[end, one] + stray * (last - end)
+            cost = best[end, one] + stray * (sums[last, 5] - sums[end, 5])
             if (first < 0 or one == first) and cost < cheapest:
                 j, kind, cheapest = end, one, cost
     sides = np.empty((last, 3), np.int64)

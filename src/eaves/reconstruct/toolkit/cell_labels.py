@@ -88,7 +88,7 @@ def settle_kernel(
     edges of node n are `around[first[n]]` to `around[first[n + 1]]`.
     """
     group, stamp, turn = np.full(len(labels), -1), np.full(len(labels), -1), 0
-    start, may = np.zeros(len(labels) + 1, np.int64), np.empty(np.sum(data < LARGEST), np.int64)
+    start, may = np.zeros(len(labels) + 1, np.int64), np.empty(int(np.sum(data < LARGEST)), np.int64)
     for node in range(len(labels)):
         free = np.flatnonzero(data[node] < LARGEST)
         start[node + 1] = start[node] + len(free)

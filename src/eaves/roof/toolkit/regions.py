@@ -118,7 +118,9 @@ def join_kernel(
         plane_of_sums_kernel(sums[i], covariance, vectors, values, plane)
         own[i] = values[0]
     while count:
-        for i in np.flatnonzero(again):
+        for i in range(count):
+            if not again[i]:
+                continue
             least[i] = np.inf
             for j in range(i + 1, count):
                 if not (alive[i] and alive[j] and touching[i, j]):
@@ -133,8 +135,8 @@ def join_kernel(
                     cost[i, j] = ratio
                 if cost[i, j] < least[i]:
                     least[i], partner[i] = cost[i, j], j
-        first = np.argmin(least)
-        second = partner[first]
+        first = int(np.argmin(least))
+        second = int(partner[first])
         if least[first] > 1.0:
             break
         stale[:] = False
