@@ -60,6 +60,24 @@ def test_linked_files_exist(page: Path) -> None:
         assert (page.parent / target).exists(), target
 
 
+def figures_of(text: str) -> set[float]:
+    """The decimals of a text, and its whole numbers from 100 on."""
+    found = re.findall(r"(?<![\w.,-])\d*\.?\d+(?!\.?\d|-)", text.replace(",", " "))
+    return {float(one) for one in found if "." in one or float(one) >= 100}
+
+
+def test_every_figure_of_the_results_stands_in_a_table_that_its_section_links() -> None:
+    page = DOCS / "results.md"
+    for section in page.read_text(encoding="utf-8").split("\n## ")[1:]:
+        tables = [page.parent / target for target in LINK.findall(section)]
+        there = figures_of(" ".join(table.read_text(encoding="utf-8") for table in tables))
+        assert figures_of(re.sub(LINK, "", section)) <= there, section.splitlines()[0]
+
+
+def test_the_page_of_results_is_read_in_minutes() -> None:
+    assert len(re.sub(LINK, "", (DOCS / "results.md").read_text(encoding="utf-8")).split()) <= 1500
+
+
 COMMAND = re.compile(r"^(?:\.venv/bin/)?(eaves [^\n]*)$", re.MULTILINE)
 PAGES = [
     DOCS.parent / "README.md",
