@@ -20,6 +20,7 @@ import typer
 from tests.conftest import write_laz
 
 from eaves.cli import app as cli
+from eaves.cli.runs import read_settings
 
 OUTPUTS = {
     "footprints.gpkg",
@@ -133,6 +134,7 @@ def test_a_bad_file_gets_one_line_and_status_2(tmp_path: Path, name: str, conten
         ["build", "no-such-file.laz", "-o", "OUT"],
         ["build", "FILE", "-o", "OUT", "--detect-method", "magic"],
         ["build", "FILE", "-o", "OUT", "--config", "no-such.toml"],
+        ["build", "FILE", "-o", "OUT", "--set", "detect.height=2"],
         ["build", "FILE", "-o", "OUT", "--bounds", "1,2,3"],
         ["build", "FILE", "-o", "OUT", "--bounds", "nan,0,1,1"],
         ["build", "FILE", "-o", "OUT", "--bounds", "0,0,inf,1"],
@@ -160,6 +162,27 @@ def test_a_process_leaves_with_the_status_and_the_line() -> None:
     done = started("methods", "cooking")
     assert done.returncode == 2
     assert one_line(done).startswith("error: ")
+
+
+def test_a_parameter_set_on_the_command_line_is_a_table_by_stage() -> None:
+    words = ["detect.min_height=2.5", "detect.method=contours", "units.method=off"]
+    assert read_settings(words) == {
+        "detect": {"min_height": 2.5, "method": "contours"},
+        "units": {"method": "off"},
+    }
+    for wrong in ("detect.min_height", "min_height=2", "cooking.heat=3"):
+        with pytest.raises(ValueError, match=r"write STAGE\.PARAMETER=VALUE"):
+            read_settings([wrong])
+
+
+def test_the_help_of_build_has_few_options_before_those_of_experts() -> None:
+    text = eaves("build", "--help").stdout
+    before, expert = text.split("\nExpert:\n")
+    for heading in ("Input:", "Methods:", "Output:", "Run:"):
+        assert heading in before
+    assert len(re.findall(r"^  (?:-\w, )?--", before, re.MULTILINE)) <= 15
+    assert "--set" in before and "--block" in expert
+    assert "\n    eaves build tile.laz -o out\n" in before  # an example a line
 
 
 def test_an_unknown_parameter_is_named(nine_roofs_file: Path, tmp_path: Path) -> None:

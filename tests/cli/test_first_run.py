@@ -78,8 +78,10 @@ def test_nothing_is_foreseen_from_reading_alone(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_summary_of_a_build_counts_buildings() -> None:
-    summary = Summary(Path("out"), 10, 2, 1, {"2.2": 1}, {"no_plane": 1}, {}, {}, 1.0, ())
+    trust = {"high": 1, "low": 1}
+    summary = Summary(Path("out"), 10, 2, 1, {"2.2": 1}, {"no_plane": 1}, {}, {}, 1.0, (), trust=trust)
     assert "2 buildings found = 1 modelled + 1 failed" in summary.as_text()
+    assert "2 buildings: 1 high, 0 medium, 1 to review" in summary.as_text().splitlines()
 
 
 def test_what_compiles_beside_ends_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

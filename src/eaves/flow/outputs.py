@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from eaves.blocks.block_file import BlockMetadata, block_extent, open_block
 from eaves.buildings.building_file import Kept
 from eaves.buildings.envelope import envelope_figures
+from eaves.buildings.trust import judge
 from eaves.flow.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.flow.exports import export_footprints, export_models
 from eaves.flow.neighbours import party_walls
@@ -238,6 +239,7 @@ def write_run(summary: Summary) -> None:
         "modelled": summary.modelled,
         "failed": summary.found - summary.modelled,
         "by_lod": summary.by_lod,
+        "trust": summary.trust,
         "failures": summary.failures,
         "fallbacks": summary.fallbacks,
         "stage_cpu_seconds": summary.seconds,
@@ -271,10 +273,12 @@ def summarise(
     by_lod: Counter[str] = Counter()
     failures: Counter[str] = Counter()
     fallbacks: Counter[str] = Counter()
+    trust: Counter[str] = Counter()
     seconds: Counter[str] = Counter()
     found, run = 0, region.run
     for row in Kept(region.store).rows(owners):
         found += 1
+        trust[judge(row.values)[0]] += 1
         seconds.update(row.seconds)
         if row.modelled:
             by_lod[row.values["lod"]] += 1
@@ -289,6 +293,7 @@ def summarise(
         found=found,
         modelled=sum(by_lod.values()),
         by_lod=dict(sorted(by_lod.items(), reverse=True)),
+        trust=dict(sorted(trust.items())),
         failures=dict(sorted(failures.items())),
         fallbacks=dict(sorted(fallbacks.items())),
         seconds=region.budget.with_stages(seconds),

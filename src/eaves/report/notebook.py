@@ -50,6 +50,8 @@ class Results(Summary):
         Time on the clock (s) of each step, where it was measured.
     points_used : int or None
         Points within bounds and clip area that are not withheld; 0 is an empty result.
+    trust : dict of str to int
+        Buildings by trust: high, medium, low; those without a model are low.
 
     Examples
     --------
