@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from docs.api_page import api_page
+from docs.api_page import api_pages
 from docs.code_tables import conventions_page, errors_page
 from docs.method_pages import method_index, method_page
 from docs.results_page import results_page
@@ -23,7 +23,10 @@ DOCS = Path(__file__).parent
 
 def reference_pages() -> dict[Path, str]:
     """File (under docs/) → text of every page that the code alone decides."""
-    pages = {Path("reference/methods/README.md"): method_index(), Path("reference/api.md"): api_page()}
+    pages = {
+        Path("reference/methods/README.md"): method_index(),
+        **{Path("reference/api") / name: text for name, text in api_pages().items()},
+    }
     for name, page in (("conventions.md", conventions_page), ("errors.md", errors_page)):
         pages[Path(name)] = page((DOCS / name).read_text(encoding="utf-8"))
     for stage, names in REGISTRY.items():
