@@ -160,9 +160,7 @@ def run_build(
     from eaves.run.garbage import keep_all
 
     with keep_all():
-        from eaves.cli.first_run import compiling_beside
         from eaves.flow.run import recipe_of
-        from eaves.kernels import library
         from eaves.pipeline import build as build_files
         from eaves.report.build import build as build_with_report
         from eaves.run.options import DEFAULT_OPTIONS, EVERYTHING
@@ -176,25 +174,11 @@ def run_build(
         recipe = recipe_of({**DEFAULT_OPTIONS, **options})
         recipe = replace(recipe, detect=None) if ground_only else recipe
     start_log(quiet, verbose)
-    compiling = not library() and not compiled_pieces()
-    if compiling and not quiet:
-        typer.echo("compiling for this machine: this first run takes a minute or so longer", err=True)
     reported = "report" in (options.get("outputs") or EVERYTHING)
     alone = options["jobs"] == 1 or options.get("scheduler") is not None or (os.cpu_count() or 1) == 1
-    beside = compiling and not alone
-    with compiling_beside(beside), progress_display(quiet, compiling) as progress:
+    with run_display(quiet, alone) as progress:
         made = build_with_report if reported else build_files
         return made(inputs, out, recipe, progress, **options)
-
-
-def compiled_pieces() -> int:
-    """How many pieces of compiled code numba keeps for us: none before the first run."""
-    import os
-
-    import eaves
-
-    place = os.environ.get("NUMBA_CACHE_DIR") or Path(eaves.__file__).parent
-    return sum(1 for _ in Path(place).rglob("*.nbc"))
 
 
 def finish(summary: Summary, quiet: bool, allow_empty: bool, strict: bool = False) -> None:
@@ -236,6 +220,23 @@ def start_log(quiet: bool, verbose: bool = False) -> None:
         warnings.simplefilter("ignore")
         logging.getLogger().handlers[:] = logging.getLogger().handlers or [logging.NullHandler()]
     logger.setLevel(level)
+
+
+@contextmanager
+def run_display(quiet: bool, alone: bool = False) -> Iterator[Any]:
+    """The progress of a run; in a first run also that of compiling, which two processes do unless `alone`."""
+    from eaves.cli.first_run import compilation_shown, compiled_pieces, compiling_beside
+    from eaves.kernels import library
+
+    compiling = not library() and not compiled_pieces()
+    if compiling and not quiet:
+        typer.echo("first run: loops are compiled once for this machine, a minute or two", err=True)
+    with (
+        compiling_beside(compiling and not alone),
+        progress_display(quiet, compiling) as progress,
+        compilation_shown(compiling and not quiet, progress),
+    ):
+        yield progress
 
 
 def progress_display(quiet: bool, compiling: bool = False) -> Any:

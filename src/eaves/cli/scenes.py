@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from eaves.cli.options import Crs, Out, Quiet, Verbose
-from eaves.cli.runs import progress_display, start_log
+from eaves.cli.runs import run_display, start_log
 
 
 def simulate(
@@ -62,4 +62,4 @@ def demo(out: Out = Path("demo-out"), quiet: Quiet = False, verbose: Verbose = F
     from eaves.cli.demo import run_demo
 
     start_log(quiet, verbose)
-    raise typer.Exit(run_demo(out, progress_display(quiet)))
+    raise typer.Exit(run_demo(out, run_display(quiet)))
