@@ -13,6 +13,7 @@ from pathlib import Path
 
 from docs.api_page import api_pages
 from docs.code_tables import conventions_page, errors_page
+from docs.columns_page import columns_page
 from docs.method_pages import method_index, method_page
 from docs.results_page import results_page
 
@@ -24,6 +25,7 @@ DOCS = Path(__file__).parent
 def reference_pages() -> dict[Path, str]:
     """File (under docs/) → text of every page that the code alone decides."""
     pages = {
+        Path("columns.md"): columns_page(),
         Path("reference/methods/README.md"): method_index(),
         **{Path("reference/api") / name: text for name, text in api_pages().items()},
     }
