@@ -6,15 +6,17 @@ from eaves.model.columns import COLUMNS, LAYERS, Column
 
 INTRODUCTION = """# Columns
 
-Every column of the layers of a run, made from the same declarations as the titles in QGIS and the comments in PostGIS. Heights,
-areas and volumes are in metres, also where the coordinates are in feet.
+Every column of the layers of a run. The page is made from the same declarations as the titles in QGIS and the
+comments in PostGIS. Heights, areas and volumes are in metres, also where the coordinates are in feet.
 
-The layer `footprints` has the main columns. The table `attributes` of the same file has further ones; `id` joins them:
+The layer `footprints` has the main columns, the table `attributes` of the same file further ones. `id` joins
+them:
 ```
-ogr2ogr all.gpkg out/footprints.gpkg -sql "SELECT * FROM footprints LEFT JOIN attributes ON footprints.id = attributes.id"
+ogr2ogr all.gpkg out/footprints.gpkg -dialect sqlite \\
+  -sql "SELECT * FROM footprints LEFT JOIN attributes USING (id)"
 ```
-The formats geojson, fgb and parquet, PostGIS, `eaves.to_geopandas` and the CityJSON have all columns in one table.
-Columns that a map gives (`given_…`), that an update or an edit makes, and `tile` of a run by tiles follow those of `footprints`.
+The formats geojson, fgb and parquet, PostGIS, `eaves.to_geopandas` and the CityJSON have all together.
+Columns of a map (`given_…`), of an update or an edit, and `tile` of a run by tiles follow in `footprints`.
 """
 TITLES = {
     "footprints": "Layer `footprints`",

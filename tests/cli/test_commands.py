@@ -21,6 +21,8 @@ from tests.conftest import write_laz
 
 from eaves.cli import app as cli
 from eaves.cli.runs import read_settings
+from eaves.formats import read_cityjson
+from eaves.pipeline import build
 
 OUTPUTS = {
     "footprints.gpkg",
@@ -251,6 +253,33 @@ def eaves_points(path: Path) -> int:
     from eaves.formats import open_source
 
     return open_source(path).count
+
+
+def test_formats_of_a_finished_run_are_those_of_a_build_with_them(
+    built: Path, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    names, later, at_once = "cityjson,citygml,obj,dxf,geojson,fgb,kml", tmp_path / "later", tmp_path / "once"
+    shutil.copytree(built, later)
+    done = eaves("export", later, "--formats", names)
+    assert done.returncode == 0, done.stderr
+    build(nine_roofs_file, at_once, formats=tuple(names.split(",")), outputs=("footprints", "models"))
+    wanted = {path.name for path in at_once.iterdir()}
+    assert wanted - {path.name for path in later.iterdir()} == set()
+    assert eaves("validate", later).returncode == 0  # the manifest knows them
+    assert (later / "footprints.geojson").read_bytes() == (at_once / "footprints.geojson").read_bytes()
+    first, second = (read_cityjson(folder / "buildings.city.json") for folder in (later, at_once))
+    assert first.keys() == second.keys()
+    for name, one in first.items():
+        other = second[name]
+        assert one.attributes == other.attributes
+        for a, b in zip(one.geometries, other.geometries, strict=True):
+            assert (a.lod, a.type) == (b.lod, b.type)
+            for solid, twin in zip(one.as_solids(a), other.as_solids(b), strict=True):
+                np.testing.assert_allclose(solid.vertices, twin.vertices, atol=1e-6)
+                assert [face.rings for face in solid.faces] == [face.rings for face in twin.faces]
+    assert "unknown format" in one_line(eaves("export", later, "--formats", "nothing"))
+    shutil.rmtree(later)
+    assert "the folder of a run" in one_line(eaves("export", later, "--formats", "obj"))
 
 
 def test_a_second_run_gives_the_same_bytes(built: Path, nine_roofs_file: Path, tmp_path: Path) -> None:

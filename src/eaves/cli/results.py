@@ -171,6 +171,9 @@ def export(
         typer.Option(help="The viewer of 3D Tiles as files for any web server.", metavar="FOLDER"),
     ] = None,
     basemap: Basemap = None,
+    formats: Annotated[
+        str | None, typer.Option(help="Formats as those of `eaves build --formats`, into OUT.")
+    ] = None,
     postgis: Annotated[
         str | None, typer.Option(help="Into PostGIS, all or nothing: postgresql://user@host:port/database")
     ] = None,
@@ -179,9 +182,21 @@ def export(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Write the results of a run in other forms. Formats, pictures for print, a site, PostGIS."""
+    """Write the results of a run in other forms. Formats, pictures for print, a site, PostGIS.
+
+    Examples:
+
+      eaves export out --formats citygml,glb,dxf
+      eaves export out --picture plan
+      eaves export out --site web
+    """
     start_log(quiet, verbose)
     lines = []
+    if formats is not None:
+        from eaves.flow.exports import export_run
+
+        names = [name.strip() for name in formats.split(",") if name.strip()]
+        lines += [f"written: {path}" for path in export_run(folder, names)]
     if picture is not None:
         from eaves.report.plots.plot import plot_run
 
@@ -197,7 +212,7 @@ def export(
         counts = write_postgis(folder, postgis, schema, replace)
         lines.append(", ".join(f"{schema}.{table}: {count:,} rows" for table, count in counts.items()))
     if not lines:
-        raise ValueError("export: nothing is asked for; give --picture, --site or --postgis")
+        raise ValueError("export: nothing is asked for; give --formats, --picture, --site or --postgis")
     if not quiet:
         typer.echo("\n".join(lines))
 

@@ -12,7 +12,7 @@ from functools import partial
 from glob import escape
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from eaves.blocks.block_file import BlockMetadata, block_extent, open_block
 from eaves.buildings.building_file import Kept
@@ -42,6 +42,7 @@ from eaves.run.workers import peak_memory_mb
 if TYPE_CHECKING:
     from eaves.flow.classified_points import PointSink
 
+DECIMALS = 3
 LONGEST_FIRST = ("classified", "models", "footprints", "rasters", "mask")
 
 
@@ -61,10 +62,10 @@ class BuildingRows:
             if kept is not None:
                 number = kept.of[str(row.values["id"])][0]
             if self.faces:
-                yield from (Row(*face) for face in row.faces)
+                yield from (Row(shape, with_decimals(values)) for shape, values in row.faces)
             else:
                 polygon = None if row.polygon.is_empty else row.polygon
-                yield Row(polygon, row.numbered(number, next(areas, None)))
+                yield Row(polygon, with_decimals(row.numbered(number, next(areas, None))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +103,21 @@ def finished_models(
 
 def with_walls(answer: BuildingModel | Failure, walls: Mapping[str, float] | None) -> BuildingModel | Failure:
     """The result of a building, a model with the figures that follow from its walls (`wall_figures`)."""
-    if not isinstance(answer, BuildingModel) or walls is None:
+    if not isinstance(answer, BuildingModel):
         return answer
     own, storeys = answer.attributes, answer.footprint.attributes.get("storeys")
-    stock = envelope_figures(walls, own, answer.footprint.polygon.area, storeys)
-    return answer.with_(attributes={**own, **stock})
+    if walls is not None:
+        own = own | envelope_figures(walls, own, answer.footprint.polygon.area, storeys)
+    return answer.with_(attributes=with_decimals(own))
+
+
+def with_decimals(value: Any) -> Any:
+    """Attributes with every number to 0.001 of its unit, a millimetre of heights: more is no measurement."""
+    if isinstance(value, float):
+        return round(value, DECIMALS)
+    if isinstance(value, dict):
+        return {name: with_decimals(one) for name, one in value.items()}
+    return [with_decimals(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 def write_output(

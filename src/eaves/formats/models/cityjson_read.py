@@ -267,6 +267,12 @@ class _Frame:
             ) from None
 
 
+def read_head(path: Path) -> dict[str, Any]:
+    """The first object of a CityJSONSeq file, which holds its frame and its metadata."""
+    with path.open(encoding="utf-8-sig") as file:
+        return _parsed(path, file.readline(), 1, whole=True) or {}
+
+
 def system_of_head(head: dict[str, Any], path: Path, crs: str | None = None) -> CoordinateSystem:
     """The coordinate system that a file's first object states, or `crs`; local metres when there is none.
 

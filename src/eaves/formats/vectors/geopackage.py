@@ -36,6 +36,7 @@ DRIVERS = {
     ".fgb": "FlatGeobuf",
     ".geojson": "GeoJSON",
     ".json": "GeoJSON",
+    ".kml": "KML",
 }
 GEOJSON_OPTIONS = {"RFC7946": "YES", "COORDINATE_PRECISION": "8"}
 """Eight decimals of a degree are a millimetre."""
