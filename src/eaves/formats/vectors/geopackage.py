@@ -11,6 +11,7 @@ from itertools import islice
 from math import isfinite
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import numpy as np
 import shapely
@@ -189,6 +190,10 @@ def write_polygons(
         log.warning("%s: the data have no reference system, so they are not in WGS 84; use --crs", path)
     with atomic(path) as temporary:
         _write_layer(temporary, rows, system, DRIVERS[suffix], layer, provenance)
+        if suffix == ".kml" and provenance:  # the driver has no place for it
+            head, start, rest = temporary.read_text("utf-8").partition("<Schema")
+            words = f"<description>{escape(provenance.sentence)}</description>\n"
+            temporary.write_text(head + words + start + rest, "utf-8")
 
 
 def read_polygons(
@@ -562,7 +567,7 @@ def _write_rows(
         if driver == "GeoJSON" and wkt is not None:
             plane = horizontal_crs(system)
             wkt, options = plane.to_wkt() if plane else wkt, GEOJSON_OPTIONS
-        if driver != "GPKG" and provenance:
+        if driver not in ("GPKG", "KML") and provenance:
             options = {**options, "DESCRIPTION": provenance.sentence}
         pyogrio.raw.write(
             path,
@@ -579,6 +584,7 @@ def _write_rows(
             crs=None if layer == "attributes" else wkt,
             append=append,
             layer_options=options,
+            dataset_options={"AltitudeMode": "absolute"} if driver == "KML" and schema.upright else None,
         )
 
 
