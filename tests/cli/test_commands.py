@@ -21,7 +21,7 @@ from tests.conftest import write_laz
 
 from eaves.cli import app as cli
 from eaves.cli.runs import read_settings
-from eaves.formats import read_cityjson
+from eaves.formats import read_cityjson, read_raster
 from eaves.pipeline import build
 
 OUTPUTS = {
@@ -30,7 +30,7 @@ OUTPUTS = {
     "buildings.city.jsonl",
     "buildings.qgz",
     "mask.tif",
-    "mask.tfw",
+    "ndsm.tif",
     "dtm.tif",
     "dsm.tif",
     "classified.laz",
@@ -79,6 +79,11 @@ def built(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 def test_build_writes_every_output_and_nothing_else(built: Path) -> None:
     assert {path.name for path in built.iterdir()} == OUTPUTS
+
+
+def test_heights_over_the_terrain_are_those_of_both_rasters(built: Path) -> None:
+    over, surface, terrain = (read_raster(built / f"{name}.tif")[0] for name in ("ndsm", "dsm", "dtm"))
+    np.testing.assert_allclose(over.values, surface.values - terrain.values, atol=1e-4)
 
 
 def test_found_is_modelled_plus_failed(built: Path) -> None:
@@ -356,7 +361,7 @@ def test_only_the_outputs_asked_for_are_written_and_the_time_is_shown(
     done = eaves("build", nine_roofs_file, "-o", out, "-q", "--outputs", "footprints,rasters", "--profile")
     assert done.returncode == 0
     there = {path.name for path in out.iterdir()}
-    unwanted = {"buildings.city.jsonl", "mask.tif", "mask.tfw", "classified.laz", "report.html"}
+    unwanted = {"buildings.city.jsonl", "mask.tif", "classified.laz", "report.html"}
     assert there == OUTPUTS - unwanted
     assert "write rasters" in done.stderr and "write models" not in done.stderr
     kept = json.loads((out / "run.json").read_text("utf-8"))

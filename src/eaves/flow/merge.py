@@ -153,9 +153,9 @@ PIECE = 240.0
 
 
 def merge_rasters(folder: Path, places: Sequence[Path], provenance: Provenance = NOTHING_KNOWN) -> list[Path]:
-    """Write dtm.vrt, dsm.vrt and mask.vrt over the tiles' rasters."""
+    """Write dtm.vrt, dsm.vrt, ndsm.vrt and mask.vrt over the tiles' rasters."""
     written = []
-    for name in ("dtm", "dsm", "mask"):
+    for name in ("dtm", "dsm", "ndsm", "mask"):
         written.append(folder / f"{name}.vrt")
         write_vrt(written[-1], [place / f"{name}.tif" for place in places], provenance.tags)
     return written

@@ -144,7 +144,9 @@ def write_output(
 
         polygons = [row.polygon for row in kept.rows(owners)]
         path = folder / "mask.tif"
-        return write_run_mask(system, results.blocks, polygons, results.extent, path, made_from), None
+        asked = run.options["source"] is not None  # the Vaihingen entry delivers one
+        extent = results.extent
+        return write_run_mask(system, results.blocks, polygons, extent, path, made_from, asked), None
     if step == "rasters":
         from eaves.flow.rasters import write_surfaces
 
