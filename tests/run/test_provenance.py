@@ -27,7 +27,9 @@ def results(
     place = tmp_path_factory.mktemp("all")
     truth = nine_roofs_on_a_slope(density=2.0).placed(request.param)
     points = write_simulation(truth, place / "in")["points"]
-    formats = [name for name in (*FOOTPRINT_FILES, *MODEL_FILES) if name != "parquet"] + ["parquet"]
+    formats = [name for name in (*FOOTPRINT_FILES, *MODEL_FILES) if name not in ("parquet", "ifc")] + [
+        "parquet"
+    ]
     build(points, place / "out", formats=formats)
     datum = vertical_datum(truth.cloud.system)
     return place / "out", Provenance((points.name,), 1, datum["name"], str(datum["status"]))

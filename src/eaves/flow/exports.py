@@ -12,8 +12,7 @@ from pathlib import Path
 
 from eaves import formats
 from eaves.formats import InputError, read_polygons
-from eaves.formats.models.cityjson_models import read_models
-from eaves.formats.models.cityjson_read import read_head, system_of_head
+from eaves.formats.models.cityjson_read import read_head, read_models, system_of_head
 from eaves.formats.vectors.geopackage import Row, read_upright, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.columns import LAYERS
@@ -28,6 +27,13 @@ def citygml3_writer() -> Writer:
     from eaves.formats.models.citygml import write_citygml3
 
     return write_citygml3
+
+
+def ifc_writer() -> Writer:
+    """The writer of IFC 4, likewise."""
+    from eaves.formats.models.ifc import write_ifc
+
+    return write_ifc
 
 
 FOOTPRINT_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
@@ -50,6 +56,7 @@ MODEL_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
     "gpkg": (lambda: formats.write_lod_layers, "buildings.gpkg"),
     "citygml": (lambda: formats.write_citygml, "buildings.gml"),
     "citygml3": (citygml3_writer, "buildings3.gml"),
+    "ifc": (ifc_writer, "buildings.ifc"),
     "3dtiles": (lambda: formats.write_3dtiles, "3dtiles"),
 }
 
@@ -69,6 +76,10 @@ def check_formats(names: Sequence[str], outputs: Sequence[str] = ("footprints", 
         needed = "models" if name in MODEL_FILES else "footprints"
         if needed not in outputs:
             raise ValueError(f"--formats {name}: it is written with the {needed}; add {needed} to --outputs")
+    if "ifc" in names:
+        from eaves.formats.models.ifc import require_ifcopenshell
+
+        require_ifcopenshell()
     if "parquet" in names:
         from eaves.formats.vectors.parquet import require_pyarrow
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from eaves.formats import InputError, iter_cityjson, write_3dtiles
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
-from eaves.formats.models.cityjson_models import read_models
+from eaves.formats.models.cityjson_read import read_models
 from eaves.formats.models.tiles3d import Earth
 from eaves.model import Bounds, BuildingModel, CoordinateSystem, Points
 from eaves.model.columns import COLUMNS
