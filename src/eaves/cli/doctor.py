@@ -20,6 +20,7 @@ EXTRAS = {
     "notebook": "geopandas",
     "parquet": "pyarrow",
     "postgis": "psycopg",
+    "ifc": "ifcopenshell",
     "cluster": "distributed",
 }
 """Extra → the library that it brings."""
