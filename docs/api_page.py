@@ -9,39 +9,60 @@ from typing import Any
 
 from docs.method_pages import linked, split_sections
 
-SECTIONS = {
-    "Functions and methods": "eaves",
-    "Data types": "eaves.model",
-    "Reading and writing": "eaves.formats",
-    "Validating": "eaves.validate",
-    "Evaluating": "eaves.evaluate",
-    "Simulating": "eaves.simulate",
+from eaves.methods import REGISTRY, method_class
+
+TOPICS = {
+    "run": ("Whole runs", ("report", "pipeline", "recipe", "methods", "change", "solar")),
+    "points": ("Points and ground", ("ground", "raster")),
+    "detection": ("Detection, outlines and units", ("detect", "outline", "units")),
+    "models": ("Roofs and solids", ("roof", "reconstruct")),
+    "data": ("Data types", ("model",)),
+    "formats": ("Reading and writing", ("formats",)),
+    "validation": ("Validating", ("validate",)),
+    "evaluation": ("Evaluating", ("evaluate",)),
+    "simulation": ("Simulating", ("simulate",)),
 }
-"""Title → module; its public names are what `__all__` lists."""
+"""Page → title, and the rooms of the package whose public names it lists."""
+HOMES = ("eaves", "eaves.model", "eaves.formats", "eaves.validate", "eaves.evaluate", "eaves.simulate")
+"""The modules with public names, which `__all__` lists; a name stands where it comes first."""
 
-INTRODUCTION = """# API reference
+INTRODUCTION = """# API by topic
 
-Made from the docstrings by `make docs`; the examples run as tests. Methods have
-[pages of their own](methods/README.md), words and units are those of the [conventions](../conventions.md).
+These pages are made from the docstrings by `make docs`; the examples run as tests. Methods have
+[pages of their own](../methods/README.md). The [conventions](../../conventions.md) explain words and units.
 """
 
 
-def api_page() -> str:
-    """The page."""
-    lines = [INTRODUCTION]
-    for title, module in SECTIONS.items():
+def api_pages() -> dict[str, str]:
+    """Name → text of every page, the list of all names as README.md."""
+    methods = {method_class(stage, name): f"{stage}-{name}" for stage in REGISTRY for name in REGISTRY[stage]}
+    entries: dict[str, dict[str, str]] = {page: {} for page in TOPICS}
+    index: dict[str, list[str]] = {page: [] for page in TOPICS}
+    seen: set[Any] = set()
+    for module in HOMES:
         home = import_module(module)
-        lines.append(f"## {title}: `{module}`\n")
         for name in sorted(home.__all__):
             thing = getattr(home, name)
-            if inspect.isfunction(thing) or inspect.isclass(thing):
-                lines.append(entry(module, name, thing))
-    return "\n".join(lines)
+            if not (inspect.isfunction(thing) or inspect.isclass(thing)) or thing in seen:
+                continue
+            seen.add(thing)
+            room = thing.__module__.split(".")[1]
+            page = next(page for page, (_, rooms) in TOPICS.items() if room in rooms)
+            if thing in methods:
+                index[page].append(f"[{name}](../methods/{methods[thing]}.md)")
+            else:
+                index[page].append(f"[{name}]({page}.md#{name.lower()})")
+                entries[page][name] = entry(module, name, thing)
+    rows = [f"| [{title}]({page}.md) | {', '.join(index[page])} |" for page, (title, _) in TOPICS.items()]
+    pages = {"README.md": "\n".join([INTRODUCTION, "| topic | names |", "|---|---|", *rows, ""])}
+    for page, (title, _) in TOPICS.items():
+        pages[f"{page}.md"] = f"# {title}\n\n" + "\n".join(entries[page].values())
+    return pages
 
 
 def entry(module: str, name: str, thing: Any) -> str:
     """Heading, signature and docstring of a function or class."""
-    lines = [f"### {name}\n", f"```python\n{module}.{name}{signature(thing)}\n```\n"]
+    lines = [f"## {name}\n", f"```python\n{module}.{name}{signature(thing)}\n```\n"]
     for title, text in split_sections(inspect.getdoc(thing) or ""):
         body = f"```python\n{text}\n```" if ">>>" in text and title == "Examples" else listed(text, title)
         lines.append((f"**{title}**\n\n" if title else "") + body + "\n")

@@ -1,7 +1,7 @@
 """Writes the generated pages: `make docs`, or `python -m docs.build`; `--check` lists what is out of date.
 
 docs/reference/ is made from the registry, the docstrings and references.bib, the classes in
-docs/conventions.md and the stages in docs/errors.md from the code, docs/comparison.md from the tables in
+docs/conventions.md and the stages in docs/errors.md from the code, the list of tables in docs/results.md from
 benchmarks/results, the list of galleries in docs/README.md from docs/gallery. All else under docs/ is written
 by hand. Pictures: `python -m docs.pictures`.
 """
@@ -11,10 +11,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from docs.api_page import api_page
+from docs.api_page import api_pages
 from docs.code_tables import conventions_page, errors_page
-from docs.comparison_page import comparison_page
+from docs.columns_page import columns_page
 from docs.method_pages import method_index, method_page
+from docs.results_page import results_page
 
 from eaves.methods import REGISTRY
 
@@ -23,7 +24,11 @@ DOCS = Path(__file__).parent
 
 def reference_pages() -> dict[Path, str]:
     """File (under docs/) → text of every page that the code alone decides."""
-    pages = {Path("reference/methods/README.md"): method_index(), Path("reference/api.md"): api_page()}
+    pages = {
+        Path("columns.md"): columns_page(),
+        Path("reference/methods/README.md"): method_index(),
+        **{Path("reference/api") / name: text for name, text in api_pages().items()},
+    }
     for name, page in (("conventions.md", conventions_page), ("errors.md", errors_page)):
         pages[Path(name)] = page((DOCS / name).read_text(encoding="utf-8"))
     for stage, names in REGISTRY.items():
@@ -63,8 +68,8 @@ def main() -> int:
         sys.stdout.writelines(f"docs/{path.as_posix()} is out of date; run make docs\n" for path in wrong)
         return int(bool(wrong))
     tables = DOCS.parent / "benchmarks" / "results"
-    pages = reference_pages() | {Path("comparison.md"): comparison_page(tables)}
-    pages[Path("README.md")] = index_page()
+    pages = reference_pages() | {Path("README.md"): index_page()}
+    pages[Path("results.md")] = results_page((DOCS / "results.md").read_text(encoding="utf-8"), tables)
     for path in outdated():
         if path not in pages:
             (DOCS / path).unlink()

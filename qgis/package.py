@@ -43,7 +43,18 @@ KINDS = {
     "party_walls": "polygons", "id_field": "field", "config": "file",
 }  # fmt: skip
 CHOICES = {"lod": ["0", "1.2", "1.3", "2.0", "2.2", "2.3"]}
-LEFT_OUT = {"out", "inputs", "quiet", "verbose", "scheduler", "resume", "strict", "per_tile", "help"}
+LEFT_OUT = {
+    "out",
+    "inputs",
+    "quiet",
+    "verbose",
+    "settings",
+    "scheduler",
+    "resume",
+    "strict",
+    "per_tile",
+    "help",
+}
 """Options that a tool has no use for, or gives itself."""
 BASIC = {"footprints", "id_field", "crs", "bounds", "lod", "use_classes", "method"}
 
@@ -92,7 +103,8 @@ def tool(
     fields: list[dict[str, Any]],
     outputs: list[str],
 ) -> dict[str, Any]:
-    """One tool's form."""
+    """One tool's form; the examples of the command line are left out of its text."""
+    text = text.split("\n\nExamples:")[0]
     return {
         "name": name,
         "title": title,

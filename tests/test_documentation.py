@@ -43,13 +43,13 @@ def test_examples_of_the_researchers_guide_run() -> None:
     assert found.attempted > 10 and found.failed == 0
 
 
-def test_the_readmes_python_writes_what_a_build_writes(
+def test_the_python_of_the_start_writes_what_a_build_writes(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copy(nine_roofs_file, "tile.laz")
     build("tile.laz", "out", outputs=("models",))
-    lines = (DOCS.parent / "README.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    lines = (DOCS / "start.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
     exec(lines, {})
     assert Path("buildings.city.jsonl").read_bytes() == Path("out/buildings.city.jsonl").read_bytes()
 
@@ -58,6 +58,78 @@ def test_the_readmes_python_writes_what_a_build_writes(
 def test_linked_files_exist(page: Path) -> None:
     for target in LINK.findall(page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), target
+
+
+def figures_of(text: str) -> set[float]:
+    """The decimals of a text, and its whole numbers from 100 on."""
+    found = re.findall(r"(?<![\w.,-])\d*\.?\d+(?!\.?\d|-)", text.replace(",", " "))
+    return {float(one) for one in found if "." in one or float(one) >= 100}
+
+
+def test_every_figure_of_the_results_stands_in_a_table_that_its_section_links() -> None:
+    page = DOCS / "results.md"
+    for section in page.read_text(encoding="utf-8").split("\n## ")[1:]:
+        tables = [page.parent / target for target in LINK.findall(section)]
+        there = figures_of(" ".join(table.read_text(encoding="utf-8") for table in tables))
+        assert figures_of(re.sub(LINK, "", section)) <= there, section.splitlines()[0]
+
+
+def test_figures_of_the_readme_are_those_of_the_results() -> None:
+    good = (
+        (DOCS.parent / "README.md")
+        .read_text(encoding="utf-8")
+        .split("## How good it is")[1]
+        .split("\n## ")[0]
+    )
+    assert figures_of(good) <= figures_of((DOCS / "results.md").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(("page", "words"), [("../README.md", 650), ("results.md", 1500)])
+def test_a_page_is_read_in_minutes(page: str, words: int) -> None:
+    assert len(re.sub(LINK, "", (DOCS / page).read_text(encoding="utf-8")).split()) <= words
+
+
+BANNED = (
+    *("out come", "not as they were", "not as it was", "by the very word", "astray", "foretell", "trodden"),
+    *("goes home", "is told", "are told", "told by", "gone astray", "how they fare", "come out of it"),
+)
+"""Calques and riddles: what a reader has to read twice."""
+PROSE = [DOCS.parent / "README.md", *sorted(DOCS.glob("*.md")), *sorted((DOCS / "guides").glob("*.md"))]
+
+
+def joined(path: Path) -> str:
+    """The words of a file in lower case, whatever its lines are."""
+    return " ".join(path.read_text(encoding="utf-8").lower().split())
+
+
+def test_prose_help_and_messages_have_no_banned_phrase() -> None:
+    files = [*PROSE, *sorted((DOCS.parent / "src" / "eaves").rglob("*.py"))]
+    found = [
+        f"{path.name}: {phrase}"
+        for path in files
+        for phrase in re.findall(rf"\b(?:{'|'.join(BANNED)})\b", joined(path))
+    ]
+    assert found == []
+
+
+def words_of_sentences(text: str) -> list[int]:
+    """The words of each sentence, without code blocks, tables and headings; code counts as a word."""
+    text = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"!\[[^\]]*\]\([^)]*\)|\]\([^)]*\)", "", re.sub(r"`[^`\n]*`", "code", text))
+    blocks = re.split(r"\n\s*\n|\n(?=[-*] |\d+\. |#|\|)", text)
+    prose = [block.strip() for block in blocks if not block.strip().startswith(("#", "|"))]
+    sentences = [one for block in prose for one in re.split(r"(?<=[.!?])[\"*)\]]*\s+(?=[A-Z`\[*(])", block)]
+    return [count for one in sentences if (count := len(re.findall(r"[\w'’-]+", one))) > 2]
+
+
+@pytest.mark.parametrize(
+    "page",
+    [DOCS.parent / "README.md", DOCS / "start.md", *sorted((DOCS / "guides").glob("*.md"))],
+    ids=lambda path: path.stem,
+)
+def test_sentences_of_a_guide_are_short(page: Path) -> None:
+    counts = words_of_sentences(page.read_text(encoding="utf-8"))
+    assert sum(counts) / len(counts) <= 18
 
 
 COMMAND = re.compile(r"^(?:\.venv/bin/)?(eaves [^\n]*)$", re.MULTILINE)

@@ -49,10 +49,12 @@ class Result:
         self.points = {path.name: laspy.read(path) for path in sorted(folder.glob("classified*.laz"))}
 
     def layer(self, name: str) -> geopandas.GeoDataFrame:
-        """A layer of footprints.gpkg; an empty one where it is not there."""
+        """A layer of footprints.gpkg, footprints with all columns; an empty one where it is not there."""
         path = self.folder / "footprints.gpkg"
-        there = name in pyogrio.list_layers(path)[:, 0]
-        return pyogrio.read_dataframe(path, layer=name) if there else geopandas.GeoDataFrame({"id": []})
+        if name not in pyogrio.list_layers(path)[:, 0]:
+            return geopandas.GeoDataFrame({"id": []})
+        frame = pyogrio.read_dataframe(path, layer=name)
+        return frame.merge(self.layer("attributes"), on="id", how="left") if name == "footprints" else frame
 
     def places(self, feature: dict[str, Any]) -> NDArray[np.float64]:
         """The vertices of a feature in metres."""

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from benchmarks.table import as_markdown, keep
 from eaves.buildings import trust
+from eaves.formats.vectors.geopackage import read_details
 from eaves.geometry.roof_fit import RoofFaces, collect_faces, fit_roof
 from eaves.model import Mask, Values
 from eaves.pipeline import build
@@ -71,6 +72,8 @@ def judged(scene: ExactScene, folder: Path) -> Judged:
     path = folder / "built" / "footprints.gpkg"
     names, _, shapes, columns = pyogrio.raw.read(path, layer="footprints")
     rows = [dict(zip(names["fields"], values, strict=True)) for values in zip(*columns, strict=True)]
+    details = read_details(path)
+    rows = [row | details.get(row["id"], {}) for row in rows]
     plans = shapely.from_wkb(shapes)
     there = np.flatnonzero([shape is not None and shape.area >= SMALLEST_M2 for shape in plans])
     true_faces = collect_faces(

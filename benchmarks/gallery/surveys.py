@@ -16,7 +16,6 @@ from pathlib import Path
 import laspy
 import matplotlib.pyplot as plt
 import numpy as np
-import pyogrio
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.colors import LightSource
@@ -28,6 +27,7 @@ from scipy import ndimage
 import eaves
 from eaves.formats.rasters.geotiff import read_raster
 from eaves.model import Raster
+from eaves.report.convert import footprint_frame
 
 PAGE = Path(__file__).parents[2] / "docs" / "gallery"
 SURVEYS: dict[str, tuple[str, str | None]] = {
@@ -82,7 +82,7 @@ class Found:
 
 def found_of(folder: Path, scale: float) -> list[Found]:
     """The footprints of a run, worst first: the large ones that failed, are doubted or fit badly."""
-    frame = pyogrio.read_dataframe(folder / "footprints.gpkg", layer="footprints")
+    frame = footprint_frame(folder)
     finest = frame.lod.max() if len(frame) else ""
     found = []
     for row in frame.itertuples():

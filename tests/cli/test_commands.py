@@ -20,6 +20,10 @@ import typer
 from tests.conftest import write_laz
 
 from eaves.cli import app as cli
+from eaves.cli.runs import read_settings
+from eaves.formats import read_cityjson, read_raster
+
+FORMATS = "cityjson,citygml,obj,dxf,geojson,fgb,kml"
 
 OUTPUTS = {
     "footprints.gpkg",
@@ -27,7 +31,7 @@ OUTPUTS = {
     "buildings.city.jsonl",
     "buildings.qgz",
     "mask.tif",
-    "mask.tfw",
+    "ndsm.tif",
     "dtm.tif",
     "dsm.tif",
     "classified.laz",
@@ -74,8 +78,22 @@ def built(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
     return out
 
 
+@pytest.fixture(scope="module")
+def again(nine_roofs_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same by two processes, with further formats."""
+    out = tmp_path_factory.mktemp("again")
+    done = started("build", nine_roofs_file, "-o", out, "--jobs", "2", "--formats", FORMATS)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
 def test_build_writes_every_output_and_nothing_else(built: Path) -> None:
     assert {path.name for path in built.iterdir()} == OUTPUTS
+
+
+def test_heights_over_the_terrain_are_those_of_both_rasters(built: Path) -> None:
+    over, surface, terrain = (read_raster(built / f"{name}.tif")[0] for name in ("ndsm", "dsm", "dtm"))
+    np.testing.assert_allclose(over.values, surface.values - terrain.values, atol=1e-4)
 
 
 def test_found_is_modelled_plus_failed(built: Path) -> None:
@@ -133,6 +151,7 @@ def test_a_bad_file_gets_one_line_and_status_2(tmp_path: Path, name: str, conten
         ["build", "no-such-file.laz", "-o", "OUT"],
         ["build", "FILE", "-o", "OUT", "--detect-method", "magic"],
         ["build", "FILE", "-o", "OUT", "--config", "no-such.toml"],
+        ["build", "FILE", "-o", "OUT", "--set", "detect.height=2"],
         ["build", "FILE", "-o", "OUT", "--bounds", "1,2,3"],
         ["build", "FILE", "-o", "OUT", "--bounds", "nan,0,1,1"],
         ["build", "FILE", "-o", "OUT", "--bounds", "0,0,inf,1"],
@@ -160,6 +179,27 @@ def test_a_process_leaves_with_the_status_and_the_line() -> None:
     done = started("methods", "cooking")
     assert done.returncode == 2
     assert one_line(done).startswith("error: ")
+
+
+def test_a_parameter_set_on_the_command_line_is_a_table_by_stage() -> None:
+    words = ["detect.min_height=2.5", "detect.method=contours", "units.method=off"]
+    assert read_settings(words) == {
+        "detect": {"min_height": 2.5, "method": "contours"},
+        "units": {"method": "off"},
+    }
+    for wrong in ("detect.min_height", "min_height=2", "cooking.heat=3"):
+        with pytest.raises(ValueError, match=r"write STAGE\.PARAMETER=VALUE"):
+            read_settings([wrong])
+
+
+def test_the_help_of_build_has_few_options_before_those_of_experts() -> None:
+    text = eaves("build", "--help").stdout
+    before, expert = text.split("\nExpert:\n")
+    for heading in ("Input:", "Methods:", "Output:", "Run:"):
+        assert heading in before
+    assert len(re.findall(r"^  (?:-\w, )?--", before, re.MULTILINE)) <= 15
+    assert "--set" in before and "--block" in expert
+    assert "\n    eaves build tile.laz -o out\n" in before  # an example a line
 
 
 def test_an_unknown_parameter_is_named(nine_roofs_file: Path, tmp_path: Path) -> None:
@@ -230,10 +270,34 @@ def eaves_points(path: Path) -> int:
     return open_source(path).count
 
 
-def test_a_second_run_gives_the_same_bytes(built: Path, nine_roofs_file: Path, tmp_path: Path) -> None:
-    assert started("build", nine_roofs_file, "-o", tmp_path, "--jobs", "2").returncode == 0
+def test_formats_of_a_finished_run_are_those_of_a_build_with_them(
+    built: Path, again: Path, tmp_path: Path
+) -> None:
+    later = tmp_path / "later"
+    shutil.copytree(built, later)
+    done = eaves("export", later, "--formats", FORMATS)
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in again.iterdir()} == {path.name for path in later.iterdir()}
+    assert eaves("validate", later).returncode == 0  # the manifest knows them
+    assert (later / "footprints.geojson").read_bytes() == (again / "footprints.geojson").read_bytes()
+    first, second = (read_cityjson(folder / "buildings.city.json") for folder in (later, again))
+    assert first.keys() == second.keys()
+    for name, one in first.items():
+        other = second[name]
+        assert one.attributes == other.attributes
+        for a, b in zip(one.geometries, other.geometries, strict=True):
+            assert (a.lod, a.type) == (b.lod, b.type)
+            for solid, twin in zip(one.as_solids(a), other.as_solids(b), strict=True):
+                np.testing.assert_allclose(solid.vertices, twin.vertices, atol=1e-6)
+                assert [face.rings for face in solid.faces] == [face.rings for face in twin.faces]
+    assert "unknown format" in one_line(eaves("export", later, "--formats", "nothing"))
+    shutil.rmtree(later)
+    assert "the folder of a run" in one_line(eaves("export", later, "--formats", "obj"))
+
+
+def test_a_second_run_gives_the_same_bytes(built: Path, again: Path) -> None:
     for name in ("buildings.city.jsonl", "mask.tif", "dtm.tif", "classified.laz"):
-        assert (built / name).read_bytes() == (tmp_path / name).read_bytes(), name
+        assert (built / name).read_bytes() == (again / name).read_bytes(), name
 
 
 def test_a_town_has_the_style_and_the_clutter_asked_for(tmp_path: Path) -> None:
@@ -304,7 +368,7 @@ def test_only_the_outputs_asked_for_are_written_and_the_time_is_shown(
     done = eaves("build", nine_roofs_file, "-o", out, "-q", "--outputs", "footprints,rasters", "--profile")
     assert done.returncode == 0
     there = {path.name for path in out.iterdir()}
-    unwanted = {"buildings.city.jsonl", "mask.tif", "mask.tfw", "classified.laz", "report.html"}
+    unwanted = {"buildings.city.jsonl", "mask.tif", "classified.laz", "report.html"}
     assert there == OUTPUTS - unwanted
     assert "write rasters" in done.stderr and "write models" not in done.stderr
     kept = json.loads((out / "run.json").read_text("utf-8"))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import subprocess
+import threading
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
 from eaves.cli import app as cli
-from eaves.cli import first_run, progress, runs
+from eaves.cli import first_run, progress
 from eaves.model.summary import Summary
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
@@ -60,7 +61,16 @@ def test_first_run_says_that_it_compiles_and_foresees_nothing(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert runs.compiled_pieces() == 0
+    assert first_run.compiled_pieces() == 0
+    (tmp_path / "loop.nbc").touch()
+    seen: list[tuple[str, int, int]] = []
+    shown = threading.Event()
+    monkeypatch.setattr(first_run, "POLL_S", 0.01)
+    with first_run.compilation_shown(True, lambda *words: (seen.append(words), shown.set())):  # type: ignore[func-returns-value]
+        assert shown.wait(10)
+    assert seen[0] == ("compiling", 1, first_run.LOOPS)
+    calls = (Path(__file__).parents[2] / "packaging" / "kernels.txt").read_text().splitlines()
+    assert abs(first_run.LOOPS - len(calls)) <= 0.2 * len(calls)
     clock = iter([0.0, 100.0, 101.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
     remaining = progress.Remaining(compiling=True)
@@ -78,8 +88,10 @@ def test_nothing_is_foreseen_from_reading_alone(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_summary_of_a_build_counts_buildings() -> None:
-    summary = Summary(Path("out"), 10, 2, 1, {"2.2": 1}, {"no_plane": 1}, {}, {}, 1.0, ())
+    trust = {"high": 1, "low": 1}
+    summary = Summary(Path("out"), 10, 2, 1, {"2.2": 1}, {"no_plane": 1}, {}, {}, 1.0, (), trust=trust)
     assert "2 buildings found = 1 modelled + 1 failed" in summary.as_text()
+    assert "2 buildings: 1 high, 0 medium, 1 to review" in summary.as_text().splitlines()
 
 
 def test_what_compiles_beside_ends_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

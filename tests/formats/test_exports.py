@@ -6,6 +6,7 @@ import json
 import shutil
 import struct
 import subprocess
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
@@ -21,6 +22,7 @@ from shapely import Polygon
 from eaves.flow.exports import check_formats
 from eaves.formats import write_3dtiles, write_cityjson, write_geoparquet, write_glb, write_obj
 from eaves.formats.crs import parse_crs, system_of
+from eaves.formats.models.ifc import write_ifc
 from eaves.formats.models.meshes import mesh_of_solids
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Face, Failure, Footprint, Solid
@@ -308,6 +310,27 @@ def test_cjio_reads_the_cityjson(
         city = cjio.CityJSON(file=file)
     assert city.get_version() == "2.0" and city.get_epsg() == 28992
     assert sorted(city.j["CityObjects"]) == ["a b", "c", "d"]
+
+
+@pytest.mark.parametrize("system", [DUTCH, OREGON_FEET], ids=["metres", "feet"])
+def test_ifcopenshell_finds_closed_bodies_in_place(system: CoordinateSystem, tmp_path: Path) -> None:
+    ifcopenshell = pytest.importorskip("ifcopenshell")
+    geom, validate = import_module("ifcopenshell.geom"), import_module("ifcopenshell.validate")
+    models = [model_at(ORIGIN, "a"), model_at((ORIGIN[0] + 240.0, ORIGIN[1]), "b")]
+    for name in ("one.ifc", "two.ifc"):
+        assert write_ifc(tmp_path / name, models, system) == 2
+    assert (tmp_path / "one.ifc").read_bytes() == (tmp_path / "two.ifc").read_bytes()
+    file, log = ifcopenshell.open(str(tmp_path / "one.ifc")), validate.json_logger()
+    validate.validate(file, log)
+    assert log.statements == []
+    place = file.by_type("IfcMapConversion")[0]
+    assert place.Scale == pytest.approx(1.0 / system.horizontal_unit_m)
+    for number, building in enumerate(file.by_type("IfcBuilding")):
+        shape = geom.create_shape(geom.settings(), building).geometry
+        body = trimesh.Trimesh(np.reshape(shape.verts, (-1, 3)), np.reshape(shape.faces, (-1, 3)))
+        assert body.is_watertight and body.volume == pytest.approx(COURT.area * 7.0, rel=1e-6)
+        west = (place.Eastings * system.horizontal_unit_m) + body.vertices[:, 0].min()
+        assert west == pytest.approx(ORIGIN[0] + 240.0 * number)
 
 
 def test_an_unknown_format_is_refused_in_one_line() -> None:

@@ -24,7 +24,7 @@ from eaves.formats import (
 )
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import parse_crs, system_of
-from eaves.formats.vectors.geopackage import Row, write_polygons
+from eaves.formats.vectors.geopackage import Row, list_vector_layers, read_table, write_polygons
 from eaves.model import Bounds, CoordinateSystem, Raster
 from eaves.model.coordinates import LOCAL_METRES
 
@@ -40,6 +40,17 @@ def columns(path: Path, layer: str) -> tuple[dict[str, Any], list[Any], dict[str
     meta, _, wkb, fields = pyogrio.raw.read(path, layer=layer)
     named = {str(name): list(values) for name, values in zip(meta["fields"], fields, strict=True)}
     return meta, list(shapely.from_wkb(wkb)), named
+
+
+def test_further_columns_are_a_table_by_id_and_are_read_with_the_footprints(tmp_path: Path) -> None:
+    path, square = tmp_path / "a.gpkg", shapely.box(0, 0, 1, 1)
+    rows = [Row(square, {"h_70p": 1.5 * n, "tile": "0_0", "lod": "2.2", "id": f"b{n}"}) for n in range(3)]
+    write_geopackage(path, rows)
+    assert list_vector_layers(path)[0].columns == ("id", "lod", "tile")
+    assert [row["h_70p"] for row in read_table(path, "attributes", ["h_70p"])] == [0.0, 1.5, 3.0]
+    assert read_polygons(path, layer="footprints")[2] == [
+        {"id": f"b{n}", "lod": "2.2", "tile": "0_0", "h_70p": 1.5 * n} for n in range(3)
+    ]
 
 
 def test_types_and_nulls_are_kept(tmp_path: Path) -> None:
@@ -195,8 +206,7 @@ def test_pieces_in_any_order_are_one_file(tmp_path: Path, system: CoordinateSyst
     x, y = (np.arange(180) + 0.5) * 0.5, 60 - (np.arange(120) + 0.5) * 0.5
     wanted = 100 + x[None, :] - 2 * y[:, None]
     assert np.allclose(values, wanted > 0 if mask else wanted / system.vertical_unit_m, atol=1e-4)
-    names = ["a.tfw", "a.tif", "b.tfw", "b.tif"] if mask else ["a.tif", "b.tif"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.tif", "b.tif"]
 
 
 def test_cells_no_piece_covers_are_missing(tmp_path: Path) -> None:

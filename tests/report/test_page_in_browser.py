@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,21 @@ def test_the_page_loads_selects_and_toggles(browser: Browser, nine_run: Summary,
     trust = browser.run("return eaves.table.order.map(number => eaves.all[number].trust_score)")
     assert trust == sorted(trust), "the worst building stands first"
     assert browser.errors() == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1400, 390])
+def test_no_button_lies_over_another(width: int, nine_run: Summary, artefacts: Path) -> None:
+    with Browser(width, 900) as window:
+        window.open(nine_run.folder / "report.html")
+        boxes = window.run(
+            "return [...document.querySelectorAll('#views button, #compass, nav a, #theme')].map(one =>"
+            " one.getBoundingClientRect()).map(box => [box.left, box.top, box.right, box.bottom])"
+        )
+        assert window.run("return document.documentElement.scrollWidth") <= window.run("return innerWidth")
+        window.picture(artefacts / f"nine-{width}.png")
+    for one, two in combinations(boxes, 2):
+        assert not (max(one[0], two[0]) < min(one[2], two[2]) and max(one[1], two[1]) < min(one[3], two[3]))
 
 
 @pytest.mark.slow

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pyogrio
 import shapely
 from tests.conftest import write_laz
 
 from eaves.blocks.block import nearest_ground
+from eaves.formats import read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import Bounds, PointCloud
 from eaves.pipeline import build
@@ -18,10 +18,8 @@ from eaves.simulate.objects.roofs import ExactScene
 
 def table(folder: Path) -> dict[str, tuple[str, float]]:
     """Source of the base and ground height of each building."""
-    meta, _, _, columns = pyogrio.raw.read(folder / "footprints.gpkg", layer="footprints")
-    names = list(meta["fields"])
-    rows = (columns[names.index(name)] for name in ("id", "ground_source", "h_ground"))
-    return {name: (source, ground) for name, source, ground in zip(*rows, strict=True)}
+    rows = read_polygons(folder / "footprints.gpkg", layer="footprints", keep_all=True)[2]
+    return {row["id"]: (row["ground_source"], row["h_ground"]) for row in rows}
 
 
 def test_a_footprint_without_ground_beside_it_stands_on_the_nearest_and_says_so(

@@ -27,13 +27,15 @@ def results(
     place = tmp_path_factory.mktemp("all")
     truth = nine_roofs_on_a_slope(density=2.0).placed(request.param)
     points = write_simulation(truth, place / "in")["points"]
-    formats = [name for name in (*FOOTPRINT_FILES, *MODEL_FILES) if name != "parquet"] + ["parquet"]
+    formats = [name for name in (*FOOTPRINT_FILES, *MODEL_FILES) if name not in ("parquet", "ifc")] + [
+        "parquet"
+    ]
     build(points, place / "out", formats=formats)
     datum = vertical_datum(truth.cloud.system)
     return place / "out", Provenance((points.name,), 1, datum["name"], str(datum["status"]))
 
 
-OTHERS = ("3dtiles", "manifest.json", "buildings.mtl", "buildings.qgz", "mask.tfw", "review.csv")
+OTHERS = ("3dtiles", "manifest.json", "buildings.mtl", "buildings.qgz", "review.csv")
 """Files that have no place for it, beside others that have."""
 
 

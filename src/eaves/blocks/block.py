@@ -46,11 +46,11 @@ def block_pass(
     clock = Clock()
     core = Bounds(0.0, 0.0, block.side, block.side)
     seen = core.buffered(recipe.scene_buffer)
-    scene, trodden, wires = see_block(cloud, block, recipe, wide, decks)
+    scene, on_decks, wires = see_block(cloud, block, recipe, wide, decks)
     cloud = scene.cloud
     clock.lap("rasters")
     nothing = Regions(np.zeros(len(cloud), np.int32))
-    regions = detect_buildings(trodden, recipe.detect) if recipe.detect else nothing
+    regions = detect_buildings(on_decks, recipe.detect) if recipe.detect else nothing
     clock.lap("detect")
 
     inside = np.flatnonzero(core.contains(cloud.xyz))
@@ -60,9 +60,11 @@ def block_pass(
     part = regions.part if regions.part is not None else np.zeros(len(cloud), np.uint8)
     vegetation = np.zeros(len(cloud), np.uint8)
     if recipe.marks_vegetation and recipe.vegetation is not None:
-        vegetation = vegetation_classes(cloud, regions.label, regions.part, trodden.height, recipe.vegetation)
+        vegetation = vegetation_classes(
+            cloud, regions.label, regions.part, on_decks.height, recipe.vegetation
+        )
     vegetation[wires] = WIRE
-    vegetation[find_towers(cloud, wires, regions.label > 0, trodden.height)] = WIRE_TOWER
+    vegetation[find_towers(cloud, wires, regions.label > 0, on_decks.height)] = WIRE_TOWER
     assert cloud.classification is not None and cloud.point_id is not None
     return BlockResult(
         block=block,
@@ -143,15 +145,15 @@ def see_block(
     cloud = with_classes(cloud, other)
     if on_deck.any() and recipe.detect:
         stood = with_classes(cloud, np.where(on_deck, np.uint8(GROUND), np.uint8(0)))
-        scene, trodden = two_scenes(cloud, stood, seen, beneath=beneath)
+        scene, on_decks = two_scenes(cloud, stood, seen, beneath=beneath)
     else:
-        scene = trodden = scene_of(cloud, seen, beneath=beneath)
+        scene = on_decks = scene_of(cloud, seen, beneath=beneath)
     wires = np.zeros(len(cloud), bool)
     if recipe.marks_others:
         wires = find_wires(cloud, scene.height, scene.spacing)
-        hidden = with_classes(trodden.cloud, np.where(wires, np.uint8(HIGH_NOISE), np.uint8(0)))
-        trodden = replace(trodden, cloud=hidden)
-    return scene, trodden, wires
+        hidden = with_classes(on_decks.cloud, np.where(wires, np.uint8(HIGH_NOISE), np.uint8(0)))
+        on_decks = replace(on_decks, cloud=hidden)
+    return scene, on_decks, wires
 
 
 def nearest_ground(cloud: PointCloud, core: Bounds) -> Points:

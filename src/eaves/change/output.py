@@ -77,7 +77,7 @@ def as_text(comparison: Comparison) -> str:
     words = ", ".join(f"{counts[name]} {name}" for name in VERDICTS if name in counts)
     changed = sum(one.verdict.change != UNCHANGED for one in comparison.changes)
     lines = [
-        f"{len(comparison.changes):,} buildings, {changed:,} not as they were: {words or 'none'}",
+        f"{len(comparison.changes):,} buildings, {changed:,} changed: {words or 'none'}",
         f"the new epoch lies {shift.east:+.2f} m east, {shift.north:+.2f} m north, {shift.up:+.2f} m up of "
         f"the old one ({shift.pairs:,} pairs, noise {shift.noise:.2f} m) and was moved back; surfaces within "
         f"{comparison.tolerance:.2f} m are the same",

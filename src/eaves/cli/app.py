@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from eaves.cli.compute import build, detect, ground, reconstruct
+from eaves.cli.help import PanelledCommand
 from eaves.cli.options import with_signature
 from eaves.cli.results import evaluate, export, solar, validate, view
 from eaves.cli.runs import (
@@ -39,7 +40,7 @@ def show_version(wanted: bool) -> None:
 
 def first(
     wanted: Annotated[
-        bool, typer.Option("--version", callback=show_version, is_eager=True, help="Say the version.")
+        bool, typer.Option("--version", callback=show_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     """From raw airborne LiDAR to building footprints and valid 3D buildings."""
@@ -48,7 +49,7 @@ def first(
 def doctor(
     test: Annotated[bool, typer.Option(help="Build a small scene of known houses, too.")] = True,
 ) -> None:
-    """Whether the installation is sound: versions, drivers, grids, cores, caches, a self-test."""
+    """Check the installation. Versions, drivers, grids, cores, caches, a self-test."""
     from eaves.cli.doctor import run_doctor
 
     raise typer.Exit(run_doctor(test))
@@ -58,7 +59,7 @@ def methods(
     stage: Annotated[str | None, typer.Argument(help="One stage only.")] = None,
     sources: Annotated[bool, typer.Option("--sources", help="The published systems instead.")] = False,
 ) -> None:
-    """Every method: name, idea, paper, parameters."""
+    """List the methods. Name, idea, paper, parameters."""
     for line in describe_sources() if sources else describe_methods(stage):
         typer.echo(line)
 
@@ -82,7 +83,7 @@ def make_app(commands: Iterable[Callable[..., None]] = (*COMMANDS, *SPELLINGS)) 
     )
     made.callback()(first)
     for command in commands:
-        made.command(hidden=command in SPELLINGS)(with_signature(command))
+        made.command(cls=PanelledCommand, hidden=command in SPELLINGS)(with_signature(command))
     return made
 
 

@@ -13,6 +13,7 @@ from eaves.cli.options import (
     Out,
     Profile,
     Quiet,
+    Settings,
     Strict,
     Verbose,
     with_run_options,
@@ -31,6 +32,7 @@ def build(
     inputs: Inputs,
     out: Out,
     options: RunOptions,
+    settings: Settings = None,
     config: Config = None,
     profile: Profile = False,
     strict: Strict = False,
@@ -38,8 +40,17 @@ def build(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Points in; footprints, 3D buildings and a report out. Also rasters and the classified points."""
-    summary = run_build(inputs, out, options, config, quiet, verbose)
+    """Build footprints, 3D models and a report from LiDAR. Also rasters and the classified points.
+
+    Examples:
+
+      eaves build tile.laz -o out
+      eaves build tiles/ -o out --footprints map.gpkg --id-field id
+      eaves build old.laz -o old --crs srs.wkt
+      eaves build tile.laz -o out --lod 1.3 --set detect.min_height=2.5
+      eaves build tiles/ -o out --keep
+    """
+    summary = run_build(inputs, out, options, (config, settings), quiet, verbose)
     if profile:
         typer.echo(summary.profile(), err=True)
     finish(summary, quiet, allow_empty, strict)
@@ -55,16 +66,21 @@ def ground(
     inputs: Inputs,
     out: Out,
     options: RunOptions,
+    settings: Settings = None,
     config: Config = None,
     allow_empty: AllowEmpty = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Which points are ground (class 2) and noise (7, 18). The same points, to OUT.laz or a folder."""
+    """Classify ground (class 2) and noise (7, 18). Writes the same points to OUT.laz or a folder."""
     single = out.suffix.lower() in (".laz", ".las")
     options |= {"lod": "0", "outputs": ("classified",), "classified": out if single else None}
     folder = out.parent if single else out
-    finish(run_build(inputs, folder, options, config, quiet, verbose, ground_only=True), quiet, allow_empty)
+    finish(
+        run_build(inputs, folder, options, (config, settings), quiet, verbose, ground_only=True),
+        quiet,
+        allow_empty,
+    )
 
 
 @with_run_options("units", "roof", "reconstruct", "lod", *NO_MAP, *SETTLED, flags={"detect": "--method"})
@@ -72,14 +88,15 @@ def detect(
     inputs: Inputs,
     out: Out,
     options: RunOptions,
+    settings: Settings = None,
     config: Config = None,
     allow_empty: AllowEmpty = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Where buildings are: mask, footprints, classified points. The mask is a GeoTIFF with world file."""
+    """Detect buildings. Writes mask, footprints and classified points."""
     options |= {"lod": "0", "outputs": ("footprints", "mask", "classified")}
-    finish(run_build(inputs, out, options, config, quiet, verbose), quiet, allow_empty)
+    finish(run_build(inputs, out, options, (config, settings), quiet, verbose), quiet, allow_empty)
 
 
 @with_run_options(
@@ -92,11 +109,12 @@ def reconstruct(
     inputs: Inputs,
     out: Out,
     options: RunOptions,
+    settings: Settings = None,
     config: Config = None,
     strict: Strict = False,
     allow_empty: AllowEmpty = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Models for given footprints. The points may be classified or not."""
-    finish(run_build(inputs, out, options, config, quiet, verbose), quiet, allow_empty, strict)
+    """Build models for given footprints. The points may be classified or not."""
+    finish(run_build(inputs, out, options, (config, settings), quiet, verbose), quiet, allow_empty, strict)

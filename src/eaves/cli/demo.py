@@ -38,11 +38,10 @@ def run_demo(folder: Path, progress: Progress) -> int:
     """Simulate, build, evaluate, validate; prints the accuracy and the report's place. 0 when all is well."""
     truth, out = folder / "truth", folder / "built"
     typer.echo(f"simulating {AREA_KM2} km² at {DENSITY:g} points/m², noise {100 * NOISE:g} cm …")
-    town = simulate_town(AREA_KM2, terrain="hilly", seed=SEED)
-    files = write_simulation(scan_town(town, DENSITY, NOISE, seed=SEED), truth)
-
-    typer.echo("building from the bare points (their true classes are not used) …")
     with progress as show:
+        town = simulate_town(AREA_KM2, terrain="hilly", seed=SEED)
+        files = write_simulation(scan_town(town, DENSITY, NOISE, seed=SEED), truth)
+        typer.echo("building from the bare points (their true classes are not used) …")
         summary = build(files["points"], out, progress=show)
     typer.echo(summary.as_text())
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from eaves.cli.runs import compiled_pieces
+from eaves.cli.first_run import compiled_pieces
 from eaves.kernels import library
 
 LIBRARIES = ("numpy", "scipy", "numba", "laspy", "lazrs", "shapely", "pyproj", "rasterio", "pyogrio", "pgeof")
@@ -20,6 +20,7 @@ EXTRAS = {
     "notebook": "geopandas",
     "parquet": "pyarrow",
     "postgis": "psycopg",
+    "ifc": "ifcopenshell",
     "cluster": "distributed",
 }
 """Extra → the library that it brings."""

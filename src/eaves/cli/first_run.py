@@ -2,13 +2,47 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 DENSITY = 6.0
 """Points a square metre of the scene that is modelled: enough for dormers, few enough to take no time."""
+
+
+LOOPS = 104
+"""Compiled loops that the default methods call with the sorts of arguments of most data: about that many."""
+POLL_S = 5.0
+
+
+def compiled_pieces() -> int:
+    """The number of loops that numba keeps compiled for eaves: none before the first run."""
+    import eaves
+
+    place = os.environ.get("NUMBA_CACHE_DIR") or Path(eaves.__file__).parent
+    return sum(1 for _ in Path(place).rglob("*.nbc"))
+
+
+@contextmanager
+def compilation_shown(wanted: bool, show: Callable[[str, int, int], None]) -> Iterator[None]:
+    """If it is wanted, progress shows how many loops are compiled, by this process and the one beside it."""
+    ended = threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(POLL_S) and (done := compiled_pieces()) < LOOPS:
+            show("compiling", done, LOOPS)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    if wanted:
+        watcher.start()
+    try:
+        yield
+    finally:
+        ended.set()
 
 
 @contextmanager

@@ -18,20 +18,45 @@ if TYPE_CHECKING:
 Inputs = Annotated[
     list[str], typer.Argument(help="LAS, LAZ, COPC or text files, folders or globs.", metavar="INPUT…")
 ]
-Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write.")]
+Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write.", rich_help_panel="output")]
 Crs = Annotated[
     str | None, typer.Option(help="EPSG code, compound code (28992+5709), or a WKT or PROJJSON file.")
 ]
 Jobs = Annotated[int, typer.Option(help="Processes; 0: one a core, one for small data.", min=0)]
-Config = Annotated[Path | None, typer.Option(help="TOML with a table per stage: method and parameters.")]
-Basemap = Annotated[Path | None, typer.Option(help="Aerial image (GeoTIFF) to lay over the terrain.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and errors.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also what happens inside.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 when a building has no model.")]
-AllowEmpty = Annotated[
-    bool, typer.Option("--allow-empty", help="Exit with 0 also when no point lies in the area asked for.")
+Config = Annotated[
+    Path | None,
+    typer.Option(help="TOML with a table per stage: method and parameters.", rich_help_panel="expert"),
 ]
-Profile = Annotated[bool, typer.Option("--profile", help="Also where the time went, by stage.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="A parameter of a stage's method, e.g. detect.min_height=2.5; may be repeated.",
+        metavar="STAGE.PARAMETER=VALUE",
+        rich_help_panel="methods",
+    ),
+]
+Basemap = Annotated[Path | None, typer.Option(help="Aerial image (GeoTIFF) to lay over the terrain.")]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Only warnings and errors.", rich_help_panel="run")
+]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also debug messages.", rich_help_panel="run")]
+Strict = Annotated[
+    bool,
+    typer.Option("--strict", help="Exit with 1 when a building has no model.", rich_help_panel="expert"),
+]
+AllowEmpty = Annotated[
+    bool,
+    typer.Option(
+        "--allow-empty",
+        help="Exit with 0 also when no point lies in the area asked for.",
+        rich_help_panel="expert",
+    ),
+]
+Profile = Annotated[
+    bool,
+    typer.Option("--profile", help="Print the time of each stage.", rich_help_panel="expert"),
+]
 SourceName = Annotated[
     str | None, typer.Option(help="A published system, whole; see `eaves methods --sources`.")
 ]
@@ -116,7 +141,7 @@ def parameter_of(one: Declared, flag: str, required: bool) -> inspect.Parameter:
     kind, default = (kind, default) if isinstance(default, bool | float | int) else (kind | None, None)
     if "Path" in one.words:
         kind = Path if required else Path | None
-    about: Any = typer.Option(flag, help=words, metavar=one.option.metavar)
+    about: Any = typer.Option(flag, help=words, metavar=one.option.metavar, rich_help_panel=one.option.panel)
     if one.name == "jobs":
         default, about.min = 0, 0
     return inspect.Parameter(

@@ -13,7 +13,7 @@ SHARES = {"read": 0.08, "blocks": 0.45, "buildings": 0.4, "write": 0.07}
 """Usual share of each stage in the time of a run; a run by tiles has one stage that is nearly all of it."""
 LEAST_SHARE_COMPILING = 0.9
 """A first run compiles in its early steps, so only its end can be foreseen."""
-UNITS = {"read": " points", "buildings": " blocks", "write": " kinds of file"}
+UNITS = {"compiling": " loops", "read": " points", "buildings": " blocks", "write": " kinds of file"}
 LEAST_SHARE, LEAST_S = 0.1, 3.0
 """Before so much of a run, or so many seconds, the time that is left is guesswork: loading and reading, which
 cost the same whatever comes, have been most of it."""
@@ -67,7 +67,8 @@ def lines(compiling: bool = False) -> Iterator[Show]:
             last = now
             left = in_words(remaining.after(stage, done, total))
             unit = UNITS.get(stage, "")
-            sys.stderr.write(f"{stage}: {done:,} of {total:,}{unit}{left}\n")
+            about = "about " if stage == "compiling" else ""
+            sys.stderr.write(f"{stage}: {done:,} of {about}{total:,}{unit}{left}\n")
             sys.stderr.flush()
 
     yield show

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eaves.cli.options import Basemap, Jobs, Quiet, SourceName
+from eaves.cli.options import Basemap, Jobs, Quiet, SourceName, Verbose
 from eaves.cli.runs import COMPLETE, INCOMPLETE, start_log
 
 if TYPE_CHECKING:
@@ -28,15 +28,16 @@ def validate(
         typer.Option(help="Definition of an extension that the file uses; may be repeated."),
     ] = None,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    """Every defect of every solid. By val3dity's codes; exit status 1 when there is one.
+    """Check every solid and every file of a run. The exit status is 1 when there is a defect.
 
-    Of a run's folder also every file that is missing or is not as the run wrote it.
+    Defects of solids have val3dity's codes. A file of a run is reported when it is missing or was changed.
     """
     from eaves.run.manifest import check_folder, files_of_run
     from eaves.validate import validate_file
 
-    start_log(quiet)
+    start_log(quiet, verbose)
     changed = check_folder(file) if file.is_dir() else []
     findings = []
     for models in files_of_run(file, MODELS) if file.is_dir() else [file]:
@@ -83,10 +84,11 @@ def evaluate(
     source: SourceName = None,
     jobs: Jobs = 0,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    """How well a result agrees with a reference. By the measures of docs/evaluation.md.
+    """Measure how well a result agrees with a reference. docs/evaluation.md explains the measures.
 
-    With --values one parameter takes each of them, and each build is held against the reference:
+    With --values one parameter takes each value, and each build is compared with the reference:
 
       eaves evaluate detection out/mask.tif tile.laz
       eaves evaluate detect.min_height tile.laz tile.laz --values 1:3:5 -o swept
@@ -96,7 +98,7 @@ def evaluate(
     from eaves.evaluate import evaluate_files
     from eaves.report.sweep import parse_values, sweep
 
-    start_log(quiet)
+    start_log(quiet, verbose)
     if values is None:
         evaluation = evaluate_files(what, Path(result), reference, out, lod=lod, footprints=footprints)
         text = evaluation.as_text()
@@ -126,13 +128,14 @@ def view(
         int, typer.Option(help="With --serve, of this computer; 0: any free one.", min=0, max=65535)
     ] = 8017,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    """Open the 3D page of a run. It is made when missing; --serve shows a run of any size."""
+    """Open the 3D page of a run. It is made when missing; --serve shows runs of any size."""
     from eaves.report.beside import open_beside
     from eaves.report.serve import make_site, serve_run
     from eaves.report.view import open_report
 
-    start_log(quiet)
+    start_log(quiet, verbose)
     if sum((around is not None, beside is not None, serve)) > 1:
         raise ValueError("--around, --beside, --serve: not together; give one of them")
     if serve:
@@ -168,16 +171,32 @@ def export(
         typer.Option(help="The viewer of 3D Tiles as files for any web server.", metavar="FOLDER"),
     ] = None,
     basemap: Basemap = None,
+    formats: Annotated[
+        str | None, typer.Option(help="Formats as those of `eaves build --formats`, into OUT.")
+    ] = None,
     postgis: Annotated[
         str | None, typer.Option(help="Into PostGIS, all or nothing: postgresql://user@host:port/database")
     ] = None,
     schema: Annotated[str, typer.Option(help="Where the tables go.")] = "eaves",
     replace: Annotated[bool, typer.Option("--replace", help="Make tables anew that are there.")] = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    """Results in another form. Pictures for print, a site, tables in PostGIS."""
-    start_log(quiet)
+    """Write the results of a run in other forms. Formats, pictures for print, a site, PostGIS.
+
+    Examples:
+
+      eaves export out --formats citygml,glb,dxf
+      eaves export out --picture plan
+      eaves export out --site web
+    """
+    start_log(quiet, verbose)
     lines = []
+    if formats is not None:
+        from eaves.flow.exports import export_run
+
+        names = [name.strip() for name in formats.split(",") if name.strip()]
+        lines += [f"written: {path}" for path in export_run(folder, names)]
     if picture is not None:
         from eaves.report.plots.plot import plot_run
 
@@ -193,7 +212,7 @@ def export(
         counts = write_postgis(folder, postgis, schema, replace)
         lines.append(", ".join(f"{schema}.{table}: {count:,} rows" for table, count in counts.items()))
     if not lines:
-        raise ValueError("export: nothing is asked for; give --picture, --site or --postgis")
+        raise ValueError("export: nothing is asked for; give --formats, --picture, --site or --postgis")
     if not quiet:
         typer.echo("\n".join(lines))
 
@@ -213,14 +232,15 @@ def solar(
     ] = None,
     longitude: Annotated[float, typer.Option(help="Degrees, with --latitude.", min=-180, max=180)] = 0.0,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    """Sunlight on every roof face by month. With shadows, and what panels can use, into OUT/solar.gpkg."""
+    """Compute the sunlight on every roof face. By month, with shadows and panels, into OUT/solar.gpkg."""
     from eaves.cli.runs import progress_display
     from eaves.solar.folder import measure_solar
     from eaves.solar.roofs import SolarRules
     from eaves.solar.sun import read_epw
 
-    start_log(quiet)
+    start_log(quiet, verbose)
     with progress_display(quiet) as progress:
         summary = measure_solar(
             folder,

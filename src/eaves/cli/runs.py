@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 COMPLETE, INCOMPLETE, MISUSE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 """Exit statuses; the last two are the shell's for Ctrl-C and for `kill`."""
 WHERE_TO_OPEN = {
+    "to review": "review.csv",
     "in a browser": "report.html",
     "in QGIS": "buildings.qgz",
     "in Blender": "buildings.glb",
@@ -116,55 +117,68 @@ def read_config(path: Path | None) -> dict[str, dict[str, Any]]:
     return tables
 
 
+def read_settings(words: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The tables by stage that `stage.parameter=value` make; values as in TOML, else text.
+
+    Raises
+    ------
+    ValueError
+        When one is not written so, or its stage does not exist.
+    """
+    import tomllib
+
+    from eaves.methods import REGISTRY
+
+    tables: dict[str, dict[str, Any]] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        stage, dot, parameter = name.partition(".")
+        if not (equals and dot and stage in REGISTRY):
+            raise ValueError(f"--set {word}: write STAGE.PARAMETER=VALUE; stages: {', '.join(REGISTRY)}")
+        try:
+            value = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            value = text
+        tables.setdefault(stage, {})[parameter] = value
+    return tables
+
+
 def run_build(
     inputs: list[str],
     out: Path,
     options: RunOptions,
-    config: Path | None,
+    given: tuple[Path | None, Sequence[str] | None],
     quiet: bool,
     verbose: bool,
     ground_only: bool = False,
 ) -> Summary:
-    """Build with progress on screen; the methods of the command line go before the configuration file's."""
+    """Build with progress on screen. `given`: a configuration file, which the command line's methods and the
+    `--set` words overrule."""
     import os
     from dataclasses import replace
 
     from eaves.run.garbage import keep_all
 
     with keep_all():
-        from eaves.cli.first_run import compiling_beside
         from eaves.flow.run import recipe_of
-        from eaves.kernels import library
         from eaves.pipeline import build as build_files
         from eaves.report.build import build as build_with_report
         from eaves.run.options import DEFAULT_OPTIONS, EVERYTHING
         from eaves.run.workers import import_pyogrio_alone
 
         import_pyogrio_alone()
-        for stage, table in read_config(config).items():
-            options[stage] = {**table, **options.get(stage, {})}  # type: ignore[literal-required,dict-item]
+        tables, settings = read_config(given[0]), read_settings(given[1] or ())
+        for stage in {*tables, *settings}:
+            named = {**tables.get(stage, {}), **options.get(stage, {}), **settings.get(stage, {})}  # type: ignore[dict-item]
+            options[stage] = named  # type: ignore[literal-required]
         recipe = recipe_of({**DEFAULT_OPTIONS, **options})
         recipe = replace(recipe, detect=None) if ground_only else recipe
     start_log(quiet, verbose)
-    compiling = not library() and not compiled_pieces()
-    if compiling and not quiet:
-        typer.echo("compiling for this machine: this first run takes a minute or so longer", err=True)
     reported = "report" in (options.get("outputs") or EVERYTHING)
     alone = options["jobs"] == 1 or options.get("scheduler") is not None or (os.cpu_count() or 1) == 1
-    beside = compiling and not alone
-    with compiling_beside(beside), progress_display(quiet, compiling) as progress:
+    with run_display(quiet, alone) as progress:
         made = build_with_report if reported else build_files
         return made(inputs, out, recipe, progress, **options)
-
-
-def compiled_pieces() -> int:
-    """How many pieces of compiled code numba keeps for us: none before the first run."""
-    import os
-
-    import eaves
-
-    place = os.environ.get("NUMBA_CACHE_DIR") or Path(eaves.__file__).parent
-    return sum(1 for _ in Path(place).rglob("*.nbc"))
 
 
 def finish(summary: Summary, quiet: bool, allow_empty: bool, strict: bool = False) -> None:
@@ -178,6 +192,8 @@ def finish(summary: Summary, quiet: bool, allow_empty: bool, strict: bool = Fals
             there = [path for path in summary.files if path.name == name]
             if there:
                 typer.echo(f"  {program:<14} {there[0]}")
+        if summary.modelled:
+            typer.echo(f"  other formats  eaves export {summary.folder} --formats citygml,glb,dxf")
     for reason in summary.failed:
         typer.echo(f"incomplete: {reason}", err=True)
     empty = summary.points_used == 0 and not allow_empty
@@ -204,6 +220,23 @@ def start_log(quiet: bool, verbose: bool = False) -> None:
         warnings.simplefilter("ignore")
         logging.getLogger().handlers[:] = logging.getLogger().handlers or [logging.NullHandler()]
     logger.setLevel(level)
+
+
+@contextmanager
+def run_display(quiet: bool, alone: bool = False) -> Iterator[Any]:
+    """The progress of a run; in a first run also that of compiling, which two processes do unless `alone`."""
+    from eaves.cli.first_run import compilation_shown, compiled_pieces, compiling_beside
+    from eaves.kernels import library
+
+    compiling = not library() and not compiled_pieces()
+    if compiling and not quiet:
+        typer.echo("first run: loops are compiled once for this machine, a minute or two", err=True)
+    with (
+        compiling_beside(compiling and not alone),
+        progress_display(quiet, compiling) as progress,
+        compilation_shown(compiling and not quiet, progress),
+    ):
+        yield progress
 
 
 def progress_display(quiet: bool, compiling: bool = False) -> Any:

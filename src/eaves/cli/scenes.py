@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from eaves.cli.options import Crs, Out, Quiet
-from eaves.cli.runs import progress_display, start_log
+from eaves.cli.options import Crs, Out, Quiet, Verbose
+from eaves.cli.runs import run_display, start_log
 
 
 def simulate(
@@ -40,11 +40,12 @@ def simulate(
     ] = None,
     crs: Crs = None,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    """A town of which everything is known, and its scan. Every plane, corner and point label."""
+    """Simulate a town with known truth, and its scan. Every plane, corner and point label is known."""
     from eaves.cli.simulation import run_epochs, run_simulation
 
-    start_log(quiet)
+    start_log(quiet, verbose)
     town: dict[str, object] = {"area_km2": area, "buildings": buildings, "terrain": terrain, "trees": trees}
     town |= {"style": style, "clutter": clutter, "model": model}
     scan = {"density": density, "noise": noise, "pattern": pattern}
@@ -56,9 +57,9 @@ def simulate(
         typer.echo(message)
 
 
-def demo(out: Out = Path("demo-out"), quiet: Quiet = False) -> None:
-    """Build a town whose every plane is known, and compare."""
+def demo(out: Out = Path("demo-out"), quiet: Quiet = False, verbose: Verbose = False) -> None:
+    """Build a simulated town and compare it with its truth."""
     from eaves.cli.demo import run_demo
 
-    start_log(quiet)
-    raise typer.Exit(run_demo(out, progress_display(quiet)))
+    start_log(quiet, verbose)
+    raise typer.Exit(run_demo(out, run_display(quiet)))

@@ -8,16 +8,16 @@ from typing import Annotated
 
 import typer
 
-from eaves.cli.options import Crs, Jobs, Out, Quiet
+from eaves.cli.options import Crs, Jobs, Out, Quiet, Verbose
 from eaves.cli.runs import COMPLETE, INCOMPLETE, progress_display, start_log
 
 
-def begin(quiet: bool) -> None:
+def begin(quiet: bool, verbose: bool) -> None:
     """Start the log, and import pyogrio without pandas, which would double the start."""
     from eaves.run.workers import import_pyogrio_alone
 
     import_pyogrio_alone()
-    start_log(quiet)
+    start_log(quiet, verbose)
 
 
 def compare(
@@ -27,8 +27,9 @@ def compare(
     crs: Crs = None,
     jobs: Jobs = 0,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    """Find what was built, raised, extended or taken down between two epochs. A layer, a table, a page.
+    """Compare two epochs: built, demolished, raised, extended. Writes a layer, a table and a page.
 
     Scans that were not built yet are built first, into OUT/old and OUT/new:
 
@@ -37,7 +38,7 @@ def compare(
     """
     from eaves.cli.comparison import run_comparison
 
-    begin(quiet)
+    begin(quiet, verbose)
     with progress_display(quiet) as progress:
         text, whole = run_comparison(old, new, out, crs, jobs, progress)
     if not quiet:
@@ -62,13 +63,16 @@ def update(
     ] = None,
     jobs: Jobs = 0,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    """Compute again what changed. By a later scan of a part of the area, or by corrections.
+    """Update a run with new points or with corrections.
 
-    With new points the results are those of a build of all that hold, ids and edits are kept. Without
-    them, corrected buildings are modelled again in OUT: edits made in OUT/footprints.gpkg in QGIS, or in a
-    file. A changed outline, a deleted or a new feature, several features of one id (party walls), and the
-    verdicts 'no building', 'is a building', 'flat roof', 'footprint', 'party walls':
+    With new points, the results equal a build of all valid points; ids and edits are kept. Without new
+    points, corrected buildings are modelled again in OUT. Corrections are edits of OUT/footprints.gpkg in
+    QGIS, or a file: a changed outline, a deleted or a new feature, several features of one id (party walls),
+    and the verdicts 'no building', 'is a building', 'flat roof', 'footprint', 'party walls'.
+
+    Examples:
 
       eaves update out new_tiles/ -o out2
       eaves update out
@@ -79,7 +83,7 @@ def update(
     from eaves.change.upkeep.update import update as run_update
 
     refuse_mixture(inputs, out, edits, date)
-    begin(quiet)
+    begin(quiet, verbose)
     done: Rebuilt | Updated
     with progress_display(quiet) as progress:
         if inputs and out is not None:
@@ -119,17 +123,18 @@ def calibrate(
         Path | None, typer.Option("--out", "-o", help="The configuration; else OUT/calibration.toml.")
     ] = None,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    """The detector fitted to a survey by verdicts. Written only where it is better on those left out.
+    """Fit the detector to a survey. Written only if it is better on verdicts that were left out.
 
-    At least 20 verdicts; those of OUT/edits.gpkg count, too:
+    It needs at least 20 verdicts; those of OUT/edits.gpkg count, too:
 
       eaves calibrate out verdicts.gpkg
       eaves build tiles/ -o out2 --config out/calibration.toml
     """
     from eaves.change.upkeep.calibrate import calibrate as run_calibrate
 
-    begin(quiet)
+    begin(quiet, verbose)
     with progress_display(quiet) as progress:
         done = run_calibrate(folder, edits, out, progress)
     if not quiet:

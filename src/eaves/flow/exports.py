@@ -7,12 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from eaves import formats
-from eaves.formats.vectors.geopackage import Row, write_polygons
+from eaves.formats import InputError, read_polygons
+from eaves.formats.models.cityjson_read import read_head, read_models, system_of_head
+from eaves.formats.vectors.geopackage import Row, read_upright, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Failure
+from eaves.model.columns import LAYERS
 from eaves.model.provenance import Provenance
+from eaves.run.manifest import add_to_manifest, files_of_run, read_manifest
 
 Writer = Callable[..., object]
 
@@ -24,14 +29,23 @@ def citygml3_writer() -> Writer:
     return write_citygml3
 
 
+def ifc_writer() -> Writer:
+    """The writer of IFC 4, likewise."""
+    from eaves.formats.models.ifc import write_ifc
+
+    return write_ifc
+
+
 FOOTPRINT_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
     "geojson": (lambda: write_polygons, "footprints.geojson"),
     "fgb": (lambda: write_polygons, "footprints.fgb"),
     "parquet": (lambda: formats.write_geoparquet, "footprints.parquet"),
+    "kml": (lambda: write_polygons, "footprints.kml"),
 }
 ROOF_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
     "fgb": (lambda: partial(write_polygons, layer="roof_planes"), "roof_planes.fgb"),
     "parquet": (lambda: formats.write_geoparquet, "roof_planes.parquet"),
+    "kml": (lambda: partial(write_polygons, layer="roof_planes"), "roof_planes.kml"),
 }
 MODEL_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
     "cityjson": (lambda: formats.write_cityjson, "buildings.city.json"),
@@ -42,6 +56,7 @@ MODEL_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
     "gpkg": (lambda: formats.write_lod_layers, "buildings.gpkg"),
     "citygml": (lambda: formats.write_citygml, "buildings.gml"),
     "citygml3": (citygml3_writer, "buildings3.gml"),
+    "ifc": (ifc_writer, "buildings.ifc"),
     "3dtiles": (lambda: formats.write_3dtiles, "3dtiles"),
 }
 
@@ -61,10 +76,53 @@ def check_formats(names: Sequence[str], outputs: Sequence[str] = ("footprints", 
         needed = "models" if name in MODEL_FILES else "footprints"
         if needed not in outputs:
             raise ValueError(f"--formats {name}: it is written with the {needed}; add {needed} to --outputs")
+    if "ifc" in names:
+        from eaves.formats.models.ifc import require_ifcopenshell
+
+        require_ifcopenshell()
     if "parquet" in names:
         from eaves.formats.vectors.parquet import require_pyarrow
 
         require_pyarrow()
+
+
+def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
+    """Write formats of a finished run from its files, without its points; the files written.
+
+    Coordinates are those of `buildings.city.jsonl` and `footprints.gpkg`. The manifest lists the new files.
+
+    Raises
+    ------
+    InputError
+        When the folder holds no complete run, or lacks the files that a format follows from.
+    ValueError
+        For an unknown name, or a format whose library is missing.
+    """
+    check_formats(names)
+    about = read_manifest(folder)
+    if not about["complete"]:
+        raise InputError.about(folder, "holds a run that did not end", "run eaves build again with --resume")
+    sources, table = files_of_run(folder, "buildings.city.jsonl"), folder / "footprints.gpkg"
+    wanted = {"buildings.city.jsonl": MODEL_FILES, table.name: {**FOOTPRINT_FILES, **ROOF_FILES}}
+    for file, choices in wanted.items():
+        if set(names) & choices.keys() and not (sources if choices is MODEL_FILES else table.exists()):
+            raise InputError.about(folder, f"holds no {file}", "build again with that output")
+    head = read_head(sources[0]) if sources else {}
+    made_from, written = Provenance.of(head.get("metadata")), []
+    if set(names) & MODEL_FILES.keys():
+        system = system_of_head(head, sources[0])
+        written += export_models(
+            folder, lambda: chain.from_iterable(map(read_models, sources)), system, names, made_from
+        )
+    if set(names) & FOOTPRINT_FILES.keys():
+        shapes, _, values, system = read_polygons(table, layer="footprints", keep_all=True)
+        rows = [
+            Row(None if shape.is_empty else shape, row) for shape, row in zip(shapes, values, strict=True)
+        ]
+        roofs = read_upright(table, "roof_planes", system)
+        written += export_footprints(folder, rows, roofs, system, names, made_from)
+    add_to_manifest(folder, written)
+    return written
 
 
 def export_footprints(
@@ -80,9 +138,15 @@ def export_footprints(
     for files, which in ((FOOTPRINT_FILES, rows), (ROOF_FILES, roofs)):
         for name, (writer, file) in files.items():
             if name in names:
-                writer()(folder / file, list(which), system, provenance=provenance)
+                writer()(folder / file, [in_order(row) for row in which], system, provenance=provenance)
                 written.append(folder / file)
     return written
+
+
+def in_order(row: Row) -> Row:
+    """A row with the columns of all layers in the order of their declaration, others behind them."""
+    own = row.attributes
+    return Row(row.geometry, {name: own[name] for name in chain(*LAYERS.values()) if name in own} | dict(own))
 
 
 def export_models(

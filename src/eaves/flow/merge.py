@@ -17,7 +17,7 @@ from eaves.flow.doubts import LAYER, describe_doubts, doubt_of, doubt_rows
 from eaves.flow.rasters import write_run_mask
 from eaves.flow.review import REVIEW, write_review
 from eaves.formats.rasters.vrt import write_vrt
-from eaves.formats.vectors.geopackage import Row, plain_value, write_geopackage
+from eaves.formats.vectors.geopackage import Row, plain_value, read_details, write_geopackage
 from eaves.model import Block, Bounds, CoordinateSystem
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 from eaves.raster.surfaces import CELL
@@ -44,6 +44,7 @@ class TileRows:
             meta, _, wkb, columns = pyogrio.raw.read(path, layer=self.layer)
             names = [str(name) for name in meta["fields"]]
             kinds = [str(kind) for kind in meta["dtypes"]]
+            details = read_details(path) if self.layer == "footprints" else {}
             for k, shape in enumerate(shapely.from_wkb(wkb)):
                 number += 1
                 row = {
@@ -52,7 +53,7 @@ class TileRows:
                 }
                 if "number" in row:
                     row["number"] = number
-                yield Row(shape, {**row, "tile": place.name})
+                yield Row(shape, {**row, **details.get(row.get("id"), {}), "tile": place.name})
         for one in self.more:
             number += 1
             yield Row(one.geometry, {**one.attributes, "number": number})
@@ -152,9 +153,9 @@ PIECE = 240.0
 
 
 def merge_rasters(folder: Path, places: Sequence[Path], provenance: Provenance = NOTHING_KNOWN) -> list[Path]:
-    """Write dtm.vrt, dsm.vrt and mask.vrt over the tiles' rasters."""
+    """Write dtm.vrt, dsm.vrt, ndsm.vrt and mask.vrt over the tiles' rasters."""
     written = []
-    for name in ("dtm", "dsm", "mask"):
+    for name in ("dtm", "dsm", "ndsm", "mask"):
         written.append(folder / f"{name}.vrt")
         write_vrt(written[-1], [place / f"{name}.tif" for place in places], provenance.tags)
     return written

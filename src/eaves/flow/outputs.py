@@ -12,11 +12,12 @@ from functools import partial
 from glob import escape
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from eaves.blocks.block_file import BlockMetadata, block_extent, open_block
 from eaves.buildings.building_file import Kept
 from eaves.buildings.envelope import envelope_figures
+from eaves.buildings.trust import judge
 from eaves.flow.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
 from eaves.flow.exports import export_footprints, export_models
 from eaves.flow.neighbours import party_walls
@@ -41,6 +42,7 @@ from eaves.run.workers import peak_memory_mb
 if TYPE_CHECKING:
     from eaves.flow.classified_points import PointSink
 
+DECIMALS = 3
 LONGEST_FIRST = ("classified", "models", "footprints", "rasters", "mask")
 
 
@@ -60,10 +62,10 @@ class BuildingRows:
             if kept is not None:
                 number = kept.of[str(row.values["id"])][0]
             if self.faces:
-                yield from (Row(*face) for face in row.faces)
+                yield from (Row(shape, with_decimals(values)) for shape, values in row.faces)
             else:
                 polygon = None if row.polygon.is_empty else row.polygon
-                yield Row(polygon, row.numbered(number, next(areas, None)))
+                yield Row(polygon, with_decimals(row.numbered(number, next(areas, None))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,11 +103,21 @@ def finished_models(
 
 def with_walls(answer: BuildingModel | Failure, walls: Mapping[str, float] | None) -> BuildingModel | Failure:
     """The result of a building, a model with the figures that follow from its walls (`wall_figures`)."""
-    if not isinstance(answer, BuildingModel) or walls is None:
+    if not isinstance(answer, BuildingModel):
         return answer
     own, storeys = answer.attributes, answer.footprint.attributes.get("storeys")
-    stock = envelope_figures(walls, own, answer.footprint.polygon.area, storeys)
-    return answer.with_(attributes={**own, **stock})
+    if walls is not None:
+        own = own | envelope_figures(walls, own, answer.footprint.polygon.area, storeys)
+    return answer.with_(attributes=with_decimals(own))
+
+
+def with_decimals(value: Any) -> Any:
+    """Attributes with every number to 0.001 of its unit, a millimetre of heights: more is no measurement."""
+    if isinstance(value, float):
+        return round(value, DECIMALS)
+    if isinstance(value, dict):
+        return {name: with_decimals(one) for name, one in value.items()}
+    return [with_decimals(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 def write_output(
@@ -132,7 +144,9 @@ def write_output(
 
         polygons = [row.polygon for row in kept.rows(owners)]
         path = folder / "mask.tif"
-        return write_run_mask(system, results.blocks, polygons, results.extent, path, made_from), None
+        asked = run.options["source"] is not None  # the Vaihingen entry delivers one
+        extent = results.extent
+        return write_run_mask(system, results.blocks, polygons, extent, path, made_from, asked), None
     if step == "rasters":
         from eaves.flow.rasters import write_surfaces
 
@@ -238,6 +252,7 @@ def write_run(summary: Summary) -> None:
         "modelled": summary.modelled,
         "failed": summary.found - summary.modelled,
         "by_lod": summary.by_lod,
+        "trust": summary.trust,
         "failures": summary.failures,
         "fallbacks": summary.fallbacks,
         "stage_cpu_seconds": summary.seconds,
@@ -271,10 +286,12 @@ def summarise(
     by_lod: Counter[str] = Counter()
     failures: Counter[str] = Counter()
     fallbacks: Counter[str] = Counter()
+    trust: Counter[str] = Counter()
     seconds: Counter[str] = Counter()
     found, run = 0, region.run
     for row in Kept(region.store).rows(owners):
         found += 1
+        trust[judge(row.values)[0]] += 1
         seconds.update(row.seconds)
         if row.modelled:
             by_lod[row.values["lod"]] += 1
@@ -289,6 +306,7 @@ def summarise(
         found=found,
         modelled=sum(by_lod.values()),
         by_lod=dict(sorted(by_lod.items(), reverse=True)),
+        trust=dict(sorted(trust.items())),
         failures=dict(sorted(failures.items())),
         fallbacks=dict(sorted(fallbacks.items())),
         seconds=region.budget.with_stages(seconds),

@@ -292,11 +292,12 @@ class Tiles:
         failed = [*self.run.failed, *self.failed.values()]
         failed += [reason for one in runs for reason in one["incomplete"]]
         missing = Counter(row.code for row in lost)
-        runs.append({"found": len(lost), "failures": missing, **{name: {} for name in COUNTED}})
+        counts = {name: {} for name in COUNTED} | {"trust": {"low": len(lost)}, "failures": missing}
+        runs.append({"found": len(lost), **counts})
         return tile_total(runs, self.run, files, tuple(dict.fromkeys(failed)), self.peak)
 
 
-COUNTED = ("by_lod", "fallbacks", "stage_cpu_seconds")
+COUNTED = ("by_lod", "fallbacks", "stage_cpu_seconds", "trust")
 """The fields summed over all tiles, beside the failures."""
 
 
@@ -341,6 +342,7 @@ def tile_total(
         found=found,
         modelled=sum(one.get("modelled", 0) for one in runs),
         by_lod=dict(sorted(counts["by_lod"].items(), reverse=True)),
+        trust=dict(sorted(counts["trust"].items())),
         failures=dict(sorted(counts["failures"].items())),
         fallbacks=dict(sorted(counts["fallbacks"].items())),
         seconds={name: round(value, 3) for name, value in counts["stage_cpu_seconds"].items()},

@@ -171,17 +171,19 @@ COLUMNS: dict[str, Column] = {
 
 LAYERS: dict[str, tuple[str, ...]] = {
     "footprints": (
-        *("id", "number", "score", "area_m2", "lod", "failure_code", "failure_reason", "method"),
-        *("roof_type", "roofType", "roof_share_flat", "roof_share_pitched", "h_eaves", "h_ridge", "h_max"),
-        *("measuredHeight", "ridge_direction_deg", "roof_slope_deg", "storeysAboveGround"),
-        *("storeys_source", "roof_area_flat_m2", "roof_area_n_m2", "roof_area_e_m2", "roof_area_s_m2"),
-        *("roof_area_w_m2", "h_ground", "volume_m3", "wall_area_m2", "roof_area_m2", "roof_projected_m2"),
-        *("roof_face_count", "h_50p", "h_70p", "rmse_m", "rmse95_m", "points", "density"),
-        *("share_no_data", "supported_share", "installation_count", "block_id", "wall_certainty"),
-        *("ground_source", "trust", "trust_score"),
-        *("review_reason", "party_wall_area_m2", "free_wall_area_m2", "free_wall_n_m2", "free_wall_e_m2"),
-        *("free_wall_s_m2", "free_wall_w_m2", "floor_storeys", "floor_area_m2", "envelope_m2"),
-        "envelope_per_volume",
+        *("id", "number", "area_m2", "lod", "method", "roof_type", "h_ground", "h_eaves", "h_ridge", "h_max"),
+        *("measuredHeight", "floor_storeys", "floor_area_m2", "volume_m3", "roof_area_m2", "wall_area_m2"),
+        *("rmse_m", "points", "block_id", "score", "trust", "trust_score", "review_reason"),
+        *("failure_code", "failure_reason"),
+    ),
+    "attributes": (
+        *("id", "roofType", "roof_share_flat", "roof_share_pitched", "ridge_direction_deg", "roof_slope_deg"),
+        *("storeysAboveGround", "storeys_source", "roof_area_flat_m2", "roof_area_n_m2", "roof_area_e_m2"),
+        *("roof_area_s_m2", "roof_area_w_m2", "roof_projected_m2", "roof_face_count", "h_50p", "h_70p"),
+        *("rmse95_m", "density", "share_no_data", "supported_share", "installation_count", "overhang_m"),
+        *("overhang_known_share", "open_share", "stands_free", "wall_certainty", "ground_source"),
+        *("ground_distance_m", "party_wall_area_m2", "free_wall_area_m2", "free_wall_n_m2", "free_wall_e_m2"),
+        *("free_wall_s_m2", "free_wall_w_m2", "envelope_m2", "envelope_per_volume"),
     ),
     "roof_planes": (
         *("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2", "projected_m2", "rmse_m", "points"),
@@ -189,4 +191,6 @@ LAYERS: dict[str, tuple[str, ...]] = {
         "weak",
     ),
 }
-"""The columns of a run's layers, in their order: also those of a layer without rows."""
+"""The columns of a run's layers, in their order: also those of a layer without rows. `attributes` is a table
+of further columns of the footprints, by `id`; a column of neither is in `footprints`."""
+DETAILS = frozenset(LAYERS["attributes"]) - {"id"}

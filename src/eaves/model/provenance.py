@@ -31,6 +31,16 @@ class Provenance:
     datum: str | None = None
     datum_status: str = "unknown"
 
+    @classmethod
+    def of(cls, members: Any) -> Provenance:
+        """The origin that `members` of a file state; an empty one where they state none."""
+        if not isinstance(members, dict) or not members.get("pointSourceCount"):
+            return cls()
+        datum = members.get("verticalDatum") or {}
+        sources = tuple(map(str, members.get("pointSources") or ()))
+        status = str(datum.get("status", "unknown"))
+        return cls(sources, int(members["pointSourceCount"]), datum.get("name"), status)
+
     def __bool__(self) -> bool:
         return self.count > 0
 

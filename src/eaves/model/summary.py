@@ -35,6 +35,8 @@ class Summary:
         Time on the clock (s) of each step, where it was measured.
     points_used : int or None
         Points within bounds and clip area that are not withheld; 0 is an empty result.
+    trust : dict of str to int
+        Buildings by trust: high, medium, low; those without a model are low.
 
     Examples
     --------
@@ -58,6 +60,7 @@ class Summary:
     run: dict[str, Any] = field(default_factory=dict)
     wall: dict[str, float] = field(default_factory=dict)
     points_used: int | None = None
+    trust: dict[str, int] = field(default_factory=dict)
 
     @property
     def about(self) -> dict[str, Any]:
@@ -103,14 +106,18 @@ class Summary:
         methods = self.run.get("methods")
         if methods is not None and methods.get("detect") is None:  # of buildings nothing was asked
             return f"{inputs}, ground and noise classified\n{self._ending()}"
+        many = f"{self.found:,} building{'s' * (self.found != 1)}"
         lines = [
             f"{inputs}, "
-            f"{self.found:,} buildings found = {self.modelled:,} modelled "
+            f"{many} found = {self.modelled:,} modelled "
             f"+ {self.found - self.modelled:,} failed; {levels or 'no models'}"
         ]
         for title, counts in (("failed", self.failures), ("coarser than asked for", self.fallbacks)):
             if counts:
                 lines.append(f"{title}: " + ", ".join(f"{code} {n}" for code, n in sorted(counts.items())))
+        if self.trust:
+            high, medium, low = (self.trust.get(name, 0) for name in ("high", "medium", "low"))
+            lines.append(f"{many}: {high:,} high, {medium:,} medium, {low:,} to review")
         return "\n".join([*lines, self._ending()])
 
     def _ending(self) -> str:

@@ -60,7 +60,7 @@ SHOWN = (
 """Columns of the table."""
 
 ROWS_SHOWN = 4_000
-"""Of more buildings only those that are not as they were are in the table, and outlined."""
+"""Of more buildings only those that changed are in the table, and outlined."""
 
 
 def write_change_page(comparison: Comparison, folder: Path) -> Path:

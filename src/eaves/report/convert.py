@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from eaves.buildings.rows import building_row, world_polygon
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.models.meshes import BuildingMesh, mesh_of
+from eaves.formats.vectors.geopackage import read_details
 from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, PointCloud, Raster, Scene
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.pictures import class_colours
@@ -52,7 +54,7 @@ def to_geopandas(
     """
     geopandas = required_library("geopandas", EXTRA)
     if isinstance(what, Summary):
-        return geopandas.read_file(what.folder / "footprints.gpkg", layer="footprints")
+        return footprint_frame(what.folder)
     several = [what] if isinstance(what, Footprint | BuildingModel | Failure) else list(what)
     rows, shapes = [], []
     unit = system.horizontal_unit_m
@@ -68,6 +70,15 @@ def to_geopandas(
         shapes.append(in_units(world_polygon(outline), unit))
         rows.append(about)
     return geopandas.GeoDataFrame(rows, geometry=shapes, crs=horizontal_crs(system))
+
+
+def footprint_frame(folder: Path, layer: str = "footprints") -> Any:
+    """A layer of a run as a geopandas.GeoDataFrame, in the run's reference system; footprints
+    with all columns."""
+    read, path = required_library("geopandas", EXTRA).read_file, folder / "footprints.gpkg"
+    frame = read(path, layer=layer)
+    whole = layer == "footprints" and bool(read_details(path))
+    return frame.merge(read(path, layer="attributes"), on="id", how="left") if whole else frame
 
 
 def in_units(polygon: Any, unit: float) -> Any:

@@ -16,7 +16,7 @@ from eaves.formats import iter_cityjson, read_polygons
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
-from eaves.report.convert import explore, required_library
+from eaves.report.convert import explore, footprint_frame, required_library
 from eaves.report.sample import Sample, classified_files, sample_points
 from eaves.report.surfaces import collect_city_faces, cut_into_triangles
 
@@ -50,6 +50,8 @@ class Results(Summary):
         Time on the clock (s) of each step, where it was measured.
     points_used : int or None
         Points within bounds and clip area that are not withheld; 0 is an empty result.
+    trust : dict of str to int
+        Buildings by trust: high, medium, low; those without a model are low.
 
     Examples
     --------
@@ -102,11 +104,6 @@ def summary_html(summary: Summary) -> str:
         picture = f"<br><img alt='plan of the buildings' src='data:image/png;base64,{encoded}'>"
     names = ", ".join(html.escape(path.name) for path in summary.files)
     return f"<div><b>eaves</b><br>{lines}{picture}<br><small>{names}</small></div>"
-
-
-def footprint_frame(folder: Path, layer: str = "footprints") -> Any:
-    """A layer of footprints.gpkg as a geopandas.GeoDataFrame, in the run's reference system."""
-    return required_library("geopandas", "eaves[notebook]").read_file(folder / "footprints.gpkg", layer=layer)
 
 
 def point_arrays(folder: Path, building: int | None = None) -> Sample:

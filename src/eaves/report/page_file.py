@@ -16,6 +16,7 @@ from itertools import chain
 from pathlib import Path
 from string import Template
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import shapely
@@ -30,6 +31,7 @@ from eaves.model.summary import Summary
 from eaves.report.contents import Contents, local_rings, read_contents
 from eaves.report.sample import PointSample
 from eaves.report.surfaces import CityFace, CityFaces, cut_into_triangles, face_edges, in_pieces
+from eaves.run.manifest import MANIFEST
 
 SCRIPTS = (
     *("arrays", "camera", "draw", "pace", "pick", "measure", "profile", "shade"),
@@ -38,6 +40,7 @@ SCRIPTS = (
 COLUMNS = {
     "id": "id",
     "trust": "trust",
+    "review_reason": "why to review",
     "lod": "LoD",
     "roof_type": "roof",
     "score": "score",
@@ -50,7 +53,6 @@ COLUMNS = {
     "volume_m3": "volume (m³)",
     "points": "points",
     "rmse_m": "RMSE (m)",
-    "review_reason": "why to review",
     "failure_code": "failure",
     "failure_reason": "reason",
 }
@@ -98,6 +100,7 @@ def iter_page(contents: Contents, text: str) -> Iterator[str]:
     folder = files("eaves.report").joinpath("page")
     parts = {name: folder.joinpath(name).read_text("utf-8") for name in ("page.html", "style.css")}
     script = "\n".join(folder.joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS)
+    lines = [line for line in text.split("\n") if line.endswith("to review")] or text.split("\n")
     names = [Path(entry["path"]).name for entry in contents.run.get("inputs", ())]
     title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: " if names else ""
     shown, found = len(contents.rows), contents.buildings
@@ -105,18 +108,26 @@ def iter_page(contents: Contents, text: str) -> Iterator[str]:
     before, after = parts["page.html"].split("$data")
     words = dict(
         title=html.escape(f"{title}buildings by eaves"),
-        headline=html.escape(text.split("\n")[0]),
+        headline=html.escape(lines[0]),
         style=parts["style.css"],
         script=script,
         shown=html.escape(say_shown(contents)),
         heading=heading,
         lods="".join(f"<option>{lod}</option>" for lod in lods_of(contents)),
         summary=html.escape(text),
+        files=" · ".join(f"<a href='{name}'>{name}</a>" for name in linked_files(contents.folder)),
         run=html.escape(json.dumps(contents.run, indent=1, default=str)),
     )
     yield Template(before).substitute(words)
     yield from iter_data(contents)
     yield Template(after).substitute(words)
+
+
+def linked_files(folder: Path) -> list[str]:
+    """The names of the files beside the page that it links to."""
+    kinds = (".gpkg", ".csv", ".qgz", ".jsonl", ".tif", ".laz", ".json")
+    names = sorted(path.name for path in folder.iterdir() if path.suffix in kinds)
+    return [quote(name) for name in names if name != MANIFEST]
 
 
 def iter_data(contents: Contents) -> Iterator[str]:

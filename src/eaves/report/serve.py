@@ -11,27 +11,25 @@ import gzip
 import json
 import shutil
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
-from itertools import chain, groupby
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
-from eaves.formats import CityObject, InputError, iter_cityjson, write_3dtiles
+from eaves.formats import InputError, iter_cityjson, write_3dtiles
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
+from eaves.formats.models.cityjson_read import read_models
 from eaves.formats.models.tiles3d import Earth
-from eaves.model import BLOCK_SIDE, Bounds, BuildingModel, CoordinateSystem, Footprint, Points
-from eaves.model.building import LODS
+from eaves.model import Bounds, BuildingModel, CoordinateSystem, Points
 from eaves.model.columns import COLUMNS
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.report.contents import lay_image, read_terrain, system_of_folder
@@ -129,39 +127,10 @@ def make_tiles(folder: Path, system: CoordinateSystem | None) -> CoordinateSyste
     return known
 
 
-def models_of(path: Path) -> Iterator[BuildingModel]:
-    """The buildings of a CityJSONSeq file at their finest level, by the square that they stand in."""
-    buildings = [
-        model
-        for _, parts in groupby(
-            iter_cityjson(path), key=lambda one: one.parents[0] if one.parents else one.id
-        )
-        if (model := model_of(list(parts))) is not None
-    ]
-    yield from sorted(buildings, key=lambda model: (model.footprint.origin, model.footprint.id))
-
-
-def model_of(parts: list[CityObject]) -> BuildingModel | None:
-    """A building with its parts; None without a solid."""
-    solid = [
-        (geometry.lod, one, geometry)
-        for one in parts
-        for geometry in one.geometries
-        if geometry.is_solid and geometry.lod in LODS
-    ]
-    if not solid:
-        return None
-    finest = max(lod for lod, _, _ in solid)
-    shown = [(one, geometry) for lod, one, geometry in solid if lod == finest]
-    west, south = np.min([one.vertices[:, :2].min(axis=0) for one, _ in shown], axis=0)
-    origin = float(west // BLOCK_SIDE * BLOCK_SIDE), float(south // BLOCK_SIDE * BLOCK_SIDE)
-    solids = tuple(chain.from_iterable(one.as_solids(geometry, origin) for one, geometry in shown))
-    attributes = dict(parts[0].attributes)
-    outline = shapely.box(
-        *np.concatenate([solids[0].vertices.min(axis=0)[:2], solids[0].vertices.max(axis=0)[:2]])
-    )
-    footprint = Footprint(outline, origin, parts[0].id, float(attributes.pop("score", None) or 0.0))
-    return BuildingModel(footprint, {finest: solids}, (), attributes)
+def models_of(path: Path) -> list[BuildingModel]:
+    """The buildings of a CityJSONSeq file that have solids, by the square that they stand in."""
+    solid = (model for model in read_models(path) if isinstance(model, BuildingModel))
+    return sorted(solid, key=lambda model: (model.footprint.origin, model.footprint.id))
 
 
 def about_run(folder: Path, system: CoordinateSystem) -> dict[str, Any]:

@@ -63,6 +63,7 @@ def describe_run(folder: Path) -> str:
         found=run.get("found", 0),
         modelled=run.get("modelled", 0),
         by_lod=run.get("by_lod", {}),
+        trust=run.get("trust", {}),
         failures=run.get("failures", {}),
         fallbacks=run.get("fallbacks", {}),
         seconds=run.get("stage_cpu_seconds", {}),

@@ -37,6 +37,8 @@ class Option:
     metavar: str | None = None
     flag: str | None = None
     """On the command line, where it is not the keyword's own name."""
+    panel: str = "expert"
+    """The heading of the help of `eaves build` that lists it."""
 
 
 def method_option(flag: str) -> Option:
@@ -59,11 +61,15 @@ class RunOptions(TypedDict, total=False):
         str | None,
         Option(
             "One of the published systems, whole: chen_sun, xiao2014, ren_fcs, roof_attributes or "
-            "maas_vosselman."
+            "maas_vosselman.",
+            panel="methods",
         ),
     ]
     use_classes: Annotated[
-        bool, Option("Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise.", False)
+        bool,
+        Option(
+            "Use the classes of the files: 2 is ground, 6 building, 7 and 18 noise.", False, panel="input"
+        ),
     ]
     building_classes: Annotated[
         Sequence[int] | None,
@@ -75,8 +81,8 @@ class RunOptions(TypedDict, total=False):
     classes: Annotated[
         Sequence[int] | None,
         Option(
-            "The classes to write: 2, 3, 4, 5, 6, 9, 14, 15, 17 if not given; 2, 3, 4, 5, 6 leaves water, "
-            "wires and bridges what they would be otherwise; 2, 6 vegetation, too."
+            "The classes to write: 2, 3, 4, 5, 6, 9, 14, 15, 17 if not given; 2, 3, 4, 5, 6 without water, "
+            "wires and bridges; 2, 6 also without vegetation."
         ),
     ]
     as_published: Annotated[
@@ -85,8 +91,9 @@ class RunOptions(TypedDict, total=False):
     lod: Annotated[
         str | None,
         Option(
-            "The finest level of detail: 0, 1.2, 1.3, 2.0, 2.2 or 2.3; what the source delivers, or 2.2, if "
-            "not given."
+            "The finest level of detail: 0, 1.2, 1.3, 2.0, 2.2 or 2.3; by default what the source "
+            "delivers, or 2.2.",
+            panel="methods",
         ),
     ]
     crs: Annotated[
@@ -94,6 +101,7 @@ class RunOptions(TypedDict, total=False):
         Option(
             "EPSG code, compound code (28992+5709), or a file with WKT or PROJJSON, where files say none.",
             again=True,
+            panel="input",
         ),
     ]
     crs_force: Annotated[
@@ -110,6 +118,7 @@ class RunOptions(TypedDict, total=False):
             "used.",
             again=True,
             metavar="W,S,E,N",
+            panel="input",
         ),
     ]
     clip: Annotated[str | Path | None, Option("File of polygons; points outside are not used.", again=True)]
@@ -119,6 +128,7 @@ class RunOptions(TypedDict, total=False):
             "File of polygons to use instead of detected outlines: shapefile, GeoPackage, GeoJSON, "
             "FlatGeobuf, GeoParquet.",
             again=True,
+            panel="input",
         ),
     ]
     id_field: Annotated[
@@ -149,9 +159,10 @@ class RunOptions(TypedDict, total=False):
         Sequence[str],
         Option(
             "Further formats: gpkg, citygml, citygml3, cityjson, obj, obj-wireframe, glb, 3dtiles, dxf, "
-            "geojson, fgb, parquet.",
+            "geojson, fgb, parquet, kml, ifc.",
             (),
             again=True,
+            panel="output",
         ),
     ]
     outputs: Annotated[
@@ -160,6 +171,7 @@ class RunOptions(TypedDict, total=False):
             "Outputs to write: footprints, models, mask, rasters, classified, report; all for none.",
             EVERYTHING,
             again=True,
+            panel="output",
         ),
     ]
     block: Annotated[
@@ -171,17 +183,20 @@ class RunOptions(TypedDict, total=False):
             again=True,
         ),
     ]
-    jobs: Annotated[int, Option("Processes; 0 is one a core, one for small data.", 1)]
+    jobs: Annotated[int, Option("Processes; 0 is one a core, one for small data.", 1, panel="run")]
     scheduler: Annotated[str | None, Option("Address of an existing Dask scheduler: tcp://host:port.")]
     memory: Annotated[
         str | None, Option("Bound of the processes' memory together: 4G, 1500M.", metavar="SIZE")
     ]
-    resume: Annotated[bool, Option("Keep what an earlier run computed of the same.", False)]
+    resume: Annotated[
+        bool, Option("Use what an earlier run of the same inputs computed.", False, panel="run")
+    ]
     keep: Annotated[
         bool,
         Option(
             "Keep what `eaves update` needs in the folder, about 100 bytes a point.",
             False,
+            panel="run",
         ),
     ]
     per_tile: Annotated[

@@ -141,7 +141,7 @@ def known_parts(store: Store, keys: Mapping[str, str]) -> dict[str, PartMark]:
 
 
 def known_part(store: Store, name: str, key: str) -> PartMark | None:
-    """The mark of a part; None where there is none of the key, or its points are not as they were left."""
+    """The mark of a part; None where there is none of the key, or its points were changed."""
     path = store.folder / "parts" / f"{name}.json"
     try:
         mark = PartMark(**json.loads(path.read_text(encoding="utf-8")))

@@ -281,7 +281,7 @@ class Store:
                 path.unlink(missing_ok=True)
 
     def drop_damaged(self) -> None:
-        """Remove the parts that are not as they were written, with a warning for each: they are computed
+        """Remove the parts that were changed or damaged, with a warning for each: they are computed
         again."""
         for step in STEPS:
             for path in sorted((self.folder / step.name).glob("*.npz")):

@@ -283,7 +283,7 @@ def blocks_computed(region: Region, before: Store) -> int:
 
 
 def walls_changed(folder: Path, out: Path, others: set[str]) -> list[str]:
-    """The buildings, but for some others, whose lines are not as they were: they share other walls."""
+    """The buildings, but for some others, whose lines changed: they share other walls."""
     before, after = lines_of(folder / MODELS), lines_of(out / MODELS)
     return sorted(
         name for name in after if name in before and name not in others and before[name] != after[name]

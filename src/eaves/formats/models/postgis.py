@@ -19,7 +19,7 @@ from shapely import MultiPolygon, Polygon
 from eaves.formats.crs import horizontal_crs, parse_crs, system_of
 from eaves.formats.errors import InputError
 from eaves.formats.models.cityjson_read import iter_cityjson
-from eaves.formats.vectors.geopackage import PIECE_ROWS, plain_value
+from eaves.formats.vectors.geopackage import PIECE_ROWS, plain_value, read_details
 from eaves.model import CoordinateSystem
 from eaves.model.columns import COLUMNS
 from eaves.model.coordinates import LOCAL_METRES
@@ -129,18 +129,27 @@ def tables_of(folder: Path) -> Iterator[Table]:
             system = system_of(parse_crs(about["crs"]), path, (0.0, 0.0))
             plane = horizontal_crs(system)
             code = (plane.to_epsg() or 0) if plane is not None else 0
+        fields = list(zip(about["fields"], about["dtypes"], strict=True))
+        details = read_details(path) if layer == "footprints" else {}
+        if details:
+            more = pyogrio.read_info(path, layer="attributes")
+            fields += [one for one in zip(more["fields"], more["dtypes"], strict=True) if one[0] != "id"]
         columns = {
             str(name): next((kind for start, kind in TYPES.items() if str(dtype).startswith(start)), "text")
-            for name, dtype in zip(about["fields"], about["dtypes"], strict=True)
+            for name, dtype in fields
         }
-        yield layer, columns, geometry.format(code), layer_rows(path, layer, about["features"], code)
+        rows = layer_rows(path, layer, about["features"], code, details, list(columns))
+        yield layer, columns, geometry.format(code), rows
     models = folder / "buildings.city.jsonl"
     if models.exists():
         yield "surfaces", SURFACES, SURFACE_GEOMETRY.format(code), surface_rows(models, system, code)
 
 
-def layer_rows(path: Path, layer: str, count: int, code: int) -> Iterator[Sequence[Any]]:
-    """The rows of a layer, piece by piece, the geometry last."""
+def layer_rows(
+    path: Path, layer: str, count: int, code: int, details: dict[Any, dict[str, Any]], names: Sequence[str]
+) -> Iterator[Sequence[Any]]:
+    """The rows of a layer, piece by piece, with their `details` by id: columns of these names, the geometry
+    last."""
     import pyogrio.raw
 
     for first in range(0, count, PIECE_ROWS):
@@ -150,10 +159,12 @@ def layer_rows(path: Path, layer: str, count: int, code: int) -> Iterator[Sequen
         kinds = [str(dtype) for dtype in meta["dtypes"]]
         shapes = as_ewkb(shapely.from_wkb(wkb), code)
         for number, shape in enumerate(shapes):
-            yield [
-                *(plain_value(column[number], kind) for column, kind in zip(columns, kinds, strict=True)),
-                shape,
-            ]
+            row = {
+                str(name): plain_value(column[number], kind)
+                for name, column, kind in zip(meta["fields"], columns, kinds, strict=True)
+            }
+            row |= details.get(row.get("id"), {})
+            yield [*map(row.get, names), shape]
 
 
 def surface_rows(path: Path, system: CoordinateSystem, code: int) -> Iterator[Sequence[Any]]:

@@ -70,7 +70,10 @@ def describe_layers(path: Path, system: CoordinateSystem, provenance: Provenance
                 "INSERT INTO gpkg_metadata_reference SELECT 'geopackage', NULL, NULL, NULL, "
                 "MIN(last_change), 1, NULL FROM gpkg_contents"
             )
-        layers = database.execute("SELECT table_name, column_name FROM gpkg_geometry_columns").fetchall()
+        layers = database.execute(
+            "SELECT c.table_name, g.column_name FROM gpkg_contents c LEFT JOIN gpkg_geometry_columns g "
+            "USING (table_name)"
+        ).fetchall()
         database.executescript(TABLES)
         for table in ("gpkg_metadata", "gpkg_metadata_reference") if provenance else ():
             database.execute(
@@ -82,7 +85,7 @@ def describe_layers(path: Path, system: CoordinateSystem, provenance: Provenance
             database.execute("UPDATE gpkg_contents SET description = ? WHERE table_name = ?", (units, layer))
             names = [row[1] for row in database.execute(f'PRAGMA table_info("{layer}")')]
             columns = [name for name in names if name not in ("fid", geometry)]
-            for number, style in enumerate(styles_of(layer, columns, system)):
+            for number, style in enumerate(styles_of(layer, columns, system) if geometry else ()):
                 database.execute(
                     "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, "
                     "f_geometry_column, styleName, styleQML, styleSLD, useAsDefault, description, owner) "

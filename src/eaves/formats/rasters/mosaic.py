@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rasterio.windows import Window
 
 from eaves.formats.atomic import atomic
-from eaves.formats.rasters.geotiff import COG_OPTIONS, profile_of, transform_of, write_world_file
+from eaves.formats.rasters.geotiff import COG_OPTIONS, profile_of, transform_of
 from eaves.model import Bounds, CoordinateSystem, Raster
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
@@ -43,7 +43,7 @@ class MosaicWriter:
     system : CoordinateSystem
         The coordinate system; position, cell and heights are converted to its units.
     mask : bool
-        Whether values are 0 and 1 (uint8, with a world file) and not heights.
+        Whether values are 0 and 1 (uint8) and not heights.
     provenance : Provenance
         What the raster is made from, which its tags then say.
 
@@ -118,8 +118,6 @@ class MosaicWriter:
             options |= {"OVERVIEW_RESAMPLING": "NEAREST", "PREDICTOR": "NO"}
         with rasterio.Env(GDAL_CACHEMAX=CACHE_BYTES), atomic(self.path) as temporary:
             rasterio.shutil.copy(str(self._draft), str(temporary), driver="COG", **options)
-        if self.mask:
-            write_world_file(self.path.with_suffix(".tfw"), self.transform)
         self.discard()
 
     def discard(self) -> None:

@@ -11,6 +11,7 @@ from itertools import islice
 from math import isfinite
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import numpy as np
 import shapely
@@ -25,7 +26,7 @@ from eaves.formats.points.chunk import FARTHEST
 from eaves.formats.qgis.tables import describe_layers
 from eaves.formats.vectors.vector_files import OFFLINE, REMEDY, checked_vector
 from eaves.model import Bounds, CoordinateSystem
-from eaves.model.columns import COLUMNS, LAYERS
+from eaves.model.columns import COLUMNS, DETAILS, LAYERS
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
@@ -36,6 +37,7 @@ DRIVERS = {
     ".fgb": "FlatGeobuf",
     ".geojson": "GeoJSON",
     ".json": "GeoJSON",
+    ".kml": "KML",
 }
 GEOJSON_OPTIONS = {"RFC7946": "YES", "COORDINATE_PRECISION": "8"}
 """Eight decimals of a degree are a millimetre."""
@@ -54,6 +56,24 @@ class Row:
     attributes: Mapping[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Rows of footprints with their main columns in the order of the layer, or as a table of the others."""
+
+    rows: Iterable[Row]
+    details: bool
+
+    def __iter__(self) -> Iterator[Row]:
+        for row in self.rows:
+            own = row.attributes
+            if self.details:
+                yield Row(None, {name: own.get(name) for name in LAYERS["attributes"] if name in own})
+            else:
+                first = {name: own[name] for name in LAYERS["footprints"] if name in own}
+                rest = {name: value for name, value in own.items() if name not in DETAILS}
+                yield Row(row.geometry, first | rest)
+
+
 def write_geopackage(
     path: str | Path,
     footprints: Iterable[Row],
@@ -64,7 +84,7 @@ def write_geopackage(
     provenance: Provenance = NOTHING_KNOWN,
 ) -> None:
     """Write the layers `footprints`, `roof_planes` and, where they have rows, `review` and `doubts` of a
-    GeoPackage, geometry in the system's units.
+    GeoPackage, geometry in the system's units; and the table `attributes`, further columns by `id`.
 
     A column's type is that of its values: whole numbers, numbers, truth, text; what is missing or NaN is
     null. The columns have the order in which the rows name them first. Styles for QGIS and the columns'
@@ -102,8 +122,10 @@ def write_geopackage(
     >>> write_geopackage("shed.gpkg", [Row(square, {"id": "shed", "area_m2": 100.0})], system=dutch)
     """
     with atomic(path) as temporary:
-        for layer, rows in (("footprints", footprints), ("roof_planes", roof_planes)):
+        for layer, rows in (("footprints", Columns(footprints, False)), ("roof_planes", roof_planes)):
             _write_layer(temporary, rows, system, "GPKG", layer)
+        if any(DETAILS & row.attributes.keys() for row in footprints):
+            _write_layer(temporary, Columns(footprints, True), system, "GPKG", "attributes")
         for layer, rows in (("review", review), ("doubts", doubts)):
             for _ in islice(rows, 1):
                 _write_layer(temporary, rows, system, "GPKG", layer)
@@ -168,6 +190,10 @@ def write_polygons(
         log.warning("%s: the data have no reference system, so they are not in WGS 84; use --crs", path)
     with atomic(path) as temporary:
         _write_layer(temporary, rows, system, DRIVERS[suffix], layer, provenance)
+        if suffix == ".kml" and provenance:  # the driver has no place for it
+            head, start, rest = temporary.read_text("utf-8").partition("<Schema")
+            words = f"<description>{escape(provenance.sentence)}</description>\n"
+            temporary.write_text(head + words + start + rest, "utf-8")
 
 
 def read_polygons(
@@ -252,6 +278,9 @@ def read_polygons(
     attributes = [
         {name: plain_value(columns[k][n], kinds_of[name]) for k, name in enumerate(names)} for n in kept
     ]
+    if layer == "footprints":
+        details = read_details(path)
+        attributes = [row | details.get(row.get("id"), {}) for row in attributes]
     ids = [str(row[id_field] if id_field else number[n]) for n, row in zip(kept, attributes, strict=True)]
     return polygons, ids, attributes, system
 
@@ -293,12 +322,23 @@ def list_vector_layers(path: Path) -> list[VectorLayer]:
     return layers
 
 
-def read_table(path: Path, layer: str, columns: Sequence[str]) -> list[dict[str, Any]]:
-    """Some columns of a layer, a row a feature, without shapes."""
+def read_details(path: Path) -> dict[Any, dict[str, Any]]:
+    """Id → further columns of a footprint, from the table `attributes` of a run's GeoPackage; empty for
+    other files."""
+    import pyogrio
+
+    if path.suffix.lower() != ".gpkg" or "attributes" not in pyogrio.list_layers(path)[:, 0]:
+        return {}
+    return {row["id"]: row for row in read_table(path, "attributes", None) if "id" in row}
+
+
+def read_table(path: Path, layer: str, columns: Sequence[str] | None) -> list[dict[str, Any]]:
+    """Some columns of a layer, or all for None, a row a feature, without shapes."""
     import pyogrio.raw
 
     with _opened_vector(path) as (safe, _):
-        meta, _, _, values = pyogrio.raw.read(safe, layer=layer, columns=list(columns), read_geometry=False)
+        wanted = None if columns is None else list(columns)
+        meta, _, _, values = pyogrio.raw.read(safe, layer=layer, columns=wanted, read_geometry=False)
     names, kinds = [str(name) for name in meta["fields"]], list(map(str, meta["dtypes"]))
     plain = [
         [plain_value(value, kind) for value in column] for column, kind in zip(values, kinds, strict=True)
@@ -527,22 +567,24 @@ def _write_rows(
         if driver == "GeoJSON" and wkt is not None:
             plane = horizontal_crs(system)
             wkt, options = plane.to_wkt() if plane else wkt, GEOJSON_OPTIONS
-        if driver != "GPKG" and provenance:
+        if driver not in ("GPKG", "KML") and provenance:
             options = {**options, "DESCRIPTION": provenance.sentence}
         pyogrio.raw.write(
             path,
-            geometry=shapely.to_wkb(shapes) if len(shapes) else shapes,
+            geometry=None if layer == "attributes" else shapely.to_wkb(shapes) if len(shapes) else shapes,
             field_data=[values for values, _ in columns],
             field_mask=[missing for _, missing in columns],
             fields=np.array(list(schema.kinds), dtype=object),
             layer=layer,
             driver=driver,
-            geometry_type=("MultiPolygon" if schema.several else "Polygon")
-            + (" Z" if schema.upright else ""),
+            geometry_type=None
+            if layer == "attributes"
+            else ("MultiPolygon" if schema.several else "Polygon") + (" Z" if schema.upright else ""),
             promote_to_multi=schema.several,
-            crs=wkt,
+            crs=None if layer == "attributes" else wkt,
             append=append,
             layer_options=options,
+            dataset_options={"AltitudeMode": "absolute"} if driver == "KML" and schema.upright else None,
         )
 
 

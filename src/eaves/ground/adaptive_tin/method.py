@@ -76,7 +76,7 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
       fall decides what is an object. So the ground is found in `looks` sets of cells, shifted against each
       other by parts of a cell, and a point is what most of them make of it.
     - A seed or point within `noise_share` of t of a facet is not inserted: the TIN stays small.
-    - Points around the data, at heights that the seeds nearest to them foretell, keep the hull of the TIN
+    - Points around the data, at heights that the seeds nearest to them predict, keep the hull of the TIN
       away from roofs and crowns that the rim of the data cuts: its slivers are as steep as walls. Not with
       `seed_cell`: the paper has none.
 

@@ -15,7 +15,7 @@ class Rim(Method):
 
     rim_apart: float = parameter(
         10.0,
-        "Points that foretell the terrain stand half as far outside the data, and so far from each other.",
+        "Points that predict the terrain stand half as far outside the data, and so far from each other.",
         unit="m",
         gt=0,
     )
@@ -25,7 +25,7 @@ class Rim(Method):
 
 
 def rim_points(sure: Points, bounds: Bounds, rules: Rim) -> Points:
-    """Points (K, 3) around `bounds`, at the heights that the sure ground points (N, 3) foretell.
+    """Points (K, 3) around `bounds`, at the heights that the sure ground points (N, 3) predict.
 
     Without them the hull of a TIN runs through roofs and crowns that the rim of the data cuts. Its facets
     there are slivers as steep as walls, and points climb them. Each height is that of a plane through the

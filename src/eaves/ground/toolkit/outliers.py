@@ -21,7 +21,7 @@ group lies as far above the rest of its cell, and no neighbour reaches as high: 
 GROUP = 32
 """Most points of a cell that are looked at from either end."""
 SHALLOW_GAP_M, SHALLOW_SHARE = 1.0, 0.25
-"""A gap of 1 m parts at most half a group and a quarter of the cell from the rest: echoes gone astray."""
+"""A gap of 1 m parts at most half a group and a quarter of the cell from the rest: stray echoes."""
 DEEP_GAP_M, DEEP_SHARE = 5.0, 0.4
 """A gap of 5 m parts at most four tenths of the cell from the rest: a mirror image of the ground."""
 
@@ -31,7 +31,7 @@ def find_outliers(cloud: PointCloud) -> tuple[Mask, Mask]:
 
     The plane is cut into cells, and once more into cells shifted by half a side, so that a group is whole in
     one of them. A group is the lowest (highest) points of a cell that a gap parts from the rest. A small low
-    group is an outlier when it lies a gap under the ground that the eight neighbours foretell: their second
+    group is an outlier when it lies a gap under the ground that the eight neighbours predict: their second
     lowest level, less the rise from there to their median (a slope repeats itself once more). A deep low
     group, which may spread over several cells, must lie a gap under all but six of the 24 cells around. A
     high group is an outlier when no neighbour has a point near its height. Cost: four passes over the

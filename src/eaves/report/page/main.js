@@ -176,13 +176,13 @@ class Viewer {
     };
     const earth = shade('--earth'), line = shade('--line'), outline = shade('--outline');
     layers.ground.pictured = !!painter.extent && this.checked('basemap');
-    dress(layers.ground, ground.position.length / 3, 1, () => layers.ground.pictured ? [255, 255, 255] : earth, vertex => this.groundLight[vertex]);
+    dress(layers.ground, ground.position.length / 3, 1, () => layers.ground.pictured ? [255, 255, 255] : earth, vertex => this.look.only ? 1 : this.groundLight[vertex]); // no shade of hidden buildings
     painter.show(layers.ground, ...(this.checked('ground') ? ground.details : [new Uint32Array(0)]));
 
     const pointWay = pointColours(byId('point-colour').value, scene), [on, under, other] = ['points-building', 'points-ground', 'points-other'].map(name => this.checked(name));
     const foreign = number => !points.building[number] && points.classification[number] !== 2;
-    dress(layers.points, points.count, 1, number => !foreign(number) && (points.building[number] ? on : under) ? pointWay.at(number) : null);
-    dress(layers.other, points.count, 1, number => foreign(number) && other && !this.overRoof[number] ? pointWay.at(number) : null);
+    dress(layers.points, points.count, 1, number => !foreign(number) && (points.building[number] ? on || points.building[number] === this.look.chosen : under) ? pointWay.at(number) : null);
+    dress(layers.other, points.count, 1, number => foreign(number) && other && !this.look.only && !this.overRoof[number] ? pointWay.at(number) : null);
 
     const wantedLod = page.lods.indexOf(byId('lod').value), shown = (lod, row) => wantedLod < 0 ? lod === this.finest.get(row) : lod === wantedLod;
     const modelWay = modelColours(byId('model-colour').value, scene), [roofs, walls] = [this.checked('roofs'), this.checked('walls')];
@@ -245,7 +245,7 @@ class Viewer {
       }
     }
     this.table.mark(row ? number : -1);
-    this.ask();
+    this.refresh(); // the points of the chosen building are shown
   }
 
   view(name) {
