@@ -5,7 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 
-from eaves.buildings.building import broken_result, building_pass, draw_footprints, find_doubtful
+from eaves.buildings.building import (
+    broken_result,
+    building_pass,
+    divide_parts,
+    draw_footprints,
+    find_doubtful,
+)
 from eaves.buildings.building_file import Kept, SavedBuilding, save_buildings
 from eaves.buildings.gather import MARGIN, Gatherer
 from eaves.buildings.join import OwnedBuildings
@@ -39,8 +45,9 @@ def keep_buildings(task: Task, store: Store, recipe: Recipe, snap: bool = False)
         BuildingResult.without_points(none) for none in gathered if isinstance(none, Failure)
     ]
     keys = [""] * len(results)
-    buildings = [building for building in gathered if not isinstance(building, Failure)]
+    whole = [building for building in gathered if not isinstance(building, Failure)]
     clock = Clock()
+    buildings = [part for building in whole for part in divide_parts(building, recipe.outline)]
     footprints = draw_all(buildings, recipe)
     clock.lap("outline")
     buildings, footprints = split_buildings(buildings, footprints, plan.addresses, recipe.units)
