@@ -85,7 +85,7 @@ class HeightTexture(GrowthRules, Detector):
         gt=0.0,
     )
     min_width: float = parameter(
-        1.5, "Narrowest building; the side of the opening.", unit="m", off=1e-3, step="opening", gt=0.0
+        1.0, "Narrowest building; the side of the opening.", unit="m", off=1e-3, step="opening", gt=0.0
     )
     min_area: float = parameter(
         GROUP_M2, "Smaller components are no buildings.", unit="m²", off=0.0, step="size", ge=0.0
