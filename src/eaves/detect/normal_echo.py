@@ -192,8 +192,8 @@ class NormalEcho(Detector):
             return Regions(number, score, part)
         xyz = cloud.xyz[whole] - [0.0, 0.0, np.floor(cloud.xyz[whole, 2].min())]
         linked = euclidean_components(xyz, local_planes(xyz, k, k), join)  # over what was claimed
-        links = coo_array((np.ones(len(whole), bool), (number[whole] - 1, linked + len(score))))
-        links.resize((len(score) + len(whole),) * 2)
+        size, pairs = len(score) + len(whole), (number[whole] - 1, linked + len(score))
+        links = coo_array((np.ones(len(whole), bool), pairs), shape=(size, size))
         building = connected_components(links, directed=False)[1][: len(score)]
         number[whole] = building[number[whole] - 1] + 1
         return Regions(number, np.bincount(building, weights=score) / np.bincount(building), part)

@@ -48,13 +48,14 @@ class RoofAttributes(GrowthRules, Detector):
     Fidelity
     --------
     Equations, ground filter and the rule of gradient density are the document's. The density is counted on
-    the raw high cells, before anything is smoothed away, within a window: a segment of nearby cells. Its flow
-    chart and the figure of the three operators are not in the text; they are taken as (1) removal of cells
-    with fewer than three neighbours of like normal, (2) opening, by area and by the narrowest building,
-    (3) reconstruction by dilation under the normalised surface, cell by cell over cells of low gradient
-    density around which some are roof-like, and over the rim. No threshold is printed. A ridge or
-    hip of two faces of 45° is a roof's: across a cell it twists its heights by √½ of a side, more than tiles,
-    gutters and the scan do, whose roughness the ground shows.
+    the raw high cells, before anything is smoothed away, within a window: the document counts it in a
+    segmented range, a region, and this is a cell's own. Its flow chart and the figure of the three operators
+    are not in the text; they are taken as (1) removal of cells with fewer than three neighbours of like
+    normal, (2) opening, by area and by the narrowest building, (3) reconstruction by dilation under the
+    normalised surface, cell by cell over cells of low gradient density around which some are roof-like, and
+    over the rim. No threshold is printed. A ridge or hip of two faces of 45° is a roof's: across a cell it
+    twists its heights by √½ of a side, more than tiles, gutters and the scan do, whose roughness the ground
+    shows.
 
     Fails where
     -----------

@@ -144,7 +144,7 @@ def closed_building(points: Points, closed: ClosedForm, covered: float) -> Param
     if closed.roof == "pyramid":
         start[HALF_RIDGE], start[END_SLOPE] = 0.0, 2.0 * abs(closed.rise) / closed.length
     fit = fit_parametric_roof(form, points, np.array([closed.x, closed.y]), start, LEAST_NOISE, 1)
-    fit = replace(fit, covariance=np.full((8, 8), np.nan))
+    fit = replace(fit, covariance=np.full_like(fit.covariance, np.nan))
     along, across = 0.5 * closed.length, 0.5 * closed.width
     frame = (-along, along, -across, across, np.nan, np.nan)
     return describe_building(fit, closed, frame, np.abs(fit.residuals) <= CUT * fit.scale, covered)
