@@ -174,7 +174,7 @@ class RoofAttributes(GrowthRules, Detector):
 
     def derived_roughness(self, grid: SurfaceGrid, rough: Values) -> float:
         """The largest roughness (m) of a roof; see the parameter."""
-        return max(grid.side * np.sqrt(0.5), 3.0 * surface_noise(rough, grid, 0.3))
+        return float(max(grid.side * np.sqrt(0.5), 3.0 * surface_noise(rough, grid, 0.3)))
 
 
 def share_of(label: Labels, count: int, values: Values) -> Values:
