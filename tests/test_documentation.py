@@ -14,6 +14,7 @@ from docs.build import outdated
 
 from eaves.cli.app import make_app
 from eaves.pipeline import build
+from eaves.recipe.sources import SOURCES
 from tests.contracts.test_public_docstrings import PUBLIC
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -156,3 +157,16 @@ def test_a_command_as_printed_is_one_that_is_understood(line: str) -> None:
     command = group.commands[name]  # type: ignore[attr-defined]
     with command.make_context(name, words) as context:
         assert not context.args, f"left over: {context.args}"
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_each_step_of_a_source_names_the_function_that_does_it(source: str) -> None:
+    page = DOCS / "sources" / f"{source}.md"
+    table = page.read_text(encoding="utf-8").split("where in the code |")[1].split("\n\n")[0].splitlines()[2:]
+    assert len(table) > 4
+    for row in table:
+        named = re.findall(r"\[(\w+)\]\(([^)]+\.py)\)", row.rsplit(" | ", 1)[1])
+        assert named, row
+        for name, place in named:
+            code = (page.parent / place).read_text(encoding="utf-8")
+            assert re.search(rf"^ *(def|class) {name}\b", code, re.MULTILINE), f"{name} is not in {place}"

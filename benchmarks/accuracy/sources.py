@@ -121,7 +121,9 @@ def evaluate_objects(
     got = burn_labels(found, Raster(np.zeros(true.shape, np.float32), west, north, 0.5))
     score = evaluate_detection(got, label_objects(true[::-1]), 0.5, seen[::-1])
     over = score.objects_over[10.0]
+    mask, wanted = got[seen[::-1]] > 0, true[::-1][seen[::-1]]
     return {
+        "mask IoU": float((mask & wanted).sum() / (mask | wanted).sum()),
         "objects over 10 m²": f"{over.completeness:.2f}/{over.correctness:.2f}",
         "outline RMS": float(score.rms_m),
     }
@@ -152,7 +154,8 @@ def measure(data: Path, name: str, chain: str, published: bool, keep_in: Path | 
         out = (keep_in or Path(folder)) / f"{name.replace(', ', '-')}-{chain}-{published}"
         seconds = run_chain(data, name, chain, published, out)
         row: Row = {"data": name, "chain": chain + (", as published" if published else "")}
-        row |= {"compl.": None, "corr.": None, "IoU": None, "point prec.": None, "point recall": None}
+        row |= {"compl.": None, "corr.": None, "IoU": None, "mask IoU": None}
+        row |= {"point prec.": None, "point recall": None}
         row |= {"objects over 10 m²": None, "outline RMS": None}
         row |= {"buildings": None, "at LoD 2.2": None, "median RMSE of those": None}
         if name not in NO_TRUTH and "footprints" not in name:
@@ -190,7 +193,8 @@ def main() -> None:
 
 NOTE = """Each row is one `eaves build --source NAME [--as-published]` from unclassified points in bare files.
 Completeness, correctness and IoU per area: the classified points written, cells of 0.5 m, a cell being its
-highest point, against the vendor's class 6; objects: of the footprints written, completeness/correctness
+highest point, against the vendor's class 6; mask IoU: the same for the footprints written, of all cells
+that hold a point; objects: of the footprints written, completeness/correctness
 over 10 m². At LoD 2.2: by the chain's own method, not by a prism it fell back to. CPU seconds of the whole
 command, reading, writing and the start of Python included. As published: a number where the document
 prints one, our default where it prints none, and no step of ours that can be switched off. The derived

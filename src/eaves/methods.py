@@ -154,12 +154,18 @@ class Method(BaseModel):
         return 0.0
 
     @classmethod
-    def as_published(cls) -> Self:
-        """The method with every number its paper prints, and without what the paper does not have."""
+    def as_published(cls, paper: str | None = None) -> Self:
+        """The method with every number its paper prints, and without what the paper does not have; in the
+        system of another `paper` (key in references.bib) the numbers stay ours."""
         notes = cls.declared()
-        ours = {name: note["off"] for name, note in notes.items() if note["step"] is None}
-        values = {name: note["published"] for name, note in notes.items() if note["published"] is not None}
-        return cls(**{name: value for name, value in ours.items() if value is not None}, **values)
+        values = {name: note["off"] for name, note in notes.items() if note["step"] is None}
+        nested = {name: field.default for name, field in cls.model_fields.items()}
+        values |= {
+            n: one.as_published(paper) for n, one in nested.items() if paper and isinstance(one, Method)
+        }
+        if paper in (None, cls.paper):
+            values |= {name: note["published"] for name, note in notes.items() if note["printed_in"]}
+        return cls(**{name: value for name, value in values.items() if value is not None})
 
     @classmethod
     def declared(cls) -> dict[str, dict[str, Any]]:
@@ -261,7 +267,10 @@ def method_class(stage: str, name: str) -> type[Method]:
 
 
 def make_method(
-    stage: str, name: str | None = None, parameters: dict[str, Any] | None = None, published: bool = False
+    stage: str,
+    name: str | None = None,
+    parameters: dict[str, Any] | None = None,
+    published: bool | str = False,
 ) -> Method:
     """The method of a stage by name, with parameters.
 
@@ -273,8 +282,8 @@ def make_method(
         A name in `REGISTRY[stage]`; None is the stage's default.
     parameters : dict or None
         Values by parameter name; the others keep their defaults.
-    published : bool
-        Start from the numbers that the paper prints.
+    published : bool or str
+        Start from the numbers that the paper prints; a key in references.bib: only where the paper is this.
 
     Returns
     -------
@@ -293,7 +302,8 @@ def make_method(
     2.0
     """
     cls = method_class(stage, name or DEFAULTS[stage])
-    base = cls.as_published().model_dump() if published else {}
+    paper = published if isinstance(published, str) else None
+    base = cls.as_published(paper).model_dump() if published else {}
     return cls(**{**base, **(parameters or {})})
 
 
@@ -301,7 +311,7 @@ MethodChoice = Method | str | Mapping[str, Any] | None
 """A method, its name, its parameters (with its name under `method`), or None for the stage's default."""
 
 
-def resolve_method(stage: str, choice: MethodChoice, published: bool = False) -> Method:
+def resolve_method(stage: str, choice: MethodChoice, published: bool | str = False) -> Method:
     """The method that a choice stands for.
 
     Parameters
@@ -310,8 +320,8 @@ def resolve_method(stage: str, choice: MethodChoice, published: bool = False) ->
         `ground`, `detect`, `outline`, `roof` or `reconstruct`.
     choice : Method, str, mapping or None
         A method, its name, its parameters (with its name under `method`), or None for the stage's default.
-    published : bool
-        Methods given by name take the numbers that their papers print.
+    published : bool or str
+        Methods given by name take the numbers that their papers print; as in `make_method`.
 
     Returns
     -------

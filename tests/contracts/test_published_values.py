@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
-from eaves.methods import REGISTRY, method_class, parameter
+from eaves.methods import REGISTRY, Method, method_class, parameter
+from eaves.recipe.recipe import make_recipe
+from eaves.recipe.sources import SOURCES
 
 QUOTES: dict[tuple[str, str], str] = {
     ("planar_patches", "cell"): "the grid size is set to 1.5 m by 1.5 m",
@@ -23,6 +25,23 @@ QUOTES: dict[tuple[str, str], str] = {
     ("alpha_shape", "min_hole"): "Inner boundaries of a building with an area of less than 50 m²",
 }
 """The words in which each number is printed: `references.bib` of the method's paper, at `printed_in`."""
+NUMBERS_OF_STEPS = {
+    "planar_patches": "fit_points",
+    "smooth_region": "neighbours smooth_angle area_cell",
+    "normal_echo": "neighbours wall_angle max_later smooth_angle noise_area join curved on_roof",
+    "ransac_lines": "alpha near skip shortest tolerance",
+    "region_growing": "min_area neighbours max_curvature normal_threshold distance_share gap_share max_slope "
+    "fewest_neighbours most_neighbours normal_error curved_share line_neighbours noise_sample "
+    "calm_neighbours calm_share",
+    "plane_intersection": "strip_width extension level_jump clutter_area clutter_reach clutter_step smallest",
+    "contours": "cell_least interval tolerance rise window storey max_step cell edge_height",
+    "roof_attributes": "min_height window storey max_step cell steep like_normal",
+    "height_texture": "min_height window storey max_step cell",
+    "tin_faces": "min_area cell least_cell rings distance_share finish",
+    "maas_vosselman": "least_fill smallest_primitive houses faces",
+}
+"""Parameters without which a step could not run, or that nothing reads when its rule is off."""
+OF_SOURCES = sorted({step for source in SOURCES.values() for step in source.methods.items()})
 PUBLISHED = [
     (stage, name, key, field.json_schema_extra)
     for stage, names in REGISTRY.items()
@@ -52,6 +71,33 @@ def test_what_is_not_printed_keeps_our_default__and_what_the_paper_has_not_is_of
         changed = {key for key in default if default[key] != published[key]}
         off = {k for k, note in cls.declared().items() if note["off"] is not None and note["step"] is None}
         assert off <= changed <= off | {key for _, other, key, _ in PUBLISHED if other == name}
+
+
+@pytest.mark.parametrize(("stage", "name"), [one for one in OF_SOURCES if one[1] != "adaptive_tin"])
+def test_every_parameter_of_a_source_is_printed_or_can_be_off_or_is_the_number_of_a_step(
+    stage: str, name: str
+) -> None:
+    notes = method_class(stage, name).declared()
+    needed = {key for key, note in notes.items() if note["published"] is None and note["off"] is None}
+    assert needed <= set(NUMBERS_OF_STEPS.get(name, "").split())
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_as_published_prints_come_from_the_sources_paper__and_ours_is_off(source: str) -> None:
+    ours, published = make_recipe(source=source), make_recipe(source=source, published=True)
+    assert (published.vegetation, published.marks_others, published.units) == (None, False, None)
+    for stage in SOURCES[source].methods:
+        method, default = getattr(published, stage), getattr(ours, stage)
+        for key, note in method.declared().items():
+            value = getattr(method, key)
+            if note["published"] is not None and method.paper == SOURCES[source].paper:
+                assert value == note["published"]
+            elif note["off"] is not None and note["step"] is None:
+                assert value == note["off"]
+            elif isinstance(value, Method):
+                assert value == value.as_published(SOURCES[source].paper)
+            else:
+                assert value == getattr(default, key)
 
 
 def test_a_published_value_without_its_place_is_refused() -> None:

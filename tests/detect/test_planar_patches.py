@@ -28,7 +28,7 @@ def test_defaults_at_the_papers_density_are_the_papers_numbers() -> None:
     scene, _ = made.scene()
     assert 0.47 < scene.spacing < 0.53
     assert side_near(3.0 * 0.5) == PlanarPatches.as_published().cell == 1.5
-    assert PlanarPatches.as_published().join_points == 10
+    assert PlanarPatches.as_published().join_points == PlanarPatches().join_points == 10
 
 
 def test_a_wall_is_no_roof() -> None:

@@ -14,7 +14,7 @@ from eaves.detect.planar_patches import PlanarPatches
 from eaves.detect.roof_attributes import RoofAttributes, micro_normals, roughness
 from eaves.detect.toolkit.surface_grid import grow_back, nearest_surface, opened_by_area, share_around
 from eaves.geometry.planes import local_planes
-from eaves.model.scene import TREE, WALL
+from eaves.model.scene import NOISE, TREE, WALL
 from tests.detect.made_scenes import MadeScene, two_houses_and_a_tree
 
 EVERY: list[type[Detector]] = [Contours, RoofAttributes, HeightTexture, NormalEcho]
@@ -153,9 +153,9 @@ def test_walls_and_trees_are_kept_as_parts() -> None:
     found = detect_buildings(scene, NormalEcho())
     assert found.part is not None
     assert (found.part[what == 3] == WALL).mean() > 0.8
-    assert np.isin(found.part[what < 0], (WALL, TREE)).mean() > 0.7
-    assert (found.part[what < 0] == TREE).mean() > 0.3
-    assert (found.label[what == 3] > 0).mean() > 0.8
+    assert np.isin(found.part[what < 0], (WALL, TREE, NOISE)).mean() > 0.7
+    assert (found.part[what < 0] == TREE).mean() > 0.2
+    assert (found.label[what == 3] > 0).mean() > 0.7
 
 
 HARD = {

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eaves.model import Boundary, Failure, Footprint
+from eaves.buildings.building import divide_parts
+from eaves.model import Block, Boundary, Failure, Footprint, Raster
+from eaves.model.results import BuildingPoints
 from eaves.outline import regularise_outlines, trace_outline
 from eaves.outline.alpha_shape import AlphaShape
 
@@ -61,6 +65,23 @@ def test_a_gap_wider_than_alpha_is_bridged_where_points_would_be_lost() -> None:
     footprint = outlined(split, 0.5, AlphaShape(alpha=1.2))
     assert isinstance(footprint, Footprint)
     assert footprint.polygon.area > 520
+
+
+def test_each_part_of_a_region_is_a_building_as_published_and_none_is_lost() -> None:
+    near = sampled(4.0)
+    far, strays = near + [32.0, 0.0, 0.0], np.array([[26.0, 5.0, 3.0], [26.2, 5.0, 3.0], [26.0, 5.2, 3.0]])
+    points = np.concatenate([near, far, strays])
+    every = np.zeros(len(points))
+    block, terrain = Block(0, 0), Raster(np.zeros((80, 120), np.float32), 0.0, 40.0, 0.5)
+    whole = BuildingPoints(block, points, np.arange(len(points)), every.astype(np.uint8), terrain, 0.5, 1.0)
+    parts = divide_parts(whole, AlphaShape.as_published())
+    assert sorted(np.concatenate([part.point_id for part in parts])) == list(range(len(points)))
+    drawn = [outlined(part.xyz, 0.5, AlphaShape.as_published()) for part in parts]
+    assert len(drawn) == 2
+    for footprint in drawn:
+        assert isinstance(footprint, Footprint) and footprint.polygon.area > 500
+    one = replace(whole, given=Footprint(drawn[0].polygon))  # type: ignore[union-attr]
+    assert divide_parts(one, AlphaShape.as_published()) == [one]
 
 
 def test_order_of_points_does_not_matter() -> None:

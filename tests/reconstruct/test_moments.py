@@ -209,6 +209,21 @@ def test_ground_plan_is_taken_as_it_is() -> None:
     assert isinstance(model, BuildingModel)
     assert np.isclose(model.attributes["house_length_m"], 12.2, atol=1e-6)
     assert np.isclose(model.attributes["house_width_m"], 8.2, atol=1e-6)
+    unknown = ("length_sd_m", "width_sd_m", "orientation_sd_deg")
+    assert [model.attributes[f"house_{name}"] for name in unknown] == [None, None, None]
+    assert model.attributes["house_ridge_sd_m"] > 0.0
+
+
+@pytest.mark.parametrize("roof", ["flat", "shed", "gable", "hip", "pyramid"])
+def test_the_closed_solution_alone_makes_a_house_without_deviations(roof: str) -> None:
+    model = model_of(roof_points(roof, 8.0, 0.03, 4), closed_only=True)
+    assert isinstance(model, BuildingModel), model
+    facts = model.attributes
+    assert facts["house_type"] == roof
+    for name in ("length", "width", "eaves", "ridge"):
+        assert facts[f"house_{name}_m"] == pytest.approx(facts[f"house_{name}_closed_m"], abs=0.02)
+        assert facts[f"house_{name}_sd_m"] is None
+    assert facts["rmse_m"] < 0.25
 
 
 def test_an_l_shape_is_not_a_house() -> None:

@@ -28,14 +28,6 @@ def test_a_source_names_its_methods_and_its_paper(name: str) -> None:
     assert method_class("detect", source.methods["detect"]).paper == source.paper
 
 
-def test_as_published_takes_the_numbers_that_are_printed_and_no_others() -> None:
-    recipe = make_recipe(source="chen_sun", published=True)
-    assert recipe.detect is not None
-    assert recipe.detect.model_dump()["cell"] == 1.5
-    assert recipe.outline.model_dump()["alpha"] == 2.4
-    assert recipe.ground == make_recipe().ground
-
-
 def test_what_is_given_goes_before_the_source() -> None:
     recipe = make_recipe({"outline": "global_fit", "detect": {"curved": 0.05}}, source="xiao2014", lod="1.2")
     assert recipe.outline.name == "global_fit"

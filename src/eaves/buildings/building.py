@@ -6,13 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 
 from eaves.buildings.gather import cells_of, is_seen_beside
 from eaves.geometry.tolerance import PLANARITY, SNAP
 from eaves.model import Block, Boundary, BuildingModel, Failure, Finding, Footprint, Points, Raster, RoofPlane
+from eaves.model.cloud import canonical_order
 from eaves.model.results import BuildingPoints, BuildingResult
 from eaves.model.scene import WALL
-from eaves.outline import regularise_outlines, trace_outline
+from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster.surfaces import CELL
 from eaves.recipe.recipe import Recipe
 from eaves.reconstruct import add_overhangs, reconstruct_building
@@ -30,6 +32,19 @@ OBJECTS = "2.2"
 
 MEASURED, INTERPOLATED, NEAREST = "measured", "interpolated", "nearest ground"
 """Where the height of a base can be from; the column `ground_source` says it."""
+
+
+def divide_parts(building: BuildingPoints, outline: OutlineMethod) -> list[BuildingPoints]:
+    """A building for each part that has an outline of its own; walls are of the nearest."""
+    roof = np.flatnonzero(building.part != WALL)
+    if building.given is not None or not len(roof):
+        return [building]
+    roof = roof[canonical_order(building.xyz[roof])]
+    number = outline.parts(building.xyz[roof], building.spacing)
+    if not number.any():
+        return [building]
+    nearest = cKDTree(building.xyz[roof, :2]).query(building.xyz[:, :2])[1]
+    return [building.take(number[nearest] == k) for k in range(int(number.max()) + 1)]
 
 
 def draw_footprints(buildings: Sequence[BuildingPoints], recipe: Recipe) -> list[Footprint | Failure]:

@@ -6,7 +6,13 @@ import logging
 from collections.abc import Iterable
 from dataclasses import replace
 
-from eaves.buildings.building import broken_result, building_pass, draw_footprints, find_doubtful
+from eaves.buildings.building import (
+    broken_result,
+    building_pass,
+    divide_parts,
+    draw_footprints,
+    find_doubtful,
+)
 from eaves.buildings.building_file import Kept, SavedBuilding, save_buildings
 from eaves.buildings.gather import MARGIN, Gatherer
 from eaves.buildings.join import OwnedBuildings
@@ -40,8 +46,9 @@ def keep_buildings(task: Task, store: Store, recipe: Recipe, snap: bool = False)
         BuildingResult.without_points(none) for none in gathered if isinstance(none, Failure)
     ]
     keys = [""] * len(results)
-    buildings = [building for building in gathered if not isinstance(building, Failure)]
+    whole = [building for building in gathered if not isinstance(building, Failure)]
     clock = Clock()
+    buildings = [part for building in whole for part in divide_parts(building, recipe.outline)]
     footprints = draw_all(buildings, recipe)
     buildings = [replace(building, others=None) for building in buildings]
     clock.lap("outline")

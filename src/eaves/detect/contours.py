@@ -54,7 +54,9 @@ class Contours(GrowthRules, Detector):
     such a part lies on edges. The "iteration" of step 6 is read as growth from the cores, cell by cell until
     nothing grows, over cells around which at least `min_share` is smooth: a roof of dormers is, a crown is
     not; and then `regrow` over the rim. As much as a ridge or valley of 45° bends is smooth; where cells hold
-    few points, their heights on such a roof are known to side / (points + 1) only.
+    few points, their heights on such a roof are known to side / (points + 1) only. A cell of this surface
+    takes its highest point, one of the filter's the point nearest to its middle, and heights are over the
+    scene's terrain, drawn through the filter's ground points: two readings of the document's one DSM and DTM.
 
     Fails where
     -----------

@@ -48,8 +48,9 @@ class HeightTexture(GrowthRules, Detector):
     --------
     The article leaves segmentation open (GIS data or the laser data itself); texture,
     opening, components, size and histogram are those of Maas's companion paper on invariant moments (1999),
-    which prints no thresholds. The grid is our choice. The texture of a roof is that of its tiles and
-    gutters, or of the scan, which the ground shows; where cells hold fewer than two points, the height of a
+    which prints no thresholds. The grid is our choice. The texture of a roof is that of a ridge along a
+    row of cells (√2/3 · tan 35° = 1/3 of a side), of its tiles and gutters, or of the scan, which the ground
+    shows; where cells hold fewer than two points, the height of a
     cell on a slope is known to about half a spacing only. A ground plan may be given to the later
     stages; it is not used here.
 
@@ -76,15 +77,15 @@ class HeightTexture(GrowthRules, Detector):
     )
     max_texture: float | None = parameter(
         None,
-        "Cells of more texture are no roof; default: 1.4 times the error of a height on a roof of 45°, or 3 "
-        "times the ground's own.",
+        "Cells of more texture are no roof; default: a third of a cell, as at a ridge of two faces of 35°, "
+        "1.4 times the error of a height on a roof of 45°, or 3 times the ground's own.",
         unit="m",
         off=1e6,
         step="height texture",
         gt=0.0,
     )
     min_width: float = parameter(
-        1.5, "Narrowest building; the side of the opening.", unit="m", off=1e-3, step="opening", gt=0.0
+        1.0, "Narrowest building; the side of the opening.", unit="m", off=1e-3, step="opening", gt=0.0
     )
     min_area: float = parameter(
         GROUP_M2, "Smaller components are no buildings.", unit="m²", off=0.0, step="size", ge=0.0
@@ -123,7 +124,7 @@ class HeightTexture(GrowthRules, Detector):
     def derived_texture(self, scene: Scene, grid: SurfaceGrid, texture: Values) -> float:
         """The largest texture (m) of a roof; see the parameter."""
         known = TEXTURE_OF_ERROR * height_error(grid, scene.spacing)
-        return max(known, 3.0 * surface_noise(texture, grid, 0.3))
+        return max(grid.side / 3.0, known, 3.0 * surface_noise(texture, grid, 0.3))
 
     def low_share(self, scene: Scene, grid: SurfaceGrid, label: Labels, count: int) -> Values:
         """Share of each component's raw points (count,) in the low bins of its height histogram."""

@@ -7,6 +7,8 @@ from typing import ClassVar
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from eaves.detect.stage import MIN_HEIGHT_M, ROOM_M, Detector, area_of_cells
@@ -49,8 +51,9 @@ class NormalEcho(Detector):
     (`ground.SmoothRegion`). None of its thresholds is printed, nor is k: all are ours. k follows the density,
     so that the noise of a range stays small against the neighbourhood. Added: a least width; and walls, small
     regions and echoes at most `wall_distance` from a roof in plan go back to it where they lie on it (ridges,
-    chimneys, rims), which the paper leaves out. The test of mean density removes next to nothing: where
-    echoes and small regions have left, what is left of a crown is as dense as a roof (docs/sources).
+    chimneys, rims), over which components are joined once more; the paper leaves them out. The test of mean
+    density removes next to nothing: where echoes and small regions have left, what is left of a crown is as
+    dense as a roof (docs/sources).
 
     Fails where
     -----------
@@ -148,7 +151,11 @@ class NormalEcho(Detector):
         le=1.0,
     )
     wall_distance: float = parameter(
-        1.0, "Walls and small regions this near to a roof in plan are its.", unit="m", off=0.0, ge=0.0
+        0.5,
+        "Walls and small regions this near to a roof in plan, a beam's width, are its.",
+        unit="m",
+        off=0.0,
+        ge=0.0,
     )
     on_roof: float = parameter(
         1.0, "Small regions this near to the roof's height are on it.", unit="m", ge=0.0
@@ -172,14 +179,24 @@ class NormalEcho(Detector):
             return Regions(number, np.zeros(0), part)
         xyz = cloud.xyz[rest] - [0.0, 0.0, np.floor(cloud.xyz[rest, 2].min())]
         again = local_planes(xyz, k, k)  # free of walls and trees
-        component = euclidean_components(xyz, again, self.join or max(0.8, 3.0 * scene.spacing))
+        join = self.join or max(0.8, 3.0 * scene.spacing)
+        component = euclidean_components(xyz, again, join)
         emit("components", numbers_of_all(component, rest, len(cloud)))
         emit("curvature", again.curvature)
         label, score = self.judge(scene, rest, component, again.curvature)
         number[rest] = label
         part[rest[label > 0]] = ROOF
         self.claim(cloud.xyz, off, number, part)
-        return Regions(number, score, part)
+        whole = np.flatnonzero(number)
+        if self.wall_distance == 0.0 or len(whole) <= k:
+            return Regions(number, score, part)
+        xyz = cloud.xyz[whole] - [0.0, 0.0, np.floor(cloud.xyz[whole, 2].min())]
+        linked = euclidean_components(xyz, local_planes(xyz, k, k), join)  # over what was claimed
+        size, pairs = len(score) + len(whole), (number[whole] - 1, linked + len(score))
+        links = coo_array((np.ones(len(whole), bool), pairs), shape=(size, size))
+        building = connected_components(links, directed=False)[1][: len(score)]
+        number[whole] = building[number[whole] - 1] + 1
+        return Regions(number, np.bincount(building, weights=score) / np.bincount(building), part)
 
     def separate(self, scene: Scene) -> NDArray[np.uint8]:
         """WALL, TREE, NOISE or 0 (N,): what the ground filter of the paper found, else found here."""

@@ -18,8 +18,8 @@ from eaves.model.scene import ROOF
 
 PUBLISHED_SPACING = 0.5
 """Spacing (m) of the paper's data: Vaihingen, 4 points/m²."""
-ALPHA_IN_SPACINGS = 2.4 / PUBLISHED_SPACING
-"""The printed radius of a contour's disc, in spacings of the paper's data."""
+ALPHA_M = 2.4
+"""The printed radius of a contour's disc (m)."""
 
 
 class PlanarPatches(Detector):
@@ -44,10 +44,11 @@ class PlanarPatches(Detector):
     area is taken on the cells, by closing with the same disc. The document names adaptive TIN and cites a
     slope filter; the ground here is Axelsson's adaptive TIN. Its numbers were set for 4 points/m², where a
     cell of 1.5 m is three spacings wide and holds nine points: by default the cell is three spacings wide,
-    but not under 1 m (a crown is as smooth as a roof over half a metre), and the counts of points grow with
-    what a cell holds. Not printed, and closed here: the slope that makes a facade; the fewest points of a
-    fit; the order of merging (the pair that likes each other best merges first, so the answer does not depend
-    on the scan); the cell two planes want (the one with more points gets it).
+    but not under 1 m (a crown is as smooth as a roof over half a metre); the counts of points stay as
+    printed, and the disc grows with the spacing of sparser scans. Not printed, and closed here: the slope
+    that makes a facade; the fewest points of a fit; the order of merging (the pair that likes each other best
+    merges first, so the answer does not depend on the scan); the cell two planes want (the one with more
+    points gets it).
 
     Fails where
     -----------
@@ -109,9 +110,9 @@ class PlanarPatches(Detector):
         step="region growth",
         gt=0.0,
     )
-    join_points: float | None = parameter(
-        None,
-        "A cell with more points of a plane than this joins it; default: 10 for 9 points a cell.",
+    join_points: float = parameter(
+        ...,
+        "A cell with more points of a plane than this joins it.",
         unit="point",
         published=10.0,
         printed_in="step 4",
@@ -135,9 +136,9 @@ class PlanarPatches(Detector):
         step="small planes take no part",
         ge=1,
     )
-    min_points: float | None = parameter(
-        None,
-        "Planes of fewer points are crowns; default: 10 for 9 points a cell.",
+    min_points: float = parameter(
+        ...,
+        "Planes of fewer points are crowns.",
         unit="point",
         published=10.0,
         printed_in="step 5",
@@ -147,10 +148,10 @@ class PlanarPatches(Detector):
     )
     alpha: float | None = parameter(
         None,
-        "Radius of the largest empty disc inside a building; default: 4.8 spacings.",
+        "Radius of the largest empty disc inside a building; default: 4.8 spacings, at least 2.4.",
         unit="m",
         symbol="α",
-        published=2.4,
+        published=ALPHA_M,
         printed_in="step 6",
         off=1e-3,
         step="contour by alpha shape",
@@ -181,15 +182,14 @@ class PlanarPatches(Detector):
         xyz = xyz - [0.0, 0.0, np.floor(xyz[:, 2].min())]
         side = self.cell or side_near(max(1.0, 3.0 * scene.spacing))
         cells = Cells.of(xyz, side)
-        expected = (side / scene.spacing) ** 2 / (1.5 / PUBLISHED_SPACING) ** 2
 
         sums, patch = self.find_patches(xyz, height, cells)
         emit("patches", patch.reshape(cells.shape))
         planes = self.merge_patches(sums, patch, cells)
         emit("merged patches", planes.plane.reshape(cells.shape).copy())
-        belongs = self.grow_planes(planes, xyz, cells, self.join_points or 10.0 * expected)
+        belongs = self.grow_planes(planes, xyz, cells, self.join_points)
         emit("grown planes", planes.plane.reshape(cells.shape))
-        building = self.cluster_planes(planes, cells, self.min_points or 10.0 * expected)
+        building = self.cluster_planes(planes, cells, self.min_points)
         emit("clusters", building.reshape(cells.shape))
 
         building = self.close_contours(building.reshape(cells.shape), side, scene.spacing).ravel()
@@ -273,7 +273,7 @@ class PlanarPatches(Detector):
         An alpha shape is what no empty disc of the radius can enter: the closing by that disc. Inner
         boundaries that stay open are filled when they are smaller than a courtyard.
         """
-        radius = (self.alpha or ALPHA_IN_SPACINGS * spacing) / side
+        radius = (self.alpha or ALPHA_M * max(1.0, spacing / PUBLISHED_SPACING)) / side
         margin = int(np.ceil(radius)) + 1
         whole = building.copy()
         for number, window in enumerate(ndimage.find_objects(building), 1):

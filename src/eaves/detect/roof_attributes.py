@@ -27,8 +27,6 @@ from eaves.detect.toolkit.surface_grid import (
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Regions, Scene, Values
 
-ROUGHNESS_OF_ERROR = 1.4
-"""Half a twist of four independent heights has their error; five of six have less than this many."""
 ANGLE_OF_ERROR = 1.65
 """Two slopes of independent errors differ by less than this many of one in three of four cases."""
 
@@ -50,13 +48,14 @@ class RoofAttributes(GrowthRules, Detector):
     Fidelity
     --------
     Equations, ground filter and the rule of gradient density are the document's. The density is counted on
-    the raw high cells, before anything is smoothed away, within a window: a segment of nearby cells. Its flow
-    chart and the figure of the three operators are not in the text; they are taken as (1) removal of cells
-    with fewer than three neighbours of like normal, (2) opening, by area and by the narrowest building,
-    (3) reconstruction by dilation under the normalised surface, cell by cell over cells of low gradient
-    density around which some are roof-like, and over the rim. No threshold is printed. The roughness of a
-    roof is that of its tiles and gutters, or of the scan, which the ground shows; where cells hold fewer than
-    two points the height of a cell on a slope is known to about half a spacing only.
+    the raw high cells, before anything is smoothed away, within a window: the document counts it in a
+    segmented range, a region, and this is a cell's own. Its flow chart and the figure of the three operators
+    are not in the text; they are taken as (1) removal of cells with fewer than three neighbours of like
+    normal, (2) opening, by area and by the narrowest building, (3) reconstruction by dilation under the
+    normalised surface, cell by cell over cells of low gradient density around which some are roof-like, and
+    over the rim. No threshold is printed. A ridge or hip of two faces of 45° is a roof's: across a cell it
+    twists its heights by √½ of a side, more than tiles, gutters and the scan do, whose roughness the ground
+    shows.
 
     Fails where
     -----------
@@ -89,7 +88,7 @@ class RoofAttributes(GrowthRules, Detector):
     )
     max_roughness: float | None = parameter(
         None,
-        "Rougher cells are no roof; default: 1.4 times the error of a height on a roof of 45°, or 3 "
+        "Rougher cells are no roof; default: √½ cells, as a fold of 45° across a cell twists it, or 3 "
         "times the ground's own.",
         unit="m",
         symbol="R",
@@ -154,7 +153,7 @@ class RoofAttributes(GrowthRules, Detector):
         emit("gradient density", np.where(high, density, np.nan))
         calm = high & (density <= self.max_density)
         emit("calm cells", calm)
-        smooth = calm & (rough <= (self.max_roughness or self.derived_roughness(scene, grid, rough)))
+        smooth = calm & (rough <= (self.max_roughness or self.derived_roughness(grid, rough)))
         like = self.like_normal or self.derived_angle(scene, grid)
         roof = smooth & (count_like(normal, smooth, like) >= self.like_neighbours)
         emit("roof-like cells", roof)
@@ -173,10 +172,9 @@ class RoofAttributes(GrowthRules, Detector):
         error = height_error(grid, scene.spacing) / grid.side
         return float(np.clip(np.degrees(ANGLE_OF_ERROR * error), 10.0, 45.0))
 
-    def derived_roughness(self, scene: Scene, grid: SurfaceGrid, rough: Values) -> float:
+    def derived_roughness(self, grid: SurfaceGrid, rough: Values) -> float:
         """The largest roughness (m) of a roof; see the parameter."""
-        known = ROUGHNESS_OF_ERROR * height_error(grid, scene.spacing)
-        return max(known, 3.0 * surface_noise(rough, grid, 0.3))
+        return float(max(grid.side * np.sqrt(0.5), 3.0 * surface_noise(rough, grid, 0.3)))
 
 
 def share_of(label: Labels, count: int, values: Values) -> Values:

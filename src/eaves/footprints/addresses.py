@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -50,17 +49,7 @@ def split_buildings(
         owner = nearest_part(building, [part.polygon for part in parts])
         for k, part in enumerate(parts):
             inside = owner == k
-            pieces.append(
-                replace(
-                    building,
-                    xyz=building.xyz[inside],
-                    point_id=building.point_id[inside],
-                    part=building.part[inside],
-                    not_last=None if building.not_last is None else building.not_last[inside],
-                    block=footprint,
-                    wall_certainty=certainty[k],
-                )
-            )
+            pieces.append(building.take(inside, block=footprint, wall_certainty=certainty[k]))
             reason = "no point of the block lies in this address"
             outlines.append(part if inside.any() else Failure("no_points", reason, "outline", part))
     return pieces, outlines

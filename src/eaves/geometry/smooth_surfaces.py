@@ -21,8 +21,9 @@ SMOOTH_ANGLE_DEG = 9.0
 """Largest angle between the normals of neighbours on one surface: roofs and streets pass, crowns break up."""
 NOISE_AREA_M2 = 5.0
 """Smaller smooth regions are noise: a bird, a crown, a chimney."""
-TREE_SHARE = 0.3
-"""Share of later echoes around a point that makes it a tree's: roofs have it on their rims only."""
+TREE_SHARE = 0.5
+"""Share of later echoes around a point that makes it a tree's: most of them. Rims and gardens on roofs have
+fewer."""
 
 
 def find_walls_and_trees(

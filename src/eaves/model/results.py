@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.model.arrays import Labels, Points
+from eaves.model.arrays import Labels, Mask, Points
 from eaves.model.block import Block, Bounds
 from eaves.model.building import BuildingModel, Failure, Footprint
 from eaves.model.doubt import Doubt
@@ -77,6 +78,11 @@ class BuildingPoints:
     """High points (K, 3) in and around the building that are no building's, until its outline is drawn."""
     around: Points | None = None
     """All points (K, 3) of the scan in and around the building, the ground's too; None where none asked."""
+
+    def take(self, inside: Mask, **changes: Any) -> BuildingPoints:
+        """The building with those of its points that a mask (N,) holds, and other fields changed."""
+        names = ("xyz", "point_id", "part", *(() if self.not_last is None else ("not_last",)))
+        return replace(self, **{name: getattr(self, name)[inside] for name in names}, **changes)
 
     @property
     def roof_not_last(self) -> NDArray[np.bool_] | None:

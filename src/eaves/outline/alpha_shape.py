@@ -9,9 +9,9 @@ from shapely import Polygon
 
 from eaves.geometry.rings import as_polygon
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Boundary, Failure, Points
+from eaves.model import Boundary, Failure, Labels, Points
 from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import SHARE, alpha_rings, triangulate_points
+from eaves.outline.toolkit.alpha import SHARE, alpha_parts, alpha_rings, triangulate_points
 
 ALPHA_IN_SPACINGS = 4.8
 """The published 2.4 m at the published density of 4 points/m², that is a spacing of 0.5 m."""
@@ -22,9 +22,9 @@ class AlphaShape(OutlineMethod):
 
     The outline encloses the points so tightly that no empty disc of radius `alpha` can enter it. It is made
     of the Delaunay triangles whose circumscribed disc is no larger than that. Its parts are connected over
-    edges, the largest is the building. Inner boundaries smaller than `min_hole` are chimneys and windows,
-    and are dropped; larger ones are courtyards. The zigzag of single points is taken out by Douglas and
-    Peucker's simplification.
+    edges, and each from an area of α² on is a building. Inner boundaries smaller than `min_hole` are chimneys
+    and windows, and are dropped; larger ones are courtyards. The zigzag of single points is taken out by
+    Douglas and Peucker's simplification.
 
     Formula
     -------
@@ -86,6 +86,10 @@ class AlphaShape(OutlineMethod):
         ge=0,
         le=1,
     )
+
+    def parts(self, points: Points, spacing: float) -> Labels:
+        alpha = self.alpha or ALPHA_IN_SPACINGS * spacing
+        return alpha_parts(points[:, :2], alpha, self.share)
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3)."""

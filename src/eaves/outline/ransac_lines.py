@@ -11,9 +11,9 @@ from shapely import Polygon
 from eaves.geometry.rings import as_polygon, signed_area
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Boundary, Failure, Points
+from eaves.model import Boundary, Failure, Labels, Points
 from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import SHARE, alpha_rings, triangulate_points
+from eaves.outline.toolkit.alpha import SHARE, alpha_parts, alpha_rings, triangulate_points
 from eaves.outline.toolkit.corners import Drawing, joined_edges, ring_of_edges
 from eaves.outline.toolkit.edges import RIGHT_ANGLE, OutlineEdges, common_axes, main_direction
 from eaves.outline.toolkit.polyline import FREE
@@ -67,10 +67,15 @@ class RansacLines(OutlineMethod):
     skip: int = parameter(2, "most boundary points in a row that a segment passes by", unit="points", ge=0)
     shortest: float = parameter(3.0, "shortest segment, in spacings", gt=0)
     tolerance: float = parameter(15.0, "largest turn into a main direction", unit="°", ge=0)
-    min_hole: float = parameter(50.0, "inner boundaries smaller than this are dropped", unit="m²", ge=0)
-    corner_reach: float = parameter(
-        5.0, "a corner farther than this from the boundary is cut off, in spacings", gt=0
+    min_hole: float = parameter(
+        50.0, "inner boundaries smaller than this are dropped", unit="m²", off=0.0, ge=0
     )
+    corner_reach: float = parameter(
+        5.0, "a corner farther than this from the boundary is cut off, in spacings", off=1e6, gt=0
+    )
+
+    def parts(self, points: Points, spacing: float) -> Labels:
+        return alpha_parts(points[:, :2], self.alpha * spacing, self.share)
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3)."""

@@ -12,7 +12,7 @@ from shapely import Polygon
 
 from eaves.geometry.rings import as_polygon
 from eaves.methods import Emit, Method, MethodChoice, emitter, ignore, resolve_method
-from eaves.model import Boundary, Failure, Footprint, Mask, Points
+from eaves.model import Boundary, Failure, Footprint, Labels, Mask, Points
 from eaves.model.checks import check_points, check_positive, check_type
 from eaves.model.cloud import canonical_order
 
@@ -24,8 +24,9 @@ class OutlineMethod(Method):
     """The contract of an outline method.
 
     `trace` gets the points (N, 3) of one region in canonical order and their spacing (m); it returns a
-    Boundary with at least one ring, or a Failure. `regularise` gets the boundaries of neighbours together and
-    returns for each one polygon (holes allowed), or a Failure in its place.
+    Boundary with at least one ring, or a Failure. Which points have an outline of their own `parts` says
+    before. `regularise` gets the boundaries of neighbours together and returns for each one polygon (holes
+    allowed), or a Failure in its place.
 
     Examples
     --------
@@ -35,6 +36,10 @@ class OutlineMethod(Method):
     """
 
     stage: ClassVar[str] = "outline"
+
+    def parts(self, points: Points, spacing: float) -> Labels:
+        """Numbers 0, 1, … (N,) of the points that have an outline each; one for all by default."""
+        return np.zeros(len(points), np.int32)
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The boundary of points; see the class."""

@@ -150,8 +150,9 @@ def make_recipe(
     source : str or None
         One of the published systems (`eaves.recipe.sources`): its chain is used where no method is given.
     published : bool
-        Methods given by name take the numbers that their papers print, and leave out what these do not have;
-        so do the classes of vegetation, water, wires and decks, unless `classes` names them.
+        Methods given by name take the numbers that their papers print, with a source those of its own paper
+        alone, and leave out what these do not have; so do the classes of vegetation, water, wires and decks,
+        unless `classes` names them.
     use_classes : bool
         Use the classes of the files.
     lod : str or None
@@ -181,9 +182,11 @@ def make_recipe(
     >>> recipe.ground.name, recipe.detect.name, recipe.roof.name
     ('smooth_region', 'normal_echo', 'global_refinement')
     """
+    of_paper: bool | str = published
     if source is not None:
         methods = {"units": "off", **with_source(source, methods)}  # no source divides blocks
         lod = lod or find_source(source).lod
+        of_paper = published and find_source(source).paper
     lod = lod or "2.2"
     classes = (GROUND, BUILDING) if published and classes is None else classes
     chosen = {stage: choice for stage, choice in (methods or {}).items() if choice is not None}
@@ -204,7 +207,7 @@ def make_recipe(
         if stage == "ground" and not is_named(choice):
             own = getattr(made["detect"], "ground_method", DEFAULTS["ground"])
             choice = {"method": own, **(choice if isinstance(choice, Mapping) else {})}
-        made[stage] = resolve_method(stage, choice, published)
+        made[stage] = resolve_method(stage, choice, of_paper)
     return Recipe(
         **made,  # type: ignore[arg-type]
         use_classes=use_classes,

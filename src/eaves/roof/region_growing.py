@@ -128,6 +128,7 @@ class RegionGrowing(RoofMethod):
         0.05,
         "How far (root mean square) a roof built as one plane may have bent, or falls to its drains.",
         unit="m",
+        off=0.0,
         ge=0.0,
     )
     noise_sample: int = parameter(

@@ -50,13 +50,13 @@ class GrowthRules(Method):
         3.5, "Side of the window in which the cells like a roof are counted.", unit="m", gt=0.0
     )
     min_share: float = parameter(
-        LIKE_SHARE, "Cores grow over cells around which this share is like a roof.", ge=0.0, le=1.0
+        LIKE_SHARE, "Cores grow over cells around which this share is like a roof.", off=1.0, ge=0.0, le=1.0
     )
     storey: float = parameter(
         STOREY_M, "Largest step in height between the parts of a building.", unit="m", gt=0.0
     )
     max_step: float = parameter(RIM_M, "Largest step in height at the rim.", unit="m", gt=0.0)
-    regrow: float = parameter(RIM_M, "How far the rim grows.", unit="m", ge=0.0)
+    regrow: float = parameter(RIM_M, "How far the rim grows.", unit="m", off=0.0, ge=0.0)
 
     @property
     def buffer(self) -> float:

@@ -65,8 +65,9 @@ class ContourGround(GroundMethod):
     )
     interval: float = parameter(0.5, "Height between contours.", unit="m", gt=0.0)
     longest_outline: float = parameter(
-        400.0,
-        "A closed contour longer than this lies on terrain.",
+        600.0,
+        "A closed contour longer than this, the outline of a block of houses of 200 m by 100 m, lies on "
+        "terrain.",
         unit="m",
         off=1e6,
         step="closed contours: length",

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from eaves.geometry.rings import signed_area, split_loops
 from eaves.geometry.tin import Tin
@@ -75,13 +76,7 @@ def alpha_rings(
     that hang together with it at `sparse` times the radius are taken in, in groups of `sparse_points` and
     more: there something stood between the roof and the scanner.
     """
-    for _ in range(WIDEN_TRIES):
-        kept = largest_part(mesh, mesh.radius <= radius)
-        inside = np.zeros(len(mesh.xy), np.bool_)
-        inside[mesh.triangles[kept]] = True
-        if inside.sum() >= share * len(inside):
-            break
-        radius *= WIDEN
+    kept, radius = widen(mesh, radius, share)
     if not kept.any():
         return ()
     if sparse > 1.0:
@@ -92,6 +87,38 @@ def alpha_rings(
     outer = int(np.argmax(areas))
     holes = [k for k in np.argsort(areas, kind="stable") if areas[k] < 0]
     return (loops[outer], *(loops[k] for k in holes))
+
+
+def widen(mesh: Mesh, radius: float, share: float) -> tuple[NDArray[np.bool_], float]:
+    """The largest part (T,) that holds `share` of the points, and the radius (m) widened for it."""
+    for tries in range(WIDEN_TRIES):
+        radius *= WIDEN if tries else 1.0
+        kept = largest_part(mesh, mesh.radius <= radius)
+        if len(np.unique(mesh.triangles[kept])) >= share * len(mesh.xy):
+            break
+    return kept, radius
+
+
+def alpha_parts(xy: NDArray[np.float64], radius: float, share: float) -> NDArray[np.int64]:
+    """The part 0, 1, … (N,) of the alpha shape that each point (N, 2) is a corner of, or nearest to.
+
+    A part counts from the square of the radius on: fewer triangles than that are strays.
+    """
+    number = np.full(len(xy), -1)
+    mesh = triangulate_points(xy)
+    if mesh is None:
+        return number + 1
+    radius = widen(mesh, radius, share)[1]
+    part, count = part_kernel(mesh.neighbours, mesh.radius <= radius)
+    area = np.bincount(part, weights=mesh.area, minlength=count + 1)
+    large = [k for k in np.argsort(area[1:], kind="stable") + 1 if area[k] >= radius**2]
+    for k in large:
+        number[mesh.triangles[part == k]] = k
+    if len(large) < 2:
+        return np.zeros_like(number)
+    inside = np.flatnonzero(number >= 0)
+    nearest = inside[cKDTree(xy[inside]).query(xy)[1]]
+    return np.asarray(np.unique(number[nearest], return_inverse=True)[1], np.int64)
 
 
 def largest_part(mesh: Mesh, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -91,12 +91,18 @@ class ParametricBuilding:
 
 
 def fit_building(
-    points: Points, plan: Polygon | None = None, standing: Points | None = None
+    points: Points,
+    plan: Polygon | None = None,
+    standing: Points | None = None,
+    *,
+    closed_only: bool = False,
 ) -> ParametricBuilding | Failure:
     """The parametric house under roof points (N, 3), or a Failure when there are too few.
 
     With a ground plan, place, orientation, length and width are those of its least rectangle. Points
-    `standing` on the roof (M, 3), of dormers, are not fitted, but the roof reaches on under them.
+    `standing` on the roof (M, 3), of dormers, are not fitted, but the roof reaches on under them. With
+    `closed_only` nothing is fitted: roof, edges and heights are those of the closed solution, and how sure
+    they are is not known (NaN).
     """
     if len(points) < FEWEST_POINTS:
         return Failure("too_few_points", f"{len(points)} roof points for a parametric house", "reconstruct")
@@ -107,6 +113,8 @@ def fit_building(
     growth = border_growth(len(points))
     level = float(np.tan(np.radians(FLAT_SLOPE_DEG)) * np.sqrt(12.0 * moments.area) / 4.0)
     closed = closed_form(moments, level, growth)
+    if closed_only:
+        return closed_building(points, closed, covered_area(points, triangles) * growth**2)
     best = choose_fit(points, closed)
     inlier = np.abs(best.residuals) <= CUT * best.scale
     if best.form == HIP and max(end_falls(best, *measure_edges(best, points[inlier])[:4])) < HIP_FALL:
@@ -124,6 +132,22 @@ def fit_building(
         frame = measure_edges(best, np.vstack([points[rim], hiding(best, above, points[rim])]))
     covered = covered_area(points, triangles) * growth**2
     return describe_building(best, closed, frame, inlier, covered)
+
+
+def closed_building(points: Points, closed: ClosedForm, covered: float) -> ParametricBuilding:
+    """The house of the closed solution alone, over points (N, 3) that cover so much (m²)."""
+    form = {"flat": PLANE, "shed": PLANE, "gable": GABLE}.get(closed.roof, HIP)
+    start = start_of(form, closed)
+    if form != PLANE:
+        start[TOP] = closed.ridge
+        start[[LEFT_SLOPE, RIGHT_SLOPE, END_SLOPE]] = 2.0 * abs(closed.rise) / closed.width
+    if closed.roof == "pyramid":
+        start[HALF_RIDGE], start[END_SLOPE] = 0.0, 2.0 * abs(closed.rise) / closed.length
+    fit = fit_parametric_roof(form, points, np.array([closed.x, closed.y]), start, LEAST_NOISE, 1)
+    fit = replace(fit, covariance=np.full_like(fit.covariance, np.nan))
+    along, across = 0.5 * closed.length, 0.5 * closed.width
+    frame = (-along, along, -across, across, np.nan, np.nan)
+    return describe_building(fit, closed, frame, np.abs(fit.residuals) <= CUT * fit.scale, covered)
 
 
 def hiding(fit: ParametricFit, above: Points, rim: Points) -> Points:
@@ -246,7 +270,7 @@ def describe_building(
         "ridge": float(
             np.sqrt(variance[TOP]) if fit.form != PLANE else np.hypot(np.sqrt(variance[TOP]), edge)
         ),
-        "eaves": float(np.sqrt(variance[TOP] + edge**2 + (tangent * side_deviation) ** 2)),
+        "eaves": float(np.sqrt(variance[TOP] + edge**2 + np.nan_to_num(tangent * side_deviation) ** 2)),
         "slope": float(np.sqrt(slope_variance) / (1.0 + tangent**2)),
     }
     inside = fit.residuals[inlier]
@@ -338,6 +362,8 @@ def orientation_deviation(
     side_deviation: float,
 ) -> float:
     """Standard deviation (radians) of the orientation: of the fit, or of the edges for a single plane."""
+    if np.isnan(side_deviation):  # the plan's own
+        return side_deviation
     if fit.form != PLANE:
         return float(np.sqrt(variance[ANGLE]))
     if abs(fit.parameters[END_SLOPE]) < 1e-9:  # turned to its fall

@@ -34,7 +34,8 @@ WIDEST_TURN = 0.16
 def take_plan(
     fit: ParametricFit, points: Points, plan: Polygon
 ) -> tuple[ParametricFit, tuple[float, float, float, float, float, float]]:
-    """The fit to points (N, 3) in the axes of the plan's least rectangle, and its edges, which are exact."""
+    """The fit to points (N, 3) in the axes of the plan's least rectangle, and its edges: how sure those are,
+    only the plan's maker knows (NaN)."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(plan))
     side = corners[1] - corners[0]
     turn = np.arctan2(side[1], side[0]) - fit.parameters[ANGLE]
@@ -48,7 +49,7 @@ def take_plan(
         start[ANGLE] += turn
         fit = fit_parametric_roof(fit.form, points, fit.centre, start, LEAST_NOISE, turns=False)
     along, across = fit.axes(corners)
-    return fit, (along.min(), along.max(), across.min(), across.max(), 0.0, 0.0)
+    return fit, (along.min(), along.max(), across.min(), across.max(), np.nan, np.nan)
 
 
 def settle_axes(fit: ParametricFit, points: Points) -> ParametricFit:

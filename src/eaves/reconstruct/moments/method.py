@@ -80,6 +80,9 @@ class Moments(Reconstructor, PartLimits):
         ge=0.0,
         le=1.0,
     )
+    closed_only: bool = parameter(
+        False, "Leave the fit out: the closed solution alone makes the roof, without standard deviations."
+    )
     unexplained_share: float = parameter(
         0.2, "Share of the roof points that neither the roof nor its parts need explain.", ge=0.0, le=1.0
     )
@@ -96,7 +99,9 @@ class Moments(Reconstructor, PartLimits):
         finite = points[np.isfinite(points).all(axis=1)]
         roof = finite[roof_point_mask(finite)]
         roof = roof[canonical_order(roof)]
-        house = fit_building(roof, footprint.polygon if self.ground_plan else None)
+        house = fit_building(
+            roof, footprint.polygon if self.ground_plan else None, closed_only=self.closed_only
+        )
         if isinstance(house, Failure):
             return replace(house, footprint=footprint)
         emit("closed solution", house.closed)
@@ -164,11 +169,12 @@ def measures(house: ParametricBuilding, parts: list[RoofPart]) -> dict[str, Any]
     answer: dict[str, Any] = {"house_type": house.roof, "house_parts": len(parts), "house_rmse_m": house.rmse}
     for name in ("length", "width", "eaves", "ridge"):
         answer[f"house_{name}_m"] = getattr(house, name)
-        answer[f"house_{name}_sd_m"] = deviations[name]
+        answer[f"house_{name}_sd_m"] = deviations[name] if np.isfinite(deviations[name]) else None
         answer[f"house_{name}_closed_m"] = getattr(closed, name)
     for name, value in (("orientation", house.orientation), ("slope", house.slope)):
         answer[f"house_{name}_deg"] = float(np.degrees(value))
-        answer[f"house_{name}_sd_deg"] = float(np.degrees(deviations[name]))
+        known = np.isfinite(deviations[name])
+        answer[f"house_{name}_sd_deg"] = float(np.degrees(deviations[name])) if known else None
     answer["house_orientation_closed_deg"] = float(np.degrees(closed.orientation))
     answer["house_slope_closed_deg"] = float(np.degrees(closed.slope))
     answer["house_ridge_offset_m"] = house.ridge_offset
