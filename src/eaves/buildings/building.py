@@ -30,6 +30,9 @@ from eaves.validate.models import find_invalid
 OBJECTS = "2.2"
 """The first level of detail with objects on the roof."""
 
+STRAIGHT_M, FAR_M = 0.05, 1.0
+"""A corner stands out by more; ground seen farther off (m) does not show where a building ends."""
+
 MEASURED, INTERPOLATED, NEAREST = "measured", "interpolated", "nearest ground"
 """Where the height of a base can be from; the column `ground_source` says it."""
 
@@ -136,6 +139,8 @@ def building_pass(
         answer = answer if answer.lod == described else measure_again(answer)
         facts = {"h_ground": terrain, **unit_attributes(footprint, building)}
         facts |= ground_facts(footprint, building)
+        if building.given is None:
+            facts |= outline_facts(footprint, building)
         answer = answer.with_(attributes={**answer.attributes, **facts})
     return BuildingResult(answer, building.point_id, plane, clock.laps)
 
@@ -198,6 +203,26 @@ def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, ob
     if beside is None:
         beside = is_seen_beside(footprint.polygon, building.ground_seen)
     return {"ground_source": MEASURED if beside else INTERPOLATED}
+
+
+def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
+    """How an outline that was not given looks: its corners, the share of the least rectangle around it that
+    it fills, and the share of it, but for walls to other units, that has no seen ground within `FAR_M`."""
+    polygon = footprint.polygon
+    plain = polygon.simplify(STRAIGHT_M)
+    facts: dict[str, object] = {
+        "corners": shapely.get_num_coordinates(plain) - len(shapely.get_rings(plain)),
+        "box_share": round(float(polygon.area / polygon.minimum_rotated_rectangle.area), 3),
+    }
+    if building.ground_seen is not None:
+        whole = polygon if building.block is None else building.block.polygon
+        rim = shapely.get_coordinates(shapely.segmentize(polygon, CELL))
+        rim = rim[shapely.distance(shapely.points(rim), whole.boundary) <= 0.5 * CELL]
+        ground = cells_of(building.ground_seen)
+        ground = ground[~shapely.contains_xy(whole, ground)]
+        away = cKDTree(ground).query(rim)[0] if len(ground) else np.full(len(rim), np.inf)
+        facts["hidden_share"] = round(float(np.mean(away > FAR_M + 0.5 * CELL)), 3) if len(rim) else 0.0
+    return facts
 
 
 def keep_valid(model: BuildingModel, finest: str, unit_m: float = 1.0) -> BuildingModel | Failure:

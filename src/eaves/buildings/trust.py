@@ -8,23 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-HIGH, LOW = 0.9, 0.6
+HIGH, LOW = 0.85, 0.6
 """Least probability that a building is right for high, and for medium trust."""
 
-WEIGHTS = {"one": 1.56, "error": -0.6, "empty": -1.41, "sparse": -1.06, "score": -0.41, "small": -1.2}
+WEIGHTS = {"one": 1.27, "error": -1.27, "empty": -4.96, "corners": -1.7, "hidden": -4.31, "notched": -4.56}
 """Of the traits in the log-odds that a building is right; from `python -m benchmarks.accuracy.trust`."""
 
-LEAST_ERROR_M, MOST_ERROR_M = 0.03, 2.0
-"""The RMSE counts within these: less is noise, more is no roof."""
-
-ENOUGH = 8.0
-"""Points per m² of which more say no more."""
-
-LEAST_SCORE = 0.01
-"""Detection scores count down to this and up to as much below 1."""
-
-LARGE_M2 = 60.0
-"""Of a larger building the rim, where an outline errs, is a small share of the plan."""
+LEAST_ERROR_M, MOST_ERROR_M = 0.1, 2.0
+"""The RMSE counts within these: less is the noise of some scanner, more is no roof."""
 
 DETAILED = "2.2"
 """At this level the whole roof is modelled; why there is no finer one says nothing of the roof."""
@@ -38,19 +29,21 @@ SEEN_FROM_AFAR = ("interpolated", "nearest ground")
 
 def trust_traits(row: Mapping[str, Any]) -> NDArray[np.float64]:
     """The traits (6,) that `WEIGHTS` weigh: 1, logarithm of the RMSE of the best 95 % over that of noise,
-    share without data, logarithms of how sparse the points are, of the odds against the detection, and of
-    how small the building is.
+    share without data, logarithm of the corners over the root of the area, share of the outline beside which
+    no ground was seen, share of the least rectangle around it that is not filled.
+
+    An outline that was given is not judged: it counts as a rectangle in sight.
     """
-    error, density, area = row.get("rmse95_m"), row.get("density"), row.get("area_m2")
-    score = float(np.clip(row.get("score", 1.0), LEAST_SCORE, 1.0 - LEAST_SCORE))
+    error, area = row.get("rmse95_m"), max(row.get("area_m2") or 0.0, 1.0)
+    box = row.get("box_share")
     return np.array(
         [
             1.0,
             0.0 if error is None else np.log(np.clip(error, LEAST_ERROR_M, MOST_ERROR_M) / LEAST_ERROR_M),
             row.get("share_no_data") or 0.0,
-            0.0 if not density else max(float(np.log(ENOUGH / density)), 0.0),
-            float(np.log((1.0 - score) / score)),
-            0.0 if not area else max(float(np.log(LARGE_M2 / area)), 0.0),
+            np.log(max(row.get("corners") or 0, 4) / np.sqrt(area)),
+            row.get("hidden_share") or 0.0,
+            0.0 if box is None else 1.0 - box,
         ]
     )
 
@@ -59,8 +52,9 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     """The class of trust of a building (high, medium, low), how likely it is wrong (0 to 1), and the reasons
     in words.
 
-    Right is a building of which nine tenths of the plan lie within 0.2 m of the true roof. What towns of
-    which everything is known do not show lowers the class by itself: a roof that its points do not support,
+    Right is a building of which nine tenths of the plan lie within 0.2 m of the true roof, and nine tenths of
+    the outline within 1 m of the true one, and the other way round. What towns of which everything is known
+    do not show lowers the class by itself: a roof that its points do not support,
     a coarser model, an uncertain party wall, a base that no ground beside the building shows.
 
     Examples
@@ -90,13 +84,13 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
 WORDS = {
     "error": "its points lie {rmse95_m:.2f} m from the roof (RMSE)",
     "empty": "{share_no_data:.0%} of its plan has no points",
-    "sparse": "{density:.1f} points/m²",
-    "small": "only {area_m2:.0f} m²: its rim is much of it",
-    "score": "detection score {score:.2f}",
+    "corners": "{corners} corners on {area_m2:.0f} m²",
+    "hidden": "no ground was seen beside {hidden_share:.0%} of its outline",
+    "notched": "its outline fills only {box_share:.0%} of a rectangle",
 }
 """The fault that a trait shows, in words."""
 
-SMALL_DOUBTS = "no single reason: error, points without data and detection together"
+SMALL_DOUBTS = "no single reason: error, points without data and outline together"
 
 
 def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:

@@ -70,6 +70,9 @@ COLUMNS: dict[str, Column] = {
     "points": Column("Points", "", "number of points", int),
     "density": Column("Density", "points/m²", "points over the area of the footprint"),
     "share_no_data": Column("Share without data", "", "share of the 1 m cells that hold no point"),
+    "corners": Column("Corners", "", "of the outline, where it was not given", int),
+    "box_share": Column("Share of the box", "", "of the least rectangle around the outline, filled"),
+    "hidden_share": Column("Hidden share", "", "share of the outline beside which no ground was seen"),
     "no_data": Column("No data", "", "over half of the face has no points: filled in, not measured", bool),
     "building_id": Column("Building", "", "id of the building that the face belongs to", str),
     "slope_deg": Column("Slope", "°", "from the horizontal"),
@@ -184,6 +187,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         *("overhang_known_share", "open_share", "stands_free", "wall_certainty", "ground_source"),
         *("ground_distance_m", "party_wall_area_m2", "free_wall_area_m2", "free_wall_n_m2", "free_wall_e_m2"),
         *("free_wall_s_m2", "free_wall_w_m2", "envelope_m2", "envelope_per_volume"),
+        *("corners", "box_share", "hidden_share"),
     ),
     "roof_planes": (
         *("building_id", "lod", "slope_deg", "azimuth_deg", "area_m2", "projected_m2", "rmse_m", "points"),
