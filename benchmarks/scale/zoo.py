@@ -2,10 +2,10 @@
 
 usage: python -m benchmarks.scale.zoo FOLDER [--mutations 10] [--seed 1]
 
-FOLDER holds LAS, LAZ and COPC samples, a folder for each project that they come from. Each file is opened as
-a build opens it, in a process of its own whose memory and time are bounded; its points are compared with those
-of laspy one by one. What is refused must be refused in one line with the file, the rule and the remedy. A system
-that a build refuses (degrees, conflicts) leaves the points to be compared with a system that is given.
+FOLDER holds LAS, LAZ and COPC samples, a folder for each project that they come from. Each file is opened
+as a build opens it, in a process of its own whose memory and time are bounded; its points are compared with
+those of laspy one by one. What is refused must be refused in one line with the file, the rule and the remedy.
+A system that a build refuses (degrees, conflicts) leaves the points to be compared with one that is given.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from eaves.formats.inputs import LAS_SUFFIXES
 from eaves.formats.points.source import has_coordinates
 from eaves.run.index import index_inputs
 
-SECONDS = 60
+SECONDS = 30
 """A file that takes longer hangs."""
-ROOM_BYTES = 6 << 30
+ROOM_BYTES = 3 << 30
 LARGEST_TRUTH = 50_000_000
-"""More points than any sample has: a header that states them is wrong, and laspy would fill memory with it."""
+"""More points than any sample has, and laspy would fill memory with what a wrong header states."""
 PLANE = "EPSG:3857"
 """The system given in place of one that no build takes, so that the points can be compared all the same."""
 SAME, SYSTEM, SALVAGED = "same points", "its system refused", "only with --salvage"

@@ -113,6 +113,19 @@ def test_feet_without_a_system_are_refused__by_the_blind_range_of_the_scanner(tm
         index(flown(tmp_path / "feet.laz", 60.0, 10.0, 0.3048, gps=False, blind=2.5))
 
 
+@pytest.mark.parametrize("unit", ["0", "-1"])
+def test_a_system_with_a_unit_of_no_length_is_one_line(tmp_path: Path, unit: str) -> None:
+    path = tmp_path / "a.laz"
+    write_laz(path, PATCH + [500_000, 5_000_000, 0], None)
+    las, wkt = laspy.read(path), parse_crs("EPSG:32631").to_wkt("WKT1_GDAL")
+    broken = wkt.replace('UNIT["metre",1', f'UNIT["metre",{unit}')
+    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(broken))
+    las.header.global_encoding.wkt = True
+    las.write(path)
+    with pytest.raises(InputError, match=r"a\.laz: .* has units of .* --crs"):
+        index(path)
+
+
 def test_a_place_nothing_explains_is_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     write_laz(tmp_path / "a.laz", PATCH + [2_000_000, 2_000_000, 0], 28992)
     with caplog.at_level(logging.WARNING, "eaves"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
@@ -87,6 +88,12 @@ def system_of(
     upright = [axis.unit_conversion_factor for axis in axes if axis.direction in ("up", "down")]
     unit = flat[0] if flat else 1.0
     height_unit = upright[0] if upright else unit
+    if not all(math.isfinite(length) and length > 0 for length in (unit, height_unit)):
+        raise InputError.about(
+            path,
+            f"{horizontal.name} has units of {unit:g} m, {height_unit:g} m upright",
+            "pass the right system with crs= or --crs",
+        )
     if vertical_unit is not None and abs(vertical_unit - height_unit) > SAME_UNIT * height_unit:
         height_unit, plain = vertical_unit, _with_heights_in(horizontal, vertical_unit)
     code = code_of(plain) if named else None
