@@ -99,7 +99,7 @@ def flying_speed(xyz: Points, time: NDArray[np.float64]) -> float | None:
     return float(np.median(speeds)) if speeds else None
 
 
-def return_gap(xyz: Points, number: NDArray[np.uint8], of: NDArray[np.uint8]) -> float | None:
+def return_gap(xyz: Points, number: NDArray[np.integer], of: NDArray[np.integer]) -> float | None:
     """The distance (units of length) that all but 2 % of the neighbouring returns of a pulse keep.
 
     Parameters
