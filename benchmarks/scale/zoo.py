@@ -83,9 +83,9 @@ def compare(source: Source, known: laspy.LasData) -> str:
     return f"{int(differing.sum())} points left out or too many" if differing.any() else SAME
 
 
-def verdict(path: Path) -> tuple[str, str]:
+def verdict(path: Path, compared_to_laspy: bool) -> tuple[str, str]:
     """What becomes of a file in a build, and the line that it is refused with."""
-    known, refusal = truth(path), ""
+    known, refusal = truth(path) if compared_to_laspy else None, ""
     try:
         try:
             index = index_inputs([path], None, [])
@@ -123,28 +123,31 @@ def one_line(path: Path, text: str) -> str:
     return text.removeprefix(f"{path}: ")
 
 
-def _answer(path: Path, pipe: Connection) -> None:
+def _answer(path: Path, compared_to_laspy: bool, pipe: Connection) -> None:
     logging.disable()
     limit = ROOM_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     try:
-        pipe.send(verdict(path))
+        pipe.send(verdict(path, compared_to_laspy))
     except BaseException as error:
         pipe.send((f"traceback: {type(error).__name__}", str(error)[:200]))
 
 
 def judge(path: Path) -> tuple[str, str]:
-    """The verdict of a process of its own."""
+    """The verdict of a process of its own; of a second one without laspy, where laspy ended the first."""
+    return ask(path, True) or ask(path, False) or ("dies or hangs", "")
+
+
+def ask(path: Path, compared_to_laspy: bool) -> tuple[str, str] | None:
+    """The verdict of one process, None where it ends without."""
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(False)
-    process = context.Process(target=_answer, args=(path, theirs))
+    process = context.Process(target=_answer, args=(path, compared_to_laspy, theirs))
     process.start()
     theirs.close()
-    answer = ("hangs", "")
+    answer: tuple[str, str] | None = None
     with suppress(EOFError):
-        answer = ours.recv() if ours.poll(SECONDS) else answer
-        if answer[0] == "hangs" and process.exitcode is not None:
-            answer = ("dies", f"exit {process.exitcode}")
+        answer = ours.recv() if ours.poll(SECONDS) else None
     process.kill()
     process.join()
     return answer

@@ -20,6 +20,8 @@ FASTEST = 120.0
 are 150 to 280 for an aeroplane."""
 BLIND = 6.0
 """No scanner is blind for so long (m) behind a return: modern ones for 0.4 to 1, those of 2000 for 4."""
+FOOT = 0.3048
+"""Metres; what is too much in feet, too, says nothing."""
 LOOKED_AT = 300_000
 """Points that are looked at."""
 PASS_GAP = 1.0
@@ -58,11 +60,11 @@ def why_not_metres(header: LasHeader) -> str | None:
     if header.point_format in TIME_AT:
         start = TIME_AT[header.point_format]
         speed = flying_speed(xyz, np.ascontiguousarray(records[:, start : start + 8]).view("<f8")[:, 0])
-        if speed is not None and speed > FASTEST:
+        if speed is not None and FASTEST < speed <= FASTEST / FOOT:
             return f"were scanned at {speed:.0f} units a second, faster in metres than any survey is flown"
     bits, shift = (15, 4) if header.point_format >= 6 else (7, 3)
     gap = return_gap(xyz, records[:, 14] & bits, records[:, 14] >> shift & bits)
-    if gap is not None and gap > BLIND:
+    if gap is not None and BLIND < gap <= BLIND / FOOT:
         return (
             f"have returns of one pulse no nearer than {gap:.1f} units, farther in metres than any scanner's"
         )
