@@ -125,6 +125,14 @@ def test_a_wrong_record_length_is_refused(tmp_path: Path, files: dict[str, bytes
         assert outcome(tmp_path / "a.laz", patched(files["copc"], form, place, value)) is None
 
 
+def test_a_wrong_number_of_records_is_salvaged(tmp_path: Path, files: dict[str, bytes]) -> None:
+    path = tmp_path / "a.las"
+    path.write_bytes(patched(files["las"], "<I", 100, 9999))
+    with pytest.raises(InputError, match="--salvage"):
+        open_source(path)
+    assert open_source(path, salvage=True).count == COUNT
+
+
 @pytest.mark.usefixtures("bounded")
 def test_a_wrong_bounding_box_is_measured(tmp_path: Path, files: dict[str, bytes]) -> None:
     whole = tmp_path / "whole.las"

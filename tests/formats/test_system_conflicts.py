@@ -72,6 +72,60 @@ def test_a_system_of_no_place_gives_way_to_the_one_that_is_given(
     assert "site grid; --crs is taken" in caplog.text
 
 
+def flown(path: Path, speed: float, heading: float, unit: float, gps: bool, blind: float = 0.7) -> Path:
+    """A strip of a scan without a system: 4 s at a speed (m/s), two returns a pulse at least `blind` (m)
+    apart, in a unit (m)."""
+    rng = np.random.default_rng(3)
+    time = np.sort(rng.uniform(0.0, 4.0, 2000))
+    along, across = speed * time, 200.0 * np.sin(700.0 * time)
+    east, north = np.sin(np.radians(heading)), np.cos(np.radians(heading))
+    first = np.column_stack(
+        [along * east + across * north, along * north - across * east, rng.uniform(0.0, 9.0, 2000)]
+    )
+    last = first - np.column_stack([np.zeros((2000, 2)), blind + rng.exponential(3.0, 2000)])
+    las = laspy.LasData(laspy.LasHeader(version="1.4", point_format=6 if gps else 0))
+    las.header.scales = np.full(3, 0.001)
+    las.x, las.y, las.z = np.stack([first, last], 1).reshape(-1, 3).T / unit + 5000.0
+    las.return_number, las.number_of_returns = np.tile([1, 2], 2000), np.full(4000, 2)
+    if gps:
+        las.gps_time = np.repeat(time, 2) + 3e8
+    las.write(path)
+    return path
+
+
+@pytest.mark.parametrize("heading", [0.0, 30.0, 75.0])
+@pytest.mark.parametrize("speed", [45.0, 60.0, 85.0])
+def test_feet_without_a_system_are_refused__by_the_speed_of_the_flight(
+    tmp_path: Path, speed: float, heading: float
+) -> None:
+    assert index(flown(tmp_path / "m.laz", speed, heading, 1.0, gps=True)) is None
+    feet = flown(tmp_path / "feet.laz", speed, heading, 0.3048, gps=True)
+    with pytest.raises(InputError, match=r"units a second.*they are in feet; .*--crs feet or us-feet"):
+        index(feet)
+    assert index_inputs([feet], "feet", []).system.unit_m == (0.3048, 0.3048, 0.3048)
+    assert index_inputs([feet], "metres", []).system.unit_m == (1.0, 1.0, 1.0)
+
+
+def test_feet_without_a_system_are_refused__by_the_blind_range_of_the_scanner(tmp_path: Path) -> None:
+    for blind in (0.5, 2.5, 4.0):
+        assert index(flown(tmp_path / "m.laz", 60.0, 10.0, 1.0, gps=False, blind=blind)) is None
+    with pytest.raises(InputError, match="returns of one pulse no nearer than"):
+        index(flown(tmp_path / "feet.laz", 60.0, 10.0, 0.3048, gps=False, blind=2.5))
+
+
+@pytest.mark.parametrize("unit", ["0", "-1"])
+def test_a_system_with_a_unit_of_no_length_is_one_line(tmp_path: Path, unit: str) -> None:
+    path = tmp_path / "a.laz"
+    write_laz(path, PATCH + [500_000, 5_000_000, 0], None)
+    las, wkt = laspy.read(path), parse_crs("EPSG:32631").to_wkt("WKT1_GDAL")
+    broken = wkt.replace('UNIT["metre",1', f'UNIT["metre",{unit}')
+    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(broken))
+    las.header.global_encoding.wkt = True
+    las.write(path)
+    with pytest.raises(InputError, match=r"a\.laz: .* has units of .* --crs"):
+        index(path)
+
+
 def test_a_place_nothing_explains_is_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     write_laz(tmp_path / "a.laz", PATCH + [2_000_000, 2_000_000, 0], 28992)
     with caplog.at_level(logging.WARNING, "eaves"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
@@ -15,13 +16,15 @@ from pyproj.exceptions import CRSError
 from eaves.formats.errors import InputError
 from eaves.model import CoordinateSystem
 
+LENGTHS = {"metres": 1.0, "feet": 0.3048, "us-feet": 1200 / 3937}
+"""Words that stand for a local plane in a unit (m), where data have no place on Earth."""
 SAME_UNIT = 1e-9
 """Relative difference under which two units are one: the two feet differ by 2e-6."""
 
 
 def parse_crs(text: str, path: str | Path = "--crs") -> pyproj.CRS:
-    """The system a text names: `EPSG:28992`, `28992+5709`, WKT, PROJJSON, or the path of a file with one
-    of the last.
+    """The system a text names: `EPSG:28992`, `28992+5709`, WKT, PROJJSON, the path of a file with one
+    of the last, or `metres`, `feet`, `us-feet` for a local plane.
 
     Raises
     ------
@@ -29,6 +32,11 @@ def parse_crs(text: str, path: str | Path = "--crs") -> pyproj.CRS:
         When it names none; `path` is what the message blames.
     """
     code = text.strip()
+    if code in LENGTHS:
+        return pyproj.CRS.from_wkt(
+            f'ENGCRS["local plane in {code}",EDATUM["local"],CS[Cartesian,2],AXIS["x",east],AXIS["y",north],'
+            f'LENGTHUNIT["{code}",{LENGTHS[code]!r}]]'
+        )
     try:
         if not set(code) & set("[{") and Path(code).is_file():
             code = Path(code).read_text(encoding="utf-8").strip()
@@ -40,7 +48,8 @@ def parse_crs(text: str, path: str | Path = "--crs") -> pyproj.CRS:
         raise InputError.about(
             path,
             f"'{shown}' names no coordinate system",
-            "give an EPSG code (EPSG:28992), a compound one (28992+5709), or a file with WKT or PROJJSON",
+            "give an EPSG code (EPSG:28992), a compound one (28992+5709), a file with WKT or PROJJSON, or "
+            "metres, feet or us-feet of a local plane",
         ) from None
 
 
@@ -79,6 +88,12 @@ def system_of(
     upright = [axis.unit_conversion_factor for axis in axes if axis.direction in ("up", "down")]
     unit = flat[0] if flat else 1.0
     height_unit = upright[0] if upright else unit
+    if not all(math.isfinite(length) and length > 0 for length in (unit, height_unit)):
+        raise InputError.about(
+            path,
+            f"{horizontal.name} has units of {unit:g} m, {height_unit:g} m upright",
+            "pass the right system with crs= or --crs",
+        )
     if vertical_unit is not None and abs(vertical_unit - height_unit) > SAME_UNIT * height_unit:
         height_unit, plain = vertical_unit, _with_heights_in(horizontal, vertical_unit)
     code = code_of(plain) if named else None

@@ -18,9 +18,11 @@ from eaves.formats import InputError, Source, open_source
 from eaves.formats.crs import agree
 from eaves.formats.crs_check import refuse_conflict, refuse_numbers
 from eaves.formats.points.las_header import LasHeader
+from eaves.formats.points.plausible import likely_systems, why_not_metres
 from eaves.formats.points.recovery import check_chunks
-from eaves.formats.points.source import FIELDS, open_marked, warn_without_system
+from eaves.formats.points.source import FIELDS, is_simulated, open_marked, warn_without_system
 from eaves.model import Bounds, CoordinateSystem, Mask
+from eaves.model.coordinates import LOCAL_METRES
 
 log = logging.getLogger("eaves")
 
@@ -203,6 +205,8 @@ def index_inputs(
         raise InputError(failed[0])
     system = agree((path, system) for system, path in systems.items())
     index = Index(entries[:number].copy(), bytes(names), system, crs, kept)
+    if system == LOCAL_METRES and crs is None and not crs_force:
+        refuse_feet(index)
     warn_without_system(system, index.path(0), number)
     if wrong_boxes:
         log.warning(
@@ -233,6 +237,33 @@ def open_or_salvage(path: str | Path, crs: str | None, salvage: bool) -> tuple[S
     if stated is not None:
         log.warning("%s: the header counts %d points, %d are there and used", path, stated, source.count)
     return source, mark
+
+
+def refuse_feet(index: Index) -> None:
+    """Check that the coordinates of inputs without a system can be metres; the largest input is looked at.
+
+    Raises
+    ------
+    InputError
+        When they cannot.
+    """
+    source = index.source(int(index.entries["count"].argmax()))
+    if not isinstance(source.layout, LasHeader) or is_simulated(source.path):
+        return
+    try:
+        reason = why_not_metres(source.layout)
+    except InputError:  # of a damaged file; reading it will say so
+        return
+    if reason is None:
+        return
+    box = source.bounds
+    systems = likely_systems((box.west + box.east) / 2, (box.south + box.north) / 2)
+    fitting = f" (in feet, the place fits {', '.join(systems)})" if systems else ""
+    raise InputError.about(
+        source.path,
+        f"has no coordinate system, and its points {reason}: they are in feet",
+        f"pass their system with --crs{fitting}, or --crs feet or us-feet; --crs metres if they are metres",
+    )
 
 
 def refuse_system(source: Source, crs: str | None) -> None:

@@ -99,7 +99,8 @@ class RunOptions(TypedDict, total=False):
     crs: Annotated[
         str | None,
         Option(
-            "EPSG code, compound code (28992+5709), or a file with WKT or PROJJSON, where files say none.",
+            "EPSG code, compound code (28992+5709), a file with WKT or PROJJSON, or metres, feet or us-feet "
+            "of a local plane, where files say none.",
             again=True,
             panel="input",
         ),

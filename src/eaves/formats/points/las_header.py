@@ -31,6 +31,7 @@ BOMB_POINTS, BOMB_POINTS_PER_BYTE = 20_000_000, 50
 LARGE_AREA, SPARSEST, BESIDE = 1e8, 1e-3, 1.0
 """A box is a lie with more square units and fewer points on each, or its first point more units outside."""
 COPY_AGAIN = "copy or download it again"
+SALVAGE = f"{COPY_AGAIN}, or use what is whole of it with --salvage"
 WRITE_AGAIN = "write it again with another tool (for example lasinfo -repair, las2las or PDAL)"
 
 
@@ -182,12 +183,8 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int, salvage: bool) ->
     if minor >= 4:
         first_evlr, evlr_count, long_count = struct.unpack_from("<QIQ", head, 235)
         count = long_count or count
-    records = _read_vlrs(file, path, header_size, record_count, data_offset, VLR_HEADER)
-    try:
-        records += _read_vlrs(file, path, first_evlr, evlr_count, size, EVLR_HEADER)
-    except InputError:
-        if not salvage:
-            raise
+    records = _read_vlrs(file, path, header_size, record_count, data_offset, VLR_HEADER, salvage)
+    records += _read_vlrs(file, path, first_evlr, evlr_count, size, EVLR_HEADER, salvage)
     behind = struct.unpack_from("<Q", head, 227)[0] if minor >= 3 and len(head) >= 235 else 0
     ends = [place for place in (behind, first_evlr if evlr_count else 0) if data_offset < place < size]
     room = min([size, *ends]) - data_offset
@@ -234,7 +231,7 @@ def _check_point_bytes(header: LasHeader, refuse: object) -> None:
             raise InputError.about(
                 path,
                 f"is cut off: the header states {header.count} points, the file holds {held}",
-                COPY_AGAIN,
+                SALVAGE,
             )
         return
     _check_laszip(header)
@@ -276,24 +273,29 @@ def _check_laszip(header: LasHeader) -> None:
 
 
 def _read_vlrs(
-    file: BinaryIO, path: Path, start: int, count: int, end: int, header_length: int
+    file: BinaryIO, path: Path, start: int, count: int, end: int, header_length: int, salvage: bool
 ) -> tuple[tuple[str, int, bytes], ...]:
-    """The records that matter among `count` ones from byte `start`, none of which may pass byte `end`."""
-    if count > LARGEST_RECORD_COUNT:
-        raise InputError.about(path, f"announces {count} variable length records", WRITE_AGAIN)
-    kept = []
+    """The records that matter among `count` ones from byte `start`, none of which may pass byte `end`; with
+    `salvage` those before the first that does."""
+    if count > LARGEST_RECORD_COUNT and not salvage:
+        raise InputError.about(path, f"announces {count} variable length records", SALVAGE)
+    kept: list[tuple[str, int, bytes]] = []
     for _ in range(count):
         if start + header_length > end:  # before seeking: no file reaches 2^63
-            raise InputError.about(path, f"has a variable length record cut off at byte {start}", COPY_AGAIN)
+            if salvage:
+                break
+            raise InputError.about(path, f"has a variable length record cut off at byte {start}", SALVAGE)
         file.seek(start)
         head = file.read(header_length)
         owner = head[2:18].split(b"\0")[0].decode("ascii", "replace")
         number, length = struct.unpack_from("<HQ" if header_length == EVLR_HEADER else "<HH", head, 18)
         if start + header_length + length > end:
+            if salvage:
+                break
             raise InputError.about(
                 path,
                 f"has a variable length record of {length} bytes at byte {start}, past its end",
-                COPY_AGAIN,
+                SALVAGE,
             )
         wanted = owner in ("LASF_Projection", "laszip encoded") or (owner, number) == ("copc", 1)
         if wanted and length <= KEPT_RECORD_BYTES:

@@ -142,7 +142,11 @@ def guard(header: LasHeader, call: Callable[[], Any]) -> Any:
     except BaseException as error:
         if type(error).__name__ != "PanicException":  # pyo3's own class, which no module exports
             raise
-    raise InputError.about(header.path, "holds compressed points that are damaged", COPY_AGAIN)
+    raise InputError.about(
+        header.path,
+        "holds compressed points that are damaged, or compressed in a way that lazrs does not know",
+        f"{COPY_AGAIN}, or write it as LAS with PDAL or las2las",
+    )
 
 
 def _check_layers(header: LasHeader, piece: bytes, number: int) -> None:

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import pyproj
 
-from eaves.formats.crs import agree, degrees_remedy, parse_crs, system_of
+from eaves.formats.crs import LENGTHS, agree, degrees_remedy, parse_crs, system_of
 from eaves.formats.errors import InputError
 from eaves.formats.fingerprint import fingerprint
 from eaves.formats.inputs import find_inputs
@@ -101,7 +101,8 @@ def open_source(path: str | Path, crs: str | None = None, salvage: bool = False)
     path : str or Path
         LAS, LAZ, COPC or text `x y z [label]`.
     crs : str or None
-        EPSG code, compound code (`28992+5709`), or a file with WKT or PROJJSON; it overrides the file's own.
+        EPSG code, compound code (`28992+5709`), a file with WKT or PROJJSON, or `metres`, `feet` or `us-feet`
+        of a local plane; it overrides the file's own.
     salvage : bool
         Of a file that is cut off, open what is whole.
 
@@ -190,10 +191,10 @@ def is_simulated(path: Path) -> bool:
 
 def warn_without_system(system: CoordinateSystem, first: Path, count: int) -> None:
     """Say so, once for `count` files, when they have no coordinate system; simulated scenes need none."""
-    if system.wkt is None and not is_simulated(first):
+    if system == LOCAL_METRES and not is_simulated(first):
         log.warning(
             "%s has no coordinate system: a local plane in metres is assumed; if it is in feet, or has a "
-            "place on Earth, pass crs= or --crs",
+            "place on Earth, pass crs= or --crs (--crs feet, us-feet or metres of a local plane)",
             first if count == 1 else f"{first} (as the other {count - 1})",
         )
 
@@ -390,15 +391,25 @@ class _Projection:
 @lru_cache(maxsize=64)  # a million tiles of a country have the same records
 def _declared(given: _Projection) -> CoordinateSystem | None:
     header = given.header
+    if given.crs in LENGTHS:
+        return _local(given.crs)
     crs, vertical_unit = (parse_crs(given.crs), None) if given.crs else header.crs()
     centre = (header.lowest[0] + header.highest[0]) / 2, (header.lowest[1] + header.highest[1]) / 2
     return None if crs is None else system_of(crs, header.path, centre, vertical_unit)
 
 
+def _local(unit: str) -> CoordinateSystem:
+    """A local plane in a unit of `LENGTHS`."""
+    return CoordinateSystem(None, LENGTHS[unit], LENGTHS[unit])
+
+
 def _open_text(path: Path, crs: str | None) -> Source:
     layout = read_text_layout(path)
     count, low, high = _measured(layout)
-    system = _system(path, parse_crs(crs) if crs else None, low, high, 1.0)
+    if crs in LENGTHS:
+        system = _local(crs)
+    else:
+        system = _system(path, parse_crs(crs) if crs else None, low, high, 1.0)
     return _source("text", count, low, high, system, () if layout.label is None else FIELDS[2:], layout)
 
 
