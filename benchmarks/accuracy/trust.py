@@ -115,19 +115,16 @@ def judged(scene: ExactScene, folder: Path) -> Judged:
         [owner[name] for name in columns[0]],
     )
     houses = [shapely.transform(one.footprint, lambda xy: xy + origin) for one in scene.buildings]
-    rows_of_houses = STRtree(
-        [h for h, b in zip(houses, scene.buildings, strict=True) if b.kind == "row houses"]
-    )
+    kinds = [one.kind for one in scene.buildings]
+    in_row = STRtree([house for house, kind in zip(houses, kinds, strict=True) if kind == "row houses"])
     joined = shapely.union_all(shapely.buffer(houses, 0.01, join_style="mitre"))
     blocks = shapely.get_parts(shapely.buffer(joined, -0.01, join_style="mitre"))
     right = []
     for k in there:
         plan = plans[k]
         if len(in_row.query(plan, predicate="intersects")):
-            own = rows[k]["block_id"] or rows[k]["id"]
-            plan = shapely.union_all(
-                [p for p, r in zip(plans, rows, strict=True) if own in (r["block_id"], r["id"])]
-            )
+            units = [row["block_id"] == rows[k]["block_id"] for row in rows]
+            plan = shapely.union_all(plans[units])
         drawn = is_drawn_right(plan, houses, blocks)
         right.append(drawn and near_share(plans[k], origin, built, true_faces) >= RIGHT_SHARE)
     return Judged([clean(rows[k]) for k in there], np.array(right))
@@ -258,8 +255,8 @@ def main() -> None:
         rows,
         "python -m benchmarks.accuracy.trust",
         f"A building is right when {RIGHT_SHARE:.0%} of its plan lie within {NEAR_M} m of the true roof, "
-        f"and as much of its outline within {RIM_M:g} m of the true one, and the other way round. A town left "
-        "out is left out with all towns of its kind (suburb, centre, mixed, crowns, yards).",
+        f"and as much of its outline within {RIM_M:g} m of the true one, and the other way round. A town that "
+        "is left out is so with all towns of its kind (suburb, centre, mixed, crowns, yards).",
     )
 
 

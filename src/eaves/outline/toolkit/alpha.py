@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from eaves.geometry.rings import signed_area, split_loops
 from eaves.geometry.tin import Tin
 from eaves.kernels import kernel
+from eaves.model import Labels
 
 SHARE = 0.95
 """The least share of the points that lie inside."""
@@ -99,7 +100,7 @@ def widen(mesh: Mesh, radius: float, share: float) -> tuple[NDArray[np.bool_], f
     return kept, radius
 
 
-def alpha_parts(xy: NDArray[np.float64], radius: float, share: float) -> NDArray[np.int64]:
+def alpha_parts(xy: NDArray[np.float64], radius: float, share: float) -> Labels:
     """The part 0, 1, … (N,) of the alpha shape that each point (N, 2) is a corner of, or nearest to.
 
     A part counts from the square of the radius on: fewer triangles than that are strays.
@@ -107,7 +108,7 @@ def alpha_parts(xy: NDArray[np.float64], radius: float, share: float) -> NDArray
     number = np.full(len(xy), -1)
     mesh = triangulate_points(xy)
     if mesh is None:
-        return number + 1
+        return np.zeros(len(xy), np.int32)
     radius = widen(mesh, radius, share)[1]
     part, count = part_kernel(mesh.neighbours, mesh.radius <= radius)
     area = np.bincount(part, weights=mesh.area, minlength=count + 1)
@@ -115,10 +116,10 @@ def alpha_parts(xy: NDArray[np.float64], radius: float, share: float) -> NDArray
     for k in large:
         number[mesh.triangles[part == k]] = k
     if len(large) < 2:
-        return np.zeros_like(number)
+        return np.zeros(len(xy), np.int32)
     inside = np.flatnonzero(number >= 0)
     nearest = inside[cKDTree(xy[inside]).query(xy)[1]]
-    return np.asarray(np.unique(number[nearest], return_inverse=True)[1], np.int64)
+    return np.unique(number[nearest], return_inverse=True)[1].astype(np.int32)
 
 
 def largest_part(mesh: Mesh, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
