@@ -255,7 +255,7 @@ def main() -> None:
         rows,
         "python -m benchmarks.accuracy.trust",
         f"A building is right when {RIGHT_SHARE:.0%} of its plan lie within {NEAR_M} m of the true roof, "
-        f"and as much of its outline within {RIM_M:g} m of the true one, and the other way round. A town that "
+        f"and as much of its outline within {RIM_M:g} m of the true one and the other way round. A town that "
         "is left out is so with all towns of its kind (suburb, centre, mixed, crowns, yards).",
     )
 
