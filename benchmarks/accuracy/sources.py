@@ -198,8 +198,8 @@ that hold a point; objects: of the footprints written, completeness/correctness
 over 10 m². At LoD 2.2: by the chain's own method, not by a prism it fell back to. CPU seconds of the whole
 command, reading, writing and the start of Python included. As published: a number where the document
 prints one, our default where it prints none, and no step of ours that can be switched off. The derived
-defaults of the five detectors were chosen while looking at Delft and ign_urban; all other sets are blind
-tests of them."""
+defaults of the five detectors were chosen while looking at Delft, ign_urban and the hilly wooded town; all
+other sets are blind tests of them."""
 
 
 if __name__ == "__main__":
