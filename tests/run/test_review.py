@@ -14,7 +14,7 @@ from eaves.flow.review import review_rows, write_review
 from eaves.formats.vectors.geopackage import Row
 from eaves.model.coordinates import LOCAL_METRES
 
-GOOD = {"id": "good", "lod": "2.2", "score": 0.99, "supported_share": 1.0, "rmse95_m": 0.03, "density": 12.0}
+GOOD = {"id": "good", "lod": "2.2", "score": 0.99, "supported_share": 1.0, "rmse95_m": 0.03}
 
 
 def building(**values: object) -> BuildingRow:

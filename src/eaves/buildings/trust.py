@@ -17,6 +17,9 @@ WEIGHTS = {"one": 1.27, "error": -1.27, "empty": -4.96, "corners": -1.7, "hidden
 LEAST_ERROR_M, MOST_ERROR_M = 0.1, 2.0
 """The RMSE counts within these: less is the noise of some scanner, more is no roof."""
 
+HOUSE = float(np.log(4.0 / np.sqrt(100.0)))
+"""The corners for the size of a plain house of 100 m²."""
+
 DETAILED = "2.2"
 """At this level the whole roof is modelled; why there is no finer one says nothing of the roof."""
 
@@ -32,16 +35,15 @@ def trust_traits(row: Mapping[str, Any]) -> NDArray[np.float64]:
     share without data, logarithm of the corners over the root of the area, share of the outline beside which
     no ground was seen, share of the least rectangle around it that is not filled.
 
-    An outline that was given is not judged: it counts as a rectangle in sight.
+    An outline that was given is not judged: it counts as a rectangle in sight, of the size of a house.
     """
-    error, area = row.get("rmse95_m"), max(row.get("area_m2") or 0.0, 1.0)
-    box = row.get("box_share")
+    error, corners, box = (row.get(name) for name in ("rmse95_m", "corners", "box_share"))
     return np.array(
         [
             1.0,
             0.0 if error is None else np.log(np.clip(error, LEAST_ERROR_M, MOST_ERROR_M) / LEAST_ERROR_M),
             row.get("share_no_data") or 0.0,
-            np.log(max(row.get("corners") or 0, 4) / np.sqrt(area)),
+            HOUSE if corners is None else np.log(corners / np.sqrt(max(row["area_m2"], 1.0))),
             row.get("hidden_share") or 0.0,
             0.0 if box is None else 1.0 - box,
         ]
