@@ -79,7 +79,7 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
     others = list(doubts_of(row))
     if others:
         badness = max(badness, 1.0 - 0.5 * (HIGH + LOW))
-    trust = "high" if 1.0 - badness >= HIGH else "medium" if 1.0 - badness >= LOW else "low"
+    trust = "high" if 1.0 - badness >= HIGH else "medium" if 1.0 - badness > LOW else "low"
     return trust, badness, "; ".join([*reasons, *others] or [SMALL_DOUBTS] * (trust != "high"))
 
 
