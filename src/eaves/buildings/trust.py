@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-HIGH, LOW = 0.85, 0.5
+HIGH, LOW = 0.75, 0.4
 """Least probability that a building is right for high, and for medium trust."""
 
 WEIGHTS = {"one": 1.27, "error": -1.27, "empty": -4.96, "corners": -1.7, "hidden": -4.31, "notched": -4.56}
