@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import ClassVar
 
@@ -30,8 +29,8 @@ from eaves.outline.toolkit.edges import (
 from eaves.outline.toolkit.polyline import Prices, cheapest_polyline, travel_angles
 from eaves.outline.toolkit.shared_edges import share_edges
 
-SURE = 1e-3
-"""Weight of points that may be hidden in a first polyline: sides that only they support have no direction."""
+TRIES = 4
+"""Times that an outline is drawn, each without the hidden points that the last left outside, at last none."""
 
 
 class GlobalFit(LowPartRules, OutlineMethod):
@@ -128,6 +127,12 @@ class GlobalFit(LowPartRules, OutlineMethod):
         "twice that",
         gt=0,
     )
+    over: float = parameter(
+        1.0,
+        "and a crown stands over the roof by more than this: more than what belongs to it",
+        unit="m",
+        ge=0,
+    )
     step: float = parameter(7.5, "directions that are tried first are so far apart", unit="°", gt=0, le=45)
     tolerance: float = parameter(12.0, "largest turn of an edge into a common direction", unit="°", ge=0)
     detail: float = parameter(1.5, "shortest edge and smallest jog, in spacings", ge=0)
@@ -206,7 +211,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
 
         What crosses itself loses the smaller loops; what encloses another area than the boundary is not
         used: then no point is taken for hidden, then it is the least rectangle around the boundary, and at
-        last the boundary, simplified.
+        last the boundary, simplified. A point outside what is drawn is not hidden: the roof is there.
         """
         origin = ring[0].copy()
         spacing = boundary.spacing
@@ -217,32 +222,39 @@ class GlobalFit(LowPartRules, OutlineMethod):
         drawing = Drawing(self.detail * spacing, np.inf, sigma, self.corner)
         whole = Polygon(local)
         most = 1.5 * spacing * whole.length
-        for hidden in self.hidden_points(ring, boundary):
+        hidden = self.hidden_points(ring, boundary)
+        for left in range(TRIES, 0, -1):
+            hidden = hidden if left > 1 else np.zeros_like(hidden)
             edges = self.cheapest_edges(local, sigma, np.where(hidden, self.hidden, 1.0))
             corners = None if edges is None else self.drawn(edges, points, divided, density, spacing, drawing)
             drawn = None if corners is None or len(corners) < 3 else as_polygon(Polygon(corners))
+            beyond = hidden
             if drawn is not None and abs(drawn.area - whole.area) <= most:
-                return np.asarray(shapely.get_coordinates(drawn.exterior)[:-1] + origin)
+                beyond = hidden & (shapely.distance(drawn, shapely.points(local)) > spacing)
+                if not beyond.any():
+                    return np.asarray(shapely.get_coordinates(drawn.exterior)[:-1] + origin)
+            if not hidden.any():
+                break
+            hidden = hidden & ~beyond
         rectangle = as_polygon(shapely.oriented_envelope(whole))
         if rectangle is not None and rectangle.area - whole.area <= most:
             return np.asarray(shapely.get_coordinates(rectangle.exterior)[:-1] + origin)
         return np.asarray(Polygon(ring).simplify(spacing).exterior.coords)[:-1]
 
-    def hidden_points(self, ring: NDArray[np.float64], boundary: Boundary) -> Iterator[Mask]:
-        """Which points (M,) of a ring (M, 2) are taken for hidden, what is to be tried first: those with
-        something higher and no ground beside them, where there are such; at last none.
+    def hidden_points(self, ring: NDArray[np.float64], boundary: Boundary) -> Mask:
+        """Which points (M,) of a ring (M, 2) may be hidden: those with something that stands over the roof,
+        and no ground, beside them.
         """
-        if boundary.others is not None and len(boundary.others):
-            height = boundary.points[cKDTree(boundary.points[:, :2]).query(ring)[1], 2]
-            reach = max(self.beside * boundary.spacing, self.least_beside)
-            near = cKDTree(boundary.others[:, :2]).query_ball_point(ring, 2.0 * reach)
-            over = [boundary.others[one, 2].max(initial=-np.inf) for one in near]
-            hidden = np.array(over) > height
-            if boundary.ground is not None and len(boundary.ground):
-                hidden &= cKDTree(boundary.ground).query(ring)[0] > reach
-            if hidden.any():
-                yield hidden
-        yield np.zeros(len(ring), np.bool_)
+        if boundary.others is None or not len(boundary.others):
+            return np.zeros(len(ring), np.bool_)
+        height = boundary.points[cKDTree(boundary.points[:, :2]).query(ring)[1], 2]
+        reach = max(self.beside * boundary.spacing, self.least_beside)
+        near = cKDTree(boundary.others[:, :2]).query_ball_point(ring, 2.0 * reach)
+        over = [boundary.others[one, 2].max(initial=-np.inf) for one in near]
+        hidden = np.asarray(np.array(over) > height + self.over)
+        if boundary.ground is not None and len(boundary.ground):
+            hidden &= cKDTree(boundary.ground).query(ring)[0] > reach
+        return hidden
 
     def cheapest_edges(self, ring: NDArray[np.float64], sigma: float, weight: Values) -> OutlineEdges | None:
         """The edges of the cheapest polyline along a ring (M, 2) of points that scatter by `sigma` (m), None
@@ -255,7 +267,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
         ring, weight = np.roll(ring, -far, axis=0), np.roll(weight, -far)
         every = np.arange(0.0, RIGHT_ANGLE, np.radians(self.step))
         every = np.stack([every, every + RIGHT_ANGLE], axis=1).ravel()
-        sides = cheapest_polyline(ring, every, sigma, prices, np.where(weight < 1.0, SURE, 1.0))
+        sides = cheapest_polyline(ring, every, sigma, prices, weight)
         if len(sides) < 3:
             return None
         free = turned_freely(fit_edges(ring, sides, every))
