@@ -14,7 +14,7 @@ from eaves.flow.review import review_rows, write_review
 from eaves.formats.vectors.geopackage import Row
 from eaves.model.coordinates import LOCAL_METRES
 
-GOOD = {"id": "good", "lod": "2.2", "score": 0.99, "supported_share": 1.0, "rmse95_m": 0.03}
+GOOD = {"id": "good", "lod": "2.2", "score": 0.99, "supported_share": 1.0, "inlier_share": 0.99}
 
 
 def building(**values: object) -> BuildingRow:
@@ -40,7 +40,7 @@ def test_the_worst_stands_first_with_its_reason_and_a_link() -> None:
     ("worse", "word"),
     [
         ({"supported_share": 0.3}, "supported"),
-        ({"rmse95_m": 0.6}, "RMSE"),
+        ({"inlier_share": 0.6}, "within 0.2 m"),
         ({"share_no_data": 0.98}, "has no points"),
     ],
 )

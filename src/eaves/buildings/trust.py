@@ -11,11 +11,8 @@ from numpy.typing import NDArray
 HIGH, LOW = 0.75, 0.4
 """Least probability that a building is right for high, and for medium trust."""
 
-WEIGHTS = {"one": 1.27, "error": -1.27, "empty": -4.96, "corners": -1.7, "hidden": -4.31, "notched": -4.56}
+WEIGHTS = {"one": 1.53, "off": -6.79, "empty": -5.4, "corners": -1.63, "hidden": -5.16, "notched": -3.45}
 """Of the traits in the log-odds that a building is right; from `python -m benchmarks.accuracy.trust`."""
-
-LEAST_ERROR_M, MOST_ERROR_M = 0.1, 2.0
-"""The RMSE counts within these: less is the noise of some scanner, more is no roof."""
 
 HOUSE = float(np.log(4.0 / np.sqrt(100.0)))
 """The corners for the size of a plain house of 100 m²."""
@@ -31,17 +28,17 @@ SEEN_FROM_AFAR = ("interpolated", "nearest ground")
 
 
 def trust_traits(row: Mapping[str, Any]) -> NDArray[np.float64]:
-    """The traits (6,) that `WEIGHTS` weigh: 1, logarithm of the RMSE of the best 95 % over that of noise,
+    """The traits (6,) that `WEIGHTS` weigh: 1, share of the roof points that are not near the roof,
     share without data, logarithm of the corners over the root of the area, share of the outline beside which
     no ground was seen, share of the least rectangle around it that is not filled.
 
     An outline that was given is not judged: it counts as a rectangle in sight, of the size of a house.
     """
-    error, corners, box = (row.get(name) for name in ("rmse95_m", "corners", "box_share"))
+    near, corners, box = (row.get(name) for name in ("inlier_share", "corners", "box_share"))
     return np.array(
         [
             1.0,
-            0.0 if error is None else np.log(np.clip(error, LEAST_ERROR_M, MOST_ERROR_M) / LEAST_ERROR_M),
+            0.0 if near is None else 1.0 - near,
             row.get("share_no_data") or 0.0,
             HOUSE if corners is None else np.log(corners / np.sqrt(max(row["area_m2"], 1.0))),
             row.get("hidden_share") or 0.0,
@@ -84,7 +81,7 @@ def judge(row: Mapping[str, Any]) -> tuple[str, float, str]:
 
 
 WORDS = {
-    "error": "its points lie {rmse95_m:.2f} m from the roof (RMSE)",
+    "off": "only {inlier_share:.0%} of its points lie within 0.2 m of the roof",
     "empty": "{share_no_data:.0%} of its plan has no points",
     "corners": "{corners} corners on {area_m2:.0f} m²",
     "hidden": "no ground was seen beside {hidden_share:.0%} of its outline",
@@ -92,7 +89,7 @@ WORDS = {
 }
 """The fault that a trait shows, in words."""
 
-SMALL_DOUBTS = "no single reason: error, points without data and outline together"
+SMALL_DOUBTS = "no single reason: points off the roof, gaps in the points and the outline together"
 
 
 def doubts_of(row: Mapping[str, Any]) -> Iterator[str]:

@@ -165,6 +165,7 @@ def describe_roof(
         "h_70p": quantile(heights, 0.7),
         "rmse_m": float(np.sqrt(squared.mean())),
         "rmse95_m": float(np.sqrt(kept.mean())),
+        "inlier_share": float(np.mean(np.abs(error) <= NEAR_M)),
         "points": len(points),
         "density": len(points) / float(model.footprint.polygon.area),
         "share_no_data": float(empty.mean()) if len(empty) else float(len(points) == 0),
