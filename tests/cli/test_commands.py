@@ -106,6 +106,8 @@ def test_the_written_models_are_valid(built: Path) -> None:
     foreign = built / ".eaves-work"
     foreign.mkdir()
     (foreign / "buildings.city.jsonl").write_text("no model of the run")
+    missing = eaves("validate", built / "none")
+    assert missing.returncode == 2 and "does not exist" in missing.stderr
     done = eaves("validate", built)
     shutil.rmtree(foreign)
     assert done.returncode == 0 and "valid, whole" in done.stdout, done.stdout

@@ -18,7 +18,6 @@ L_SHAPE = Polygon([(0, 0), (14, 0), (14, 6), (6, 6), (6, 12), (0, 12)])
 JOG = Polygon([(0, 0), (10, 0), (10, 1.2), (18, 1.2), (18, 10), (0, 10)])
 OBLIQUE = Polygon([(0, 0), (14, 0), (12, 9), (1, 8)])
 COURTYARD = Polygon([(0, 0), (24, 0), (24, 20), (0, 20)], [[(7, 6), (17, 6), (17, 14), (7, 14)]])
-CIRCLE = shapely.Point(0, 0).buffer(9)
 
 
 def scanned(shape: Polygon, density: float, seed: int = 1, noise: float = 0.03) -> NDArray[np.float64]:
@@ -65,10 +64,15 @@ def test_oblique_walls_are_not_squared() -> None:
     assert drawn.hausdorff_distance(OBLIQUE) < 0.4
 
 
-def test_a_circle_stays_round() -> None:
-    drawn = outlined(scanned(CIRCLE, 10.0), 10.0)
-    assert corner_count(drawn) >= 8
-    assert iou(drawn, CIRCLE) > 0.96
+@pytest.mark.parametrize(("radius", "density"), [(2.5, 10.0), (4.0, 4.0), (9.0, 2.0), (16.0, 10.0)])
+def test_a_tank_is_a_regular_polygon__and_a_box_of_its_size_is_none(radius: float, density: float) -> None:
+    truth = shapely.Point(3, 1).buffer(radius, 64)
+    drawn = outlined(scanned(truth, density), density)
+    reach = np.hypot(*(np.array(drawn.exterior.coords) - [drawn.centroid.x, drawn.centroid.y]).T)
+    assert corner_count(drawn) >= 24 and np.ptp(reach) < 0.01
+    assert iou(drawn, truth) > 1.0 - 0.5 * density**-0.5 / radius
+    square = affinity.rotate(truth.envelope, 20.0)
+    assert corner_count(outlined(scanned(square, density), density)) <= 6
 
 
 def test_right_angles_are_exact_where_the_points_support_them() -> None:

@@ -30,8 +30,8 @@ from eaves.validate.models import find_invalid
 OBJECTS = "2.2"
 """The first level of detail with objects on the roof."""
 
-STRAIGHT_M, FAR_M = 0.05, 1.0
-"""A corner stands out by more; ground seen farther off (m) does not show where a building ends."""
+BEND_DEG, FAR_M = 20.0, 1.0
+"""A corner turns by more, a curve by less; ground seen farther off (m) does not show where a building ends."""
 
 MEASURED, INTERPOLATED, NEAREST = "measured", "interpolated", "nearest ground"
 """Where the height of a base can be from; the column `ground_source` says it."""
@@ -206,13 +206,13 @@ def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, ob
 
 
 def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
-    """How an outline that was not given looks: its corners, the share of the least rectangle around it that
-    it fills, and the share of it, but for walls to other units, that has no seen ground within `FAR_M`."""
+    """How an outline that was not given looks: its corners, the share of the least rectangle or circle around
+    it that it fills, and the share of it, but for walls to other units, that has no seen ground within `FAR_M`."""
     polygon = footprint.polygon
-    plain = polygon.simplify(STRAIGHT_M)
+    around = min(polygon.minimum_rotated_rectangle.area, shapely.minimum_bounding_circle(polygon).area)
     facts: dict[str, object] = {
-        "corners": shapely.get_num_coordinates(plain) - len(shapely.get_rings(plain)),
-        "box_share": round(float(polygon.area / polygon.minimum_rotated_rectangle.area), 3),
+        "corners": sum(map(corner_count, shapely.get_rings(polygon))),
+        "box_share": round(float(polygon.area / around), 3),
     }
     if building.ground_seen is not None:
         whole = polygon if building.block is None else building.block.polygon
@@ -223,6 +223,14 @@ def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, o
         away = cKDTree(ground).query(rim)[0] if len(ground) else np.full(len(rim), np.inf)
         facts["hidden_share"] = round(float(np.mean(away > FAR_M + 0.5 * CELL)), 3) if len(rim) else 0.0
     return facts
+
+
+def corner_count(ring: shapely.LinearRing) -> int:
+    """The corners of a ring that turn by more than a curve does; at least those of a rectangle."""
+    side = np.diff(shapely.get_coordinates(ring), axis=0)
+    angle = np.arctan2(side[:, 1], side[:, 0])
+    turn = np.abs(np.mod(angle - np.roll(angle, 1) + np.pi, 2.0 * np.pi) - np.pi)
+    return max(int((turn > np.radians(BEND_DEG)).sum()), 4)
 
 
 def keep_valid(model: BuildingModel, finest: str, unit_m: float = 1.0) -> BuildingModel | Failure:

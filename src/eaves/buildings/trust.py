@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 HIGH, LOW = 0.75, 0.4
 """Least probability that a building is right for high, and for medium trust."""
 
-WEIGHTS = {"one": 1.53, "off": -6.79, "empty": -5.4, "corners": -1.63, "hidden": -5.16, "notched": -3.45}
+WEIGHTS = {"one": 1.53, "off": -6.78, "empty": -5.38, "corners": -1.64, "hidden": -5.18, "notched": -3.44}
 """Of the traits in the log-odds that a building is right; from `python -m benchmarks.accuracy.trust`."""
 
 HOUSE = float(np.log(4.0 / np.sqrt(100.0)))

@@ -34,10 +34,13 @@ def validate(
 
     Defects of solids have val3dity's codes. A file of a run is reported when it is missing or was changed.
     """
+    from eaves.formats import InputError
     from eaves.run.manifest import check_folder, files_of_run
     from eaves.validate import validate_file
 
     start_log(quiet, verbose)
+    if not file.exists():
+        raise InputError.about(file, "does not exist", "give a CityJSON file, or a folder of `eaves build`")
     changed = check_folder(file) if file.is_dir() else []
     findings = []
     for models in files_of_run(file, MODELS) if file.is_dir() else [file]:

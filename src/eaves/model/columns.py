@@ -71,7 +71,9 @@ COLUMNS: dict[str, Column] = {
     "density": Column("Density", "points/m²", "points over the area of the footprint"),
     "share_no_data": Column("Share without data", "", "share of the 1 m cells that hold no point"),
     "corners": Column("Corners", "", "of the outline, where it was not given", int),
-    "box_share": Column("Share of the box", "", "of the least rectangle around the outline, filled"),
+    "box_share": Column(
+        "Share of the box", "", "of the least rectangle or circle around the outline, filled"
+    ),
     "hidden_share": Column("Hidden share", "", "share of the outline beside which no ground was seen"),
     "no_data": Column("No data", "", "over half of the face has no points: filled in, not measured", bool),
     "building_id": Column("Building", "", "id of the building that the face belongs to", str),

@@ -14,6 +14,7 @@ from shapely import Polygon
 from eaves.geometry.rings import as_polygon, signed_area
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Mask, Points, Values
+from eaves.outline.global_fit import circle as circles
 from eaves.outline.global_fit.low_parts import LowPartRules, low_parts
 from eaves.outline.stage import MIN_POINTS, OutlineMethod
 from eaves.outline.toolkit.alpha import SHARE, alpha_rings, triangulate_points, wide_radius
@@ -64,7 +65,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
     The polyline is the optimal polygonal approximation of [perez_vidal1994] with a price per
     corner in place of a number of edges; that a shared direction costs less follows the description length of
     [jung2017]; the mean distance ahead is the forward recurrence time of [cox1962]. The combination, and the
-    points on no side, are ours.
+    points on no side, are ours. So is the circle: the one of least squares through the boundary [kasa1976] is
+    drawn, as a regular polygon, where it costs less than the polygon; it costs as much as four right corners.
 
     Before that, points on walls and balconies are set aside: small, narrow surfaces well below a larger one
     beside them (`low_parts`).
@@ -78,8 +80,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
     Fails where
     -----------
     a jog or passage is narrower than twice the spacing; where trees touch the roof and were
-    not taken out before (a bulge); on curves, which become polygons with a scatter's
-    sagitta; where oblique walls are short against the spacing, which are drawn square.
+    not taken out before (a bulge); on curves that are no circle, which become polygons with a
+    scatter's sagitta; on hexagons and octagons smaller than some 8 m, which pass for circles; where oblique walls are short against the spacing, which are drawn square.
 
     Complexity
     ----------
@@ -88,7 +90,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
 
     References
     ----------
-    [perez_vidal1994], [jung2017], [cox1962], [edelsbrunner1983].
+    [perez_vidal1994], [jung2017], [cox1962], [edelsbrunner1983], [kasa1976].
     """
 
     name: ClassVar[str] = "global_fit"
@@ -133,6 +135,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
         unit="m",
         ge=0,
     )
+    sides: int = parameter(24, "fewest sides of a circle, such as a tank or a silo", ge=8)
     step: float = parameter(7.5, "directions that are tried first are so far apart", unit="°", gt=0, le=45)
     tolerance: float = parameter(12.0, "largest turn of an edge into a common direction", unit="°", ge=0)
     detail: float = parameter(1.5, "shortest edge and smallest jog, in spacings", ge=0)
@@ -225,7 +228,11 @@ class GlobalFit(LowPartRules, OutlineMethod):
         hidden = self.hidden_points(ring, boundary)
         for left in range(TRIES, 0, -1):
             hidden = hidden if left > 1 else np.zeros_like(hidden)
-            edges = self.cheapest_edges(local, sigma, np.where(hidden, self.hidden, 1.0))
+            weight = np.where(hidden, self.hidden, 1.0)
+            edges = self.cheapest_edges(local, sigma, weight)
+            circle = self.cheaper_circle(edges, local, weight, points, spacing, drawing)
+            if circle is not None:
+                return circle + origin
             corners = None if edges is None else self.drawn(edges, points, divided, density, spacing, drawing)
             drawn = None if corners is None or len(corners) < 3 else as_polygon(Polygon(corners))
             beyond = hidden
@@ -281,6 +288,30 @@ class GlobalFit(LowPartRules, OutlineMethod):
             return None
         sides[0, 0], sides[0, 1] = sides[-1, 0], sides[0, 1] + len(ring)
         return fit_edges(ring, sides[:-1], axes)
+
+    def cheaper_circle(
+        self,
+        edges: OutlineEdges | None,
+        ring: NDArray[np.float64],
+        weight: Values,
+        points: Points,
+        spacing: float,
+        drawing: Drawing,
+    ) -> NDArray[np.float64] | None:
+        """The regular polygon (C, 2) of the circle through a ring (M, 2), moved to where the `points` (N, 3)
+        end; None where the polygon of the edges costs less."""
+        circle = circles.circle_through(ring, weight)
+        if edges is None or len(edges := joined_edges(edges, drawing)) < 3:
+            return None
+        corners, prices = ring_of_edges(edges, drawing), Prices(self.corner, self.direction, self.stray)
+        straight, curved = circles.costs(ring, weight, corners, circle, drawing.sigma, prices)
+        if straight <= curved:
+            return None
+        strip = self.strip_before * spacing, self.strip_behind * spacing
+        circle[2] = circles.moved_out(
+            circle, points, strip, self.blur, max(self.wall_beside * spacing, self.least_beside)
+        )
+        return circles.polygon_of(circle, self.sides, drawing.sigma)
 
     def drawn(
         self,
