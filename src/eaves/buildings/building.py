@@ -31,7 +31,7 @@ OBJECTS = "2.2"
 """The first level of detail with objects on the roof."""
 
 BEND_DEG, FAR_M = 20.0, 1.0
-"""A corner turns by more, a curve by less; ground seen farther off (m) does not show where a building ends."""
+"""A corner turns by more, a curve by less; ground farther off (m) does not show where a building ends."""
 
 MEASURED, INTERPOLATED, NEAREST = "measured", "interpolated", "nearest ground"
 """Where the height of a base can be from; the column `ground_source` says it."""
@@ -207,7 +207,7 @@ def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, ob
 
 def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
     """How an outline that was not given looks: its corners, the share of the least rectangle or circle around
-    it that it fills, and the share of it, but for walls to other units, that has no seen ground within `FAR_M`."""
+    it that it fills, and the share of it, but for walls to other units, without seen ground within `FAR_M`."""
     polygon = footprint.polygon
     around = min(polygon.minimum_rotated_rectangle.area, shapely.minimum_bounding_circle(polygon).area)
     facts: dict[str, object] = {

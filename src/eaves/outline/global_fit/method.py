@@ -81,7 +81,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
     -----------
     a jog or passage is narrower than twice the spacing; where trees touch the roof and were
     not taken out before (a bulge); on curves that are no circle, which become polygons with a
-    scatter's sagitta; on hexagons and octagons smaller than some 8 m, which pass for circles; where oblique walls are short against the spacing, which are drawn square.
+    scatter's sagitta; on hexagons and octagons under some 8 m, which pass for circles; where
+    oblique walls are short against the spacing, which are drawn square.
 
     Complexity
     ----------
