@@ -207,7 +207,7 @@ def ground_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, ob
 
 def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, object]:
     """How an outline that was not given looks: its corners, the share of the least rectangle or circle around
-    it that it fills, and the share of it, but for walls to other units, without seen ground within `FAR_M`."""
+    it that it fills, and the share, but for walls to other units, without ground within `FAR_M`."""
     polygon = footprint.polygon
     around = min(polygon.minimum_rotated_rectangle.area, shapely.minimum_bounding_circle(polygon).area)
     facts: dict[str, object] = {
