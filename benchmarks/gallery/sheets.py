@@ -1,4 +1,4 @@
-"""Sheets for the eye: outlines and roofs of a run at random, the least trusted, or where two runs differ most.
+"""Sheets for the eye: outlines and roofs of a run at random, the least trusted, or where two runs differ.
 
 Run `python -m benchmarks.gallery.sheets OUT SHEET.png` or, for the differences, `... OUT SHEET.png EARLIER`.
 OUT is what `eaves build` wrote, with footprints and classified points. Ground is beige, roof points are
@@ -42,7 +42,9 @@ class Run:
     def of(cls, folder: Path) -> Run:
         """What a folder holds."""
         path = folder / "footprints.gpkg"
-        _, _, shapes, (ids, trust, worth) = pyogrio.raw.read(path, columns=["id", "trust", "trust_score"])
+        _, _, shapes, (ids, trust, worth) = pyogrio.raw.read(
+            path, layer="footprints", columns=["id", "trust", "trust_score"]
+        )
         _, _, faces, _ = pyogrio.raw.read(path, layer="roof_planes", columns=[])
         there = np.array([shape is not None for shape in shapes], bool)
         xyz, classes = [], []
