@@ -92,6 +92,7 @@ def places_of(run: Run, earlier: Run | None) -> list[tuple[shapely.Geometry, str
     if earlier is not None:
         both = shapely.union_all(run.shapes), shapely.union_all(earlier.shapes)
         parts = shapely.get_parts(shapely.symmetric_difference(*both))
+        parts = parts[shapely.area(parts) > 1.0]
         largest = parts[np.argsort(-shapely.area(parts), kind="stable")][: 2 * COUNT]
         return [(part, f"{part.area:.0f}") for part in largest]
     some = np.random.default_rng(SEED).permutation(len(run.shapes))[:COUNT]

@@ -15,33 +15,32 @@ CORNERS = 4
 """A circle costs as much as the corners of the plainest polygon, a rectangle."""
 
 
-def circle_through(ring: NDArray[np.float64], weight: Values) -> NDArray[np.float64]:
-    """Centre and radius (3,) of the circle of least squares through points (M, 2) with weights (M,)."""
+def circle_through(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Centre and radius (3,) of the circle of least squares through points (M, 2)."""
     middle = ring.mean(axis=0)
     x, y = (ring - middle).T
-    left = np.column_stack([x, y, np.ones(len(ring))]) * weight[:, None]
-    a, b, c = np.linalg.lstsq(left, (x * x + y * y) * weight, rcond=None)[0]
+    a, b, c = np.linalg.lstsq(np.column_stack([x, y, np.ones(len(ring))]), x * x + y * y, rcond=None)[0]
     return np.array([middle[0] + a / 2, middle[1] + b / 2, np.sqrt(c + (a * a + b * b) / 4)])
 
 
-def costs(
+def is_cheaper(
+    circle: NDArray[np.float64],
+    corners: NDArray[np.float64],
     ring: NDArray[np.float64],
     weight: Values,
-    corners: NDArray[np.float64],
-    circle: NDArray[np.float64],
     sigma: float,
     prices: Prices,
-) -> tuple[float, float]:
-    """What points (M, 2) cost on the polygon with `corners` (C, 2) and on the circle, in nats."""
+) -> bool:
+    """Whether points (M, 2) cost less on the circle (3,) than on the polygon with `corners` (C, 2), on which
+    each has its `weight` (M,): a circle of which a part is hidden is not believed."""
     side = np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(side[:, 1], side[:, 0])
     sine = np.maximum(np.abs(np.sin(angle - np.roll(angle, 1))), 1e-6)
     off = shapely.distance(shapely.linearrings(corners), shapely.points(ring))
     around = np.hypot(*(ring - circle[:2]).T) - circle[2]
-    of_points = [
-        float(weight @ np.minimum(0.5 * (away / sigma) ** 2, prices.stray)) for away in (off, around)
-    ]
-    return of_points[0] + float((prices.corner / sine).sum()), of_points[1] + CORNERS * prices.corner
+    straight, curved = (np.minimum(0.5 * (away / sigma) ** 2, prices.stray) for away in (off, around))
+    price = prices.corner * (CORNERS - (1.0 / sine).sum())
+    return bool(curved.sum() + price < weight @ straight)
 
 
 def moved_out(

@@ -301,12 +301,11 @@ class GlobalFit(LowPartRules, OutlineMethod):
     ) -> NDArray[np.float64] | None:
         """The regular polygon (C, 2) of the circle through a ring (M, 2), moved to where the `points` (N, 3)
         end; None where the polygon of the edges costs less."""
-        circle = circles.circle_through(ring, weight)
+        circle = circles.circle_through(ring)
         if edges is None or len(edges := joined_edges(edges, drawing)) < 3:
             return None
         corners, prices = ring_of_edges(edges, drawing), Prices(self.corner, self.direction, self.stray)
-        straight, curved = circles.costs(ring, weight, corners, circle, drawing.sigma, prices)
-        if straight <= curved:
+        if not circles.is_cheaper(circle, corners, ring, weight, drawing.sigma, prices):
             return None
         strip = self.strip_before * spacing, self.strip_behind * spacing
         circle[2] = circles.moved_out(
