@@ -48,9 +48,8 @@ ALL_IN, LEFT_OUT = "consensus, all in", "consensus, left out"
 COLUMNS = (*PUBLISHED, ALL_IN, LEFT_OUT)
 COMMIT = "commit"
 SHOWN = (*COLUMNS, "ahead of the best", "all in less left out", COMMIT)
-DECIDING = ("ground", "detect", "surroundings", "raster", "geometry")
-RUN_STEPS = ("block", "wide", "ground_squares", "world_squares")
-"""Folders and steps of a run whose sources decide what is found."""
+DECIDING = ("ground", "detect", "surroundings", "raster", "geometry", "blocks")
+"""Folders whose sources decide what is found."""
 WEIGHTS = Path(__file__).with_name("detection_weights.json")
 SOURCES = Path(__file__).parents[2] / "src/eaves"
 NOT_RUN, NO_VARIANT = "–", "none"
@@ -77,7 +76,7 @@ def code_of(method: str) -> str:
     others = {"adaptive_tin", "contours", "smooth_region"} - {ground}
     others |= {"consensus"} if method in PUBLISHED else set()
     paths = [path for folder in DECIDING for path in sorted((SOURCES / folder).rglob("*.py"))]
-    for path in [*paths, *(SOURCES / "run" / f"{name}.py" for name in RUN_STEPS)]:
+    for path in paths:
         if not others & {*path.relative_to(SOURCES).parts[1:-1], path.stem if "ground" in path.parts else ""}:
             digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
