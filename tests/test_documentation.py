@@ -8,6 +8,7 @@ import shlex
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 from docs.build import outdated
@@ -157,6 +158,20 @@ def test_a_command_as_printed_is_one_that_is_understood(line: str) -> None:
     command = group.commands[name]  # type: ignore[attr-defined]
     with command.make_context(name, words) as context:
         assert not context.args, f"left over: {context.args}"
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_a_step_of_a_source_that_costs_more_than_it_gives_is_named_with_the_figure(source: str) -> None:
+    """A step may do harm when its paper has it; then its page says so. Most must do good."""
+    table = sorted((DOCS.parent / "benchmarks" / "results").glob("*-sources-ablation.md"))[-1]
+    cells = [row.strip("| ").split(" | ") for row in table.read_text("utf-8").splitlines() if row[:2] == "| "]
+    whole, *steps = [row[1:] for row in cells if row[0] == source]
+    page = (DOCS / "sources" / f"{source}.md").read_text(encoding="utf-8")
+    gains = np.array([[float(step[k]) - float(whole[k]) for k in (1, 3)] for step in steps])
+    for step, gain in zip(steps, gains.max(axis=1), strict=True):
+        costs = f"without *{step[0]}* {step[1]}, {step[3]}, {step[5].split()[0]}"
+        assert (costs in page) == (gain >= 0.002), step[0]
+    assert np.median(gains.mean(axis=1)) <= 0.0
 
 
 @pytest.mark.parametrize("source", SOURCES)
