@@ -16,15 +16,18 @@ from eaves.model.building import ROOF_SURFACE
 
 MAIN_SHARE = 0.9
 """The largest faces that cover so much of the plan are the main ones: dormers and chimneys decide nothing.
-Nor is what has no more than the rest of the pitched plan a side of the roof."""
+Nor is what has no more than the rest of the pitched plan a side of the roof. The smallest side of a pyramid
+has this share of the largest's plan."""
 
 LEVEL_SLOPE_DEG = 6.0
 """Faces flatter than this are flat: drainage falls reach 5 degrees."""
 
+ANNEX_SHARE = 0.6
+"""Main faces that end below this share of the height that half of the main plan reaches are an annex's and
+have eaves of their own."""
+
 DECIDING_SHARE = 0.75
-"""A roof is flat, or pitched, when this share of its main plan is; the smallest side of a pyramid has this
-share of the largest's plan; and main faces that end below this share of the height that half of the main plan
-reaches are an annex's and have eaves of their own."""
+"""A roof is flat, or pitched, when this share of its main plan is."""
 
 OPPOSITE_DEG = 20.0
 """Azimuths this near are one side of a roof; this near to opposite they face each other across a ridge."""
@@ -110,7 +113,7 @@ def roof_figures(
     by_top = sorted(main, key=lambda face: face["h_high"])
     below = np.cumsum([face["projected_m2"] for face in by_top])
     half = by_top[int(np.searchsorted(below, below[-1] / 2.0))]["h_high"] - ground
-    eaves = min(face["h_low"] for face in main if face["h_high"] - ground >= min(half, DECIDING_SHARE * half))
+    eaves = min(face["h_low"] for face in main if face["h_high"] - ground >= min(half, ANNEX_SHARE * half))
     storeys = min(round((eaves - ground) / STOREY_M), mean_height // LOWEST_STOREY_M)
     plan = sum(face["projected_m2"] for face in faces)
     pitched = [face for face in main if face["slope_deg"] >= LEVEL_SLOPE_DEG]
@@ -178,7 +181,7 @@ def roof_type(faces: list[Record]) -> str:
         if not fills_rectangle(pitched):
             return "complex"
         areas = sorted(area for _, area in sides)
-        return "pyramid" if areas[0] > DECIDING_SHARE * areas[-1] and not is_broken(pitched) else "hip"
+        return "pyramid" if areas[0] > MAIN_SHARE * areas[-1] and not is_broken(pitched) else "hip"
     return "complex"
 
 
