@@ -13,9 +13,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
-import tracemalloc
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -390,48 +387,6 @@ def classes_within(core: Bounds, cloud: PointCloud, reach: float, wide: WideObje
     return found[core.contains(seen.xyz)]
 
 
-def speed_clouds(data: Path) -> Iterator[tuple[str, PointCloud]]:
-    yield "delft", read_las(data / "delft" / "ahn3.laz").cloud
-    las = laspy.read(data / "autzen" / "autzen_full.laz")
-    xyz = np.c_[las.x, las.y, las.z] * 0.3048
-    middle = np.median(xyz[:, :2], axis=0)
-    yield "autzen, 360 m", PointCloud.from_world(xyz[(np.abs(xyz[:, :2] - middle) < 180.0).all(axis=1)])
-
-
-def measure_speed(data: Path) -> None:
-    """Points per CPU second, and the peak memory, reading left out and kernels compiled."""
-    rows: list[dict[str, object]] = []
-    for name, cloud in speed_clouds(data):
-        classify_ground(cloud)
-        start = time.process_time()
-        classify_ground(cloud)
-        used = time.process_time() - start
-        ordered = cloud.take(cloud.canonical_order())
-        start = time.process_time()
-        AdaptiveTin().ground_mask(ordered)
-        alone = time.process_time() - start
-        tracemalloc.start()
-        classify_ground(cloud)
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        rows.append(
-            {
-                "data": name,
-                "points": len(cloud),
-                "classify_ground, M points/s": len(cloud) / used / 1e6,
-                "the method alone, M points/s": len(cloud) / alone / 1e6,
-                "peak MB per million points": peak / len(cloud),
-            }
-        )
-    keep(
-        "ground-speed",
-        "Ground: speed and memory",
-        rows,
-        f"{COMMAND} --speed",
-        "CSF 0.88, SMRF 0.20 M points/s.",
-    )
-
-
 def main() -> None:
     """Print and keep the tables that are asked for; those of the real samples by default."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -439,7 +394,6 @@ def main() -> None:
     parser.add_argument(
         "--moved", nargs="*", metavar="NAME", help="each constant, or those named, a quarter lower and higher"
     )
-    parser.add_argument("--speed", action="store_true", help="points per second and memory")
     parser.add_argument("--surroundings", action="store_true", help="less seen around a square")
     parser.add_argument("--towns", action="store_true", help="simulated towns")
     wanted = parser.parse_args()
@@ -456,8 +410,6 @@ def main() -> None:
         move_constants(data, wanted.moved)
     if wanted.surroundings:
         judge_surroundings(data)
-    if wanted.speed:
-        measure_speed(data)
     if wanted.moved is None and not any(vars(wanted).values()):
         compare_methods(data)
         judge_dense(data)

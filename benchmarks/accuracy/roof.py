@@ -268,27 +268,6 @@ def delft_roofs(data: Path) -> list[Points]:
     return roofs
 
 
-def speed_rows() -> Iterator[dict[str, object]]:
-    """Roofs of about 500 points a second on one core, by CPU time."""
-    scene = nine_roofs_on_a_slope(4.0, 0.03)
-    roofs = [scene.cloud.xyz[scene.building == building.number] for building in scene.buildings]
-    for method in METHODS:
-        for points in roofs:
-            segment_roof(points, 0.5, method)
-        passes = []
-        for _ in range(10):
-            start = time.process_time()
-            for points in roofs:
-                segment_roof(points, 0.5, method)
-            passes.append(time.process_time() - start)
-        seconds = min(passes) / len(roofs)
-        yield {
-            "method": method.name,
-            "points a roof": float(np.mean([len(points) for points in roofs])),
-            "roofs per CPU second": 1.0 / seconds,
-        }
-
-
 def main() -> None:
     """Print and keep the tables."""
     folder = os.environ.get("EAVES_DATA")
@@ -314,13 +293,6 @@ def main() -> None:
         "Distance of points to their plane, region growing",
         list(distance_rows(data)),
         COMMAND,
-    )
-    keep(
-        "roof-speed",
-        "Roofs segmented per CPU second",
-        list(speed_rows()),
-        COMMAND,
-        "To reach: 100 of 500 points.",
     )
     if data is None:
         print("EAVES_DATA is not set: the labelled roofs of Trondheim are left out")
