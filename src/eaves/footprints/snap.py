@@ -12,6 +12,7 @@ from shapely import Polygon
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Footprint, Points
 from eaves.outline.global_fit import GlobalFit
+from eaves.outline.stage import MIN_POINTS
 from eaves.outline.toolkit.edges import edge_shift_kernel
 from eaves.outline.toolkit.shared_edges import shared_rings
 
@@ -21,8 +22,6 @@ LEAST_LENGTH = 3.0
 """Shorter edges, in spacings, tell nothing of their own."""
 FIT = GlobalFit()
 """The outline method whose blur of an edge (m) and reach from roof to wall points (m) hold here, too."""
-LEAST_POINTS = 9
-"""Fewer points behind an edge tell nothing."""
 STIFFNESS = 0.05
 """Weight of staying in place, against 1 for a measured edge: keeps blunt corners from sliding away."""
 
@@ -121,7 +120,7 @@ def edge_shifts(
         2.0 * spacing,
         FIT.blur,
         FIT.least_beside,
-        LEAST_POINTS,
+        MIN_POINTS,
     )
     useless = (length < LEAST_LENGTH * spacing) | (np.abs(shift) > REACH_M)
     return np.where(useless, np.nan, shift), normal, length
