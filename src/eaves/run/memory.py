@@ -8,7 +8,7 @@ from eaves.formats import InputError
 
 LETTERS = " KMGT"
 """Of sizes, each 1024 times the one before."""
-LEAST = 700 << 20
+LEAST = 700_000_000
 """Memory of a process: libraries and kernels take 350 MB, a block of 240 m at 20 points/m² as much again."""
 REMEDY = "use fewer --jobs or a larger --memory, and run again with --resume"
 
@@ -34,7 +34,7 @@ def parse_memory(text: str | None) -> int | None:
         raise InputError(f"--memory {text}: not a size; write for example 4G or 1500M")
     size = int(float(found[1]) * 1024 ** LETTERS.index(found[2].upper() or " "))
     if size < LEAST:
-        raise InputError(f"--memory {text}: a process needs at least {LEAST >> 20}M; give more")
+        raise InputError(f"--memory {text}: a process needs at least {LEAST // 10**6}M; give more")
     return size
 
 
