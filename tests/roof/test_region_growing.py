@@ -53,26 +53,3 @@ def test_scan_lines_give_the_same_two_planes() -> None:
     rng = np.random.default_rng(4)
     points = np.c_[x.ravel(), y.ravel(), 3 - 0.75 * abs(y.ravel()) + rng.normal(0, 0.02, x.size)]
     assert len(segment_roof(points, 0.35, RegionGrowing())) == 2
-
-
-@pytest.mark.parametrize(
-    "points",
-    [
-        np.zeros((0, 3)),
-        np.zeros((1, 3)),
-        np.zeros((20, 3)),
-        np.arange(60.0).reshape(20, 3),
-        np.c_[np.arange(30.0), np.zeros(30), np.zeros(30)],
-        np.full((5, 3), np.nan),
-    ],
-)
-def test_no_plane_in_points_that_have_none(points: np.ndarray) -> None:
-    assert segment_roof(points, 0.5, RegionGrowing()) == []
-
-
-def test_order_of_points_does_not_matter() -> None:
-    points = gable(400, 0.03)
-    shuffle = np.random.default_rng(5).permutation(len(points))
-    first, second = segment_roof(points, 0.45), segment_roof(points[shuffle], 0.45)
-    assert [plane.coefficients for plane in first] == [plane.coefficients for plane in second]
-    assert [set(plane.members) for plane in first] == [set(shuffle[plane.members]) for plane in second]
