@@ -18,8 +18,6 @@ from eaves.outline.toolkit.shared_edges import shared_rings
 
 REACH_M = 1.5
 """Farthest that an edge moves: a wide overhang, or a map a metre off."""
-LEAST_LENGTH = 3.0
-"""Shorter edges, in spacings, tell nothing of their own."""
 FIT = GlobalFit()
 """The outline method whose blur of an edge (m) and reach from roof to wall points (m) hold here, too."""
 STIFFNESS = 0.05
@@ -101,7 +99,7 @@ def edge_shifts(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """How far (E,) each edge lies from the points' end, its inward normal (E, 2) and its length (E,).
 
-    NaN where the edge is short, has no points behind it, or the points go on before it (a building that the
+    NaN where the edge has few points behind it, or the points go on before it (a building that the
     map does not know).
     """
     run = nodes[second] - nodes[first]
@@ -122,8 +120,7 @@ def edge_shifts(
         FIT.least_beside,
         MIN_POINTS,
     )
-    useless = (length < LEAST_LENGTH * spacing) | (np.abs(shift) > REACH_M)
-    return np.where(useless, np.nan, shift), normal, length
+    return np.where(np.abs(shift) > REACH_M, np.nan, shift), normal, length
 
 
 def common_shift(
