@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +26,7 @@ from eaves.roof import RoofMethod, segment_roof
 from eaves.roof.global_refinement import GlobalRefinement
 from eaves.roof.region_growing import RegionGrowing
 from eaves.roof.tin_faces import TinFaces
-from eaves.simulate.objects.exact import ExactBuilding, ExactScene
+from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.objects.roofs import nine_roofs_on_a_slope
 from eaves.simulate.scanner import Scanner, scan_town
 from eaves.simulate.town import simulate_town
@@ -42,14 +41,6 @@ CELL = 0.25
 
 FEWEST = 20
 """Buildings of fewer points are left out: most of them are hidden."""
-
-
-BALCONY, PANELS = "balconies, canopies", "solar panels, skylights"
-PLANT, MIXED = "lift houses, plant, vents", "no clutter: two faces in one"
-"""What a plane may lie on that is in no model."""
-
-HIGHEST_PANEL = 0.4
-"""Panels and skylights lie lower than this (m) over their roof."""
 
 
 @dataclass
@@ -118,45 +109,6 @@ def over_scene(scene: ExactScene, density: float, method: RoofMethod, rims: bool
         if rims and len(planes):
             tally.rims.append(rim_error(building.footprint, building.faces, points, planes))
     return tally
-
-
-def extra_rows() -> Iterator[dict[str, object]]:
-    """What the planes lie on that have no counterpart in a town's model, at two densities."""
-    for density in (10.0, 4.0):
-        scene = scan_town(simulate_town(0.04, seed=1), density, 0.03, "lines")
-        kinds: Counter[str] = Counter()
-        claimed = 0
-        for building in scene.buildings:
-            own = np.flatnonzero(scene.building == building.number)
-            if len(own) < FEWEST:
-                continue
-            points, labels = scene.cloud.xyz[own], scene.plane[own].astype(np.int64)
-            for plane in segment_roof(points, density**-0.5):
-                if len(plane.members) <= SMALLEST * density:
-                    continue
-                claimed += 1
-                votes = np.bincount(labels[plane.members])
-                if votes[1:].max(initial=0) < 0.5 * len(plane.members):
-                    kinds[kind_of(building, points[plane.members], votes)] += 1
-        yield {
-            "points/m²": density,
-            "planes > 2 m²": claimed,
-            "extra": kinds.total(),
-            **{name: kinds[name] for name in (BALCONY, PANELS, PLANT, MIXED)},
-        }
-
-
-def kind_of(building: ExactBuilding, points: Points, votes: NDArray[np.int64]) -> str:
-    """What the points (N, 3) of an extra plane lie on; `votes` (F,) counts them by face, 0 for clutter."""
-    if votes[0] < 0.5 * len(points):
-        return MIXED
-    if np.median(shapely.contains_xy(building.footprint, points[:, 0], points[:, 1])) == 0:
-        return BALCONY
-    lift = np.full(len(points), np.nan)
-    for face in building.faces:
-        over = shapely.contains_xy(face.polygon, points[:, 0], points[:, 1])
-        lift[over] = points[over, 2] - face.height_at(points[over])
-    return PANELS if np.nanmedian(lift) < HIGHEST_PANEL else PLANT
 
 
 def rim_error(footprint: shapely.Polygon, faces: tuple, points: Points, planes: list[RoofPlane]) -> float:
@@ -280,13 +232,6 @@ def main() -> None:
         "To reach at 10 points/m², 3 cm: completeness 0.95, correctness 0.97, RMSXY 0.15 m, RMSZ 0.04 m. The "
         "models leave clutter out (solar panels, balconies, lift houses), the points have it: *with clutter "
         "as real* counts planes on it as right. Planes agree by half of their points.",
-    )
-    keep(
-        "roof-extra",
-        "Planes over 2 m² that a simulated town's model leaves out, by what they lie on",
-        list(extra_rows()),
-        COMMAND,
-        "A plane is extra when fewer than half of its points lie on one face of the model.",
     )
     keep(
         "roof-distances",
