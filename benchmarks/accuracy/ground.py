@@ -1,8 +1,6 @@
-"""How good the ground filters are: real samples, simulated towns, speed, memory, and what the choice of
-numbers is worth.
+"""How good the ground filters are: real samples and simulated towns.
 
-`python -m benchmarks.accuracy.ground [--command] [--moved [NAME …]] [--speed] [--surroundings]
-[--towns]`, EAVES_DATA set.
+`python -m benchmarks.accuracy.ground [--command] [--towns]`, EAVES_DATA set.
 Maps of the errors are drawn by `benchmarks.gallery.ground`.
 """
 

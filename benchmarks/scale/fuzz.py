@@ -1,7 +1,7 @@
 """The inputs that commands take, how each is mutated, and what a command may do with them.
 
-`benchmarks.scale.hostile` gives every input to the command that users give it to (`mutated_inputs`). A refusal
-must be one line and leave nothing behind; what is written in spite of the damage must open.
+`benchmarks.scale.hostile` gives every input to the command that users give it to. A refusal must
+be one line and leave nothing behind; what is written in spite of the damage must open.
 """
 
 from __future__ import annotations
