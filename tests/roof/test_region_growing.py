@@ -40,14 +40,6 @@ def test_two_strips_of_one_plane_are_one() -> None:
     assert len(segment_roof(points, 0.35, RegionGrowing())) == 1
 
 
-def test_walls_are_no_roof_planes() -> None:
-    rng = np.random.default_rng(3)
-    wall = np.c_[rng.uniform(-5, 5, 300), np.full(300, -4.0), rng.uniform(-5, 0, 300)]
-    planes = segment_roof(np.r_[gable(800, 0.02), wall], 0.32, RegionGrowing())
-    assert len(planes) == 2
-    assert max(plane.slope for plane in planes) < np.radians(45)
-
-
 def test_scan_lines_give_the_same_two_planes() -> None:
     x, y = np.meshgrid(np.arange(-5, 5, 1.0), np.arange(-4, 4, 0.12))
     rng = np.random.default_rng(4)
