@@ -12,14 +12,17 @@ from shapely import Polygon
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Footprint, Points
 from eaves.outline.global_fit import GlobalFit
-from eaves.outline.stage import MIN_POINTS
 from eaves.outline.toolkit.edges import edge_shift_kernel
 from eaves.outline.toolkit.shared_edges import shared_rings
 
 REACH_M = 1.5
 """Farthest that an edge moves: a wide overhang, or a map a metre off."""
+LEAST_LENGTH = 3.0
+"""Shorter edges, in spacings, tell nothing of their own."""
 FIT = GlobalFit()
 """The outline method whose blur of an edge (m) and reach from roof to wall points (m) hold here, too."""
+LEAST_POINTS = 9
+"""Fewer points behind an edge tell nothing."""
 STIFFNESS = 0.05
 """Weight of staying in place, against 1 for a measured edge: keeps blunt corners from sliding away."""
 
@@ -99,7 +102,7 @@ def edge_shifts(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """How far (E,) each edge lies from the points' end, its inward normal (E, 2) and its length (E,).
 
-    NaN where the edge has few points behind it, or the points go on before it (a building that the
+    NaN where the edge is short, has no points behind it, or the points go on before it (a building that the
     map does not know).
     """
     run = nodes[second] - nodes[first]
@@ -118,9 +121,10 @@ def edge_shifts(
         2.0 * spacing,
         FIT.blur,
         FIT.least_beside,
-        MIN_POINTS,
+        LEAST_POINTS,
     )
-    return np.where(np.abs(shift) > REACH_M, np.nan, shift), normal, length
+    useless = (length < LEAST_LENGTH * spacing) | (np.abs(shift) > REACH_M)
+    return np.where(useless, np.nan, shift), normal, length
 
 
 def common_shift(
