@@ -65,7 +65,7 @@ def no_decks(heights: Any, *_: Any) -> Any:
 METHOD = "detect.consensus.method:"
 TERMS = {"company": 0.5, "enclosed": 0.3, "rough": 0.2, "low": -0.3, "width": 0.5, "height": 0.7, "area": 1.0}
 DETECT = (
-    detect("vehicles", 6, {"detect.vehicle_area": 0.0}),
+    detect("vehicles", 5, {"detect.vehicle_height": 0.0}),
     detect("narrow parts", 1, {"detect.room": 0.0}),
     detect(
         "hidden roofs",

@@ -1,8 +1,6 @@
-"""How good the ground filters are: real samples, simulated towns, speed, memory, and what the choice of
-numbers is worth.
+"""How good the ground filters are: real samples and simulated towns.
 
-`python -m benchmarks.accuracy.ground [--command] [--moved [NAME …]] [--speed] [--surroundings]
-[--towns]`, EAVES_DATA set.
+`python -m benchmarks.accuracy.ground [--command] [--towns]`, EAVES_DATA set.
 Maps of the errors are drawn by `benchmarks.gallery.ground`.
 """
 
@@ -13,9 +11,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
-import tracemalloc
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -25,7 +20,6 @@ import laspy
 import numpy as np
 from scipy import ndimage
 
-import eaves
 from benchmarks.table import keep
 from eaves.evaluate.ground import evaluate_ground
 from eaves.geometry.neighbours import measure_spacing
@@ -34,9 +28,7 @@ from eaves.ground.adaptive_tin import AdaptiveTin
 from eaves.ground.contours import ContourGround
 from eaves.ground.smooth_region import SmoothRegion
 from eaves.ground.toolkit.doubts import doubts_within
-from eaves.ground.toolkit.floor import Floor
-from eaves.ground.toolkit.wide_objects import WideObjects
-from eaves.model import Bounds, Mask, PointCloud, Points
+from eaves.model import Mask, PointCloud, Points
 from eaves.raster.grid import cell_centres, whole_cells
 from eaves.raster.surfaces import make_dtm
 from eaves.simulate.scanner import scan_town
@@ -76,10 +68,6 @@ PLACES, PLACES_SEED = 6, 5
 """Random places at which the command is judged."""
 PATCH_M2 = 4.0
 """Smaller patches of wrong ground are not asked of doubts."""
-SQUARES, SEEN_M, RIM_M = 6, 120.0, 20.0
-SQUARES_M = {"woodford": 240.0, "galapagos": 120.0}
-SURROUNDINGS_M = (60.0, 48.0, 40.0, 36.0)
-"""Random squares of so many metres, and how much is seen around them."""
 
 
 @dataclass(frozen=True)
@@ -307,140 +295,10 @@ def judge_command(data: Path) -> None:
     keep("ground-command", "Ground: by the command", rows, f"{COMMAND} --command", note)
 
 
-def move_constants(data: Path, names: list[str]) -> None:
-    """The mean of the samples with each constant a quarter lower and higher, the others as they are; of all
-    constants where none is named.
-    """
-    samples = [read_isprs(data, name) for name in ISPRS]
-    rows: list[dict[str, object]] = []
-
-    def errors_with(**changed: float) -> list[float]:
-        method = AdaptiveTin(**changed)
-        return [total_error(s, classify_ground(s.cloud, method).ground) for s in samples]
-
-    default = AdaptiveTin().model_dump()
-    for name, value in default.items():
-        if value is None or value == 0 or (names and name not in names):
-            continue
-        lower, higher = (
-            errors_with(
-                **{name: round(share * value) if isinstance(value, int) else min(share * value, most)}
-            )
-            for share, most in ((0.75, np.inf), (1.25, 1.0 if "share" in name and value <= 1.0 else np.inf))
-        )
-        rows.append(
-            {
-                "constant": name,
-                "value": value,
-                "- 25 %": float(np.mean(lower)),
-                "+ 25 %": float(np.mean(higher)),
-                "worst sample": max(lower + higher),
-            }
-        )
-    plain = float(np.mean(errors_with()))
-    worst = max(max(float(str(row["- 25 %"])), float(str(row["+ 25 %"]))) for row in rows)
-    note = f"Mean total error of the eight samples, per cent; {plain:.2f} as it is, at most {worst:.2f}."
-    if names:
-        note += (
-            f" Of {len(default)} constants these were moved: those that mattered most in the last full table."
-        )
-    keep("ground-moved", "Ground: each constant moved", rows, " ".join([COMMAND, "--moved", *names]), note)
-
-
-def judge_surroundings(data: Path) -> None:
-    """How many points of a square change class when less around it is seen than `SEEN_M`."""
-    rows: list[dict[str, object]] = []
-    for name, side in SQUARES_M.items():
-        cloud = eaves.read(data / name / f"{name}.laz").with_(classification=None)
-        patch = AdaptiveTin().find_wide_objects(Floor.of(cloud))
-        wide = None if patch is None else WideObjects((patch,))
-        bounds, rng = cloud.bounds.buffered(-SEEN_M), np.random.default_rng(1)
-        changed, near_rim, points = dict.fromkeys(SURROUNDINGS_M, 0), dict.fromkeys(SURROUNDINGS_M, 0), 0
-        for _ in range(SQUARES):
-            west = rng.uniform(bounds.west, bounds.east - side)
-            south = rng.uniform(bounds.south, bounds.north - side)
-            core = Bounds(west, south, west + side, south + side)
-            whole = classes_within(core, cloud, SEEN_M, wide)
-            points += len(whole)
-            xyz = cloud.xyz[core.contains(cloud.xyz)]
-            deep = core.buffered(-RIM_M).contains(xyz)
-            for reach in SURROUNDINGS_M:
-                other = classes_within(core, cloud, reach, wide) != whole
-                changed[reach] += int(other.sum())
-                near_rim[reach] += int((other & ~deep).sum())
-        for reach in SURROUNDINGS_M:
-            rows.append(
-                {
-                    "data": name,
-                    "seen around, m": reach,
-                    "points": points,
-                    "changed, of a million": 1e6 * changed[reach] / points,
-                    f"of them within {RIM_M:g} m of the rim": 1e6 * near_rim[reach] / points,
-                }
-            )
-    note = f"{SQUARES} random squares each; compared with the classes where {SEEN_M:g} m are seen."
-    keep("ground-surroundings", "Ground: what is seen around", rows, f"{COMMAND} --surroundings", note)
-
-
-def classes_within(core: Bounds, cloud: PointCloud, reach: float, wide: WideObjects | None) -> np.ndarray:
-    """Classes of the points in a square, where so much (m) is seen around it."""
-    seen = cloud.take(core.buffered(reach).contains(cloud.xyz))
-    found = classify_ground(seen, wide=wide).classification
-    assert found is not None
-    return found[core.contains(seen.xyz)]
-
-
-def speed_clouds(data: Path) -> Iterator[tuple[str, PointCloud]]:
-    yield "delft", read_las(data / "delft" / "ahn3.laz").cloud
-    las = laspy.read(data / "autzen" / "autzen_full.laz")
-    xyz = np.c_[las.x, las.y, las.z] * 0.3048
-    middle = np.median(xyz[:, :2], axis=0)
-    yield "autzen, 360 m", PointCloud.from_world(xyz[(np.abs(xyz[:, :2] - middle) < 180.0).all(axis=1)])
-
-
-def measure_speed(data: Path) -> None:
-    """Points per CPU second, and the peak memory, reading left out and kernels compiled."""
-    rows: list[dict[str, object]] = []
-    for name, cloud in speed_clouds(data):
-        classify_ground(cloud)
-        start = time.process_time()
-        classify_ground(cloud)
-        used = time.process_time() - start
-        ordered = cloud.take(cloud.canonical_order())
-        start = time.process_time()
-        AdaptiveTin().ground_mask(ordered)
-        alone = time.process_time() - start
-        tracemalloc.start()
-        classify_ground(cloud)
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        rows.append(
-            {
-                "data": name,
-                "points": len(cloud),
-                "classify_ground, M points/s": len(cloud) / used / 1e6,
-                "the method alone, M points/s": len(cloud) / alone / 1e6,
-                "peak MB per million points": peak / len(cloud),
-            }
-        )
-    keep(
-        "ground-speed",
-        "Ground: speed and memory",
-        rows,
-        f"{COMMAND} --speed",
-        "CSF 0.88, SMRF 0.20 M points/s.",
-    )
-
-
 def main() -> None:
     """Print and keep the tables that are asked for; those of the real samples by default."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--command", action="store_true", help="the samples by `eaves ground`")
-    parser.add_argument(
-        "--moved", nargs="*", metavar="NAME", help="each constant, or those named, a quarter lower and higher"
-    )
-    parser.add_argument("--speed", action="store_true", help="points per second and memory")
-    parser.add_argument("--surroundings", action="store_true", help="less seen around a square")
     parser.add_argument("--towns", action="store_true", help="simulated towns")
     wanted = parser.parse_args()
     if wanted.towns:
@@ -452,13 +310,7 @@ def main() -> None:
     data = Path(folder)
     if wanted.command:
         judge_command(data)
-    if wanted.moved is not None:
-        move_constants(data, wanted.moved)
-    if wanted.surroundings:
-        judge_surroundings(data)
-    if wanted.speed:
-        measure_speed(data)
-    if wanted.moved is None and not any(vars(wanted).values()):
+    if not any(vars(wanted).values()):
         compare_methods(data)
         judge_dense(data)
         judge_doubts(data)

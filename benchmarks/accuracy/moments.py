@@ -5,8 +5,7 @@ Run `python -m benchmarks.accuracy.moments`.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,17 +13,14 @@ import shapely
 from numpy.typing import NDArray
 
 from benchmarks.table import keep
-from eaves.geometry.tin import Tin
 from eaves.model import BuildingModel, Failure, Footprint, Points
 from eaves.reconstruct.moments import Moments
 from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
-from eaves.reconstruct.moments.invariants import ClosedForm, border_growth, closed_form, surface_moments
+from eaves.reconstruct.moments.invariants import ClosedForm
 
 COMMAND = "python -m benchmarks.accuracy.moments"
 HOUSES = 200
 NOISE = 0.03
-PASSES = 5
-"""Passes of which the fastest counts: other work on the machine only ever slows one down."""
 
 KINDS = ("flat", "shed", "gable", "hip", "pyramid")
 MEASURES = ("length", "width", "eaves", "ridge", "orientation", "slope")
@@ -164,36 +160,6 @@ def type_rows() -> Iterator[dict[str, object]]:
         }
 
 
-def speed_rows() -> Iterator[dict[str, object]]:
-    """Houses of about 500 points a second on one core, by CPU time."""
-    houses = []
-    for number in range(100):
-        truth, rng = draw_house(number, KINDS)
-        houses.append(scan(truth, 500.0 / (truth.length * truth.width), "random", rng))
-    for points in houses[:10]:
-        fit_building(points)
-    plan = Footprint(shapely.box(-9, -9, 9, 9))
-    tasks: list[tuple[str, Callable[[Points], object]]] = [
-        ("closed solution alone", closed_house),
-        ("parameters with deviations", fit_building),
-        ("the whole model, solid and attributes", lambda points: Moments().model(points, plan, [], -3.0)),
-    ]
-    for name, task in tasks:
-        passes = []
-        for _ in range(PASSES):
-            start = time.process_time()
-            for points in houses:
-                task(points)
-            passes.append(time.process_time() - start)
-        yield {"what": name, "houses per CPU second": len(houses) / min(passes)}
-
-
-def closed_house(points: Points) -> ClosedForm:
-    """The closed solution alone."""
-    moments = surface_moments(points, Tin(points[:, :2]).triangles)
-    return closed_form(moments, 0.1, border_growth(len(points)))
-
-
 def main() -> None:
     """Print and keep the tables."""
     keep(
@@ -210,9 +176,6 @@ def main() -> None:
         list(type_rows()),
         COMMAND,
         "To reach: type 0.95 (0.85 at 1 point/m²), modelled 0.98. Source 5: 50 of 51 modelled.",
-    )
-    keep(
-        "moments-speed", "Houses of 500 points per CPU second", list(speed_rows()), COMMAND, "To reach: 500."
     )
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -368,25 +367,6 @@ def building3d_rows(folder: Path) -> list[dict[str, object]]:
     return rows
 
 
-def speed_row() -> dict[str, object]:
-    """Buildings of 500 points each a CPU second."""
-    rng = np.random.default_rng(0)
-    shape = SHAPES["ell"]
-    xy = rng.uniform([0, 0], [14, 12], (3000, 2))
-    xy = xy[shapely.contains_xy(shape, xy)][:500]
-    points, spacing = np.column_stack([xy, np.full(500, 5.0)]), (shape.area / 500) ** 0.5
-    row: dict[str, object] = {"data": "500 points", "measure": "buildings a CPU second", "reach": "≥ 300"}
-    for method in METHODS:
-        outliner = make_method("outline", method)
-        assert isinstance(outliner, OutlineMethod)
-        drawn(points, spacing, outliner)
-        start = time.process_time()
-        for _ in range(100):
-            drawn(points, spacing, outliner)
-        row[method] = round(100 / (time.process_time() - start))
-    return row
-
-
 def main() -> None:
     """Print the table and keep it."""
     rows: list[dict[str, object]] = []
@@ -406,7 +386,6 @@ def main() -> None:
         rows += building3d_rows(Path(folder))
     else:
         print("EAVES_DATA is not set: the real data are left out", file=sys.stderr)
-    rows.append(speed_row())
     keep("outline", "Outlines drawn from points whose building is known", rows, COMMAND, NOTE)
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +26,7 @@ from eaves.roof import RoofMethod, segment_roof
 from eaves.roof.global_refinement import GlobalRefinement
 from eaves.roof.region_growing import RegionGrowing
 from eaves.roof.tin_faces import TinFaces
-from eaves.simulate.objects.exact import ExactBuilding, ExactScene
+from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.objects.roofs import nine_roofs_on_a_slope
 from eaves.simulate.scanner import Scanner, scan_town
 from eaves.simulate.town import simulate_town
@@ -42,14 +41,6 @@ CELL = 0.25
 
 FEWEST = 20
 """Buildings of fewer points are left out: most of them are hidden."""
-
-
-BALCONY, PANELS = "balconies, canopies", "solar panels, skylights"
-PLANT, MIXED = "lift houses, plant, vents", "no clutter: two faces in one"
-"""What a plane may lie on that is in no model."""
-
-HIGHEST_PANEL = 0.4
-"""Panels and skylights lie lower than this (m) over their roof."""
 
 
 @dataclass
@@ -118,45 +109,6 @@ def over_scene(scene: ExactScene, density: float, method: RoofMethod, rims: bool
         if rims and len(planes):
             tally.rims.append(rim_error(building.footprint, building.faces, points, planes))
     return tally
-
-
-def extra_rows() -> Iterator[dict[str, object]]:
-    """What the planes lie on that have no counterpart in a town's model, at two densities."""
-    for density in (10.0, 4.0):
-        scene = scan_town(simulate_town(0.04, seed=1), density, 0.03, "lines")
-        kinds: Counter[str] = Counter()
-        claimed = 0
-        for building in scene.buildings:
-            own = np.flatnonzero(scene.building == building.number)
-            if len(own) < FEWEST:
-                continue
-            points, labels = scene.cloud.xyz[own], scene.plane[own].astype(np.int64)
-            for plane in segment_roof(points, density**-0.5):
-                if len(plane.members) <= SMALLEST * density:
-                    continue
-                claimed += 1
-                votes = np.bincount(labels[plane.members])
-                if votes[1:].max(initial=0) < 0.5 * len(plane.members):
-                    kinds[kind_of(building, points[plane.members], votes)] += 1
-        yield {
-            "points/m²": density,
-            "planes > 2 m²": claimed,
-            "extra": kinds.total(),
-            **{name: kinds[name] for name in (BALCONY, PANELS, PLANT, MIXED)},
-        }
-
-
-def kind_of(building: ExactBuilding, points: Points, votes: NDArray[np.int64]) -> str:
-    """What the points (N, 3) of an extra plane lie on; `votes` (F,) counts them by face, 0 for clutter."""
-    if votes[0] < 0.5 * len(points):
-        return MIXED
-    if np.median(shapely.contains_xy(building.footprint, points[:, 0], points[:, 1])) == 0:
-        return BALCONY
-    lift = np.full(len(points), np.nan)
-    for face in building.faces:
-        over = shapely.contains_xy(face.polygon, points[:, 0], points[:, 1])
-        lift[over] = points[over, 2] - face.height_at(points[over])
-    return PANELS if np.nanmedian(lift) < HIGHEST_PANEL else PLANT
 
 
 def rim_error(footprint: shapely.Polygon, faces: tuple, points: Points, planes: list[RoofPlane]) -> float:
@@ -268,27 +220,6 @@ def delft_roofs(data: Path) -> list[Points]:
     return roofs
 
 
-def speed_rows() -> Iterator[dict[str, object]]:
-    """Roofs of about 500 points a second on one core, by CPU time."""
-    scene = nine_roofs_on_a_slope(4.0, 0.03)
-    roofs = [scene.cloud.xyz[scene.building == building.number] for building in scene.buildings]
-    for method in METHODS:
-        for points in roofs:
-            segment_roof(points, 0.5, method)
-        passes = []
-        for _ in range(10):
-            start = time.process_time()
-            for points in roofs:
-                segment_roof(points, 0.5, method)
-            passes.append(time.process_time() - start)
-        seconds = min(passes) / len(roofs)
-        yield {
-            "method": method.name,
-            "points a roof": float(np.mean([len(points) for points in roofs])),
-            "roofs per CPU second": 1.0 / seconds,
-        }
-
-
 def main() -> None:
     """Print and keep the tables."""
     folder = os.environ.get("EAVES_DATA")
@@ -303,24 +234,10 @@ def main() -> None:
         "as real* counts planes on it as right. Planes agree by half of their points.",
     )
     keep(
-        "roof-extra",
-        "Planes over 2 m² that a simulated town's model leaves out, by what they lie on",
-        list(extra_rows()),
-        COMMAND,
-        "A plane is extra when fewer than half of its points lie on one face of the model.",
-    )
-    keep(
         "roof-distances",
         "Distance of points to their plane, region growing",
         list(distance_rows(data)),
         COMMAND,
-    )
-    keep(
-        "roof-speed",
-        "Roofs segmented per CPU second",
-        list(speed_rows()),
-        COMMAND,
-        "To reach: 100 of 500 points.",
     )
     if data is None:
         print("EAVES_DATA is not set: the labelled roofs of Trondheim are left out")

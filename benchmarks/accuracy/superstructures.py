@@ -1,18 +1,13 @@
 """Chimneys, dormers and plant on simulated roofs: found in the solid, found as objects, false; and towers of
-leaves, on roofs under crowns and in the results of runs.
-
-Run `python -m benchmarks.accuracy.superstructures [RESULTS...]`, folders that `eaves build` wrote.
+leaves, on roofs under crowns.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-import pyogrio
 import shapely
 
 from benchmarks.table import keep
@@ -135,10 +130,7 @@ def rows() -> Iterator[dict[str, object]]:
             }
 
 
-NOTE = (
-    "Drawn: shafts found are those that stand in the model, towers what stands of the crown. In results of "
-    "runs, named by their folders, true chimneys, spires and lift housings are among the towers."
-)
+NOTE = "Shafts found are those that stand in the model, towers what stands of the crown."
 
 
 def count_towers(faces: Sequence[Sequence[Points]], owner: Sequence[int]) -> list[shapely.Point]:
@@ -194,23 +186,9 @@ def roof_rings(model: BuildingModel) -> tuple[list[list[Points]], list[int]]:
     return faces, [0] * len(faces)
 
 
-def towers_in_results(out: Path) -> dict[str, object]:
-    """The towers in a folder that `eaves build` wrote, in metres; true chimneys and spires are among them."""
-    _, _, shapes, columns = pyogrio.raw.read(out / "footprints.gpkg", "roof_planes", columns=["building_id"])
-    rings = [[one.exterior, *one.interiors] for one in shapely.from_wkb(shapes)]
-    faces = [[shapely.get_coordinates(ring, include_z=True)[:-1] for ring in own] for own in rings]
-    names = np.unique(columns[0], return_inverse=True)[1]
-    return {
-        "roofs": out.name,
-        "buildings": int(names.max()) + 1,
-        "shafts found": None,
-        "towers": len(count_towers(faces, names.tolist())),
-    }
-
-
 def main() -> None:
     """Print and keep the tables."""
-    found = [*towers_under_crowns(), *(towers_in_results(Path(name)) for name in sys.argv[1:])]
+    found = list(towers_under_crowns())
     keep("towers", "Faces under 6 m², more than 3 m over the roof around them", found, COMMAND, NOTE)
     note = (
         "Blocks 0.5 to 1.5 m over gables, hips and flat roofs, points at random, 2 cm of noise, true "

@@ -3,20 +3,12 @@
 `python -m benchmarks.accuracy.update [FOLDER]`: a simulated town of two epochs in tiles of 250 m, of which a
 window with a hundredth of its buildings is flown again; and Delft, of which every other pulse in such a
 window comes as a new tile.
-
-`python -m benchmarks.accuracy.update FOLDER large`: a town of 3 km² in tiles of 500 m, of which windows with
-several shares of the buildings are flown again, in one place and in four. What is in FOLDER/large is used
-again: the points take five minutes to make, the full build six. `larger`: one of 2.5 km² with its mirror
-image east of it, 5 km²; the points take seven minutes, the full build eleven.
-
-`python -m benchmarks.accuracy.update FOLDER edits`: ten edits on Delft, by `eaves update`, start included.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import shutil
 import sys
 import tempfile
 import time
@@ -30,8 +22,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from benchmarks.speed.budget import run_alone
-from eaves.change.edits import FLAT_ROOF, FOOTPRINT, NO_BUILDING, PARTY_WALLS, Edit, write_edits
 from eaves.change.upkeep.kept import open_kept
 from eaves.change.upkeep.update import Updated, update
 from eaves.change.upkeep.versions import lines_of
@@ -45,11 +35,6 @@ SEED, AREA_KM2, DENSITIES = 9301, 0.5, (4.0, 5.0)
 TILE_M = 250.0
 SHARE = 0.01
 """Of the buildings lie in the window."""
-LARGE_DENSITIES, LARGE_TILE_M = (2.5, 3.0), 500.0
-LARGE = {"large": (9302, 3.0, False), "larger": (9303, 2.5, True)}
-"""Seed and area (km²) of the large towns, and whether the mirror image of one lies beside it."""
-PARTS = ((0.0025, 1), (0.01, 1), (0.01, 4), (0.04, 1))
-"""Of the large town: the share of its buildings, and in how many places."""
 OUTPUTS = ("footprints", "models", "mask", "rasters", "classified")
 
 
@@ -69,20 +54,15 @@ def timed(work: Callable[[], Any]) -> tuple[Any, float]:
     return answer, time.process_time() - before
 
 
-def windows_in(out: Path, share: float = SHARE, places: int = 1) -> list[tuple[float, float, float, float]]:
-    """West, south, east, north of a square in the middle of a run with so much of its buildings; or of four,
-    each in the middle of a quarter, with that much together."""
+def window_in(out: Path) -> tuple[float, float, float, float]:
+    """West, south, east, north of a square in the middle of a run with `SHARE` of its buildings."""
     middles = shapely.get_coordinates(
         shapely.centroid(read_polygons(out / "footprints.gpkg", "footprints")[0])
     )
-    low, high = middles.min(axis=0), middles.max(axis=0)
-    quarters = [low + (high - low) * [x, y] for x in (0.25, 0.75) for y in (0.25, 0.75)]
-    found = []
-    for middle in quarters if places == 4 else [np.median(middles, axis=0)]:
-        far = np.sort(np.abs(middles - middle).max(axis=1))
-        half = float(far[max(1, round(share * len(far) / places))])
-        found.append((*(middle - half).tolist(), *(middle + half).tolist()))
-    return found
+    middle = np.median(middles, axis=0)
+    far = np.sort(np.abs(middles - middle).max(axis=1))
+    half = float(far[max(1, round(SHARE * len(far)))])
+    return (*(middle - half).tolist(), *(middle + half).tolist())
 
 
 def inside(las: laspy.LasData, window: tuple[float, float, float, float]) -> NDArray[np.bool_]:
@@ -100,9 +80,9 @@ def write_part(las: laspy.LasData, which: NDArray[np.bool_], path: Path) -> None
     part.write(path)
 
 
-def write_tiles(las: laspy.LasData, folder: Path, side: float = TILE_M) -> None:
-    """A file a square of a side (m)."""
-    place = np.column_stack([np.asarray(las.x) // side, np.asarray(las.y) // side]).astype(int)
+def write_tiles(las: laspy.LasData, folder: Path) -> None:
+    """A file a square of `TILE_M` (m)."""
+    place = np.column_stack([np.asarray(las.x) // TILE_M, np.asarray(las.y) // TILE_M]).astype(int)
     for column, row in np.unique(place, axis=0).tolist():
         write_part(las, (place == [column, row]).all(axis=1), folder / f"{column}_{row}.laz")
 
@@ -189,7 +169,7 @@ def judge(name: str, place: Path, files: Path, later: laspy.LasData, every: int,
     """Build a survey, update it in a window with every n-th pulse of a later scan, and compare."""
     out = place / "out"
     _, full = timed(lambda: build(str(files), out, keep=True, outputs=OUTPUTS, jobs=1))
-    which = inside(later, windows_in(out)[0])
+    which = inside(later, window_in(out))
     if every > 1:
         pulses = np.unique(np.asarray(later.gps_time), return_inverse=True)[1]
         which &= pulses % every == 0
@@ -202,88 +182,8 @@ def judge(name: str, place: Path, files: Path, later: laspy.LasData, every: int,
     return row_of(name, out, done, Cost(full, spent, reading_of(done)), whole)
 
 
-def with_mirror_image(las: laspy.LasData, east: int) -> laspy.LasData:
-    """A scan with its mirror image east of a line, in the file's own whole numbers."""
-    whole = laspy.LasData(las.header)
-    whole.points = laspy.ScaleAwarePointRecord.zeros(2 * len(las.points), header=las.header)
-    whole.points.array[:] = np.concatenate([las.points.array, las.points.array])
-    x = whole.points.array["X"]
-    x[len(las.points) :] = 2 * east - x[len(las.points) :]
-    return whole
-
-
-def make_large(place: Path, seed: int, area_km2: float, mirrored: bool) -> None:
-    """Two epochs of a town: `tiles`, and all points of the later one."""
-    epochs = simulate_epochs(area_km2, "slope", seed=seed, style="mixed", changed=0.3)
-    old = Survey(LARGE_DENSITIES[0]).scan(epochs.old, seed)
-    points = laspy.read(write_simulation(old, place / "old")["points"])
-    new = later_survey(LARGE_DENSITIES[1]).scan(epochs.new, seed + 1000)
-    later = laspy.read(write_simulation(new, place / "new")["points"])
-    if mirrored:
-        east = int(points.points.array["X"].max())
-        points, later = with_mirror_image(points, east), with_mirror_image(later, east)
-    write_tiles(points, place / "tiles", LARGE_TILE_M)
-    later.write(place / "later.laz")
-
-
-def judge_large(place: Path) -> None:
-    """Print a row for each of `PARTS` of the large town that a folder is called after."""
-    if not (place / "later.laz").exists():
-        make_large(place, *LARGE[place.name])
-    if not (place / "full.json").exists():
-        tiles = str(place / "tiles")
-        _, full = timed(lambda: build(tiles, place / "out", keep=True, outputs=OUTPUTS, jobs=1))
-        (place / "full.json").write_text(json.dumps({"full": full}), encoding="utf-8")
-    full = json.loads((place / "full.json").read_text(encoding="utf-8"))["full"]
-    later = laspy.read(place / "later.laz")
-    for share, places in PARTS:
-        name = f"{share:.2%} in {places}"
-        which = np.zeros(len(later.points), bool)
-        for window in windows_in(place / "out", share, places):
-            which |= inside(later, window)
-        write_part(later, which, place / name / "tile" / "tile.laz")
-        done, spent = timed(
-            lambda folder=place / name: update(
-                place / "out", folder / "tile", folder / "out2", date="2026-05-01"
-            )
-        )
-        cost = Cost(full, spent, reading_of(done))
-        print(row_of(f"{place.name} town, {name}", place / "out", done, cost, None), flush=True)
-        print({step: round(value, 1) for step, value in done.summary.seconds.items()}, file=sys.stderr)
-
-
-def judge_edits(place: Path) -> None:
-    """Print the processor time (s) of `eaves update` with ten edits on Delft, several times."""
-    out, edits = place / "out", place / "edits.gpkg"
-    if not out.exists():
-        build(str(Path(os.environ["EAVES_DATA"]) / "delft" / "ahn3.laz"), out, keep=True, jobs=1)
-        polygons, _, rows, system = read_polygons(out / "footprints.gpkg", "footprints")
-        some = [(one, row["id"]) for one, row in zip(polygons, rows, strict=True) if one.area > 40.0]
-        some = some[:: len(some) // 10][:10]
-        west, south, east, north = some[9][0].bounds
-        halves = (
-            shapely.box(west, south, (west + east) / 2, north),
-            shapely.box((west + east) / 2, south, east, north),
-        )
-        told = [Edit(FLAT_ROOF, *one) for one in some[:4]] + [Edit(NO_BUILDING, *one) for one in some[4:7]]
-        told += [Edit(FOOTPRINT, one.buffer(0.3, join_style="mitre"), name) for one, name in some[7:9]]
-        told += [Edit(PARTY_WALLS, some[9][0].intersection(half), some[9][1]) for half in halves]
-        write_edits(edits, told, system)
-        shutil.copytree(out, place / "kept")
-    for _ in range(3):
-        shutil.rmtree(out)
-        shutil.copytree(place / "kept", out)
-        words = [sys.executable, "-m", "eaves", "update", str(out), "--edits", str(edits)]
-        spent, _ = run_alone(words, dict(os.environ))
-        steps = json.loads((out / "run.json").read_text(encoding="utf-8"))["stage_cpu_seconds"]
-        print(f"{spent:.1f} s; {steps}", flush=True)
-
-
-def main(place: Path, what: str = "") -> None:
+def main(place: Path) -> None:
     """Print a row a survey."""
-    if what == "edits":
-        judge_edits(place / "edits")
-        return
     head = ("survey", "buildings", "modelled again, new, gone, beside", "ids kept, of the others")
     head += (
         "lines kept, of the others",
@@ -295,9 +195,6 @@ def main(place: Path, what: str = "") -> None:
         "without reading",
     )
     print(f"| {' | '.join(head)} |\n{'|---' * len(head)}|")
-    if what in LARGE:
-        judge_large(place / what)
-        return
     delft = Path(os.environ["EAVES_DATA"]) / "delft" / "ahn3.laz"
     print(judge("Delft", place / "delft", delft, laspy.read(delft), 2, law=True), flush=True)
     town = place / "town"
@@ -311,7 +208,7 @@ def main(place: Path, what: str = "") -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        main(Path(sys.argv[1]), *sys.argv[2:3])
+        main(Path(sys.argv[1]))
     else:
         with tempfile.TemporaryDirectory() as folder:
             main(Path(folder))

@@ -1,63 +1,31 @@
-"""Mutated inputs through the commands: no traceback, no hang, no file half-written.
+"""The inputs that commands take, how each is mutated, and what a command may do with them.
 
-usage: python -m benchmarks.scale.fuzz [--times 10000] [--seed 1] [--jobs 1] [--kind WORD]
-
-Every input is given to the command that users give it to, in a process whose memory and time are bounded; a
-process that dies of an input is counted against it. A refusal must be one line and leave nothing behind;
-what is written in spite of the damage must open. With TMPDIR in memory it takes a third of the time.
+`benchmarks.scale.hostile` gives every input to the command that users give it to. A refusal must
+be one line and leave nothing behind; what is written in spite of the damage must open.
 """
 
 from __future__ import annotations
 
-import argparse
-import io
 import json
-import multiprocessing
-import random
-import resource
 import shutil
-import sys
-import tempfile
-import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import laspy
 import pyproj
-import typer.main
 from tests.formats.copc_writer import write_copc
 
 from benchmarks.scale.map_mutations import hurt_database, hurt_json
-from benchmarks.scale.mutations import Mutate, either, hurt_bytes, hurt_words, put_hurt
+from benchmarks.scale.mutations import Mutate, either, hurt_bytes, hurt_words
 from benchmarks.scale.point_mutations import hurt_points
-from benchmarks.table import keep
-from eaves.cli import app as cli
 from eaves.formats import iter_cityjson, open_source, read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
+from eaves.pipeline import build
 from eaves.simulate import scan_town, simulate_town, write_simulation
 
-SECONDS = 300
-"""An input that takes longer hangs. A whole one takes half a second, one whose points are strewn over
-hundreds of blocks a minute."""
-SLOW = 30
-"""One that takes longer is named."""
-ROOM_BYTES = 3 << 30
-"""What the address space may grow by over that of a process that has read whole inputs."""
 SIDE = 40
 """Of the scene and of a block (m)."""
-BATCH = 500
-"""Inputs given to one process, so that a leak shows and a death costs little."""
-
-Answer = tuple[int, int, str, float]
-"""An input's number, its exit status, what it did wrong, and its seconds."""
-# Typer reads the signatures of all commands at every call, half the time of a refusal.
-typer.main.get_command = lru_cache(typer.main.get_command)
 
 
 @dataclass(frozen=True)
@@ -82,7 +50,7 @@ def write_whole(place: Path) -> None:
     rows = (f"{x:.2f} {y:.2f} {z:.2f}" for x, y, z in las.xyz)
     (place / "a.xyz").write_text("\n".join(rows) + "\n")
     out = place / "out"
-    call(["build", str(points), "-o", str(out), "-q"])
+    build(str(points), out)
     footprints = place / "footprints.gpkg"
     shutil.copy(out / "footprints.gpkg", footprints)
     polygons, ids, _, system = read_polygons(footprints)
@@ -163,20 +131,6 @@ def make_kinds(place: Path) -> list[Kind]:
     ]
 
 
-def call(words: list[str]) -> tuple[int, str]:
-    """The command in this process: its exit status and what it said on standard error."""
-    said, before = io.StringIO(), sys.argv
-    sys.argv = ["eaves", *words]
-    try:
-        with redirect_stderr(said), redirect_stdout(io.StringIO()):
-            cli.main()
-    except SystemExit as end:
-        return int(end.code or 0), said.getvalue()
-    finally:
-        sys.argv = before
-    return 0, said.getvalue()
-
-
 def wrong_with(status: int, said: str, out: Path) -> str:
     """What breaks the promise, or nothing."""
     if status not in (0, 1, 2):
@@ -207,152 +161,3 @@ def open_again(path: Path) -> None:
         open_source(path)
     elif path.suffix == ".json":
         json.loads(path.read_text())
-
-
-def try_batch(place: str, numbers: Sequence[int], seed: int, answers: Connection) -> None:
-    """Give a batch of inputs to the commands: a number when one begins, its answer when it ends."""
-    kinds, wholes = make_kinds(Path(place)), Path(place) / f"whole-{numbers[0]}"
-    for kind in kinds:  # loads everything once, so that the room below is for the inputs alone
-        call(kind.words(kind.whole, wholes / kind.name))
-    shutil.rmtree(wholes)
-    others = [kind.whole for kind in kinds]
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (used + ROOM_BYTES, resource.RLIM_INFINITY))
-    for number in numbers:
-        answers.send((number,))
-        kind, chance = kinds[number % len(kinds)], random.Random(f"{seed} {number}")
-        path = input_path(place, kind, number)
-        out = path.parent / "out"
-        path.parent.mkdir()
-        put_hurt(path, kind.whole.read_bytes(), kind.mutate, others, chance)
-        started = time.monotonic()
-        try:
-            status, said = call(kind.words(path, out))
-            fault = wrong_with(status, said, out)
-        except BaseException as error:
-            status, fault = -1, f"{type(error).__name__}: {error}"
-        seconds = time.monotonic() - started
-        shutil.rmtree(path.parent if not fault else out, ignore_errors=True)
-        answers.send((number, status, fault, seconds))
-
-
-def input_path(place: str | Path, kind: Kind, number: int) -> Path:
-    """Where an input lies until it has done no harm."""
-    return Path(place) / f"input-{number}" / kind.whole.name
-
-
-def try_all(place: Path, numbers: Sequence[int], seed: int, jobs: int) -> Iterator[Answer]:
-    """Every input's answer; one whose process dies or is still at work after SECONDS has that for a fault."""
-    # Not by fork: threads of the libraries do not come along.
-    spawn = multiprocessing.get_context("spawn")
-    waiting = [numbers[start : start + BATCH] for start in range(0, len(numbers), BATCH)][::-1]
-    running: list[Running] = []
-    while waiting or running:
-        while waiting and len(running) < jobs:
-            batch = waiting.pop()
-            ours, theirs = spawn.Pipe(duplex=False)
-            process = spawn.Process(target=try_batch, args=(str(place), batch, seed, theirs))
-            process.start()
-            theirs.close()
-            running.append(Running(process, ours, batch))
-        for one in list(running):
-            yield from one.heard()
-            if not one.over():
-                continue
-            running.remove(one)
-            if one.at_work is not None:
-                yield one.at_work, -1, one.end(), time.monotonic() - one.since
-                if rest := one.numbers[one.numbers.index(one.at_work) + 1 :]:
-                    waiting.append(rest)
-        time.sleep(0.02)
-
-
-@dataclass
-class Running:
-    """A process with a batch of inputs, and the input it is at work on."""
-
-    process: BaseProcess
-    answers: Connection
-    numbers: Sequence[int]
-    at_work: int | None = None
-    since: float = 0.0
-    ended: bool = False
-
-    def heard(self) -> Iterator[Answer]:
-        """The answers that have arrived."""
-        try:
-            while self.answers.poll():
-                message = self.answers.recv()
-                if len(message) == 1:
-                    self.at_work, self.since = message[0], time.monotonic()
-                else:
-                    self.at_work = None
-                    yield message
-        except (EOFError, OSError):
-            self.ended = True
-            self.process.join()
-
-    def over(self) -> bool:
-        """Whether the process has ended, or must be."""
-        late = self.at_work is not None and time.monotonic() - self.since > SECONDS
-        return late or self.ended
-
-    def end(self) -> str:
-        """End the process; why."""
-        if self.process.is_alive():
-            self.process.kill()
-            return f"still at work after {SECONDS} s"
-        return f"the process died ({self.process.exitcode})"
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--times", type=int, default=10_000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument(
-        "--kind", default="", help="Of the inputs only those of kinds with this in their name."
-    )
-    parser.add_argument("--faults", type=Path, help="A folder to keep the inputs in that did harm.")
-    asked = parser.parse_args()
-    with tempfile.TemporaryDirectory() as temporary:
-        place = Path(temporary)
-        write_whole(place)
-        kinds = make_kinds(place)
-        for kind in kinds:
-            status, said = call(kind.words(kind.whole, place / "whole" / kind.name))
-            if status:
-                raise RuntimeError(f"the whole input is refused: {kind.name}: {said}")
-        commands = {kind.name: kind.words(kind.whole, place)[0] for kind in kinds}
-        counts: dict[str, Counter[str]] = {kind.name: Counter() for kind in kinds if asked.kind in kind.name}
-        slowest: dict[str, float] = dict.fromkeys(counts, 0.0)
-        numbers = [k for k in range(asked.times) if kinds[k % len(kinds)].name in counts]
-        with suppress(KeyboardInterrupt):  # the table then holds those tried so far
-            for number, status, fault, seconds in try_all(place, numbers, asked.seed, asked.jobs):
-                kind = kinds[number % len(kinds)]
-                name = kind.name
-                counts[name]["inputs"] += 1
-                counts[name][{0: "complete", 1: "incomplete", 2: "refused"}.get(status, "other")] += 1
-                counts[name]["faults"] += bool(fault)
-                slowest[name] = max(slowest[name], seconds)
-                if fault or seconds > SLOW:
-                    print(f"input {number} ({name}), {seconds:.1f} s: {fault or 'slow'}", flush=True)
-                if fault and asked.faults:
-                    shutil.copytree(
-                        input_path(place, kind, number).parent,
-                        asked.faults / str(number),
-                        symlinks=True,
-                        dirs_exist_ok=True,
-                    )
-    rows = [
-        {"input": name, "command": commands[name]}
-        | {word: count[word] for word in ("inputs", "complete", "incomplete", "refused", "faults")}
-        | {"slowest s": round(slowest[name], 1)}
-        for name, count in counts.items()
-    ]
-    words = f"--times {asked.times} --seed {asked.seed}" + (f" --kind '{asked.kind}'" if asked.kind else "")
-    keep("fuzz", "Mutated inputs", rows, f"python -m benchmarks.scale.fuzz {words}")
-
-
-if __name__ == "__main__":
-    main()

@@ -90,11 +90,3 @@ def test_a_cloud_without_classes_has_no_building() -> None:
     scene, _ = two_houses_and_a_tree().scene()
     bare = Scene(scene.cloud.with_(classification=None), scene.dtm, scene.dsm, scene.spacing, scene.height)
     assert GivenClasses().label(bare).count == 0
-
-
-def test_the_order_of_points_does_not_matter() -> None:
-    scene, _ = classified(two_boxes(2.0), {1: BUILDING, 2: BUILDING})
-    order = np.random.default_rng(0).permutation(len(scene.cloud))
-    mixed = Scene(scene.cloud.take(order), scene.dtm, scene.dsm, scene.spacing, scene.height[order])
-    one, two = detect_buildings(scene, GivenClasses()), detect_buildings(mixed, GivenClasses())
-    assert np.array_equal(one.label[order], two.label)

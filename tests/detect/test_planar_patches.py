@@ -48,14 +48,6 @@ def test_coplanar_patches_merge_to_one_and_a_step_stays_apart() -> None:
     assert root.tolist() == [0, 0, 0, 0, 4, 4, 4, 4]
 
 
-def test_the_result_does_not_depend_on_the_order_of_points() -> None:
-    scene, _ = two_houses_and_a_tree().scene()
-    straight = detect_buildings(scene, PlanarPatches())
-    mixed = np.random.default_rng(0).permutation(len(scene.cloud))
-    other = type(scene)(scene.cloud.take(mixed), scene.dtm, scene.dsm, scene.spacing, scene.height[mixed])
-    assert (detect_buildings(other, PlanarPatches()).label == straight.label[mixed]).all()
-
-
 def test_cells_hold_their_points_and_a_margin() -> None:
     xyz = np.array([[0.1, 0.1, 1.0], [0.9, 0.2, 3.0], [5.5, 4.5, 2.0]])
     cells = Cells.of(xyz, 1.0)

@@ -51,11 +51,3 @@ def test_the_papers_one_region_is_kept_when_level_is_zero() -> None:
     assert one[xy[:, 0] < 38].mean() > 0.9
     assert not one[xy[:, 0] > 42].any()
     assert both[xy[:, 0] > 42].mean() > 0.9
-
-
-@pytest.mark.parametrize("method", [SmoothRegion(), ContourGround()])
-@pytest.mark.parametrize("count", [0, 1, 2, 30])
-def test_few_and_degenerate_points_have_a_result(method: GroundMethod, count: int) -> None:
-    line = np.arange(count, dtype=float)
-    for xyz in (np.ones((count, 3)), np.c_[line, line, np.zeros(count)]):
-        assert classify_ground(PointCloud(xyz), method).ground.shape == (count,)

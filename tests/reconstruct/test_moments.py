@@ -242,15 +242,6 @@ def test_a_tree_is_not_a_house() -> None:
     assert isinstance(answer, Failure)
 
 
-@pytest.mark.parametrize(
-    "points",
-    [np.zeros((0, 3)), np.zeros((1, 3)), np.zeros((40, 3)), np.arange(120.0).reshape(40, 3), np.eye(3)],
-)
-def test_degenerate_points_give_a_failure(points: np.ndarray) -> None:
-    footprint = Footprint(shapely.box(0, 0, 1, 1))
-    assert isinstance(Moments().model(points, footprint, [], 0.0), Failure)
-
-
 def test_order_of_points_does_not_matter() -> None:
     points = roof_points("hip", 6.0, 0.03, 8)
     shuffled = points[np.random.default_rng(9).permutation(len(points))]

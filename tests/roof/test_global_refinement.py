@@ -80,21 +80,6 @@ def test_it_finds_what_region_growing_finds_and_more() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "points",
-    [
-        np.zeros((0, 3)),
-        np.zeros((2, 3)),
-        np.zeros((20, 3)),
-        np.arange(60.0).reshape(20, 3),
-        np.full((5, 3), np.nan),
-        np.repeat(np.eye(3), 4, axis=0),
-    ],
-)
-def test_degenerate_points_give_a_result(points: np.ndarray) -> None:
-    assert len(segment_roof(points, 0.5, GlobalRefinement())) <= 1
-
-
 def test_far_away_the_result_is_the_same() -> None:
     points, _ = dormered_gable(500, 0.03)
     points = np.round(points * 1e4) / 1e4

@@ -40,39 +40,8 @@ def test_two_strips_of_one_plane_are_one() -> None:
     assert len(segment_roof(points, 0.35, RegionGrowing())) == 1
 
 
-def test_walls_are_no_roof_planes() -> None:
-    rng = np.random.default_rng(3)
-    wall = np.c_[rng.uniform(-5, 5, 300), np.full(300, -4.0), rng.uniform(-5, 0, 300)]
-    planes = segment_roof(np.r_[gable(800, 0.02), wall], 0.32, RegionGrowing())
-    assert len(planes) == 2
-    assert max(plane.slope for plane in planes) < np.radians(45)
-
-
 def test_scan_lines_give_the_same_two_planes() -> None:
     x, y = np.meshgrid(np.arange(-5, 5, 1.0), np.arange(-4, 4, 0.12))
     rng = np.random.default_rng(4)
     points = np.c_[x.ravel(), y.ravel(), 3 - 0.75 * abs(y.ravel()) + rng.normal(0, 0.02, x.size)]
     assert len(segment_roof(points, 0.35, RegionGrowing())) == 2
-
-
-@pytest.mark.parametrize(
-    "points",
-    [
-        np.zeros((0, 3)),
-        np.zeros((1, 3)),
-        np.zeros((20, 3)),
-        np.arange(60.0).reshape(20, 3),
-        np.c_[np.arange(30.0), np.zeros(30), np.zeros(30)],
-        np.full((5, 3), np.nan),
-    ],
-)
-def test_no_plane_in_points_that_have_none(points: np.ndarray) -> None:
-    assert segment_roof(points, 0.5, RegionGrowing()) == []
-
-
-def test_order_of_points_does_not_matter() -> None:
-    points = gable(400, 0.03)
-    shuffle = np.random.default_rng(5).permutation(len(points))
-    first, second = segment_roof(points, 0.45), segment_roof(points[shuffle], 0.45)
-    assert [plane.coefficients for plane in first] == [plane.coefficients for plane in second]
-    assert [set(plane.members) for plane in first] == [set(shuffle[plane.members]) for plane in second]

@@ -26,11 +26,3 @@ def test_hip_has_four_faces(density: int, noise: float) -> None:
     assert len(planes) == 4
     assert np.allclose([plane.slope for plane in planes], np.arctan(0.75), atol=np.radians(2.0))
     assert sum(len(plane.members) for plane in planes) > 0.95 * len(points)
-
-
-@pytest.mark.parametrize(
-    "points",
-    [np.zeros((0, 3)), np.zeros((20, 3)), np.arange(60.0).reshape(20, 3), np.eye(3), np.full((5, 3), np.nan)],
-)
-def test_degenerate_points_give_a_result(points: np.ndarray) -> None:
-    assert len(segment_roof(points, 0.5, TinFaces())) <= 1

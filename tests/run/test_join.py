@@ -16,7 +16,7 @@ def seam(block: Block, count: int, shared: dict[int, int], inside: list[int]) ->
     held = np.zeros(count + 1, bool)
     held[inside] = True
     ids, labels = np.array(list(shared), np.int64), np.array(list(shared.values()), np.int32)
-    return Seam(block, count, ids, labels, held)
+    return Seam(block, count, ids, labels, held, held.astype(np.uint8))
 
 
 def test_regions_that_share_a_point_are_one_building() -> None:

@@ -11,7 +11,8 @@ from shapely import box
 from eaves.units import divide_block
 from eaves.units.row_walls.division import RowUnits
 from eaves.units.row_walls.evidence import USUAL_NOISE_M, roof_noise
-from eaves.units.row_walls.rows import HouseRow
+from eaves.units.row_walls.merging import MergeRules, merged_units
+from eaves.units.row_walls.rows import HouseRow, Plan
 from eaves.units.row_walls.several import odds_of_several
 
 HOUSE, DEPTH, SLOPE = 6.0, 9.0, 0.8
@@ -181,3 +182,21 @@ def test_the_division_does_not_depend_on_the_order_of_points() -> None:
     one, other = (divide_block(some, some[:, 2], outline, 0.3) for some in (points, turned))
     assert [part.wkb for part in one.parts] == [part.wkb for part in other.parts]
     assert one.certainty == other.certainty
+
+
+def test_a_small_unit_whose_neighbour_was_given_to_it_goes_where_it_was_given_itself() -> None:
+    """The large unit 3 shows no wall to 2 and 1: it is given to 2, and 2 to 1; then 2, too small, to 3."""
+    outline = box(0, 0, 10, 14)
+    points = np.column_stack(
+        [np.random.default_rng(7).uniform((0, 0), (10, 14), (1400, 2)), np.full(1400, 5.0)]
+    )
+    plan = Plan.of(outline, points)
+    label = np.zeros(plan.main.shape, np.int32)
+    for unit, (west, south, east, north) in enumerate([(6, 10, 10, 14), (0, 10, 6, 14), (0, 0, 10, 10)], 1):
+        (south_row, north_row), (first, last) = plan.cells(np.array([west, east]), np.array([south, north]))
+        label[south_row:north_row, first:last] = unit
+    none = HouseRow(np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(4), np.ones(4))
+    rows = [RowUnits(none, np.zeros(0, np.int64), np.zeros(0)) for _ in range(3)]
+    number, walls = merged_units(plan, label, rows, points, USUAL_NOISE_M, MergeRules())
+    assert walls == {}
+    assert set(np.unique(number[label > 0])) == {1}

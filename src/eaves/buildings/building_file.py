@@ -20,7 +20,7 @@ from eaves.run.store import Store
 
 ROWS, ANSWERS = "rows", "answers"
 """The sections of the file: what tables say of each building, and the model or failure itself."""
-SMALL_PART = 1 << 21
+SMALL_PART = 2_000_000
 """Parts of buildings up to this size (bytes) stay in memory once they were read."""
 SMALL_PARTS = 8
 """How many small parts of buildings stay in memory once they were read."""

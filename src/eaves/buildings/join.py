@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -28,7 +28,7 @@ class Seam:
     inside: np.ndarray
     """Which labels (count + 1,) have points inside the block."""
 
-    sides: np.ndarray = field(default_factory=lambda: np.zeros(0, np.uint8))
+    sides: np.ndarray
     """Which sides each label comes near (block_file.sides_of)."""
 
     @classmethod
@@ -90,8 +90,7 @@ def connect_regions(seams: Sequence[Seam]) -> JoinedRegions:
     owner = np.repeat(np.arange(len(seams)), [seam.count for seam in seams])
     label = np.arange(total) - start[owner] + 1
     held = np.concatenate([np.zeros(0, bool), *(seam.inside[1:] for seam in seams)])
-    none = [np.zeros(seam.count + 1, np.uint8) if not len(seam.sides) else seam.sides for seam in seams]
-    sides = np.concatenate([np.zeros(0, np.uint8), *(side[1:] for side in none)])
+    sides = np.concatenate([np.zeros(0, np.uint8), *(seam.sides[1:] for seam in seams)])
     return JoinedRegions([seam.block for seam in seams], owner, label, component, held, sides)
 
 

@@ -24,6 +24,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
+from eaves.buildings.party_wall_areas import PARTY_GAP
 from eaves.change.changes import BuildingChange, Comparison
 from eaves.change.epoch import Epoch, open_epoch
 from eaves.change.faced import Faced, found_beside, roof_points
@@ -42,9 +43,6 @@ SIDE = 240.0
 
 BESIDE_M = 1.5
 """A part that no run found is at most so far (m) from its building."""
-
-ATTACHED_M = 0.3
-"""Outlines so near each other touch (m)."""
 
 
 def compare(
@@ -151,7 +149,7 @@ class Comparer:
     def is_attached(self, site: Site) -> bool:
         """Whether a run has another building that touches those of a site."""
         return any(
-            len(tree.query(one.polygon, "dwithin", ATTACHED_M)) > len(here)
+            len(tree.query(one.polygon, "dwithin", PARTY_GAP)) > len(here)
             for tree, here in zip(self.trees, (site.old, site.new), strict=True)
             for one in here
         )

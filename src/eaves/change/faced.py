@@ -14,7 +14,8 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.change.changes import BuildingChange
 from eaves.change.epoch import Building
-from eaves.change.measure import COARSE, SMOOTH, SMOOTHEST, classes_of
+from eaves.change.measure import COARSE, SMOOTHEST, classes_of
+from eaves.change.shift import TRIM
 from eaves.change.surface import STEEPEST, PointPlanes, planar, point_planes
 from eaves.change.verdict import DEMOLISHED, NEW, ChangeRules, Side, Verdict, patches_of
 from eaves.model import Mask, PointCloud, Points, Values
@@ -52,7 +53,7 @@ def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float, lo
     high &= height >= lowest
     which = np.flatnonzero(found | high)
     planes = point_planes(xyz[which], max(0.75, 2.0 * spacing))
-    flat = planar(planes, max(SMOOTHEST, SMOOTH * rough)) & (np.hypot(*planes.slope.T) <= STEEPEST)
+    flat = planar(planes, max(SMOOTHEST, TRIM * rough)) & (np.hypot(*planes.slope.T) <= STEEPEST)
     kept = found[which] | (flat & mostly(flat, xyz[which], COARSE))
     which = which[kept]
     classes[which] = BUILDING

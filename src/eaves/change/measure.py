@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.change.epoch import Epoch
-from eaves.change.shift import FEWEST, Shift, fit_shift
+from eaves.change.shift import FEWEST, TRIM, Shift, fit_shift
 from eaves.change.surface import nearest_distances, planar, point_planes
 from eaves.flow.run import Progress
 from eaves.geometry.neighbours import measure_spacing
@@ -28,9 +28,6 @@ FARTHEST = 1.0
 
 BLOCKS_FOR_SHIFT = 60
 """The shift follows from at most so many blocks, spread evenly."""
-
-SMOOTH = 3.0
-"""A surface is planar when its points lie this many standard deviations of the noise about a plane."""
 
 SMOOTHEST = 0.08
 """Noise of tiles and gravel (m) under which no roof lies."""
@@ -65,10 +62,9 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
         coarse.append(ground_differences(*clouds))
     one, other = (float(np.median(kept)) if kept else 1.0 for kept in spacings)
     radius = max(0.75, 1.5 * max(one, other))
-    first = fit_shift(np.zeros((0, 2)), np.zeros(0))
     differences = np.concatenate(coarse)
-    if len(differences) >= FEWEST:
-        first = Shift(up=float(np.median(differences)), pairs=len(differences))
+    enough = len(differences) >= FEWEST
+    first = Shift(0.0, 0.0, float(np.median(differences)) if enough else 0.0, 0.0, len(differences) * enough)
     slopes, distances, roughness = [np.zeros((0, 2))], [np.zeros(0)], [np.zeros(0)]
     for done, block in enumerate(some, 1):
         before, after = old.points(block, 0.0), new.points(block, REACH)
@@ -87,7 +83,7 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
     up = first.up + (fitted.up if fitted.pairs >= FEWEST else 0.0)
     shift = replace(fitted, up=up, pairs=fitted.pairs or first.pairs)
     rough = np.concatenate(roughness)
-    typical = float(np.median(rough)) if len(rough) else SMOOTHEST / SMOOTH
+    typical = float(np.median(rough)) if len(rough) else SMOOTHEST / TRIM
     return Measured((one, other), shift, typical, max(TOLERANCE, 4.0 * shift.noise), radius)
 
 

@@ -31,11 +31,11 @@ SPREAD = 0.05
 class Shift:
     """The new epoch's place against the old one's (m), the pairs' robust spread (m), and their number."""
 
-    east: float = 0.0
-    north: float = 0.0
-    up: float = 0.0
-    noise: float = 0.0
-    pairs: int = 0
+    east: float
+    north: float
+    up: float
+    noise: float
+    pairs: int
 
     @property
     def vector(self) -> NDArray[np.float64]:
@@ -53,7 +53,7 @@ def fit_shift(slope: NDArray[np.float64], distance: Values, most: float = 0.0) -
     known = np.isfinite(distance)
     slope, distance = slope[known], distance[known]
     if len(distance) < FEWEST:
-        return Shift(pairs=len(distance))
+        return Shift(0.0, 0.0, 0.0, 0.0, len(distance))
     steepness = np.sqrt(1.0 + (slope**2).sum(axis=1))
     up, plan = float(np.median(distance)), np.zeros(2)
     spread = robust_spread(distance / steepness)

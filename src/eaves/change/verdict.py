@@ -11,8 +11,18 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from eaves.change.surface import GROUND_BELOW, HIDDEN, OTHER_BELOW, ROOF_ABOVE, ROOF_BELOW, SAME, UNSEEN
+from eaves.change.surface import (
+    GROUND_BELOW,
+    HIDDEN,
+    LEAST_NEIGHBOURS,
+    OTHER_BELOW,
+    ROOF_ABOVE,
+    ROOF_BELOW,
+    SAME,
+    UNSEEN,
+)
 from eaves.detect.consensus.vehicles import VehicleRules, find_vehicles
+from eaves.detect.stage import MIN_HEIGHT_M
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.model import Mask, Points, Values
 
@@ -24,9 +34,6 @@ VERDICTS = (
     *(UNCLEAR, NOT_COVERED),
 )
 """All that can be said of a building."""
-
-LEAST_POINTS = 4
-"""Fewer points decide nothing."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +56,7 @@ class ChangeRules:
     """A patch is as wide as this (m) somewhere: balconies and eaves are seen from one side only."""
     flat: float = 0.3
     """Share of a patch's points that lie on planes: crowns have fewer."""
-    lowest: float = 1.9
+    lowest: float = MIN_HEIGHT_M
     """A roof that came or went lies at least so high (m) over the ground: cars and hedges are lower."""
     least_seen: float = 0.3
     """A building is unclear when the other epoch shows less than this share of its roof."""
@@ -160,7 +167,7 @@ def judge_building(
     """
     if not all(covered):
         return Verdict(NOT_COVERED, reason=f"the {'new' if covered[0] else 'old'} epoch has no points here")
-    if len(new) + len(old) < LEAST_POINTS:
+    if len(new) + len(old) < LEAST_NEIGHBOURS:
         return Verdict(UNCLEAR, reason=f"only {len(new) + len(old)} roof points in both epochs")
     side, other = (new, "old") if len(new) >= len(old) else (old, "new")
     seen = 1.0 - side.share(UNSEEN, HIDDEN)
@@ -273,9 +280,9 @@ def patches_of(side: Side, mask: Mask, rules: ChangeRules, link: float) -> list[
         over_ground = side.distance[patch & (side.state == GROUND_BELOW)]
         known = side.known[patch].mean() >= rules.most
         smallest = rules.smallest_m2 if known else max(rules.smallest_m2, rules.smallest_beside_m2)
-        if len(group) < LEAST_POINTS or side.area_of(patch) < smallest:
+        if len(group) < LEAST_NEIGHBOURS or side.area_of(patch) < smallest:
             continue
-        if len(over_ground) >= LEAST_POINTS and -float(np.median(over_ground)) < rules.lowest:
+        if len(over_ground) >= LEAST_NEIGHBOURS and -float(np.median(over_ground)) < rules.lowest:
             continue
         whole = known and patch.sum() >= rules.most * len(side)
         flat = side.flat[patch].mean() >= rules.flat

@@ -41,7 +41,7 @@ TYPES: dict[str, Any] = {
 }
 
 
-PIECE = 1 << 20
+PIECE = 1_000_000
 """Values that are compared, or written, at a time."""
 KEYS = "classified.json"
 """Beside the results that are kept: the keys of what the classified points follow from, by their names."""

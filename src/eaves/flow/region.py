@@ -52,7 +52,7 @@ log = logging.getLogger("eaves")
 
 COPIED_POINTS = 200_000_000
 """Inputs of more points are decompressed a second time: copies of 34 bytes a point would fill the disk."""
-LARGEST_RASTER = 10**10
+LARGEST_RASTER = 10_000_000_000
 """Cells of a raster in one file: 50 km by 50 km. Empty ones cost time, too."""
 
 

@@ -31,7 +31,7 @@ class Layout:
     alone: tuple[frozenset[str], ...] = ()
     """… or those of one of these and no others."""
     id_fields: tuple[str, ...] = ()
-    id_width: int = 0
+    id_width: int | None = None
     """Digits of an id that is a number: leading zeros are lost where files hold it as one."""
     kind: tuple[str, ...] = ()
     """A column without which a polygon is no building; none where all are buildings."""
@@ -256,7 +256,7 @@ class Reader:
     def id_of(self, row: Attributes) -> str:
         """The building's id; empty where it has none."""
         stated = self.value(row, self.layout.id_fields)
-        return stated.zfill(self.layout.id_width) if stated.isdigit() else stated
+        return stated.zfill(self.layout.id_width or 0) if stated.isdigit() else stated
 
     def is_current_building(self, row: Attributes) -> bool:
         """Whether the polygon is a building, in a version that still holds."""

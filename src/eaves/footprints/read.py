@@ -165,7 +165,7 @@ def read_map(
     name = id_field or next((one for one in known.layout.id_fields if one in reader.columns), None)
     ids = [str(rows[n][id_field]) if id_field else reader.id_of(rows[n]) for n in kept]
     ids = [one or numbers[n] for n, one in zip(kept, ids, strict=True)]
-    stated = addresses_of(path, known.addresses, set(ids), known.layout.id_width)
+    stated = addresses_of(path, known.addresses, set(ids), known.layout.id_width or 0)
     attributes = [reader.attributes(rows[n]) | stated.get(one, {}) for n, one in zip(kept, ids, strict=True)]
     log.info(
         "%s: read as %s (layer %s, ids %s), %s of %s polygons are buildings near the points; %s",

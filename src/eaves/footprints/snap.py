@@ -11,6 +11,7 @@ from shapely import Polygon
 
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Footprint, Points
+from eaves.outline.global_fit import GlobalFit
 from eaves.outline.toolkit.edges import edge_shift_kernel
 from eaves.outline.toolkit.shared_edges import shared_rings
 
@@ -18,8 +19,10 @@ REACH_M = 1.5
 """Farthest that an edge moves: a wide overhang, or a map a metre off."""
 LEAST_LENGTH = 3.0
 """Shorter edges, in spacings, tell nothing of their own."""
-BLUR_M, BESIDE_M, LEAST_POINTS = 0.1, 0.5, 9
-"""As in the global fit: blur of an edge (m), reach from roof to wall points (m), points that tell."""
+FIT = GlobalFit()
+"""The outline method whose blur of an edge (m) and reach from roof to wall points (m) hold here, too."""
+LEAST_POINTS = 9
+"""Fewer points behind an edge tell nothing."""
 STIFFNESS = 0.05
 """Weight of staying in place, against 1 for a measured edge: keeps blunt corners from sliding away."""
 
@@ -116,8 +119,8 @@ def edge_shifts(
         outside,
         inside,
         2.0 * spacing,
-        BLUR_M,
-        BESIDE_M,
+        FIT.blur,
+        FIT.least_beside,
         LEAST_POINTS,
     )
     useless = (length < LEAST_LENGTH * spacing) | (np.abs(shift) > REACH_M)

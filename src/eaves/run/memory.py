@@ -6,8 +6,9 @@ import re
 
 from eaves.formats import InputError
 
-SIZES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
-LEAST = 700 * 2**20
+LETTERS = " KMGT"
+"""Of sizes, each 1024 times the one before."""
+LEAST = 700_000_000
 """Memory of a process: libraries and kernels take 350 MB, a block of 240 m at 20 points/m² as much again."""
 REMEDY = "use fewer --jobs or a larger --memory, and run again with --resume"
 
@@ -31,9 +32,9 @@ def parse_memory(text: str | None) -> int | None:
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)(?:i?B)?", text.strip(), re.IGNORECASE)
     if found is None:
         raise InputError(f"--memory {text}: not a size; write for example 4G or 1500M")
-    size = int(float(found[1]) * SIZES[found[2].upper()])
+    size = int(float(found[1]) * 1024 ** LETTERS.index(found[2].upper() or " "))
     if size < LEAST:
-        raise InputError(f"--memory {text}: a process needs at least {LEAST >> 20}M; give more")
+        raise InputError(f"--memory {text}: a process needs at least {LEAST // 10**6}M; give more")
     return size
 
 

@@ -47,11 +47,11 @@ class FileSlice:
     count: int
     box: Bounds
     """Where the header says the points are, world metres."""
-    k: int = 0
-    n: int = 1
-    mark: bytes = b""
+    k: int
+    n: int
+    mark: bytes
     """Fingerprint of the file when the run began."""
-    source: Source | None = None
+    source: Source | None
     """Given where opening it again would read its points."""
 
     @property

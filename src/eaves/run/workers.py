@@ -30,8 +30,6 @@ AHEAD = 4
 PROCESS_STATUS = Path("/proc/self/status")
 FEW = 64
 """Tasks for each worker, of which the largest go first."""
-DASK_AHEAD = 16
-"""Threads a cluster is taken to have while its workers are still coming."""
 
 
 @dataclass(frozen=True)
@@ -228,7 +226,7 @@ class Workers:
                 number[futures[-1].key] = index
             return futures
 
-        stream = completed(submit(AHEAD * max(threads, DASK_AHEAD)))
+        stream = completed(submit(max(AHEAD * threads, FEW)))  # workers may still be coming
         for future in stream:
             if future.status == "finished":
                 yield future.result()

@@ -42,9 +42,11 @@ class WireRules(Method):
         ge=1,
     )
     across: float = parameter(
-        0.15, "Standard deviation across a row, at most: noise and sag.", unit="m", gt=0.0
+        0.15,
+        "Standard deviation across a row, at most, for noise and sag; and as a share of that along it, too.",
+        unit="m",
+        gt=0.0,
     )
-    slender: float = parameter(0.15, "The same, in standard deviations along it.", gt=0.0)
     length: float = parameter(
         25.0, "Least length of a line: shorter are branches, gutters and handrails.", unit="m", gt=0.0
     )
@@ -183,7 +185,7 @@ def wire_rows(xyz: Points, rules: WireRules) -> Mask:
     group = group - group.mean(axis=1, keepdims=True)
     moments = np.einsum("nki,nkj->nij", group, group) / (rules.neighbours + 1)
     values, vectors = np.linalg.eigh(moments)
-    straight = values[:, 1] <= np.minimum(rules.across**2, rules.slender**2 * values[:, 2])
+    straight = values[:, 1] <= rules.across**2 * np.minimum(values[:, 2], 1.0)
     row[some] = straight & (vectors[:, 2, 2] ** 2 <= 0.5)
     return row
 

@@ -270,9 +270,8 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         )
         number = np.where(hidden > 0, hidden, number)
         part[hidden > 0] = ROOF
-        size = np.bincount(region.ravel()) * evidence.cells.side**2
-        small = np.where((size <= self.vehicle_area)[number] & (part == ROOF), number, 0)
-        vehicle = find_vehicles(xyz, scene.height, small, len(size), self)[number]
+        on_top = np.where(part == ROOF, number, 0)
+        vehicle = find_vehicles(xyz, scene.height, on_top, int(region.max(initial=0)) + 1, self)[number]
         part[vehicle] = 0
         number[vehicle] = 0
         score = score_regions(region, odds, self.judged_by.score)

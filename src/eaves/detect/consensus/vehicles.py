@@ -28,9 +28,6 @@ class VehicleRules(Method):
     vehicle_flat: float = parameter(
         0.75, "Share of a vehicle at that level; what is not as level has less.", ge=0.0, le=1.0
     )
-    vehicle_area: float = parameter(
-        60.0, "An articulated lorry, with the cells at its rim, is no larger.", unit="m²", ge=0.0
-    )
 
 
 def find_vehicles(xyz: Points, height: Values, number: Labels, count: int, limits: VehicleRules) -> Mask:

@@ -44,19 +44,14 @@ CHOICE_POINTS, CHOICE_ROUNDS = 160, 10
 """Points, and steps, with which the forms are compared before the one fit."""
 
 HIP_FALL, FULL_HIP_FALL = 0.12, 0.8
-"""Fall of the ends as a share of the sides': a gable below the first, a hip from the second."""
+"""Fall of the ends as a share of the sides': a gable below the first, a hip from the second.
+A hip whose ridge is a smaller share of its length than the first is a pyramid."""
 
 FARTHEST_OVERLAP = 0.5
 """How far (m) the end planes of a pyramid may reach over its middle."""
 
 HIGHEST_PARAPET = 1.2
 """Points up to this height (m) above the roof's plane belong to its rectangle."""
-
-SHORT_RIDGE = 0.1
-"""Ridge as a share of the length below which a hip is a pyramid."""
-
-PARAMETER_PRICE = 0.01
-"""The least saving of a parameter, as a share of the points, for roofs are not exact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +172,7 @@ def choose_fit(points: Points, closed: ClosedForm) -> ParametricFit:
     ]
     fits = [fit for fit in fits if is_roof(fit)]
     scale = min(fit.scale for fit in fits)
-    price = max(0.5 * float(np.log(len(some))), PARAMETER_PRICE * len(some))
+    price = 0.5 * float(np.log(len(some)))
     costs = []
     for fit in fits:
         square = (fit.residuals / (CUT * scale)) ** 2
@@ -337,7 +332,7 @@ def name_roof(
     if fit.form == HIP:
         falls = end_falls(fit, west, east, south, north)
         if max(falls) >= HIP_FALL:
-            short = 2.0 * p[HALF_RIDGE] < SHORT_RIDGE * (east - west)
+            short = 2.0 * p[HALF_RIDGE] < HIP_FALL * (east - west)
             name = "half_hip" if min(falls) < FULL_HIP_FALL else "pyramid" if short else "hip"
             return name, slope, float(p[TOP])
     return "gable", slope, float(p[TOP])

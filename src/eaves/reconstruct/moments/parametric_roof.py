@@ -37,8 +37,8 @@ CUT = 3.0
 ROUNDS = 25
 """Gauss–Newton steps at most; ten are usual."""
 
-RESCALED = (0, 3, 6)
-"""Steps before which the scale of the residuals is measured."""
+RESCALED = 3
+"""The scale of the residuals is measured before the first step, and twice more after so many."""
 
 LEAST_STEP = 0.05
 """Share of a step under which halving it ends."""
@@ -118,7 +118,7 @@ def fit_parametric_roof(
     normal: NDArray[np.float64] = np.eye(moves.shape[1])
     step: NDArray[np.float64] = np.zeros(moves.shape[1])
     for turn in range(rounds):
-        if turn in RESCALED:
+        if turn % RESCALED == 0 and turn <= 2 * RESCALED:
             scale = max(1.4826 * float(np.median(np.abs(z - roof_heights(form, best, xy)[0]))), floor)
             trial, lowest = best, np.inf
         height, slopes = roof_heights(form, trial, xy)
@@ -132,7 +132,7 @@ def fit_parametric_roof(
             gain, lowest, shrink, best = lowest - cost, cost, 1.0, trial
             free, weight = slopes @ moves, (1.0 + square) ** -2
             normal = free.T @ (free * weight[:, None])
-            if turn > max(RESCALED) and gain < 1e-6 * len(z):
+            if turn > 2 * RESCALED and gain < 1e-6 * len(z):
                 break
             damped = normal + np.diag(1e-4 * np.diag(normal) + 1e-9)
             step = np.asarray(np.linalg.solve(damped, free.T @ (weight * (z - height))), np.float64)

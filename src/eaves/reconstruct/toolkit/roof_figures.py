@@ -15,7 +15,9 @@ from eaves.model import Solid
 from eaves.model.building import ROOF_SURFACE
 
 MAIN_SHARE = 0.9
-"""The largest faces that cover so much of the plan are the main ones: dormers and chimneys decide nothing."""
+"""The largest faces that cover so much of the plan are the main ones: dormers and chimneys decide nothing.
+Nor is what has no more than the rest of the pitched plan a side of the roof. The smallest side of a pyramid
+has this share of the largest's plan."""
 
 LEVEL_SLOPE_DEG = 6.0
 """Faces flatter than this are flat: drainage falls reach 5 degrees."""
@@ -27,14 +29,8 @@ have eaves of their own."""
 DECIDING_SHARE = 0.75
 """A roof is flat, or pitched, when this share of its main plan is."""
 
-LEAST_SIDE = 0.06
-"""A direction with a smaller share of the pitched plan is no side of the roof."""
-
 OPPOSITE_DEG = 20.0
 """Azimuths this near are one side of a roof; this near to opposite they face each other across a ridge."""
-
-PYRAMID_LIKENESS = 0.85
-"""The smallest side of a pyramid has at least this share of the largest's plan."""
 
 ONE_SLOPE_DEG = 10.0
 """Slopes of one side that differ by more break it, as those of a mansard: no pyramid."""
@@ -43,13 +39,11 @@ NARROWEST_M = 0.5
 """Faces narrower than this are parapets: no main faces."""
 
 LONG_M = 1.5
-"""A level edge this long is a ridge; chimneys are shorter."""
+"""A level edge this long is a ridge; chimneys are shorter. A face that alone, and without a ridge there,
+rises more over all others runs on under a chimney."""
 
 LEVEL_M = 0.15
 """The ends of a level edge differ by no more in height."""
-
-CHIMNEY_M = 1.2
-"""A face that alone, and without a ridge there, rises this much over all others runs on under a chimney."""
 
 STOREY_M = 2.9
 """Height of a storey with its floor, from floor to floor (m), as dwellings in Europe have it."""
@@ -150,7 +144,7 @@ def ridge_height(main: list[Record]) -> float:
     under a chimney does not raise it.
     """
     tops = sorted((face["h_high"] for face in main), reverse=True)
-    if len(tops) == 1 or tops[0] - tops[1] > CHIMNEY_M:
+    if len(tops) == 1 or tops[0] - tops[1] > LONG_M:
         return float(tops[0])
     levels = [face["shape"].level_top for face in main if face.get("shape") is not None]
     if not levels:
@@ -187,7 +181,7 @@ def roof_type(faces: list[Record]) -> str:
         if not fills_rectangle(pitched):
             return "complex"
         areas = sorted(area for _, area in sides)
-        return "pyramid" if areas[0] > PYRAMID_LIKENESS * areas[-1] and not is_broken(pitched) else "hip"
+        return "pyramid" if areas[0] > MAIN_SHARE * areas[-1] and not is_broken(pitched) else "hip"
     return "complex"
 
 
@@ -217,7 +211,7 @@ def sides_of(pitched: list[Record]) -> list[tuple[float, float]]:
         mine = [face for face, away in zip(left, apart, strict=True) if away <= OPPOSITE_DEG]
         left = [face for face, away in zip(left, apart, strict=True) if away > OPPOSITE_DEG]
         area = sum(face["projected_m2"] for face in mine)
-        if area >= LEAST_SIDE * whole:
+        if area > (1.0 - MAIN_SHARE) * whole:
             sides.append((float(azimuth), float(area)))
     return sides
 

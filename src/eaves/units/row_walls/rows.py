@@ -21,13 +21,13 @@ CELL_M = 0.25
 SAME_DEG = 2.0
 """Directions nearer to each other than this are one: a tolerance."""
 JOG_M, HOUSE_M = 1.5, 15.0
-"""How far a front steps back and forth and is one, and how deep a house in a row is at most (m)."""
+"""How far a front steps back and forth and is one, and how deep a house in a row is at most (m); a row of two
+is twice as deep."""
 
 
 class RowRules(Method):
     """The measures of a row."""
 
-    deepest: float = parameter(2.0 * HOUSE_M, "Greatest depth of a row.", unit="m", gt=0.0)
     jog: float = parameter(
         JOG_M,
         "How far a front may step back and forth and is one: bays, porches, unequal overhangs.",
@@ -64,9 +64,6 @@ class RowRules(Method):
         unit="degree",
         ge=0.0,
         lt=90.0,
-    )
-    upright_trust: float = parameter(
-        1.3, "Upright walls are believed unless others explain this many times as much.", gt=0.0
     )
     least_square: float = parameter(
         0.7,
@@ -214,7 +211,7 @@ def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> It
         best = ground_behind(plan, free, start, along, upright, length, limits)
         if best is None:
             continue
-        most = limits.upright_trust * coherence(plan, best)
+        most = coherence(plan, best)
         for across in leaning(directions, upright, limits.most_lean):
             row = ground_behind(plan, free, start, along, across, length, limits)
             if row is not None and (coherent := coherence(plan, row)) > most:
@@ -275,7 +272,7 @@ def ground_behind(
     """The ground behind a front, None where others have claimed it."""
     steps = int(length / CELL_M)
     s = (np.arange(steps) + 0.5) * CELL_M
-    t = np.arange(-limits.jog - 0.5, limits.deepest, CELL_M)
+    t = np.arange(-limits.jog - 0.5, 2.0 * HOUSE_M, CELL_M)
     x, y = ((start[k] + s * along[k])[:, None] + t * across[k] for k in range(2))
     cells = plan.cells(x, y)
     main, own = plan.main[cells], free[cells]
