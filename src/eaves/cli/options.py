@@ -53,6 +53,10 @@ AllowEmpty = Annotated[
         rich_help_panel="expert",
     ),
 ]
+DryRun = Annotated[
+    bool,
+    typer.Option("--dry-run", help="Describe the scan as `eaves info` does, and end.", rich_help_panel="run"),
+]
 Profile = Annotated[
     bool,
     typer.Option("--profile", help="Print the time of each stage.", rich_help_panel="expert"),

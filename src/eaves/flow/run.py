@@ -13,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self, Unpack
 
+from eaves.flow.advice import ScanFacts, scan_facts
 from eaves.flow.collisions import refuse_collisions
 from eaves.flow.exports import check_formats
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
@@ -196,6 +197,9 @@ def open_run(
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
     warn_of_heights(index.system, options["formats"])
+    facts = scan_facts(index)
+    for remark in facts.remarks():
+        log.info("scan: %s", remark)
     claim(folder)
     given = "footprints" in polygons
     return Run(
@@ -203,7 +207,7 @@ def open_run(
         recipe=recipe,
         index=index,
         window=window,
-        plan=describe_plan(index, recipe, options, map_, hashes),
+        plan=describe_plan(index, recipe, options, map_, hashes, facts),
         options=options,
         inputs=tuple(os.path.realpath(path) for path in paths),
         side=BLOCK_SIDE,
@@ -286,6 +290,7 @@ def describe_plan(
     options: RunOptions,
     known: Map | None,
     hashes: Mapping[str, str | None],
+    facts: ScanFacts,
 ) -> dict[str, Any]:
     """All that decides the result, as JSON: inputs with their hashes, methods with parameters, version."""
     methods = {
@@ -298,6 +303,7 @@ def describe_plan(
     return {
         "version": version("eaves"),
         **index.describe(),
+        "scan": facts.as_json(),
         "vertical_datum": vertical_datum(index.system),
         "units": name_units(index.system),
         "methods": methods,
