@@ -55,7 +55,7 @@ AllowEmpty = Annotated[
 ]
 DryRun = Annotated[
     bool,
-    typer.Option("--dry-run", help="Describe the scan as `eaves info` does, and end.", rich_help_panel="run"),
+    typer.Option("--dry-run", help="Describe the scan as `eaves info` does.", rich_help_panel="expert"),
 ]
 Profile = Annotated[
     bool,
