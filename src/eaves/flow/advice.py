@@ -165,7 +165,6 @@ class ScanFacts:
 
     def _of_heights(self) -> list[tuple[bool, str]]:
         return [
-            (self.system is None, "no coordinate system: a local plane in metres is assumed"),
             (
                 self.at_zero >= MOST,
                 f"the ground is at 0 in {self.at_zero:.0%} of the area: heights above ground, or flat land "

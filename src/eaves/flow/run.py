@@ -21,6 +21,7 @@ from eaves.formats import InputError
 from eaves.formats.crs import name_units
 from eaves.formats.crs_check import vertical_datum
 from eaves.formats.inputs import list_inputs
+from eaves.formats.points.remote import localise
 from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
 from eaves.model.provenance import Provenance
 from eaves.recipe.recipe import Recipe, make_recipe
@@ -48,7 +49,7 @@ NAMED_SOURCES = 100
 """So many point files are named in each output; of more the first are, and how many there are."""
 PROCESSES_ABOVE = 1_000_000
 """Fewer points are computed in less time than processes take to start: two to three seconds each."""
-WORK = ".eaves-work"
+WORK, REMOTE = ".eaves-work", "remote"
 
 Progress = Callable[[str, int, int], None]
 """Called with the step, how much of it is done, and how much there is."""
@@ -88,6 +89,8 @@ class Run:
     translate: tuple[float, ...] | None = None
     """The origin of the models' coordinates, where an earlier run's lines are to stay."""
     started: float = 0.0
+    remote: Mapping[str, Any] = field(default_factory=dict)
+    """What was read over the network (`formats.points.remote.Traffic`)."""
 
     def with_options(self, **options: Unpack[RunOptions]) -> Self:
         """The run with some options in place of its own."""
@@ -170,8 +173,12 @@ def open_run(
     recipe = recipe or recipe_of(options)
     parse_memory(options["memory"])
     check_formats(options["formats"], options["outputs"])
-    folder, paths = Path(out), list_inputs(inputs)
+    folder = Path(out)
     polygons = {name: Path(path) for name in POLYGONS if (path := options[name]) is not None}  # type: ignore[literal-required]
+    asked: Any = options["bounds"]
+    sides = None if asked is None else (asked.west, asked.south, asked.east, asked.north)
+    local, traffic = localise(inputs, Path(options["cache"] or folder / REMOTE), sides, polygons.get("clip"))
+    paths = list_inputs(local)
     refuse_collisions(folder, options["classified"], paths, list(polygons.values()))
     failed: list[str] = []
     index = index_inputs(
@@ -208,6 +215,7 @@ def open_run(
         index=index,
         window=window,
         plan=describe_plan(index, recipe, options, map_, hashes, facts),
+        remote=traffic.as_json() if traffic.addresses else {},
         options=options,
         inputs=tuple(os.path.realpath(path) for path in paths),
         side=BLOCK_SIDE,
