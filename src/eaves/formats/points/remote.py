@@ -28,6 +28,7 @@ from laspy.errors import LaspyException
 from eaves.formats.atomic import atomic
 from eaves.formats.errors import InputError
 from eaves.formats.inputs import LAS_SUFFIXES
+from eaves.formats.points.converted import READERS, convert
 
 SCHEMES = ("http", "https")
 LISTS = (".vpc", ".json", ".geojson")
@@ -177,7 +178,7 @@ def localise(
     ----------
     inputs : str, Path or sequence of them
         Paths, globs, addresses of LAS, LAZ and COPC files, and lists of them, local or by address: virtual
-        point clouds (`.vpc`), STAC items, collections of items.
+        point clouds (`.vpc`), STAC items, collections of items. PLY and E57 files by path or address.
     folder : Path
         Where files are kept; what is there with the same size and version is not read again.
     bounds : tuple or None
@@ -199,7 +200,8 @@ def localise(
     traffic, found = Traffic(), list[str | Path]()
     for given in [inputs] if isinstance(inputs, str | Path) else inputs:
         for one in files_of_list(given, bounds, traffic):
-            found.append(fetch(one, folder, bounds, clip, traffic) if is_address(one) else one)
+            place = fetch(one, folder, bounds, clip, traffic) if is_address(one) else one
+            found.append(convert(Path(place), folder) if Path(place).suffix.lower() in READERS else place)
     return found, traffic
 
 
