@@ -46,11 +46,11 @@ REFUSED_TOO, MORE = "refused, as by laspy", "laspy refuses"
 NOTHING, UNCOUNTED = "refused, laspy reads no place", "more than is counted"
 GOOD = (SAME, SYSTEM, SALVAGED, REFUSED_TOO, MORE, NOTHING, UNCOUNTED)
 NOTE = (
-    "Same points: coordinates, returns and classes are those of laspy. Its system refused: in one line; with "
-    "a system that is given the points are the same. Laspy refuses: opened, and all points read. Refused, "
-    "laspy reads no place: in one line, where laspy reads 0 points, or points whose scales are zero or no numbers. "
-    "More than is counted: the file holds more points than its header counts, which is said; the first are "
-    "those of laspy."
+    "Same points: coordinates, returns and classes are those of laspy. Its system refused: in one line; "
+    "with a system that is given the points are the same. Laspy refuses: opened, and all points read. "
+    "Refused, laspy reads no place: in one line, where laspy reads 0 points, or points whose scales are "
+    "zero or no numbers. More than is counted: the file holds more points than its header counts, which "
+    "is said; the first are those of laspy."
 )
 SMALLEST = 1e-300
 """A scale under this is no number that a writer chose."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -49,8 +50,9 @@ class Server(BaseHTTPRequestHandler):
             self.send_header("Content-Range", f"bytes {first}-{first + len(piece) - 1}/{len(data)}")
         self.send_header("Content-Length", str(len(piece)))
         self.end_headers()
-        self.wfile.write(piece)
         Server.sent += len(piece)
+        with suppress(ConnectionError):  # who wanted a range does not wait for the whole
+            self.wfile.write(piece)
 
     def log_message(self, format: str, *args: object) -> None:
         pass

@@ -147,7 +147,7 @@ class ScanFacts:
         return [text for said, text in found if said]
 
     def _of_returns(self) -> list[tuple[bool, str]]:
-        shape = "crowns are told from roofs by shape alone"
+        shape = "crowns and roofs are separated by shape alone"
         return [
             (
                 self.returns in (NO_RETURNS, SINGLE) and not self.pulses,

@@ -290,7 +290,11 @@ def needed(reader: CopcReader, bounds: Rectangle | None, clip: Path | None) -> R
     """The rectangle that bounds and clip area leave, in the unit of the file's system."""
     boxes = [] if bounds is None else [bounds]
     if clip is not None:
-        facts, system = pyogrio.read_info(clip, force_total_bounds=True), reader.header.parse_crs()
+        try:
+            facts = pyogrio.read_info(clip, force_total_bounds=True)
+        except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError):
+            raise InputError.about(clip, "cannot be read as polygons", "check --clip") from None
+        system = reader.header.parse_crs()
         box = tuple(facts["total_bounds"])
         if system is not None and facts["crs"]:
             way = pyproj.Transformer.from_crs(facts["crs"], system, always_xy=True)
