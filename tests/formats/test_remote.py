@@ -17,6 +17,7 @@ from tests.formats.copc_writer import write_copc
 
 from eaves.formats import InputError, find_inputs, iter_chunks, open_source
 from eaves.formats.points.remote import localise
+from eaves.model.summary import Summary
 
 SIDE = 400.0
 CORNER = np.array([85_000.0, 447_000.0])
@@ -159,3 +160,9 @@ def test_json_that_lists_nothing_is_refused(tmp_path: Path) -> None:
     (tmp_path / "no.vpc").write_text('{"type": "FeatureCollection"}')
     with pytest.raises(InputError, match="is no list of point files"):
         localise(tmp_path / "no.vpc", tmp_path)
+
+
+def test_closing_line_counts_the_bytes_read(tmp_path: Path) -> None:
+    remote = {"bytes_read": 1_200_000, "bytes": 3_200_000, "addresses": ["http://host/a.copc.laz"]}
+    text = Summary(tmp_path, 10, 0, 0, {}, {}, {}, {}, 1.0, (), run={"remote": remote}).as_text()
+    assert text.endswith("; 1.2 of 3.2 MB read over the network")

@@ -70,7 +70,7 @@ def info(
 ) -> None:
     """Describe a scan before a run. Density, returns, strips, voids, system, what may go wrong.
 
-    Up to two million points are read, of larger scans in runs evenly spread over the files.
+    Up to a million points are read, of larger scans in runs evenly spread over the files.
     """
     show_facts(inputs, {} if crs is None else {"crs": crs}, as_json, quiet, verbose)
 

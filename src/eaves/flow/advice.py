@@ -22,7 +22,7 @@ from eaves.model import Points
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.run.index import Index
 
-LOOKED_AT, PIECES = 2_000_000, 40
+LOOKED_AT, PIECES = 1_000_000, 20
 """Points of a scan that are looked at; of a larger one so many runs of records, evenly spread."""
 CELL = 24.0
 """Side (m) of the cells whose lowest points stand for the ground. No ground falls by more within its cell."""
