@@ -54,7 +54,7 @@ def build(
     Parameters
     ----------
     inputs
-        LAS, LAZ, COPC or text files, folders or globs.
+        LAS, LAZ, COPC or text files, PLY, E57, folders, globs, addresses or `.vpc` lists.
     out
         Folder; made when missing.
     recipe
@@ -112,7 +112,7 @@ def model_buildings(
     Parameters
     ----------
     inputs : str, Path or sequence of them
-        LAS, LAZ, COPC or text files, folders or globs.
+        LAS, LAZ, COPC or text files, PLY, E57, folders, globs, addresses or `.vpc` lists.
     recipe : Recipe or None
         The methods, instead of the options that name them.
     {options}

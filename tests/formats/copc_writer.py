@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 HEADER_BYTES = 375
 COARSER = 4
-"""Every level keeps one point in so many and hands the others down."""
+"""Unless asked otherwise, every level keeps one point in so many and hands the others down."""
 
 
-def write_copc(path: Path, las: laspy.LasData, levels: int = 3) -> NDArray[np.int64]:
+def write_copc(path: Path, las: laspy.LasData, levels: int = 3, coarser: int = COARSER) -> NDArray[np.int64]:
     """Write points (LAS 1.4, format 6 to 8) as COPC; return which point stands at each place of the file.
 
     Every branch below the root has a hierarchy page of its own, as in large files.
@@ -29,7 +29,7 @@ def write_copc(path: Path, las: laspy.LasData, levels: int = 3) -> NDArray[np.in
     xyz = np.asarray(las.xyz)
     centre = (xyz.min(axis=0) + xyz.max(axis=0)) / 2
     half = float(np.ptp(xyz, axis=0).max()) / 2 + 0.01
-    nodes = _nodes(xyz, centre - half, 2 * half, levels)
+    nodes = _nodes(xyz, centre - half, 2 * half, levels, coarser)
 
     laszip = lazrs.LazVlr.new_for_compression(las.header.point_format.id, length - _core(las), True)
     compressed = _record("laszip encoded", 22204, bytes(laszip.record_data()))
@@ -50,13 +50,13 @@ def write_copc(path: Path, las: laspy.LasData, levels: int = 3) -> NDArray[np.in
 
 
 def _nodes(
-    xyz: NDArray[np.float64], corner: NDArray[np.float64], side: float, levels: int
+    xyz: NDArray[np.float64], corner: NDArray[np.float64], side: float, levels: int, coarser: int
 ) -> list[tuple[tuple[int, int, int, int], NDArray[np.int64]]]:
     """Keys (level, x, y, z) and the points of every node, coarse to fine."""
     left, nodes = np.arange(len(xyz)), []
     for level in range(levels):
         last = level == levels - 1
-        mine = left if last else left[::COARSER]
+        mine = left if last else left[::coarser]
         left = left[:0] if last else np.setdiff1d(left, mine)
         cells = np.floor((xyz[mine] - corner) / (side / 2**level)).astype(int)
         for cell in sorted(set(map(tuple, cells.tolist()))):

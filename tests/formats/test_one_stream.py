@@ -45,3 +45,18 @@ def test_more_points_than_there_are_is_one_line(tmp_path: Path, count: int) -> N
     path.write_bytes(written(count, 5000))
     with pytest.raises(InputError, match=r"old\.laz"):
         read(path)
+
+
+@pytest.mark.skipif(laspy.LazBackend.Laszip.is_available(), reason="the extra is installed")
+def test_newer_compression_without_its_extra_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "new.laz"
+    las = laspy.LasData(laspy.LasHeader(version="1.4", point_format=6))
+    las.x = las.y = las.z = np.arange(1.0, 50.0)
+    las.write(path)
+    data = bytearray(path.read_bytes())
+    struct.pack_into(
+        "<H", data, data.find(b"laszip encoded") + 52 + 34 + 4, 4
+    )  # the version of the first item
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=r"new\.laz: .*eaves\[laszip\]"):
+        read(path, crs="metres")

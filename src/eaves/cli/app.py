@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from eaves.cli.compute import build, detect, ground, reconstruct
+from eaves.cli.compute import build, detect, ground, info, reconstruct
 from eaves.cli.help import PanelledCommand
 from eaves.cli.options import with_signature
 from eaves.cli.results import evaluate, export, solar, validate, view
@@ -65,7 +65,7 @@ def methods(
 
 
 COMMANDS = (
-    *(build, compare, update, calibrate, validate, evaluate, view, export, solar),
+    *(build, info, compare, update, calibrate, validate, evaluate, view, export, solar),
     *(simulate, methods, doctor, demo),
 )
 SPELLINGS = (ground, detect, reconstruct)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eaves.cli.options import (
     AllowEmpty,
     Config,
+    Crs,
+    DryRun,
     Inputs,
     Out,
     Profile,
@@ -18,7 +20,7 @@ from eaves.cli.options import (
     Verbose,
     with_run_options,
 )
-from eaves.cli.runs import finish, run_build
+from eaves.cli.runs import finish, run_build, show_facts
 
 if TYPE_CHECKING:
     from eaves.run.options import RunOptions
@@ -37,6 +39,7 @@ def build(
     profile: Profile = False,
     strict: Strict = False,
     allow_empty: AllowEmpty = False,
+    dry_run: DryRun = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -50,10 +53,26 @@ def build(
       eaves build tile.laz -o out --lod 1.3 --set detect.min_height=2.5
       eaves build tiles/ -o out --keep
     """
+    if dry_run:
+        show_facts(inputs, options, False, quiet, verbose)
     summary = run_build(inputs, out, options, (config, settings), quiet, verbose)
     if profile:
         typer.echo(summary.profile(), err=True)
     finish(summary, quiet, allow_empty, strict)
+
+
+def info(
+    inputs: Inputs,
+    crs: Crs = None,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Describe a scan before a run. Density, returns, strips, voids, system, what may go wrong.
+
+    Up to a million points are read, of larger scans in runs evenly spread over the files.
+    """
+    show_facts(inputs, {} if crs is None else {"crs": crs}, as_json, quiet, verbose)
 
 
 @with_run_options(

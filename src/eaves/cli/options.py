@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from eaves.run.options import Declared
 
 Inputs = Annotated[
-    list[str], typer.Argument(help="LAS, LAZ, COPC or text files, folders or globs.", metavar="INPUT…")
+    list[str],
+    typer.Argument(
+        help="LAS, LAZ, COPC, text, PLY or E57 files, folders, globs, addresses, .vpc.", metavar="INPUT…"
+    ),
 ]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write.", rich_help_panel="output")]
 Crs = Annotated[
@@ -52,6 +55,10 @@ AllowEmpty = Annotated[
         help="Exit with 0 also when no point lies in the area asked for.",
         rich_help_panel="expert",
     ),
+]
+DryRun = Annotated[
+    bool,
+    typer.Option("--dry-run", help="Describe the scan as `eaves info` does.", rich_help_panel="expert"),
 ]
 Profile = Annotated[
     bool,

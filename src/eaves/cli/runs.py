@@ -181,6 +181,28 @@ def run_build(
         return made(inputs, out, recipe, progress, **options)
 
 
+def show_facts(inputs: list[str], options: RunOptions, as_json: bool, quiet: bool, verbose: bool) -> None:
+    """Print the figures of a scan and what may go wrong in a run; nothing is computed or written."""
+    import json
+    from tempfile import TemporaryDirectory
+
+    from eaves.flow.advice import scan_facts
+    from eaves.formats.inputs import list_inputs
+    from eaves.formats.points.remote import localise
+    from eaves.run.index import index_inputs
+
+    start_log(quiet, verbose)
+    force, salvage = options.get("crs_force", False), options.get("salvage", False)
+    failed: list[str] = []
+    bounds: Any = options.get("bounds")
+    with TemporaryDirectory() as folder:
+        local, _ = localise(inputs, Path(options.get("cache") or folder), bounds and tuple(bounds))
+        index = index_inputs(list_inputs(local), options.get("crs"), failed, crs_force=force, salvage=salvage)
+        facts = scan_facts(index)
+    typer.echo(json.dumps(facts.as_json(), indent=2) if as_json else facts.as_text())
+    raise typer.Exit(INCOMPLETE if failed else COMPLETE)
+
+
 def finish(summary: Summary, quiet: bool, allow_empty: bool, strict: bool = False) -> None:
     """Say what came out, and leave with the right status.
 

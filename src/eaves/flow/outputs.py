@@ -316,6 +316,7 @@ def summarise(
         failed=tuple(region.failed),
         run={
             **run.plan,
+            **({"remote": run.remote} if run.remote else {}),
             "crs": run.index.system.code,
             "peak_memory_mb": round(max(region.peak, peak_memory_mb())),
         },

@@ -13,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self, Unpack
 
+from eaves.flow.advice import ScanFacts, scan_facts
 from eaves.flow.collisions import refuse_collisions
 from eaves.flow.exports import check_formats
 from eaves.footprints.read import Map, area_of, in_metres, read_area, read_footprints, recognise_map
@@ -20,6 +21,7 @@ from eaves.formats import InputError
 from eaves.formats.crs import name_units
 from eaves.formats.crs_check import vertical_datum
 from eaves.formats.inputs import list_inputs
+from eaves.formats.points.remote import localise
 from eaves.model import BLOCK_SIDE, CoordinateSystem, Failure, Footprint
 from eaves.model.provenance import Provenance
 from eaves.recipe.recipe import Recipe, make_recipe
@@ -47,7 +49,7 @@ NAMED_SOURCES = 100
 """So many point files are named in each output; of more the first are, and how many there are."""
 PROCESSES_ABOVE = 1_000_000
 """Fewer points are computed in less time than processes take to start: two to three seconds each."""
-WORK = ".eaves-work"
+WORK, REMOTE = ".eaves-work", "remote"
 
 Progress = Callable[[str, int, int], None]
 """Called with the step, how much of it is done, and how much there is."""
@@ -87,6 +89,8 @@ class Run:
     translate: tuple[float, ...] | None = None
     """The origin of the models' coordinates, where an earlier run's lines are to stay."""
     started: float = 0.0
+    remote: Mapping[str, Any] = field(default_factory=dict)
+    """What was read over the network (`formats.points.remote.Traffic`)."""
 
     def with_options(self, **options: Unpack[RunOptions]) -> Self:
         """The run with some options in place of its own."""
@@ -169,8 +173,12 @@ def open_run(
     recipe = recipe or recipe_of(options)
     parse_memory(options["memory"])
     check_formats(options["formats"], options["outputs"])
-    folder, paths = Path(out), list_inputs(inputs)
+    folder = Path(out)
     polygons = {name: Path(path) for name in POLYGONS if (path := options[name]) is not None}  # type: ignore[literal-required]
+    asked: Any = options["bounds"]
+    sides = None if asked is None else (asked.west, asked.south, asked.east, asked.north)
+    local, traffic = localise(inputs, Path(options["cache"] or folder / REMOTE), sides, polygons.get("clip"))
+    paths = list_inputs(local)
     refuse_collisions(folder, options["classified"], paths, list(polygons.values()))
     failed: list[str] = []
     index = index_inputs(
@@ -196,6 +204,9 @@ def open_run(
         if hash_of(path) != hashes[name]:
             raise InputError.about(path, "changed while the run was reading it", "run again")
     warn_of_heights(index.system, options["formats"])
+    facts = scan_facts(index)
+    for remark in facts.remarks():
+        log.info("scan: %s", remark)
     claim(folder)
     given = "footprints" in polygons
     return Run(
@@ -203,7 +214,8 @@ def open_run(
         recipe=recipe,
         index=index,
         window=window,
-        plan=describe_plan(index, recipe, options, map_, hashes),
+        plan=describe_plan(index, recipe, options, map_, hashes, facts),
+        remote=traffic.as_json() if traffic.addresses else {},
         options=options,
         inputs=tuple(os.path.realpath(path) for path in paths),
         side=BLOCK_SIDE,
@@ -286,6 +298,7 @@ def describe_plan(
     options: RunOptions,
     known: Map | None,
     hashes: Mapping[str, str | None],
+    facts: ScanFacts,
 ) -> dict[str, Any]:
     """All that decides the result, as JSON: inputs with their hashes, methods with parameters, version."""
     methods = {
@@ -298,6 +311,7 @@ def describe_plan(
     return {
         "version": version("eaves"),
         **index.describe(),
+        "scan": facts.as_json(),
         "vertical_datum": vertical_datum(index.system),
         "units": name_units(index.system),
         "methods": methods,

@@ -12,7 +12,7 @@ from eaves.formats.errors import InputError
 LAS_SUFFIXES = (".las", ".laz")
 TEXT_SUFFIXES = (".txt", ".xyz", ".csv", ".asc")
 
-REMEDY = "give a LAS, LAZ, COPC or text file, a folder of them, or a glob"
+REMEDY = "give a LAS, LAZ, COPC or text file, a folder of them, a glob, an address or a .vpc list"
 
 
 def find_inputs(paths: str | Path | Sequence[str | Path]) -> list[Path]:

@@ -138,4 +138,9 @@ class Summary:
         ]
 
     def _last_line(self) -> str:
-        return f"{self.elapsed:.1f} s, peak {self.run.get('peak_memory_mb', 0)} MB; results in {self.folder}"
+        remote, network = self.run.get("remote"), ""
+        if remote:
+            read, whole = (remote[name] / 1e6 for name in ("bytes_read", "bytes"))
+            network = f"; {read:.1f} of {whole:.1f} MB read over the network"
+        memory = self.run.get("peak_memory_mb", 0)
+        return f"{self.elapsed:.1f} s, peak {memory} MB; results in {self.folder}{network}"

@@ -123,6 +123,9 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     clip: Annotated[str | Path | None, Option("File of polygons; points outside are not used.", again=True)]
+    cache: Annotated[
+        str | Path | None, Option("Folder for what is read over the network; else `remote` in the output's.")
+    ]
     footprints: Annotated[
         str | Path | None,
         Option(

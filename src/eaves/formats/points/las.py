@@ -16,7 +16,7 @@ from eaves.formats.errors import InputError
 from eaves.formats.points.chunk import Chunk
 from eaves.formats.points.copc import chunks_within
 from eaves.formats.points.las_header import COPY_AGAIN, LasHeader
-from eaves.formats.points.laz import decompress, read_chunk_table
+from eaves.formats.points.laz import decompress, is_newer_than_lazrs, read_by_laszip, read_chunk_table
 from eaves.formats.points.recovery import whole_chunks
 
 NEEDED = (
@@ -71,6 +71,10 @@ def iter_records(
                     raise InputError.about(header.path, f"ends before point {first + number}", COPY_AGAIN)
                 records = np.frombuffer(data, np.uint8).reshape(number, header.record_length)
                 yield np.arange(first, first + number), records
+            return
+        if is_newer_than_lazrs(header):
+            if part[0] == 0:
+                yield from read_by_laszip(header, size)
             return
         if header.salvaged and header.chunks is None:
             if part[0] == 0:

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, BinaryIO
 
+import laspy
 import lazrs
 import numpy as np
+from laspy.errors import LaspyException
 from numpy.typing import NDArray
 
 from eaves.formats.errors import InputError
@@ -18,6 +20,8 @@ from eaves.formats.points.las_header import COPY_AGAIN, RECORD_LENGTHS, WRITE_AG
 CHUNK_BYTES = 1 << 30
 """Largest chunk (bytes, decompressed) this reader takes; laszip's usual 50,000 points are 2 MB."""
 VARIABLE_CHUNKS = 0xFFFFFFFF
+NEWEST_ITEM = 3
+"""Version of the items of a record (LASzip VLR) up to which lazrs decompresses them."""
 POINTWISE = 1
 """LASzip's first method (`header.laszip` begins with it): no chunks."""
 LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}
@@ -131,6 +135,40 @@ def decompress(
         guard(header, call)
         positions = np.concatenate([table.first[k] + np.arange(table.points[k]) for k in part])
         yield positions, records.reshape(total, header.record_length)
+
+
+def is_newer_than_lazrs(header: LasHeader) -> bool:
+    """Whether LASzip compressed the points in a way that lazrs does not know (items of version 4)."""
+    versions = [
+        item[2]
+        for item in struct.iter_unpack("<3H", header.laszip[34 : 34 + (len(header.laszip) - 34) // 6 * 6])
+    ]
+    return max(versions, default=0) > NEWEST_ITEM
+
+
+def read_by_laszip(header: LasHeader, size: int) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
+    """Positions (N,) and records (N, record length), about `size` at a time, by LASzip's own library.
+
+    Raises
+    ------
+    InputError
+        When it is not installed, or refuses the file.
+    """
+    if not laspy.LazBackend.Laszip.is_available():
+        raise InputError.about(
+            header.path,
+            "is compressed in LASzip's newest way, which an extra reads",
+            "pip install 'eaves[laszip]'",
+        )
+    first = 0
+    try:
+        with laspy.open(header.path, laz_backend=laspy.LazBackend.Laszip) as reader:
+            for points in reader.chunk_iterator(size):
+                records = np.frombuffer(points.array.tobytes(), np.uint8).reshape(len(points), -1)
+                yield np.arange(first, first + len(records)), records
+                first += len(records)
+    except (LaspyException, RuntimeError, ValueError, OSError):
+        raise InputError.about(header.path, "is refused by LASzip: it is damaged", COPY_AGAIN) from None
 
 
 def guard(header: LasHeader, call: Callable[[], Any]) -> Any:

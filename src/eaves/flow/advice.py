@@ -1,0 +1,418 @@
+"""A scan before the run: the figures that a surveyor asks of a delivery, and what may go wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from eaves.formats import InputError, iter_chunks
+from eaves.formats.crs import name_units
+from eaves.formats.points.chunk import Chunk
+from eaves.formats.points.las import iter_records
+from eaves.formats.points.las_header import LasHeader
+from eaves.formats.points.plausible import TIME_AT
+from eaves.formats.points.source import has_coordinates
+from eaves.geometry.percentiles import group_percentiles
+from eaves.model import Points
+from eaves.model.coordinates import LOCAL_METRES
+from eaves.run.index import Index
+
+LOOKED_AT, PIECES = 1_000_000, 20
+"""Points of a scan that are looked at; of a larger one so many runs of records, evenly spread."""
+CELL = 24.0
+"""Side (m) of the cells whose lowest points stand for the ground. No ground falls by more within its cell."""
+FLOOR = 5.0
+"""Percentile of the heights of a cell that is its floor: noise lies below, and little else."""
+AT_ZERO, MOST = 0.3, 0.9
+"""Floors within so much (m) of zero, in such a share of the cells, are heights above ground."""
+VOID_SPACINGS = 4.0
+"""A void is a cell without points whose side is four times the spacing (USGS Lidar Base Specification)."""
+STRIP_CELL, FLAT, FEWEST_CELLS = 2.0, 0.05, 30
+"""Strips are compared in cells (m) where the heights of both spread by less (m), in so many or more."""
+STRIPS_AGREE, SPARSE = 0.08, 2.0
+"""The largest difference of strips (m) and the least density (points/m²) of USGS quality level 2."""
+PIECE_AREA, PIECES_APART = 2_000.0, 3
+"""A scan of so many pieces or more, half of its area in those under this (m²), is clipped."""
+MICROSECONDS = (6.0, 40.0)
+"""Processor time of a point: of Autzen, where few points are of buildings, and of Delft, an old town."""
+PROCESS_MB, BLOCK_MB = 350, 17.5
+"""Memory of a process, and of a block of 240 m for each point/m²."""
+RECORD_FIELDS = {False: (18, np.uint8(7), np.uint8(3)), True: (20, np.uint8(15), np.uint8(4))}
+"""Byte of the strip's number, and bits and place of the returns, in formats 0 to 5 and 6 to 10 (LAS 1.4)."""
+FLOWN = {
+    number: [18, 19, *range(22, 30)] if number > 5 else [16, *(range(20, 28) if number in TIME_AT else ())]
+    for number in range(11)
+}
+"""Bytes of the angle and the time of a point by format."""
+NO_RETURNS, SINGLE, LAST, FIRST, SPLIT = "none", "single", "last only", "first only", "all"
+
+
+@dataclass(frozen=True)
+class ScanFacts:
+    """The figures of a scan, which `eaves info`, `--dry-run` and run.json state alike. Metres throughout.
+
+    Parameters
+    ----------
+    files, points, looked_at : int
+        Files, records in them, and points that the figures are taken from: all, or runs evenly spread.
+    system, units : str or None
+        The reference system and its units.
+    density, spacing : float
+        Points/m² of the area that has points (of the headers' boxes where not all were read); m.
+    returns : str
+        `none`, `single`, `last only`, `first only` or `all`.
+    split_share : float
+        Share of the pulses with several returns.
+    intensity, pulses : bool
+        Whether intensities are stored; whether times, angles or numbers of strips are, as scanners write.
+    classes : dict of str to int
+        Points looked at by their class in the files.
+    strips : int
+        Numbers of point sources.
+    strip_offset : float or None
+        Largest median difference of the heights of two strips on flat places (m).
+    void_share : float or None
+        Share of the area inside the scan without points; None where not all points were read.
+    below : int
+        Points farther below the floor of their cell of 24 m than its side.
+    deepest : float
+        The deepest of them (m below the floor).
+    at_zero : float
+        Share of the cells whose floor is at 0.
+    pieces : int
+        Parts of the area that do not touch; half the area is in those of at most `piece_m2`.
+    cpu_s, memory_mb : tuple
+        Processor time (s), least and most; memory (MB) of each process.
+    """
+
+    files: int
+    points: int
+    looked_at: int
+    system: str | None
+    units: str
+    density: float
+    spacing: float
+    returns: str
+    split_share: float
+    intensity: bool
+    pulses: bool
+    classes: dict[str, int]
+    strips: int
+    strip_offset: float | None
+    void_share: float | None
+    below: int
+    deepest: float
+    at_zero: float
+    pieces: int | None
+    piece_m2: float | None
+    cpu_s: tuple[float, float] = field(default=(0.0, 0.0))
+    memory_mb: int = 0
+
+    @property
+    def whole(self) -> bool:
+        """Whether all points were looked at."""
+        return self.looked_at == self.points
+
+    def remarks(self) -> list[str]:
+        """What the scan cannot show, or what may go wrong: a plain line each."""
+        found = [
+            *self._of_returns(),
+            *self._of_heights(),
+            (not self.intensity, "no intensities: no method needs them"),
+            (
+                self.strips == 1 and self.pulses,
+                "one strip: a wall is seen from one side at most, and no overlap shows how heights repeat",
+            ),
+            (
+                (self.strip_offset or 0) > STRIPS_AGREE,
+                f"strips differ by {self.strip_offset or 0:.2f} m, more than {STRIPS_AGREE} m (USGS quality "
+                "level 2): roofs in their overlap are doubled; adjust the strips first",
+            ),
+            (
+                0 < self.density < SPARSE,
+                f"{self.density:.2g} points/m², fewer than {SPARSE:g} (USGS quality level 2): small roofs "
+                "and dormers are not resolved",
+            ),
+            (
+                (self.pieces or 0) >= PIECES_APART and (self.piece_m2 or 0) < PIECE_AREA,
+                f"{self.pieces} separate pieces, half the area in those below {self.piece_m2 or 0:.0f} m², "
+                "as clipped to footprints: without ground beside them, heights of buildings are uncertain",
+            ),
+        ]
+        return [text for said, text in found if said]
+
+    def _of_returns(self) -> list[tuple[bool, str]]:
+        shape = "crowns and roofs are separated by shape alone"
+        return [
+            (
+                self.returns in (NO_RETURNS, SINGLE) and not self.pulses,
+                "no pulses (no returns, times, angles or strips), as from image matching: ground under trees "
+                f"is not seen, and {shape}",
+            ),
+            (self.returns == NO_RETURNS and self.pulses, f"no return numbers: {shape}"),
+            (self.returns == SINGLE and self.pulses, f"0 % of pulses split: {shape}"),
+            (self.returns == LAST, "last returns only: tops of crowns and edges of roofs are missing"),
+            (
+                self.returns == FIRST,
+                "first returns only: ground under trees is missing, and may be taken too high",
+            ),
+        ]
+
+    def _of_heights(self) -> list[tuple[bool, str]]:
+        return [
+            (
+                self.at_zero >= MOST,
+                f"the ground is at 0 in {self.at_zero:.0%} of the area: heights above ground, or flat land "
+                "at sea level; if the first, heights of the results are no elevations",
+            ),
+            (
+                self.below > 0,
+                f"{self.below:,} points more than {CELL:g} m below the ground, down to {self.deepest:.0f} m: "
+                "noise, which the ground filter leaves out",
+            ),
+        ]
+
+    def as_json(self) -> dict[str, Any]:
+        """The figures and the remarks, as JSON."""
+        return {**asdict(self), "cpu_s": list(self.cpu_s), "remarks": self.remarks()}
+
+    def as_text(self) -> str:
+        """The figures as a table, then the remarks."""
+        seen = "all" if self.whole else f"{self.looked_at:,} in {PIECES} evenly spread runs"
+        known = ", ".join(f"{name}: {count:,}" for name, count in self.classes.items())
+        offset = "not measured" if self.strip_offset is None else f"{self.strip_offset:.3f} m at most"
+        void = "not measured" if self.void_share is None else f"{self.void_share:.1%} of the area"
+        rows = {
+            "files": f"{self.files:,}",
+            "points": f"{self.points:,}",
+            "looked at": seen,
+            "system": f"{self.system or 'none'}, {self.units}",
+            "density": f"{self.density:.2f} points/m²",
+            "spacing": f"{self.spacing:.2f} m",
+            "returns": self.returns,
+            "split pulses": f"{self.split_share:.1%}",
+            "intensity": "yes" if self.intensity else "no",
+            "classes": known or "none",
+            "strips": f"{self.strips}",
+            "strip offsets": offset,
+            "voids": void,
+            "far below": f"{self.below:,} points",
+            "processor time": f"{self.cpu_s[0]:.0f} to {self.cpu_s[1]:.0f} s, shared by the processes",
+            "memory": f"{self.memory_mb:,} MB for each process",
+        }
+        table = [f"{name:<16}{value}" for name, value in rows.items()]
+        return "\n".join([*table, *(f"note: {text}" for text in self.remarks())])
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """Points (N,) of a scan with what their records state."""
+
+    xyz: Points
+    number: NDArray[np.uint8]
+    of: NDArray[np.uint8]
+    classes: NDArray[np.uint8]
+    strip: NDArray[np.uint16]
+    intensity: bool
+    pulses: bool
+    read: int
+
+
+def scan_facts(index: Index) -> ScanFacts:
+    """The figures of the inputs, from all of their points or from runs of records evenly spread over them.
+
+    Parameters
+    ----------
+    index : Index
+        The inputs.
+
+    Returns
+    -------
+    ScanFacts
+        The figures; they follow from the inputs alone.
+    """
+    sample = _take_sample(index)
+    whole = sample.read == index.points
+    west, south, east, north = index.entries["box"][index.entries["count"] > 0].T
+    area: float = ((east - west) * (north - south)).sum()
+    void = pieces = piece = None
+    if whole and len(sample.xyz):
+        area, void, pieces, piece = _cover(sample.xyz)
+    density = index.points / area if area > 0 else 0.0
+    below, deepest, at_zero = _floors(sample.xyz)
+    first = sample.number <= 1
+    split = float((sample.of[first] > 1).mean()) if first.any() and sample.of.any() else 0.0
+    classes, counts = np.unique(sample.classes, return_counts=True)
+    low, high = (round(index.points * 1e-6 * one, 1) for one in MICROSECONDS)
+    return ScanFacts(
+        files=len(index),
+        points=index.points,
+        looked_at=sample.read,
+        system=None if index.system == LOCAL_METRES else index.system.code or "unnamed",
+        units=name_units(index.system)["geometry"],
+        density=round(density, 3),
+        spacing=round(density**-0.5, 3) if density else 0.0,
+        returns=_kind_of_returns(sample),
+        split_share=round(split, 4),
+        intensity=sample.intensity,
+        pulses=sample.pulses,
+        classes={str(one): int(many) for one, many in zip(classes, counts, strict=True)},
+        strips=len(np.unique(sample.strip)),
+        strip_offset=_strip_offset(sample),
+        void_share=void,
+        below=below,
+        deepest=deepest,
+        at_zero=at_zero,
+        pieces=pieces,
+        piece_m2=piece,
+        cpu_s=(low, high),
+        memory_mb=round(PROCESS_MB + BLOCK_MB * density),
+    )
+
+
+def _kind_of_returns(sample: _Sample) -> str:
+    """Which returns of the pulses the scan has."""
+    if not sample.of.any() or not sample.number.any():
+        return NO_RETURNS
+    if (sample.of <= 1).all():
+        return SINGLE
+    several = sample.of > 1
+    if (sample.number[several] == sample.of[several]).all():
+        return LAST
+    return FIRST if (sample.number[several] == 1).all() else SPLIT
+
+
+def _take_sample(index: Index) -> _Sample:
+    """The records of all inputs, or of runs evenly spread over them; what is damaged is left to the run."""
+    size = LOOKED_AT // PIECES
+    everything = index.points <= LOOKED_AT
+    places = np.arange(PIECES) * (index.points // PIECES)
+    numbers = np.searchsorted(index.starts, places, side="right") - 1
+    runs = [(n, (0, 1)) for n in range(len(index))] if everything else []
+    for number, place in zip(numbers, places, strict=True) if not everything else ():
+        n = max(1, -(-index.count(int(number)) // size))
+        k = min(n - 1, (int(place) - int(index.starts[number])) * n // max(index.count(int(number)), 1))
+        runs.append((int(number), (k, n)))
+    parts: list[_Sample] = []
+    for number, part in dict.fromkeys(runs):
+        try:
+            parts += _read_run(index, number, part, size)
+        except InputError:
+            continue
+    if not parts:
+        none = np.zeros(0, np.uint8)
+        return _Sample(np.zeros((0, 3)), none, none, none, np.zeros(0, np.uint16), False, False, 0)
+    joined = {
+        name: np.concatenate([getattr(one, name) for one in parts])
+        for name in ("xyz", "number", "of", "classes", "strip")
+    }
+    return _Sample(
+        **joined,
+        intensity=any(one.intensity for one in parts),
+        pulses=any(one.pulses for one in parts),
+        read=sum(one.read for one in parts),
+    )
+
+
+def _read_run(index: Index, number: int, part: tuple[int, int], size: int) -> Iterator[_Sample]:
+    """One run of the records of an input, piece by piece."""
+    source = index.source(number)
+    header = source.layout
+    if not isinstance(header, LasHeader):
+        left = size if part[1] > 1 else source.count
+        for chunk in iter_chunks(source, chunk_points=size):
+            yield _of_text(chunk)
+            left -= len(chunk)
+            if left <= 0:
+                return
+        return
+    layered = header.point_format >= 6
+    byte, bits, shift = RECORD_FIELDS[layered]
+    for _, records in iter_records(header, size, part=part):
+        raw = [
+            np.ascontiguousarray(records[:, 4 * axis : 4 * axis + 4]).view("<i4")[:, 0] for axis in range(3)
+        ]
+        xyz = (np.column_stack(raw) * header.scales + header.offsets) * source.system.unit_m
+        use = has_coordinates(xyz)
+        strip = np.ascontiguousarray(records[use, byte : byte + 2]).view("<u2")[:, 0]
+        flown = records[:, FLOWN[header.point_format]]
+        yield _Sample(
+            xyz[use],
+            records[use, 14] & bits,
+            records[use, 14] >> shift & bits,
+            records[use, 16] if layered else records[use, 15] & np.uint8(31),
+            strip,
+            bool(records[:, 12:14].any()),
+            bool(flown.any() or len(np.unique(strip)) > 1),
+            len(records),
+        )
+
+
+def _of_text(chunk: Chunk) -> _Sample:
+    """Points of a file that states no returns."""
+    none = np.zeros(len(chunk), np.uint8)
+    classes = none if chunk.classification is None else chunk.classification
+    return _Sample(chunk.xyz, none, none, classes, none.astype(np.uint16), False, False, len(chunk))
+
+
+def _cells(xyz: Points, side: float) -> tuple[NDArray[np.int64], int]:
+    """The number of the cell of each point (N,), among those with points, and how many there are."""
+    place = np.floor((xyz[:, :2] - xyz[:, :2].min(axis=0)) / side).astype(np.int64)
+    seen, cell = np.unique(place[:, 0] * (place[:, 1].max() + 1) + place[:, 1], return_inverse=True)
+    return cell.ravel(), len(seen)
+
+
+def _floors(xyz: Points) -> tuple[int, float, float]:
+    """Points far below the floors of their cells, by how much the deepest, and the share of floors at 0."""
+    if not len(xyz):
+        return 0, 0.0, 0.0
+    cell, count = _cells(xyz, CELL)
+    floor = group_percentiles(xyz[:, 2], cell, count, FLOOR)
+    depth = floor[cell] - xyz[:, 2]
+    return (
+        int((depth > CELL).sum()),
+        round(float(max(depth.max(), 0.0)), 1),
+        round(float((np.abs(floor) <= AT_ZERO).mean()), 3),
+    )
+
+
+def _strip_offset(sample: _Sample) -> float | None:
+    """The largest median difference (m) of two strips, where the single returns of both are flat."""
+    single = sample.of <= 1
+    xyz, strip = sample.xyz[single], sample.strip[single].astype(np.int64)
+    if not len(xyz) or (strip == strip[0]).all():
+        return None
+    cell, _ = _cells(xyz, STRIP_CELL)
+    key, group, many = np.unique(cell << 16 | strip, return_inverse=True, return_counts=True)
+    height = xyz[:, 2] - xyz[0, 2]
+    mean = np.bincount(group, height) / many
+    spread = np.sqrt(np.maximum(np.bincount(group, height**2) / many - mean**2, 0))
+    flat = (many >= 3) & (spread <= FLAT)
+    key, mean = key[flat], mean[flat]
+    beside = np.flatnonzero(key[1:] >> 16 == key[:-1] >> 16)
+    pair = (key[beside] & 65535) << 16 | key[beside + 1] & 65535
+    _, which, many = np.unique(pair, return_inverse=True, return_counts=True)
+    median = group_percentiles(mean[beside + 1] - mean[beside], which.ravel(), len(many), 50.0)
+    compared = np.abs(median[many >= FEWEST_CELLS])
+    return round(float(compared.max()), 3) if len(compared) else None
+
+
+def _cover(xyz: Points) -> tuple[float, float, int, float]:
+    """The area with points (m²), the share of voids within it, its separate pieces, and the area (m²) that a
+    place in them lies in (median over places)."""
+    low = xyz[:, :2].min(axis=0)
+    side = max(VOID_SPACINGS * float(np.prod(xyz[:, :2].max(axis=0) - low) / len(xyz)) ** 0.5, 1.0)
+    place = np.floor((xyz[:, :2] - low) / side).astype(np.int64)
+    seen = np.zeros(place.max(axis=0) + 1, bool)
+    seen[place[:, 0], place[:, 1]] = True
+    filled = ndimage.binary_fill_holes(seen)
+    labels, pieces = ndimage.label(seen, np.ones((3, 3)))
+    sizes = np.sort(np.bincount(labels.ravel())[1:]) * side**2
+    middle = float(sizes[np.searchsorted(np.cumsum(sizes), sizes.sum() / 2)])
+    area = float(seen.sum()) * side**2
+    return area, round(1 - float(seen.sum()) / float(filled.sum()), 4), int(pieces), middle

@@ -1,0 +1,112 @@
+"""PLY and E57 files, read by the libraries of these formats and kept as LAZ, which every later step reads."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+
+from eaves.formats.atomic import atomic
+from eaves.formats.errors import InputError
+
+STEP = 0.001
+"""Resolution of the coordinates (units of the file)."""
+NAMES = {
+    "intensity": ("intensity", "scalar_intensity"),
+    "classification": ("classification", "scalar_classification", "class", "label"),
+    "return_number": ("return_number", "returnnumber", "scalar_return_number", "return_index"),
+    "number_of_returns": ("number_of_returns", "numberofreturns", "scalar_number_of_returns", "return_count"),
+}
+"""Fields by the names that writers give them, in lower case."""
+
+Columns = Mapping[str, np.ndarray]
+
+
+def read_ply(path: Path) -> Columns:
+    """The columns of the vertices."""
+    from plyfile import PlyData
+
+    vertices = PlyData.read(path)["vertex"].data
+    return {name.lower(): np.asarray(vertices[name]) for name in vertices.dtype.names}
+
+
+def read_e57(path: Path) -> Columns:
+    """The columns of all scans, in the coordinates of the file."""
+    from pye57 import E57
+
+    with E57(str(path)) as file:
+        scans = [
+            file.read_scan(k, intensity=True, ignore_missing_fields=True) for k in range(file.scan_count)
+        ]
+    shared = set.intersection(*(set(scan) for scan in scans)) if scans else set()
+    return {
+        {"cartesianX": "x", "cartesianY": "y", "cartesianZ": "z"}.get(name, name.lower()): np.concatenate(
+            [scan[name] for scan in scans]
+        )
+        for name in sorted(shared)
+    }
+
+
+READERS: dict[str, tuple[str, Callable[[Path], Columns]]] = {
+    ".ply": ("ply", read_ply),
+    ".e57": ("e57", read_e57),
+}
+"""The extra that brings the library, and the reader, by suffix."""
+
+
+def convert(path: Path, folder: Path) -> Path:
+    """The LAZ file, in a folder, of a PLY or E57 file; one that is there is used again.
+
+    Raises
+    ------
+    InputError
+        When the library is missing, or the file is damaged or has no points.
+    """
+    extra, reader = READERS[path.suffix.lower()]
+    try:
+        facts = path.stat()
+        known = f"{path.resolve()} {facts.st_size} {facts.st_mtime_ns}"
+        made = folder / f"{path.stem}-{hashlib.sha256(known.encode()).hexdigest()[:16]}.laz"
+        if made.exists():
+            return made
+        columns = reader(path)
+        xyz = np.column_stack([np.asarray(columns[axis], np.float64) for axis in "xyz"])
+    except ModuleNotFoundError:
+        raise InputError.about(
+            path, f"is {extra.upper()}, which an extra reads", f"pip install 'eaves[{extra}]'"
+        ) from None
+    except OSError as error:
+        raise InputError.about(
+            path, f"cannot be read ({error.strerror or error})", "check the path"
+        ) from None
+    except Exception as error:  # the libraries raise whatever their parts raise
+        raise InputError.about(
+            path, f"cannot be read as {extra.upper()} ({error})", "write it again, or as LAS"
+        ) from None
+    usable = np.isfinite(xyz).all(axis=1)
+    if not usable.any():
+        raise InputError.about(path, "has no points", "export the points again")
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomic(made) as temporary, temporary.open("wb") as file:
+        as_las(xyz[usable], {name: values[usable] for name, values in columns.items()}).write(
+            file, do_compress=True
+        )
+    return made
+
+
+def as_las(xyz: np.ndarray, columns: Columns) -> laspy.LasData:
+    """The points (N, 3) as LAS 1.4, with the fields of `NAMES` that the columns have."""
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.scales, header.offsets = np.full(3, STEP), np.floor(xyz.min(axis=0))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = xyz.T
+    for field, names in NAMES.items():
+        found: Any = next((columns[name] for name in names if name in columns), None)
+        if found is not None:
+            most = {"intensity": 65535, "classification": 255}.get(field, 15)
+            las[field] = np.clip(np.nan_to_num(found), 0, most).astype(np.uint16)
+    return las

@@ -1,0 +1,168 @@
+"""Points by http from a server on this computer, whose every byte is counted."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+from tests.formats.copc_writer import write_copc
+
+from eaves.formats import InputError, find_inputs, iter_chunks, open_source
+from eaves.formats.points.remote import localise
+from eaves.model.summary import Summary
+
+SIDE = 400.0
+CORNER = np.array([85_000.0, 447_000.0])
+
+
+class Server(BaseHTTPRequestHandler):
+    """Ranges of the files of a folder; `/plain/` without ranges, `/moved/` elsewhere."""
+
+    sent = 0
+
+    def __init__(self, *given: object, folder: Path) -> None:
+        self.folder = folder
+        super().__init__(*given)  # type: ignore[arg-type]
+
+    def do_GET(self) -> None:
+        path, _, query = self.path.partition("?")
+        if path.startswith("/moved/"):
+            self.send_response(302)
+            self.send_header("Location", "ftp://elsewhere/a.laz" if "away" in query else self.path)
+            self.end_headers()
+            return
+        file = self.folder / Path(path).name
+        if not file.is_file():
+            self.send_error(404)
+            return
+        data = file.read_bytes()
+        first, last = (int(n) for n in self.headers["Range"].removeprefix("bytes=").split("-"))
+        piece = data if path.startswith("/plain/") else data[first : last + 1]
+        self.send_response(200 if path.startswith("/plain/") else 206)
+        if not path.startswith("/plain/"):
+            self.send_header("Content-Range", f"bytes {first}-{first + len(piece) - 1}/{len(data)}")
+        self.send_header("Content-Length", str(len(piece)))
+        self.end_headers()
+        Server.sent += len(piece)
+        with suppress(ConnectionError):  # who wanted a range does not wait for the whole
+            self.wfile.write(piece)
+
+    def log_message(self, format: str, *args: object) -> None:
+        pass
+
+
+@pytest.fixture(scope="module")
+def copc(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.scales, header.offsets = np.full(3, 0.001), [*CORNER, 0.0]
+    las = laspy.LasData(header)
+    rng = np.random.default_rng(7)
+    las.x, las.y = CORNER[:, None] + rng.uniform(0, SIDE, (2, 300_000))
+    las.z = rng.normal(0, 5, 300_000)
+    path = tmp_path_factory.mktemp("served") / "tile.copc.laz"
+    write_copc(path, las, levels=4, coarser=64)
+    return path
+
+
+@pytest.fixture(scope="module")
+def address(copc: Path) -> Iterator[str]:
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Server, folder=copc.parent))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}"
+    server.shutdown()
+    server.server_close()
+
+
+def points_of(path: Path, west: float, south: float, east: float, north: float) -> np.ndarray:
+    xyz = np.concatenate([chunk.xyz for chunk in iter_chunks(open_source(path, "EPSG:28992"))])
+    inside = (xyz[:, 0] >= west) & (xyz[:, 0] < east) & (xyz[:, 1] >= south) & (xyz[:, 1] < north)
+    return np.asarray(xyz[inside][np.lexsort(xyz[inside].T)])
+
+
+def test_of_a_hundredth_of_the_area_few_bytes_are_read_and_all_points(
+    copc: Path, address: str, tmp_path: Path
+) -> None:
+    west, south = CORNER + 110.0
+    bounds = (west, south, west + SIDE / 10, south + SIDE / 10)
+    before = Server.sent
+    [local], traffic = localise(f"{address}/tile.copc.laz?token=secret", tmp_path, bounds)
+    np.testing.assert_array_equal(points_of(Path(local), *bounds), points_of(copc, *bounds))
+    whole = copc.stat().st_size  # so small that requests of 16 KB weigh
+    assert traffic.read == Server.sent - before < 0.15 * whole and traffic.whole == whole
+    assert "secret" not in str(local) + json.dumps(traffic.as_json())
+    again, kept = localise(f"{address}/tile.copc.laz?token=secret", tmp_path, bounds)
+    assert again == [local] and kept.read <= 1 << 17
+
+
+def test_without_bounds_the_file_is_read_whole(copc: Path, address: str, tmp_path: Path) -> None:
+    [local], _ = localise(f"{address}/tile.copc.laz", tmp_path)
+    assert Path(local).read_bytes() == copc.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("place", "rule"),
+    [
+        ("/plain/tile.copc.laz?token=secret", "its server gives no ranges"),
+        ("/missing.laz?token=secret", "the server answers 404"),
+        ("/moved/tile.laz?token=secret", "the server answers 302"),
+        ("/moved/tile.laz?token=secret&away", "is neither http nor https"),
+    ],
+)
+def test_server_that_does_not_give_the_file_is_one_line_without_secrets(
+    place: str, rule: str, address: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=rule) as refused:
+        localise(address + place, tmp_path)
+    assert "secret" not in str(refused.value) and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("given", ["ftp://host/a.laz", "s3://host/a.laz", "http://user:pass@host/a.laz"])
+def test_other_schemes_and_users_are_refused(given: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as refused:
+        localise(given, tmp_path)
+    assert "pass@" not in str(refused.value)
+
+
+def listed(href: str, west: float = 0.0) -> dict[str, object]:
+    box = [CORNER[0] + west, CORNER[1], CORNER[0] + west + SIDE, CORNER[1] + SIDE]
+    return {"type": "Feature", "properties": {"proj:bbox": box}, "assets": {"data": {"href": href}}}
+
+
+def test_list_names_files_of_its_folder_or_of_a_server_and_none_outside_the_bounds(
+    copc: Path, address: str, tmp_path: Path
+) -> None:
+    features = [listed("./tile.copc.laz"), listed("far.laz", 5000.0), listed(f"{address}/tile.copc.laz")]
+    cloud = copc.parent / "area.vpc"
+    cloud.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    inside = (*CORNER, *(CORNER + 40.0))
+    near, fetched = localise(cloud, tmp_path, inside)[0]
+    assert find_inputs(near) == [copc] and Path(fetched).parent == tmp_path
+    one, other = localise(f"{address}/area.vpc", tmp_path, inside)[0]
+    assert one == other == fetched
+
+
+@pytest.mark.parametrize("href", ["file:///etc/a.laz", "s3://bucket/a.laz"])
+def test_list_on_a_server_names_no_local_file(href: str, copc: Path, address: str, tmp_path: Path) -> None:
+    (copc.parent / "bad.vpc").write_text(json.dumps(listed(href)))
+    with pytest.raises(InputError, match="is neither http nor https"):
+        localise(f"{address}/bad.vpc", tmp_path)
+
+
+def test_json_that_lists_nothing_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "no.vpc").write_text('{"type": "FeatureCollection"}')
+    with pytest.raises(InputError, match="is no list of point files"):
+        localise(tmp_path / "no.vpc", tmp_path)
+
+
+def test_closing_line_counts_the_bytes_read(tmp_path: Path) -> None:
+    remote = {"bytes_read": 1_200_000, "bytes": 3_200_000, "addresses": ["http://host/a.copc.laz"]}
+    text = Summary(tmp_path, 10, 0, 0, {}, {}, {}, {}, 1.0, (), run={"remote": remote}).as_text()
+    assert text.endswith("; 1.2 of 3.2 MB read over the network")

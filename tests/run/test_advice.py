@@ -1,0 +1,138 @@
+"""Scans of other kinds, each made of one drawn scan: its figures say what it is, and of the whole nothing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from eaves.cli.app import make_app
+from eaves.flow.advice import ScanFacts, scan_facts
+from eaves.run.index import index_inputs
+from eaves.simulate import scan_town, simulate_town, write_simulation
+
+Change = Callable[[laspy.LasData], None]
+
+
+def whole(las: laspy.LasData) -> None:
+    """The scan as it is."""
+
+
+def no_returns(las: laspy.LasData) -> None:
+    """Pulses without numbers of returns."""
+    las.return_number[:] = las.number_of_returns[:] = 0
+
+
+def single(las: laspy.LasData) -> None:
+    """Only pulses with one return."""
+    las.points = las.points[np.asarray(las.number_of_returns) == 1]
+
+
+def last(las: laspy.LasData) -> None:
+    """The last return of each pulse."""
+    las.points = las.points[np.asarray(las.return_number) == np.asarray(las.number_of_returns)]
+
+
+def first(las: laspy.LasData) -> None:
+    """The first return of each pulse."""
+    las.points = las.points[np.asarray(las.return_number) == 1]
+
+
+def matched(las: laspy.LasData) -> None:
+    """Nothing that only a scanner writes."""
+    single(las)
+    for name in ("gps_time", "scan_angle", "point_source_id", "intensity"):
+        las[name][:] = 0
+
+
+def at_zero(las: laspy.LasData) -> None:
+    """Ground at 0, and the lowest points of each cell."""
+    las.z = np.where(np.asarray(las.classification) == 2, 0.0, np.asarray(las.z) + 1.0)
+    place = np.floor(np.column_stack([las.x, las.y]) / 24).astype(int)
+    for cell in np.unique(place, axis=0):  # the floor of a cell without ground, too
+        las.z[np.flatnonzero((place == cell).all(axis=1))[:200]] = 0.0
+
+
+def noise_below(las: laspy.LasData) -> None:
+    """Five points 60 m below."""
+    las.z[:5] -= 60.0
+
+
+def clipped(las: laspy.LasData) -> None:
+    """Points on buildings alone."""
+    las.points = las.points[np.asarray(las.building_id) > 0]
+
+
+def one_strip(las: laspy.LasData) -> None:
+    """One of the strips."""
+    las.points = las.points[np.asarray(las.point_source_id) == las.point_source_id[0]]
+
+
+def shifted(las: laspy.LasData) -> None:
+    """One of the strips 0.2 m higher."""
+    las.z += 0.2 * (np.asarray(las.point_source_id) == las.point_source_id[0])
+
+
+KINDS: dict[str, tuple[Change, str]] = {
+    "whole": (whole, ""),
+    "no returns": (no_returns, "no return numbers"),
+    "single": (single, "0 % of pulses split"),
+    "last only": (last, "last returns only"),
+    "first only": (first, "first returns only"),
+    "image matching": (matched, "no pulses"),
+    "above ground": (at_zero, "the ground is at 0"),
+    "noise": (noise_below, "5 points more than 24 m below"),
+    "clipped": (clipped, "as clipped to footprints"),
+    "one strip": (one_strip, "one strip:"),
+    "strips apart": (shifted, "strips differ by 0.2"),
+}
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    town = simulate_town(0.01, seed=3)
+    return write_simulation(scan_town(town, density=3.0, seed=3), tmp_path_factory.mktemp("town"))["points"]
+
+
+def facts_of(path: Path) -> ScanFacts:
+    return scan_facts(index_inputs([path], "metres", []))
+
+
+def changed(scan: Path, place: Path, change: Change) -> ScanFacts:
+    las = laspy.read(scan)
+    change(las)
+    las.write(place / "changed.laz")
+    return facts_of(place / "changed.laz")
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "whole"])
+def test_scan_of_another_kind_is_said__and_of_the_whole_scan_nothing(
+    kind: str, scan: Path, tmp_path: Path
+) -> None:
+    change, words = KINDS[kind]
+    assert any(words in line for line in changed(scan, tmp_path, change).remarks())
+    assert not any(words in line for line in facts_of(scan).remarks())
+
+
+def test_figures_of_a_whole_scan_are_those_of_its_records(scan: Path) -> None:
+    las, facts = laspy.read(scan), facts_of(scan)
+    first_returns = np.asarray(las.return_number) == 1
+    assert facts.whole and facts.points == len(las.points)
+    assert facts.split_share == pytest.approx((las.number_of_returns[first_returns] > 1).mean(), abs=1e-4)
+    assert facts.strips == len(np.unique(las.point_source_id))
+    assert facts.classes == {
+        str(c): int((las.classification == c).sum()) for c in np.unique(las.classification)
+    }
+
+
+def test_info_and_dry_run_write_nothing(scan: Path, tmp_path: Path) -> None:
+    runner, out = CliRunner(), tmp_path / "out"
+    told = runner.invoke(make_app(), ["info", str(scan), "--json", "--quiet"])
+    assert json.loads(told.stdout)["points"] == laspy.read(scan).header.point_count
+    dry = runner.invoke(make_app(), ["build", str(scan), "-o", str(out), "--dry-run", "--quiet"])
+    assert dry.exit_code == 0 and "split pulses" in dry.stdout and not out.exists()
