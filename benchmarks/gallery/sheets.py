@@ -1,8 +1,9 @@
 """Sheets for the eye: outlines and roofs of a run at random, the least trusted, or where two runs differ.
 
-Run `python -m benchmarks.gallery.sheets OUT SHEET.png` or, for the differences, `... OUT SHEET.png EARLIER`.
-OUT is what `eaves build` wrote, with footprints and classified points. Ground is beige, roof points are
-coloured by height, all else is green; outlines are black, roof faces thin, outlines of the earlier run red.
+Run `python -m benchmarks.gallery.sheets OUT SHEET.png` or, for the differences, `... OUT SHEET.png OTHER`.
+OUT is what `eaves build` wrote, with footprints and classified points; OTHER is another run, or a map in a
+vector file. Ground is beige, roof points are coloured by height, all else is green; outlines are black, roof
+faces thin, outlines of the other red.
 """
 
 from __future__ import annotations
@@ -65,8 +66,17 @@ class Run:
         )
 
 
-def draw_place(axes: Axes, run: Run, where: shapely.Geometry, words: str, earlier: Run | None) -> None:
-    """One place of a run, with the outlines of an earlier one."""
+def shapes_in(path: Path) -> NDArray[np.object_]:
+    """The outlines of another run, or of a map."""
+    layer = "footprints" if path.is_dir() else None
+    _, _, shapes, _ = pyogrio.raw.read(path / "footprints.gpkg" if layer else path, layer=layer, columns=[])
+    return np.asarray(shapely.make_valid(shapely.force_2d(shapely.from_wkb(shapes))))
+
+
+def draw_place(
+    axes: Axes, run: Run, where: shapely.Geometry, words: str, others: NDArray[np.object_] | None
+) -> None:
+    """One place of a run, with the outlines of another."""
     west, south, east, north = where.bounds
     half = 0.5 * ROUND * max(east - west, north - south) + 5.0
     x, y = 0.5 * (west + east), 0.5 * (south + north)
@@ -79,18 +89,18 @@ def draw_place(axes: Axes, run: Run, where: shapely.Geometry, words: str, earlie
         axes.scatter(*xyz[mine, :2].T, s=size, c=colour, linewidths=0)
     axes.scatter(*xyz[kind == 6, :2].T, s=size, c=xyz[kind == 6, 2], cmap="plasma", linewidths=0)
     drawn = [(run.faces, "#404040", 0.5), (run.shapes, "#000000", 1.6)]
-    drawn += [] if earlier is None else [(earlier.shapes, "#d00000", 0.9)]
+    drawn += [] if others is None else [(others, "#d00000", 0.9)]
     for shapes, colour, width in drawn:
-        for ring in shapely.get_rings(shapes[shapely.intersects(shapes, box)]):
+        for ring in shapely.get_rings(shapely.get_parts(shapes[shapely.intersects(shapes, box)])):
             axes.plot(*shapely.get_coordinates(ring).T, color=colour, linewidth=width)
     axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect="equal")
     axes.set_title(words, size=7)
 
 
-def places_of(run: Run, earlier: Run | None) -> list[tuple[shapely.Geometry, str]]:
+def places_of(run: Run, others: NDArray[np.object_] | None) -> list[tuple[shapely.Geometry, str]]:
     """The places to look at: buildings at random and the least trusted, or where two runs differ most."""
-    if earlier is not None:
-        both = shapely.union_all(run.shapes), shapely.union_all(earlier.shapes)
+    if others is not None:
+        both = shapely.union_all(run.shapes), shapely.union_all(others)
         parts = shapely.get_parts(shapely.symmetric_difference(*both))
         parts = parts[shapely.area(parts) > 1.0]
         largest = parts[np.argsort(-shapely.area(parts), kind="stable")][: 2 * COUNT]
@@ -100,16 +110,16 @@ def places_of(run: Run, earlier: Run | None) -> list[tuple[shapely.Geometry, str
     return [(run.shapes[k], run.words[k]) for k in (*some, *worst)]
 
 
-def draw_sheet(folder: Path, picture: Path, before: Path | None = None) -> None:
+def draw_sheet(folder: Path, picture: Path, other: Path | None = None) -> None:
     """The sheet of a run."""
-    run, earlier = Run.of(folder), None if before is None else Run.of(before)
-    places: Sequence[tuple[shapely.Geometry, str]] = places_of(run, earlier)
+    run, others = Run.of(folder), None if other is None else shapes_in(other)
+    places: Sequence[tuple[shapely.Geometry, str]] = places_of(run, others)
     lines = max(-(-len(places) // COLUMNS), 1)
     figure, grid = plt.subplots(lines, COLUMNS, figsize=(13.0, 2.7 * lines), squeeze=False)
     for axes in grid.ravel():
         axes.axis("off")
     for axes, (where, words) in zip(grid.ravel(), places, strict=False):
-        draw_place(axes, run, where, words, earlier)
+        draw_place(axes, run, where, words, others)
     figure.tight_layout(pad=0.4)
     save(figure, picture)
 
