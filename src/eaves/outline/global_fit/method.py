@@ -233,7 +233,7 @@ class GlobalFit(LowPartRules, OutlineMethod):
             edges = self.cheapest_edges(local, sigma, weight)
             circle = self.cheaper_circle(edges, local, weight, points, spacing, drawing)
             if circle is not None:
-                return circle + origin
+                return np.asarray(circle + origin, dtype=np.float64)
             corners = None if edges is None else self.drawn(edges, points, divided, density, spacing, drawing)
             drawn = None if corners is None or len(corners) < 3 else as_polygon(Polygon(corners))
             beyond = hidden
