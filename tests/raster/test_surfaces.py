@@ -126,6 +126,12 @@ def test_filling_leaves_known_cells_alone() -> None:
     assert (fill_nearest(raster).values[~np.isnan(holed)] == values[~np.isnan(holed)]).all()
 
 
+def test_a_short_gap_takes_the_heights_between_its_ends() -> None:
+    values = np.full((5, 4), np.nan, np.float32)
+    values[2] = 0.0, np.nan, np.nan, 3.0
+    assert np.allclose(fill_linear(Raster(values, 0.0, 5.0, 1.0)).values[2], [0.0, 1.0, 2.0, 3.0])
+
+
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 1.0])
 def test_two_rasters_filled_together_are_those_filled_apart(share: float) -> None:
     rng = np.random.default_rng(5)

@@ -12,6 +12,8 @@ from eaves.model import Grid, Mask, Points, Raster, Values
 from eaves.model.cloud import GRID_STEP
 from eaves.raster.nearest import ADJOINING, near_cells, nearest_cells, places
 
+SHORT_GAP = 2  # cells; a gap in a row or column of cells that needs no triangles
+
 
 def fill_nearest(raster: Raster, within: float = np.inf) -> Raster:
     """Empty cells take the value of the nearest filled cell, if it is at most `within` (m) away."""
@@ -27,9 +29,15 @@ def fill_nearest(raster: Raster, within: float = np.inf) -> Raster:
 
 
 def fill_linear(raster: Raster) -> Raster:
-    """Empty cells take the height of the Delaunay triangle of filled cells they lie in, or the nearest
-    outside the hull.
+    """Empty cells in a short gap take the height between its ends, the others that of the Delaunay triangle
+    of filled cells they lie in, or the nearest outside the hull.
     """
+    return fill_between(raster.with_(values=short_gaps_kernel(raster.values, SHORT_GAP)))
+
+
+def fill_between(raster: Raster) -> Raster:
+    """Empty cells take the height of the Delaunay triangle of filled cells they lie in, or the nearest
+    outside the hull."""
     known = np.isfinite(raster.values)
     if known.all() or not known.any():
         return raster
@@ -41,9 +49,10 @@ def fill_linear_twice(raster: Raster, richer: Raster) -> tuple[Raster, Raster]:
     """A raster and a richer one, in which more of the same cells are filled or their values are others, both
     filled as `fill_linear` does: the cells that only the second has join the triangles of the first.
     """
+    raster, richer = (one.with_(values=short_gaps_kernel(one.values, SHORT_GAP)) for one in (raster, richer))
     known, more = np.isfinite(raster.values), np.isfinite(richer.values)
     if known.all() or not known.any() or more.all():
-        return fill_linear(raster), fill_linear(richer)
+        return fill_between(raster), fill_between(richer)
     rim, second_rim = (cells & near_cells(~cells, ADJOINING) for cells in (known, more))
     rows, columns = np.concatenate([np.nonzero(rim), np.nonzero(second_rim & ~known)], axis=1)
     count = np.count_nonzero(rim)
@@ -56,6 +65,50 @@ def fill_linear_twice(raster: Raster, richer: Raster) -> tuple[Raster, Raster]:
     first = filled(raster, rim, ~known)
     tin.insert(np.arange(count, len(rows)))
     return first, filled(richer, second_rim, ~more)
+
+
+@kernel
+def short_gaps_kernel(values: Grid, most: int) -> Grid:
+    """Values (H, W) in which an empty cell has the height between the two ends of its gap, if that is at most
+    `most` cells long in its row or column; of both the shorter, their mean when they are as long."""
+    rows, columns = values.shape
+    filled = values.copy()
+    for row in range(rows):
+        for column in range(columns):
+            if not np.isnan(values[row, column]):
+                continue
+            shortest, total, count = most + 1, 0.0, 0
+            for down, right in ((0, 1), (1, 0)):
+                back, ahead = 1, 1
+                while (
+                    back <= most
+                    and row - back * down >= 0
+                    and column - back * right >= 0
+                    and np.isnan(values[row - back * down, column - back * right])
+                ):
+                    back += 1
+                while (
+                    back + ahead <= most + 1
+                    and row + ahead * down < rows
+                    and column + ahead * right < columns
+                    and np.isnan(values[row + ahead * down, column + ahead * right])
+                ):
+                    ahead += 1
+                if row - back * down < 0 or column - back * right < 0:
+                    continue
+                if row + ahead * down >= rows or column + ahead * right >= columns:
+                    continue
+                before = values[row - back * down, column - back * right]
+                behind = values[row + ahead * down, column + ahead * right]
+                if back + ahead > shortest or np.isnan(before) or np.isnan(behind):
+                    continue
+                if back + ahead < shortest:
+                    shortest, total, count = back + ahead, 0.0, 0
+                total += (ahead * before + back * behind) / (back + ahead)
+                count += 1
+            if count:
+                filled[row, column] = total / count
+    return filled
 
 
 def interpolate_cells(values: Grid, known: Mask, wanted: Mask) -> Grid:
