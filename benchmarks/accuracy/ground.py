@@ -66,6 +66,8 @@ OTHERS: dict[str, list[float | None]] = {
 """Total errors in per cent of others: each ISPRS sample, their mean, the two crops."""
 PLACES, PLACES_SEED = 6, 5
 """Random places at which the command is judged."""
+SHARES = ("wall_share", "slant_share")
+"""Numbers of `adaptive_tin` that are moved to 1 at most."""
 PATCH_M2 = 4.0
 """Smaller patches of wrong ground are not asked of doubts."""
 
@@ -310,6 +312,7 @@ def judge_moved(data: Path) -> None:
         sides = [type(value)(round(value * share, 6)) for share in (0.75, 1.25)]
         if isinstance(value, int):
             sides = [min(sides[0], value - 1), max(sides[1], value + 1)]
+        sides = [min(side, 1.0) if name in SHARES else side for side in sides]
         errors = [mean_error(**{name: side}) for side in sides]
         rows.append({"number": name, "value": value, "- 25 %": errors[0], "+ 25 %": errors[1]})
     worst = max(max(float(str(row["- 25 %"])), float(str(row["+ 25 %"]))) for row in rows)

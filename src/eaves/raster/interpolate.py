@@ -37,7 +37,7 @@ def fill_linear(raster: Raster) -> Raster:
 
 def fill_between(raster: Raster) -> Raster:
     """Empty cells take the height of the Delaunay triangle of filled cells they lie in, or the nearest
-    outside the hull."""
+    outside the hull: for thin scans, whose gaps are mostly short."""
     known = np.isfinite(raster.values)
     if known.all() or not known.any():
         return raster

@@ -14,7 +14,7 @@ from eaves.ground.toolkit.seeds import lowest_of_cells
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Grid, Mask, PointCloud, Points, Raster
 from eaves.raster.grid import cell_centres, empty_raster, lowest_points, whole_cells
-from eaves.raster.interpolate import fill_linear
+from eaves.raster.interpolate import fill_between
 
 
 class ContourGround(GroundMethod):
@@ -134,7 +134,7 @@ class ContourGround(GroundMethod):
         support = np.concatenate(lines) if lines else xyz[lowest_of_cells(xyz, self.longest_outline / 4.0)]
         number = lowest_points(support, surface.bounds, surface.cell)
         values = np.where(number >= 0, support[np.maximum(number, 0), 2], np.nan)
-        return fill_linear(surface.with_(values=values.astype(np.float32)))
+        return fill_between(surface.with_(values=values.astype(np.float32)))
 
     def allowed(self, terrain: Raster) -> Grid:
         """How far from the terrain (H, W) what belongs to it may lie, m."""
@@ -152,7 +152,7 @@ class ContourGround(GroundMethod):
             support = surface.values - terrain.values <= self.allowed(terrain)
             if not support.any() or (support == before).all():
                 break
-            terrain = fill_linear(
+            terrain = fill_between(
                 surface.with_(values=np.where(support, surface.values, np.nan).astype(np.float32))
             )
             before = support
