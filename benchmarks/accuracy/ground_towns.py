@@ -1,14 +1,17 @@
 """The ground filters on drawn old towns: terraces, sunken courts, halls in the slope, of which all is known.
 
 `python -m benchmarks.accuracy.ground_towns [--unseen] [--rivals]`. Numbers were chosen on the seeds that are
-scanned by default; those of `--unseen` had no say.
+scanned by default; those of `--unseen` had no say. `--rivals` adds the sources' filters, and CSF where its
+package `cloth-simulation-filter` is installed.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+import importlib.util
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -99,6 +102,32 @@ def judge(drawn: Drawn, found: PointCloud) -> dict[str, object]:
     }
 
 
+def by_csf(cloud: PointCloud, rigidness: int) -> PointCloud:
+    """Ground by the authors' CSF with its defaults, slopes smoothed afterwards."""
+    import CSF
+
+    cloth = CSF.CSF()
+    cloth.params.bSloopSmooth = True
+    cloth.params.rigidness = rigidness
+    cloth.setPointCloud(cloud.xyz)
+    ground, rest = CSF.VecInt(), CSF.VecInt()
+    cloth.do_filtering(ground, rest, False)
+    classes = np.ones(len(cloud), np.uint8)
+    classes[np.asarray(ground, np.int64)] = GROUND
+    return cloud.with_(classification=classes)
+
+
+def filters(rivals: bool) -> dict[str, Callable[[PointCloud], PointCloud]]:
+    """Each filter by its name."""
+    names = METHODS if rivals else ["adaptive_tin"]
+    found: dict[str, Callable[[PointCloud], PointCloud]] = {
+        name: partial(classify_ground, method=METHODS[name]) for name in names
+    }
+    if rivals and importlib.util.find_spec("CSF"):
+        found |= {f"CSF, rigidness {k}": partial(by_csf, rigidness=k) for k in (1, 2, 3)}
+    return found
+
+
 def main() -> None:
     """Print and keep the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -106,10 +135,10 @@ def main() -> None:
     parser.add_argument("--rivals", action="store_true", help="the sources' filters too")
     wanted = parser.parse_args()
     rows: list[dict[str, object]] = []
-    methods = METHODS if wanted.rivals else {"adaptive_tin": METHODS["adaptive_tin"]}
+    methods = filters(wanted.rivals)
     for drawn in draw_all(UNSEEN if wanted.unseen else SEEDS):
         for name, method in methods.items():
-            found = classify_ground(drawn.cloud, method)
+            found = method(drawn.cloud)
             rows.append({"town": drawn.name, "method": name, "points": len(found), **judge(drawn, found)})
     for name in methods:
         some = [row for row in rows if row["method"] == name and row["town"] != "mean"]
