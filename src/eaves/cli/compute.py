@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from eaves.run.options import RunOptions
 
 NO_MAP = ("footprints", "id_field", "footprint_source", "snap_footprints", "party_walls")
-SETTLED = ("classified", "outputs", "formats", "source", "keep", "per_tile")
+SETTLED = ("classified", "outputs", "formats", "source", "keep", "per_tile", "steps")
 
 
 @with_run_options("classified")

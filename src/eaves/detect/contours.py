@@ -121,19 +121,19 @@ class Contours(GrowthRules, Detector):
         if grid is None:
             return no_regions(scene)
         high = grid.high(self.min_height)
-        emit("high cells", high)
+        emit("high cells", grid.cells.raster(high))
         edged = self.keep_edged(grid, high)
-        emit("edged groups", edged)
+        emit("edged groups", grid.cells.raster(edged))
         bend = quadratic_gradient(grid.surface)
-        emit("quadratic gradient", bend)
+        emit("quadratic gradient", grid.cells.raster(bend))
         smooth = edged & (bend <= (self.max_bend or self.derived_bend(scene, grid, bend)))
-        emit("smooth cells", smooth)
+        emit("smooth cells", grid.cells.raster(smooth))
         core = opened_by_area(
             ndimage.binary_opening(smooth, np.ones((2, 2), bool)), self.min_area / grid.side**2
         )
-        emit("cores", core)
+        emit("cores", grid.cells.raster(core))
         label, count = connected(self.with_rim(grid, self.grown(grid, core, smooth, edged, edged), edged))
-        emit("buildings", label)
+        emit("buildings", grid.cells.raster(label))
         return regions_of_cells(scene, grid, label, share_in(label, count, smooth), self.min_height)
 
     def derived_bend(self, scene: Scene, grid: SurfaceGrid, bend: Values) -> float:

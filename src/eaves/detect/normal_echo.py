@@ -182,7 +182,9 @@ class NormalEcho(Detector):
         join = self.join or max(0.8, 3.0 * scene.spacing)
         component = euclidean_components(xyz, again, join)
         emit("components", numbers_of_all(component, rest, len(cloud)))
-        emit("curvature", again.curvature)
+        curvature = np.full(len(cloud), np.nan)
+        curvature[rest] = again.curvature
+        emit("curvature", curvature)
         label, score = self.judge(scene, rest, component, again.curvature)
         number[rest] = label
         part[rest[label > 0]] = ROOF

@@ -184,16 +184,16 @@ class PlanarPatches(Detector):
         cells = Cells.of(xyz, side)
 
         sums, patch = self.find_patches(xyz, height, cells)
-        emit("patches", patch.reshape(cells.shape))
+        emit("patches", cells.raster(patch))
         planes = self.merge_patches(sums, patch, cells)
-        emit("merged patches", planes.plane.reshape(cells.shape).copy())
+        emit("merged patches", cells.raster(planes.plane.copy()))
         belongs = self.grow_planes(planes, xyz, cells, self.join_points)
-        emit("grown planes", planes.plane.reshape(cells.shape))
+        emit("grown planes", cells.raster(planes.plane))
         building = self.cluster_planes(planes, cells, self.min_points)
-        emit("clusters", building.reshape(cells.shape))
+        emit("clusters", cells.raster(building))
 
         building = self.close_contours(building.reshape(cells.shape), side, scene.spacing).ravel()
-        emit("contours", building.reshape(cells.shape))
+        emit("contours", cells.raster(building))
 
         inside = building[cells.cell]
         roof = (inside > 0) & (height >= self.min_height)

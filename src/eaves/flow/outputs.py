@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from eaves.flow.classified_points import PointSink
 
 DECIMALS = 3
-LONGEST_FIRST = ("classified", "models", "footprints", "rasters", "mask")
+LONGEST_FIRST = ("steps", "classified", "models", "footprints", "rasters", "mask")
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +151,10 @@ def write_output(
         from eaves.flow.rasters import write_surfaces
 
         return write_surfaces(store, results.blocks, results.extent, folder, made_from), None
+    if step == "steps":
+        from eaves.flow.steps import write_steps
+
+        return write_steps(store, run, results.blocks), None
     from eaves.flow.classified_points import write_points
 
     return write_points(store, run, results.blocks, owners, sink, results.copies), sink
@@ -169,7 +173,7 @@ def write_outputs(
     """
     run, store, workers, progress = region.run, region.store, region.workers, region.progress
     kept = Kept(store)
-    steps = [name for name in EVERYTHING if name in run.outputs and name != "report"]
+    steps = [name for name in (*EVERYTHING, "steps") if name in run.outputs and name != "report"]
     clock = Clock()
     shared = party_walls(kept, owners) if {"footprints", "models"} & set(steps) else []
     clock.lap("party walls")

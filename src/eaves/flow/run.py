@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import logging
 import os
 import time
@@ -99,7 +100,7 @@ class Run:
     @property
     def outputs(self) -> Sequence[str]:
         """Names of the outputs."""
-        return self.options["outputs"]
+        return (*self.options["outputs"], *["steps"] * self.options["steps"])
 
     @property
     def classified(self) -> Path | None:
@@ -173,6 +174,8 @@ def open_run(
     recipe = recipe or recipe_of(options)
     parse_memory(options["memory"])
     check_formats(options["formats"], options["outputs"])
+    if options["steps"] and importlib.util.find_spec("matplotlib") is None:
+        raise InputError("--steps draws with matplotlib, which is missing; run: pip install 'eaves[plots]'")
     folder = Path(out)
     polygons = {name: Path(path) for name in POLYGONS if (path := options[name]) is not None}  # type: ignore[literal-required]
     asked: Any = options["bounds"]

@@ -140,7 +140,9 @@ class SmoothRegion(GroundMethod):
         xyz = cloud.xyz[left]
         planes = local_planes(xyz, self.neighbours, self.neighbours)  # again, without walls and trees
         region = grow_regions(xyz, planes, self.smooth_angle)
-        emit("regions", region)
+        every = np.zeros(len(cloud), np.int64)
+        every[left] = region + 1
+        emit("regions", every)
         area = region_areas(xyz, region, self.area_cell * planes.spacing)
         chosen = np.zeros(len(area), bool)
         chosen[np.argmax(area)] = True

@@ -178,6 +178,14 @@ class RunOptions(TypedDict, total=False):
             panel="output",
         ),
     ]
+    steps: Annotated[
+        bool,
+        Option(
+            "Write the map of every step of the methods as a raster, and one picture of them all, block by "
+            "block, to steps/.",
+            False,
+        ),
+    ]
     block: Annotated[
         float,
         Option(

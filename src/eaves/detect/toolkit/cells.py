@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model import Bounds, Points, Values
+from eaves.model import Bounds, Points, Raster, Values
 
 CELL_SIDES_M = (0.5, 0.6, 0.75, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
 """Sides that divide a block of 240 m, so that neighbouring blocks share their cells."""
@@ -39,6 +40,10 @@ class Cells:
         columns = int(np.floor(bounds.east / side)) - first + 1 + margin
         cell, order, start = sort_kernel(xyz, side, first, last, rows, columns)
         return cls(side, first * side, (last + 1) * side, (rows, columns), cell, order, start)
+
+    def raster(self, values: NDArray[Any]) -> Raster:
+        """Values of all cells, flat or (H, W), as a raster."""
+        return Raster(values.reshape(self.shape), self.west, self.north, self.side)
 
     @property
     def size(self) -> int:

@@ -59,8 +59,9 @@ def write_raster(
     raster: Raster,
     system: CoordinateSystem = LOCAL_METRES,
     origin: tuple[float, float] = (0.0, 0.0),
+    heights: bool = True,
 ) -> None:
-    """Write heights as float32 Cloud-Optimised GeoTIFF; NaN is the no-data value.
+    """Write a raster as float32 Cloud-Optimised GeoTIFF; NaN is the no-data value.
 
     Parameters
     ----------
@@ -72,6 +73,8 @@ def write_raster(
         The coordinate system; position, cell and heights are converted to its units.
     origin : (float, float)
         World metres of the raster's local (0, 0).
+    heights : bool
+        Values are heights; others are written as they are.
 
     Raises
     ------
@@ -86,13 +89,14 @@ def write_raster(
     >>> write_raster("dtm.tif", Raster(np.ones((2, 3), np.float32), west=10.0, north=20.0, cell=0.5))
     """
     transform = transform_of(raster.west + origin[0], raster.north + origin[1], raster.cell, system)
-    heights = (raster.values / np.float32(system.vertical_unit_m)).astype(np.float32)
+    unit = system.vertical_unit_m if heights else 1.0
+    values = (raster.values / np.float32(unit)).astype(np.float32)
     profile = profile_of(raster.shape, transform, system) | COG_OPTIONS
     with (
         atomic(path) as temporary,
         rasterio.open(temporary, "w", dtype="float32", nodata=np.nan, **profile) as image,
     ):
-        image.write(heights, 1)
+        image.write(values, 1)
 
 
 def write_mask(
