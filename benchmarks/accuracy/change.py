@@ -137,7 +137,7 @@ def make_town(folder: Path, town: Sequence[Any]) -> tuple[Path, Path]:
     """Simulate and build a town's two epochs, where that was not done; the runs."""
     _, seed, area, changed, first, second, style, terrain = town
     runs = folder / "old-run", folder / "new-run"
-    if not all((run / "manifest.json").exists() for run in runs):
+    if not all((run / "run.json").exists() for run in runs):
         epochs = simulate_epochs(area, terrain, seed=seed, style=style, changed=changed)
         surveys = (Survey(first), epochs.old, seed), (later_survey(second), epochs.new, seed + 1000)
         for name, (survey, there, own), run in zip(("old", "new"), surveys, runs, strict=True):

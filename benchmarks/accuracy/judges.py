@@ -307,7 +307,7 @@ for name in ("delft", "ign_urban", "williams", "ucla"):
 def built(name: str, work: Path) -> Path:
     """The folder of a survey's results, built by the command where it is not there."""
     data, out = Path(os.environ["EAVES_DATA"]), work / name.replace(",", "").replace(" ", "-")
-    if (out / "manifest.json").exists() and json.loads((out / "manifest.json").read_text())["complete"]:
+    if (out / "run.json").exists() and json.loads((out / "run.json").read_text())["complete"]:
         return out
     points, words = SURVEYS[name]
     if points.startswith("town"):

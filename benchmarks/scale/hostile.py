@@ -36,7 +36,7 @@ from benchmarks.scale.identical import cluster, digest
 from benchmarks.scale.mutations import put_hurt
 from benchmarks.scale.point_mutations import hurt_points
 from benchmarks.table import commit_now, keep
-from eaves.run.manifest import check_folder
+from eaves.run.manifest import MANIFEST, check_folder, read_facts
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 
 LIMITS = (
@@ -129,7 +129,7 @@ def killed(bench: Bench, chance: random.Random, out: Path) -> str:
     time.sleep(chance.uniform(0.3, 1.2) * bench.seconds)
     process.send_signal(chance.choice([signal.SIGKILL, signal.SIGTERM, signal.SIGINT]))
     process.communicate(timeout=LONGEST)
-    if out.exists() and not (out / "run.json").exists() and chance.random() < 0.5:
+    if out.exists() and not read_facts(out) and chance.random() < 0.5:
         shift_clocks(out, chance)
     return bench.finish(out)
 
@@ -355,7 +355,7 @@ def mutated_inputs(bench: Bench, chance: random.Random, out: Path) -> str:
         fault = fuzz.wrong_with(status, said, target)
         if "Traceback" in said:
             fault = f"status {status}: {said.strip()[-200:]}"
-        if not fault and status == 0 and (target / "manifest.json").exists():
+        if not fault and status == 0 and (target / MANIFEST).exists():
             fault = next(iter(check_folder(target)), "")
         if fault:
             wrong.append(f"{kind.name}: {fault}")
@@ -365,7 +365,7 @@ def mutated_inputs(bench: Bench, chance: random.Random, out: Path) -> str:
 def tampered_results(bench: Bench, chance: random.Random, out: Path) -> str:
     """A result changed after the run: `eaves validate` must say which."""
     shutil.copytree(bench.place / "whole", out)
-    path = chance.choice(sorted(one for one in out.iterdir() if one.name != "manifest.json"))
+    path = chance.choice(sorted(one for one in out.iterdir() if one.name != MANIFEST))
     before = path.read_bytes()
     damage(path, chance)
     if path.read_bytes() == before:

@@ -175,7 +175,7 @@ def build_run(
 def end_run(run: Run, summary: Summary) -> None:
     """Say that all files of the run are there; a run that writes one file alone leaves no list of them."""
     if run.classified is None:
-        end_manifest(run.folder, summary.files, summary.about, summary.complete)
+        end_manifest(run.folder, summary.files, summary.complete)
 
 
 def build_region(region: Region, sink: PointSink | None = None) -> Summary:
@@ -256,5 +256,5 @@ def build_tile(task: TileTask) -> TileDone:
         except TooNarrowError:
             region.store.discard()
             task = widened(task)
-    end_manifest(task.run.folder, summary.files, summary.about, summary.complete)
+    end_manifest(task.run.folder, summary.files, summary.complete)
     return task.done(region.wrong_boxes)

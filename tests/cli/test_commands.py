@@ -37,7 +37,6 @@ OUTPUTS = {
     "classified.laz",
     "report.html",
     "run.json",
-    "manifest.json",
 }
 
 

@@ -99,11 +99,11 @@ def test_a_rerun_removes_its_own_old_files_and_nothing_else(nine_roofs_file: Pat
     (tmp_path / "footprints.geojson").write_text("changed by hand")
     assert check_folder(tmp_path) == [
         f"{tmp_path / 'footprints.geojson'}: has 15 bytes, the run wrote "
-        f"{read_manifest(tmp_path)['files']['footprints.geojson']['size']}"
+        f"{read_manifest(tmp_path)['written']['footprints.geojson']['size']}"
     ]
     assert build(nine_roofs_file, tmp_path, lod="0", outputs=("footprints",)).complete
     assert {path.name for path in tmp_path.iterdir()} == {
-        *("footprints.gpkg", "review.csv", "buildings.qgz", "run.json", MANIFEST),
+        *("footprints.gpkg", "review.csv", "buildings.qgz", MANIFEST),
         *("notes.txt", "footprints.geojson"),
     }
     assert check_folder(tmp_path) == []
@@ -130,8 +130,8 @@ def test_a_manifest_never_leads_out_of_its_folder(tmp_path: Path) -> None:
     out.mkdir()
     other.write_text("keep")
     for name in ("../other.txt", str(other), "a/../../other.txt"):
-        (out / MANIFEST).write_text(json.dumps({"complete": True, "files": {name: {}}}))
-        end_manifest(out, [], {})
+        (out / MANIFEST).write_text(json.dumps({"complete": True, "written": {name: {}}}))
+        end_manifest(out, [])
         assert other.read_text() == "keep"
 
 

@@ -19,6 +19,7 @@ from eaves.flow import outputs
 from eaves.formats.atomic import DiskFullError
 from eaves.pipeline import build
 from eaves.run import partition
+from eaves.run.manifest import read_facts
 from eaves.run.store import Store
 
 pytestmark = pytest.mark.usefixtures("blocks_of_60")
@@ -67,7 +68,7 @@ def test_a_run_on_a_full_disk_is_finished_by_the_next(
     with pytest.raises(DiskFullError, match=r"the disk is full.*--resume") as told:
         build(nine_roofs_file, tmp_path)
     assert "\n" not in str(told.value)
-    assert not list(tmp_path.glob("*.laz")) and not (tmp_path / "run.json").exists()
+    assert not list(tmp_path.glob("*.laz")) and "found" not in read_facts(tmp_path)
     assert not [
         path for path in tmp_path.iterdir() if path.name.startswith(".") and path.name != ".eaves-work"
     ]

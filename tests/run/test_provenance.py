@@ -35,7 +35,7 @@ def results(
     return place / "out", Provenance((points.name,), 1, datum["name"], str(datum["status"]))
 
 
-OTHERS = ("3dtiles", "manifest.json", "buildings.mtl", "buildings.qgz", "review.csv")
+OTHERS = ("3dtiles", "buildings.mtl", "buildings.qgz", "review.csv")
 """Files that have no place for it, beside others that have."""
 
 

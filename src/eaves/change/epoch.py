@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from eaves.formats import InputError, read_polygons
 from eaves.formats.crs import horizontal_crs
 from eaves.model import Block, Bounds, CoordinateSystem, PointCloud
 from eaves.run.index import Index, index_inputs
-from eaves.run.manifest import MANIFEST, read_manifest
+from eaves.run.manifest import MANIFEST, read_facts, read_manifest
 from eaves.run.partition import Window, file_slices, partition_slice
 from eaves.run.store import Store
 from eaves.run.world_squares import squares_of
@@ -196,9 +195,9 @@ def run_points(folder: Path) -> list[Path]:
     words = read_manifest(folder)
     if words.get("complete") is not True:
         raise InputError.about(folder, "holds a run that did not end", "run it again with --resume")
-    names = sorted(name for name in words["files"] if is_points(name))
-    if not names or "footprints.gpkg" not in words["files"]:
-        tiles = any(name.startswith("tiles/") for name in words["files"])
+    names = sorted(name for name in words["written"] if is_points(name))
+    if not names or "footprints.gpkg" not in words["written"]:
+        tiles = any(name.startswith("tiles/") for name in words["written"])
         remedy = "build parts of it with --bounds and compare these" if tiles else "build it again with both"
         raise InputError.about(folder, "lacks footprints.gpkg or classified points", remedy)
     missing = [name for name in (*names, "footprints.gpkg") if not (folder / name).exists()]
@@ -209,8 +208,7 @@ def run_points(folder: Path) -> list[Path]:
 
 def window_of(folder: Path, system: CoordinateSystem) -> Window:
     """The points that a run used: those in its bounds. Its classified points hold the others, too."""
-    path = folder / "run.json"
-    run = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    run = read_facts(folder)
     if run.get("clip"):
         log.warning("%s: built with --clip; what lies outside counts as seen, without buildings", folder)
     bounds = run.get("bounds")

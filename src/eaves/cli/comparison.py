@@ -50,5 +50,5 @@ def run_comparison(
         begin_manifest(out)
         paths = write_comparison(comparison, out)
         paths.append(write_change_page(comparison, out))
-        end_manifest(out, paths, {"command": "compare"}, whole)
+        end_manifest(out, paths, whole, command="compare")
     return f"{as_text(comparison)}\npage: {paths[-1]}", whole

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import time
 from collections import Counter
@@ -26,14 +25,13 @@ from eaves.flow.region import Region
 from eaves.flow.review import REVIEW, review_rows, write_review
 from eaves.flow.run import Run
 from eaves.formats import write_cityjson_seq
-from eaves.formats.atomic import atomic
 from eaves.formats.qgis.project import write_project
 from eaves.formats.vectors.geopackage import Row, write_geopackage
 from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.clock import Clock
 from eaves.run.keys import BLOCKS
-from eaves.run.manifest import begin_manifest, note_files
+from eaves.run.manifest import MANIFEST, begin_manifest, note_files
 from eaves.run.options import EVERYTHING
 from eaves.run.partition import Window
 from eaves.run.store import Store
@@ -218,12 +216,12 @@ def write_outputs(
         region.budget.add(name, spent)
     region.budget.step("write")
     summary = summarise(region, metadata, owners, files)
-    where = LAYER if "footprints" in steps else "run.json" if run.classified is None else ""
+    where = LAYER if "footprints" in steps else MANIFEST if run.classified is None else ""
     words = describe_doubts(doubts, store.system.horizontal_unit_m, where)
     summary = replace(summary, run={**summary.run, "doubts": words})
     if run.classified is None:
         write_run(summary)
-        summary = replace(summary, files=(*summary.files, run.folder / "run.json"))
+        summary = replace(summary, files=(*summary.files, run.folder / MANIFEST))
     return summary
 
 
@@ -264,8 +262,7 @@ def write_run(summary: Summary) -> None:
         "elapsed_seconds": round(summary.elapsed, 2),
         "incomplete": list(summary.failed),
     }
-    with atomic(summary.folder / "run.json") as temporary:
-        temporary.write_text(json.dumps(report, indent=2, allow_nan=False), encoding="utf-8")
+    begin_manifest(summary.folder, report)
 
 
 def points_used(region: Region) -> int:

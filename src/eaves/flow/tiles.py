@@ -26,7 +26,7 @@ from eaves.formats import InputError
 from eaves.model import Block, Bounds, Footprint
 from eaves.model.summary import Summary
 from eaves.run.index import Index
-from eaves.run.manifest import MANIFEST, check_folder
+from eaves.run.manifest import MANIFEST, check_folder, read_facts
 from eaves.run.partition import BOX_TOLERANCE, Window
 from eaves.run.workers import Outcome, Workers, peak_memory_mb
 from eaves.run.world_squares import within
@@ -118,8 +118,9 @@ class TileTask:
 
     def done(self, wrong_boxes: Mapping[int, Bounds]) -> TileDone:
         """Its result, with the true boxes of inputs, by number in its own index."""
-        run = json.loads((self.run.folder / "run.json").read_text(encoding="utf-8"))
-        return TileDone(run, {self.numbers[number]: box for number, box in wrong_boxes.items()})
+        return TileDone(
+            read_facts(self.run.folder), {self.numbers[number]: box for number, box in wrong_boxes.items()}
+        )
 
 
 def with_ring(task: TileTask, ring: int) -> TileTask:
@@ -200,13 +201,12 @@ def seen_with(loaded: Bounds, run: Run) -> Bounds:
 
 def known_tile(task: TileTask) -> TileDone | None:
     """The files that an earlier run wrote of a tile, where it matches; None where it is to be computed."""
-    place, path = task.run.folder, task.run.folder / "run.json"
+    place = task.run.folder
     if task.run.options["resume"] and is_whole(place):
-        run = json.loads(path.read_text(encoding="utf-8"))
+        run = read_facts(place)
         words = json.loads(json.dumps(task.run.plan))
         if not run["incomplete"] and all(run.get(key) == value for key, value in words.items()):
             return TileDone(run, {})
-    path.unlink(missing_ok=True)
     place.mkdir(parents=True, exist_ok=True)
     return None
 
@@ -281,7 +281,7 @@ class Tiles:
         files.append(write_map(folder, files, run.index.system))
         progress("merge", 3, 3)
         files += [place / MANIFEST for place in places]
-        files.append(folder / "run.json")
+        files.append(folder / MANIFEST)
         summary = self._summary(lost, files)
         summary = replace(summary, run={**summary.run, "doubts": doubts})
         write_run(summary)

@@ -63,11 +63,6 @@ class Summary:
     trust: dict[str, int] = field(default_factory=dict)
 
     @property
-    def about(self) -> dict[str, Any]:
-        """The facts of the run in the manifest."""
-        return {name: self.run.get(name) for name in ("crs", "vertical_datum", "files", "inputs_sha256")}
-
-    @property
     def complete(self) -> bool:
         """Whether every block was computed and every file written."""
         return not self.failed

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from eaves.model.scene import ROOF
 from eaves.report.basemap import Basemap, read_basemap
 from eaves.report.sample import PointSample, Sample, classified_files, sample_points
 from eaves.report.surfaces import SURFACES, CityFaces, collect_city_faces, in_pieces
+from eaves.run.manifest import read_facts
 
 POINTS_SHOWN = 300_000
 BUILDINGS_SHOWN = 4_000
@@ -120,7 +120,6 @@ def read_contents(
     if bounds is not None:  # what lies outside of the run's --bounds is of no use
         local = bounds.translated(-centre[0], -centre[1]).buffered(EDGE)
         sample = sample.take(np.asarray(local.contains(sample.xyz)))
-    run = folder / "run.json"
     west, north = (bounds.west, bounds.north) if bounds else centre
     return Contents(
         folder=folder,
@@ -138,7 +137,7 @@ def read_contents(
         buildings=found,
         others=others,
         basemap=image,
-        run=json.loads(run.read_text(encoding="utf-8")) if run.exists() else {},
+        run=read_facts(folder),
     )
 
 

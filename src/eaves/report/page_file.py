@@ -31,7 +31,6 @@ from eaves.model.summary import Summary
 from eaves.report.contents import Contents, local_rings, read_contents
 from eaves.report.sample import PointSample
 from eaves.report.surfaces import CityFace, CityFaces, cut_into_triangles, face_edges, in_pieces
-from eaves.run.manifest import MANIFEST
 
 SCRIPTS = (
     *("arrays", "camera", "draw", "pace", "pick", "measure", "profile", "shade"),
@@ -127,7 +126,7 @@ def linked_files(folder: Path) -> list[str]:
     """The names of the files beside the page that it links to."""
     kinds = (".gpkg", ".csv", ".qgz", ".jsonl", ".tif", ".laz", ".json")
     names = sorted(path.name for path in folder.iterdir() if path.suffix in kinds)
-    return [quote(name) for name in names if name != MANIFEST]
+    return [quote(name) for name in names]
 
 
 def iter_data(contents: Contents) -> Iterator[str]:

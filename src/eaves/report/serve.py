@@ -34,7 +34,7 @@ from eaves.model.columns import COLUMNS
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.report.contents import lay_image, read_terrain, system_of_folder
 from eaves.report.page_file import MILLIMETRES, UNKNOWN_HEIGHT, packed_array
-from eaves.run.manifest import add_to_manifest
+from eaves.run.manifest import add_to_manifest, read_facts
 
 HOST = "127.0.0.1"
 """Nobody but this computer is served."""
@@ -135,8 +135,7 @@ def models_of(path: Path) -> list[BuildingModel]:
 
 def about_run(folder: Path, system: CoordinateSystem) -> dict[str, Any]:
     """The facts of the run that the viewer shows."""
-    path = folder / "run.json"
-    run = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    run = read_facts(folder)
     names = [Path(entry["path"]).name for entry in run.get("inputs", ())]
     title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}" if names else folder.name
     found, modelled = run.get("found", 0), run.get("modelled", 0)

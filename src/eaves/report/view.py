@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import webbrowser
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 from eaves.formats import InputError
 from eaves.report.contents import read_contents
 from eaves.report.page_file import write_page
-from eaves.run.manifest import add_to_manifest
+from eaves.run.manifest import add_to_manifest, read_facts
 
 log = logging.getLogger("eaves")
 
@@ -31,11 +30,10 @@ def open_report(
         When the folder holds no run, or the image is none of it.
     """
     folder = Path(folder)
-    record, path = folder / "run.json", folder / "report.html"
+    path, footprints = folder / "report.html", folder / "footprints.gpkg"
     refuse_no_run(folder)
-    newest = record if record.exists() else folder / "footprints.gpkg"
     wanted = again or around is not None or basemap is not None
-    if wanted or not path.exists() or path.stat().st_mtime < newest.stat().st_mtime:
+    if wanted or not path.exists() or path.stat().st_mtime < footprints.stat().st_mtime:
         written = write_page(read_contents(folder, around=around, basemap=basemap), describe_run(folder))
         add_to_manifest(folder, [written])
     if show and not webbrowser.open(path.resolve().as_uri()):
@@ -53,10 +51,9 @@ def describe_run(folder: Path) -> str:
     """The summary of a run from its run.json, as the run reported it."""
     from eaves.model.summary import Summary
 
-    path = folder / "run.json"
-    if not path.exists():
+    run = read_facts(folder)
+    if not run:
         return "the run left no run.json"
-    run = json.loads(path.read_text(encoding="utf-8"))
     return Summary(
         folder=folder,
         points=run.get("points", 0),

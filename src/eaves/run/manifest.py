@@ -15,44 +15,42 @@ from eaves.formats.atomic import atomic
 
 log = logging.getLogger("eaves")
 
-MANIFEST = "manifest.json"
+MANIFEST = "run.json"
+"""Its members `complete` and `written` are the manifest; all others are the facts of the run."""
 Entry = dict[str, Any]
 """`size` in bytes and `sha256`; empty for a file of a run that has not ended."""
 
 
-def begin_manifest(folder: Path) -> None:
-    """Say that a run writes here: until it ends, what an earlier one left is no result."""
-    earlier = known_files(folder)
-    write_manifest(folder, {"complete": False, "files": earlier})
+def begin_manifest(folder: Path, facts: Mapping[str, Any] | None = None) -> None:
+    """Say that a run writes here, and its facts: until it ends, what an earlier one left is no result."""
+    write_manifest(folder, facts or {}, known_files(folder), False)
 
 
 def note_files(folder: Path, files: Sequence[Path]) -> None:
     """Note files as they are written, so that a run after this one knows them as ours whatever happens."""
     entries: dict[str, Entry] = {name: {} for name in names_of(folder, files)}
-    write_manifest(folder, {"complete": False, "files": {**known_files(folder), **entries}})
+    write_manifest(folder, {}, {**known_files(folder), **entries}, False)
 
 
-def end_manifest(
-    folder: Path, files: Sequence[Path], about: Mapping[str, Any], complete: bool = True
-) -> None:
+def end_manifest(folder: Path, files: Sequence[Path], complete: bool = True, **facts: Any) -> None:
     """Remove what earlier runs wrote and this one did not, and write down every file of this one.
 
-    A file that somebody has changed since is left where it is, with a warning.
+    A file that somebody has changed since is left where it is, with a warning. `facts` come to those noted.
     """
     names = names_of(folder, files)
     earlier = known_files(folder)
     for name in sorted(earlier.keys() - set(names)):
         remove_own(folder / name, earlier[name])
     entries = {name: entry_of(folder / name) for name in names}
-    write_manifest(folder, {"complete": complete, **about, "files": entries})
+    write_manifest(folder, {**read_facts(folder), **facts}, entries, complete)
 
 
 def add_to_manifest(folder: Path, files: Sequence[Path]) -> None:
     """Write down files made after the run, where it has a manifest."""
     if (folder / MANIFEST).exists():
         words = read_manifest(folder)
-        words["files"] |= {name: entry_of(folder / name) for name in names_of(folder, files)}
-        write_manifest(folder, words)
+        entries = {name: entry_of(folder / name) for name in names_of(folder, files)}
+        write_manifest(folder, read_facts(folder), words["written"] | entries, words["complete"])
 
 
 def names_of(folder: Path, files: Sequence[Path]) -> list[str]:
@@ -61,7 +59,7 @@ def names_of(folder: Path, files: Sequence[Path]) -> list[str]:
     for path in files:
         beside = path.parent.rglob("*") if path.name == "tileset.json" else [path]
         whole += [one for one in beside if one.is_file()]
-    return sorted({path.relative_to(folder).as_posix() for path in whole})
+    return sorted({path.relative_to(folder).as_posix() for path in whole} - {MANIFEST})
 
 
 def entry_of(path: Path) -> Entry:
@@ -95,19 +93,36 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     InputError
         When there is none, or it is damaged.
     """
-    path = folder / MANIFEST
-    try:
-        words = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError.about(folder, f"holds no {MANIFEST}", "give the folder of a run") from None
-    except (ValueError, RecursionError):
-        raise InputError.about(path, "is damaged", "run again") from None
-    files = words.get("files") if isinstance(words, dict) else None
+    words = read_words(folder)
+    path, files = folder / MANIFEST, words.get("written")
+    if not words:
+        raise InputError.about(folder, f"holds no {MANIFEST}", "give the folder of a run")
+    if files is None:
+        raise InputError.about(path, "is of a version of eaves that listed no files in it", "build again")
     if not isinstance(files, dict) or not all(map(is_inside_folder, files)):
         raise InputError.about(path, "is damaged: it lists no files of this folder", "run again")
     if not all(isinstance(entry, dict) for entry in files.values()):
         raise InputError.about(path, "is damaged: its entries say nothing of the files", "run again")
-    return dict(words)
+    return {"complete": False, **words}
+
+
+def read_facts(folder: Path) -> dict[str, Any]:
+    """What a run wrote down of itself: run.json without its manifest; nothing where there is none."""
+    return {name: one for name, one in read_words(folder).items() if name not in ("complete", "written")}
+
+
+def read_words(folder: Path) -> dict[str, Any]:
+    """All of run.json; nothing where there is none."""
+    path = folder / MANIFEST
+    try:
+        words = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (ValueError, RecursionError):
+        words = None
+    if not isinstance(words, dict):
+        raise InputError.about(path, "is damaged", "run again")
+    return words
 
 
 def files_of_run(folder: Path, name: str) -> list[Path]:
@@ -118,7 +133,7 @@ def files_of_run(folder: Path, name: str) -> list[Path]:
     InputError
         When the folder holds no run's results.
     """
-    names = sorted(read_manifest(folder)["files"])
+    names = sorted(read_manifest(folder)["written"])
     own = [folder / one for one in names if PurePosixPath(one).name == name]
     tiles = [(folder / one).parent for one in names if PurePosixPath(one).name == MANIFEST]
     return own + [path for tile in tiles for path in files_of_run(tile, name)]
@@ -135,17 +150,19 @@ def known_files(folder: Path) -> dict[str, Entry]:
     if not (folder / MANIFEST).exists():
         return {}
     try:
-        return dict(read_manifest(folder)["files"])
+        return dict(read_manifest(folder)["written"])
     except InputError as error:
         log.warning("%s; what earlier runs left is not removed", error)
         return {}
 
 
-def write_manifest(folder: Path, words: Mapping[str, Any]) -> None:
-    """Write the manifest, whole or not at all."""
+def write_manifest(
+    folder: Path, facts: Mapping[str, Any], files: Mapping[str, Entry], complete: bool
+) -> None:
+    """Write run.json, whole or not at all."""
+    words = {"version": version("eaves"), **facts, "complete": complete, "written": files}
     with atomic(folder / MANIFEST) as temporary:
-        text = json.dumps({"eaves": version("eaves"), **words}, indent=1, allow_nan=False)
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(json.dumps(words, indent=2, allow_nan=False), encoding="utf-8")
 
 
 def check_folder(folder: str | Path) -> list[str]:
@@ -176,7 +193,7 @@ def check_folder(folder: str | Path) -> list[str]:
         wrong.append(
             f"{folder / MANIFEST}: the run did not end, or left something out; run again with --resume"
         )
-    for name, entry in words["files"].items():
+    for name, entry in words["written"].items():
         path = folder / name
         if not path.is_file():
             wrong.append(f"{path}: is missing")

@@ -89,7 +89,7 @@ def rebuild(folder: Path, file: Path | None = None, progress: Progress = no_prog
         write_edits(folder / EDITS, edits, store.system)
         rasters = [folder / name for name in before if name.endswith(".tif") and (folder / name).exists()]
         files = dict.fromkeys([*summary.files, *rasters, folder / EDITS])
-        end_manifest(folder, list(files), {**summary.about, "edits": len(edits)}, summary.complete)
+        end_manifest(folder, list(files), summary.complete, edits=len(edits))
         return Rebuilt(
             summary,
             tuple(edits),

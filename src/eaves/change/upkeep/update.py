@@ -163,7 +163,7 @@ def update(
             files.append(out / EDITS)
         region.run = replace(run, updates=(*run.updates, words))
         end_region(region, summary.complete)
-        end_manifest(out, files, summary.about, summary.complete)
+        end_manifest(out, files, summary.complete)
         conflicts += [f"no model: {one}" for one in edited.failed]
         return Updated(
             replace(summary, files=tuple(files)),
