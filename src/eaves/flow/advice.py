@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -10,13 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.formats import InputError, iter_chunks
+from eaves.formats import InputError
 from eaves.formats.crs import name_units
-from eaves.formats.points.chunk import Chunk
-from eaves.formats.points.las import iter_records
-from eaves.formats.points.las_header import LasHeader
-from eaves.formats.points.plausible import TIME_AT
-from eaves.formats.points.source import has_coordinates
+from eaves.formats.points.sample import Sample, read_sample
 from eaves.geometry.percentiles import group_percentiles
 from eaves.model import Points
 from eaves.model.coordinates import LOCAL_METRES
@@ -42,13 +37,6 @@ MICROSECONDS = (6.0, 40.0)
 """Processor time of a point: of Autzen, where few points are of buildings, and of Delft, an old town."""
 PROCESS_MB, BLOCK_MB = 350, 17.5
 """Memory of a process, and of a block of 240 m for each point/m²."""
-RECORD_FIELDS = {False: (18, np.uint8(7), np.uint8(3)), True: (20, np.uint8(15), np.uint8(4))}
-"""Byte of the strip's number, and bits and place of the returns, in formats 0 to 5 and 6 to 10 (LAS 1.4)."""
-FLOWN = {
-    number: [18, 19, *range(22, 30)] if number > 5 else [16, *(range(20, 28) if number in TIME_AT else ())]
-    for number in range(11)
-}
-"""Bytes of the angle and the time of a point by format."""
 NO_RETURNS, SINGLE, LAST, FIRST, SPLIT = "none", "single", "last only", "first only", "all"
 
 
@@ -209,20 +197,6 @@ class ScanFacts:
         return "\n".join([*table, *(f"note: {text}" for text in self.remarks())])
 
 
-@dataclass(frozen=True, eq=False)
-class _Sample:
-    """Points (N,) of a scan with what their records state."""
-
-    xyz: Points
-    number: NDArray[np.uint8]
-    of: NDArray[np.uint8]
-    classes: NDArray[np.uint8]
-    strip: NDArray[np.uint16]
-    intensity: bool
-    pulses: bool
-    read: int
-
-
 def scan_facts(index: Index) -> ScanFacts:
     """The figures of the inputs, from all of their points or from runs of records evenly spread over them.
 
@@ -275,7 +249,7 @@ def scan_facts(index: Index) -> ScanFacts:
     )
 
 
-def _kind_of_returns(sample: _Sample) -> str:
+def _kind_of_returns(sample: Sample) -> str:
     """Which returns of the pulses the scan has."""
     if not sample.of.any() or not sample.number.any():
         return NO_RETURNS
@@ -287,7 +261,7 @@ def _kind_of_returns(sample: _Sample) -> str:
     return FIRST if (sample.number[several] == 1).all() else SPLIT
 
 
-def _take_sample(index: Index) -> _Sample:
+def _take_sample(index: Index) -> Sample:
     """The records of all inputs, or of runs evenly spread over them; what is damaged is left to the run."""
     size = LOOKED_AT // PIECES
     everything = index.points <= LOOKED_AT
@@ -298,66 +272,25 @@ def _take_sample(index: Index) -> _Sample:
         n = max(1, -(-index.count(int(number)) // size))
         k = min(n - 1, (int(place) - int(index.starts[number])) * n // max(index.count(int(number)), 1))
         runs.append((int(number), (k, n)))
-    parts: list[_Sample] = []
+    parts: list[Sample] = []
     for number, part in dict.fromkeys(runs):
         try:
-            parts += _read_run(index, number, part, size)
+            parts += read_sample(index.source(number), part, size)
         except InputError:
             continue
     if not parts:
         none = np.zeros(0, np.uint8)
-        return _Sample(np.zeros((0, 3)), none, none, none, np.zeros(0, np.uint16), False, False, 0)
+        return Sample(np.zeros((0, 3)), none, none, none, np.zeros(0, np.uint16), False, False, 0)
     joined = {
         name: np.concatenate([getattr(one, name) for one in parts])
         for name in ("xyz", "number", "of", "classes", "strip")
     }
-    return _Sample(
+    return Sample(
         **joined,
         intensity=any(one.intensity for one in parts),
         pulses=any(one.pulses for one in parts),
         read=sum(one.read for one in parts),
     )
-
-
-def _read_run(index: Index, number: int, part: tuple[int, int], size: int) -> Iterator[_Sample]:
-    """One run of the records of an input, piece by piece."""
-    source = index.source(number)
-    header = source.layout
-    if not isinstance(header, LasHeader):
-        left = size if part[1] > 1 else source.count
-        for chunk in iter_chunks(source, chunk_points=size):
-            yield _of_text(chunk)
-            left -= len(chunk)
-            if left <= 0:
-                return
-        return
-    layered = header.point_format >= 6
-    byte, bits, shift = RECORD_FIELDS[layered]
-    for _, records in iter_records(header, size, part=part):
-        raw = [
-            np.ascontiguousarray(records[:, 4 * axis : 4 * axis + 4]).view("<i4")[:, 0] for axis in range(3)
-        ]
-        xyz = (np.column_stack(raw) * header.scales + header.offsets) * source.system.unit_m
-        use = has_coordinates(xyz)
-        strip = np.ascontiguousarray(records[use, byte : byte + 2]).view("<u2")[:, 0]
-        flown = records[:, FLOWN[header.point_format]]
-        yield _Sample(
-            xyz[use],
-            records[use, 14] & bits,
-            records[use, 14] >> shift & bits,
-            records[use, 16] if layered else records[use, 15] & np.uint8(31),
-            strip,
-            bool(records[:, 12:14].any()),
-            bool(flown.any() or len(np.unique(strip)) > 1),
-            len(records),
-        )
-
-
-def _of_text(chunk: Chunk) -> _Sample:
-    """Points of a file that states no returns."""
-    none = np.zeros(len(chunk), np.uint8)
-    classes = none if chunk.classification is None else chunk.classification
-    return _Sample(chunk.xyz, none, none, classes, none.astype(np.uint16), False, False, len(chunk))
 
 
 def _cells(xyz: Points, side: float) -> tuple[NDArray[np.int64], int]:
@@ -381,7 +314,7 @@ def _floors(xyz: Points) -> tuple[int, float, float]:
     )
 
 
-def _strip_offset(sample: _Sample) -> float | None:
+def _strip_offset(sample: Sample) -> float | None:
     """The largest median difference (m) of two strips, where the single returns of both are flat."""
     single = sample.of <= 1
     xyz, strip = sample.xyz[single], sample.strip[single].astype(np.int64)
