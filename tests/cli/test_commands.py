@@ -15,7 +15,9 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
+import pyogrio
 import pytest
+import shapely
 import typer
 from tests.conftest import write_laz
 
@@ -291,6 +293,13 @@ def test_formats_of_a_finished_run_are_those_of_a_build_with_them(
             for solid, twin in zip(one.as_solids(a), other.as_solids(b), strict=True):
                 np.testing.assert_allclose(solid.vertices, twin.vertices, atol=1e-6)
                 assert [face.rings for face in solid.faces] == [face.rings for face in twin.faces]
+    assert eaves("export", later, "--contours", "0.5").returncode == 0
+    lines = pyogrio.read_dataframe(later / "contours.gpkg", layer="contours")
+    terrain, _ = read_raster(later / "dtm.tif")
+    for height, line in zip(lines.height_m, lines.geometry, strict=True):
+        row, column = terrain.cell_of(shapely.get_coordinates(line))
+        assert np.abs(np.median(terrain.values[row, column]) - height) < 0.1
+    assert set(np.diff(np.unique(lines.height_m)).round(3)) == {0.5}
     assert "unknown format" in one_line(eaves("export", later, "--formats", "nothing"))
     shutil.rmtree(later)
     assert "the folder of a run" in one_line(eaves("export", later, "--formats", "obj"))

@@ -177,6 +177,9 @@ def export(
     formats: Annotated[
         str | None, typer.Option(help="Formats as those of `eaves build --formats`, into OUT.")
     ] = None,
+    contours: Annotated[
+        float | None, typer.Option(help="Contours of the ground, one each so many metres, into OUT.")
+    ] = None,
     postgis: Annotated[
         str | None, typer.Option(help="Into PostGIS, all or nothing: postgresql://user@host:port/database")
     ] = None,
@@ -190,6 +193,7 @@ def export(
     Examples:
 
       eaves export out --formats citygml,glb,dxf
+      eaves export out --contours 0.5
       eaves export out --picture plan
       eaves export out --site web
     """
@@ -200,6 +204,10 @@ def export(
 
         names = [name.strip() for name in formats.split(",") if name.strip()]
         lines += [f"written: {path}" for path in export_run(folder, names)]
+    if contours is not None:
+        from eaves.flow.exports import write_contours
+
+        lines.append(f"written: {write_contours(folder, contours)}")
     if picture is not None:
         from eaves.report.plots.plot import plot_run
 
@@ -215,7 +223,9 @@ def export(
         counts = write_postgis(folder, postgis, schema, replace)
         lines.append(", ".join(f"{schema}.{table}: {count:,} rows" for table, count in counts.items()))
     if not lines:
-        raise ValueError("export: nothing is asked for; give --formats, --picture, --site or --postgis")
+        raise ValueError(
+            "export: nothing is asked for; give --formats, --contours, --picture, --site, --postgis"
+        )
     if not quiet:
         typer.echo("\n".join(lines))
 

@@ -10,11 +10,15 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
+import numpy as np
+from shapely import LineString
+
 from eaves import formats
 from eaves.formats import InputError, read_polygons
 from eaves.formats.models.cityjson_read import read_head, read_models, system_of_head
 from eaves.formats.vectors.geopackage import Row, read_upright, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Failure
+from eaves.model.checks import check_positive
 from eaves.model.columns import LAYERS
 from eaves.model.provenance import Provenance
 from eaves.run.manifest import add_to_manifest, files_of_run, read_manifest
@@ -123,6 +127,35 @@ def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
         written += export_footprints(folder, rows, roofs, system, names, made_from)
     add_to_manifest(folder, written)
     return written
+
+
+def write_contours(folder: Path, interval: float) -> Path:
+    """Write lines of one height of a finished run's dtm.tif, one each `interval` (m), to contours.gpkg.
+
+    Raises
+    ------
+    InputError
+        When the folder holds no dtm.tif.
+    ValueError
+        When the interval is not above 0.
+    """
+    from eaves.formats.rasters.geotiff import read_raster
+    from eaves.ground.contours.tracing import trace_contours
+
+    check_positive(interval, "--contours")
+    read_manifest(folder)
+    if not (folder / "dtm.tif").exists():
+        raise InputError.about(folder, "holds no dtm.tif", "build again with --outputs rasters")
+    terrain, system = read_raster(folder / "dtm.tif")
+    levels = interval * np.arange(*np.floor(np.nanquantile(terrain.values, [0, 1]) / interval + [1, 2]))
+    rows = (
+        Row(LineString(np.vstack([one.xy, one.xy[:1]]) if one.closed else one.xy), {"height_m": one.level})
+        for one in trace_contours(terrain, np.round(levels, 6))
+        if len(one.xy) > 2
+    )
+    write_polygons(folder / "contours.gpkg", list(rows), system, layer="contours")
+    add_to_manifest(folder, [folder / "contours.gpkg"])
+    return folder / "contours.gpkg"
 
 
 def export_footprints(

@@ -561,6 +561,7 @@ def _write_rows(
     columns = [
         _column([row.attributes.get(name) for row in rows], kinds) for name, kinds in schema.kinds.items()
     ]
+    shape = "LineString" if layer == "contours" else "MultiPolygon" if schema.several else "Polygon"
     with warnings.catch_warnings():  # a local system has no projection; the reader has warned
         warnings.filterwarnings("ignore", message="'crs' was not provided")
         wkt, options = system.wkt, {}
@@ -577,9 +578,7 @@ def _write_rows(
             fields=np.array(list(schema.kinds), dtype=object),
             layer=layer,
             driver=driver,
-            geometry_type=None
-            if layer == "attributes"
-            else ("MultiPolygon" if schema.several else "Polygon") + (" Z" if schema.upright else ""),
+            geometry_type=None if layer == "attributes" else shape + (" Z" if schema.upright else ""),
             promote_to_multi=schema.several,
             crs=None if layer == "attributes" else wkt,
             append=append,
