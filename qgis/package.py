@@ -15,7 +15,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from eaves.cli import compute
+from typer.models import ArgumentInfo
+
+from eaves.cli import compute, results, time
 from eaves.cli.options import with_signature
 from eaves.methods import DEFAULTS, REGISTRY, Method, method_class
 
@@ -29,6 +31,18 @@ COMMANDS = {
     "ground": ("Classify ground", []),
 }
 """The commands that are tools, with title and outputs."""
+ON_RESULTS = {
+    "validate": (results.validate, "Validate results", []),
+    "export": (results.export, "Export results", ["CONTOURS"]),
+    "solar": (results.solar, "Sunlight on roofs", ["SOLAR"]),
+    "compare": (time.compare, "Compare two epochs", ["CHANGE"]),
+    "update": (
+        time.update,
+        "Update results with new points",
+        ["FOOTPRINTS", "ROOF_PLANES", "MODELS", "PROJECT"],
+    ),
+}
+"""The commands that begin with the folder of a run, likewise."""
 OF_STAGE = {
     "ground": "ground",
     "detect": "detect",
@@ -40,7 +54,7 @@ OF_STAGE = {
 """The command that shows what a method of each stage does."""
 KINDS = {
     "crs": "crs", "bounds": "extent", "clip": "polygons", "footprints": "polygons",
-    "party_walls": "polygons", "id_field": "field", "config": "file",
+    "party_walls": "polygons", "id_field": "field", "config": "file", "reference": "file", "weather": "file",
 }  # fmt: skip
 CHOICES = {"lod": ["0", "1.2", "1.3", "2.0", "2.2", "2.3"]}
 LEFT_OUT = {
@@ -54,6 +68,13 @@ LEFT_OUT = {
     "strict",
     "per_tile",
     "help",
+    "extension",
+    "site",
+    "basemap",
+    "postgis",
+    "schema",
+    "replace",
+    "edits",
 }
 """Options that a tool has no use for, or gives itself."""
 BASIC = {"footprints", "id_field", "crs", "bounds", "lod", "use_classes", "method"}
@@ -70,6 +91,11 @@ def make_forms() -> dict[str, Any]:
         fields = [field_of(option, name) for option in options[name] if option.name not in LEFT_OUT]
         text = inspect.getdoc(commands[name]) or ""
         tools.append(tool(name, title, "Runs", text, name, fields, outputs))
+    for name, (command, title, outputs) in ON_RESULTS.items():
+        given = inspect.signature(command, eval_str=True).parameters.values()
+        fields = [field_of(option, name) for option in given if option.name not in LEFT_OUT - {"inputs"}]
+        made = tool(name, title, "Results", inspect.getdoc(command) or "", name, fields, outputs)
+        tools.append(made | {"points": False, "out": name in ("compare", "update")})
     for stage, methods in REGISTRY.items():
         for name in methods:
             cls = method_class(stage, name)
@@ -113,6 +139,8 @@ def tool(
         "help": f"<p>{html.escape(text)}</p>",
         "command": command,
         "always": [],
+        "points": True,
+        "out": True,
         "fields": fields,
         "outputs": outputs,
     }
@@ -136,9 +164,12 @@ def field_of(option: inspect.Parameter, command: str) -> dict[str, Any]:
     elif int in types or float in types:
         kind = "integer" if int in types else "number"
     long = [word for word in about.param_decls or () if word.startswith("--")]
+    named: str | None = long[0] if long else "--" + name.replace("_", "-")
+    if isinstance(about, ArgumentInfo):
+        kind, named = "points" if name == "inputs" else "folder", None
     return {
         "name": name,
-        "option": long[0] if long else "--" + name.replace("_", "-"),
+        "option": named,
         "key": name,
         "kind": kind,
         "title": words_of(name),
@@ -150,7 +181,7 @@ def field_of(option: inspect.Parameter, command: str) -> dict[str, Any]:
         "min": about.min,
         "max": about.max,
         "of": "footprints" if kind == "field" else None,
-        "advanced": name not in BASIC,
+        "advanced": named is not None and name not in BASIC,
     }
 
 

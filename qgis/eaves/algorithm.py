@@ -42,6 +42,9 @@ FILES = {
     "REPORT": ("report.html", "Report"),
     "PROJECT": ("buildings.qgz", "QGIS project"),
     "POINTS": ("classified.laz", "Classified points"),
+    "SOLAR": ("solar.gpkg", "Sunlight"),
+    "CONTOURS": ("contours.gpkg", "Contours"),
+    "CHANGE": ("changes.gpkg", "Changes"),
 }
 
 
@@ -95,9 +98,10 @@ class Algorithm(QgsProcessingAlgorithm):
 
     def initAlgorithm(self, configuration=None):
         """Adds the parameters of the form, and the outputs its command writes."""
-        self.addParameter(
-            QgsProcessingParameterMultipleLayers(INPUT, "Points (LAS, LAZ, COPC)", QgsProcessing.TypeFile)
-        )
+        if self.form["points"]:
+            self.addParameter(
+                QgsProcessingParameterMultipleLayers(INPUT, "Points (LAS, LAZ, COPC)", QgsProcessing.TypeFile)
+            )
         for field in self.form["fields"]:
             parameter = make_parameter(field)
             parameter.setHelp(field["help"])
@@ -112,7 +116,8 @@ class Algorithm(QgsProcessingAlgorithm):
                         key, title, QgsProcessing.TypeVectorPolygon, optional=True, createByDefault=True
                     )
                 )
-        self.addParameter(QgsProcessingParameterFolderDestination(OUTPUT, "Folder of all results"))
+        if self.form["out"]:
+            self.addParameter(QgsProcessingParameterFolderDestination(OUTPUT, "Folder of all results"))
         for key, (_, title) in RASTERS.items():
             if key in outputs:
                 self.addOutput(QgsProcessingOutputRasterLayer(key, title))
@@ -122,8 +127,10 @@ class Algorithm(QgsProcessingAlgorithm):
 
     def processAlgorithm(self, parameters, context, feedback):
         """Runs the command and hands its layers on."""
-        folder = Path(self.parameterAsString(parameters, OUTPUT, context))
-        folder.mkdir(parents=True, exist_ok=True)
+        given = OUTPUT if self.form["out"] else self.form["fields"][0]["name"]
+        folder = Path(self.parameterAsString(parameters, given, context))
+        if self.form["out"]:
+            folder.mkdir(parents=True, exist_ok=True)
         try:
             words = find_command(setting_of_command()) + self.words_of(parameters, context, folder)
             whole = run_command(words, feedback)
@@ -144,11 +151,20 @@ class Algorithm(QgsProcessingAlgorithm):
 
     def words_of(self, parameters, context, folder):
         """The command's words for these values."""
-        words = [self.form["command"], *self.parameterAsFileList(parameters, INPUT, context)]
-        words += ["--out", str(folder), *self.form["always"]]
+        words = [self.form["command"]]
+        if self.form["points"]:
+            words += self.parameterAsFileList(parameters, INPUT, context)
+        words += ["--out", str(folder)] if self.form["out"] else []
+        words += self.form["always"]
         settings = []
         for field in self.form["fields"]:
             name, kind = field["name"], field["kind"]
+            if kind == "folder":
+                words.append(self.parameterAsString(parameters, name, context))
+                continue
+            if kind == "points":
+                words += self.parameterAsFileList(parameters, name, context)
+                continue
             if parameters.get(name) is None:
                 continue
             if kind == "flag":
@@ -222,6 +238,10 @@ def setting_of_command():
 def make_parameter(field):
     """A parameter of QGIS for a field of the form; all of them are optional."""
     name, title, default, kind = field["name"], field["title"], field["default"], field["kind"]
+    if kind == "folder":
+        return QgsProcessingParameterFile(name, title, QgsProcessingParameterFile.Folder)
+    if kind == "points":
+        return QgsProcessingParameterMultipleLayers(name, title, QgsProcessing.TypeFile)
     if kind == "flag":
         return QgsProcessingParameterBoolean(name, title, False, optional=True)
     if kind == "choice":

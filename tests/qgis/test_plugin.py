@@ -131,7 +131,8 @@ def qgis_process(tmp_path_factory: pytest.TempPathFactory) -> Any:
     command.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT / "src"} exec {sys.executable} -m eaves "$@"\n')
     command.chmod(0o755)
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    environment |= {"QT_QPA_PLATFORM": "offscreen", "XDG_RUNTIME_DIR": str(folder)}
+    # QGIS takes the Python that is found first: that of the system, not of this environment
+    environment |= {"QT_QPA_PLATFORM": "offscreen", "XDG_RUNTIME_DIR": str(folder), "PATH": os.defpath}
     environment |= {"QGIS_CUSTOM_CONFIG_PATH": str(folder), "EAVES_COMMAND": str(command)}
 
     def run(*words: str) -> subprocess.CompletedProcess[str]:
@@ -177,3 +178,31 @@ def test_wrong_input_is_one_line_in_qgis(qgis_process: Any, tmp_path: Path) -> N
         "run", "eaves:build", "--", f"INPUT={tmp_path / 'no.laz'}", f"OUTPUT={tmp_path / 'o'}"
     )
     assert done.returncode != 0 and "no.laz" in done.stderr + done.stdout
+
+
+@pytest.mark.slow
+def test_tools_on_results_take_the_folder_of_a_run(
+    qgis_process: Any, nine_roofs_file: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    build = qgis_process("run", "eaves:build", "--", f"INPUT={nine_roofs_file}", f"OUTPUT={out}", "jobs=1")
+    assert build.returncode == 0, build.stderr
+    words = {
+        "validate": [f"file={out}"],
+        "export": [f"folder={out}", "contours=0.5", "formats=glb"],
+        "solar": [f"folder={out}"],
+        "compare": [f"old={out}", f"new={tmp_path / 'later'}", f"OUTPUT={tmp_path / 'change'}"],
+    }
+    shutil.copytree(out, tmp_path / "later")
+    for name, given in words.items():
+        done = qgis_process("run", f"eaves:{name}", "--", *given)
+        assert done.returncode == 0, done.stderr
+    made = [
+        out / "contours.gpkg",
+        out / "buildings.glb",
+        out / "solar.gpkg",
+        tmp_path / "change" / "changes.gpkg",
+    ]
+    assert all(path.exists() for path in made)
+    broken = qgis_process("run", "eaves:validate", "--", f"file={tmp_path / 'nothing'}")
+    assert broken.returncode != 0
