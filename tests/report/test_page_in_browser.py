@@ -51,6 +51,14 @@ def test_the_page_loads_selects_and_toggles(browser: Browser, nine_run: Summary,
     ids = browser.run("return eaves.scene.rows.map(row => row.id)")
     assert len(ids) == nine_run.found
 
+    move = "const find = document.getElementById('find'); find.value = TEXT;"
+    move += " find.dispatchEvent(new Event('change'));"
+    east, north = (round(float(value), 2) for value in browser.run("return eaves.origin.slice(0, 2)"))
+    browser.run(move.replace("TEXT", f"'{east + 10}, {north - 5}'"))
+    assert np.allclose(browser.run("return eaves.camera.target.slice(0, 2)"), [10.0, -5.0], atol=0.02)
+    browser.run(move.replace("TEXT", "'1, 2'"))
+    assert "outside" in browser.run("return document.getElementById('status').textContent")
+
     browser.run("eaves.view('above')")
     browser.settle()
     browser.picture(artefacts / "nine-above.png")

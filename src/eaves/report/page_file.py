@@ -186,6 +186,7 @@ def page_data(contents: Contents) -> dict[str, Any]:
         "base": contents.base,
         "modelled": len(contents.faces) > 0,
         "origin": [*contents.origin, contents.base],
+        "unit": contents.system.horizontal_unit_m,
         "basemap": contents.basemap.address if contents.basemap else None,
         "terrain": {
             "rows": rows_high,

@@ -63,7 +63,8 @@ function listenToControls(viewer) {
   for (const button of document.querySelectorAll('[data-view]')) button.addEventListener('click', () => viewer.view(button.dataset.view));
   const find = byId('find');
   find.addEventListener('change', () => {
-    const wanted = find.value.trim(), { all } = viewer;
+    const wanted = find.value.trim(), { all } = viewer, place = wanted.match(/^(-?\d+(?:\.\d+)?)[,; ]+(-?\d+(?:\.\d+)?)$/);
+    if (place) return viewer.fly(place.slice(1).map((value, axis) => value * page.unit - viewer.origin[axis]));
     let number = all.findIndex(row => row.id === wanted);
     if (number < 0 && wanted) number = all.findIndex(row => String(row.id).includes(wanted));
     if (number >= 0) viewer.choose(number);

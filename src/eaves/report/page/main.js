@@ -226,6 +226,15 @@ class Viewer {
     byId('needle').style.transform = `rotate(${this.camera.azimuth}rad)`;
   }
 
+  // A place [x, y] about the origin, when it lies over the terrain.
+  fly(place) {
+    const { low, high } = boxOf(this.scene), there = place.every((value, axis) => value >= low[axis] && value <= high[axis]);
+    byId('status').textContent = there ? 'at these coordinates' : 'these coordinates lie outside of what is shown';
+    if (!there) return;
+    this.camera.flyTo([...place, this.camera.target[2]], 15);
+    this.refresh();
+  }
+
   // The building of a number among all; those that are not drawn come after those that are.
   choose(number, fly = true) {
     const row = this.all[number], spot = this.spots[number];
