@@ -22,6 +22,7 @@ from eaves.formats.qgis.project import write_project
 from eaves.formats.qgis.styles import listed_styles
 from eaves.formats.vectors.geopackage import Row
 from eaves.model import CoordinateSystem, Raster
+from eaves.model.columns import LAYERS
 from eaves.model.coordinates import LOCAL_METRES
 
 QGIS_PYTHON = "/usr/bin/python3"
@@ -36,7 +37,12 @@ def write_street(folder: Path, system: CoordinateSystem = DUTCH) -> Path:
         x, y = 85000.0 + 20 * number, 447000.0
         outline = shapely.box(x, y, x + 10, y + 12)
         about = {"id": f"house {number}", "area_m2": 120.0, "lod": lod, "failure_code": code}
-        about |= {"failure_reason": code, "h_ground": 1.0, "h_70p": 8.0, "roof_type": lod and "gable"}
+        about |= {
+            "failure_reason": code,
+            "h_ground": 1.0,
+            "measuredHeight": 7.0,
+            "roof_type": lod and "gable",
+        }
         footprints.append(Row(outline, about | {"rmse_m": 0.04}))
         for west, azimuth in ((x, 270.0), (x + 5, 90.0)) if lod else ():
             z = (4.0, 9.0) if azimuth > 180 else (9.0, 4.0)
@@ -105,6 +111,12 @@ def test_project_is_the_same_every_time_and_has_relative_paths(tmp_path: Path) -
     assert root.find("mapViewDocks3D/view/qgis3d/terrain/generator") is not None
     assert root.findtext("properties/SpatialRefSys/ProjectionsEnabled") == "1"
     assert root.findtext("projectCrs/spatialrefsys/authid") == "EPSG:28992"
+
+
+def test_every_style_has_its_column_in_the_layer() -> None:
+    for layer in ("footprints", "roof_planes"):
+        wanted = {style["needs"] for style in listed_styles()[layer]["styles"] if "needs" in style}
+        assert wanted <= {*LAYERS["footprints"], "azimuth_deg"}, layer
 
 
 def test_project_of_an_empty_run_is_written(tmp_path: Path) -> None:
