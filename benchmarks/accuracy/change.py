@@ -25,6 +25,7 @@ from eaves.change.changes import BuildingChange
 from eaves.change.compare import compare
 from eaves.formats import read_polygons
 from eaves.pipeline import build
+from eaves.run.manifest import read_facts
 from eaves.simulate import Survey, later_survey, simulate_epochs, write_changes, write_simulation
 
 TOWNS = (
@@ -137,7 +138,7 @@ def make_town(folder: Path, town: Sequence[Any]) -> tuple[Path, Path]:
     """Simulate and build a town's two epochs, where that was not done; the runs."""
     _, seed, area, changed, first, second, style, terrain = town
     runs = folder / "old-run", folder / "new-run"
-    if not all((run / "run.json").exists() for run in runs):
+    if not all("found" in read_facts(run) for run in runs):
         epochs = simulate_epochs(area, terrain, seed=seed, style=style, changed=changed)
         surveys = (Survey(first), epochs.old, seed), (later_survey(second), epochs.new, seed + 1000)
         for name, (survey, there, own), run in zip(("old", "new"), surveys, runs, strict=True):

@@ -6,7 +6,6 @@ Run `EAVES_DATA=... python -m benchmarks.gallery.surveys FOLDER`; what FOLDER ha
 from __future__ import annotations
 
 import io
-import json
 import os
 import subprocess
 import sys
@@ -28,6 +27,7 @@ import eaves
 from eaves.formats.rasters.geotiff import read_raster
 from eaves.model import Raster
 from eaves.report.convert import footprint_frame
+from eaves.run.manifest import read_facts
 
 PAGE = Path(__file__).parents[2] / "docs" / "gallery"
 SURVEYS: dict[str, tuple[str, str | None]] = {
@@ -237,7 +237,7 @@ def samples(folder: Path, data: Path, picture: Path) -> None:
 def compute(data: Path, folder: Path) -> None:
     """Build what the folder has not."""
     for name, (pattern, system) in SURVEYS.items():
-        if not (folder / name / "run.json").exists():
+        if "found" not in read_facts(folder / name):
             crs = str(data / system) if system and system.endswith(".wkt") else system
             files = [str(path) for path in sorted(data.glob(pattern))]
             eaves.build(files, folder / name, crs=crs, jobs=1)
@@ -250,7 +250,7 @@ def compute(data: Path, folder: Path) -> None:
 
 def counts(folder: Path) -> str:
     """A row of the table of docs/gallery/surveys.md."""
-    run = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    run = read_facts(folder)
     share = ", ".join(
         f"{lod}: {100 * n / max(run['found'], 1):.0f} %" for lod, n in sorted(run["by_lod"].items())
     )

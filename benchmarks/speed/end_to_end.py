@@ -5,7 +5,6 @@ usage: python -m benchmarks.speed.end_to_end [NAME…]      (needs EAVES_DATA)
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -14,6 +13,7 @@ import time
 from pathlib import Path
 
 from benchmarks.table import keep
+from eaves.run.manifest import read_facts
 
 RUNS: dict[str, tuple[str, list[str]]] = {
     "delft, points only": ("delft/ahn3.laz", []),
@@ -36,9 +36,9 @@ def run(name: str, data: Path, out: Path) -> dict[str, object]:
         [*words, *(word.format(data=data) for word in options)], capture_output=True, text=True
     )
     wall = time.perf_counter() - started
-    if not (out / "run.json").exists():
+    figures = read_facts(out)
+    if "found" not in figures:
         return {"data": name, "exit status": done.returncode, "note": done.stderr.strip()[-80:]}
-    figures = json.loads((out / "run.json").read_text(encoding="utf-8"))
     checked = subprocess.run(
         [sys.executable, "-m", "eaves.cli.app", "validate", str(out / "buildings.city.jsonl")],
         capture_output=True,

@@ -200,3 +200,9 @@ def test_names_that_differ_by_case_only_get_a_number_and_long_ones_are_cut() -> 
     long = [classified_name(Path(f"{'é' * 110}{k}.laz"), False, taken) for k in range(2)]
     assert len(set(long)) == 2
     assert max(len(os.fsencode(name)) for name in long) < 220
+
+
+def test_results_of_an_earlier_form_are_refused_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / MANIFEST).write_text(json.dumps({"version": "0.1.0", "found": 9}))
+    with pytest.raises(InputError, match="listed no files in it; build again"):
+        check_folder(tmp_path)
