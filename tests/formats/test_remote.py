@@ -149,6 +149,46 @@ def test_list_names_files_of_its_folder_or_of_a_server_and_none_outside_the_boun
     assert one == other == fetched
 
 
+@pytest.fixture(scope="module")
+def ept(copc: Path) -> Path:
+    """The points of the tile as an EPT of two levels, the second on a page of its own."""
+    las, folder = laspy.read(copc), copc.parent
+    las.header.vlrs.clear()
+    las.evlrs = None
+    head = {"bounds": [*CORNER, -200.0, *(CORNER + SIDE), SIDE - 200.0], "dataType": "laszip"}
+    (folder / "ept.json").write_text(json.dumps(head | {"hierarchyType": "json"}))
+    first = np.arange(len(las.points)) % 4 == 0
+    octant = np.column_stack([las.x, las.y, las.z]) >= np.array([*(CORNER + SIDE / 2), SIDE / 2 - 200.0])
+    parts = {"0-0-0-0": first}
+    for place in np.ndindex(2, 2, 2):
+        parts["-".join(map(str, (1, *place)))] = ~first & (octant == place).all(axis=1)
+    counts = {name: int(which.sum()) for name, which in parts.items()}
+    for sub, places in (("ept-hierarchy", ("0-0-0-0", "1-0-0-0")), ("ept-data", tuple(parts))):
+        (folder / sub).mkdir()
+        for name in places if sub == "ept-data" else ():
+            las[parts[name]].write(folder / sub / f"{name}.laz")
+    second = {name: count for name, count in counts.items() if name == "1-0-0-0"}
+    pages = {"0-0-0-0": counts | {"1-0-0-0": -1}, "1-0-0-0": second}
+    for name, page in pages.items():
+        (folder / "ept-hierarchy" / f"{name}.json").write_text(json.dumps(page))
+    for file in [*folder.glob("ept-hierarchy/*"), *folder.glob("ept-data/*")]:  # the server knows no folders
+        (folder / file.name).write_bytes(file.read_bytes())
+    return folder / "ept.json"
+
+
+def test_tiles_of_an_ept_are_those_that_meet_the_bounds(ept: Path, address: str, tmp_path: Path) -> None:
+    whole, _ = localise(ept, tmp_path)
+    assert sum(open_source(one).count for one in whole) == 300_000
+    for given in (ept, f"{address}/ept.json"):
+        some, _ = localise(given, tmp_path, (*(CORNER + 1.0), *(CORNER + 40.0)))
+        assert len(some) == 1 + sum(open_source(one).count > 0 for one in some[1:])
+        inside = [laspy.read(one) for one in some]
+        assert all((las.x <= CORNER[0] + SIDE / 2).all() for las in inside[1:])
+    (ept.parent / "binary.json").write_text(ept.read_text().replace("laszip", "binary"))
+    with pytest.raises(InputError, match="EPT of binary tiles; build it again with laszip"):
+        localise(ept.parent / "binary.json", tmp_path)
+
+
 @pytest.mark.parametrize("href", ["file:///etc/a.laz", "s3://bucket/a.laz"])
 def test_list_on_a_server_names_no_local_file(href: str, copc: Path, address: str, tmp_path: Path) -> None:
     (copc.parent / "bad.vpc").write_text(json.dumps(listed(href)))

@@ -38,6 +38,8 @@ PIECE = 1 << 14
 """Bytes of the shortest request: a header is read in one."""
 LARGEST_LIST = 1 << 28
 """Bytes of a list; a country's is a twentieth of it."""
+DEEPEST = 32
+"""Levels of an EPT: a cube of the size of the Earth has nodes of 3 mm."""
 AGAIN = "check the address, and try again"
 
 Rectangle = tuple[float, float, float, float]
@@ -178,7 +180,8 @@ def localise(
     ----------
     inputs : str, Path or sequence of them
         Paths, globs, addresses of LAS, LAZ and COPC files, and lists of them, local or by address: virtual
-        point clouds (`.vpc`), STAC items, collections of items. PLY and E57 files by path or address.
+        point clouds (`.vpc`), STAC items, collections of items, Entwine Point Tiles
+        (`ept.json`). PLY and E57 files by path or address.
     folder : Path
         Where files are kept; what is there with the same size and version is not read again.
     bounds : tuple or None
@@ -215,13 +218,10 @@ def files_of_list(given: str | Path, bounds: Rectangle | None, traffic: Traffic)
     title = shown(str(given)) if remote else str(given)
     broken = InputError.about(title, "is no list of point files", "give a .vpc file, or STAC items as JSON")
     try:
-        if remote:
-            stream = RemoteFile(str(given), traffic)
-            if stream.size > LARGEST_LIST:
-                raise broken
-            words = json.loads(io.BufferedReader(stream).read())
-        else:
-            words = json.loads(Path(given).read_text(encoding="utf-8"))
+        words = read_json(given, traffic)
+        if "hierarchyType" in words:
+            yield from nodes_of_ept(str(given), words, bounds, traffic)
+            return
         features = words["features"] if words["type"] == "FeatureCollection" else [words]
         for feature in features:
             hrefs = [str(asset["href"]) for asset in feature["assets"].values()]
@@ -233,10 +233,52 @@ def files_of_list(given: str | Path, bounds: Rectangle | None, traffic: Traffic)
                 href = urljoin(str(given), href)
                 check_address(href)
             yield href if is_address(href) else str(Path(given).parent / href)
-    except (KeyError, TypeError, AttributeError, StopIteration, UnicodeDecodeError, json.JSONDecodeError):
+    except InputError:
+        raise
+    except (KeyError, TypeError, AttributeError, StopIteration, IndexError, ValueError):
         raise broken from None
     except OSError as error:
         raise InputError.about(title, f"cannot be read ({error.strerror})", "check the path") from None
+
+
+def read_json(given: str | Path, traffic: Traffic) -> Any:
+    """The content of a file of JSON, by path or address."""
+    if not is_address(given):
+        return json.loads(Path(given).read_text(encoding="utf-8"))
+    stream = RemoteFile(str(given), traffic)
+    if stream.size > LARGEST_LIST:
+        raise ValueError
+    return json.loads(io.BufferedReader(stream).read())
+
+
+def nodes_of_ept(
+    given: str, head: dict[str, Any], bounds: Rectangle | None, traffic: Traffic
+) -> Iterator[str]:
+    """The LAZ files of an Entwine Point Tile whose boxes meet the bounds, level by level."""
+    if head["dataType"] != "laszip":
+        reason = f"is an EPT of {head['dataType']} tiles"
+        raise InputError.about(shown(given), reason, "build it again with laszip tiles")
+    west, south, low, east = (float(side) for side in head["bounds"][:4])
+
+    def beside(name: str) -> str:
+        return urljoin(given, name) if is_address(given) else str(Path(given).parent / name)
+
+    pages, nodes = ["0-0-0-0"], dict[tuple[int, ...], str]()
+    for page in pages:  # it grows by the pages that are found
+        for key, count in read_json(beside(f"ept-hierarchy/{page}.json"), traffic).items():
+            level, column, row, height = place = tuple(map(int, key.split("-")))
+            if not 0 <= level <= DEEPEST:
+                raise ValueError
+            name = "-".join(map(str, place))
+            side = (east - west) / 2**level
+            corner = west + column * side, south + row * side, low + height * side
+            if bounds is not None and not meets([*corner, *(one + side for one in corner)], bounds):
+                continue
+            if count < 0 and name not in pages:
+                pages.append(name)
+            elif count > 0:
+                nodes[place] = beside(f"ept-data/{name}.laz")
+    yield from (nodes[place] for place in sorted(nodes))
 
 
 def meets(box: list[float], bounds: Rectangle) -> bool:
