@@ -453,6 +453,7 @@ def test_an_aerial_image_lies_over_the_terrain(
 @pytest.mark.slow
 def test_two_runs_side_by_side_turn_together(browser: Browser, nine_run: Summary, tmp_path: Path) -> None:
     left = read_contents(nine_run.folder)
+    (tmp_path / "other").mkdir()
     # the other run's frame lies elsewhere, as that of other bounds would
     away = np.array([7.0, -3.0])
     right = replace(

@@ -45,7 +45,7 @@ def test_a_house_is_modelled_in_few_calls(nine_roofs: ExactScene) -> None:
 
 
 @pytest.mark.slow
-def test_a_run_decodes_its_input_and_its_models_once(
+def test_a_run_decodes_its_input_twice_and_its_models_once(
     nine_roofs_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     decoded, unpacked = [], []
@@ -53,5 +53,7 @@ def test_a_run_decodes_its_input_and_its_models_once(
     monkeypatch.setattr("eaves.formats.points.las.decompress", lambda *a: decoded.append(1) or decompress(*a))
     monkeypatch.setattr(building_file, "unpack_item", lambda data: unpacked.append(data) or unpack(data))
     assert pipeline.build(nine_roofs_file, tmp_path).complete
-    assert len(decoded) == 1  # what else the records hold is kept from then
+    assert (
+        len(decoded) == 2
+    )  # for the figures of the scan, and for the run: what else is needed is kept from then
     assert len(unpacked) == len(set(unpacked))
