@@ -175,6 +175,22 @@ def test_a_step_of_a_source_that_costs_more_than_it_gives_is_named_with_the_figu
 
 
 @pytest.mark.parametrize("source", SOURCES)
+def test_every_figure_of_a_source_is_one_of_a_table_that_its_page_names(source: str) -> None:
+    """To the places that are printed; what stands in quotation marks is the paper's."""
+    page = (DOCS / "sources" / f"{source}.md").read_text(encoding="utf-8")
+    results = DOCS.parent / "benchmarks" / "results"
+    names = {"sources", "sources-ablation", *re.findall(r"\*-([\w-]+)\.md", page)}
+    there = figures_of(
+        "".join(sorted(results.glob(f"*-{n}.md"))[-1].read_text("utf-8").replace("-0.", "0.") for n in names)
+    )
+    prose = "\n".join(line for line in page.splitlines() if line[:1] not in "|!-" and line)
+    prose = re.sub(LINK, "", re.sub(r'"[^"]*"', "", prose))
+    for figure in re.findall(r"(?<![\w.,-])\d*\.\d+(?![\d.\w-])", prose):
+        places = len(figure.split(".")[1])
+        assert any(round(one, places) == float(figure) for one in there), figure
+
+
+@pytest.mark.parametrize("source", SOURCES)
 def test_each_step_of_a_source_names_the_function_that_does_it(source: str) -> None:
     page = DOCS / "sources" / f"{source}.md"
     table = page.read_text(encoding="utf-8").split("where in the code |")[1].split("\n\n")[0].splitlines()[2:]

@@ -43,6 +43,7 @@ METHODS: dict[str, GroundMethod] = {
         seed_cell=40.0, distance_share=2.8, angle=14.0, angle_share=0.0, rounds=1000
     ),
     "smooth_region": SmoothRegion(),
+    "smooth_region, as published": SmoothRegion.as_published(),
     "contours": ContourGround(),
 }
 OTHERS: dict[str, list[float | None]] = {
