@@ -10,21 +10,20 @@ from eaves.model import Labels, Values
 
 def quantile(values: Values, share: float) -> float:
     """The quantile of values (N,), N ≥ 1, none of them NaN, as `numpy.quantile` has it."""
-    ordered = np.sort(values)
-    last = len(ordered) - 1
+    last = len(values) - 1
     place = last * share
     low = int(place)
-    before, after = float(ordered[low]), float(ordered[min(low + 1, last)])
+    near = [low, min(low + 1, last)]
+    before, after = np.partition(values, near)[near].tolist()
     step, part = after - before, place - low
     return before + step * part if part < 0.5 else after - step * (1.0 - part)
 
 
 def median(values: Values | NDArray[np.int64]) -> float:
     """The median of values (N,), N ≥ 1, none of them NaN, as `numpy.median` has it."""
-    ordered, middle = np.sort(values), len(values) // 2
-    if len(values) % 2:
-        return float(ordered[middle])
-    return float(ordered[middle - 1] + ordered[middle]) / 2.0
+    near = [(len(values) - 1) // 2, len(values) // 2]
+    below, above = np.partition(values, near)[near].tolist()
+    return float(below + above) / 2.0
 
 
 def group_percentiles(

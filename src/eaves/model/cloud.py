@@ -213,10 +213,11 @@ def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> 
     """Indices (N,) that sort points (N, 3) by 1 m cell, row by row, and inside a cell by y, x, z (1 mm)."""
     if len(xyz) == 0:
         return np.zeros(0, np.int64)
-    key, fits, rising = keys_kernel(xyz)
-    if fits:
-        # most clouds are in order already; an unstable sort is faster, and ties are settled below
-        order = np.arange(len(key)) if rising else np.argsort(key)
+    key, of_cell, rising = keys_kernel(xyz)
+    if of_cell:
+        # most clouds are in order already; ties are settled below
+        order = np.arange(len(key)) if rising else order_kernel(key, of_cell)
+        order = np.argsort(key) if len(order) < len(key) else order
         ordered = key if rising else key.take(order)
         tied = np.flatnonzero(ordered[1:] == ordered[:-1])
     else:
@@ -248,9 +249,9 @@ def millimetre_of(value: float, level: float) -> Any:
 
 
 @kernel
-def keys_kernel(xyz: Points) -> tuple[NDArray[np.int64], bool, bool]:
-    """Keys (N,) that rise by 1 m cell, row by row, and inside a cell by y, x, z; whether 63 bits hold them,
-    and whether they rise already.
+def keys_kernel(xyz: Points) -> tuple[NDArray[np.int64], int, bool]:
+    """Keys (N,) that rise by 1 m cell, row by row, and inside a cell by y, x, z; how many there are to a
+    cell, 0 where 63 bits do not hold them; and whether they rise already.
     """
     count = len(xyz)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -262,7 +263,7 @@ def keys_kernel(xyz: Points) -> tuple[NDArray[np.int64], bool, bool]:
     key, rising = np.empty(count, np.int64), True
     cells = (high[0] - west + 2.0) * (high[1] - south + 2.0)
     if not cells * PER_METRE**2 * (high[2] - bottom + 1.0) * PER_METRE < LARGEST_KEY:
-        return key, False, False
+        return key, 0, False
     columns = millimetre_of(high[0], west) // PER_METRE + 1
     heights = millimetre_of(high[2], bottom) + 1
     for i in range(count):
@@ -272,4 +273,42 @@ def keys_kernel(xyz: Points) -> tuple[NDArray[np.int64], bool, bool]:
         inside = (y_mm % PER_METRE) * PER_METRE + x_mm % PER_METRE
         key[i] = (cell * PER_METRE * PER_METRE + inside) * heights + millimetre_of(z, bottom)
         rising = rising and (i == 0 or key[i] >= key[i - 1])
-    return key, True, rising
+    return key, PER_METRE * PER_METRE * heights, rising
+
+
+CELLS_A_POINT, MOST_IN_CELL = 4, 512
+"""Of scans that are sparser, or denser in a place, the keys are sorted as a whole."""
+
+
+@kernel
+def order_kernel(key: NDArray[np.int64], of_cell: int) -> NDArray[np.int64]:
+    """Indices (N,) that sort keys (N,) of cells with `of_cell` each: dealt out to the cells, then sorted in
+    each; none where there are so many cells, or so many points in one, that this is slow.
+    """
+    count = len(key)
+    cell, cells = key // of_cell, 1
+    for i in range(count):
+        cells = max(cells, cell[i] + 1)
+    if cells > CELLS_A_POINT * count:
+        return np.empty(0, np.int64)
+    end = np.zeros(cells + 1, np.int64)
+    for i in range(count):
+        end[cell[i] + 1] += 1
+    for one in range(cells):
+        if end[one + 1] > MOST_IN_CELL:
+            return np.empty(0, np.int64)
+        end[one + 1] += end[one]
+    order, ordered = np.empty(count, np.int64), np.empty(count, np.int64)
+    for i in range(count):
+        place = end[cell[i]]
+        order[place], ordered[place] = i, key[i]
+        end[cell[i]] += 1
+    for one in range(cells):
+        first = end[one - 1] if one else 0
+        for place in range(first + 1, end[one]):
+            moved, own = order[place], ordered[place]
+            while place > first and ordered[place - 1] > own:
+                order[place], ordered[place] = order[place - 1], ordered[place - 1]
+                place -= 1
+            order[place], ordered[place] = moved, own
+    return order

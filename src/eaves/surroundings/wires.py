@@ -183,10 +183,14 @@ def wire_rows(xyz: Points, rules: WireRules) -> Mask:
     row, some = np.zeros(len(xyz), bool), np.flatnonzero(np.isfinite(away[:, rules.neighbours]))
     group = xyz[near[some]]
     group = group - group.mean(axis=1, keepdims=True)
-    moments = np.einsum("nki,nkj->nij", group, group) / (rules.neighbours + 1)
-    values, vectors = np.linalg.eigh(moments)
-    straight = values[:, 1] <= rules.across**2 * np.minimum(values[:, 2], 1.0)
-    row[some] = straight & (vectors[:, 2, 2] ** 2 <= 0.5)
+    moments = group.transpose(0, 2, 1) @ group / (rules.neighbours + 1)
+    # where the two smaller eigenvalues are small beside the largest, so are the minors beside the trace
+    least, size = rules.across**2, np.trace(moments, axis1=1, axis2=2)
+    minors = 0.5 * (size**2 - (moments**2).sum(axis=(1, 2)))
+    thin = np.flatnonzero(minors <= (2.0 * size + least) * least * np.minimum(size, 1.0) + 1e-9)
+    values, vectors = np.linalg.eigh(moments[thin])
+    straight = values[:, 1] <= least * np.minimum(values[:, 2], 1.0)
+    row[some[thin]] = straight & (vectors[:, 2, 2] ** 2 <= 0.5)
     return row
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import chain
 from typing import ClassVar
 
 import numpy as np
@@ -257,9 +258,13 @@ class GlobalFit(LowPartRules, OutlineMethod):
             return np.zeros(len(ring), np.bool_)
         height = boundary.points[cKDTree(boundary.points[:, :2]).query(ring)[1], 2]
         reach = max(self.beside * boundary.spacing, self.least_beside)
-        near = cKDTree(boundary.others[:, :2]).query_ball_point(ring, 2.0 * reach)
-        over = [boundary.others[one, 2].max(initial=-np.inf) for one in near]
-        hidden = np.asarray(np.array(over) > height + self.over)
+        high = boundary.others[boundary.others[:, 2] > height.min() + self.over]
+        hidden = np.zeros(len(ring), np.bool_)
+        if len(high):
+            near = cKDTree(high[:, :2]).query_ball_point(ring, 2.0 * reach, return_sorted=False)
+            place = np.repeat(np.arange(len(ring)), [len(one) for one in near])
+            over = high[np.fromiter(chain.from_iterable(near), np.int64, len(place)), 2]
+            hidden[place[over > height[place] + self.over]] = True
         if boundary.ground is not None and len(boundary.ground):
             hidden &= cKDTree(boundary.ground).query(ring)[0] > reach
         return hidden

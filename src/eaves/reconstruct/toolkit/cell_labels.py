@@ -50,7 +50,7 @@ def label_nodes(data: NDArray[np.float64], borders: Borders, label_cost: float) 
     roofs of four surveys.
     """
     labels = np.full(len(data), OUTSIDE)
-    second = np.sort(data, axis=1)[:, :2]
+    second = np.partition(data, min(1, data.shape[1] - 1), axis=1)[:, :2]
     order = np.argsort(second[:, 0] - second[:, -1], kind="stable")
     ends = borders.edges.ravel()
     around = np.argsort(ends, kind="stable") // 2

@@ -193,15 +193,31 @@ def candidate_lines(
 
 def distinct_lines(lines: list[Line], reach: float) -> list[Line]:
     """The lines without those that run within `reach` (m) of a better one, from end to end."""
-    rows, kept = np.array(lines, np.float64).reshape(-1, 6), np.zeros(len(lines), bool)
-    normal, direction = rows[:, :2], rows[:, 1::-1] * [-1.0, 1.0]
-    for number, (x, y, offset, low, high, _) in enumerate(rows.tolist()):
-        ends = np.array([[x * offset - y * along, y * offset + x * along] for along in (low, high)])
-        along = ends @ direction[kept].T
-        beside = np.abs(ends @ normal[kept].T - rows[kept, 2]) <= reach
-        beside &= (along >= rows[kept, 3] - reach) & (along <= rows[kept, 4] + reach)
-        kept[number] = not beside.all(axis=0).any()
+    kept = distinct_kernel(np.array(lines, np.float64).reshape(-1, 6), reach)
     return [lines[number] for number in np.flatnonzero(kept)]
+
+
+@kernel
+def distinct_kernel(rows: NDArray[np.float64], reach: float) -> Mask:
+    """Which lines (L,), best first, each a row of the numbers of `Line`, are kept by `distinct_lines`."""
+    kept = np.ones(len(rows), np.bool_)
+    for one in range(len(rows)):
+        x, y, offset = rows[one, 0], rows[one, 1], rows[one, 2]
+        for better in range(one):
+            if not kept[better]:
+                continue
+            nx, ny = rows[better, 0], rows[better, 1]
+            inside = True
+            for end in range(2):
+                place = rows[one, 3 + end]
+                ex, ey = x * offset - y * place, y * offset + x * place
+                along = ey * nx - ex * ny
+                inside &= abs(ex * nx + ey * ny - rows[better, 2]) <= reach
+                inside &= rows[better, 3] - reach <= along <= rows[better, 4] + reach
+            if inside:
+                kept[one] = False
+                break
+    return kept
 
 
 def meeting_line(

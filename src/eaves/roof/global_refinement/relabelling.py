@@ -45,12 +45,9 @@ def relabel_kernel(
                 continue
             best, winner = np.inf, labels[i]
             for column in range(width + 1):
-                if column == width:
-                    label = 0
-                elif column > 0 and alike:
+                if column > 0 and alike and (column < width or best <= outlier):
                     continue
-                else:
-                    label = labels[neighbours[i, column]]
+                label = labels[neighbours[i, column]] if column < width else 0
                 seen = False
                 for earlier in range(column if label != 0 else 0):
                     if labels[neighbours[i, earlier]] == label:

@@ -155,7 +155,8 @@ class HouseRow:
     def coordinates(self, xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Row coordinates s, t (N,) of places (N, 2)."""
         turn = np.linalg.inv(np.column_stack([self.along, self.across]))
-        s, t = (xy - self.origin) @ turn.T[:, 0], (xy - self.origin) @ turn.T[:, 1]
+        x, y = xy[:, 0] - self.origin[0], xy[:, 1] - self.origin[1]
+        s, t = (x * one + y * other for one, other in turn)
         return s, t
 
     def strip(self, start: float, end: float) -> Polygon:
