@@ -22,8 +22,8 @@ ROWS, ANSWERS = "rows", "answers"
 """The sections of the file: what tables say of each building, and the model or failure itself."""
 SMALL_PART = 2_000_000
 """Parts of buildings up to this size (bytes) stay in memory once they were read."""
-SMALL_PARTS = 8
-"""How many small parts of buildings stay in memory once they were read."""
+SMALL_PARTS, PARTS_OF_ROWS = 8, 64
+"""How many of them stay in memory, and of how many the rows alone do, which are small."""
 
 
 class Section:
@@ -107,10 +107,15 @@ def read_section(path: Path, name: str, keeps: bool = False) -> Section:
 
 
 @lru_cache(maxsize=SMALL_PARTS)
-def read_small_section(path: Path, name: str, mark: tuple[int, int]) -> Section:
-    """A section of a small file that bears the `mark`. The outputs ask for those of a small run a dozen
-    times."""
-    return read_section(path, name, keeps=True)
+def read_answers(path: Path, mark: tuple[int, int]) -> Section:
+    """The answers of a small file that bears the `mark`."""
+    return read_section(path, ANSWERS, keeps=True)
+
+
+@lru_cache(maxsize=PARTS_OF_ROWS)
+def read_rows(path: Path, mark: tuple[int, int]) -> Section:
+    """The rows of a file that bears the `mark`. The outputs ask for those of a small run a dozen times."""
+    return read_section(path, ROWS, keeps=True)
 
 
 def read_planes(path: Path) -> list[tuple[NDArray[np.int64], Labels, str]]:
@@ -185,9 +190,10 @@ class Kept:
         if path is None:
             return Section([])
         state = path.stat()
-        if state.st_size > SMALL_PART:
-            return read_section(path, name)
-        return read_small_section(path, name, (state.st_mtime_ns, state.st_size))
+        mark = state.st_mtime_ns, state.st_size
+        if name == ROWS:
+            return read_rows(path, mark)
+        return read_section(path, name) if state.st_size > SMALL_PART else read_answers(path, mark)
 
 
 def as_found(store: Store) -> Kept:

@@ -19,6 +19,7 @@ from eaves.formats import InputError
 from eaves.formats.atomic import atomic
 from eaves.kernels import kernel
 from eaves.model import Block, Bounds, CoordinateSystem, PointCloud, Points
+from eaves.model.block import extremes
 from eaves.model.cloud import GRID_STEP
 from eaves.run.keys import GONE, GROUND, STEPS, Mark, Step, key_of
 from eaves.run.part_file import is_whole_part, open_part, save_part
@@ -313,8 +314,8 @@ def stored_extent(quanta: NDArray[np.int32], block: Block) -> Bounds | None:
     """World metres (half-open) of points (N, 3) in quanta about a block's corner; None for no points."""
     if len(quanta) == 0:
         return None
-    low, high = quanta[:, :2].min(axis=0) * GRID_STEP, (quanta[:, :2].max(axis=0) + 1) * GRID_STEP
-    return Bounds(*map(float, (*low, *high))).translated(*block.origin)
+    low, high = extremes(quanta[:, :2])
+    return Bounds(*map(float, (*low * GRID_STEP, *(high + 1) * GRID_STEP))).translated(*block.origin)
 
 
 @kernel

@@ -213,12 +213,16 @@ class Terms:
     @property
     def cell(self) -> Values:
         """The terms (H, W, T) of the cells."""
-        several, through = self.evidence.multi_return_share, self.evidence.penetration
-        return with_echoes(self.shape, several, through, self.echoes, self.penetration, self.most_log_ratio)
+        return with_echoes(self.shape, *self._echoes, self.most_log_ratio)
 
     def cell_odds(self, weights: Weights) -> Values:
         """Log odds (H, W) of cells in no surface."""
-        return cell_odds(self.cell, weights)
+        return cell_odds(self.shape, *self._echoes, self.most_log_ratio, weights)
+
+    @property
+    def _echoes(self) -> tuple[Values, Values, Separation, Separation]:
+        evidence = self.evidence
+        return evidence.multi_return_share, evidence.penetration, self.echoes, self.penetration
 
 
 def measured_terms(
@@ -255,8 +259,8 @@ def measured_terms(
             break
         of_surface = surface_odds(segments, surface, weights, limits.most_log_ratio)
         of_surface = np.r_[0.0, of_surface][segments.label[seen]]
-        cell = with_echoes(of_seen, several, through, echoes, penetration, limits.most_log_ratio)
-        odds = np.where(large[seen], of_surface, cell_odds(cell, weights))
+        of_cell = cell_odds(of_seen, several, through, echoes, penetration, limits.most_log_ratio, weights)
+        odds = np.where(large[seen], of_surface, of_cell)
         likely = 1.0 / (1.0 + np.exp(-odds))
         echoes = separate(several, likely)
         penetration = separate(through, likely)
@@ -282,9 +286,22 @@ def surface_odds(segments: Segments, terms: Values, weights: Weights, sure: floa
     return np.asarray(np.where(segments.tall <= TALL_SHARE, np.minimum(odds, -sure), odds), np.float64)
 
 
-def cell_odds(terms: Values, weights: Weights) -> Values:
-    """Log odds (H, W) of cells in no surface, of their terms (H, W, T)."""
-    return np.asarray(terms @ np.array(weights.cell), np.float64)
+def cell_odds(
+    shape: Values,
+    several: Values,
+    through: Values,
+    echoes: Separation,
+    penetration: Separation,
+    most: float,
+    weights: Weights,
+) -> Values:
+    """Log odds (...) of cells in no surface: the terms of `with_echoes`, weighed without being drawn up."""
+    *of_terms, of_echoes, of_penetration = weights.cell
+    of_shape, with_power = np.reshape(of_terms, (2, -1))
+    odds = shape @ (of_shape + echoes.power * with_power)
+    odds += of_echoes * echoes.log_ratio(several, most)
+    odds += of_penetration * penetration.log_ratio(through, most)
+    return np.asarray(odds, np.float64)
 
 
 def score_regions(region: Labels, odds: Values, weight: ScoreWeights) -> Values:

@@ -28,6 +28,7 @@ COG_OPTIONS: dict[str, Any] = {
     "driver": "COG",
     "compress": "DEFLATE",
     "predictor": "YES",
+    "level": 1,
     "blocksize": 512,
     "overview_resampling": "AVERAGE",
     "sparse_ok": "TRUE",

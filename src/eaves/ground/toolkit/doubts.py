@@ -6,6 +6,7 @@ import numpy as np
 
 from eaves.ground.toolkit.floor import COARSEST_M
 from eaves.model import Bounds, Mask, PointCloud, Points
+from eaves.model.block import extremes
 from eaves.model.cloud import GRID_STEP
 from eaves.model.doubt import Doubt
 from eaves.model.scene import DOUBTFUL
@@ -46,7 +47,7 @@ def doubts_within(cloud: PointCloud, bounds: Bounds) -> tuple[Doubt, ...]:
     quanta = np.rint(cloud.xyz[:, :2] / GRID_STEP).astype(np.int64)
     quanta += np.rint(np.divide(cloud.origin, GRID_STEP)).astype(np.int64)
     cell = quanta // round(COARSEST_M / GRID_STEP)
-    cell -= cell.min(axis=0)
+    cell -= extremes(cell)[0]
     number = cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]
     cells, home = np.unique(number[doubtful], return_inverse=True)
     every, some = np.bincount(number)[cells], np.bincount(home)
