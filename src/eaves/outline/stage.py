@@ -17,7 +17,8 @@ from eaves.model.checks import check_points, check_positive, check_type
 from eaves.model.cloud import canonical_order
 
 MIN_POINTS = 4
-"""Fewer points tell nothing of an outline or of one of its edges."""
+"""Fewer points tell nothing of an outline or of one of its edges; whether there are is first seen of some."""
+SOME_POINTS = 16 * MIN_POINTS
 
 
 class OutlineMethod(Method):
@@ -115,7 +116,8 @@ def trace_outline(
     finite = np.isfinite(points).all(axis=1)
     good = points[finite]
     good = good[canonical_order(good)]
-    if (places := len(np.unique(good[:, :2], axis=0))) < MIN_POINTS:
+    places = count_places(good[:SOME_POINTS])
+    if places < MIN_POINTS and (places := count_places(good)) < MIN_POINTS:
         reason = f"{len(good)} points at {places} places have no outline; {MIN_POINTS} places are needed"
         return Failure("too_few_points", reason, "outline")
     boundary = outliner.trace(good, spacing, emitter(debug))
@@ -123,6 +125,11 @@ def trace_outline(
         return boundary
     divided = None if not_last is None else points[finite & not_last]
     return replace(boundary, not_last=divided, ground=ground, others=others, origin=origin)
+
+
+def count_places(points: Points) -> int:
+    """The number of different places of points (N, 3) in plan."""
+    return len(np.unique(points[:, :2], axis=0))
 
 
 def regularise_outlines(

@@ -256,7 +256,8 @@ class GlobalFit(LowPartRules, OutlineMethod):
         """
         if boundary.others is None or not len(boundary.others):
             return np.zeros(len(ring), np.bool_)
-        height = boundary.points[cKDTree(boundary.points[:, :2]).query(ring)[1], 2]
+        tree = cKDTree(boundary.points[:, :2], balanced_tree=False, compact_nodes=False)
+        height = boundary.points[tree.query(ring)[1], 2]
         reach = max(self.beside * boundary.spacing, self.least_beside)
         high = boundary.others[boundary.others[:, 2] > height.min() + self.over]
         hidden = np.zeros(len(ring), np.bool_)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from eaves.geometry.planes import nearest
 from eaves.model import Mask, Points
 
 NEIGHBOURS = 8
@@ -26,7 +27,7 @@ def crown_points(points: Points, not_last: Mask | None) -> Mask:
     crown = np.zeros(len(points), bool)
     if not_last is None or not not_last.any() or len(points) < NEIGHBOURS:
         return crown
-    around = cKDTree(points).query(points, NEIGHBOURS)[1]
+    around, _ = nearest(points, points, NEIGHBOURS)
     split = not_last[around].mean(axis=1) > 0.5
     loose, solid = np.flatnonzero(split), np.flatnonzero(~split)
     if len(loose) and len(solid) >= NEIGHBOURS:
