@@ -12,8 +12,8 @@ NEIGHBOURS = 8
 """Points, a point itself with them, that say what it lies on; solid ones that say how high the roof is."""
 
 
-HIGH = 2.0
-"""Chimneys and railings, whose edges split pulses too, rise no more than this (m) over the roof."""
+HIGH = 3.0
+"""A storey (m): chimneys and railings, whose edges split pulses too, rise no more over the roof."""
 
 
 def crown_points(points: Points, not_last: Mask | None) -> Mask:
