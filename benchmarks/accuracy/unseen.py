@@ -224,7 +224,7 @@ def main() -> None:
 
 
 def surveys(data: Path) -> dict[str, Callable[[], Survey]]:
-    """Every labelled survey, and the towns that `benchmarks.accuracy.detection` shows, by name."""
+    """Every labelled survey, and the towns of `benchmarks.accuracy.detection`, by name."""
 
     def town(scan: TownScan) -> Callable[[], Survey]:
         return lambda: survey_of(scan.name, scan_of(scan))
