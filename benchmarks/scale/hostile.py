@@ -17,7 +17,6 @@ import os
 import random
 import shutil
 import signal
-import struct
 import subprocess
 import sys
 import tempfile
@@ -70,7 +69,7 @@ MOST_WRITES = 40
 """More than the files that the scene's run shows, in all phases."""
 GOOD = ("right", "said so")
 NOTE = (
-    "Right: status 0, `eaves validate` passes, the results are the undisturbed run's (of mutated points: it "
+    "Right: status 0, `eaves validate` passes, the results are the undisturbed run's (of mutated inputs: it "
     "passes). Said so: another status, with its reason in a line; a run that was ended was resumed and then "
     "right. Wrong: anything else."
 )
@@ -172,15 +171,6 @@ def shift_clocks(out: Path, chance: random.Random) -> None:
         os.utime(path, (moment, moment))
 
 
-def killed_by_tiles(bench: Bench, chance: random.Random, out: Path) -> str:
-    """The same tile by tile, the merge included."""
-    process = start(bench, out, "--jobs", "1", "--per-tile")
-    time.sleep(chance.uniform(0.5, 1.1) * bench.seconds)
-    process.kill()
-    process.communicate(timeout=LONGEST)
-    return bench.finish_tiles(out)
-
-
 def damaged_parts(bench: Bench, chance: random.Random, out: Path) -> str:
     """A run that was killed, one of its parts damaged, and resumed."""
     process = start(bench, out, "--jobs", "1")
@@ -228,31 +218,6 @@ def starved(bench: Bench, chance: random.Random, out: Path) -> str:
     if starving not in ("right", "said so") and not (kind == "RLIMIT_AS" and "import" in said.lower()):
         return f"{kind} {size}: {starving}"
     return bench.finish(out)
-
-
-def lying_header(bench: Bench, chance: random.Random, out: Path) -> str:
-    """A header that counts another number of points, or states another box, system or length."""
-    data = bytearray(bench.points.read_bytes())
-    count = chance.choice([0, 1, 1000, 2**31 - 1, chance.randrange(1, 20_000)])
-    struct.pack_into("<I", data, 107, count if data[25] < 4 else 0)
-    if data[25] >= 4:
-        struct.pack_into("<Q", data, 247, count)
-    path = out.with_suffix(".laz")
-    path.write_bytes(data)
-    status, said = bench.run(bench.words(out, "--jobs", "1", points=path))
-    return bench.judge(status, said, out)
-
-
-def mutated_points(bench: Bench, chance: random.Random, out: Path) -> str:
-    """A point file cut or with some changed bytes, with and without --salvage."""
-    path = out.with_suffix(".laz")
-    data = bytearray(bench.points.read_bytes())
-    for _ in range(chance.randrange(1, 6)):
-        data[chance.randrange(375, len(data))] ^= 1 << chance.randrange(8)
-    path.write_bytes(data[: chance.randrange(300, len(data))] if chance.random() < 0.5 else data)
-    more = ["--salvage"] if chance.random() < 0.5 else []
-    status, said = bench.run(bench.words(out, "--jobs", "1", *more, points=path))
-    return bench.judge(status, said, out, same=False)
 
 
 def edited_while_read(bench: Bench, chance: random.Random, out: Path) -> str:
@@ -401,9 +366,8 @@ def read_only(bench: Bench, chance: random.Random, out: Path) -> str:
 CASES: dict[str, Callable[[Bench, random.Random, Path], str]] = {
     case.__name__.replace("_", " "): case
     for case in (
-        *(killed, killed_by_tiles, damaged_parts, crowded, starved, lying_header, mutated_points),
-        *(edited_while_read, tampered_results, own_input, read_only, killed_at_a_write, clock_jumps),
-        *(edited_by_stealth, copc, worker_lost, mutated_inputs),
+        *(killed, killed_at_a_write, damaged_parts, crowded, starved, clock_jumps, worker_lost),
+        *(edited_while_read, edited_by_stealth, tampered_results, own_input, read_only, copc, mutated_inputs),
     )
 }
 
