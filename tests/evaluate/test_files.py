@@ -17,7 +17,7 @@ from eaves.evaluate import evaluate_files
 from eaves.formats import InputError, write_mask
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
-from tests.validate.make_files import box, city, solid
+from tests.validate.made_shells import box, city_of
 
 SYSTEM = CoordinateSystem(rasterio.CRS.from_epsg(32632).to_wkt(), code="EPSG:32632")
 WEST, SOUTH = 500_000.0, 5_400_000.0
@@ -108,7 +108,7 @@ def write_city(path: Path, east: int = 0, high: int = 6000) -> Path:
         "surfaces": [{"type": "GroundSurface"}, {"type": "RoofSurface"}, {"type": "WallSurface"}],
         "values": [[0, 1, 2, 2, 2, 2]],
     }
-    document = city({**solid(shell), "semantics": semantics})
+    document = city_of(shell, semantics=semantics)
     document["transform"]["translate"] = [WEST, SOUTH, 0.0]
     document["metadata"] = {"referenceSystem": "https://www.opengis.net/def/crs/EPSG/0/32632"}
     path.write_text(json.dumps(document), encoding="utf-8")
