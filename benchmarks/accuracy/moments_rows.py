@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
-import laspy
 import numpy as np
-import pyogrio
 import shapely
 from numpy.typing import NDArray
 
+from benchmarks.accuracy.roof import delft_roofs
 from benchmarks.table import keep
 from eaves.model import Points, RoofPlane
 from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
@@ -89,15 +88,11 @@ def measures_of(house: ParametricBuilding) -> list[float]:
 
 def row_houses(data: Path) -> Iterator[tuple[str, list[RowHouse]]]:
     """Every row with its houses, from the points of class 6 inside each footprint."""
-    cloud = laspy.read(data / "delft" / "ahn3.laz")
-    points = np.asarray(cloud.xyz)[np.asarray(cloud.classification) == 6]
-    tree = shapely.STRtree(shapely.points(points[:, :2]))
-    footprints = pyogrio.read_dataframe(data / "delft" / "footprints.gpkg").geometry
+    roofs = list(delft_roofs(data))
     for name, numbers in ROWS.items():
         houses = []
         for number in numbers:
-            plan = footprints.iloc[number]
-            own = points[np.sort(tree.query(plan, predicate="intersects"))]
+            plan, own = roofs[number]
             origin = np.floor(own.mean(axis=0)) * [1.0, 1.0, 0.0]
             own = own - origin
             pair = main_pair(segment_roof(own, 0.3))

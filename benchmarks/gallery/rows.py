@@ -14,9 +14,8 @@ import shapely
 from matplotlib.axes import Axes
 
 from benchmarks.accuracy.moments_rows import RowHouse, row_houses
+from benchmarks.gallery.solids import FOLDER, save_small
 from eaves.reconstruct.moments.parametric_roof import ACROSS, LEFT_SLOPE, RIGHT_SLOPE, TOP
-
-PICTURE = Path(__file__).parents[2] / "docs" / "gallery" / "roof-rows.png"
 
 
 def draw_section(axes: Axes, house: RowHouse) -> None:
@@ -55,10 +54,7 @@ def main() -> None:
         for axes in line[len(houses) :]:
             axes.axis("off")
     figure.tight_layout(pad=0.3)
-    PICTURE.parent.mkdir(exist_ok=True)
-    figure.savefig(PICTURE, dpi=110, pil_kwargs={"optimize": True})
-    plt.close(figure)
-    print(PICTURE)
+    save_small(figure, FOLDER / "roof-rows.png", 110)
 
 
 if __name__ == "__main__":
