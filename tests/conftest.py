@@ -53,10 +53,8 @@ def blocks_of_60() -> Iterator[None]:
         yield
 
 
-def write_laz(
-    path: Path, xyz: np.ndarray, epsg: int | None = 28992, user_data: np.ndarray | None = None
-) -> None:
-    """A LAZ file (LAS 1.4, point format 6) of points in the units of its system, each with a mark of ours."""
+def write_laz(path: Path, xyz: np.ndarray, epsg: int | None = 28992, **fields: np.ndarray) -> None:
+    """A LAZ file (LAS 1.4, point format 6) of points in the units of its system, with fields by name."""
     header = laspy.LasHeader(version="1.4", point_format=6)
     header.scales = np.full(3, 0.001)
     header.offsets = np.floor(xyz.min(axis=0)) if len(xyz) else np.zeros(3)
@@ -68,6 +66,6 @@ def write_laz(
     las.x, las.y, las.z = xyz.T
     las.return_number = np.ones(len(xyz), np.uint8)
     las.number_of_returns = np.ones(len(xyz), np.uint8)
-    if user_data is not None:
-        las.user_data = user_data.astype(np.uint8)
+    for name, values in fields.items():
+        las[name] = values.astype(np.uint8)
     las.write(path)

@@ -13,7 +13,7 @@ import laspy
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.model import PointCloud
+from eaves.model import PointCloud, Points
 from eaves.simulate.flight import Pattern
 from eaves.simulate.objects.exact import ExactScene
 from eaves.simulate.objects.streets import TownStyle
@@ -89,10 +89,10 @@ def read(paths: Iterable[Path]) -> tuple[PointCloud, NDArray[np.uint8]]:
     return whole.with_(classification=None), whole.classification
 
 
-def top_of_cells(cloud: PointCloud, side: float = CELL) -> NDArray[np.int64]:
-    """The highest point of each occupied cell of the world grid."""
-    cell = np.floor((cloud.xyz[:, :2] + np.array(cloud.origin)) / side).astype(np.int64)
-    order = np.lexsort((cloud.xyz[:, 2], cell[:, 0], cell[:, 1]))
+def top_of_cells(xyz: Points, side: float = CELL) -> NDArray[np.int64]:
+    """The highest of the points (N, 3), in world metres, of each occupied cell."""
+    cell = np.floor(xyz[:, :2] / side).astype(np.int64)
+    order = np.lexsort((xyz[:, 2], cell[:, 0], cell[:, 1]))
     last = np.r_[(np.diff(cell[order], axis=0) != 0).any(axis=1), True]
     return order[last]
 

@@ -36,7 +36,7 @@ def scored_town(number: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         cloud = cloud.with_(return_number=None, number_of_returns=None)
     scene = make_scene(classify_ground(cloud), whole_cells(cloud.bounds, CELL))
     regions = detect_buildings(scene, Consensus())
-    top = top_of_cells(cloud, max(CELL, town.density**-0.5))
+    top = top_of_cells(cloud.xyz + [*cloud.origin, 0.0], max(CELL, town.density**-0.5))
     label, true = regions.label[top], exact.truth_class[order][top] == BUILDING
     size = np.bincount(label, minlength=regions.count + 1)[1:]
     hits = np.bincount(label[true], minlength=regions.count + 1)[1:]

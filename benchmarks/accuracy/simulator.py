@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import laspy
@@ -34,17 +35,14 @@ point.
 CELL = 1.0
 
 
+@dataclass(frozen=True, eq=False)
 class Scan:
     """A cloud with coarse classes: ground, building, vegetation (more than 2 m above ground), other."""
 
-    def __init__(
-        self,
-        xyz: NDArray[np.float64],
-        number: NDArray[np.int64],
-        of: NDArray[np.int64],
-        kind: NDArray[np.str_],
-    ) -> None:
-        self.xyz, self.number, self.of, self.kind = xyz, number, of, kind
+    xyz: NDArray[np.float64]
+    number: NDArray[np.int64]
+    of: NDArray[np.int64]
+    kind: NDArray[np.str_]
 
 
 def above_ground(xyz: NDArray[np.float64], ground: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -23,6 +23,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from benchmarks.accuracy.detection import rates, top_of_cells
 from benchmarks.table import commit_now, keep, kept_rows
 from eaves.evaluate.detection import evaluate_detection, label_objects
 from eaves.evaluate.images import burn_labels
@@ -104,17 +105,9 @@ def against_classes(data: Path, name: str, out: Path) -> Row:
     distance, nearest = cKDTree(place).query(xyz, distance_upper_bound=0.02)
     got = np.zeros(len(xyz), bool)
     got[np.isfinite(distance)] = classes[nearest[np.isfinite(distance)]] == BUILDING
-    cell = np.floor(xyz[:, :2] / 0.5).astype(np.int64)
-    order = np.lexsort((xyz[:, 2], cell[:, 0], cell[:, 1]))
-    top = order[np.r_[(np.diff(cell[order], axis=0) != 0).any(axis=1), True]]
-    both, either = (got & want)[top].sum(), (got | want)[top].sum()
-    return {
-        "compl.": float(both / want[top].sum()),
-        "corr.": float(both / max(1, got[top].sum())),
-        "IoU": float(both / either),
-        "point prec.": float((got & want).sum() / max(1, got.sum())),
-        "point recall": float((got & want).sum() / want.sum()),
-    }
+    top = top_of_cells(xyz)
+    figures = (*rates(got[top], want[top]), *rates(got, want)[1::-1])
+    return dict(zip(("compl.", "corr.", "IoU", "point prec.", "point recall"), figures, strict=True))
 
 
 def against_objects(data: Path, name: str, out: Path) -> Row:

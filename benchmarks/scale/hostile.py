@@ -148,13 +148,8 @@ def killed_at_a_write(bench: Bench, chance: random.Random, out: Path) -> str:
 
 def clock_jumps(bench: Bench, chance: random.Random, out: Path) -> str:
     """A clock that goes back and forth during a run, perhaps one that is killed and resumed."""
-    words = [
-        sys.executable,
-        "-c",
-        JUMPING,
-        str(chance.randrange(2**32)),
-        *bench.words(out, "--jobs", "1")[3:],
-    ]
+    seed = str(chance.randrange(2**32))
+    words = [sys.executable, "-c", JUMPING, seed, *bench.words(out, "--jobs", "1")[3:]]
     if chance.random() < 0.5:
         return bench.judge(*bench.run(words), out)
     process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)

@@ -24,7 +24,7 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
     hall = ((xy > HALL[0]) & (xy < HALL[1])).all(axis=1)
     z = np.where(hall, 30.0, 0.05 * xy[:, 0]) + rng.normal(0.0, 0.02, len(xy))
     path = tmp_path_factory.mktemp("hall") / "hall.laz"
-    write_laz(path, np.column_stack([xy + PLACE, z]), 32631, hall)
+    write_laz(path, np.column_stack([xy + PLACE, z]), 32631, user_data=hall)
     return path
 
 

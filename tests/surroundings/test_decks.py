@@ -84,7 +84,7 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
     z = np.where(valley & ~bridge, -8.0, 0.0) + np.where(house, 6.0, 0.0) + rng.normal(0.0, 0.02, len(x))
     path = tmp_path_factory.mktemp("bridge") / "bridge.laz"
     xyz = np.column_stack([x + 600_000.0, y + 5_000_000.0, z + 20.0])
-    write_laz(path, xyz, 32631, np.where(bridge, 1, np.where(house, 2, 0)))
+    write_laz(path, xyz, 32631, user_data=np.where(bridge, 1, np.where(house, 2, 0)))
     return path
 
 
