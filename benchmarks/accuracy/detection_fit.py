@@ -112,12 +112,13 @@ def rows(data: Path) -> Iterator[Row]:
                     yield found
 
 
-def regression(terms: Values, truth: Values, weight: Values, ridge: float = RIDGE) -> Values:
-    """Weights (T,) of a logistic regression on terms (M, T), with soft truth (M,), by Newton's method."""
+def regression(terms: Values, truth: Values, weight: Values, prior: Values) -> Values:
+    """Weights (T,) of a logistic regression on terms (M, T), with soft truth (M,), by Newton's method.
+
+    Each row counts by its weight (M,); `prior` is the precision of each weight about 0 (T,).
+    """
     found = np.zeros(terms.shape[1])
-    prior = np.full(terms.shape[1], ridge)
-    prior[0] = 1e-3
-    for _ in range(30):
+    for _ in range(60):
         likely = 1.0 / (1.0 + np.exp(-(terms @ found)))
         slope = terms.T @ (weight * (truth - likely)) - prior * found
         curve = (terms * (weight * likely * (1 - likely))[:, None]).T @ terms + np.diag(prior)
@@ -155,7 +156,8 @@ def fitted(some: Sequence[Row], start: Weights = FITTED) -> Weights:
         made = []
         for kind in (0, 1):
             terms, truth, weight = (np.concatenate([part[kind][k] for part in parts]) for k in range(3))
-            made.append(tuple(round(float(value), 2) for value in regression(terms, truth, weight)))
+            prior = np.append(1e-3, np.full(terms.shape[1] - 1, RIDGE))
+            made.append(tuple(round(float(value), 2) for value in regression(terms, truth, weight, prior)))
         weights = Weights(made[0], made[1])
     return weights
 

@@ -32,7 +32,7 @@ from tests.formats.copc_writer import write_copc
 
 from benchmarks.scale import fuzz
 from benchmarks.scale.identical import cluster, digest
-from benchmarks.scale.mutations import put_hurt
+from benchmarks.scale.mutations import hurt_bytes, put_hurt
 from benchmarks.scale.point_mutations import hurt_points
 from benchmarks.table import commit_now, keep
 from eaves.run.manifest import MANIFEST, check_folder, read_facts
@@ -174,21 +174,9 @@ def damaged_parts(bench: Bench, chance: random.Random, out: Path) -> str:
     process.communicate(timeout=LONGEST)
     parts = sorted(one for one in out.glob(".eaves-work/**/*") if one.is_file())
     if parts:
-        damage(chance.choice(parts), chance)
+        part = chance.choice(parts)
+        part.write_bytes(hurt_bytes(part.read_bytes(), chance))
     return bench.finish(out)
-
-
-def damage(path: Path, chance: random.Random) -> None:
-    """Cut a file, empty it, or change a byte."""
-    data = bytearray(path.read_bytes())
-    how = chance.randrange(3)
-    if how == 0 or not data:
-        path.write_bytes(b"")
-    elif how == 1:
-        path.write_bytes(data[: chance.randrange(len(data))])
-    else:
-        data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
-        path.write_bytes(data)
 
 
 def crowded(bench: Bench, chance: random.Random, out: Path) -> str:
@@ -327,7 +315,7 @@ def tampered_results(bench: Bench, chance: random.Random, out: Path) -> str:
     shutil.copytree(bench.place / "whole", out)
     path = chance.choice(sorted(one for one in out.iterdir() if one.name != MANIFEST))
     before = path.read_bytes()
-    damage(path, chance)
+    path.write_bytes(hurt_bytes(before, chance))
     if path.read_bytes() == before:
         return "right"
     status, _ = bench.run([sys.executable, "-m", "eaves", "validate", str(out)])

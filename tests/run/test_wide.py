@@ -11,13 +11,13 @@ from tests.conftest import blocks_of, write_laz
 
 import eaves
 
-SIDE, HALL = 300.0, (60.0, 230.0)
+SIDE, HALL = 240.0, (60.0, 180.0)
 PLACE = 600_000.0, 5_000_000.0
 
 
 @pytest.fixture(scope="module")
 def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A hall of 170 by 170 m on a slope; one point a metre."""
+    """A hall of 120 by 120 m on a slope; one point a metre."""
     rng = np.random.default_rng(3)
     xy = np.stack(np.meshgrid(np.arange(0.5, SIDE), np.arange(0.5, SIDE)), axis=-1).reshape(-1, 2)
     xy += rng.uniform(-0.3, 0.3, xy.shape)
