@@ -38,7 +38,7 @@ SETS: dict[str, tuple[str, ...]] = {
     "delft, footprints": ("delft/ahn3.laz",),
     "ign_urban": ("ign_urban/*.laz",),
     "ign_buildings": ("ign_buildings/*postValidation.laz",),
-    "town": ("points.laz",),
+    "town": tuple(["points.laz"]),
     "town, blind": ("points.laz",),
     "amsterdam, blind": ("ahn3_ground/Amsterdam*.las",),
     "williams, blind": ("williams/williams.laz",),
@@ -49,20 +49,10 @@ SETS: dict[str, tuple[str, ...]] = {
 NO_TRUTH = ("vaihingen", "woodford", "ign_buildings")
 WINDOWS = {"woodford": "5210000,3905000,5211000,3906000"}
 """Bounds of what is used of a large set, in its own feet."""
+HECTARES = "--area", "0.04"
 TOWNS = {
-    "town": ("--area", "0.04", "--density", "8", "--terrain", "hilly", "--trees", "2", "--seed", "941"),
-    "town, blind": (
-        "--area",
-        "0.04",
-        "--density",
-        "4",
-        "--terrain",
-        "flat",
-        "--trees",
-        "1",
-        "--seed",
-        "9301",
-    ),
+    "town": (*HECTARES, "--density", "8", "--terrain", "hilly", "--trees", "2", "--seed", "941"),
+    "town, blind": (*HECTARES, "--density", "4", "--terrain", "flat", "--trees", "1", "--seed", "9301"),
 }
 """A wooded town on hills, document 3's own claim; and one that had no say in any default."""
 Row = dict[str, object]

@@ -177,11 +177,7 @@ def describe(case: Case) -> None:
 
 def main() -> None:
     """Draw the maps and print their clusters."""
-    folder = os.environ.get("EAVES_DATA")
-    if not folder:
-        print("EAVES_DATA names no folder with the benchmark data: there is nothing to draw")
-        return
-    for case in cases_of(Path(folder)):
+    for case in cases_of(Path(os.environ["EAVES_DATA"])):
         describe(case)
         print(draw_case(case))
 

@@ -64,12 +64,8 @@ def draw_roof(plan: Axes, side: Axes, roof: Roof, planes: list[RoofPlane], bad: 
 
 def main() -> None:
     """Segment all roofs, draw the worst, and print what is drawn."""
-    folder = os.environ.get("EAVES_DATA")
-    if folder is None:
-        print("EAVES_DATA is not set: there are no roofs to draw")
-        return
     found: dict[str, list[tuple[float, Roof, list[RoofPlane]]]] = {}
-    for roof in roofs_of(Path(folder)):
+    for roof in roofs_of(Path(os.environ["EAVES_DATA"])):
         planes = segment_roof(roof.points, measure_spacing(roof.points))
         found.setdefault(roof.data, []).append((badness(roof, planes), roof, planes))
     for name, wanted in SHEETS.items():

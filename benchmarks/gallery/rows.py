@@ -40,11 +40,7 @@ def draw_section(axes: Axes, house: RowHouse) -> None:
 
 def main() -> None:
     """Draw all rows on one sheet."""
-    folder = os.environ.get("EAVES_DATA")
-    if folder is None:
-        print("EAVES_DATA is not set: there are no rows to draw")
-        return
-    rows = list(row_houses(Path(folder)))
+    rows = list(row_houses(Path(os.environ["EAVES_DATA"])))
     columns = max(len(houses) for _, houses in rows)
     figure, grid = plt.subplots(len(rows), columns, figsize=(11.0, 8.0), squeeze=False)
     for line, (name, houses) in zip(grid, rows, strict=True):
