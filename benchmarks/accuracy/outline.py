@@ -265,8 +265,8 @@ def block_iou(found: Polygon, wanted: Polygon) -> float:
     return float(near.intersection(wanted).area / near.union(wanted).area)
 
 
-def wireframe_plans(folder: Path, close: float) -> Iterator[tuple[str, Points, list[Polygon]]]:
-    """Name, points and plan of every roof: what the unbounded face of its wireframe leaves.
+def wireframe_plans(folder: Path, close: float) -> Iterator[tuple[int, Points, Polygon]]:
+    """Number, points and plan of every roof: what the unbounded face of its wireframe leaves.
 
     Slits between roof layers, up to twice `close` (m) wide, are closed where it is not zero.
     """
@@ -283,17 +283,15 @@ def wireframe_plans(folder: Path, close: float) -> Iterator[tuple[str, Points, l
         if close > 0.0:
             grown = whole.buffer(close, join_style="mitre", mitre_limit=3)
             whole = grown.buffer(-close, join_style="mitre", mitre_limit=3)
-        yield path.stem, xyz - origin, [part for part in shapely.get_parts(whole) if part.area > 1.0]
+        parts = [part for part in shapely.get_parts(whole) if part.area > 1.0]
+        yield int(path.stem), xyz - origin, shapely.union_all(parts)
 
 
 def building3d_rows(folder: Path) -> list[dict[str, object]]:
     """IoU with the plan of Building3D's wireframes, and the shift (m), each a mean, by halves."""
     rows: list[dict[str, object]] = []
     for close, name in ((0.0, "building3d"), (0.5, "building3d, slits of the wireframe closed")):
-        plans = [
-            (int(number), xyz, shapely.union_all(plan))
-            for number, xyz, plan in wireframe_plans(folder, close)
-        ]
+        plans = list(wireframe_plans(folder, close))
         figures: dict[str, NDArray[np.float64]] = {}
         for method in METHODS:
             outliner = make_method("outline", method)

@@ -107,19 +107,15 @@ class Bench:
             return f"status 0, and {wrong[0]}"
         return "right" if not same or digest(out) == self.right else "status 0, other results"
 
-    def finish(self, out: Path, *more: str) -> str:
-        """Resume a run to its end."""
+    def finish(self, out: Path, by_tiles: bool = False) -> str:
+        """Resume a run to its end; one by tiles writes no points."""
+        more = ["--per-tile"] if by_tiles else []
         status, said = self.run(self.words(out, "--resume", "--jobs", "1", *more))
-        verdict = self.judge(status, said, out)
-        return verdict if verdict != "said so" else f"cannot be resumed: {said.strip()[-200:]}"
-
-    def finish_tiles(self, out: Path) -> str:
-        """Resume a run by tiles to its end; it writes no points."""
-        status, said = self.run(self.words(out, "--resume", "--jobs", "1", "--per-tile"))
-        verdict = self.judge(status, said, out, same=False)
-        if verdict != "right":
-            return verdict if verdict != "said so" else f"cannot be resumed: {said.strip()[-200:]}"
-        return "right" if digest(out)[0] == self.right[0] else "status 0, other results"
+        verdict = self.judge(status, said, out, same=not by_tiles)
+        if verdict == "said so":
+            return f"cannot be resumed: {said.strip()[-200:]}"
+        same = verdict != "right" or digest(out)[0] == self.right[0]
+        return verdict if same else "status 0, other results"
 
 
 def killed(bench: Bench, chance: random.Random, out: Path) -> str:
@@ -143,7 +139,7 @@ def killed_at_a_write(bench: Bench, chance: random.Random, out: Path) -> str:
         status, said = bench.run([sys.executable, "-c", DYING, *words, *given])
         if status not in (0, -signal.SIGKILL):
             return f"status {status}: {said.strip()[-200:]}"
-    return bench.finish_tiles(out) if more else bench.finish(out)
+    return bench.finish(out, bool(more))
 
 
 def clock_jumps(bench: Bench, chance: random.Random, out: Path) -> str:
