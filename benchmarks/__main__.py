@@ -1,4 +1,4 @@
-"""Run every benchmark (`python -m benchmarks`), or those named (`python -m benchmarks ground end_to_end`)."""
+"""Run every benchmark (`python -m benchmarks`), or those named (`python -m benchmarks ground budget`)."""
 
 from __future__ import annotations
 

@@ -53,8 +53,8 @@ def blocks_of_60() -> Iterator[None]:
         yield
 
 
-def write_laz(path: Path, xyz: np.ndarray, epsg: int | None = 28992) -> None:
-    """A LAZ file (LAS 1.4, point format 6) of points in the units of its system."""
+def write_laz(path: Path, xyz: np.ndarray, epsg: int | None = 28992, **fields: np.ndarray) -> None:
+    """A LAZ file (LAS 1.4, point format 6) of points in the units of its system, with fields by name."""
     header = laspy.LasHeader(version="1.4", point_format=6)
     header.scales = np.full(3, 0.001)
     header.offsets = np.floor(xyz.min(axis=0)) if len(xyz) else np.zeros(3)
@@ -66,4 +66,6 @@ def write_laz(path: Path, xyz: np.ndarray, epsg: int | None = 28992) -> None:
     las.x, las.y, las.z = xyz.T
     las.return_number = np.ones(len(xyz), np.uint8)
     las.number_of_returns = np.ones(len(xyz), np.uint8)
+    for name, values in fields.items():
+        las[name] = values.astype(np.uint8)
     las.write(path)

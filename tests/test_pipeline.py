@@ -10,7 +10,6 @@ from typing import Any
 
 import laspy
 import numpy as np
-import pyogrio
 import pytest
 import shapely
 
@@ -19,12 +18,7 @@ from eaves.formats import write_cityjson
 from eaves.report.build import build
 from eaves.simulate.objects.roofs import ExactScene
 from tests.conftest import blocks_of, write_laz
-
-
-def footprints(folder: Path) -> dict[str, shapely.Polygon]:
-    meta, _, geometry, fields = pyogrio.raw.read(folder / "footprints.gpkg", layer="footprints")
-    ids = fields[list(meta["fields"]).index("id")]
-    return dict(zip(ids, shapely.from_wkb(geometry), strict=True))
+from tests.run.test_long_buildings import footprints
 
 
 @pytest.fixture(scope="module")

@@ -342,15 +342,8 @@ def main() -> None:
     import eaves.cli.app  # noqa: F401 (the children start with it)
 
     for package in (
-        "run",
-        "ground",
-        "detect",
-        "outline",
-        "units",
-        "footprints",
-        "formats",
-        "raster",
-        "validate",
+        *("run", "ground", "detect", "outline", "units"),
+        *("footprints", "formats", "raster", "validate"),
     ):
         for module in walk_packages(import_module(f"eaves.{package}").__path__, f"eaves.{package}."):
             import_module(module.name)

@@ -21,6 +21,7 @@ import laspy
 import numpy as np
 import shapely
 
+from benchmarks.scale.identical import write_part
 from eaves.change.changes import BuildingChange
 from eaves.change.compare import compare
 from eaves.formats import read_polygons
@@ -209,11 +210,8 @@ def compare_strips(place: Path) -> None:
         halves = {"even": pulse == 0, "odd": pulse == 1} if name == HALVED else {}
         runs = {}
         for number, mine in {**strips, **halves}.items():
-            part = laspy.LasData(las.header)
-            part.points = las.points[mine].copy()
             file = place / path.stem / f"{number}.laz"
-            file.parent.mkdir(parents=True, exist_ok=True)
-            part.write(file)
+            write_part(las, mine, file)
             runs[number] = place / path.stem / f"run-{number}"
             build(str(file), runs[number], lod="0", outputs=("footprints", "classified"), jobs=1)
         for one, other in (*combinations(strips, 2), *combinations(halves, 2)):

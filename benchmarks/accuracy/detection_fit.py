@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.accuracy.detection import varied_town
 from benchmarks.survey_variants import (
     PLACES,
     VARIANTS,
@@ -41,18 +42,11 @@ from eaves.ground import classify_ground
 from eaves.model import Bounds, Mask, Values
 from eaves.model.cloud import BUILDING
 from eaves.raster.surfaces import make_scene
-from eaves.simulate.flight import Pattern
-from eaves.simulate.objects.streets import TownStyle
-from eaves.simulate.objects.terrain import TerrainKind
-from eaves.simulate.standard import StandardScene
 
 TRAINED_ON = ("whole", "echoes 15 %", "echoes 0 %", "no return fields", "density 1/4", "density 1/10")
 FIRST_SEED, TOWNS = 7400, 24
 DENSITIES = (0.3, 0.6, 1.0, 2.0, 4.0, 8.0, 15.0, 30.0)
 SHARES = (1.0, 0.5, 0.15, 0.05, 0.0)
-STYLES: tuple[TownStyle, ...] = ("suburb", "centre", "mixed")
-TERRAINS: tuple[TerrainKind, ...] = ("flat", "slope", "hilly", "terraced")
-PATTERNS: tuple[Pattern, ...] = ("lines", "zigzag", "ellipse")
 ROW_WEIGHT, CELLS_AS_ONE = 100.0, 50.0
 """Every scan counts as its surfaces, but no more than a hundred, and fifty cells as one of them."""
 RIDGE = 0.5
@@ -104,16 +98,7 @@ def row_of(survey: Survey, place: str) -> Row | None:
 def rows(data: Path) -> Iterator[Row]:
     """The rows of all towns and surveys."""
     for number in range(TOWNS):
-        town = StandardScene(
-            f"fit {number}",
-            FIRST_SEED + number,
-            STYLES[number % 3],
-            TERRAINS[number % 4],
-            DENSITIES[number % 8],
-            noise=(0.02, 0.03, 0.05)[number // 2 % 3],
-            leaf_loss=(2.5, 0.5)[number // 3 % 2],
-            pattern=PATTERNS[(number + number // 3) % 3],
-        )
+        town = varied_town("fit", FIRST_SEED, number, DENSITIES[number % 8])
         survey = few_echoes(simulated_survey(town), SHARES[number % 5])
         found = row_of(no_fields(survey) if number % 6 == 5 else survey, "simulated")
         if found is not None:
@@ -127,12 +112,13 @@ def rows(data: Path) -> Iterator[Row]:
                     yield found
 
 
-def regression(terms: Values, truth: Values, weight: Values, ridge: float = RIDGE) -> Values:
-    """Weights (T,) of a logistic regression on terms (M, T), with soft truth (M,), by Newton's method."""
+def regression(terms: Values, truth: Values, weight: Values, prior: Values) -> Values:
+    """Weights (T,) of a logistic regression on terms (M, T), with soft truth (M,), by Newton's method.
+
+    Each row counts by its weight (M,); `prior` is the precision of each weight about 0 (T,).
+    """
     found = np.zeros(terms.shape[1])
-    prior = np.full(terms.shape[1], ridge)
-    prior[0] = 1e-3
-    for _ in range(30):
+    for _ in range(60):
         likely = 1.0 / (1.0 + np.exp(-(terms @ found)))
         slope = terms.T @ (weight * (truth - likely)) - prior * found
         curve = (terms * (weight * likely * (1 - likely))[:, None]).T @ terms + np.diag(prior)
@@ -170,7 +156,8 @@ def fitted(some: Sequence[Row], start: Weights = FITTED) -> Weights:
         made = []
         for kind in (0, 1):
             terms, truth, weight = (np.concatenate([part[kind][k] for part in parts]) for k in range(3))
-            made.append(tuple(round(float(value), 2) for value in regression(terms, truth, weight)))
+            prior = np.append(1e-3, np.full(terms.shape[1] - 1, RIDGE))
+            made.append(tuple(round(float(value), 2) for value in regression(terms, truth, weight, prior)))
         weights = Weights(made[0], made[1])
     return weights
 

@@ -11,44 +11,32 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.accuracy.detection import detect, top_of_cells
+from benchmarks.accuracy.detection import CELL, top_of_cells, varied_town
 from benchmarks.table import keep
+from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
+from eaves.ground import classify_ground
 from eaves.model.cloud import BUILDING
-from eaves.simulate.flight import Pattern
-from eaves.simulate.objects.streets import TownStyle
-from eaves.simulate.objects.terrain import TerrainKind
-from eaves.simulate.standard import StandardScene
+from eaves.raster.grid import whole_cells
+from eaves.raster.surfaces import make_scene
 
 COMMAND = "python -m benchmarks.accuracy.detection_scores"
-STYLES: tuple[TownStyle, ...] = ("suburb", "centre", "mixed")
-TERRAINS: tuple[TerrainKind, ...] = ("flat", "slope", "hilly", "terraced")
-PATTERNS: tuple[Pattern, ...] = ("lines", "zigzag", "ellipse")
 DENSITIES = (1.5, 3.0, 6.0, 10.0, 18.0, 30.0, 10.0, 18.0, 30.0, 1.5, 3.0, 6.0)
-NOISES = (0.02, 0.03, 0.05)
 FIRST_SEED = 7200
 BINS = (0.0, 0.2, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.999, 1.0)
 
 
 def scored_town(number: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """The score of each region of one town (K,), and whether at least half of it is building (K,)."""
-    town = StandardScene(
-        f"scores {number}",
-        FIRST_SEED + number,
-        STYLES[number % 3],
-        TERRAINS[number % 4],
-        DENSITIES[number],
-        noise=NOISES[number // 2 % 3],
-        leaf_loss=(2.5, 0.5)[number // 3 % 2],
-        pattern=PATTERNS[(number + number // 3) % 3],
-    )
+    town = varied_town("scores", FIRST_SEED, number, DENSITIES[number])
     exact = town.make()
     order = exact.cloud.canonical_order()
     cloud = exact.cloud.take(order)
     if number % 4 == 3:
         cloud = cloud.with_(return_number=None, number_of_returns=None)
-    _, regions, _ = detect(cloud, Consensus(), {})
-    top = top_of_cells(cloud, max(0.5, town.density**-0.5))
+    scene = make_scene(classify_ground(cloud), whole_cells(cloud.bounds, CELL))
+    regions = detect_buildings(scene, Consensus())
+    top = top_of_cells(cloud.xyz + [*cloud.origin, 0.0], max(CELL, town.density**-0.5))
     label, true = regions.label[top], exact.truth_class[order][top] == BUILDING
     size = np.bincount(label, minlength=regions.count + 1)[1:]
     hits = np.bincount(label[true], minlength=regions.count + 1)[1:]

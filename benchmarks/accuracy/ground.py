@@ -49,19 +49,7 @@ METHODS: dict[str, GroundMethod] = {
 OTHERS: dict[str, list[float | None]] = {
     "SMRF, one set": [9.13, 3.09, 1.85, 2.47, 10.47, 3.35, 4.11, 7.28, 5.22, 4.89, 1.95],
     "CSF, best one set": [32.02, 4.30, 5.59, 7.36, 16.72, 16.95, 41.74, 34.05, 19.84, 10.47, 22.56],
-    "adaptive TIN (Axelsson), by sample": [
-        10.76,
-        3.25,
-        4.25,
-        4.78,
-        13.91,
-        2.72,
-        3.07,
-        8.91,
-        6.46,
-        None,
-        None,
-    ],
+    "Axelsson, by sample": [10.76, 3.25, 4.25, 4.78, 13.91, 2.72, 3.07, 8.91, 6.46, None, None],
     "SMRF, by sample": [8.28, 2.92, 1.10, 0.91, 5.91, 1.43, 3.82, 2.43, 3.35, None, None],
 }
 """Total errors in per cent of others: each ISPRS sample, their mean, the two crops."""

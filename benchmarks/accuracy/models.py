@@ -107,6 +107,16 @@ def town(density: float) -> list[Case]:
     return cases
 
 
+def ply_points(path: Path) -> Points:
+    """The points (N, 3) of a binary PLY file."""
+    head, _, body = path.read_bytes().partition(b"end_header\n")
+    count = int(head.split(b"element vertex ")[1].split()[0])
+    fields = [line.split()[1:] for line in head.decode().splitlines() if line.startswith("property")]
+    kinds = [(name[0], PLY_TYPES[kind]) for kind, *name in fields if kind != "list"]
+    table = np.frombuffer(body, kinds, count)
+    return np.column_stack([table[axis] for axis in "xyz"]).astype(float)
+
+
 def city3d(data: Path, lowered: bool = True) -> list[Case]:
     """The 150 single buildings of City3D: footprint and base from its own model.
 
@@ -115,12 +125,7 @@ def city3d(data: Path, lowered: bool = True) -> list[Case]:
     """
     cases = []
     for path in sorted((data / "city3d_ahn3").glob("*.ply")):
-        head, _, body = path.read_bytes().partition(b"end_header\n")
-        count = int(head.split(b"element vertex ")[1].split()[0])
-        fields = [line.split()[1:] for line in head.decode().splitlines() if line.startswith("property")]
-        kinds = [(name[0], PLY_TYPES[kind]) for kind, *name in fields if kind != "list"]
-        table = np.frombuffer(body, kinds, count)
-        points = np.column_stack([table[axis] for axis in "xyz"]).astype(float)
+        points = ply_points(path)
         lines = [line.split() for line in path.with_suffix(".obj").read_text().splitlines()]
         corners = np.array([[float(word) for word in line[1:4]] for line in lines if line[:1] == ["v"]])
         centre = np.append(np.floor(points.mean(axis=0))[:2], 0.0)

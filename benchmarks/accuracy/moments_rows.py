@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
-import laspy
 import numpy as np
-import pyogrio
 import shapely
 from numpy.typing import NDArray
 
+from benchmarks.accuracy.roof import delft_roofs
 from benchmarks.table import keep
 from eaves.model import Points, RoofPlane
 from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
@@ -89,15 +88,11 @@ def measures_of(house: ParametricBuilding) -> list[float]:
 
 def row_houses(data: Path) -> Iterator[tuple[str, list[RowHouse]]]:
     """Every row with its houses, from the points of class 6 inside each footprint."""
-    cloud = laspy.read(data / "delft" / "ahn3.laz")
-    points = np.asarray(cloud.xyz)[np.asarray(cloud.classification) == 6]
-    tree = shapely.STRtree(shapely.points(points[:, :2]))
-    footprints = pyogrio.read_dataframe(data / "delft" / "footprints.gpkg").geometry
+    roofs = list(delft_roofs(data))
     for name, numbers in ROWS.items():
         houses = []
         for number in numbers:
-            plan = footprints.iloc[number]
-            own = points[np.sort(tree.query(plan, predicate="intersects"))]
+            plan, own = roofs[number]
             origin = np.floor(own.mean(axis=0)) * [1.0, 1.0, 0.0]
             own = own - origin
             pair = main_pair(segment_roof(own, 0.3))
@@ -150,14 +145,10 @@ def deviation_rows(data: Path) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     """Print and keep the table."""
-    folder = os.environ.get("EAVES_DATA")
-    if folder is None:
-        print("EAVES_DATA is not set: the rows of like houses in delft are left out")
-        return
     keep(
         "moments-rows",
         "Deviation within rows of like houses (delft, AHN3, 5 roof points/m² a strip)",
-        list(deviation_rows(Path(folder))),
+        list(deviation_rows(Path(os.environ["EAVES_DATA"]))),
         COMMAND,
         "To reach: 0.10 m and 1°. Source 5: 0.1–0.2 m. Each house is the two largest planes that face each "
         "other among the points of class 6 within its footprint, and what stands above. *Free* is a side "

@@ -17,7 +17,6 @@ import pyogrio
 import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import label
-from scipy.optimize import linear_sum_assignment
 from shapely import Polygon, affinity
 
 from benchmarks.accuracy.outline_detected import (
@@ -266,14 +265,8 @@ def block_iou(found: Polygon, wanted: Polygon) -> float:
     return float(near.intersection(wanted).area / near.union(wanted).area)
 
 
-def wireframe_cases(folder: Path, close: float) -> Iterator[tuple[Points, NDArray[np.float64]]]:
-    """Points of a roof, and the corners (C, 2) of the unbounded face of its wireframe, turns over 10°."""
-    for _, xyz, whole in wireframe_plans(folder, close):
-        yield xyz, np.concatenate([sharp_corners(part) for part in whole])
-
-
-def wireframe_plans(folder: Path, close: float) -> Iterator[tuple[str, Points, list[Polygon]]]:
-    """Name, points and plan of every roof: what the unbounded face of its wireframe leaves.
+def wireframe_plans(folder: Path, close: float) -> Iterator[tuple[int, Points, Polygon]]:
+    """Number, points and plan of every roof: what the unbounded face of its wireframe leaves.
 
     Slits between roof layers, up to twice `close` (m) wide, are closed where it is not zero.
     """
@@ -290,56 +283,15 @@ def wireframe_plans(folder: Path, close: float) -> Iterator[tuple[str, Points, l
         if close > 0.0:
             grown = whole.buffer(close, join_style="mitre", mitre_limit=3)
             whole = grown.buffer(-close, join_style="mitre", mitre_limit=3)
-        yield path.stem, xyz - origin, [part for part in shapely.get_parts(whole) if part.area > 1.0]
-
-
-def sharp_corners(polygon: Polygon, least_deg: float = 10.0) -> NDArray[np.float64]:
-    """Vertices (C, 2) of the outer ring that turn by more than `least_deg`; flatter ones go one by one."""
-    xy = np.asarray(polygon.exterior.coords)[:-1]
-    while len(xy) > 3:
-        before, after = xy - np.roll(xy, 1, axis=0), np.roll(xy, -1, axis=0) - xy
-        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-        turn = np.degrees(np.abs(np.arctan2(cross, (before * after).sum(axis=1))))
-        if turn.min() > least_deg:
-            break
-        xy = np.delete(xy, int(np.argmin(turn)), axis=0)
-    return xy
-
-
-def wireframe_rows(folder: Path) -> list[dict[str, object]]:
-    """Corners within 0.5 m, one to one: precision and recall, as defined and with slits closed."""
-    rows = []
-    for close, name in ((0.0, "building3d"), (0.5, "building3d, slits of the wireframe closed")):
-        cases = list(wireframe_cases(folder, close))
-        pair: list[dict[str, object]] = [
-            {"data": name, "measure": f"corners within 0.5 m: {what}", "reach": "≥ 0.80"}
-            for what in ("precision", "recall")
-        ]
-        for method in METHODS:
-            outliner = make_method("outline", method)
-            assert isinstance(outliner, OutlineMethod)
-            hits = found_count = wanted_count = 0
-            for points, wanted in cases:
-                found = drawn(points, measure_spacing(points), outliner)
-                corners = np.zeros((0, 2)) if found is None else sharp_corners(found)
-                away = np.linalg.norm(corners[:, None] - wanted[None], axis=2)
-                one, other = linear_sum_assignment(np.minimum(away, 0.5 + 1e-6))
-                hits += int((away[one, other] <= 0.5).sum())
-                found_count += len(corners)
-                wanted_count += len(wanted)
-            pair[0][method], pair[1][method] = round(hits / found_count, 3), round(hits / wanted_count, 3)
-        rows += pair
-    return rows
+        parts = [part for part in shapely.get_parts(whole) if part.area > 1.0]
+        yield int(path.stem), xyz - origin, shapely.union_all(parts)
 
 
 def building3d_rows(folder: Path) -> list[dict[str, object]]:
     """IoU with the plan of Building3D's wireframes, and the shift (m), each a mean, by halves."""
     rows: list[dict[str, object]] = []
     for close, name in ((0.0, "building3d"), (0.5, "building3d, slits of the wireframe closed")):
-        plans = [
-            (int(number), xyz, shapely.union_all(plan))
-            for number, xyz, plan in wireframe_plans(folder, close)
-        ]
+        plans = list(wireframe_plans(folder, close))
         figures: dict[str, NDArray[np.float64]] = {}
         for method in METHODS:
             outliner = make_method("outline", method)
@@ -382,7 +334,6 @@ def main() -> None:
     if folder:
         rows += delft_rows(Path(folder))
         rows += snap_rows(Path(folder))
-        rows += wireframe_rows(Path(folder))
         rows += building3d_rows(Path(folder))
     else:
         print("EAVES_DATA is not set: the real data are left out", file=sys.stderr)

@@ -165,17 +165,21 @@ def scene_rows() -> Iterator[dict[str, object]]:
             }
 
 
+def trondheim_roofs(data: Path) -> Iterator[tuple[str, Points, NDArray[np.int64]]]:
+    """Name, points (N, 3) and planes (N,) of roofs whose colours are planes."""
+    for path in sorted((data / "trondheim_planes").glob("*.laz")):
+        cloud = laspy.read(path)
+        colours = np.stack([cloud.red, cloud.green, cloud.blue], axis=1).astype(np.int64)
+        points = np.asarray(cloud.xyz) - np.floor(np.asarray(cloud.xyz).mean(axis=0))
+        yield path.stem, points, np.unique(colours, axis=0, return_inverse=True)[1].ravel() + 1
+
+
 def trondheim_rows(data: Path) -> Iterator[dict[str, object]]:
     """Roofs whose colours are planes."""
     for method in METHODS:
         tally = Tally()
-        for path in sorted((data / "trondheim_planes").glob("*.laz")):
-            cloud = laspy.read(path)
-            points = np.asarray(cloud.xyz) - np.floor(np.asarray(cloud.xyz).mean(axis=0))
-            colours = np.stack([cloud.red, cloud.green, cloud.blue], axis=1).astype(np.int64)
-            labels = np.unique(colours, axis=0, return_inverse=True)[1].ravel() + 1
-            spacing = measure_spacing(points)
-            planes = segment_roof(points, spacing, method)
+        for _, points, labels in trondheim_roofs(data):
+            planes = segment_roof(points, measure_spacing(points), method)
             areas = {int(label): np.inf for label in np.unique(labels)}
             compare(tally, labels, planes, areas, 0.0)
         yield {
@@ -193,7 +197,9 @@ def distance_rows(data: Path | None) -> Iterator[dict[str, object]]:
     roofs = [scene.cloud.xyz[scene.building == building.number] for building in scene.buildings]
     yield distance_row("nine roofs, 4/m², 2 cm", roofs, 0.5)
     if data is not None:
-        yield distance_row("delft, 92 footprints, class 6", delft_roofs(data), 0.45)
+        own = [points for _, points in delft_roofs(data) if len(points) >= FEWEST]
+        local = [points - np.floor(points.mean(axis=0)) for points in own]
+        yield distance_row("delft, 92 footprints, class 6", local, 0.45)
         yield distance_row("Vaihingen, three clips, 4 to 10/m²", vaihingen_roofs(data), None)
     yield {"data": "Vaihingen area 2, 4/m² [xiao2014]", "mean m": 0.022, "deviation over planes m": 0.001}
 
@@ -224,17 +230,13 @@ def vaihingen_roofs(data: Path) -> list[Points]:
     return roofs
 
 
-def delft_roofs(data: Path) -> list[Points]:
-    """Class 6 inside each footprint, in local metres."""
+def delft_roofs(data: Path) -> Iterator[tuple[shapely.Polygon, Points]]:
+    """Each footprint of Delft's map with the points (N, 3) of class 6 inside."""
     cloud = laspy.read(data / "delft" / "ahn3.laz")
     points = np.asarray(cloud.xyz)[np.asarray(cloud.classification) == 6]
     tree = shapely.STRtree(shapely.points(points[:, :2]))
-    roofs = []
     for footprint in pyogrio.read_dataframe(data / "delft" / "footprints.gpkg").geometry:
-        own = points[np.sort(tree.query(footprint, predicate="intersects"))]
-        if len(own) >= FEWEST:
-            roofs.append(own - np.floor(own.mean(axis=0)))
-    return roofs
+        yield footprint, points[np.sort(tree.query(footprint, predicate="intersects"))]
 
 
 def main() -> None:

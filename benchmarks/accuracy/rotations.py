@@ -67,10 +67,12 @@ def roof_shapes() -> list[tuple[str, Masses]]:
     ]
 
 
-def scatter(building: ExactBuilding, noise: float, rng: np.random.Generator) -> Points:
+def scatter(
+    building: ExactBuilding, noise: float, rng: np.random.Generator, density: float = DENSITY
+) -> Points:
     """Points (N, 3) at random over a roof, in random order."""
     west, south, east, north = building.footprint.bounds
-    count = rng.poisson(DENSITY * (east - west) * (north - south))
+    count = rng.poisson(density * (east - west) * (north - south))
     xy = np.column_stack([rng.uniform(west, east, count), rng.uniform(south, north, count)])
     z = np.full(count, np.nan)
     for face in building.faces:

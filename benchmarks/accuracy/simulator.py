@@ -6,8 +6,8 @@ Run `EAVES_DATA=... python -m benchmarks.accuracy.simulator`.
 from __future__ import annotations
 
 import os
-import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import laspy
@@ -34,17 +34,14 @@ point.
 CELL = 1.0
 
 
+@dataclass(frozen=True, eq=False)
 class Scan:
     """A cloud with coarse classes: ground, building, vegetation (more than 2 m above ground), other."""
 
-    def __init__(
-        self,
-        xyz: NDArray[np.float64],
-        number: NDArray[np.int64],
-        of: NDArray[np.int64],
-        kind: NDArray[np.str_],
-    ) -> None:
-        self.xyz, self.number, self.of, self.kind = xyz, number, of, kind
+    xyz: NDArray[np.float64]
+    number: NDArray[np.int64]
+    of: NDArray[np.int64]
+    kind: NDArray[np.str_]
 
 
 def above_ground(xyz: NDArray[np.float64], ground: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -137,8 +134,6 @@ def figures(scan: Scan) -> dict[str, float]:
 
 def main() -> None:
     """Print and keep the table."""
-    if "EAVES_DATA" not in os.environ:
-        sys.exit("set EAVES_DATA to the folder of the data sets")
     data = Path(os.environ["EAVES_DATA"])
     delft = figures(real([data / "delft" / "ahn3.laz"], (1,)))
     ign = figures(real(sorted((data / "ign_urban").glob("*.laz")), (3, 4, 5)))

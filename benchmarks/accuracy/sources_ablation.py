@@ -48,7 +48,7 @@ def score(name: str, ground: GroundMethod, detector: Detector) -> tuple[NDArray[
     got = regions.label > 0
     if name in EMPTY:
         return got, float(regions.count)
-    top = top_of_cells(scene.cloud)
+    top = top_of_cells(scene.cloud.xyz + [*scene.cloud.origin, 0.0])
     return got, rates(got[top], cloud_of(name)[1][top] == BUILDING)[2]
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from benchmarks.accuracy.rotations import scatter
 from benchmarks.table import keep
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.roof_fit import collect_faces, fit_roof
@@ -74,15 +75,7 @@ def furnished(
 def scanned(masses: Masses, density: float, rng: np.random.Generator) -> tuple[Points, shapely.Polygon]:
     """Points (N, 3) at random over a roof, and its outline."""
     building = make_building(masses, 1, 1, "", BASE, 0.0)
-    west, south, east, north = building.footprint.bounds
-    count = rng.poisson(density * (east - west) * (north - south))
-    xy = np.column_stack([rng.uniform(west, east, count), rng.uniform(south, north, count)])
-    z = np.full(count, np.nan)
-    for face in building.faces:
-        over = shapely.contains_xy(face.polygon, xy[:, 0], xy[:, 1])
-        z[over] = face.height_at(xy[over])
-    points = np.column_stack([xy, z + rng.normal(0.0, NOISE, count)])
-    return points[np.isfinite(z)], building.footprint
+    return scatter(building, NOISE, rng, density), building.footprint
 
 
 def furnished_roofs(density: float, area: float) -> Iterator[Furnished]:

@@ -20,6 +20,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import STRtree
 
+from benchmarks.accuracy.detection_fit import regression
 from benchmarks.accuracy.drawn_blocks import detached_house, large_building
 from benchmarks.table import as_markdown, keep
 from eaves.buildings import trust
@@ -228,13 +229,7 @@ def learned(towns: Sequence[Judged]) -> NDArray[np.float64]:
     traits = np.vstack([[trust.trust_traits(row) for row in town.rows] for town in towns])
     right = np.concatenate([town.right for town in towns])
     count = np.concatenate([np.full(len(town.rows), 100.0 / len(town.rows)) for town in towns])
-    weight = np.zeros(traits.shape[1])
-    for _ in range(60):
-        chance = 1.0 / (1.0 + np.exp(-traits @ weight))
-        slope = traits.T @ (count * (right - chance)) - 0.5 * weight
-        bend = (traits.T * (count * chance * (1.0 - chance))) @ traits + 0.5 * np.eye(len(weight))
-        weight += np.linalg.solve(bend, slope)
-    return weight
+    return regression(traits, right, count, np.full(traits.shape[1], 0.5))
 
 
 def chances(town: Judged, weight: NDArray[np.float64]) -> Values:

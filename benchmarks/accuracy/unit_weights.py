@@ -17,6 +17,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon, STRtree
 
+from benchmarks.accuracy.detection_fit import regression
 from benchmarks.accuracy.drawn_blocks import (
     SORTS,
     detached_house,
@@ -281,14 +282,8 @@ def block_traits(block: Detected) -> NDArray[np.float64] | None:
 
 
 def logistic(traits: NDArray[np.float64], truth: Mask) -> NDArray[np.float64]:
-    """Weights (K,) by Newton's method, with a small ridge."""
-    weight = np.zeros(traits.shape[1])
-    for _ in range(60):
-        chance = 1.0 / (1.0 + np.exp(-traits @ weight))
-        slope = traits.T @ (truth - chance) - 0.1 * weight
-        bend = (traits.T * (chance * (1.0 - chance))) @ traits + 0.1 * np.eye(len(weight))
-        weight += np.linalg.solve(bend, slope)
-    return weight
+    """Weights (K,) of traits (N, K) that all count alike, with a small ridge."""
+    return regression(traits, truth, np.ones(len(truth)), np.full(traits.shape[1], 0.1))
 
 
 def line_of(told: Sure) -> list[float]:

@@ -95,18 +95,23 @@ def single_rows() -> Iterator[dict[str, object]]:
             yield {"data": name, "wanted": len(blocks), "cut": cut, "cut share": round(share, 4)}
 
 
+def count_cut(whole: Sequence[Polygon], found: Sequence[Polygon]) -> int:
+    """How many of the whole buildings two or more of those found divide."""
+    tree, cut = shapely.STRtree(found), 0
+    for one in whole:
+        near = tree.geometries[tree.query(one, predicate="intersects")]
+        parts = np.sort(shapely.area(shapely.intersection(near, one)))[::-1]
+        cut += bool(len(parts) > 1 and parts[1] > CUT_SHARE * one.area)
+    return cut
+
+
 def woodford_row(folder: Path) -> dict[str, object]:
     """How many houses of a suburb are cut: buildings of one outline without units, divided with them."""
     source, houses = DATA / "woodford" / "woodford.laz", (80.0, 300.0)
     whole = built(source, folder / "woodford off", "off", crs=WOODFORD)
-    found = np.array(built(source, folder / "woodford", None, crs=WOODFORD), object)
-    tree = shapely.STRtree(found)
+    found = built(source, folder / "woodford", None, crs=WOODFORD)
     alone = [one for one in whole if houses[0] <= one.area * FOOT_M**2 <= houses[1]]
-    cut = 0
-    for one in alone:
-        near = found[tree.query(one, predicate="intersects")]
-        parts = np.sort(shapely.area(shapely.intersection(near, one)))[::-1]
-        cut += bool(len(parts) > 1 and parts[1] > CUT_SHARE * one.area)
+    cut = count_cut(alone, found)
     return {
         "data": "woodford: blocks of 80 to 300 m²",
         "wanted": len(alone),
@@ -146,7 +151,7 @@ def alone_row(folder: Path, seed: int) -> dict[str, object]:
     """How many buildings that stand alone, of a town that chose nothing, are cut."""
     scene = scan_town(simulate_town(0.12, seed=seed), 10.0, NOISE, seed=seed)
     files = write_simulation(scene, folder / str(seed))
-    found = np.array(built(files["points"], folder / f"built {seed}"), object)
+    found = built(files["points"], folder / f"built {seed}")
     truth = [
         shapely.transform(one.footprint, lambda xy: xy + np.array(scene.cloud.origin))
         for one in scene.buildings
@@ -154,10 +159,7 @@ def alone_row(folder: Path, seed: int) -> dict[str, object]:
     ]
     every = shapely.STRtree(truth)
     alone = [one for one in truth if len(every.query(one, predicate="dwithin", distance=ALONE_M)) == 1]
-    cut = 0
-    for one in alone:
-        parts = np.sort(shapely.area(shapely.intersection(found, one)))[::-1]
-        cut += bool(len(parts) > 1 and parts[1] > CUT_SHARE * one.area)
+    cut = count_cut(alone, found)
     return {"data": f"town {seed}: alone", "wanted": len(alone), "cut": cut, "cut share": cut / len(alone)}
 
 

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.accuracy.detection import CELL, TOWNS, TownScan, rates, scan_of
+from benchmarks.accuracy.detection import TOWNS, TownScan, rates, scan_of, top_of_cells
 from benchmarks.survey_variants import (
     PLACES,
     VARIANTS,
@@ -126,9 +126,7 @@ def run(survey: Survey, columns: Sequence[str], place: str) -> Iterator[tuple[st
 
 def compared(xyz: np.ndarray, got: Mask, want: Mask, buildings: int) -> Figures:
     """Agreement of two masks over the same points (N, 3)."""
-    cell = np.floor(xyz[:, :2] / CELL).astype(np.int64)
-    order = np.lexsort((xyz[:, 2], cell[:, 0], cell[:, 1]))
-    top = order[np.r_[(np.diff(cell[order], axis=0) != 0).any(axis=1), True]]
+    top = top_of_cells(xyz)
     _, _, iou = rates(got[top], want[top])
     recall, precision, _ = rates(got, want)
     return Figures(iou, precision, recall, buildings, int(want.sum()), int((got & ~want).sum()))
@@ -149,15 +147,6 @@ def kept_cell(path: Path) -> tuple[str, str] | None:
     record = json.loads(path.read_text(encoding="utf-8"))
     commit = record.get("commit", NOT_RUN)
     return shown(Figures(*(record[field] for field in Figures.__dataclass_fields__))), commit
-
-
-def newest_cells(cache: Path) -> dict[tuple[str, str], Path]:
-    """Where the newest figures of each row and column are kept, whatever the code was."""
-    found: dict[tuple[str, str], Path] = {}
-    for path in sorted(cache.glob("*.json"), key=lambda one: one.stat().st_mtime):
-        record = json.loads(path.read_text(encoding="utf-8"))
-        found[record["row"], record["column"]] = path
-    return found
 
 
 def fill_row(survey: Survey, variant: str, columns: Sequence[str], cache: Path) -> None:
@@ -183,15 +172,11 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--rows", nargs="+", metavar="TEXT", help="rows that hold one of these")
     options.add_argument("--columns", nargs="+", metavar="TEXT", help="columns that hold one of these")
-    options.add_argument(
-        "--kept", action="store_true", help="show what was run before, at any commit, and run nothing"
-    )
     chosen = options.parse_args()
     cache = Path(os.environ.get("EAVES_CACHE", str(Path.home() / ".cache/eaves"))) / "unseen"
     cache.mkdir(parents=True, exist_ok=True)
     columns = [column for column in COLUMNS if wanted(column, chosen.columns)]
     before = {(row["survey"], row["variant"]): row for row in kept_rows("unseen")}
-    newest = newest_cells(cache)
     table: list[dict[str, object]] = []
     for name, read in surveys(Path(os.environ["EAVES_DATA"])).items():
         variants = [variant for variant in VARIANTS if wanted(f"{name}, {variant}", chosen.rows)]
@@ -204,13 +189,10 @@ def main() -> None:
                 if not applies(variant, survey):
                     table.append({"survey": name, "variant": variant, **dict.fromkeys(SHOWN, NO_VARIANT)})
                     continue
-                if not chosen.kept:
-                    fill_row(replace(survey, name=name), variant, columns, cache)
+                fill_row(replace(survey, name=name), variant, columns, cache)
                 told = {}
                 for one in columns:
-                    path = cell_of(name, variant, one, cache)
-                    path = newest.get((f"{name}, {variant}", one), path) if chosen.kept else path
-                    if (cell := kept_cell(path)) is not None:
+                    if (cell := kept_cell(cell_of(name, variant, one, cache))) is not None:
                         told[one] = cell
                 row |= {one: cell[0] for one, cell in told.items()}
                 if told:
@@ -224,7 +206,7 @@ def main() -> None:
 
 
 def surveys(data: Path) -> dict[str, Callable[[], Survey]]:
-    """Every labelled survey, and the towns that `benchmarks.accuracy.detection` shows, by name."""
+    """Every labelled survey, and the towns of `benchmarks.accuracy.detection`, by name."""
 
     def town(scan: TownScan) -> Callable[[], Survey]:
         return lambda: survey_of(scan.name, scan_of(scan))

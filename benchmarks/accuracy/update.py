@@ -22,6 +22,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from benchmarks.scale.identical import write_part
 from eaves.change.upkeep.kept import open_kept
 from eaves.change.upkeep.update import Updated, update
 from eaves.change.upkeep.versions import lines_of
@@ -70,14 +71,6 @@ def inside(las: laspy.LasData, window: tuple[float, float, float, float]) -> NDA
     west, south, east, north = window
     x, y = np.asarray(las.x), np.asarray(las.y)
     return (x >= west) & (x < east) & (y >= south) & (y < north)
-
-
-def write_part(las: laspy.LasData, which: NDArray[np.bool_], path: Path) -> None:
-    """Some points of a file in one of their own."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = laspy.LasData(las.header)
-    part.points = las.points[which].copy()
-    part.write(path)
 
 
 def write_tiles(las: laspy.LasData, folder: Path) -> None:

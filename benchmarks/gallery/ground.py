@@ -15,11 +15,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LightSource, to_rgb
 from numpy.typing import NDArray
-from PIL import Image
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from benchmarks.accuracy.ground import CROPS, ISPRS, Sample, read_isprs, read_las, total_error
+from benchmarks.gallery.solids import FOLDER, save_small
 from eaves.geometry.neighbours import measure_spacing
 from eaves.ground import classify_ground
 from eaves.model import Bounds, Mask, Raster
@@ -27,7 +27,6 @@ from eaves.raster.grid import heights_of, highest_points, whole_cells
 from eaves.raster.interpolate import fill_nearest
 from eaves.raster.surfaces import make_dtm
 
-PAGE = Path(__file__).parents[2] / "docs" / "gallery"
 WORST = 5
 """So many samples are drawn, and Delft."""
 NUMBERED = 12
@@ -142,12 +141,8 @@ def draw_case(case: Case) -> Path:
     for axes in (left, right):
         axes.tick_params(labelsize=7)
     figure.tight_layout()
-    path = PAGE / f"ground-{case.name.lower()}.png"
-    figure.set_dpi(115)
-    figure.canvas.draw()
-    image = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
-    image.quantize(SHADES, method=Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
-    plt.close(figure)
+    path = FOLDER / f"ground-{case.name.lower()}.png"
+    save_small(figure, path, 115, SHADES)
     return path
 
 
@@ -182,12 +177,7 @@ def describe(case: Case) -> None:
 
 def main() -> None:
     """Draw the maps and print their clusters."""
-    folder = os.environ.get("EAVES_DATA")
-    if not folder:
-        print("EAVES_DATA names no folder with the benchmark data: there is nothing to draw")
-        return
-    PAGE.mkdir(parents=True, exist_ok=True)
-    for case in cases_of(Path(folder)):
+    for case in cases_of(Path(os.environ["EAVES_DATA"])):
         describe(case)
         print(draw_case(case))
 

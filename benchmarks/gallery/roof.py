@@ -5,7 +5,6 @@ Run `EAVES_DATA=... python -m benchmarks.gallery.roof`.
 
 from __future__ import annotations
 
-import io
 import os
 from pathlib import Path
 
@@ -13,14 +12,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
-from PIL import Image
 
 from benchmarks.gallery.roof_cases import Roof, badness, roofs_of
+from benchmarks.gallery.solids import FOLDER, save_small
 from eaves.geometry.neighbours import measure_spacing
 from eaves.model import RoofPlane
 from eaves.roof import segment_roof
-
-FOLDER = Path(__file__).parents[2] / "docs" / "gallery"
 
 SHEETS = {
     "delft": {"delft": 10},
@@ -65,24 +62,10 @@ def draw_roof(plan: Axes, side: Axes, roof: Roof, planes: list[RoofPlane], bad: 
         axes.axis("off")
 
 
-def save(figure: plt.Figure, path: Path) -> None:
-    """Write a figure with few colours: a small file."""
-    page = io.BytesIO()
-    figure.savefig(page, dpi=100)
-    plt.close(figure)
-    page.seek(0)
-    path.parent.mkdir(exist_ok=True)
-    Image.open(page).convert("RGB").quantize(COLOURS).save(path, optimize=True)
-
-
 def main() -> None:
     """Segment all roofs, draw the worst, and print what is drawn."""
-    folder = os.environ.get("EAVES_DATA")
-    if folder is None:
-        print("EAVES_DATA is not set: there are no roofs to draw")
-        return
     found: dict[str, list[tuple[float, Roof, list[RoofPlane]]]] = {}
-    for roof in roofs_of(Path(folder)):
+    for roof in roofs_of(Path(os.environ["EAVES_DATA"])):
         planes = segment_roof(roof.points, measure_spacing(roof.points))
         found.setdefault(roof.data, []).append((badness(roof, planes), roof, planes))
     for name, wanted in SHEETS.items():
@@ -100,7 +83,7 @@ def main() -> None:
             draw_roof(grid[2 * line, column], grid[2 * line + 1, column], roof, planes, bad)
             print(f"{roof.data} {roof.name}: {len(planes)} planes, {bad:.1%} of {len(roof.points)} points")
         figure.tight_layout(pad=0.3)
-        save(figure, FOLDER / f"roof-{name}.png")
+        save_small(figure, FOLDER / f"roof-{name}.png", 100, COLOURS)
     for data, cases in found.items():
         print(f"{data}: {len(cases)} roofs, mean {np.mean([case[0] for case in cases]):.2%}")
 

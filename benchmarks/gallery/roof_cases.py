@@ -12,13 +12,14 @@ from pathlib import Path
 
 import laspy
 import numpy as np
-import pyogrio
 import shapely
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from benchmarks.accuracy.models import ply_points
+from benchmarks.accuracy.roof import delft_roofs, trondheim_roofs
 from eaves.geometry.roof_fit import roof_point_mask
 from eaves.model import Bounds, Points, RoofPlane
 from eaves.simulate import scan_town, simulate_town, town_of_model
@@ -30,8 +31,6 @@ FEWEST = 60
 LINK = 0.8
 """Building points (m) this near in plan are of one building, where no footprints are known."""
 
-PLY_TYPES = {"float": "<f4", "double": "<f8", "uchar": "u1", "int": "<i4", "uint": "<u4"}
-"""Types of the fields of a binary PLY file, as numpy calls them."""
 
 PART = Bounds(400.0, 250.0, 600.0, 450.0)
 """The part of Delfshaven that is scanned (m from its south-west corner)."""
@@ -73,16 +72,14 @@ def badness(roof: Roof, planes: list[RoofPlane]) -> float:
 
 
 def _all_roofs(data: Path) -> Iterator[Roof]:
-    yield from _delft(data / "delft")
-    for path in sorted((data / "trondheim_planes").glob("*.laz")):
-        cloud = laspy.read(path)
-        colours = np.stack([cloud.red, cloud.green, cloud.blue], axis=1).astype(np.int64)
-        faces = np.unique(colours, axis=0, return_inverse=True)[1].ravel() + 1
-        yield Roof("trondheim", path.stem, np.asarray(cloud.xyz), faces)
+    for number, (_, points) in enumerate(delft_roofs(data)):
+        yield Roof("delft", str(number), points)
+    for name, points, faces in trondheim_roofs(data):
+        yield Roof("trondheim", name, points, faces)
     for path in sorted((data / "building3d" / "xyz").glob("*.xyz")):
         yield Roof("building3d", path.stem, np.loadtxt(path)[:, :3])
     for path in sorted((data / "city3d_ahn3").glob("*.ply")):
-        yield Roof("city3d", path.stem, _ply_points(path))
+        yield Roof("city3d", path.stem, ply_points(path))
     yield from _ign(data / "ign_urban")
     yield from _of_scene("town", scan_town(simulate_town(0.04, seed=1), 10.0, 0.03, "lines"))
     town = town_of_model(data / "towns" / "delfshaven.city.json")
@@ -91,25 +88,8 @@ def _all_roofs(data: Path) -> Iterator[Roof]:
     yield from _of_scene("delfshaven", scan_town(part, 10.0, 0.03, "lines"))
 
 
-def _ply_points(path: Path) -> Points:
-    head, _, body = path.read_bytes().partition(b"end_header\n")
-    lines = head.decode().splitlines()
-    count = next(int(line.split()[2]) for line in lines if line.startswith("element vertex"))
-    fields = [line.split()[1:] for line in lines if line.startswith("property") and " list " not in line]
-    table = np.frombuffer(body, [(name, PLY_TYPES[kind]) for kind, name in fields], count)
-    return np.column_stack([table[axis] for axis in "xyz"]).astype(float)
-
-
 def _middle(footprint: shapely.Polygon) -> Points:
     return np.array([[footprint.centroid.x, footprint.centroid.y]])
-
-
-def _delft(folder: Path) -> Iterator[Roof]:
-    cloud = laspy.read(folder / "ahn3.laz")
-    points = np.asarray(cloud.xyz)[np.asarray(cloud.classification) == 6]
-    tree = shapely.STRtree(shapely.points(points[:, :2]))
-    for number, footprint in enumerate(pyogrio.read_dataframe(folder / "footprints.gpkg").geometry):
-        yield Roof("delft", str(number), points[np.sort(tree.query(footprint, predicate="intersects"))])
 
 
 def _ign(folder: Path) -> Iterator[Roof]:

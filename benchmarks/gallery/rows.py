@@ -14,9 +14,8 @@ import shapely
 from matplotlib.axes import Axes
 
 from benchmarks.accuracy.moments_rows import RowHouse, row_houses
+from benchmarks.gallery.solids import FOLDER, save_small
 from eaves.reconstruct.moments.parametric_roof import ACROSS, LEFT_SLOPE, RIGHT_SLOPE, TOP
-
-PICTURE = Path(__file__).parents[2] / "docs" / "gallery" / "roof-rows.png"
 
 
 def draw_section(axes: Axes, house: RowHouse) -> None:
@@ -41,11 +40,7 @@ def draw_section(axes: Axes, house: RowHouse) -> None:
 
 def main() -> None:
     """Draw all rows on one sheet."""
-    folder = os.environ.get("EAVES_DATA")
-    if folder is None:
-        print("EAVES_DATA is not set: there are no rows to draw")
-        return
-    rows = list(row_houses(Path(folder)))
+    rows = list(row_houses(Path(os.environ["EAVES_DATA"])))
     columns = max(len(houses) for _, houses in rows)
     figure, grid = plt.subplots(len(rows), columns, figsize=(11.0, 8.0), squeeze=False)
     for line, (name, houses) in zip(grid, rows, strict=True):
@@ -55,10 +50,7 @@ def main() -> None:
         for axes in line[len(houses) :]:
             axes.axis("off")
     figure.tight_layout(pad=0.3)
-    PICTURE.parent.mkdir(exist_ok=True)
-    figure.savefig(PICTURE, dpi=110, pil_kwargs={"optimize": True})
-    plt.close(figure)
-    print(PICTURE)
+    save_small(figure, FOLDER / "roof-rows.png", 110)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ import shapely
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from benchmarks.gallery.surveys import save
+from benchmarks.gallery.solids import save_small
 
 COUNT, COLUMNS, SEED = 20, 5, 0
 ROUND = 1.3
@@ -121,7 +121,7 @@ def draw_sheet(folder: Path, picture: Path, other: Path | None = None) -> None:
     for axes, (where, words) in zip(grid.ravel(), places, strict=False):
         draw_place(axes, run, where, words, others)
     figure.tight_layout(pad=0.4)
-    save(figure, picture)
+    save_small(figure, picture, colours=40)
 
 
 if __name__ == "__main__":

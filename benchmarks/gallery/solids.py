@@ -111,16 +111,16 @@ def draw_sheet(name: str, cases: list[Case], first: int) -> Path:
         draw_section(below, case, model, away)
     figure.tight_layout(pad=0.4, h_pad=0.6)
     path = FOLDER / f"solids-{name}.png"
-    save_small(figure, path, 95)
+    save_small(figure, path)
     return path
 
 
-def save_small(figure: Figure, path: Path, dpi: int) -> None:
+def save_small(figure: Figure, path: Path, dpi: int = 95, colours: int = COLOURS) -> None:
     """Write a figure as a PNG of few colours: a quarter of the size."""
     figure.savefig(path, dpi=dpi)
     plt.close(figure)
     with Image.open(path) as picture:
-        small = picture.convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE)
+        small = picture.convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE)
     small.save(path, optimize=True)
 
 

@@ -5,9 +5,7 @@ Run `EAVES_DATA=... python -m benchmarks.gallery.surveys FOLDER`; what FOLDER ha
 
 from __future__ import annotations
 
-import io
 import os
-import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,16 +18,15 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LightSource
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
-from PIL import Image
 from scipy import ndimage
 
 import eaves
+from benchmarks.gallery.solids import FOLDER, save_small
 from eaves.formats.rasters.geotiff import read_raster
 from eaves.model import Raster
 from eaves.report.convert import footprint_frame
 from eaves.run.manifest import read_facts
 
-PAGE = Path(__file__).parents[2] / "docs" / "gallery"
 SURVEYS: dict[str, tuple[str, str | None]] = {
     "woodford": ("woodford/woodford.laz", "EPSG:3089"),
     "autzen": ("autzen/autzen_full.laz", "autzen/srs.wkt"),
@@ -47,8 +44,6 @@ SURVEYS: dict[str, tuple[str, str | None]] = {
     "topography": ("misc/lidR_Topography.laz", None),
 }
 """Where the points of each survey are, and their reference system where the files are silent."""
-SAMPLES = (11, 12, 21, 31, 41, 51, 52, 53)
-"""Of the ISPRS filter test: only the ground is asked for."""
 WHOLE = ("woodford", "autzen", "ign_sparse", "delft", "california")
 """Surveys with a sheet of their own, which shows the worst places enlarged."""
 SMALL = {
@@ -59,7 +54,7 @@ PLACES, AROUND_M = 6, 12.0
 """How many places a sheet enlarges, and the margin around the building."""
 MOST_CELLS = 1100
 """A raster wider than that is thinned before it is drawn."""
-GREYS, COLOURS_KEPT, DOTS_AN_INCH = 12, 40, 95
+GREYS, COLOURS_KEPT = 12, 40
 """Few, so that the pages stay small."""
 BRIDGES = {
     "autzen": (193924.0, 258780.0, 194126.0, 259102.0),
@@ -96,16 +91,6 @@ def found_of(folder: Path, scale: float) -> list[Found]:
         badness = size * (misfit + 2.0 * failed + doubted)
         found.append(Found(shape, colour, words, float(badness)))
     return sorted(found, key=lambda one: -one.badness)
-
-
-def save(figure: plt.Figure, path: Path) -> None:
-    """Write a figure with few colours: a small file."""
-    page = io.BytesIO()
-    figure.savefig(page, dpi=DOTS_AN_INCH)
-    plt.close(figure)
-    page.seek(0)
-    palette = Image.Quantize.MAXCOVERAGE
-    Image.open(page).convert("RGB").quantize(COLOURS_KEPT, palette).save(path, optimize=True)
 
 
 def hillshade(axes: Axes, surface: Raster) -> None:
@@ -184,7 +169,7 @@ def sheet(folder: Path, name: str, picture: Path) -> None:
         outline(axes, found, 1.2)
         axes.set(xlim=(box[0], box[2]), ylim=(box[1], box[3]))
         axes.set_title(one.words, size=7)
-    save(figure, picture)
+    save_small(figure, picture, colours=COLOURS_KEPT)
 
 
 def strip(folder: Path, names: tuple[str, ...], picture: Path) -> None:
@@ -192,7 +177,7 @@ def strip(folder: Path, names: tuple[str, ...], picture: Path) -> None:
     figure, row = plt.subplots(1, len(names), figsize=(4.6 * len(names), 5.0), layout="constrained")
     for axes, name in zip(np.atleast_1d(row), names, strict=True):
         panel(axes, folder / name, name, width=0.9)
-    save(figure, picture)
+    save_small(figure, picture, colours=COLOURS_KEPT)
 
 
 def bridges(folder: Path, picture: Path) -> None:
@@ -212,26 +197,7 @@ def bridges(folder: Path, picture: Path) -> None:
         axes.set(xticks=[], yticks=[], aspect="equal")
         axes.set_title(name, size=8)
         axes.legend(loc="upper left", markerscale=4.0, fontsize=6)
-    save(figure, picture)
-
-
-def samples(folder: Path, data: Path, picture: Path) -> None:
-    """The ISPRS samples: ground taken for an object red, an object taken for ground blue."""
-    figure, cells = plt.subplots(2, 4, figsize=(13, 7), layout="constrained")
-    for axes, number in zip(cells.flat, SAMPLES, strict=True):
-        table = np.loadtxt(data / "isprs_filter" / f"samp{number}.txt")
-        las = laspy.read(folder / f"samp{number}.laz")
-        order, back = np.lexsort(table[:, :3].T), np.lexsort(np.asarray(las.xyz).T)
-        truth, ours = table[order, 3] == 0, np.asarray(las.classification)[back] == 2
-        xy = table[order, :2]
-        size = float(np.clip(20000.0 / len(xy), 0.2, 4.0))
-        kinds = ((ours & truth, "#d8d8d8"), (~ours & ~truth, "#909090"))
-        wrong = ((truth & ~ours, FAILED), (ours & ~truth, FULL))
-        for chosen, colour in (*kinds, *wrong):
-            axes.scatter(*xy[chosen].T, c=colour, s=size, linewidths=0)
-        axes.set(xticks=[], yticks=[], aspect="equal")
-        axes.set_title(f"sample {number}: total error {100 * np.mean(ours != truth):.2f} %", size=8)
-    save(figure, picture)
+    save_small(figure, picture, colours=COLOURS_KEPT)
 
 
 def compute(data: Path, folder: Path) -> None:
@@ -241,11 +207,6 @@ def compute(data: Path, folder: Path) -> None:
             crs = str(data / system) if system and system.endswith(".wkt") else system
             files = [str(path) for path in sorted(data.glob(pattern))]
             eaves.build(files, folder / name, crs=crs, jobs=1)
-    for number in SAMPLES:
-        if not (folder / f"samp{number}.laz").exists():
-            table = data / "isprs_filter" / f"samp{number}.txt"
-            words = ["ground", str(table), "-o", str(folder / f"samp{number}.laz"), "--crs", "EPSG:32632"]
-            subprocess.run([sys.executable, "-m", "eaves", *words, "-q"], check=True)
 
 
 def counts(folder: Path) -> str:
@@ -265,11 +226,10 @@ def main() -> None:
     data, folder = Path(os.environ["EAVES_DATA"]), Path(sys.argv[1])
     compute(data, folder)
     for name in WHOLE:
-        sheet(folder / name, name, PAGE / f"surveys-{name}.png")
+        sheet(folder / name, name, FOLDER / f"surveys-{name}.png")
     for name, members in SMALL.items():
-        strip(folder, members, PAGE / f"surveys-{name}.png")
-    bridges(folder, PAGE / "surveys-bridges.png")
-    samples(folder, data, PAGE / "surveys-isprs.png")
+        strip(folder, members, FOLDER / f"surveys-{name}.png")
+    bridges(folder, FOLDER / "surveys-bridges.png")
     for name in SURVEYS:
         sys.stdout.write(counts(folder / name) + "\n")
 

@@ -8,9 +8,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
@@ -68,7 +65,7 @@ def main() -> None:
         draw_frame(axes[row, column], roof, EVERY_CORNER)
         draw_frame(axes[row + 1, column], roof, DRAWN_DETAIL)
     figure.tight_layout(pad=0.3, h_pad=0.5)
-    save_small(figure, FOLDER / "wireframes-building3d.png", 95)
+    save_small(figure, FOLDER / "wireframes-building3d.png")
 
 
 if __name__ == "__main__":

@@ -74,20 +74,10 @@ def make_kinds(place: Path) -> list[Kind]:
         return [*build(points, target), "--footprints", str(path)]
 
     def detect(path: Path, target: Path) -> list[str]:
-        return ["detect", str(path), "-o", str(target), "-q", "--jobs", "1", "--block", str(SIDE)]
+        return ["detect", *build(path, target)[1:]]
 
     def ground(path: Path, target: Path) -> list[str]:
-        return [
-            "ground",
-            str(path),
-            "-o",
-            str(target / "ground.laz"),
-            "-q",
-            "--jobs",
-            "1",
-            "--block",
-            str(SIDE),
-        ]
+        return ["ground", *detect(path, target / "ground.laz")[1:]]
 
     def validate(path: Path, target: Path) -> list[str]:
         return ["validate", str(path)]

@@ -33,8 +33,9 @@ SCHEDULER_PORT = 18786
 
 def write_part(las: laspy.LasData, which: np.ndarray, path: Path) -> None:
     """Some points of a file as a file of their own."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     part = laspy.LasData(las.header)
-    part.points = las.points[which]
+    part.points = las.points[which].copy()
     part.write(path)
 
 

@@ -160,15 +160,8 @@ def main() -> None:
         (Path(name) / "tiles").mkdir()
         make_tiles(Path(name) / "tiles", asked.tiles, asked.rows)
         for what, folder in (("index", "files"), ("merge", "tiles")):
-            words = [
-                sys.executable,
-                "-m",
-                "benchmarks.scale.index",
-                "--measure",
-                what,
-                "--rows",
-                str(asked.rows),
-            ]
+            words = [sys.executable, "-m", "benchmarks.scale.index", "--measure", what]
+            words += ["--rows", str(asked.rows)]
             done = subprocess.run(
                 [*words, "--folder", str(Path(name) / folder)], capture_output=True, text=True, check=True
             )

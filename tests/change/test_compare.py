@@ -12,7 +12,7 @@ import pytest
 from eaves.cli import app as cli
 from eaves.formats.crs import parse_crs, system_of
 from eaves.pipeline import build
-from eaves.simulate import ExactBuilding, ExactFace, nine_roofs_on_a_slope, write_simulation
+from eaves.simulate import ExactBuilding, ExactFace, ExactScene, nine_roofs_on_a_slope, write_simulation
 from eaves.simulate.objects.roofs import PITCH, sample_from_above
 
 GONE, RAISED = 2, 7
@@ -28,22 +28,27 @@ def raised(building: ExactBuilding, way: float) -> ExactBuilding:
     return replace(building, faces=faces)
 
 
+def later_roofs(first: ExactScene) -> tuple[ExactBuilding, ...]:
+    """The nine roofs without one, and another higher."""
+    return tuple(raised(b, 0.8) if b.number == RAISED else b for b in first.buildings if b.number != GONE)
+
+
+def built(scene: ExactScene, place: Path) -> Path:
+    """The run of a scene."""
+    points = write_simulation(scene, place)["points"]
+    out = place.with_name(f"{place.name}-run")
+    build(points, out, lod="0", outputs=("footprints", "rasters", "classified"))
+    return out
+
+
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The runs of both epochs."""
     place = tmp_path_factory.mktemp("epochs")
     first = nine_roofs_on_a_slope(density=8.0, seed=1)
-    later = [raised(b, 0.8) if b.number == RAISED else b for b in first.buildings if b.number != GONE]
-    second = sample_from_above(tuple(later), 3 * PITCH, 5.0, 0.03, seed=2)
+    second = sample_from_above(later_roofs(first), 3 * PITCH, 5.0, 0.03, seed=2)
     moved = second.cloud.with_(xyz=second.cloud.xyz + np.array(SHIFT))
-    scenes = {"old": first, "new": replace(second, cloud=moved)}
-    runs = []
-    for name, scene in scenes.items():
-        files = write_simulation(scene, place / name)
-        out = place / f"{name}-run"
-        build(files["points"], out, lod="0", outputs=("footprints", "rasters", "classified"))
-        runs.append(out)
-    return runs[0], runs[1]
+    return built(first, place / "old"), built(replace(second, cloud=moved), place / "new")
 
 
 def compared(*words: object) -> int:
@@ -138,14 +143,7 @@ def test_epochs_in_two_systems_are_brought_together(folders: tuple[Path, Path], 
             point_id=scene.cloud.point_id,
             system=system,
         )
-        files = write_simulation(replace(scene, cloud=cloud), tmp_path / name)
-        build(
-            files["points"],
-            tmp_path / f"{name}-run",
-            lod="0",
-            outputs=("footprints", "rasters", "classified"),
-        )
-        runs.append(tmp_path / f"{name}-run")
+        runs.append(built(replace(scene, cloud=cloud), tmp_path / name))
     assert compared(*runs, "-o", tmp_path / "out") == 0
     assert [row["change"] for row in changes(tmp_path / "out").values()] == ["unchanged"] * 9
 
@@ -165,7 +163,7 @@ def test_bad_input_is_one_line(which: str, folders: tuple[Path, Path], tmp_path:
 def test_epochs_of_two_places_share_nothing(folders: tuple[Path, Path], tmp_path: Path) -> None:
     scene = nine_roofs_on_a_slope(density=4.0, seed=3)
     far = scene.cloud.with_(xyz=scene.cloud.xyz + np.array([5000.0, 0.0, 0.0]))
-    files = write_simulation(replace(scene, cloud=far), tmp_path / "far")
-    build(files["points"], tmp_path / "far-run", lod="0", outputs=("footprints", "rasters", "classified"))
-    assert compared(folders[0], tmp_path / "far-run", "-o", tmp_path / "out") == 0
+    assert (
+        compared(folders[0], built(replace(scene, cloud=far), tmp_path / "far"), "-o", tmp_path / "out") == 0
+    )
     assert {row["change"] for row in changes(tmp_path / "out").values()} == {"not covered"}

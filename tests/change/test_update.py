@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import laspy
@@ -15,6 +14,7 @@ import pyogrio
 import pytest
 import shapely
 from pyproj import CRS
+from tests.change.test_compare import GONE, RAISED, later_roofs
 
 from eaves.change.edits import FLAT_ROOF, NO_BUILDING, Edit, write_edits
 from eaves.change.upkeep.kept import open_kept
@@ -29,10 +29,9 @@ from eaves.run.lock import lock_folder
 from eaves.run.manifest import check_folder
 from eaves.run.replace import GAP_CELLS, keep_gone, pair_same, replace_in
 from eaves.run.store import RECORD, Store, Task
-from eaves.simulate import ExactFace, nine_roofs_on_a_slope, write_simulation
+from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 from eaves.simulate.objects.roofs import PITCH, sample_from_above
 
-GONE, RAISED = 2, 7
 OUTPUTS = ("footprints", "models", "classified")
 HOME = Block(0, 0, 240.0)
 
@@ -133,17 +132,7 @@ def epochs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("update")
     first = nine_roofs_on_a_slope(density=8.0, seed=1)
     build(write_simulation(first, place / "old")["points"], place / "out", keep=True, outputs=OUTPUTS)
-    later = []
-    for building in first.buildings:
-        if building.number == RAISED:
-            faces = [
-                ExactFace(one.polygon, (*one.coefficients[:2], one.coefficients[2] + 0.8), one.number)
-                for one in building.faces
-            ]
-            building = replace(building, faces=tuple(faces))
-        if building.number != GONE:
-            later.append(building)
-    second = sample_from_above(tuple(later), 3 * PITCH, 8.0, 0.03, seed=2)
+    second = sample_from_above(later_roofs(first), 3 * PITCH, 8.0, 0.03, seed=2)
     las = laspy.read(write_simulation(second, place / "new")["points"])
     (place / "tiles").mkdir()
     for number in (GONE, RAISED):

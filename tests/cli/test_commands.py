@@ -28,17 +28,8 @@ from eaves.formats import read_cityjson, read_raster
 FORMATS = "cityjson,citygml,obj,dxf,geojson,fgb,kml"
 
 OUTPUTS = {
-    "footprints.gpkg",
-    "review.csv",
-    "buildings.city.jsonl",
-    "buildings.qgz",
-    "mask.tif",
-    "ndsm.tif",
-    "dtm.tif",
-    "dsm.tif",
-    "classified.laz",
-    "report.html",
-    "run.json",
+    *("footprints.gpkg", "review.csv", "buildings.city.jsonl", "buildings.qgz", "classified.laz"),
+    *("mask.tif", "ndsm.tif", "dtm.tif", "dsm.tif", "report.html", "run.json"),
 }
 
 

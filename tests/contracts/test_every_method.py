@@ -21,7 +21,7 @@ from eaves.outline import OutlineMethod, regularise_outlines, trace_outline
 from eaves.raster import surfaces
 from eaves.reconstruct import Reconstructor, reconstruct_building
 from eaves.roof import RoofMethod, segment_roof
-from eaves.simulate.objects.roofs import ExactScene, nine_roofs_on_a_slope
+from eaves.simulate.objects.roofs import ExactScene
 
 EVERY = [(stage, name) for stage, names in REGISTRY.items() for name in names]
 MOVE = np.array([2000 * 240.0, -1000 * 240.0, 0.0])
@@ -32,18 +32,14 @@ def of_stage(stage: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def scene() -> ExactScene:
-    return nine_roofs_on_a_slope(density=6.0, noise=0.02, seed=3)
+def cloud(nine_roofs: ExactScene) -> PointCloud:
+    return nine_roofs.cloud.take(nine_roofs.cloud.canonical_order())
 
 
 @pytest.fixture(scope="module")
-def cloud(scene: ExactScene) -> PointCloud:
-    return scene.cloud.take(scene.cloud.canonical_order())
-
-
-@pytest.fixture(scope="module")
-def true_ground(scene: ExactScene) -> PointCloud:
+def true_ground(nine_roofs: ExactScene) -> PointCloud:
     """The cloud with its true classes: what detectors are tested on, apart from any ground filter."""
+    scene = nine_roofs
     order = scene.cloud.canonical_order()
     classes = np.where(scene.truth_class == GROUND, GROUND, 1).astype(np.uint8)
     if "given_classes" in REGISTRY["detect"]:
@@ -52,11 +48,11 @@ def true_ground(scene: ExactScene) -> PointCloud:
 
 
 @pytest.fixture(scope="module")
-def gable(scene: ExactScene) -> tuple[NDArray[np.float64], shapely.Polygon, float]:
+def gable(nine_roofs: ExactScene) -> tuple[NDArray[np.float64], shapely.Polygon, float]:
     """Points, footprint and base of the scene's first gable house."""
-    for number, building in enumerate(scene.buildings, 1):
+    for number, building in enumerate(nine_roofs.buildings, 1):
         if building.kind == "gable":
-            return scene.cloud.xyz[scene.building == number], building.footprint, building.base
+            return nine_roofs.cloud.xyz[nine_roofs.building == number], building.footprint, building.base
     raise AssertionError("the scene has no gable")
 
 

@@ -17,7 +17,8 @@ from eaves.evaluate import evaluate_files
 from eaves.formats import InputError, write_mask
 from eaves.formats.vectors.geopackage import Row, write_polygons
 from eaves.model import CoordinateSystem
-from tests.validate.make_files import box, city, solid
+from tests.conftest import write_laz
+from tests.validate.made_shells import box, city_of
 
 SYSTEM = CoordinateSystem(rasterio.CRS.from_epsg(32632).to_wkt(), code="EPSG:32632")
 WEST, SOUTH = 500_000.0, 5_400_000.0
@@ -29,20 +30,9 @@ def write_cloud(path: Path, *houses: shapely.Polygon) -> Path:
     """Four points in each square metre: ground, and building 6 m higher inside the houses."""
     x, y = (a.ravel() for a in np.meshgrid(np.arange(0.25, 40, 0.5), np.arange(0.25, 20, 0.5)))
     inside = shapely.contains_xy(shapely.union_all(houses), x + WEST, y + SOUTH)
-    header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales, header.offsets = [0.001] * 3, [WEST, SOUTH, 0.0]
-    header.add_crs(rasterio_crs_to_pyproj())
-    las = laspy.LasData(header)
-    las.x, las.y, las.z = x + WEST, y + SOUTH, np.where(inside, 106.0, 100.0)
-    las.classification = np.where(inside, 6, 2).astype(np.uint8)
-    las.write(path)
+    xyz = np.column_stack([x + WEST, y + SOUTH, np.where(inside, 106.0, 100.0)])
+    write_laz(path, xyz, 32632, classification=np.where(inside, 6, 2))
     return path
-
-
-def rasterio_crs_to_pyproj() -> object:
-    import pyproj
-
-    return pyproj.CRS.from_epsg(32632)
 
 
 def polygons(path: Path, *houses: shapely.Polygon) -> Path:
@@ -108,7 +98,7 @@ def write_city(path: Path, east: int = 0, high: int = 6000) -> Path:
         "surfaces": [{"type": "GroundSurface"}, {"type": "RoofSurface"}, {"type": "WallSurface"}],
         "values": [[0, 1, 2, 2, 2, 2]],
     }
-    document = city({**solid(shell), "semantics": semantics})
+    document = city_of(shell, semantics=semantics)
     document["transform"]["translate"] = [WEST, SOUTH, 0.0]
     document["metadata"] = {"referenceSystem": "https://www.opengis.net/def/crs/EPSG/0/32632"}
     path.write_text(json.dumps(document), encoding="utf-8")

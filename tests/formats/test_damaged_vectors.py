@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.scale.mutations import hurt_bytes
 from shapely import Polygon
 
 from eaves.formats import (
@@ -20,6 +21,7 @@ from eaves.formats import (
     open_source,
     read_polygons,
     read_raster,
+    write_cityjson,
     write_cityjson_seq,
     write_mask,
 )
@@ -40,23 +42,6 @@ def flat_house() -> BuildingModel:
     return BuildingModel(
         Footprint(SQUARE, (85000.0, 447000.0), "b1"), {"1.2": (solid,), "2.2": (solid, solid)}
     )
-
-
-def mutated(data: bytes, rng: random.Random) -> bytes:
-    """The bytes with one to four places changed, cut or repeated."""
-    changed = bytearray(data)
-    for _ in range(rng.choice([1, 1, 2, 4])):
-        place, act = rng.randrange(len(changed)), rng.random()
-        if act < 0.6:
-            changed[place] = rng.randrange(256)
-        elif act < 0.7:
-            changed[place : place + 4] = b"\xff" * 4
-        elif act < 0.8:
-            del changed[place + 1 :]
-        else:
-            source = rng.randrange(len(changed))
-            changed[place:place] = changed[source : source + rng.randrange(1, 30)]
-    return bytes(changed)
 
 
 def refused_or_read(path: Path, read: Callable[[Path], Any]) -> bool:
@@ -80,15 +65,17 @@ def points_of(path: Path) -> None:
         pass
 
 
-@pytest.mark.parametrize("name", ["a.gpkg", "a.fgb", "a.geojson", "a.tif", "a.city.jsonl", "a.txt"])
+@pytest.mark.parametrize(
+    "name", ["a.gpkg", "a.fgb", "a.geojson", "a.tif", "a.city.jsonl", "a.city.json", "a.txt"]
+)
 def test_mutated_files_are_read_or_refused_in_one_line(name: str, tmp_path: Path) -> None:
     whole = tmp_path / name
     reader: Callable[[Path], Any] = read_polygons
     if name == "a.tif":
         write_mask(whole, np.eye(40, dtype=bool), 0.0, 0.0, 0.5, LOCAL_METRES)
         reader = read_raster
-    elif name == "a.city.jsonl":
-        write_cityjson_seq(whole, [flat_house()])
+    elif "city" in name:
+        (write_cityjson_seq if name.endswith("l") else write_cityjson)(whole, [flat_house()])
         reader = solids_of
     elif name == "a.txt":
         whole.write_text("x,y,z,label\n" + "85000.5,447000.5,3.5,0\n" * 9)
@@ -98,7 +85,7 @@ def test_mutated_files_are_read_or_refused_in_one_line(name: str, tmp_path: Path
     data, rng = whole.read_bytes(), random.Random(7)
     path = tmp_path / f"mutated{''.join(whole.suffixes)}"
     for _ in range(MUTATIONS):
-        path.write_bytes(mutated(data, rng))
+        path.write_bytes(hurt_bytes(data, rng))
         refused_or_read(path, reader)
 
 

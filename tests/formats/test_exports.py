@@ -9,7 +9,6 @@ import subprocess
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ import shapely.affinity
 from shapely import Polygon
 
 from eaves.flow.exports import check_formats
-from eaves.formats import write_3dtiles, write_cityjson, write_geoparquet, write_glb, write_obj
+from eaves.formats import write_3dtiles, write_geoparquet, write_glb, write_obj
 from eaves.formats.crs import parse_crs, system_of
 from eaves.formats.models.ifc import write_ifc
 from eaves.formats.models.meshes import mesh_of_solids
@@ -300,16 +299,6 @@ def test_geopandas_reads_the_other_vector_files(tmp_path: Path, name: str) -> No
     write_polygons(tmp_path / name, [Row(shapely.affinity.translate(COURT, *ORIGIN), {"id": "a"})], DUTCH)
     frame = geopandas.read_file(tmp_path / name).to_crs(28992)
     assert list(frame["id"]) == ["a"] and frame.geometry[0].area == pytest.approx(COURT.area, rel=1e-4)
-
-
-def test_cjio_reads_the_cityjson(
-    tmp_path: Path, town: list[BuildingModel | Failure], cjio: ModuleType
-) -> None:
-    write_cityjson(tmp_path / "town.city.json", town, DUTCH)
-    with (tmp_path / "town.city.json").open(encoding="utf-8") as file:
-        city = cjio.CityJSON(file=file)
-    assert city.get_version() == "2.0" and city.get_epsg() == 28992
-    assert sorted(city.j["CityObjects"]) == ["a b", "c", "d"]
 
 
 @pytest.mark.parametrize("system", [DUTCH, OREGON_FEET], ids=["metres", "feet"])

@@ -56,16 +56,21 @@ def test_a_conflict_is_refused_unless_forced(
     assert index(tmp_path / "a.laz", said, force=True)
 
 
+def write_with_system(path: Path, wkt: str) -> None:
+    """The patch in a plane, whose file states a system by these words."""
+    write_laz(path, PATCH + [500_000, 5_000_000, 0], None)
+    las = laspy.read(path)
+    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(wkt))
+    las.header.global_encoding.wkt = True
+    las.write(path)
+
+
 def test_a_system_of_no_place_gives_way_to_the_one_that_is_given(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "a.laz"
-    write_laz(path, PATCH + [500_000, 5_000_000, 0], None)
-    las = laspy.read(path)
     site = 'LOCAL_CS["site grid",LOCAL_DATUM["site",0],UNIT["metre",1],AXIS["E",EAST],AXIS["N",NORTH]]'
-    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(site))
-    las.header.global_encoding.wkt = True
-    las.write(path)
+    write_with_system(path, site)
     with caplog.at_level(logging.WARNING, "eaves"):
         assert index(path, "EPSG:32631") == "EPSG:32631"
     assert "site grid; --crs is taken" in caplog.text
@@ -115,12 +120,8 @@ def test_feet_without_a_system_are_refused__by_the_blind_range_of_the_scanner(tm
 @pytest.mark.parametrize("unit", ["0", "-1"])
 def test_a_system_with_a_unit_of_no_length_is_one_line(tmp_path: Path, unit: str) -> None:
     path = tmp_path / "a.laz"
-    write_laz(path, PATCH + [500_000, 5_000_000, 0], None)
-    las, wkt = laspy.read(path), parse_crs("EPSG:32631").to_wkt("WKT1_GDAL")
-    broken = wkt.replace('UNIT["metre",1', f'UNIT["metre",{unit}')
-    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(broken))
-    las.header.global_encoding.wkt = True
-    las.write(path)
+    wkt = parse_crs("EPSG:32631").to_wkt("WKT1_GDAL")
+    write_with_system(path, wkt.replace('UNIT["metre",1', f'UNIT["metre",{unit}'))
     with pytest.raises(InputError, match=r"a\.laz: .* has units of .* --crs"):
         index(path)
 

@@ -84,14 +84,6 @@ def test_each_part_of_a_region_is_a_building_as_published_and_none_is_lost() -> 
     assert divide_parts(one, AlphaShape.as_published()) == [one]
 
 
-def test_order_of_points_does_not_matter() -> None:
-    points = sampled(4.0)
-    shuffled = np.random.default_rng(5).permutation(points)
-    a, b = (outlined(p, 0.5, AlphaShape()) for p in (points, shuffled))
-    assert isinstance(a, Footprint) and isinstance(b, Footprint)
-    assert a.polygon.equals_exact(b.polygon, 0.0)
-
-
 @pytest.mark.parametrize(
     "points",
     [

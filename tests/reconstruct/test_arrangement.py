@@ -71,7 +71,7 @@ def test_tower_beside_a_low_part_jumps_where_it_does() -> None:
     assert sum(face.surface == "RoofSurface" for face in faces) == 2
 
 
-def test_flat_dormer_stands_on_its_slope() -> None:
+def test_flat_dormer_stands_on_its_slope__and_the_simple_roof_has_none() -> None:
     inside = shapely.box(4, 1, 7, 3)
 
     def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -82,6 +82,13 @@ def test_flat_dormer_stands_on_its_slope() -> None:
     dormer = min(model.attributes["roof_faces"], key=lambda face: face["area_m2"])
     assert dormer["slope_deg"] == pytest.approx(0.0, abs=0.2)
     assert dormer["projected_m2"] == pytest.approx(6.0, rel=0.25)
+    roofs = {
+        lod: sum(face.surface == "RoofSurface" for solid in solids for face in solid.faces)
+        for lod, solids in model.solids.items()
+    }
+    assert roofs["2.2"] == 2 and roofs["2.0"] == 1
+    (simple,) = model.solids["2.0"]
+    assert simple.vertices[:, 2].max() == pytest.approx(12.0, abs=0.02)
 
 
 def test_no_plane_runs_away_over_empty_ground() -> None:
@@ -127,22 +134,6 @@ def test_points_on_a_line_give_a_result() -> None:
     ]
     answer = reconstruct_building(points, Footprint(BOX), planes, 0.0, Arrangement())
     assert isinstance(answer, BuildingModel) and not validate_model(answer)
-
-
-def test_the_simple_roof_has_no_dormer() -> None:
-    inside = shapely.box(4, 1, 7, 3)
-
-    def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return np.where(shapely.contains_xy(inside, x, y), 8.0, 4.0 + y)
-
-    model = model_of(scan(height, density=15.0), [(0.0, 1.0, 4.0), (0.0, 0.0, 8.0)])
-    roofs = {
-        lod: sum(face.surface == "RoofSurface" for solid in solids for face in solid.faces)
-        for lod, solids in model.solids.items()
-    }
-    assert roofs["2.2"] == 2 and roofs["2.0"] == 1
-    (simple,) = model.solids["2.0"]
-    assert simple.vertices[:, 2].max() == pytest.approx(12.0, abs=0.02)
 
 
 def test_roof_faces_without_points_are_marked() -> None:

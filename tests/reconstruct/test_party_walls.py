@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from eaves.buildings.envelope import envelope_figures, wall_figures
-from eaves.buildings.party_wall_areas import Walls, party_wall_area
+from eaves.buildings.party_wall_areas import Walls, shared_areas
 from eaves.model import BuildingModel, Footprint, RoofPlane
 from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.prism import Prism
@@ -24,6 +24,10 @@ def block(west: float, south: float, east: float, north: float, height: float) -
     model = reconstruct_building(points, Footprint(polygon, origin), [plane], 0.0, Prism())
     assert isinstance(model, BuildingModel)
     return model
+
+
+def party_wall_area(model: BuildingModel, neighbours: list[BuildingModel]) -> float:
+    return float(shared_areas(Walls.of(model), [Walls.of(neighbour) for neighbour in neighbours]).sum())
 
 
 def test_the_lower_of_two_walls_is_shared() -> None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import xml.etree.ElementTree as ElementTree
-import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
+from PIL import Image
 
 import eaves
 from eaves.formats.crs import parse_crs, system_of
@@ -27,29 +28,12 @@ def scene(nine_roofs: ExactScene) -> Scene:
 
 
 def dots_of(png: bytes) -> np.ndarray:
-    """The dots of one of our PNG files."""
-    columns, rows = int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")
-    start = png.index(b"IDAT") + 4
-    length = int.from_bytes(png[start - 8 : start - 4], "big")
-    lines = np.frombuffer(zlib.decompress(png[start : start + length]), np.uint8).reshape(rows, -1)
-    assert not lines[:, 0].any()
-    return lines[:, 1:].reshape(rows, columns, 3)
+    return np.asarray(Image.open(io.BytesIO(png)))
 
 
 def test_png_holds_the_image_dot_by_dot() -> None:
     image = np.random.default_rng(1).integers(0, 256, (5, 7, 3)).astype(np.uint8)
-    png = png_bytes(image)
-    assert (dots_of(png) == image).all()
-    crc = zlib.crc32(png[12:29]).to_bytes(4, "big")
-    assert png.startswith(b"\x89PNG\r\n\x1a\n") and png[29:33] == crc
-
-
-def test_png_is_read_by_others() -> None:
-    pillow = pytest.importorskip("PIL.Image")
-    import io
-
-    image = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
-    assert (np.asarray(pillow.open(io.BytesIO(png_bytes(image)))) == image).all()
+    assert (dots_of(png_bytes(image)) == image).all()
 
 
 def test_north_is_up_and_roofs_are_red(nine_roofs: ExactScene) -> None:

@@ -18,7 +18,7 @@ from eaves.model.summary import Summary
 from eaves.report.beside import render_beside
 from eaves.report.build import build
 from eaves.report.contents import Contents, read_contents
-from eaves.report.page_file import render
+from eaves.report.page_file import iter_page
 from eaves.report.surfaces import CityFace, CityFaces
 from eaves.simulate import scan_town, simulate_town, write_simulation
 
@@ -243,7 +243,8 @@ def test_ten_thousand_rows_scroll_sort_and_are_found(
     ]
     found = len(contents.rows) + len(others)
     page = tmp_path / "report.html"
-    page.write_text(render(replace(contents, others=others, buildings=found), "many"), encoding="utf-8")
+    pieces = iter_page(replace(contents, others=others, buildings=found), "many")
+    page.write_text("".join(pieces), encoding="utf-8")
     browser.open(page)
     assert f"{found:,} buildings, {len(contents.rows)} of them drawn" in browser.run(
         "return document.body.textContent"
@@ -281,7 +282,7 @@ def test_a_thousand_buildings_and_300000_points_turn_without_a_graphics_card(
     contents = read_contents(tmp_path / "out")
     many = repeat_to(contents, 1000)
     page = tmp_path / "report.html"
-    page.write_text(render(many, "many"), encoding="utf-8")
+    page.write_text("".join(iter_page(many, "many")), encoding="utf-8")
     with Browser() as window:
         window.open(page, "on=points-building,points-ground")
         window.run_async(TURN)
@@ -407,7 +408,7 @@ def test_other_points_are_translucent_and_never_over_roofs(
         classification=np.full_like(contents.points.classification, 5),
     )
     page = tmp_path / "report.html"
-    page.write_text(render(replace(contents, points=trees), "all is trees"), encoding="utf-8")
+    page.write_text("".join(iter_page(replace(contents, points=trees), "all is trees")), encoding="utf-8")
     browser.open(page)
     opacity, *shown = browser.run(
         "const { other } = eaves.layers, { xyz } = eaves.scene.points;"
@@ -435,7 +436,7 @@ def test_an_aerial_image_lies_over_the_terrain(
     path = write_image(tmp_path / "image.tif", colours, place, "EPSG:28992")
     page = tmp_path / "report.html"
     found = read_contents(nine_run.folder, basemap=path)
-    page.write_text(render(found, "with an image"), encoding="utf-8")
+    page.write_text("".join(iter_page(found, "with an image")), encoding="utf-8")
     state = "view=above&off=roofs,walls,edges,prints,points-other"
     browser.open(page, state)
     seen = imread(browser.picture(artefacts / "nine-basemap.png"))[300:450, 100:1000, :3]

@@ -19,7 +19,7 @@ from eaves.pipeline import build as build_files
 from eaves.report import sample
 from eaves.report.build import build
 from eaves.report.contents import read_contents
-from eaves.report.page_file import page_arrays, render
+from eaves.report.page_file import iter_arrays, iter_page
 from eaves.report.sample import PointSample
 from eaves.report.surfaces import SURFACES, UNKNOWN_ERROR
 from eaves.report.view import open_report
@@ -52,11 +52,11 @@ def test_the_page_holds_every_building_and_asks_for_no_network(nine_run: Summary
     arrays = data["arrays"]
     assert set(unpacked(arrays["outline_building"])) == set(range(1, nine_run.found + 1))
     contents = read_contents(nine_run.folder)
-    assert np.array_equal(unpacked(arrays["point_xyz"]), page_arrays(contents)["point_xyz"].ravel())
+    assert np.array_equal(unpacked(arrays["point_xyz"]), dict(iter_arrays(contents))["point_xyz"].ravel())
 
 
 def test_every_roof_face_has_its_own_error(nine_run: Summary) -> None:
-    arrays = page_arrays(read_contents(nine_run.folder))
+    arrays = dict(iter_arrays(read_contents(nine_run.folder)))
     finest = arrays["triangle_lod"] == arrays["triangle_lod"].max()
     roof = finest & (arrays["triangle_kind"] == SURFACES.index("RoofSurface"))
     errors = arrays["triangle_error"][roof]
@@ -86,7 +86,7 @@ def test_more_points_than_wanted_are_thinned_and_the_page_states_it(nine_run: Su
     contents = read_contents(nine_run.folder, points=2000, buildings=3)
     assert len(contents.points) < 6000, "points of neighbours come on top"
     assert len(contents.rows) == 3
-    text = render(contents, "summary")
+    text = "".join(iter_page(contents, "summary"))
     assert f"{len(contents.points):,} of {contents.points.total:,} points drawn" in text
     assert f"3 of {nine_run.found} buildings, those nearest to the middle" in text
     table = data_of_text(text)["others"]

@@ -111,6 +111,9 @@ def test_a_damaged_part_is_named_and_computed_again(
 ) -> None:
     out = tmp_path / "out"
     shutil.copytree(kept, out)
+    for step in ("parts", "blocks", "buildings"):  # as a writer that was killed leaves them
+        (out / ".eaves-work" / step / ".0_0.npz.half").mkdir()
+        (out / ".eaves-work" / step / ".0_0.npz.half" / "0_0.npz").touch()
     broken = next((out / ".eaves-work").glob(what))
     damage(broken)
     with caplog.at_level(logging.WARNING, "eaves"):

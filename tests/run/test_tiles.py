@@ -66,7 +66,7 @@ def test_a_second_run_computes_only_the_tile_that_failed(
         return real(*words, **named)  # type: ignore[arg-type]
 
     monkeypatch.setattr(pipeline, "write_outputs", fails_once)
-    options = dict(per_tile=True, resume=True)
+    options = dict(per_tile=True, resume=True, outputs=("models",))
     first = build(nine_roofs_file, tmp_path, **options)
     assert not first.complete
     assert "on purpose" in first.failed[0]

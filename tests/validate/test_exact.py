@@ -97,7 +97,7 @@ def test_triangles_of_two_shells_cross_or_share_area(other: list[list[int]], cod
 
 
 def test_a_box_encloses_what_is_inside() -> None:
-    from tests.validate.make_files import box
+    from tests.validate.made_shells import box
 
     quads = [face[0] for face in box(0, 0, 0, 10, 10, 10)]
     triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])

@@ -8,7 +8,7 @@ import shapely
 
 from eaves.model import BuildingModel, Face, Footprint, Solid
 from eaves.validate import validate_model
-from tests.validate.make_files import Shell, box, dented_box, inside_out, prism
+from tests.validate.made_shells import Shell, box, dented_box, inside_out, prism
 
 
 def solid_of(shell: Shell, origin: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Solid:

@@ -76,11 +76,6 @@ def pairs(rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.array(rows, np.float64).reshape(-1, 2)
 
 
-def party_wall_area(model: BuildingModel, neighbours: Sequence[BuildingModel]) -> float:
-    """Area (m²) of the model's walls that walls of its `neighbours` stand against, at their finest levels."""
-    return float(shared_areas(Walls.of(model), [Walls.of(neighbour) for neighbour in neighbours]).sum())
-
-
 def shared_areas(subject: Walls, others: Sequence[Walls]) -> NDArray[np.float64]:
     """Area (m², W) of each wall that others stand against.
 

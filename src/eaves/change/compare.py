@@ -12,7 +12,6 @@ is no change. The points decide.
 
 from __future__ import annotations
 
-import logging
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -35,8 +34,6 @@ from eaves.change.verdict import ChangeRules, Verdict, judge_building
 from eaves.flow.run import Progress, no_progress
 from eaves.model import Block, Bounds, PointCloud, Points
 from eaves.model.cloud import NOISE_CLASSES
-
-log = logging.getLogger("eaves")
 
 SIDE = 240.0
 """Side of the blocks that are compared one after the other (m)."""

@@ -89,11 +89,6 @@ def write_page(contents: Contents, text: str) -> Path:
     return path
 
 
-def render(contents: Contents, text: str) -> str:
-    """The page as text, with its style, script and data inside."""
-    return "".join(iter_page(contents, text))
-
-
 def iter_page(contents: Contents, text: str) -> Iterator[str]:
     """The page piece by piece: all of it is several times as large as its largest array."""
     folder = files("eaves.report").joinpath("page")
@@ -196,11 +191,6 @@ def page_data(contents: Contents) -> dict[str, Any]:
             "north": contents.corner[1],
         },
     }
-
-
-def page_arrays(contents: Contents) -> dict[str, NDArray[Any]]:
-    """All arrays of the page by name."""
-    return dict(iter_arrays(contents))
 
 
 def iter_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:

@@ -283,7 +283,12 @@ class Store:
 
     def drop_damaged(self) -> None:
         """Remove the parts that were changed or damaged, with a warning for each: they are computed
-        again."""
+        again; and what a writer that was killed left hidden beside them."""
+        for left in self.folder.glob("*/.*"):
+            if left.is_dir():
+                shutil.rmtree(left)
+            else:
+                left.unlink()
         for step in STEPS:
             for path in sorted((self.folder / step.name).glob("*.npz")):
                 if not is_whole_part(path):

@@ -126,7 +126,7 @@ def validate_file(
         findings += _check_templates(head, tolerances)
         batch = [head]
         for document in documents:
-            findings += check_feature(document, rules)
+            findings += check_feature(document)
             batch.append(document)
             if len(batch) == FEATURES_AT_ONCE:
                 findings += _check_batch(batch, grid, tolerances, rules)

@@ -110,7 +110,7 @@ def check_head(head: dict[str, Any], rules: Rules) -> Iterator[Finding]:
             yield from check_geometry("geometry-templates", where, geometry, rules, rules.appearance)
 
 
-def check_feature(document: Any, rules: Rules) -> Iterator[Finding]:
+def check_feature(document: Any) -> Iterator[Finding]:
     """Findings of a later line of a CityJSONSeq file."""
     if not isinstance(document, dict) or document.get("type") != "CityJSONFeature":
         yield make_finding(915, "", "file", 'a line is not an object of type "CityJSONFeature"')

@@ -9,7 +9,6 @@ the weights that the others give (leave-one-out): where that is no better than t
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,8 +35,6 @@ from eaves.recipe.recipe import Recipe
 from eaves.run.keys import BLOCKS
 from eaves.run.store import Store
 
-log = logging.getLogger("eaves")
-
 LEAST, LEAST_EACH = 20, 5
 """Fewer verdicts fit nothing: 28 weights would follow chance. Nothing else holds the score: it needs so many
 of each kind."""
@@ -58,8 +55,6 @@ CLIP = 8.0
 
 SCORE_RIDGE = 4.0
 """Precision of the shift and the scale of the score's odds about 0 and 1."""
-
-Sample = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

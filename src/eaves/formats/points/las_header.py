@@ -207,7 +207,7 @@ def _parse(path: Path, file: BinaryIO, head: bytes, size: int, salvage: bool) ->
         room=room,
         first=_first_point(file, data_offset + (8 if compressed else 0), scales, offsets) if count else (),
     )
-    _check_point_bytes(header, refuse)
+    _check_point_bytes(header)
     return header
 
 
@@ -223,7 +223,7 @@ def _first_point(
     return tuple(number * scale + offset for number, scale, offset in stored)
 
 
-def _check_point_bytes(header: LasHeader, refuse: object) -> None:
+def _check_point_bytes(header: LasHeader) -> None:
     path, space = header.path, header.size - header.data_offset
     if not header.compressed:
         if header.count * header.record_length > space:

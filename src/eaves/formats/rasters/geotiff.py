@@ -6,7 +6,6 @@ Files are in the coordinate system's units: the cell size in its horizontal unit
 
 from __future__ import annotations
 
-import logging
 import warnings
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,6 @@ from eaves.formats.crs import system_of
 from eaves.formats.errors import InputError
 from eaves.model import Bounds, CoordinateSystem, Mask, Raster
 from eaves.model.coordinates import LOCAL_METRES
-
-log = logging.getLogger("eaves")
 
 COG_OPTIONS: dict[str, Any] = {
     "driver": "COG",

@@ -23,7 +23,6 @@ KNOWN = {
     b"SQLite format 3\0": "GPKG",
 }
 """Driver by the first bytes; GeoJSON begins with an object."""
-DRIVERS = ("GeoJSON", "GeoJSONSeq", *KNOWN.values())
 REMEDY = "give a shapefile (.shp), GeoPackage, GeoJSON or FlatGeobuf"
 GEOJSON_TYPES = (
     *("FeatureCollection", "Feature", "Polygon", "MultiPolygon", "GeometryCollection"),

@@ -168,7 +168,7 @@ def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
     verdict = judge_surfaces(surfaces, rules)
     terrain, raised = verdict.terrain[surfaces.label], verdict.raised[surfaces.label]
     nothing = np.full(floor.shape, np.nan, np.float32)
-    doubts = find_doubts(floor, surfaces, verdict, rules)
+    doubts = find_doubts(floor, surfaces, verdict)
     if not raised.any():
         return Patch(floor.west, floor.north, floor.cell, nothing, nothing, doubts)
     inside = raised | enclosed_by_terrain(raised, terrain)
@@ -180,7 +180,7 @@ def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
         beneath = np.where(wanted, interpolate_cells(surfaces.z, support, wanted), nothing)
     known = terrain & np.isfinite(surfaces.z)
     ground = np.where(known, surfaces.z, beneath)
-    ceiling = np.where(region, ground + rules.wall / 2 + rise_within(ground, floor.cell), np.nan)
+    ceiling = np.where(region, ground + rules.wall / 2 + rise_within(ground), np.nan)
     core = ~near_cells(~inside, ADJOINING)
     return Patch(
         floor.west,
@@ -204,7 +204,7 @@ def enclosed_by_terrain(raised: Mask, terrain: Mask) -> Mask:
     return np.asarray(inner[group])
 
 
-def rise_within(ground: Grid, cell: float) -> Grid:
+def rise_within(ground: Grid) -> Grid:
     """How much the terrain (H, W) rises within a cell, m; 0 where it is unknown."""
     if min(ground.shape) < 2:
         return np.zeros_like(ground)
@@ -212,9 +212,7 @@ def rise_within(ground: Grid, cell: float) -> Grid:
     return np.asarray(np.nan_to_num(np.hypot(south, east)), np.float32)
 
 
-def find_doubts(
-    floor: Floor, surfaces: Surfaces, verdict: PlateauVerdict, rules: PlateauRules
-) -> tuple[Doubt, ...]:
+def find_doubts(floor: Floor, surfaces: Surfaces, verdict: PlateauVerdict) -> tuple[Doubt, ...]:
     """The large surfaces left in the terrain though much of their rim steps down, and islands of data as
     large as a roof: clips of a scan may hold a roof and nothing else.
 
