@@ -14,7 +14,7 @@ def quantile(values: Values, share: float) -> float:
     place = last * share
     low = int(place)
     near = [low, min(low + 1, last)]
-    before, after = np.partition(values, near)[near].tolist()
+    before, after = map(float, np.partition(values, near)[near])
     step, part = after - before, place - low
     return before + step * part if part < 0.5 else after - step * (1.0 - part)
 
@@ -22,7 +22,7 @@ def quantile(values: Values, share: float) -> float:
 def median(values: Values | NDArray[np.int64]) -> float:
     """The median of values (N,), N ≥ 1, none of them NaN, as `numpy.median` has it."""
     near = [(len(values) - 1) // 2, len(values) // 2]
-    below, above = np.partition(values, near)[near].tolist()
+    below, above = np.partition(values, near)[near]
     return float(below + above) / 2.0
 
 

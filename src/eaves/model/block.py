@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model.arrays import Mask, Points
 
+Scalar = TypeVar("Scalar", bound=np.generic)
 BLOCK_SIDE = 240.0
 """Side of a block (m): a whole multiple of the 0.5, 1 and 1.5 m cells."""
 ABREAST = 128
@@ -86,7 +88,7 @@ class Bounds:
         return cls(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
 
-def extremes(xyz: Points) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def extremes(xyz: NDArray[Scalar]) -> tuple[NDArray[Scalar], NDArray[Scalar]]:
     """The lowest and the highest value (C,) of each column of an array (N, C), N > 0."""
     rows = len(xyz) // ABREAST
     if not rows or not xyz.flags.c_contiguous:

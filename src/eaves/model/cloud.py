@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model.arrays import Mask, Points, Values
-from eaves.model.block import Block, Bounds
+from eaves.model.block import Block, Bounds, Scalar
 from eaves.model.checks import check_lengths, check_points
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
-
-Scalar = TypeVar("Scalar", bound=np.generic)
 
 UNCLASSIFIED, GROUND, LOW_VEGETATION, MEDIUM_VEGETATION, HIGH_VEGETATION, BUILDING = 1, 2, 3, 4, 5, 6
 LOW_NOISE, WATER, HIGH_NOISE = 7, 9, 18

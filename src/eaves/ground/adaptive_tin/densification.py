@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,22 @@ class Limits:
     """A point nearer to the facet than this (m) is ground, and tells the TIN nothing new."""
     steepest: float
     """A steeper facet at the hull says nothing of the terrain beyond."""
+
+
+class Tolerances(NamedTuple):
+    """How far points may lie off the surface.
+
+    `level` (H, W), m, holds at the middles of squares of a `side` (m), whose first has its south-west corner
+    at `west`, `south`; each weighs as much as the points (H, W) that it was measured with. It is `usual` (m)
+    far from all.
+    """
+
+    level: Values
+    weight: Values
+    usual: float
+    west: float
+    south: float
+    side: float
 
 
 def densify(tin: Tin, xyz: Points, candidates: NDArray[np.int64], limits: Limits, rounds: int) -> int:
@@ -107,13 +123,13 @@ def residuals(tin: Tin, xyz: Points, numbers: NDArray[np.int64], steepest: float
     return residual
 
 
-def near_surface(tin: Tin, xyz: Points, level: float, slant: float, steepest: float) -> Mask:
-    """The points (N,) no farther along z from the TIN of some of them than `level` (m), plus `slant` (m) per
-    unit of the facet's slope, which counts up to `steepest`.
+def near_surface(tin: Tin, xyz: Points, level: Tolerances, slant: float, steepest: float) -> Mask:
+    """The points (N,) no farther along z from the TIN of some of them than the tolerance there, plus `slant`
+    (m) per unit of the facet's slope, which counts up to `steepest`.
     """
     if len(tin.vertices) == 0:  # all on one line: the nearest point is all there is to compare with
         nearest = cKDTree(xyz[tin.waiting, :2]).query(xyz[:, :2])[1]
-        return np.asarray(np.abs(xyz[:, 2] - xyz[tin.waiting[nearest], 2]) <= level)
+        return np.asarray(np.abs(xyz[:, 2] - xyz[tin.waiting[nearest], 2]) <= level.usual)
     return np.asarray(near_kernel(xyz, tin.whole, tin.vertices, tin.neighbours, level, slant, steepest))
 
 
@@ -264,17 +280,30 @@ def residual_kernel(
         residual[i] = abs(xyz[p, 2] - height) / np.sqrt(1.0 + slope * slope)
 
 
+@inlined_kernel
+def tolerance_at(level: Tolerances, x: float, y: float) -> Any:
+    """The tolerance (m) at (x, y), from the squares around."""
+    row, column = (y - level.south) / level.side - 0.5, (x - level.west) / level.side - 0.5
+    first, left = int(np.floor(row)), int(np.floor(column))
+    total, weight = 0.0, 0.0
+    for r in range(max(first, 0), min(first + 2, level.level.shape[0])):
+        for c in range(max(left, 0), min(left + 2, level.level.shape[1])):
+            share = (1.0 - abs(row - r)) * (1.0 - abs(column - c)) * level.weight[r, c]
+            total, weight = total + share * level.level[r, c], weight + share
+    return total / weight if weight > 0.0 else level.usual
+
+
 @kernel
 def near_kernel(
     xyz: Points,
     whole: NDArray[np.int64],
     vertices: Ids,
     neighbours: Ids,
-    level: float,
+    level: Tolerances,
     slant: float,
     steepest: float,
 ) -> Mask:
-    """Whether each point (N,) lies within `level` + `slant` · slope of the facet at it, along z."""
+    """Whether each point (N,) lies within the tolerance + `slant` · slope of the facet at it, along z."""
     near = np.empty(len(xyz), np.bool_)
     here, held = 0, -1
     east, north, slope = 0.0, 0.0, 0.0
@@ -289,5 +318,6 @@ def near_kernel(
                 east, north, slope = plane_of(xyz, vertices, here)
                 held = here
             height = xyz[a, 2] + east * (xyz[i, 0] - xyz[a, 0]) + north * (xyz[i, 1] - xyz[a, 1])
-        near[i] = abs(xyz[i, 2] - height) <= level + slant * min(slope, steepest)
+        most = tolerance_at(level, xyz[i, 0], xyz[i, 1]) + slant * min(slope, steepest)
+        near[i] = abs(xyz[i, 2] - height) <= most
     return near

@@ -8,8 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.geometry.neighbours import measure_spacing
+from eaves.geometry.percentiles import group_percentiles
 from eaves.geometry.tin import Tin
-from eaves.ground.adaptive_tin.densification import Limits, densify, insert_residuals, near_surface, residuals
+from eaves.ground.adaptive_tin.densification import (
+    Limits,
+    Tolerances,
+    densify,
+    insert_residuals,
+    near_surface,
+    residuals,
+)
 from eaves.ground.adaptive_tin.rim import Rim, rim_points
 from eaves.ground.stage import GroundMethod
 from eaves.ground.toolkit.doubts import edges_without_step
@@ -17,9 +25,10 @@ from eaves.ground.toolkit.floor import Floor
 from eaves.ground.toolkit.seeds import Opening, lowest_of_cells, lowest_surface, seeds_by_opening
 from eaves.ground.toolkit.wide_objects import Patch, find_wide_objects
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Bounds, Mask, PointCloud
+from eaves.model import Bounds, Mask, PointCloud, Points, Values
 from eaves.model.cloud import snap
 from eaves.model.scene import DOUBTFUL
+from eaves.raster.grid import whole_cells
 
 
 class AdaptiveTin(Rim, Opening, GroundMethod):
@@ -43,7 +52,8 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
         ground:  |z − facet(p)| ≤ t + κ·s,   t = min(max(7 ρ, 0.1 m), 0.4 m),   κ = 0.6 spacing
 
     with d the distance to the facet, s its slope, v its vertex nearest to p, and ρ the median distance of
-    the seeds from a TIN of the lowest of them in cells twice as wide.
+    the seeds from a TIN of the lowest of them in cells twice as wide: in squares of `buffer`, between whose
+    middles t is interpolated, each weighed by its seeds.
 
     Fidelity
     --------
@@ -81,10 +91,10 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
       `seed_cell`: the paper has none.
 
     The reach of a window of `window` is its width, and a chain of joining points adds little: 40 m.
-    The roughness and the spacing are measured over the whole cloud that is given, which in a run is a square
-    of 240 m fixed to the world, whatever the blocks are, + reach. What is wide is looked for within
-    `wide_around`, 600 m, in squares of 480 m that are fixed to the world: a point farther than 1,080 m has
-    no say.
+    The roughness is measured in squares of 40 m, the spacing over the whole cloud that is given, which in a
+    run is a square of 240 m fixed to the world, whatever the blocks are, + reach. What is wide is looked for
+    within `wide_around`, 600 m, in squares of 480 m that are fixed to the world: a point farther than 1,080 m
+    has no say.
 
     Fails where
     -----------
@@ -224,8 +234,8 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
         xyz = np.concatenate([xyz, around])
         tin = Tin(xyz, np.concatenate([first, np.arange(len(cloud), len(xyz))]))
         residual = residuals(tin, xyz, rest, self.steepest)
-        level = self.tolerance(float(np.median(residual)) if len(rest) else 0.0)
-        noise = self.noise_share * level
+        level = self.tolerances(xyz, rest, residual, bounds)
+        noise = self.noise_share * level.usual
         insert_residuals(tin, xyz, rest, residual, noise, self.steepest)
         waiting[rest] = False
         candidates = lowest_of_cells(cloud.xyz, max(self.fine_cell, 0.5 * spacing), bounds)
@@ -236,3 +246,23 @@ class AdaptiveTin(Rim, Opening, GroundMethod):
             emit("triangles", xyz[tin.triangles])
         near = near_surface(tin, xyz, level, self.slant_share * spacing, self.steepest)
         return np.asarray(near[: len(cloud)] & ~over)
+
+    def tolerances(
+        self, xyz: Points, seeds: NDArray[np.int64], residual: Values, bounds: Bounds
+    ) -> Tolerances:
+        """The tolerances of surfaces as rough as the seeds (K,), by their residuals (K,), show them here and
+        there: floors of quarries and streets are not alike."""
+        side = self.buffer
+        bounds = whole_cells(bounds, side)
+        rows, columns = round(bounds.height / side), round(bounds.width / side)
+        row, column = ((xyz[seeds, k] - low) / side for k, low in ((1, bounds.south), (0, bounds.west)))
+        square, count = row.astype(np.int64) * columns + column.astype(np.int64), rows * columns
+        rough = np.nan_to_num(group_percentiles(residual, square, count, 50.0)).reshape(rows, columns)
+        return Tolerances(
+            np.clip(self.tolerance_gain * rough, self.tolerance_least, self.tolerance_most),
+            np.bincount(square, minlength=count).reshape(rows, columns).astype(np.float64),
+            self.tolerance(float(np.median(residual)) if len(seeds) else 0.0),
+            bounds.west,
+            bounds.south,
+            side,
+        )
