@@ -19,6 +19,7 @@ from eaves.formats.crs import pyproj_crs
 from eaves.formats.errors import InputError
 from eaves.formats.points.classified import copied_header, las_pieces
 from eaves.formats.points.copc import ENTRY
+from eaves.formats.points.las import FIRST_LAYERED_FORMAT
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.source import CHUNK_POINTS, open_source
 
@@ -118,7 +119,7 @@ def converted_points(
     points = laspy.PackedPointRecord.from_point_record(given, form)
     for name in form.extra_dimension_names:
         points.array[name] = records[name]
-    if "scan_angle_rank" in records.dtype.names:
+    if old.id < FIRST_LAYERED_FORMAT:
         points.array["scan_angle"] = np.round(records["scan_angle_rank"] / ANGLE_STEP)
     return points
 
