@@ -25,11 +25,11 @@ from eaves.formats.points.source import CHUNK_POINTS, open_source
 
 log = logging.getLogger("eaves")
 NODE_POINTS = 50_000
-"""A cube of more points is split: LASzip's usual chunk, below which compression suffers. PDAL and Untwine take
-twice as many; a small area then needs more bytes."""
+"""A cube of more points is split: LASzip's usual chunk, below which compression suffers. PDAL and Untwine
+take twice as many; a small area then needs more bytes."""
 GRID_BITS = 6
-"""A cube that is split keeps one point of each of its 64³ cells for views from afar. With the 128³ of others the
-coarse nodes, which every area needs, are four times as large."""
+"""A cube that is split keeps one point of each of its 64³ cells for views from afar. With the 128³ of others
+the coarse nodes, which every area needs, are four times as large."""
 LEVELS = 21
 """Of the octree at most: three times so many bits name a cell in 64 bits."""
 NODES_AT_ONCE = 32
