@@ -124,10 +124,11 @@ def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
             raise InputError.about(folder, f"holds no {file}", "build again with that output")
     head = read_head(sources[0]) if sources else {}
     made_from, written = Provenance.of(head.get("metadata")), []
+    known = system_of_head(head, sources[0]) if sources else None
     if set(names) & MODEL_FILES.keys():
-        system = system_of_head(head, sources[0])
+        assert known is not None
         written += export_models(
-            folder, lambda: chain.from_iterable(map(read_models, sources)), system, names, made_from
+            folder, lambda: chain.from_iterable(map(read_models, sources)), known, names, made_from
         )
     if set(names) & FOOTPRINT_FILES.keys():
         shapes, _, values, system = read_polygons(table, layer="footprints", keep_all=True)
@@ -136,7 +137,7 @@ def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
         ]
         roofs = read_upright(table, "roof_planes", system)
         written += export_footprints(folder, rows, roofs, system, names, made_from)
-    written += export_points(points, names)
+    written += export_points(points, known, names)
     add_to_manifest(folder, written)
     return written
 
@@ -188,14 +189,14 @@ def export_footprints(
     return written
 
 
-def export_points(files: Iterable[Path], names: Sequence[str]) -> list[Path]:
+def export_points(files: Iterable[Path], system: CoordinateSystem | None, names: Sequence[str]) -> list[Path]:
     """Write each of the classified points as COPC, where that is named; the files written."""
     if COPC not in names:
         return []
     from eaves.formats.points.copc_writer import write_copc
 
     pairs = ((path, path.with_suffix(".copc.laz")) for path in files)
-    return [made for path, made in pairs if write_copc(path, made)]
+    return [made for path, made in pairs if write_copc(path, made, system)]
 
 
 def in_order(row: Row) -> Row:

@@ -156,7 +156,7 @@ def write_output(
     from eaves.flow.classified_points import write_points
 
     files = write_points(store, run, results.blocks, owners, sink, results.copies)
-    return files + export_points(files, run.options["formats"]), sink
+    return files + export_points(files, system, run.options["formats"]), sink
 
 
 def write_outputs(

@@ -22,6 +22,7 @@ from eaves.formats.points.copc import ENTRY
 from eaves.formats.points.las import FIRST_LAYERED_FORMAT
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.source import CHUNK_POINTS, open_source
+from eaves.model import CoordinateSystem
 
 log = logging.getLogger("eaves")
 NODE_POINTS = 50_000
@@ -39,7 +40,7 @@ ANGLE_STEP = 0.006
 Cells = NDArray[np.uint64]
 
 
-def write_copc(points: str | Path, path: str | Path) -> int:
+def write_copc(points: str | Path, path: str | Path, system: CoordinateSystem | None = None) -> int:
     """Write the points of a LAS or LAZ file as COPC, with all their values.
 
     Point formats before 6 become 6, or 7 with colours; waveforms are left out, with a warning. The points of
@@ -52,6 +53,8 @@ def write_copc(points: str | Path, path: str | Path) -> int:
         The LAS or LAZ file.
     path : str or Path
         The file to write, `*.copc.laz`; it appears when it is whole.
+    system : CoordinateSystem or None
+        That of a file that states none, as point formats before 6 cannot state every one.
 
     Returns
     -------
@@ -76,7 +79,7 @@ def write_copc(points: str | Path, path: str | Path) -> int:
         return 0
     old = copied_header(layout)
     header = converted_header(old)
-    crs = pyproj_crs(source.system)
+    crs = pyproj_crs(source.system) or (None if system is None else pyproj_crs(system))
     if crs is not None and not header.vlrs.get("WktCoordinateSystemVlr"):
         header.add_crs(crs)
     if "wavepacket_index" in old.point_format.dimension_names:
