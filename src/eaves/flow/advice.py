@@ -33,9 +33,9 @@ STRIPS_AGREE, SPARSE = 0.08, 2.0
 """The largest difference of strips (m) and the least density (points/m²) of USGS quality level 2."""
 PIECE_AREA, PIECES_APART = 2_000.0, 3
 """A scan of so many pieces or more, half of its area in those under this (m²), is clipped."""
-START_S, POINT_S, ROOF_POINT_S = 3.0, 4.3e-6, 120e-6
-"""Processor time (s) of a run: its start and report, each point, and what each point on a possible roof adds.
-Rates of a core of 2026; eight surveys took 0.6 to 1.5 times as long."""
+START_S, POINT_S, ROOF_POINT_S = 4.0, 4.8e-6, 110e-6
+"""Processor time (s) of a run: its processes and report, each point, and what each point on a possible roof
+adds. Rates of a core of 2026; eight surveys took 0.6 to 1.6 times as long."""
 PROCESS_MB, BLOCK_MB = 350, 17.5
 """Memory of a process, and of a block of 240 m for each point/m²."""
 NO_RETURNS, SINGLE, LAST, FIRST, SPLIT = "none", "single", "last only", "first only", "all"
