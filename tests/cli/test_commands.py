@@ -25,7 +25,7 @@ from eaves.cli import app as cli
 from eaves.cli.runs import read_settings
 from eaves.formats import read_cityjson, read_raster
 
-FORMATS = "cityjson,citygml,obj,dxf,geojson,fgb,kml"
+FORMATS = "cityjson,citygml,obj,dxf,geojson,fgb,kml,copc"
 
 OUTPUTS = {
     *("footprints.gpkg", "review.csv", "buildings.city.jsonl", "buildings.qgz", "classified.laz"),
@@ -273,7 +273,8 @@ def test_formats_of_a_finished_run_are_those_of_a_build_with_them(
     assert done.returncode == 0, done.stderr
     assert {path.name for path in again.iterdir()} == {path.name for path in later.iterdir()}
     assert eaves("validate", later).returncode == 0  # the manifest knows them
-    assert (later / "footprints.geojson").read_bytes() == (again / "footprints.geojson").read_bytes()
+    for name in ("footprints.geojson", "classified.copc.laz"):
+        assert (later / name).read_bytes() == (again / name).read_bytes()
     first, second = (read_cityjson(folder / "buildings.city.json") for folder in (later, again))
     assert first.keys() == second.keys()
     for name, one in first.items():

@@ -59,8 +59,9 @@ def _nodes(
         mine = left if last else left[::coarser]
         left = left[:0] if last else np.setdiff1d(left, mine)
         cells = np.floor((xyz[mine] - corner) / (side / 2**level)).astype(int)
-        for cell in sorted(set(map(tuple, cells.tolist()))):
-            nodes.append(((level, *cell), mine[(cells == cell).all(axis=1)]))
+        names, group, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+        members = np.split(mine[np.argsort(group.ravel(), kind="stable")], np.cumsum(counts)[:-1])
+        nodes += [((level, *name), which) for name, which in zip(names.tolist(), members, strict=True)]
     return nodes
 
 

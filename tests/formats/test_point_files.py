@@ -9,8 +9,13 @@ import numpy as np
 import pyproj
 import pytest
 from copc_writer import write_copc
+from laspy.copc import Bounds as CopcBounds
+from laspy.copc import load_octree_for_query
 
 from eaves.formats import Chunk, Source, iter_chunks, open_source, read, write_classified
+from eaves.formats.crs import parse_crs, system_of
+from eaves.formats.points import copc_writer
+from eaves.formats.points.las import iter_records
 from eaves.model import Bounds
 
 COUNT = 3000
@@ -100,8 +105,6 @@ def test_laspy_opens_the_copc_file_of_the_tests(tmp_path: Path) -> None:
 
 
 def test_of_copc_only_the_nodes_needed_are_read(tmp_path: Path) -> None:
-    from eaves.formats.points.las import iter_records
-
     source = open_source(written(tmp_path, "copc")[0])
     corner = (84900.0, 447100.0, 84910.0, 447110.0)
     touched = sum(len(position) for position, _ in iter_records(source.layout, 10**6, corner))
@@ -197,3 +200,71 @@ def test_several_files_become_one_cloud(tmp_path: Path) -> None:
     once = COUNT - len(WITHHELD)
     assert len(cloud) == 2 * once and cloud.system.code == "EPSG:28992"
     assert np.array_equal(cloud.point_id[once:], cloud.point_id[:once] + COUNT)
+
+
+def rows(points: laspy.PackedPointRecord, names: list[str]) -> np.ndarray:
+    """The values of points, in an order that follows from the values."""
+    values = np.column_stack([np.asarray(points[name], float) for name in names])
+    return values[np.lexsort(values.T)]
+
+
+def check_copc(path: Path, made: Path) -> None:
+    """That a COPC file has every value of another file, in nodes that hold their points."""
+    las, rng = laspy.read(path), np.random.default_rng(2)
+    assert made.read_bytes()[375:384] == b"\0\0copc\0\0\0"
+    with laspy.CopcReader.open(made) as reader:
+        found, header = reader.query(), reader.header
+        names = sorted({*las.point_format.dimension_names} & {*found.point_format.dimension_names})
+        np.testing.assert_array_equal(rows(found, names), rows(las.points, names))
+        nodes = load_octree_for_query(reader.source, reader.copc_info, reader.root_page)
+        assert sum(node.point_count for node in nodes) == len(las) == open_source(made).count
+        assert max(node.point_count for node in nodes) <= copc_writer.NODE_POINTS
+        for node in nodes:
+            xyz = reader._fetch_and_decompress_points_of_nodes([node])
+            xyz = np.column_stack([xyz.x, xyz.y, xyz.z])
+            assert (xyz >= node.bounds.mins - 1e-6).all() and (xyz <= node.bounds.maxs + 1e-6).all()
+        for share in (0.5, 0.1):
+            low = header.mins[:2] + rng.random(2) * (header.maxs - header.mins)[:2] * (1 - share)
+            high = low + (header.maxs - header.mins)[:2] * share
+            steps = np.round((np.array([low, high]) - header.offsets[:2]) / header.scales[:2])
+            xy = np.column_stack([las.X, las.Y])
+            inside = ((xy >= steps[0]) & (xy <= steps[1])).all(axis=1)
+            assert inside.sum() == len(reader.query(CopcBounds(low, high)))
+            touched = sum(len(one) for one, _ in iter_records(open_source(made).layout, 10**6, (*low, *high)))
+            assert inside.sum() <= touched <= len(las)
+    assert len(nodes) == 1 or touched < len(las)
+
+
+@pytest.mark.parametrize(("form", "count", "new"), [(3, 60_000, 7), (1, 1, 6), (8, COUNT, 8)])
+def test_copc_has_every_value_of_the_points(tmp_path: Path, form: int, count: int, new: int) -> None:
+    las, path, made = survey(form, count), tmp_path / "classified.laz", tmp_path / "classified.copc.laz"
+    las.gps_time = np.sort(np.random.default_rng(1).random(count))
+    las["scan_angle_rank" if form < 6 else "scan_angle"] = np.arange(count) % 41 - 20
+    if form == 3:
+        las.header.add_crs(pyproj.CRS.from_epsg(28992))
+    las.write(path)
+    dutch = system_of(parse_crs("EPSG:28992"), path, (84960.0, 447120.0))
+    assert copc_writer.write_copc(path, made, dutch) == count
+    check_copc(path, made)
+    back = laspy.read(made)
+    assert (back.header.point_format.id, str(back.header.version)) == (new, "1.4")
+    assert (open_source(made).kind, open_source(made).system.code) == ("copc", "EPSG:28992")
+    order = np.argsort(back.gps_time)
+    angle = np.asarray(back.scan_angle, float)[order] * (0.006 if form < 6 else 1)
+    np.testing.assert_allclose(angle, np.arange(count) % 41 - 20, atol=0.003)
+    before = made.read_bytes()
+    copc_writer.write_copc(path, made, dutch)
+    assert made.read_bytes() == before
+
+
+def test_without_points_there_is_no_copc(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    survey(6, 0).write(tmp_path / "a.laz")
+    assert copc_writer.write_copc(tmp_path / "a.laz", tmp_path / "a.copc.laz") == 0
+    assert "has no points" in caplog.text and [path.name for path in tmp_path.iterdir()] == ["a.laz"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["delft/ahn3.laz", "kleve/kleve.laz"])
+def test_copc_of_a_survey_is_the_survey(data: Path, tmp_path: Path, name: str) -> None:
+    copc_writer.write_copc(data / name, tmp_path / "a.copc.laz")
+    check_copc(data / name, tmp_path / "a.copc.laz")

@@ -9,6 +9,7 @@ from contextlib import suppress
 from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import ClassVar
 
 import laspy
 import numpy as np
@@ -27,6 +28,7 @@ class Server(BaseHTTPRequestHandler):
     """Ranges of the files of a folder; `/plain/` without ranges, `/moved/` elsewhere."""
 
     sent = 0
+    asked: ClassVar[list[int]] = []
 
     def __init__(self, *given: object, folder: Path) -> None:
         self.folder = folder
@@ -52,6 +54,7 @@ class Server(BaseHTTPRequestHandler):
         self.send_header("Content-Length", str(len(piece)))
         self.end_headers()
         Server.sent += len(piece)
+        Server.asked.append(first)
         with suppress(ConnectionError):  # who wanted a range does not wait for the whole
             self.wfile.write(piece)
 
@@ -93,10 +96,12 @@ def test_of_a_hundredth_of_the_area_few_bytes_are_read_and_all_points(
     west, south = CORNER + 110.0
     bounds = (west, south, west + SIDE / 10, south + SIDE / 10)
     before = Server.sent
+    Server.asked.clear()
     [local], traffic = localise(f"{address}/tile.copc.laz?token=secret", tmp_path, bounds)
     np.testing.assert_array_equal(points_of(Path(local), *bounds), points_of(copc, *bounds))
     whole = copc.stat().st_size  # so small that requests of 16 KB weigh
     assert traffic.read == Server.sent - before < 0.15 * whole and traffic.whole == whole
+    assert len(set(Server.asked)) == len(Server.asked)  # nothing twice
     assert "secret" not in str(local) + json.dumps(traffic.as_json())
     again, kept = localise(f"{address}/tile.copc.laz?token=secret", tmp_path, bounds)
     assert again == [local] and kept.read <= 1 << 17

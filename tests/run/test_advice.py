@@ -9,10 +9,11 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+from tests.conftest import write_laz
 from typer.testing import CliRunner
 
 from eaves.cli.app import make_app
-from eaves.flow.advice import ScanFacts, scan_facts
+from eaves.flow.advice import POINT_S, ROOF_POINT_S, START_S, ScanFacts, scan_facts
 from eaves.run.index import index_inputs
 from eaves.simulate import scan_town, simulate_town, write_simulation
 
@@ -128,6 +129,16 @@ def test_figures_of_a_whole_scan_are_those_of_its_records(scan: Path) -> None:
     assert facts.classes == {
         str(c): int((las.classification == c).sum()) for c in np.unique(las.classification)
     }
+
+
+def test_time_follows_from_the_points_and_those_on_roofs(tmp_path: Path) -> None:
+    x, y = (axis.ravel() for axis in np.mgrid[0:96:0.25, 0:96:0.25])
+    roof = (x % 48 < 16) & (y % 48 < 16)
+    for name, z in (("field", 0.0 * x), ("roofs", 6.0 * roof), ("hill", 0.05 * x)):
+        write_laz(tmp_path / f"{name}.laz", np.column_stack([x, y, z + 10.0]), None)
+        more = facts_of(tmp_path / f"{name}.laz").cpu_s - START_S - POINT_S * len(x)
+        true = ROOF_POINT_S * roof.sum() if name == "roofs" else 0.0
+        assert 0.7 * true - 0.1 < more < true + 0.1
 
 
 def test_info_and_dry_run_write_nothing(scan: Path, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from shapely import MultiPolygon, Polygon
 from eaves.footprints.read import in_metres
 from eaves.formats import InputError, read_polygons
 from eaves.formats.crs import horizontal_crs
+from eaves.formats.points.classified import is_classified
 from eaves.model import Block, Bounds, CoordinateSystem, PointCloud
 from eaves.run.index import Index, index_inputs
 from eaves.run.manifest import MANIFEST, read_facts, read_manifest
@@ -195,7 +196,7 @@ def run_points(folder: Path) -> list[Path]:
     words = read_manifest(folder)
     if words.get("complete") is not True:
         raise InputError.about(folder, "holds a run that did not end", "run it again with --resume")
-    names = sorted(name for name in words["written"] if is_points(name))
+    names = sorted(name for name in words["written"] if is_classified(name))
     if not names or "footprints.gpkg" not in words["written"]:
         tiles = any(name.startswith("tiles/") for name in words["written"])
         remedy = "build parts of it with --bounds and compare these" if tiles else "build it again with both"
@@ -213,8 +214,3 @@ def window_of(folder: Path, system: CoordinateSystem) -> Window:
         log.warning("%s: built with --clip; what lies outside counts as seen, without buildings", folder)
     bounds = run.get("bounds")
     return Window(None if bounds is None else in_metres(Bounds(*bounds), system))
-
-
-def is_points(name: str) -> bool:
-    """Whether a file of a run holds its classified points."""
-    return "/" not in name and name.startswith("classified") and name.endswith((".laz", ".las"))

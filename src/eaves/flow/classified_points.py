@@ -237,7 +237,8 @@ def fill_file(path: Path, dtype: Any, count: int, value: int, piece: int = PIECE
 def classified_name(path: Path, alone: bool, taken: set[str]) -> str:
     """Name of the classified copy of an input; files of one name from two folders get a number behind, also
     where names differ by case only, which is none on many disks. A name too long for a disk is cut."""
-    stem = "classified" if alone else f"classified_{path.stem}"
+    inner = path.stem[:-5] if path.stem.lower().endswith(".copc") else path.stem  # what is written is none
+    stem = "classified" if alone else f"classified_{inner}"
     stem = os.fsdecode(os.fsencode(stem)[:LONGEST_NAME])
     number = 1
     while (name := stem if number == 1 else f"{stem}-{number}").casefold() in taken:

@@ -16,6 +16,7 @@ from shapely import LineString
 from eaves import formats
 from eaves.formats import InputError, read_polygons
 from eaves.formats.models.cityjson_read import read_head, read_models, system_of_head
+from eaves.formats.points.classified import is_classified
 from eaves.formats.vectors.geopackage import Row, read_upright, write_polygons
 from eaves.model import BuildingModel, CoordinateSystem, Failure
 from eaves.model.checks import check_positive
@@ -64,8 +65,13 @@ MODEL_FILES: dict[str, tuple[Callable[[], Writer], str]] = {
     "3dtiles": (lambda: formats.write_3dtiles, "3dtiles"),
 }
 
+COPC = "copc"
+"""A file beside each of the classified points."""
 
-def check_formats(names: Sequence[str], outputs: Sequence[str] = ("footprints", "models")) -> None:
+
+def check_formats(
+    names: Sequence[str], outputs: Sequence[str] = ("footprints", "models", "classified")
+) -> None:
     """Check that every name is one of a format that can be written here, beside the `outputs` of the run.
 
     Raises
@@ -73,13 +79,13 @@ def check_formats(names: Sequence[str], outputs: Sequence[str] = ("footprints", 
     ValueError
         For an unknown name, a format whose library is missing, or one of what is not among the outputs.
     """
-    choices = [*MODEL_FILES, *FOOTPRINT_FILES]
+    choices = [*MODEL_FILES, *FOOTPRINT_FILES, COPC]
     for name in names:
         if name not in choices:
             raise ValueError(f"--formats {name}: unknown format; choose among: {', '.join(choices)}")
-        needed = "models" if name in MODEL_FILES else "footprints"
+        needed = "models" if name in MODEL_FILES else "classified" if name == COPC else "footprints"
         if needed not in outputs:
-            raise ValueError(f"--formats {name}: it is written with the {needed}; add {needed} to --outputs")
+            raise ValueError(f"--formats {name}: it follows from {needed}; add {needed} to --outputs")
     if "ifc" in names:
         from eaves.formats.models.ifc import require_ifcopenshell
 
@@ -107,16 +113,22 @@ def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
     if not about["complete"]:
         raise InputError.about(folder, "holds a run that did not end", "run eaves build again with --resume")
     sources, table = files_of_run(folder, "buildings.city.jsonl"), folder / "footprints.gpkg"
-    wanted = {"buildings.city.jsonl": MODEL_FILES, table.name: {**FOOTPRINT_FILES, **ROOF_FILES}}
-    for file, choices in wanted.items():
-        if set(names) & choices.keys() and not (sources if choices is MODEL_FILES else table.exists()):
+    points = [folder / name for name in about["written"] if is_classified(name)]
+    wanted = {
+        "buildings.city.jsonl": (MODEL_FILES, sources),
+        table.name: (FOOTPRINT_FILES, table.exists()),
+        "classified points": ((COPC,), points),
+    }
+    for file, (choices, there) in wanted.items():
+        if not set(names).isdisjoint(choices) and not there:
             raise InputError.about(folder, f"holds no {file}", "build again with that output")
     head = read_head(sources[0]) if sources else {}
     made_from, written = Provenance.of(head.get("metadata")), []
+    known = system_of_head(head, sources[0]) if sources else None
     if set(names) & MODEL_FILES.keys():
-        system = system_of_head(head, sources[0])
+        assert known is not None
         written += export_models(
-            folder, lambda: chain.from_iterable(map(read_models, sources)), system, names, made_from
+            folder, lambda: chain.from_iterable(map(read_models, sources)), known, names, made_from
         )
     if set(names) & FOOTPRINT_FILES.keys():
         shapes, _, values, system = read_polygons(table, layer="footprints", keep_all=True)
@@ -125,6 +137,7 @@ def export_run(folder: Path, names: Sequence[str]) -> list[Path]:
         ]
         roofs = read_upright(table, "roof_planes", system)
         written += export_footprints(folder, rows, roofs, system, names, made_from)
+    written += export_points(points, known, names)
     add_to_manifest(folder, written)
     return written
 
@@ -174,6 +187,16 @@ def export_footprints(
                 writer()(folder / file, [in_order(row) for row in which], system, provenance=provenance)
                 written.append(folder / file)
     return written
+
+
+def export_points(files: Iterable[Path], system: CoordinateSystem | None, names: Sequence[str]) -> list[Path]:
+    """Write each of the classified points as COPC, where that is named; the files written."""
+    if COPC not in names:
+        return []
+    from eaves.formats.points.copc_writer import write_copc
+
+    pairs = ((path, path.with_suffix(".copc.laz")) for path in files)
+    return [made for path, made in pairs if write_copc(path, made, system)]
 
 
 def in_order(row: Row) -> Row:

@@ -18,7 +18,7 @@ from eaves.buildings.building_file import Kept
 from eaves.buildings.envelope import envelope_figures
 from eaves.buildings.trust import judge
 from eaves.flow.doubts import LAYER, describe_doubts, doubt_rows, face_doubts
-from eaves.flow.exports import export_footprints, export_models
+from eaves.flow.exports import export_footprints, export_models, export_points
 from eaves.flow.neighbours import party_walls
 from eaves.flow.numbers import read_numbers
 from eaves.flow.region import Region
@@ -155,7 +155,8 @@ def write_output(
         return write_steps(store, run, results.blocks), None
     from eaves.flow.classified_points import write_points
 
-    return write_points(store, run, results.blocks, owners, sink, results.copies), sink
+    files = write_points(store, run, results.blocks, owners, sink, results.copies)
+    return files + export_points(files, system, run.options["formats"]), sink
 
 
 def write_outputs(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.formats import InputError, open_source
+from eaves.formats.points.classified import is_classified
 from eaves.formats.points.las import FIRST_LAYERED_FORMAT, NEEDED
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.laz import decompress, read_chunk_table
@@ -136,7 +137,7 @@ class PointSample:
 
 def classified_files(folder: Path) -> list[Path]:
     """The classified points of a run, in the order of their names."""
-    return sorted(folder.glob("classified*.laz"))
+    return sorted(path for path in folder.glob("classified*.laz") if is_classified(path.name))
 
 
 def sample_points(

@@ -163,7 +163,7 @@ class RunOptions(TypedDict, total=False):
         Sequence[str],
         Option(
             "Further formats: gpkg, citygml, citygml3, cityjson, obj, obj-wireframe, glb, 3dtiles, dxf, "
-            "geojson, fgb, parquet, kml, ifc.",
+            "geojson, fgb, parquet, kml, ifc, copc.",
             (),
             again=True,
             panel="output",

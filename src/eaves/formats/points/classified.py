@@ -109,7 +109,7 @@ def write_classified(
             raise ValueError(f"{name} has {len(values)} values, {source.path} has {source.count} points")
     if isinstance(source.layout, LasHeader):
         header, record = _las_header(source.layout, arrays)
-        pieces = _las_pieces(source.layout, record, chunk_points, copies)
+        pieces = las_pieces(source.layout, record, chunk_points, copies)
     else:
         header, pieces = _text_header(source), _text_pieces(source, chunk_points)
         _add_dimensions(header, arrays)
@@ -144,6 +144,11 @@ def write_classified(
             writer.write_evlrs(header.evlrs)
 
 
+def is_classified(name: str) -> bool:
+    """Whether a file of a run holds its classified points; their copies as COPC follow from them."""
+    return name.startswith("classified") and name.endswith((".laz", ".las")) and ".copc." not in name
+
+
 def name_system(header: laspy.LasHeader, source: Source) -> None:
     """Add the system that the run was given to the header of a file that states none. Point formats before 6
     hold those with a code alone."""
@@ -159,7 +164,7 @@ def _las_header(layout: LasHeader, arrays: Mapping[str, Values]) -> tuple[laspy.
     One that is damaged where reading points does not need it gives way to a new one.
     """
     try:
-        header = _copied_header(layout)
+        header = copied_header(layout)
         record = header.point_format.dtype()
         if record.itemsize != layout.record_length:
             raise ValueError(f"its dimensions fill {record.itemsize} of {layout.record_length} bytes")
@@ -179,7 +184,7 @@ def _las_header(layout: LasHeader, arrays: Mapping[str, Values]) -> tuple[laspy.
     return header, record
 
 
-def _copied_header(layout: LasHeader) -> laspy.LasHeader:
+def copied_header(layout: LasHeader) -> laspy.LasHeader:
     """The input's header without what is true of the input alone: compression and octree."""
     with layout.path.open("rb") as file:
         header = laspy.LasHeader.read_from(file, read_evlrs=True)
@@ -203,8 +208,8 @@ def _new_header(layout: LasHeader) -> laspy.LasHeader:
     return header
 
 
-def _las_pieces(
-    layout: LasHeader, record: np.dtype[np.void], size: int, copies: Sequence[str | Path]
+def las_pieces(
+    layout: LasHeader, record: np.dtype[np.void], size: int, copies: Sequence[str | Path] = ()
 ) -> Iterator[tuple[int, NDArray[np.void]]]:
     for first, records in iter_copied(layout, size, copies) or _numbered_pieces(iter_records(layout, size)):
         known = np.ascontiguousarray(records[:, : record.itemsize])

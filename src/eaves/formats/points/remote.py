@@ -103,6 +103,7 @@ class RemoteFile(io.RawIOBase):
         self.address, self.traffic, self.place = address, traffic, 0
         self.size, self.version = -1, ""
         self._head = self._get(0, PIECE)
+        self._last = 0, self._head
 
     def _get(self, start: int, length: int) -> bytes:
         request = urllib.request.Request(
@@ -162,10 +163,14 @@ class RemoteFile(io.RawIOBase):
         if length == 0:
             return 0
         end = self.place + length
-        data = self._head[self.place : end] if end <= len(self._head) else self._get(self.place, length)
-        buffer[: len(data)] = data
-        self.place += len(data)
-        return len(data)
+        for start, held in ((0, self._head), self._last):  # laspy reads the root of an octree twice
+            if start <= self.place and end <= start + len(held):
+                break
+        else:
+            start, held = self._last = self.place, self._get(self.place, max(length, PIECE))
+        buffer[:length] = held[self.place - start : end - start]
+        self.place = end
+        return length
 
 
 def localise(
@@ -248,7 +253,7 @@ def read_json(given: str | Path, traffic: Traffic) -> Any:
     stream = RemoteFile(str(given), traffic)
     if stream.size > LARGEST_LIST:
         raise ValueError
-    return json.loads(io.BufferedReader(stream).read())
+    return json.loads(stream.read(stream.size))
 
 
 def nodes_of_ept(
@@ -299,10 +304,9 @@ def fetch(address: str, folder: Path, bounds: Rectangle | None, clip: Path | Non
     remote = RemoteFile(address, traffic)
     traffic.whole += remote.size
     traffic.addresses.append(shown(address))
-    stream = io.BufferedReader(remote, PIECE)
     is_copc = remote._head[:4] == b"LASF" and remote._head[377:381] == b"copc"
     try:
-        reader = CopcReader(stream, close_fd=False) if is_copc and (bounds or clip) else None
+        reader = CopcReader(remote, close_fd=False) if is_copc and (bounds or clip) else None
         rectangle = None if reader is None else needed(reader, bounds, clip)
         known = f"{shown(address)} {remote.size} {remote.version} {rectangle}"
         name = PurePosixPath(urlsplit(address).path)
@@ -315,9 +319,9 @@ def fetch(address: str, folder: Path, bounds: Rectangle | None, clip: Path | Non
         folder.mkdir(parents=True, exist_ok=True)
         with atomic(path) as temporary:
             if reader is None or rectangle is None:
-                stream.seek(0)
+                remote.seek(0)
                 with temporary.open("wb") as file:
-                    while piece := stream.read(PIECE << 8):
+                    while piece := remote.read(PIECE << 8):
                         file.write(piece)
             else:
                 copy_points(reader, rectangle, temporary)
