@@ -57,7 +57,7 @@ def test_the_page_loads_selects_and_toggles(browser: Browser, nine_run: Summary,
     browser.run(move.replace("TEXT", f"'{east + 10}, {north - 5}'"))
     assert np.allclose(browser.run("return eaves.camera.target.slice(0, 2)"), [10.0, -5.0], atol=0.02)
     browser.run(move.replace("TEXT", "'1, 2'"))
-    assert "outside" in browser.run("return document.getElementById('status').textContent")
+    assert "outside" in browser.run("return document.getElementById('answer').textContent")
 
     browser.run("eaves.view('above')")
     browser.settle()
@@ -354,7 +354,9 @@ return [best, size];"""
 
 def test_ground_is_darker_beside_houses_than_in_the_open(browser: Browser, nine_run: Summary) -> None:
     browser.open(nine_run.folder / "report.html")
-    low, high = browser.run("return [Math.min(...eaves.groundLight), Math.max(...eaves.groundLight)]")
+    low, high = browser.run(
+        "const { light } = eaves.scene.grounds[0]; return [Math.min(...light), Math.max(...light)]"
+    )
     assert 0.45 < low < 0.8 and high > 0.97
 
 
@@ -372,7 +374,7 @@ const top = (xyz, list, x, y) => {
 };
 for (let part = 0.5; part < 40; part += 2) {
   const [x, y] = [0, 1].map(axis => one[axis] + part / 40 * (two[axis] - one[axis]));
-  const found = profile.at(part / 40 * profile.whole), { position, details } = scene.ground;
+  const found = profile.at(part / 40 * profile.whole), { position, details } = scene.grounds[0];
   const model = top(scene.triangles.xyz, layers.models.shown, x, y), ground = top(position, details[0], x, y);
   answers.push([found.model, model, found.ground, ground]);
 }
