@@ -8,12 +8,16 @@ from pathlib import Path
 import numpy as np
 import pyogrio
 import pytest
+from matplotlib.image import imread
 
 from eaves.cli import app as cli
 from eaves.formats.crs import parse_crs, system_of
 from eaves.pipeline import build
 from eaves.simulate import ExactBuilding, ExactFace, nine_roofs_on_a_slope, write_simulation
 from eaves.simulate.objects.roofs import PITCH, sample_from_above
+
+from ..report.browser import Browser, missing
+from ..report.test_page_in_browser import MIDDLE_OF
 
 GONE, RAISED = 2, 7
 SHIFT = 0.06, -0.05, 0.10
@@ -89,6 +93,26 @@ def test_the_layer_the_table_and_the_page_say_the_same(folders: tuple[Path, Path
     assert all(name in page for name in table)
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert cli.make_app()(["validate", str(out)], standalone_mode=False) in (0, None)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(missing()), reason=missing())
+def test_a_demolished_house_stands_on_the_old_side_of_the_slider_alone(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    assert compared(*folders, "-o", tmp_path / "out") == 0
+    with Browser() as browser:
+        browser.open(tmp_path / "out" / "changes.html", "view=above&off=points-other")
+        gone = browser.run("return eaves.all.findIndex(row => row.change === 'demolished')")
+        x, y = browser.run(MIDDLE_OF.replace("ROW", str(gone)))
+        for swipe, chosen in ((1000, gone + 1), (0, 0)):
+            browser.run(f"document.getElementById('swipe').value = {swipe}; eaves.choose(-1)")
+            browser.settle()
+            browser.click(x, y)
+            assert browser.run("return eaves.look.chosen") == chosen
+            colour = imread(browser.picture(tmp_path / f"changes-{swipe}.png"))[round(y), round(x), :3]
+            assert (np.ptp(colour) > 0.3) == (swipe == 1000), "red, or the colour of earth"
+        assert browser.errors() == []
 
 
 def test_backwards_it_is_the_opposite(folders: tuple[Path, Path], tmp_path: Path) -> None:

@@ -65,13 +65,13 @@ function listenToControls(viewer) {
   find.addEventListener('change', () => {
     byId('answer').textContent = '';
     const wanted = find.value.trim(), { all } = viewer, place = wanted.match(/^(-?\d+(?:\.\d+)?)[,; ]+(-?\d+(?:\.\d+)?)$/);
-    byId('ask').hidden = true;
+    viewer.network.offer('');
     if (place) return viewer.fly(place.slice(1).map((value, axis) => value * page.unit - viewer.origin[axis]));
     let number = all.findIndex(row => row.id === wanted);
     if (number < 0 && wanted) number = all.findIndex(row => String(row.id).includes(wanted));
     if (number >= 0) viewer.choose(number);
     else if (wanted) byId('answer').textContent = `no building here has an id with ${wanted} in it`;
-    byId('ask').hidden = !page.world || !wanted || number >= 0;
+    viewer.network.offer(number < 0 ? wanted : '');
   });
   byId('theme').addEventListener('click', () => {
     const root = document.documentElement, dark = getComputedStyle(root).colorScheme === 'dark' || (getComputedStyle(root).colorScheme !== 'light' && matchMedia('(prefers-color-scheme: dark)').matches);

@@ -6,8 +6,15 @@ class Network {
   constructor(viewer) {
     Object.assign(this, { viewer, asked: 0 });
     byId('network').hidden = !page.world;
+    byId('tiles').parentElement.hidden = !page.terrain.rows;
     for (const name of ['tiles', 'own-tiles', 'own-credit']) byId(name).addEventListener('change', () => this.chooseMap());
     byId('ask').addEventListener('click', () => this.findAddress(byId('find').value.trim()));
+  }
+
+  // Offers to ask for an address, or no longer does.
+  offer(wanted) {
+    byId('ask').hidden = !page.world || !wanted;
+    byId('ask').textContent = `Ask ${byId('geocoder').value.replace(/^https?:..([^/]+).*/, '$1')} for this address`;
   }
 
   // A place about the origin on the square of web mercator, 0 to 1 from the west and from the north; and back.
@@ -84,7 +91,7 @@ class Network {
   // Asks the chosen server for an address within what is shown, once for each press of the button.
   async findAddress(wanted) {
     const say = text => { byId('answer').textContent = text; };
-    byId('ask').hidden = true;
+    this.offer('');
     try {
       const address = new URL(byId('geocoder').value), [west, north, east, south] = this.extent(), degrees = v => Math.atan(Math.sinh(Math.PI * (1 - 2 * v))) * 180 / Math.PI;
       const box = [360 * west - 180, degrees(north), 360 * east - 180, degrees(south)];
@@ -97,6 +104,6 @@ class Network {
       const sine = Math.sin(found.lat * Math.PI / 180);
       this.viewer.fly(Network.fromWorld([(Number(found.lon) + 180) / 360, 0.5 - Math.atanh(sine) / (2 * Math.PI)]));
       say(`${found.display_name} (${found.licence || address.host})`);
-    } catch (error) { say(`No answer: ${error.message}.`); }
+    } catch (error) { say(`No answer of ${byId('geocoder').value}: ${error.message}.`); }
   }
 }
