@@ -23,10 +23,9 @@ from eaves.model import Bounds
 from eaves.model.summary import Summary
 from eaves.report.beside import render_beside
 from eaves.report.build import build
-from eaves.report.contents import Contents, read_contents
+from eaves.report.contents import read_contents
 from eaves.report.page_file import render
 from eaves.report.surfaces import CityFace, CityFaces
-from eaves.simulate import scan_town, simulate_town, write_simulation
 
 from .browser import Browser, missing
 from .test_basemap import write_image
@@ -274,49 +273,6 @@ def wait_for(browser: Browser, question: str) -> None:
     while not browser.run(question):
         assert time.monotonic() < limit, question
         time.sleep(0.05)
-
-
-@pytest.mark.slow
-def test_a_thousand_buildings_and_300000_points_turn_without_a_graphics_card(
-    tmp_path: Path, artefacts: Path
-) -> None:
-    """Frames are counted and printed; a picture of the moving scene is kept."""
-    points = scan_town(simulate_town(0.09, seed=4), density=10.0, seed=4)
-    write_simulation(points, tmp_path / "town")
-    build(tmp_path / "town" / "points.laz", tmp_path / "out")
-    contents = read_contents(tmp_path / "out")
-    many = repeat_to(contents, 1000)
-    page = tmp_path / "report.html"
-    page.write_text(render(many, "many"), encoding="utf-8")
-    with Browser() as window:
-        window.open(page, "on=points-building,points-ground")
-        window.run_async(TURN)
-        painted, _, _ = window.run_async(TURN)
-        window.picture(artefacts / "thousand-moving.png")
-        window.settle()
-        window.picture(artefacts / "thousand-still.png")
-        assert window.errors() == []
-    print(f"{len(many.rows)} buildings, {len(many.points)} points: {2500 / painted:.0f} ms a frame, turning")
-    assert 2500 / painted < 1000, "even on a busy machine"
-
-
-def repeat_to(contents: Contents, count: int) -> Contents:
-    """The contents with the buildings repeated side by side."""
-    own, rows, polygons, faces = len(contents.rows), [], [], []
-    for copy in range(-(-count // own)):
-        move = np.array([320.0 * (copy % 4), 320.0 * (copy // 4), 0.0])
-        rows += [
-            {**row, "id": f"{row['id']}-{copy}", "number": row["number"] + copy * own}
-            for row in contents.rows
-        ]
-        polygons += [shapely.transform(shape, lambda xy, by=move: xy + by[:2]) for shape in contents.polygons]
-        faces += [
-            CityFace(
-                tuple(ring + move for ring in face.rings), face.building + copy * own, face.lod, face.kind
-            )
-            for face in contents.faces
-        ]
-    return replace(contents, rows=rows, polygons=polygons, faces=CityFaces.of(faces), buildings=len(rows))
 
 
 PLACES = """

@@ -12,6 +12,7 @@ import numpy as np
 import rasterio
 from numpy.typing import NDArray
 from pyproj import Transformer
+from pyproj.exceptions import ProjError
 from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.io import MemoryFile
@@ -98,23 +99,23 @@ def fit_web_mercator(
     system: CoordinateSystem, origin: tuple[float, float], reach: float
 ) -> list[list[float]] | None:
     """Where a place lies on the square of web mercator (0 to 1 from the west, and from the north): the
-    coefficients of 1, x, y, x², xy, y² of each, x and y being metres about `origin` up to `reach`. A second
-    degree leaves some 0.01 m over 20 km. None without a reference system."""
+    coefficients of 1, x, y, x², xy, y² of each, x and y being metres about `origin` up to `reach`. None
+    where the reference system has no place on Earth."""
     crs = horizontal_crs(system)
     if crs is None:
         return None
     x, y = (side.ravel() for side in np.meshgrid(*[np.linspace(-1.0, 1.0, 9)] * 2))
-    places = [
-        (side * reach + middle) / system.horizontal_unit_m
-        for side, middle in zip((x, y), origin, strict=True)
-    ]
-    move = Transformer.from_crs(crs, "EPSG:3857", always_xy=True)
-    east, north = (side / (2 * np.pi * WORLD_RADIUS) for side in move.transform(*places))
-    if not np.isfinite([east, north]).all():
+    plane = (np.column_stack([x, y]) * reach + origin) / system.horizontal_unit_m
+    try:
+        move = Transformer.from_crs(crs, "EPSG:3857", always_xy=True)
+    except ProjError:
+        return None
+    world = np.column_stack(move.transform(*plane.T)) / (2 * np.pi * WORLD_RADIUS)
+    if not np.isfinite(world).all():
         return None
     terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-    found = np.linalg.lstsq(terms, np.column_stack([0.5 + east, 0.5 - north]), rcond=None)[0]
-    return (found.T / reach ** np.array([0, 1, 1, 2, 2, 2])).tolist()
+    found = np.linalg.lstsq(terms, 0.5 + world * [1.0, -1.0], rcond=None)[0]
+    return list((found.T / reach ** np.array([0, 1, 1, 2, 2, 2])).tolist())
 
 
 def image_shape(sides: tuple[float, ...], pixels: int) -> tuple[int, int]:

@@ -1,6 +1,6 @@
 """report.html: one page with the 3D scene, the table, the figures and the summary, that opens from disk.
 
-The scene is drawn by the page's own WebGL2 (the folder `page`, 60 kB): the ready-made viewers put 1 to 5 MB
+The scene is drawn by the page's own WebGL2 (the folder `page`, 100 kB): the ready-made viewers put 1 to 5 MB
 of script into every report, more than the data, and none picks a building out of points and meshes together.
 """
 
