@@ -463,9 +463,8 @@ def test_a_map_and_an_address_are_asked_for_only_when_a_person_wants_them(
     to_world = Transformer.from_crs("EPSG:28992", "EPSG:3857", always_xy=True).transform
     middle = np.array([0.5, 0.5]) + np.array([1, -1]) * to_world(*origin) / (2 * np.pi * 6378137.0)
     with map_server(middle, to_degrees(*(origin + [10, -5]))) as (server, asked):
-        browser.open(
-            nine_run.folder / "report.html", "view=above&off=roofs,walls,edges,prints,points-other&on=tiles"
-        )
+        state = "view=above&off=roofs,walls,edges,prints,points-other&on=tiles"
+        browser.open(nine_run.folder / "report.html", state)
         assert not asked and browser.run("return performance.getEntriesByType('resource').length") == 0
         browser.run(SET.format("tiles", "own"))
         assert not asked
@@ -487,12 +486,10 @@ def test_a_map_and_an_address_are_asked_for_only_when_a_person_wants_them(
         browser.run(SET.format("find", "Church Street 1"))
         assert len(asked) == many, "an address is not asked for until the button is pressed"
         browser.run("document.getElementById('ask').click()")
-        wait_for(
-            browser, "return document.getElementById('answer').textContent.startsWith('Church Street 1')"
-        )
+        wait_for(browser, "return document.getElementById('answer').textContent.includes('Church Street 1')")
         assert np.allclose(browser.run("return eaves.camera.target.slice(0, 2)"), [10.0, -5.0], atol=0.02)
         browser.run(SET.format("tiles", ""))
-        assert browser.run("return [eaves.painter.lay, document.getElementById('credit').textContent]") == [
+        assert browser.run("return [eaves.painter.lay, document.getElementById('credit').innerText]") == [
             None,
             "",
         ]

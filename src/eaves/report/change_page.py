@@ -79,7 +79,10 @@ def iter_change_page(comparison: Comparison, folder: Path) -> Iterator[str]:
     words = {
         "title": f"Changes: {names[0]}, {names[1]}",
         "headline": text.split("\n")[0],
-        "shown": " | ".join(f"{name}: {say_shown(one)}" for name, one in zip(names, (old, new), strict=True)),
+        "shown": " | ".join(
+            f"{name}: {say_shown(one, 'those that changed most and their surroundings')}"
+            for name, one in zip(names, (old, new), strict=True)
+        ),
     }
     data = page_data(page, titles) | {"epochs": names, "modelled": False, "terrain": terrain}
     yield from iter_page(page, text, words, data, arrays.items())

@@ -154,8 +154,8 @@ def as_json(value: Any) -> str:
     return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def say_shown(contents: Contents) -> str:
-    """How much of the run is drawn."""
+def say_shown(contents: Contents, which: str = "those nearest to the middle") -> str:
+    """How much of the run is drawn, and `which` of its buildings where not all are."""
     sample, rows = contents.points, len(contents.rows)
     parts = [f"all {len(sample):,} points drawn"]
     if len(sample) < sample.total:
@@ -165,7 +165,7 @@ def say_shown(contents: Contents) -> str:
             f"on buildings {shown:,} of {sample.on_buildings:,}",
         ]
     parts.append(
-        f"{rows:,} of {contents.buildings:,} buildings, those nearest to the middle"
+        f"{rows:,} of {contents.buildings:,} buildings, {which}"
         if rows < contents.buildings
         else f"all {rows:,} buildings"
     )
