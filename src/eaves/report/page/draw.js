@@ -86,11 +86,14 @@ class Painter {
   // An image on the ground; `lay` are the coefficients of 1, x, y, x², xy, y² of its columns and rows, both from 0 to 1. Layers that are `pictured` are drawn with it.
   picture(image, lay) {
     const gl = this.gl;
-    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+    gl.deleteTexture(this.texture || null);
+    gl.bindTexture(gl.TEXTURE_2D, this.texture = gl.createTexture());
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, image);
     gl.generateMipmap(gl.TEXTURE_2D);
     for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    const slanted = gl.getExtension('EXT_texture_filter_anisotropic'); // keeps the words of a map readable from the side
+    if (slanted) gl.texParameteri(gl.TEXTURE_2D, slanted.TEXTURE_MAX_ANISOTROPY_EXT, 8);
     this.lay = new Float32Array(lay);
   }
 

@@ -14,7 +14,7 @@ class Network {
   // Offers to ask for an address, or no longer does.
   offer(wanted) {
     byId('ask').hidden = !page.world || !wanted;
-    byId('ask').textContent = `Ask ${byId('geocoder').value.replace(/^https?:..([^/]+).*/, '$1')} for this address`;
+    byId('ask').textContent = `Ask ${byId('geocoder').value.replace(/^https?:..([^/]+).*/, '$1')}`;
   }
 
   // A place about the origin on the square of web mercator, 0 to 1 from the west and from the north; and back.
@@ -63,8 +63,11 @@ class Network {
       [left, top, wide, tall] = [a, b, c - a + 1, d - b + 1];
       if (wide * tall <= MOST_TILES && Math.max(wide, tall) <= WIDEST) break;
     }
-    const words = { z: zoom, tilematrix: zoom }, fill = (x, y) => address.replace(/\{(\w+)\}/g, (whole, name) => ({ ...words, x, y, tilecol: x, tilerow: y })[name.toLowerCase()] ?? whole);
-    if (fill(0, 0) === fill(1, 1)) throw new Error('the address has no {z}, {x} and {y}');
+    const fill = (x, y) => {
+      const words = { s: 'a', z: zoom, tilematrix: zoom, x, tilecol: x, y, tilerow: y, '-y': 2 ** zoom - 1 - y };
+      return address.replace(/\{([\w-]+)\}/g, (whole, name) => words[name.toLowerCase()] ?? whole);
+    };
+    if (fill(0, 0) === fill(0, 1) || fill(0, 0) === fill(1, 0)) throw new Error('the address lacks one of {z}, {x} and {y}');
     const { host } = new URL(fill(left, top)), sheet = element('canvas', { width: wide * TILE, height: tall * TILE }), pen = sheet.getContext('2d');
     pen.fillStyle = '#ffffff';
     pen.fillRect(0, 0, sheet.width, sheet.height);
