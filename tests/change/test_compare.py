@@ -2,18 +2,23 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyogrio
 import pytest
+from matplotlib.image import imread
 
 from eaves.cli import app as cli
 from eaves.formats.crs import parse_crs, system_of
 from eaves.pipeline import build
 from eaves.simulate import ExactBuilding, ExactFace, ExactScene, nine_roofs_on_a_slope, write_simulation
 from eaves.simulate.objects.roofs import PITCH, sample_from_above
+
+from ..report.browser import Browser, missing
+from ..report.test_page_in_browser import MIDDLE_OF
 
 GONE, RAISED = 2, 7
 SHIFT = 0.06, -0.05, 0.10
@@ -61,39 +66,57 @@ def changes(out: Path) -> dict[str, dict[str, object]]:
     return {row["id"]: row for row in told["buildings"]}
 
 
-def test_what_changed_is_found__and_nothing_else(folders: tuple[Path, Path], tmp_path: Path) -> None:
-    old, new = folders
-    assert compared(old, new, "-o", tmp_path / "out") == 0
-    rows = list(changes(tmp_path / "out").values())
-    kinds = sorted(row["change"] for row in rows)
+@pytest.fixture(scope="module")
+def out(folders: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The epochs compared."""
+    place = tmp_path_factory.mktemp("compared")
+    assert compared(*folders, "-o", place) == 0
+    return place
+
+
+def test_what_changed_is_found_by_its_old_id__and_nothing_else(folders: tuple[Path, Path], out: Path) -> None:
+    rows = changes(out)
+    kinds = sorted(row["change"] for row in rows.values())
     assert kinds == sorted(["unchanged"] * 7 + ["demolished", "raised"])
-    moved = next(row for row in rows if row["change"] == "raised")
+    moved = next(row for row in rows.values() if row["change"] == "raised")
     assert moved["height_difference_m"] == pytest.approx(0.8, abs=0.05)
-    told = json.loads((tmp_path / "out" / "changes.json").read_text(encoding="utf-8"))
+    told = json.loads((out / "changes.json").read_text(encoding="utf-8"))
     shift = [told["new_against_old_m"][way] for way in ("east", "north", "up")]
     assert shift == pytest.approx(SHIFT, abs=0.02)
+    before = pyogrio.read_dataframe(folders[0] / "footprints.gpkg", layer="footprints")
+    assert set(rows) == set(before["id"])
 
 
-def test_ids_are_those_of_the_old_epoch(folders: tuple[Path, Path], tmp_path: Path) -> None:
-    old, new = folders
-    assert compared(old, new, "-o", tmp_path / "out") == 0
-    before = pyogrio.read_dataframe(old / "footprints.gpkg", layer="footprints")
-    assert set(changes(tmp_path / "out")) == set(before["id"])
-
-
-def test_the_layer_the_table_and_the_page_say_the_same(folders: tuple[Path, Path], tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert compared(*folders, "-o", out) == 0
+def test_the_layer_the_table_and_the_page_say_the_same(out: Path) -> None:
     layer = pyogrio.read_dataframe(out / "changes.gpkg", layer="changes")
     with (out / "changes.csv").open(encoding="utf-8", newline="") as file:
         table = {row["id"]: row["change"] for row in csv.DictReader(file)}
     assert dict(zip(layer["id"], layer["change"], strict=True)) == table
     parts = pyogrio.read_dataframe(out / "changes.gpkg", layer="parts")
     assert set(parts["change"]) == {"demolished", "raised"}
-    page = (out / "changes.html").read_text(encoding="utf-8")
-    assert all(name in page for name in table)
-    assert "http://" not in page.replace("http://www.w3.org", "")
+    data = re.search(r'id="data">(.*?)</script>', (out / "changes.html").read_text(encoding="utf-8"), re.S)
+    assert data is not None
+    rows = json.loads(data[1])["rows"]
+    assert {row["id"]: row["change"] for row in rows} == table
+    assert [row["change"] for row in rows[:3]] == ["demolished", "raised", "unchanged"], "largest first"
     assert cli.make_app()(["validate", str(out)], standalone_mode=False) in (0, None)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(missing()), reason=missing())
+def test_a_demolished_house_stands_on_the_old_side_of_the_slider_alone(out: Path, tmp_path: Path) -> None:
+    with Browser() as browser:
+        browser.open(out / "changes.html", "view=above&off=points-other")
+        gone = browser.run("return eaves.all.findIndex(row => row.change === 'demolished')")
+        x, y = browser.run(MIDDLE_OF.replace("ROW", str(gone)))
+        for swipe, chosen in ((1000, gone + 1), (0, 0)):
+            browser.run(f"document.getElementById('swipe').value = {swipe}; eaves.choose(-1)")
+            browser.settle()
+            browser.click(x, y)
+            assert browser.run("return eaves.look.chosen") == chosen
+            colour = imread(browser.picture(tmp_path / "seen.png"))[round(y), round(x), :3]
+            assert (np.ptp(colour) > 0.3) == (swipe == 1000), "red, or the colour of earth"
+        assert browser.errors() == []
 
 
 def test_backwards_it_is_the_opposite(folders: tuple[Path, Path], tmp_path: Path) -> None:

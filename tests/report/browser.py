@@ -55,6 +55,10 @@ class Browser:
         }
         session = self.call("POST", "/session", {"capabilities": {"alwaysMatch": wanted}})
         self.base += f"/session/{session['sessionId']}"
+        if width < 500:  # no window is narrower
+            shape = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+            command = {"cmd": "Emulation.setDeviceMetricsOverride", "params": shape}
+            self.call("POST", "/goog/cdp/execute", command)
 
     def __enter__(self) -> Browser:
         return self

@@ -19,7 +19,7 @@ from eaves.formats.crs import parse_crs, system_of
 from eaves.model import Bounds
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.report import basemap
-from eaves.report.basemap import BEYOND, read_basemap
+from eaves.report.basemap import BEYOND, WORLD_RADIUS, fit_web_mercator, read_basemap
 
 PLACE = Bounds(84960.0, 447120.0, 85200.0, 447300.0)
 DUTCH = system_of(parse_crs("EPSG:28992"), "test", (PLACE.west, PLACE.south))
@@ -120,3 +120,16 @@ def test_what_cannot_be_laid_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "words.tif").write_text("no image")
     with pytest.raises(ValueError, match="is not an image"):
         read_basemap(tmp_path / "words.tif", DUTCH, PLACE)
+
+
+def test_places_on_web_mercator_are_those_of_proj__over_six_kilometres() -> None:
+    xy = np.random.default_rng(5).uniform(-3000.0, 3000.0, (200, 2))
+    x, y = xy.T
+    terms = np.array([np.ones(200), x, y, x * x, x * y, y * y])
+    fitted = fit_web_mercator(DUTCH, (85000.0, 447200.0), 3000.0)
+    assert fitted is not None
+    move = pyproj.Transformer.from_crs("EPSG:28992", "EPSG:3857", always_xy=True).transform
+    east, north = move(*(xy + [85000.0, 447200.0]).T)
+    around = 2 * np.pi * WORLD_RADIUS
+    assert np.allclose(np.array(fitted) @ terms * around, [east + around / 2, around / 2 - north], atol=0.01)
+    assert fit_web_mercator(LOCAL_METRES, (0.0, 0.0), 100.0) is None

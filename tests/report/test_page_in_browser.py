@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
+import io
+import json
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from itertools import combinations
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
 import shapely
-from matplotlib.image import imread
+from matplotlib.image import imread, imsave
+from pyproj import Transformer
 
 from eaves.model import Bounds
 from eaves.model.summary import Summary
 from eaves.report.beside import render_beside
 from eaves.report.build import build
+<<<<<<< HEAD
 from eaves.report.contents import Contents, read_contents
 from eaves.report.page_file import iter_page
+=======
+from eaves.report.contents import read_contents
+from eaves.report.page_file import render
+>>>>>>> w-page
 from eaves.report.surfaces import CityFace, CityFaces
-from eaves.simulate import scan_town, simulate_town, write_simulation
 
 from .browser import Browser, missing
 from .test_basemap import write_image
@@ -57,7 +67,7 @@ def test_the_page_loads_selects_and_toggles(browser: Browser, nine_run: Summary,
     browser.run(move.replace("TEXT", f"'{east + 10}, {north - 5}'"))
     assert np.allclose(browser.run("return eaves.camera.target.slice(0, 2)"), [10.0, -5.0], atol=0.02)
     browser.run(move.replace("TEXT", "'1, 2'"))
-    assert "outside" in browser.run("return document.getElementById('status').textContent")
+    assert "outside" in browser.run("return document.getElementById('answer').textContent")
 
     browser.run("eaves.view('above')")
     browser.settle()
@@ -271,6 +281,7 @@ def wait_for(browser: Browser, question: str) -> None:
         time.sleep(0.05)
 
 
+<<<<<<< HEAD
 @pytest.mark.slow
 def test_a_thousand_buildings_and_300000_points_turn_without_a_graphics_card(
     tmp_path: Path, artefacts: Path
@@ -314,6 +325,8 @@ def repeat_to(contents: Contents, count: int) -> Contents:
     return replace(contents, rows=rows, polygons=polygons, faces=CityFaces.of(faces), buildings=len(rows))
 
 
+=======
+>>>>>>> w-page
 PLACES = """
 const { seen } = sightOf(eaves.camera, eaves.canvas.clientWidth, eaves.canvas.clientHeight, 0, 0);
 const box = eaves.canvas.getBoundingClientRect();
@@ -355,7 +368,9 @@ return [best, size];"""
 
 def test_ground_is_darker_beside_houses_than_in_the_open(browser: Browser, nine_run: Summary) -> None:
     browser.open(nine_run.folder / "report.html")
-    low, high = browser.run("return [Math.min(...eaves.groundLight), Math.max(...eaves.groundLight)]")
+    low, high = browser.run(
+        "const { light } = eaves.scene.grounds[0]; return [Math.min(...light), Math.max(...light)]"
+    )
     assert 0.45 < low < 0.8 and high > 0.97
 
 
@@ -373,7 +388,7 @@ const top = (xyz, list, x, y) => {
 };
 for (let part = 0.5; part < 40; part += 2) {
   const [x, y] = [0, 1].map(axis => one[axis] + part / 40 * (two[axis] - one[axis]));
-  const found = profile.at(part / 40 * profile.whole), { position, details } = scene.ground;
+  const found = profile.at(part / 40 * profile.whole), { position, details } = scene.grounds[0];
   const model = top(scene.triangles.xyz, layers.models.shown, x, y), ground = top(position, details[0], x, y);
   answers.push([found.model, model, found.ground, ground]);
 }
@@ -449,6 +464,88 @@ def test_an_aerial_image_lies_over_the_terrain(
     plain = imread(browser.picture(artefacts / "nine-no-basemap.png"))[300:450, 300:400, :3]
     assert np.ptp(plain, axis=2).max() < 0.2, "switched off it is the colour of earth"
     assert browser.errors() == []
+
+
+@contextmanager
+def map_server(middle: np.ndarray, found: tuple[float, float]) -> Iterator[tuple[str, list[str]]]:
+    """A server of tiles, red west and green north of a place of web mercator (0 to 1), and of one address
+    (longitude, latitude); its own address, and what was asked of it."""
+    asked: list[str] = []
+
+    class Answer(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            asked.append(self.path)
+            if self.path.startswith("/search"):
+                place = {"lon": str(found[0]), "lat": str(found[1]), "display_name": "Church Street 1"}
+                body = json.dumps([place]).encode()
+            else:
+                zoom, column, row = map(int, self.path.removesuffix(".png").split("/")[-3:])
+                pixels = (np.arange(256) + 0.5) / 256
+                tile = np.zeros((256, 256, 3))
+                tile[..., 0] = (column + pixels)[None, :] / 2**zoom < middle[0]
+                tile[..., 1] = (row + pixels)[:, None] / 2**zoom < middle[1]
+                picture = io.BytesIO()
+                imsave(picture, tile, format="png")
+                body = picture.getvalue()
+            self.send_response(200)
+            self.send_header("Access-Control-Allow-Origin", "*")
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Answer)
+    Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}", asked
+    server.shutdown()
+    server.server_close()
+
+
+SET = "const box = document.getElementById('{}'); box.value = '{}'; box.dispatchEvent(new Event('change'))"
+
+
+@pytest.mark.slow
+def test_a_map_and_an_address_are_asked_for_only_when_a_person_wants_them(
+    browser: Browser, nine_run: Summary, artefacts: Path
+) -> None:
+    contents = read_contents(nine_run.folder)
+    origin = np.array(contents.origin)
+    to_degrees = Transformer.from_crs("EPSG:28992", "EPSG:4326", always_xy=True).transform
+    to_world = Transformer.from_crs("EPSG:28992", "EPSG:3857", always_xy=True).transform
+    middle = np.array([0.5, 0.5]) + np.array([1, -1]) * to_world(*origin) / (2 * np.pi * 6378137.0)
+    with map_server(middle, to_degrees(*(origin + [10, -5]))) as (server, asked):
+        state = "view=above&off=roofs,walls,edges,prints,points-other&on=tiles"
+        browser.open(nine_run.folder / "report.html", state)
+        assert not asked and browser.run("return performance.getEntriesByType('resource').length") == 0
+        browser.run(SET.format("tiles", "own"))
+        assert not asked
+        browser.run(SET.format("own-credit", "© the city"))
+        browser.run(SET.format("own-tiles", server + "/{TileMatrix}/{x}/{y}.png"))
+        told = "return document.getElementById('requests').textContent"
+        wait_for(browser, f"{told}.includes('came from 127.0.0.1')")
+        assert f"{len(asked)} of {len(asked)} tiles" in browser.run(told)
+        assert browser.run("return document.getElementById('credit').textContent") == "map: © the city"
+        browser.settle()
+        seen = imread(browser.picture(artefacts / "nine-map.png"))
+        ends = [[x, y, 0] for x in (-1.5, 1.5) for y in (-1.5, 1.5)]
+        for (x, y, _), (left, down) in zip(ends, browser.run(PLACES.replace("ENDS", str(ends))), strict=True):
+            red, green = seen[round(down), round(left), :2] > 0.4
+            assert (red, green) == (x < 0, y > 0), "the map lies where the houses stand"
+
+        many = len(asked)
+        browser.run(SET.format("geocoder", f"{server}/search"))
+        browser.run(SET.format("find", "Church Street 1"))
+        assert len(asked) == many, "an address is not asked for until the button is pressed"
+        browser.run("document.getElementById('ask').click()")
+        wait_for(browser, "return document.getElementById('answer').textContent.includes('Church Street 1')")
+        assert np.allclose(browser.run("return eaves.camera.target.slice(0, 2)"), [10.0, -5.0], atol=0.02)
+        browser.run(SET.format("tiles", ""))
+        assert browser.run("return [eaves.painter.lay, document.getElementById('credit').innerText]") == [
+            None,
+            "",
+        ]
+        assert len(asked) == many + 1 and browser.errors() == []
 
 
 @pytest.mark.slow

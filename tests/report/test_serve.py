@@ -136,8 +136,7 @@ def test_a_folder_without_a_run_is_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_control_c_ends_it_without_an_error(site: TileSite) -> None:
-    command = [sys.executable, "-m", "eaves", "view", str(site.folder)]
-    command += ["--serve", "--port", "0", "--no-browser"]
+    command = [sys.executable, "-m", "eaves", "view", site.folder, "--serve", "--port", "0", "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as serving:
         assert serving.stdout is not None
         assert "http://127.0.0.1:" in serving.stdout.readline()

@@ -77,7 +77,7 @@ class Epoch:
             return own
         found: set[Block] = set()
         for block in own:
-            found |= set(squares_of([self._moved(block.bounds, 0)], self.side))
+            found |= set(squares_of([self.moved(block.bounds, 0)], self.side))
         return sorted(found)
 
     def points(self, block: Block, reach: float) -> PointCloud:
@@ -87,12 +87,11 @@ class Epoch:
             return self.store.load_cloud(block, reach).in_canonical_order()
         wanted = block.bounds.buffered(reach)
         pieces = []
-        for own in squares_of([self._moved(wanted, 1)], self.side):
+        for own in squares_of([self.moved(wanted, 1)], self.side):
             cloud = self.store.load_cloud(own, 0.0)
             if len(cloud):
                 world = cloud.xyz + np.array([*own.origin, 0.0])
-                there = self._plane(world[:, :2], 0)
-                world[:, :2] = there
+                world[:, :2] = self.plane(world[:, :2], 0)
                 inside = np.flatnonzero(wanted.contains(world))
                 pieces.append((cloud, world, inside))
         if not pieces:
@@ -107,18 +106,21 @@ class Epoch:
         xyz = np.concatenate([world[inside] for _, world, inside in pieces])
         return PointCloud.from_world(xyz, block.origin, **arrays).in_canonical_order()
 
-    def _plane(self, xy: NDArray[np.float64], way: int) -> NDArray[np.float64]:
+    def plane(self, xy: NDArray[np.float64], way: int) -> NDArray[np.float64]:
         """Plane coordinates (N, 2) in metres taken to the comparison's system (0), or back (1)."""
-        assert self._move is not None
+        if self._move is None:
+            return xy
         units = self.store.system.horizontal_unit_m, self.system.horizontal_unit_m
         x, y = self._move[way](*(xy / units[way]).T)
         return np.column_stack([x, y]) * units[1 - way]
 
-    def _moved(self, bounds: Bounds, way: int) -> Bounds:
+    def moved(self, bounds: Bounds, way: int) -> Bounds:
         """A rectangle that holds another in the other system."""
+        if self._move is None:
+            return bounds
         west, south, east, north = vars(bounds).values()
         corners = np.array([[west, south], [west, north], [east, south], [east, north]])
-        return Bounds.of(self._plane(corners, way)).buffered(TURNED * max(bounds.width, bounds.height))
+        return Bounds.of(self.plane(corners, way)).buffered(TURNED * max(bounds.width, bounds.height))
 
 
 def open_epoch(

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
+from pyproj import Transformer
+from pyproj.exceptions import ProjError
 from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.io import MemoryFile
@@ -30,6 +32,8 @@ QUALITY = 82
 """Of the JPEG: below 80 roofs get visible squares, above 90 it doubles in size."""
 BEYOND = 190
 """Grey where the image shows nothing."""
+WORLD_RADIUS = 6_378_137.0
+"""Of the sphere of web mercator (m)."""
 CUT = (2, 98)
 """Percentiles that become black and white in images of more than 8 bits."""
 
@@ -89,6 +93,29 @@ def read_basemap(path: str | Path, system: CoordinateSystem, bounds: Bounds) -> 
                     pixels = int(pixels * min(0.9, 0.97 * np.sqrt(BYTES / len(jpeg))))
         except RasterioError:
             raise InputError.about(path, "is not an image that can be read", "give a GeoTIFF") from None
+
+
+def fit_web_mercator(
+    system: CoordinateSystem, origin: tuple[float, float], reach: float
+) -> list[list[float]] | None:
+    """Where a place lies on the square of web mercator (0 to 1 from the west, and from the north): the
+    coefficients of 1, x, y, x², xy, y² of each, x and y being metres about `origin` up to `reach`. None
+    where the reference system has no place on Earth."""
+    crs = horizontal_crs(system)
+    if crs is None:
+        return None
+    x, y = (side.ravel() for side in np.meshgrid(*[np.linspace(-1.0, 1.0, 9)] * 2))
+    plane = (np.column_stack([x, y]) * reach + origin) / system.horizontal_unit_m
+    try:
+        move = Transformer.from_crs(crs, "EPSG:3857", always_xy=True)
+    except ProjError:
+        return None
+    world = np.column_stack(move.transform(*plane.T)) / (2 * np.pi * WORLD_RADIUS)
+    if not np.isfinite(world).all():
+        return None
+    terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    found = np.linalg.lstsq(terms, 0.5 + world * [1.0, -1.0], rcond=None)[0]
+    return list((found.T / reach ** np.array([0, 1, 1, 2, 2, 2])).tolist())
 
 
 def image_shape(sides: tuple[float, ...], pixels: int) -> tuple[int, int]:

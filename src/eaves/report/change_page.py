@@ -1,198 +1,145 @@
-"""changes.html: both epochs as shaded pictures under a slider, every building's outline, the table."""
+"""changes.html: the viewer of a run's page, with both epochs on the two sides of a slider."""
 
 from __future__ import annotations
 
-import base64
-import html
-import warnings
-from importlib.resources import files
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
-import rasterio
 import shapely
 from numpy.typing import NDArray
-from rasterio.enums import Resampling
-from rasterio.errors import NotGeoreferencedWarning
-from rasterio.io import MemoryFile
-from rasterio.vrt import WarpedVRT
-from rasterio.windows import from_bounds
-from shapely import MultiPolygon, Polygon
 
-from eaves.change.changes import Comparison
+from eaves.change.changes import BuildingChange, Comparison
 from eaves.change.epoch import Epoch
-from eaves.change.output import as_text
-from eaves.change.verdict import UNCHANGED, VERDICTS
+from eaves.change.output import as_text, describe_comparison
+from eaves.change.verdict import UNCHANGED
 from eaves.formats.atomic import atomic
-from eaves.formats.crs import horizontal_crs
-from eaves.model import Bounds
+from eaves.model import Points, Raster
 from eaves.model.columns import COLUMNS
-from eaves.report.page_file import as_json
-
-PIXELS = 1800
-"""Longest side of the pictures."""
-
-FINEST = 0.25
-"""A pixel is at least so wide (m)."""
-
-MARGIN = 20.0
-"""Surroundings shown around the buildings (m)."""
-
-SUN = np.array([-0.5, 0.5, 0.7071])
-"""From the north-west, 45° high."""
+from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, TERRAIN_CELLS, Contents, read_contents
+from eaves.report.page_file import (
+    MILLIMETRES,
+    as_millimetres,
+    iter_page,
+    page_arrays,
+    page_data,
+    say_shown,
+    terrain_array,
+)
 
 SHOWN = (
-    *(
-        "id",
-        "change",
-        "also",
-        "certainty",
-        "height_difference_m",
-        "volume_difference_m3",
-        "built_m2",
-        "gone_m2",
-        "moved_m2",
-    ),
-    *("points_old", "points_new", "reason"),
+    *("id", "change", "also", "certainty", "reason", "height_difference_m", "volume_difference_m3"),
+    *("built_m2", "gone_m2", "moved_m2", "points_old", "points_new"),
 )
 """Columns of the table."""
-
-ROWS_SHOWN = 4_000
-"""Of more buildings only those that changed are in the table, and outlined."""
 
 
 def write_change_page(comparison: Comparison, folder: Path) -> Path:
     """Write changes.html into a folder; its path."""
     path = folder / "changes.html"
-    with atomic(path) as temporary:
-        temporary.write_text(render_changes(comparison), encoding="utf-8")
+    with atomic(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.writelines(iter_change_page(comparison, folder))
     return path
 
 
-def render_changes(comparison: Comparison) -> str:
-    """The page as text, with its style, script, pictures and data inside."""
-    place = files("eaves.report").joinpath("page")
-    changes = list(comparison.changes)
-    if len(changes) > ROWS_SHOWN:
-        changes = [one for one in changes if one.verdict.change != UNCHANGED][:ROWS_SHOWN]
-    bounds = page_extent(comparison)
-    pixel = max(FINEST, max(bounds.width, bounds.height) / PIXELS)
-    pictures = [picture_of(epoch, comparison, bounds, pixel) for epoch in (comparison.old, comparison.new)]
-    outlines: dict[str, list[dict[str, str]]] = {
-        name: [
-            {"id": one.id, "path": svg_path(shape, bounds)}
-            for one in epoch.buildings
-            for shape in [one.polygon]
-        ]
-        for name, epoch in (("old", comparison.old), ("new", comparison.new))
-        if len(epoch.buildings) <= ROWS_SHOWN
-    }
-    data: dict[str, Any] = {
-        "width": bounds.width,
-        "height": bounds.height,
-        "changes": [{**one.row, "path": svg_path(one.polygon, bounds)} for one in changes],
-        "outlines": outlines,
-        "columns": [[name, COLUMNS[name].label] for name in SHOWN],
-        "verdicts": [name for name in VERDICTS if name in comparison.counts],
-    }
-    names = [html.escape(epoch.folder.resolve().name) for epoch in (comparison.old, comparison.new)]
-    return Template(place.joinpath("changes.html").read_text("utf-8")).substitute(
-        style=place.joinpath("style.css").read_text("utf-8"),
-        script=place.joinpath("changes.js").read_text("utf-8"),
-        summary=html.escape(as_text(comparison)).replace("\n", "<br>"),
-        old_name=names[0],
-        new_name=names[1],
-        old_picture=pictures[0],
-        new_picture=pictures[1],
-        data=as_json(data),
+def iter_change_page(comparison: Comparison, folder: Path) -> Iterator[str]:
+    """The page piece by piece. A triangle or point names the row of its change and its epoch, 1 or 2."""
+    changes = worst_first(comparison.changes)
+    drawn, others = changes[: BUILDINGS_SHOWN // 2], changes[BUILDINGS_SHOWN // 2 :]
+    epochs = comparison.old, comparison.new
+    places = [{name: place for place, one in enumerate(drawn, 1) for name in one.old_ids}]
+    places += [{name: place for place, one in enumerate(drawn, 1) for name in one.new_ids}]
+    old, new = (
+        read_contents(epoch.folder, points=POINTS_SHOWN // 2, only=ids)
+        for epoch, ids in zip(epochs, places, strict=True)
     )
+    frame = np.array([*old.origin, old.base])
+    about = describe_comparison(comparison)
+    page = replace(
+        old,
+        folder=folder,
+        rows=[one.row for one in drawn],
+        others=[one.row for one in others],
+        buildings=len(changes),
+        run={name: about[name] for name in about if name != "buildings"},
+    )
+    names = [epoch.folder.resolve().name for epoch in epochs]
+    terrain, heights = common_terrain((old, new), epochs, frame)
+    arrays: dict[str, NDArray[Any]] = {"terrain": heights}
+    parts = [epoch_arrays(*each, frame) for each in zip((old, new), epochs, places, strict=True)]
+    for name in parts[0]:
+        arrays[name] = np.concatenate([part[name] for part in parts])
+    for kind in ("point", "triangle", "edge", "outline"):
+        counts = [len(part[f"{kind}_building"]) for part in parts]
+        arrays[f"{kind}_epoch"] = np.repeat(np.array([1, 2], np.uint8), counts)
+    titles = {name: COLUMNS[name].label for name in SHOWN}
+    text = as_text(comparison)
+    words = {
+        "title": f"Changes: {names[0]}, {names[1]}",
+        "headline": text.split("\n")[0],
+        "shown": " | ".join(
+            f"{name}: {say_shown(one, 'those that changed most and their surroundings')}"
+            for name, one in zip(names, (old, new), strict=True)
+        ),
+    }
+    data = page_data(page, titles) | {"epochs": names, "modelled": False, "terrain": terrain}
+    yield from iter_page(page, text, words, data, arrays.items())
 
 
-def page_extent(comparison: Comparison) -> Bounds:
-    """World metres of all buildings, with a margin."""
-    polygons = [change.polygon for change in comparison.changes]
-    if not polygons:
-        return Bounds(0.0, 0.0, 1.0, 1.0)
-    return Bounds(*map(float, shapely.total_bounds(polygons))).buffered(MARGIN)
+def worst_first(changes: tuple[BuildingChange, ...]) -> list[BuildingChange]:
+    """What changed first, by volume; then the others, those nearest to the changes' middle first."""
+    if not changes:
+        return []
+    centres = shapely.get_coordinates(shapely.centroid([one.polygon for one in changes]))
+    changed = np.array([one.verdict.change != UNCHANGED for one in changes])
+    away = np.hypot(*(centres - np.median(centres[changed] if changed.any() else centres, axis=0)).T)
+    rank = np.where(changed, [-abs(one.verdict.volume_m3) for one in changes], away)
+    return [changes[place] for place in np.lexsort((rank, ~changed))]
 
 
-def svg_path(shape: Polygon | MultiPolygon, bounds: Bounds) -> str:
-    """The rings of a polygon in metres from the picture's north-west corner."""
-    rings = [
-        ring
-        for part in shapely.get_parts(shape)
-        if part.geom_type == "Polygon"
-        for ring in (part.exterior, *part.interiors)
+def epoch_arrays(
+    contents: Contents, epoch: Epoch, place_of: dict[str, int], frame: Points
+) -> dict[str, NDArray[Any]]:
+    """The arrays of an epoch's own page, but for its terrain, about the origin of the common one (3,);
+    buildings are the places of their changes, from 1."""
+    rows = np.array([0, *(place_of[str(row["id"])] for row in contents.rows)], np.uint32)
+    arrays = page_arrays(contents)
+    del arrays["terrain"]
+    for name, values in arrays.items():
+        if name.endswith("_building"):
+            arrays[name] = rows[values]
+        elif name.endswith("_xyz"):
+            world = values.reshape(-1, 3) / MILLIMETRES + [*contents.origin, contents.base]
+            world[:, :2] = epoch.plane(world[:, :2], 0)
+            arrays[name] = as_millimetres(world - frame).reshape(values.shape)
+    return arrays
+
+
+def common_terrain(
+    both: tuple[Contents, Contents], epochs: tuple[Epoch, Epoch], frame: Points
+) -> tuple[dict[str, Any], NDArray[np.int32]]:
+    """One grid over the terrains of both epochs as the page describes it, and the heights of each on it."""
+    own = [
+        Raster(one.terrain, one.corner[0] + one.origin[0], one.corner[1] + one.origin[1], one.cell)
+        for one in both
     ]
-    return "".join(
-        "M" + "L".join(f"{x - bounds.west:.2f} {bounds.north - y:.2f}" for x, y, *_ in ring.coords[:-1]) + "Z"
-        for ring in rings
-    )
-
-
-def picture_of(epoch: Epoch, comparison: Comparison, bounds: Bounds, pixel: float) -> str:
-    """The shaded surface of an epoch as a PNG in a data address; one grey where the run wrote no surface."""
-    shape = max(1, round(bounds.height / pixel)), max(1, round(bounds.width / pixel))
-    path = epoch.folder / "dsm.tif"
-    heights = read_heights(path, comparison, bounds, shape) if path.exists() else np.full(shape, np.nan)
-    grey = relief_shade(heights, pixel)
-    with MemoryFile() as memory:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            profile = {"driver": "PNG", "height": shape[0], "width": shape[1], "count": 1, "dtype": "uint8"}
-            with memory.open(**profile) as image:
-                image.write(grey, 1)
-        return "data:image/png;base64," + base64.b64encode(memory.read()).decode("ascii")
-
-
-def read_heights(
-    path: Path, comparison: Comparison, bounds: Bounds, shape: tuple[int, int]
-) -> NDArray[np.float64]:
-    """Heights (H, W) over the bounds, in the comparison's system; NaN where there are none."""
-    unit = comparison.old.system.horizontal_unit_m
-    sides = tuple(side / unit for side in (bounds.west, bounds.south, bounds.east, bounds.north))
-    target = horizontal_crs(comparison.old.system)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        with rasterio.open(path) as image:
-            if image.crs is not None and target is not None:
-                with WarpedVRT(image, crs=target.to_wkt(), nodata=np.nan) as warped:
-                    return padded(warped, sides, shape)
-            return padded(image, sides, shape)
-
-
-def padded(image: Any, sides: tuple[float, ...], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """The part of a picture in a rectangle, NaN beyond its rim."""
-    west, south, east, north = sides
-    b = image.bounds
-    values = np.full(shape, np.nan)
-    left, right = max(west, b.left), min(east, b.right)
-    low, high = max(south, b.bottom), min(north, b.top)
-    if left >= right or low >= high:
-        return values
-    rows, columns = shape
-    c0, c1 = (round((x - west) / (east - west) * columns) for x in (left, right))
-    r0, r1 = (round((north - y) / (north - south) * rows) for y in (high, low))
-    if c0 < c1 and r0 < r1:
-        part = image.read(
-            1,
-            window=from_bounds(left, low, right, high, transform=image.transform),
-            out_shape=(r1 - r0, c1 - c0),
-            masked=True,
-            resampling=Resampling.bilinear,
-        )
-        values[r0:r1, c0:c1] = np.ma.filled(part.astype(np.float64), np.nan)
-    return values
-
-
-def relief_shade(heights: NDArray[np.float64], pixel: float) -> NDArray[np.uint8]:
-    """The light (H, W) on a surface of heights; white where none are known."""
-    if min(heights.shape) < 2:
-        return np.full(heights.shape, 255, np.uint8)
-    down, right = np.gradient(heights, pixel)
-    normal = np.stack([-right, down, np.ones_like(heights)])
-    normal /= np.linalg.norm(normal, axis=0)
-    light = np.clip(np.tensordot(SUN, normal, 1), 0.0, 1.0)
-    return np.where(np.isfinite(light), 40 + 200 * np.nan_to_num(light), 255).astype(np.uint8)
+    areas = [
+        epoch.moved(raster.bounds, 0) for epoch, raster in zip(epochs, own, strict=True) if raster.values.size
+    ]
+    if not areas:
+        return {"rows": 0, "columns": 0, "cell": 1.0, "west": 0.0, "north": 0.0}, np.zeros(0, np.int32)
+    west, south = min(area.west for area in areas), min(area.south for area in areas)
+    east, north = max(area.east for area in areas), max(area.north for area in areas)
+    cell = max(max(east - west, north - south) / TERRAIN_CELLS, min(one.cell for one in both))
+    rows, columns = max(1, round((north - south) / cell)), max(1, round((east - west) / cell))
+    y, x = np.mgrid[:rows, :columns] + 0.5
+    places = np.column_stack([west + cell * x.ravel(), north - cell * y.ravel()])
+    heights = np.full((2, rows * columns), np.nan)
+    for values, epoch, contents, raster in zip(heights, epochs, both, own, strict=True):
+        there = epoch.plane(places, 1)
+        inside = raster.bounds.contains(there) if raster.values.size else np.zeros(len(there), bool)
+        values[inside] = raster.at(there[inside]) + contents.base - frame[2]
+    corner = {"west": west - frame[0], "north": north - frame[1]}
+    return {"rows": rows, "columns": columns, "cell": cell, **corner}, terrain_array(heights)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -80,12 +81,13 @@ def read_contents(
     around: str | None = None,
     received: PointSample | None = None,
     basemap: str | Path | None = None,
+    only: Collection[str] | None = None,
 ) -> Contents:
     """The contents of a run's folder; what a run did not write is empty.
 
     Of more than `buildings` those nearest to the building of the id `around` are shown, or nearest to the
-    middle of all. `received` holds the sample of points, when the run has just written them; `basemap` is an
-    aerial image to lay over the terrain.
+    middle of all; where the ids `only` are given, these. `received` holds the sample of points, when the run
+    has just written them; `basemap` is an aerial image to lay over the terrain.
 
     Raises
     ------
@@ -97,10 +99,14 @@ def read_contents(
     polygons, _, rows, system = read_polygons(folder / "footprints.gpkg", layer="footprints")
     system = system_of_folder(folder, named=False) or system
     found = len(rows)
-    shown = nearest_buildings(polygons, buildings, None if around is None else place_of(around, rows, folder))
+    if only is None:
+        middle = None if around is None else place_of(around, rows, folder)
+        shown = nearest_buildings(polygons, buildings, middle)
+    else:
+        shown = np.array([place for place, row in enumerate(rows) if str(row["id"]) in only], np.int64)
     others = [rows[k] for k in sorted(set(range(found)).difference(shown.tolist()))]
     polygons, rows = [polygons[k] for k in shown], [rows[k] for k in shown]
-    window = drawn_window(polygons) if len(shown) < found else None
+    window = drawn_window(polygons) if 0 < len(shown) < found else None
     terrain, bounds = read_terrain(folder / "dtm.tif", system, window)
     image = None if basemap is None else lay_image(folder, basemap, system, bounds)
     sample = sample_points(

@@ -1,6 +1,6 @@
 """report.html: one page with the 3D scene, the table, the figures and the summary, that opens from disk.
 
-The scene is drawn by the page's own WebGL2 (the folder `page`, 60 kB): the ready-made viewers put 1 to 5 MB
+The scene is drawn by the page's own WebGL2 (the folder `page`, 100 kB): the ready-made viewers put 1 to 5 MB
 of script into every report, more than the data, and none picks a building out of points and meshes together.
 """
 
@@ -10,7 +10,7 @@ import base64
 import html
 import json
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from itertools import chain
 from pathlib import Path
@@ -28,13 +28,14 @@ from eaves.model.building import LODS
 from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.coordinates import describe_units
 from eaves.model.summary import Summary
+from eaves.report.basemap import fit_web_mercator
 from eaves.report.contents import Contents, local_rings, read_contents
 from eaves.report.sample import PointSample
 from eaves.report.surfaces import CityFace, CityFaces, cut_into_triangles, face_edges, in_pieces
 
 SCRIPTS = (
     *("arrays", "camera", "draw", "pace", "pick", "measure", "profile", "shade"),
-    *("colours", "table", "charts", "verdicts", "main", "events"),
+    *("colours", "table", "charts", "verdicts", "epochs", "network", "main", "events"),
 )
 COLUMNS = {
     "id": "id",
@@ -89,8 +90,27 @@ def write_page(contents: Contents, text: str) -> Path:
     return path
 
 
+<<<<<<< HEAD
 def iter_page(contents: Contents, text: str) -> Iterator[str]:
     """The page piece by piece: all of it is several times as large as its largest array."""
+=======
+def render(contents: Contents, text: str) -> str:
+    """The page as text, with its style, script and data inside."""
+    return "".join(iter_page(contents, text))
+
+
+def iter_page(
+    contents: Contents,
+    text: str,
+    words: dict[str, str] | None = None,
+    data: dict[str, Any] | None = None,
+    arrays: Iterable[tuple[str, NDArray[Any]]] | None = None,
+) -> Iterator[str]:
+    """The page piece by piece: all of it is several times as large as its largest array.
+
+    `words` of the page, its `data` and its `arrays` replace those of the contents.
+    """
+>>>>>>> w-page
     folder = files("eaves.report").joinpath("page")
     parts = {name: folder.joinpath(name).read_text("utf-8") for name in ("page.html", "style.css")}
     script = "\n".join(folder.joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS)
@@ -100,21 +120,23 @@ def iter_page(contents: Contents, text: str) -> Iterator[str]:
     shown, found = len(contents.rows), contents.buildings
     heading = f"{found:,} buildings" if shown == found else f"{found:,} buildings, {shown:,} of them drawn"
     before, after = parts["page.html"].split("$data")
-    words = dict(
-        title=html.escape(f"{title}buildings by eaves"),
-        headline=html.escape(lines[0]),
+    said = dict(
+        title=f"{title}buildings by eaves",
+        headline=lines[0],
+        shown=say_shown(contents),
+    ) | (words or {})
+    filled = {name: html.escape(value) for name, value in said.items()} | dict(
         style=parts["style.css"],
         script=script,
-        shown=html.escape(say_shown(contents)),
         heading=heading,
         lods="".join(f"<option>{lod}</option>" for lod in lods_of(contents)),
         summary=html.escape(text),
         files=" · ".join(f"<a href='{name}'>{name}</a>" for name in linked_files(contents.folder)),
         run=html.escape(json.dumps(contents.run, indent=1, default=str)),
     )
-    yield Template(before).substitute(words)
-    yield from iter_data(contents)
-    yield Template(after).substitute(words)
+    yield Template(before).substitute(filled)
+    yield from iter_data(page_data(contents) | (data or {}), arrays or iter_arrays(contents))
+    yield Template(after).substitute(filled)
 
 
 def linked_files(folder: Path) -> list[str]:
@@ -124,11 +146,10 @@ def linked_files(folder: Path) -> list[str]:
     return [quote(name) for name in names]
 
 
-def iter_data(contents: Contents) -> Iterator[str]:
+def iter_data(data: dict[str, Any], arrays: Iterable[tuple[str, NDArray[Any]]]) -> Iterator[str]:
     """The data of the script as JSON, array by array."""
-    about = as_json(page_data(contents))
-    yield about.removesuffix("}") + ',"arrays":{'
-    for number, (name, values) in enumerate(iter_arrays(contents)):
+    yield as_json(data).removesuffix("}") + ',"arrays":{'
+    for number, (name, values) in enumerate(arrays):
         yield "," * (number > 0) + f"{as_json(name)}:{as_json(packed_array(values))}"
     yield "}}"
 
@@ -138,8 +159,8 @@ def as_json(value: Any) -> str:
     return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def say_shown(contents: Contents) -> str:
-    """How much of the run is drawn."""
+def say_shown(contents: Contents, which: str = "those nearest to the middle") -> str:
+    """How much of the run is drawn, and `which` of its buildings where not all are."""
     sample, rows = contents.points, len(contents.rows)
     parts = [f"all {len(sample):,} points drawn"]
     if len(sample) < sample.total:
@@ -149,7 +170,7 @@ def say_shown(contents: Contents) -> str:
             f"on buildings {shown:,} of {sample.on_buildings:,}",
         ]
     parts.append(
-        f"{rows:,} of {contents.buildings:,} buildings, those nearest to the middle"
+        f"{rows:,} of {contents.buildings:,} buildings, {which}"
         if rows < contents.buildings
         else f"all {rows:,} buildings"
     )
@@ -166,16 +187,16 @@ def lods_of(contents: Contents) -> list[str]:
     return [LODS[number] for number in sorted({0, *contents.faces.lod.tolist()}, reverse=True)]
 
 
-def page_data(contents: Contents) -> dict[str, Any]:
-    """The data of the script besides the arrays: rows and names."""
+def page_data(contents: Contents, titles: dict[str, str] = COLUMNS) -> dict[str, Any]:
+    """The data of the script besides the arrays: rows and names; `titles` are of the table's columns."""
     rows = [*contents.rows, *contents.others]
-    there = [name for name in COLUMNS if any(row.get(name) is not None for row in rows)]
+    there = [name for name in titles if any(row.get(name) is not None for row in rows)]
     numbers = {name for name in there if any(isinstance(row.get(name), int | float) for row in rows)}
     rows_high, columns = contents.terrain.shape
     return {
         "rows": contents.rows,
         "others": pack_rows(contents.others, [*there, *CHARTED]),
-        "columns": [{"name": name, "title": COLUMNS[name], "number": name in numbers} for name in there],
+        "columns": [{"name": name, "title": titles[name], "number": name in numbers} for name in there],
         "meanings": {name: [about.label, about.meaning] for name, about in MEANINGS.items()},
         "lods": LODS,
         "base": contents.base,
@@ -183,6 +204,7 @@ def page_data(contents: Contents) -> dict[str, Any]:
         "origin": [*contents.origin, contents.base],
         "unit": contents.system.horizontal_unit_m,
         "basemap": contents.basemap.address if contents.basemap else None,
+        "world": fit_web_mercator(contents.system, contents.origin, max(1.0, *map(abs, contents.corner))),
         "terrain": {
             "rows": rows_high,
             "columns": columns,
@@ -205,8 +227,12 @@ def iter_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     outlines, outline_row = draped_outlines(contents)
     yield "outline_xyz", as_millimetres(outlines)
     yield "outline_building", outline_row.astype(np.uint32)
-    heights = np.nan_to_num(contents.terrain * MILLIMETRES, nan=UNKNOWN_HEIGHT)
-    yield "terrain", np.round(heights).astype(np.int32)
+    yield "terrain", terrain_array(contents.terrain)
+
+
+def terrain_array(heights: NDArray[Any]) -> NDArray[np.int32]:
+    """Heights (m) of the terrain's cells as the page takes them."""
+    return np.round(np.nan_to_num(heights * MILLIMETRES, nan=UNKNOWN_HEIGHT)).astype(np.int32)
 
 
 def page_points(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:

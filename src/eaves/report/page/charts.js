@@ -25,6 +25,7 @@ function tally(title, words) {
 }
 
 function drawCharts(box, rows) {
+  if (page.epochs) return box.append(tally('Changes', words(rows, 'change', '')), tally('Certainty', words(rows, 'certainty', 'none')));
   box.append(histogram('Fit of the models', column(rows, 'rmse_m'), 0.05, 0.5, 'RMSE, m'));
   if (rows.some(row => row.rmse95_m !== undefined)) box.append(histogram('Fit without the worst 5 %', column(rows, 'rmse95_m'), 0.05, 0.5, 'RMSE, m'));
   box.append(tally('Level of detail reached', words(rows, 'lod', 'no model')));
@@ -36,12 +37,12 @@ function drawCharts(box, rows) {
 // The attributes and distances of one building.
 function describe(box, row, number, { points, rows }) {
   const list = element('dl');
-  const { id, trust, trust_score, review_reason, ...others } = row;
-  for (const [name, value] of Object.entries({ id, trust, trust_score, review_reason, ...others })) {
+  const { id, change, certainty, reason, trust, trust_score, review_reason, ...others } = row;
+  for (const [name, value] of Object.entries({ id, change, certainty, reason, trust, trust_score, review_reason, ...others })) {
     if (value !== undefined && value !== null && name !== 'number') list.append(element('dt', { title: page.meanings[name]?.[1] || '' }, page.meanings[name]?.[0] || name), element('dd', {}, figure(value)));
   }
   if (number >= rows.length) {
-    box.replaceChildren(element('h2', {}, row.id), list, element('p', {}, `Not drawn: the page shows the ${rows.length.toLocaleString('en')} buildings nearest to its middle. `, element('code', {}, `eaves view OUT --around ${row.id}`), ' makes a page around this one.'));
+    box.replaceChildren(element('h2', {}, row.id), list, element('p', {}, `Not drawn: the page shows ${rows.length.toLocaleString('en')} buildings. `, ...(page.epochs ? [] : [element('code', {}, `eaves view OUT --around ${row.id}`), ' makes a page around this one.'])));
     return;
   }
   const distances = [];

@@ -78,11 +78,11 @@ function modelColours(way, { triangles, rows }) {
     const scale = scaleOf(['#3f9b6a', '#e7d04a', '#d23b3b'], 0, 0.5, 'm RMSE of each roof face; grey: no points'), side = bytes('#f4f1ea');
     return { at: number => triangles.kind[number] === 2 ? scale.colour(triangles.error[number] === 65535 ? NaN : triangles.error[number] / 1000) : side, legend: scale.legend };
   }
-  const name = { lod: 'lod', type: 'roof_type', failure: 'failure_code', trust: 'trust' }[way];
+  const name = { change: 'change', lod: 'lod', type: 'roof_type', failure: 'failure_code', trust: 'trust' }[way];
   const values = words(rows, name, way === 'failure' ? 'as asked for' : 'none');
   const known = { 'as asked for': '#7fa98f', none: LOD_COLOURS.none };
   for (const { lod, failure_code: code } of rows) if (way === 'failure' && code && (!lod || lod === '0')) known[code] = LOD_COLOURS.none; // as its footprint is drawn
-  const scale = setOf(distinct(values), way === 'lod' ? LOD_COLOURS : way === 'trust' ? TRUST_COLOURS : known);
+  const scale = setOf(distinct(values), { change: CHANGES, lod: LOD_COLOURS, trust: TRUST_COLOURS }[way] || known);
   return { at: (number, row) => scale.colour(values[row]), legend: scale.legend };
 }
 

@@ -3,7 +3,7 @@ const VERTEX = `#version 300 es
 precision highp float;
 in vec3 position; in vec4 colour; in float building;
 uniform mat4 view; uniform float chosen, only, points, strength, fade; uniform vec3 mark, eye;
-out vec3 place; out vec4 tint;
+out vec3 place; out vec4 tint; out float epoch;
 void main() {
   place = position;
   vec3 nearer = points != 0.0 ? place + 0.15 * normalize(eye - place) : place;
@@ -11,14 +11,16 @@ void main() {
   gl_PointSize = points > 0.0 ? clamp(points / gl_Position.w, 1.5, 11.0) : -points;
   bool mine = chosen > 0.0 && abs(building - chosen) < 0.5;
   if (only > 0.5 && !mine && building > 0.5) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+  epoch = 255.0 * colour.a;
   tint = mine ? vec4(mix(colour.rgb, mark, strength), 1.0) : vec4(colour.rgb, fade);
 }`;
 const FRAGMENT = `#version 300 es
 precision highp float;
-in vec3 place; in vec4 tint;
-uniform float shaded, points, pictured; uniform vec3 eye; uniform vec4 extent; uniform sampler2D image;
+in vec3 place; in vec4 tint; in float epoch;
+uniform float shaded, points, pictured, split; uniform vec3 eye, lay[4]; uniform sampler2D image;
 out vec4 result;
 void main() {
+  if (epoch > 0.5 && (gl_FragCoord.x < split) != (epoch < 1.5)) discard;
   float light = 1.0;
   if (shaded > 0.5) {
     vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
@@ -27,12 +29,13 @@ void main() {
   } else if (points != 0.0 && distance(gl_PointCoord, vec2(0.5)) > 0.5) discard;
   vec3 own = tint.rgb;
   if (pictured > 0.5) {
-    own *= texture(image, vec2(place.x - extent.x, extent.y - place.y) / extent.zw).rgb;
+    vec3 first = vec3(1.0, place.xy), second = vec3(place.x * place.xy, place.y * place.y);
+    own *= texture(image, vec2(dot(lay[0], first) + dot(lay[1], second), dot(lay[2], first) + dot(lay[3], second))).rgb;
     light = mix(light, 1.0, 0.6);
   }
   result = vec4(own * light, tint.a);
 }`;
-const UNIFORMS = ['view', 'chosen', 'only', 'points', 'strength', 'fade', 'mark', 'shaded', 'eye', 'pictured', 'extent'];
+const UNIFORMS = ['view', 'chosen', 'only', 'points', 'strength', 'fade', 'mark', 'shaded', 'eye', 'pictured', 'lay', 'split'];
 // Vertices drawn in one call when a picture may be given up half-way.
 const PIECE = 90000;
 
@@ -58,7 +61,7 @@ class Painter {
     this.samples = Math.min(4, gl.getParameter(gl.MAX_SAMPLES));
   }
 
-  // kind: 'points', 'triangles' or 'lines'; building holds a number for each vertex, 0 for none.
+  // kind: 'points', 'triangles' or 'lines'; building holds a number for each vertex, 0 for none. A colour's fourth byte is the epoch: 0 both, 1 left of the slider, 2 right of it.
   add(kind, position, building, { shaded = false, strength = 0, minor = false, fades = false, opacity = 1 } = {}) {
     const gl = this.gl, vao = gl.createVertexArray();
     gl.bindVertexArray(vao);
@@ -80,15 +83,18 @@ class Painter {
     return layer;
   }
 
-  // An image over a rectangle: west, north, width and height. Layers that are `pictured` are drawn with it.
-  picture(image, extent) {
+  // An image on the ground; `lay` are the coefficients of 1, x, y, x², xy, y² of its columns and rows, both from 0 to 1. Layers that are `pictured` are drawn with it.
+  picture(image, lay) {
     const gl = this.gl;
-    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+    gl.deleteTexture(this.texture || null);
+    gl.bindTexture(gl.TEXTURE_2D, this.texture = gl.createTexture());
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, image);
     gl.generateMipmap(gl.TEXTURE_2D);
     for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
-    this.extent = extent;
+    const slanted = gl.getExtension('EXT_texture_filter_anisotropic'); // keeps the words of a map readable from the side
+    if (slanted) gl.texParameteri(gl.TEXTURE_2D, slanted.TEXTURE_MAX_ANISOTROPY_EXT, 8);
+    this.lay = new Float32Array(lay);
   }
 
   recolour(layer, colours) {
@@ -139,6 +145,7 @@ class Painter {
     gl.uniform3fv(uniform.eye, camera.eye());
     gl.uniform1f(uniform.chosen, look.chosen);
     gl.uniform1f(uniform.only, look.only ? 1 : 0);
+    gl.uniform1f(uniform.split, look.split * width);
     gl.uniform3fv(uniform.mark, look.mark);
     this.spot = look.pointSize / camera.step(height);
     this.fade = Math.min(1, Math.max(0.2, 0.16 / camera.step(this.canvas.clientHeight)));
@@ -153,7 +160,7 @@ class Painter {
     gl.uniform1f(uniform.strength, layer.strength);
     gl.uniform1f(uniform.fade, layer.fades ? this.fade : layer.opacity);
     gl.uniform1f(uniform.pictured, layer.pictured ? 1 : 0);
-    if (layer.pictured) gl.uniform4fv(uniform.extent, this.extent);
+    if (layer.pictured) gl.uniform3fv(uniform.lay, this.lay);
     gl.depthMask(layer.opacity === 1);
     if (layer.fades || layer.opacity < 1) {
       gl.enable(gl.BLEND);

@@ -59,16 +59,19 @@ function listenToCanvas(viewer) {
 }
 
 function listenToControls(viewer) {
-  for (const control of document.querySelectorAll('#controls input:not(#find), #controls select')) control.addEventListener('input', () => viewer.refresh());
+  for (const control of document.querySelectorAll('#controls input:not([type=text]), #controls select')) control.addEventListener('input', () => viewer.refresh());
   for (const button of document.querySelectorAll('[data-view]')) button.addEventListener('click', () => viewer.view(button.dataset.view));
   const find = byId('find');
   find.addEventListener('change', () => {
+    byId('answer').textContent = '';
     const wanted = find.value.trim(), { all } = viewer, place = wanted.match(/^(-?\d+(?:\.\d+)?)[,; ]+(-?\d+(?:\.\d+)?)$/);
+    viewer.network.offer('');
     if (place) return viewer.fly(place.slice(1).map((value, axis) => value * page.unit - viewer.origin[axis]));
     let number = all.findIndex(row => row.id === wanted);
     if (number < 0 && wanted) number = all.findIndex(row => String(row.id).includes(wanted));
     if (number >= 0) viewer.choose(number);
-    else if (wanted) byId('status').textContent = `no building here has an id with ${wanted} in it`;
+    else if (wanted) byId('answer').textContent = `no building here has an id with ${wanted} in it`;
+    viewer.network.offer(number < 0 ? wanted : '');
   });
   byId('theme').addEventListener('click', () => {
     const root = document.documentElement, dark = getComputedStyle(root).colorScheme === 'dark' || (getComputedStyle(root).colorScheme !== 'light' && matchMedia('(prefers-color-scheme: dark)').matches);
@@ -77,11 +80,14 @@ function listenToControls(viewer) {
   });
 }
 
+// Names in the address, and their controls.
+const SETTINGS = [['lod', 'lod'], ['points', 'point-colour'], ['models', 'model-colour'], ['size', 'size'], ['swipe', 'swipe']];
+
 // The settings of the address behind '#': building=… (or id=…; building=worst is the one to look at first)&view=above&theme=dark&lod=1.2&points=distance&models=fit&off=ground,walls
 function obeyAddress(viewer, hash = location.hash) {
   const given = new URLSearchParams(hash.slice(1));
   if (given.has('theme')) document.documentElement.dataset.theme = given.get('theme');
-  for (const [name, control] of [['lod', 'lod'], ['points', 'point-colour'], ['models', 'model-colour'], ['size', 'size']]) if (given.has(name)) byId(control).value = given.get(name);
+  for (const [name, control] of SETTINGS) if (given.has(name)) byId(control).value = given.get(name);
   for (const [name, on] of [['on', true], ['off', false]]) for (const box of (given.get(name) || '').split(',')) if (byId(box)) byId(box).checked = on;
   viewer.refresh();
   const wanted = given.get('building') ?? given.get('id');
@@ -106,7 +112,7 @@ function obeyAddress(viewer, hash = location.hash) {
 function addressOf(viewer) {
   const { camera, look, all } = viewer, settings = new URLSearchParams(), theme = document.documentElement.dataset.theme;
   if (theme) settings.set('theme', theme);
-  for (const [name, control] of [['lod', 'lod'], ['points', 'point-colour'], ['models', 'model-colour'], ['size', 'size']]) if (byId(control).value !== initial[control]) settings.set(name, byId(control).value);
+  for (const [name, control] of SETTINGS) if (byId(control).value !== initial[control]) settings.set(name, byId(control).value);
   const boxes = [...document.querySelectorAll('#controls input[type=checkbox]')].filter(box => box.checked !== box.defaultChecked);
   for (const [name, on] of [['on', true], ['off', false]]) {
     const ids = boxes.filter(box => box.checked === on).map(box => box.id);
@@ -124,7 +130,7 @@ const initial = {};
 
 // Keeps the address up to date once a person has touched the page; not while it moves.
 function keepAddress(viewer) {
-  for (const control of ['lod', 'point-colour', 'model-colour', 'size']) initial[control] = byId(control).value;
+  for (const [, control] of SETTINGS) initial[control] = byId(control).value;
   if (location.protocol === 'about:') return; // within another page, which has the address
   let waiting = 0;
   const later = () => {

@@ -4,19 +4,21 @@ const page = JSON.parse(byId('data').textContent);
 
 function readData(arrays) {
   const order = shuffled(arrays.point_class.length), mixed = (values, width) => reordered(values, order, width);
+  const epochsOf = (values, count) => values || new Uint8Array(count);
   const points = {
-    xyz: metres(mixed(arrays.point_xyz, 3)), classification: mixed(arrays.point_class, 1), building: mixed(arrays.point_building, 1),
+    xyz: metres(mixed(arrays.point_xyz, 3)), epochs: mixed(epochsOf(arrays.point_epoch, order.length), 1), classification: mixed(arrays.point_class, 1), building: mixed(arrays.point_building, 1),
     plane: mixed(arrays.point_plane, 1), distance: mixed(arrays.point_distance, 1), count: order.length, base: page.base,
   };
   const triangles = {
     xyz: metres(arrays.triangle_xyz), building: arrays.triangle_building, lod: arrays.triangle_lod,
-    kind: arrays.triangle_kind, error: arrays.triangle_error, count: arrays.triangle_lod.length,
+    epochs: epochsOf(arrays.triangle_epoch, arrays.triangle_lod.length), kind: arrays.triangle_kind, error: arrays.triangle_error, count: arrays.triangle_lod.length,
   };
   Object.assign(triangles, slopes(triangles));
-  const edges = { xyz: metres(arrays.edge_xyz), building: arrays.edge_building, lod: arrays.edge_lod, count: arrays.edge_lod.length };
-  const prints = { xyz: metres(arrays.outline_xyz), building: arrays.outline_building, count: arrays.outline_building.length };
-  const terrain = { ...page.terrain, heights: metres(arrays.terrain) };
-  return { points, triangles, edges, prints, terrain, rows: page.rows };
+  const edges = { xyz: metres(arrays.edge_xyz), building: arrays.edge_building, lod: arrays.edge_lod, epochs: epochsOf(arrays.edge_epoch, arrays.edge_lod.length), count: arrays.edge_lod.length };
+  const prints = { xyz: metres(arrays.outline_xyz), building: arrays.outline_building, epochs: epochsOf(arrays.outline_epoch, arrays.outline_building.length), count: arrays.outline_building.length };
+  const heights = metres(arrays.terrain), cells = page.terrain.rows * page.terrain.columns;
+  const terrains = (page.epochs ? [1, 2] : [0]).map((epoch, place) => ({ ...page.terrain, epoch, heights: heights.subarray(place * cells, (place + 1) * cells) }));
+  return { points, triangles, edges, prints, terrains, rows: page.rows };
 }
 
 // The numbers below `count` in an order without a pattern, the same every time: the first of them are a fair sample.
@@ -56,8 +58,8 @@ const repeated = (numbers, times) => {
   return out;
 };
 
-// The terrain's vertices, and its triangles over every cell, every second, fourth and eighth.
-function terrainMesh({ rows, columns, cell, west, north, heights }) {
+// A terrain's vertices, and its triangles over every cell, every second, fourth and eighth.
+function terrainMesh({ rows, columns, cell, west, north, heights, epoch }) {
   const position = new Float32Array(3 * rows * columns), missing = place => heights[place] > 1e6;
   for (let row = 0, place = 0; row < rows; row++) {
     for (let column = 0; column < columns; column++, place++) position.set([west + (column + 0.5) * cell, north - (row + 0.5) * cell, missing(place) ? 0 : heights[place]], 3 * place);
@@ -73,17 +75,20 @@ function terrainMesh({ rows, columns, cell, west, north, heights }) {
     }
     return Uint32Array.from(indices);
   });
-  return { position, details };
+  return { position, details, epoch };
 }
 
 function boxOf(scene) {
   const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
   const grow = xyz => { for (let place = 0; place < xyz.length; place++) { low[place % 3] = Math.min(low[place % 3], xyz[place]); high[place % 3] = Math.max(high[place % 3], xyz[place]); } };
-  grow(scene.ground.position);
+  for (const ground of scene.grounds) grow(ground.position);
   grow(scene.triangles.xyz);
   if (!Number.isFinite(low[0])) grow(scene.points.xyz);
   return Number.isFinite(low[0]) ? { low, high } : { low: [-5, -5, -5], high: [5, 5, 5] };
 }
+
+// A number for each building in each epoch.
+const modelOf = ({ building, epochs }, number) => 3 * building[number] + epochs[number];
 
 // What is neither ground nor building, mostly trees, lets what stands behind it through.
 const OTHER_OPACITY = 0.45;
@@ -91,13 +96,13 @@ const OTHER_OPACITY = 0.45;
 class Viewer {
   constructor(scene, all, table) {
     Object.assign(this, { scene, all, table, origin: page.origin });
-    scene.ground = terrainMesh(scene.terrain);
+    scene.grounds = scene.terrains.map(terrain => ({ ...terrainMesh(terrain), light: groundShade(terrain, scene.triangles) }));
     const canvas = this.canvas = byId('scene');
     this.camera = new Camera(boxOf(scene), canvas.clientWidth / Math.max(1, canvas.clientHeight));
     const painter = this.painter = new Painter(canvas);
-    const { points, triangles, edges, prints, ground } = scene;
+    const { points, triangles, edges, prints, grounds } = scene;
     this.layers = {
-      ground: painter.add('triangles', ground.position, new Uint32Array(ground.position.length / 3), { shaded: true }),
+      grounds: grounds.map(({ position }) => painter.add('triangles', position, new Uint32Array(position.length / 3), { shaded: true })),
       models: painter.add('triangles', triangles.xyz, repeated(triangles.building, 3), { shaded: true, strength: 0.25 }),
       edges: painter.add('lines', edges.xyz, repeated(edges.building, 2), { strength: 1, minor: true, fades: true }),
       prints: painter.add('lines', prints.xyz, repeated(prints.building, 2), { strength: 1, minor: true }),
@@ -108,15 +113,16 @@ class Viewer {
     this.look = { background: [1, 1, 1], mark: [1, 0.6, 0], chosen: 0, only: false, pointSize: 0.35 };
     this.finest = new Map();
     for (let number = 0; number < triangles.count; number++) {
-      const row = triangles.building[number];
-      this.finest.set(row, Math.max(this.finest.get(row) || 0, triangles.lod[number]));
+      const model = modelOf(triangles, number);
+      this.finest.set(model, Math.max(this.finest.get(model) || 0, triangles.lod[number]));
     }
     this.measureBuildings();
-    this.groundLight = groundShade(scene.terrain, triangles);
     this.overRoof = pointsOverRoofs(points, triangles);
     this.ruler = new Ruler(this);
     this.profile = new Profile(this);
     this.verdicts = new Verdicts();
+    this.epochs = new Epochs(this);
+    this.network = new Network(this);
     new ResizeObserver(() => this.ask()).observe(canvas);
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.refresh());
   }
@@ -138,10 +144,10 @@ class Viewer {
 
   // The aerial image of the page over the terrain.
   async addImage(address) {
-    const image = new Image(), { rows, columns, cell, west, north } = this.scene.terrain;
+    const image = new Image(), { rows, columns, cell, west, north } = page.terrain, [wide, tall] = [columns * cell, rows * cell];
     image.src = address;
     await image.decode();
-    this.painter.picture(image, [west, north, columns * cell, rows * cell]);
+    this.painter.picture(image, [-west / wide, 1 / wide, 0, 0, 0, 0, north / tall, 0, -1 / tall, 0, 0, 0]);
     byId('basemap').parentElement.hidden = false;
   }
 
@@ -149,7 +155,7 @@ class Viewer {
 
   // Colours and visibility from the controls; what has no colour is not drawn.
   refresh() {
-    const { scene, painter, layers } = this, { points, triangles, edges, prints, ground } = scene;
+    const { scene, painter, layers } = this, { points, triangles, edges, prints, grounds } = scene;
     const style = getComputedStyle(document.documentElement), shade = name => bytes(style.getPropertyValue(name).trim());
     this.look.background = shade('--sky').map(value => value / 255);
     this.look.mark = shade('--mark').map(value => value / 255);
@@ -158,7 +164,7 @@ class Viewer {
     this.look.pointSize = 0.35 * size;
 
     // Colours the `count` things of a layer, `width` vertices each, and draws those that get a colour.
-    const dress = (layer, count, width, colour, bright = null) => {
+    const dress = (layer, { epochs, count }, width, colour, bright = null) => {
       const colours = new Uint8Array(4 * count * width), list = new Uint32Array(count * width);
       let end = 0;
       for (let number = 0; number < count; number++) {
@@ -167,7 +173,7 @@ class Viewer {
         for (let vertex = number * width; vertex < (number + 1) * width; vertex++) {
           const light = bright ? bright(vertex, number) : 1;
           for (let band = 0; band < 3; band++) colours[4 * vertex + band] = light * answer[band];
-          colours[4 * vertex + 3] = 255;
+          colours[4 * vertex + 3] = epochs[number];
           list[end++] = vertex;
         }
       }
@@ -175,25 +181,28 @@ class Viewer {
       painter.show(layer, list.slice(0, end));
     };
     const earth = shade('--earth'), line = shade('--line'), outline = shade('--outline');
-    layers.ground.pictured = !!painter.extent && this.checked('basemap');
-    dress(layers.ground, ground.position.length / 3, 1, () => layers.ground.pictured ? [255, 255, 255] : earth, vertex => this.look.only ? 1 : this.groundLight[vertex]); // no shade of hidden buildings
-    painter.show(layers.ground, ...(this.checked('ground') ? ground.details : [new Uint32Array(0)]));
+    layers.grounds.forEach((layer, place) => {
+      const { position, light, details, epoch } = grounds[place], count = position.length / 3;
+      layer.pictured = !!painter.lay && this.checked('basemap');
+      dress(layer, { epochs: new Uint8Array(count).fill(epoch), count }, 1, () => layer.pictured ? [255, 255, 255] : earth, vertex => this.look.only ? 1 : light[vertex]); // no shade of hidden buildings
+      painter.show(layer, ...(this.checked('ground') ? details : [new Uint32Array(0)]));
+    });
 
     const pointWay = pointColours(byId('point-colour').value, scene), [on, under, other] = ['points-building', 'points-ground', 'points-other'].map(name => this.checked(name));
     const foreign = number => !points.building[number] && points.classification[number] !== 2;
-    dress(layers.points, points.count, 1, number => !foreign(number) && (points.building[number] ? on || points.building[number] === this.look.chosen : under) ? pointWay.at(number) : null);
-    dress(layers.other, points.count, 1, number => foreign(number) && other && !this.look.only && !this.overRoof[number] ? pointWay.at(number) : null);
+    dress(layers.points, points, 1, number => !foreign(number) && (points.building[number] ? on || points.building[number] === this.look.chosen : under) ? pointWay.at(number) : null);
+    dress(layers.other, points, 1, number => foreign(number) && other && !this.look.only && !this.overRoof[number] ? pointWay.at(number) : null);
 
-    const wantedLod = page.lods.indexOf(byId('lod').value), shown = (lod, row) => wantedLod < 0 ? lod === this.finest.get(row) : lod === wantedLod;
+    const wantedLod = page.lods.indexOf(byId('lod').value), shown = (things, number) => things.lod[number] === (wantedLod < 0 ? this.finest.get(modelOf(things, number)) : wantedLod);
     const modelWay = modelColours(byId('model-colour').value, scene), [roofs, walls] = [this.checked('roofs'), this.checked('walls')];
     const red = bytes(LOD_COLOURS.none);
-    dress(layers.models, triangles.count, 3, number => {
+    dress(layers.models, triangles, 3, number => {
       const row = triangles.building[number], kind = triangles.kind[number];
-      if (!shown(triangles.lod[number], row) || !(kind === 2 ? roofs : walls)) return null;
-      return this.finest.get(row) === 0 && wantedLod < 0 && page.modelled ? red : modelWay.at(number, row - 1);
+      if (!shown(triangles, number) || !(kind === 2 ? roofs : walls)) return null;
+      return triangles.lod[number] === 0 && wantedLod < 0 && page.modelled ? red : modelWay.at(number, row - 1);
     }, (vertex, number) => triangles.kind[number] === 1 ? wallShade(triangles.xyz[3 * vertex + 2] - this.spots[triangles.building[number] - 1].low[2]) : 1);
-    dress(layers.edges, edges.count, 2, number => (this.checked('edges') && edges.lod[number] > 0 && shown(edges.lod[number], edges.building[number]) ? line : null));
-    dress(layers.prints, prints.count, 2, () => this.checked('prints') ? outline : null);
+    dress(layers.edges, edges, 2, number => (this.checked('edges') && edges.lod[number] > 0 && shown(edges, number) ? line : null));
+    dress(layers.prints, prints, 2, () => this.checked('prints') ? outline : null);
     legend(byId('point-legend'), layers.points.shown.length + layers.other.shown.length ? pointWay.legend : { text: 'no points are shown' });
     legend(byId('model-legend'), modelWay.legend);
     this.ask();
@@ -204,6 +213,7 @@ class Viewer {
   // Where the eye is and what is wanted, for the picture that is drawn next.
   before() {
     this.camera.aspect = this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
+    this.look.split = this.epochs.share();
     return [this.camera, this.look];
   }
 
@@ -229,7 +239,7 @@ class Viewer {
   // A place [x, y] about the origin, when it lies over the terrain.
   fly(place) {
     const { low, high } = boxOf(this.scene), there = place.every((value, axis) => value >= low[axis] && value <= high[axis]);
-    byId('status').textContent = there ? 'at these coordinates' : 'these coordinates lie outside of what is shown';
+    byId('answer').textContent = there ? 'at these coordinates' : 'these coordinates lie outside of what is shown';
     if (!there) return;
     this.camera.flyTo([...place, this.camera.target[2]], 15);
     this.refresh();

@@ -4,25 +4,27 @@ const SNAP = 9, SVG = 'http://www.w3.org/2000/svg';
 // The place [x, y, z] under the pointer: a corner of a model or a point nearby, else where the ray meets a surface.
 function pickPlace(viewer, x, y) {
   const { camera, canvas, layers, scene } = viewer, sight = sightOf(camera, canvas.clientWidth, canvas.clientHeight, x, y);
+  const onSide = viewer.epochs.seenAt(x);
   let depth = Infinity;
-  const meet = (xyz, list) => {
+  const meet = (xyz, list, epochOf) => {
     const corners = new Float64Array(9);
     for (let place = 0; place < list.length; place += 3) {
+      if (!onSide(epochOf(list[place]))) continue;
       for (let k = 0; k < 9; k++) corners[k] = xyz[3 * list[place + Math.floor(k / 3)] + k % 3];
       const far = hitTriangle(corners, 0, sight.from, sight.along);
       if ((camera.flat || far > 0) && far < depth) depth = far;
     }
   };
-  meet(scene.triangles.xyz, layers.models.shown);
-  meet(scene.ground.position, layers.ground.shown);
+  meet(scene.triangles.xyz, layers.models.shown, vertex => scene.triangles.epochs[vertex / 3]);
+  scene.grounds.forEach(({ position, epoch }, place) => meet(position, layers.grounds[place].shown, () => epoch));
   let best = Number.isFinite(depth) ? sight.from.map((value, axis) => value + depth * sight.along[axis]) : null, nearest = SNAP;
   const limit = best ? sight.seen(...best).depth + 1 : Infinity;
   const offer = place => {
     const { aside, down, depth: far, ahead } = sight.seen(...place), away = Math.hypot(aside, down);
     if (ahead && far <= limit && away < nearest) [best, nearest] = [place, away];
   };
-  for (const vertex of layers.edges.shown) offer([...scene.edges.xyz.subarray(3 * vertex, 3 * vertex + 3)]);
-  if (nearest === SNAP) for (const layer of [layers.points, layers.other]) for (const point of layer.shown) offer([...scene.points.xyz.subarray(3 * point, 3 * point + 3)]);
+  for (const vertex of layers.edges.shown) if (onSide(scene.edges.epochs[vertex >> 1])) offer([...scene.edges.xyz.subarray(3 * vertex, 3 * vertex + 3)]);
+  if (nearest === SNAP) for (const layer of [layers.points, layers.other]) for (const point of layer.shown) if (onSide(scene.points.epochs[point])) offer([...scene.points.xyz.subarray(3 * point, 3 * point + 3)]);
   return best;
 }
 

@@ -34,26 +34,28 @@ function hitTriangle(xyz, at, [fx, fy, fz], [dx, dy, dz]) {
 function pickBuilding(viewer, x, y) {
   const { camera, canvas, layers, look, scene } = viewer, { triangles, points, prints } = scene;
   const { seen, from, along } = sightOf(camera, canvas.clientWidth, canvas.clientHeight, x, y);
+  const onSide = viewer.epochs.seenAt(x);
   let best = 0, nearest = Infinity;
-  const offer = (building, depth) => {
-    if (building && depth < nearest && !(look.only && look.chosen && building !== look.chosen)) [best, nearest] = [building, depth];
+  const offer = ({ building: buildings, epochs }, number, depth) => {
+    const building = buildings[number];
+    if (building && onSide(epochs[number]) && depth < nearest && !(look.only && look.chosen && building !== look.chosen)) [best, nearest] = [building, depth];
   };
   const shownTriangles = layers.models.shown, shownPoints = layers.points.shown, shownPrints = layers.prints.shown;
   for (let place = 0; place < shownTriangles.length; place += 3) {
     const depth = hitTriangle(triangles.xyz, 3 * shownTriangles[place], from, along);
-    if (camera.flat || depth > 0) offer(triangles.building[shownTriangles[place] / 3], depth);
+    if (camera.flat || depth > 0) offer(triangles, shownTriangles[place] / 3, depth);
   }
   for (const point of shownPoints) {
     if (!points.building[point]) continue;
     const { aside, down, depth, ahead } = seen(points.xyz[3 * point], points.xyz[3 * point + 1], points.xyz[3 * point + 2]);
-    if (ahead && Math.hypot(aside, down) < NEAR_ENOUGH) offer(points.building[point], depth);
+    if (ahead && Math.hypot(aside, down) < NEAR_ENOUGH) offer(points, point, depth);
   }
   for (let place = 0; place < shownPrints.length; place += 2) {
     const [one, two] = [0, 1].map(end => seen(...prints.xyz.subarray(3 * shownPrints[place + end], 3 * shownPrints[place + end] + 3)));
     if (!one.ahead || !two.ahead) continue;
     const [x1, y1, x2, y2] = [one.aside, one.down, two.aside - one.aside, two.down - one.down];
     const share = Math.max(0, Math.min(1, -(x1 * x2 + y1 * y2) / (x2 * x2 + y2 * y2 || 1)));
-    if (Math.hypot(x1 + share * x2, y1 + share * y2) < NEAR_ENOUGH) offer(prints.building[shownPrints[place] / 2], one.depth);
+    if (Math.hypot(x1 + share * x2, y1 + share * y2) < NEAR_ENOUGH) offer(prints, shownPrints[place] / 2, one.depth);
   }
   return best;
 }

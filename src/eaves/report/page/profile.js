@@ -49,9 +49,10 @@ class Profile {
     for (let k = 1; k < ruler.places.length; k++) {
       const [one, two] = [ruler.places[k - 1], ruler.places[k]], long = Math.hypot(two[0] - one[0], two[1] - one[1]), start = this.whole;
       if (long < 0.01) continue;
-      const ground = cutUpright(scene.ground.position, scene.ground.details[0], one, two, () => 'earth');
-      const models = cutUpright(scene.triangles.xyz, layers.models.shown, one, two, place => kinds[scene.triangles.kind[layers.models.shown[place] / 3]]);
-      for (const [s1, z1, s2, z2, name] of [...ground, ...models]) this.pieces.push([s1 + start, z1, s2 + start, z2, name]);
+      const older = epoch => epoch === 1 ? ' old' : '', { epochs, kind, xyz } = scene.triangles;
+      const grounds = scene.grounds.flatMap(({ position, details, epoch }) => cutUpright(position, details[0], one, two, () => `earth${older(epoch)}`));
+      const models = cutUpright(xyz, layers.models.shown, one, two, place => kinds[kind[layers.models.shown[place] / 3]] + older(epochs[layers.models.shown[place] / 3]));
+      for (const [s1, z1, s2, z2, name] of [...grounds, ...models]) this.pieces.push([s1 + start, z1, s2 + start, z2, name]);
       const [east, north] = [(two[0] - one[0]) / long, (two[1] - one[1]) / long];
       for (const layer of [layers.points, layers.other]) {
         for (const number of layer.shown) {
@@ -103,9 +104,9 @@ class Profile {
     return one;
   }
 
-  // The topmost surface and the ground at a distance from the start; null where there is none.
+  // The topmost surface and the ground (of the new epoch, where there are two) at a distance from the start; null where there is none.
   at(s) {
-    const over = earth => this.pieces.filter(([s1, , s2, , name]) => (name === 'earth') === earth && s >= s1 && s <= s2)
+    const over = earth => this.pieces.filter(([s1, , s2, , name]) => !name.endsWith('old') && (name === 'earth') === earth && s >= s1 && s <= s2)
       .map(([s1, z1, s2, z2]) => s2 > s1 ? z1 + (z2 - z1) * (s - s1) / (s2 - s1) : Math.max(z1, z2)).reduce((one, two) => Math.max(one ?? two, two), null);
     return { model: over(false), ground: over(true) };
   }

@@ -1,11 +1,11 @@
 // Soft shade, once for a scene: ground near what rises is darker, and walls are towards their foot.
 const DARKEST_GROUND = 0.5, FOOT = 0.74, FOOT_HEIGHT = 6, PLAN_CELLS = 4e6;
 
-// Heights of the models' upward faces over the cells of the terrain; −Infinity where there are none.
-function roofHeights({ rows, columns, cell, west, north }, { xyz, kind, count }) {
+// Heights of an epoch's upward faces over the cells of the terrain; −Infinity where there are none.
+function roofHeights({ rows, columns, cell, west, north, epoch }, { xyz, kind, epochs, count }) {
   const heights = new Float32Array(rows * columns).fill(-Infinity);
   for (let number = 0, at = 0; number < count; number++, at += 9) {
-    if (kind[number] === 1) continue;
+    if (kind[number] === 1 || epochs[number] !== epoch) continue;
     const [x, y, z] = [0, 1, 2].map(axis => [xyz[at + axis], xyz[at + 3 + axis], xyz[at + 6 + axis]]);
     const across = x.map(value => (value - west) / cell - 0.5), down = y.map(value => (north - value) / cell - 0.5), top = Math.max(...z);
     const size = (across[1] - across[0]) * (down[2] - down[0]) - (across[2] - across[0]) * (down[1] - down[0]);
@@ -46,7 +46,7 @@ function groundShade(terrain, triangles) {
 }
 
 // Which points (1 or 0) lie in the plan of a roof: of what is no building, they would hide it.
-function pointsOverRoofs({ xyz, count }, triangles) {
+function pointsOverRoofs({ xyz, epochs, count }, triangles) {
   const low = [Infinity, Infinity], high = [-Infinity, -Infinity], over = new Uint8Array(count);
   for (let place = 0; place < triangles.xyz.length; place += 3) {
     for (const axis of [0, 1]) {
@@ -57,10 +57,10 @@ function pointsOverRoofs({ xyz, count }, triangles) {
   if (!(high[0] > low[0] && high[1] > low[1])) return over;
   const cell = Math.max(0.5, Math.sqrt((high[0] - low[0]) * (high[1] - low[1]) / PLAN_CELLS)), [west, north] = [low[0], high[1]];
   const columns = Math.ceil((high[0] - low[0]) / cell), rows = Math.ceil((high[1] - low[1]) / cell);
-  const tops = roofHeights({ rows, columns, cell, west, north }, triangles);
+  const tops = new Map([...new Set(epochs)].map(epoch => [epoch, roofHeights({ rows, columns, cell, west, north, epoch }, triangles)]));
   for (let number = 0; number < count; number++) {
     const column = Math.floor((xyz[3 * number] - west) / cell), row = Math.floor((north - xyz[3 * number + 1]) / cell);
-    over[number] = column >= 0 && row >= 0 && column < columns && row < rows && tops[row * columns + column] > -Infinity ? 1 : 0;
+    over[number] = column >= 0 && row >= 0 && column < columns && row < rows && tops.get(epochs[number])[row * columns + column] > -Infinity ? 1 : 0;
   }
   return over;
 }

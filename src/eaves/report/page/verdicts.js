@@ -8,7 +8,7 @@ class Verdicts {
 
   choose(row) {
     this.row = row;
-    byId('judge').hidden = !row;
+    byId('judge').hidden = !row || !!page.epochs;
     byId('verdict').value = row ? this.said.get(row.id) || '' : '';
   }
 
