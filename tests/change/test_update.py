@@ -14,7 +14,6 @@ import pyogrio
 import pytest
 import shapely
 from pyproj import CRS
-from tests.change.test_compare import GONE, RAISED, later_roofs
 
 from eaves.change.edits import FLAT_ROOF, NO_BUILDING, Edit, write_edits
 from eaves.change.upkeep.kept import open_kept
@@ -31,6 +30,7 @@ from eaves.run.replace import GAP_CELLS, keep_gone, pair_same, replace_in
 from eaves.run.store import RECORD, Store, Task
 from eaves.simulate import nine_roofs_on_a_slope, write_simulation
 from eaves.simulate.objects.roofs import PITCH, sample_from_above
+from tests.change.test_compare import GONE, RAISED, later_roofs
 
 OUTPUTS = ("footprints", "models", "classified")
 HOME = Block(0, 0, 240.0)

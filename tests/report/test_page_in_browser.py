@@ -23,14 +23,10 @@ from eaves.model import Bounds
 from eaves.model.summary import Summary
 from eaves.report.beside import render_beside
 from eaves.report.build import build
-<<<<<<< HEAD
 from eaves.report.contents import Contents, read_contents
 from eaves.report.page_file import iter_page
-=======
-from eaves.report.contents import read_contents
-from eaves.report.page_file import render
->>>>>>> w-page
 from eaves.report.surfaces import CityFace, CityFaces
+from eaves.simulate import scan_town, simulate_town, write_simulation
 
 from .browser import Browser, missing
 from .test_basemap import write_image
@@ -281,7 +277,6 @@ def wait_for(browser: Browser, question: str) -> None:
         time.sleep(0.05)
 
 
-<<<<<<< HEAD
 @pytest.mark.slow
 def test_a_thousand_buildings_and_300000_points_turn_without_a_graphics_card(
     tmp_path: Path, artefacts: Path
@@ -325,8 +320,6 @@ def repeat_to(contents: Contents, count: int) -> Contents:
     return replace(contents, rows=rows, polygons=polygons, faces=CityFaces.of(faces), buildings=len(rows))
 
 
-=======
->>>>>>> w-page
 PLACES = """
 const { seen } = sightOf(eaves.camera, eaves.canvas.clientWidth, eaves.canvas.clientHeight, 0, 0);
 const box = eaves.canvas.getBoundingClientRect();

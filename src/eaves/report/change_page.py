@@ -22,8 +22,8 @@ from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, TERRAIN_CELLS, 
 from eaves.report.page_file import (
     MILLIMETRES,
     as_millimetres,
+    iter_arrays,
     iter_page,
-    page_arrays,
     page_data,
     say_shown,
     terrain_array,
@@ -105,7 +105,7 @@ def epoch_arrays(
     """The arrays of an epoch's own page, but for its terrain, about the origin of the common one (3,);
     buildings are the places of their changes, from 1."""
     rows = np.array([0, *(place_of[str(row["id"])] for row in contents.rows)], np.uint32)
-    arrays = page_arrays(contents)
+    arrays: dict[str, NDArray[Any]] = dict(iter_arrays(contents))
     del arrays["terrain"]
     for name, values in arrays.items():
         if name.endswith("_building"):

@@ -90,15 +90,6 @@ def write_page(contents: Contents, text: str) -> Path:
     return path
 
 
-<<<<<<< HEAD
-def iter_page(contents: Contents, text: str) -> Iterator[str]:
-    """The page piece by piece: all of it is several times as large as its largest array."""
-=======
-def render(contents: Contents, text: str) -> str:
-    """The page as text, with its style, script and data inside."""
-    return "".join(iter_page(contents, text))
-
-
 def iter_page(
     contents: Contents,
     text: str,
@@ -110,7 +101,6 @@ def iter_page(
 
     `words` of the page, its `data` and its `arrays` replace those of the contents.
     """
->>>>>>> w-page
     folder = files("eaves.report").joinpath("page")
     parts = {name: folder.joinpath(name).read_text("utf-8") for name in ("page.html", "style.css")}
     script = "\n".join(folder.joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS)
