@@ -17,7 +17,7 @@ from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Values
 
 SURFACE_SHAPE = ("constant", "area", "rough", "width", "height", "company", "enclosed")
-CELL_SHAPE = ("constant", "rough", "low", "company", "enclosed")
+CELL_SHAPE = ("constant", "rough", "low", "company", "enclosed", "far", "above")
 """The terms of surfaces, and of cells in none, without echoes and penetration."""
 
 
@@ -56,6 +56,12 @@ def read_weights(given: str) -> Weights:
     text = given if given.lstrip().startswith("{") else Path(given).read_text(encoding="utf-8")
     found = json.loads(text)
     score = ScoreWeights(*map(float, found["score"])) if "score" in found else ScoreWeights()
+    for kind, terms in (("surface", SURFACE_TERMS), ("cell", CELL_TERMS)):
+        if len(found[kind]) != len(terms):
+            raise ValueError(
+                f"weights: {kind} has {len(found[kind])} numbers, this version weighs {len(terms)} terms; "
+                "calibrate again"
+            )
     return Weights(tuple(map(float, found["surface"])), tuple(map(float, found["cell"])), score)
 
 
@@ -74,15 +80,16 @@ FITTED = Weights(
         0.4, 0.41,
     ),
     cell=(
-        -4.88, 0.68, 0.92, 5.03, 4.92,
-        1.99, 0.16, 0.64, -1.25, -1.69,
-        0.7, 0.26,
+        -1.77, 0.57, 1.73, 3.2, 3.18, -1.0, -0.63,
+        0.96, 0.13, 0.27, -1.17, -0.55, 0.42, 0.15,
+        0.68, 0.27,
     ),
 )
 # fmt: on
 """Shape; shape once more in so far as echoes tell; echoes and penetration. Logistic regression over 24
 simulated towns (0.3 to 30 points/m², all, few or no echoes) and the labelled surveys with thinned variants:
-`benchmarks.accuracy.detection_fit`, which also keeps what each survey left out gives."""
+`benchmarks.accuracy.detection_fit`, which also keeps what each survey left out gives. The weights of surfaces
+stand as they were fitted before cells knew how far they lie from roofs."""
 
 
 ROUGH = 0.4
@@ -173,9 +180,26 @@ def surface_shape(segments: Segments, company: Values, enclosed: Values, max_res
     )
 
 
-def cell_shape(evidence: Evidence, company: Values, enclosed: Values, max_residual: float) -> Values:
-    """The terms of shape of cells (H, W, 5) in no surface, in the order of `CELL_SHAPE`: bushes are low,
-    crowns rough."""
+def beside_roofs(evidence: Evidence, roofs: Mask, reach: float) -> tuple[Values, Values]:
+    """How far (m) each cell (H, W) lies from the nearest of `roofs` (H, W), and how high (m) its highest
+    point is over the plane of that cell, carried on; a height of 0 where no roof is within `reach` (m)."""
+    if not roofs.any():
+        return np.full(evidence.shape, np.inf), np.zeros(evidence.shape)
+    side = evidence.cells.side
+    steps, (row, column) = ndimage.distance_transform_edt(~roofs, return_indices=True)
+    down, right = np.array((row, column)) - np.indices(evidence.shape)
+    slope = evidence.north[row, column] * down - evidence.east[row, column] * right
+    level = evidence.level[row, column] + side * slope
+    near = evidence.candidate & (steps * side < reach)
+    return steps * side, np.where(near, evidence.top, level) - level
+
+
+def cell_shape(
+    evidence: Evidence, company: Values, enclosed: Values, roofs: Mask, reach: float, max_residual: float
+) -> Values:
+    """The terms of shape of cells (H, W, 7) in no surface, in the order of `CELL_SHAPE`: bushes are low,
+    crowns rough, far from roofs and higher than these would go on."""
+    distance, over = beside_roofs(evidence, roofs, reach)
     return np.stack(
         [
             np.ones(evidence.shape),
@@ -183,6 +207,8 @@ def cell_shape(evidence: Evidence, company: Values, enclosed: Values, max_residu
             np.clip(evidence.height - STOREY_M, -1.5, 0.0),
             company,
             enclosed,
+            np.clip(distance - 1.5 * evidence.cells.side, 0.0, 3.0),
+            np.clip(over, 0.0, 4.0),
         ],
         axis=-1,
     )
@@ -239,7 +265,7 @@ def measured_terms(
     roofs = np.r_[False, segments.area >= MIN_AREA_M2][segments.label]
     enclosed = enclosure(roofs, round(limits.enclosed / evidence.cells.side))
     of_surfaces = surface_shape(segments, company, enclosed, max_residual)
-    of_cells = cell_shape(evidence, company, enclosed, max_residual)
+    of_cells = cell_shape(evidence, company, enclosed, roofs, limits.enclosed, max_residual)
     inner_multi_return_share = least_around(evidence.multi_return_share, seen)
     inner_penetration_share = least_around(evidence.penetration, seen)
     even = (segments.area >= limits.even_area) & (segments.residual <= limits.even_residual * max_residual)

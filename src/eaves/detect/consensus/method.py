@@ -58,12 +58,14 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     faces beside them and crowns never are. Cells of agreeing planes form surfaces, and each surface is
     judged as a whole: area, width, residual, height, smooth company, roofs on all sides, the share of
     pulses with several echoes, the share of points that reach the ground through it. Cells in no surface
-    (walls, chimneys, machinery, crowns) are judged by what applies to them. How much echoes and penetration
-    count is measured in the scan itself, by how far they lie apart on its own roofs and crowns: a scan that
-    does not split pulses is judged by shape, and nothing jumps in between. No crown is large and even: there
-    echoes do not speak against a roof of glass or slats. A hole in the data with a level,
-    raised rim is a roof of glass or water. A graph cut then finds the labelling of least energy, in which
-    neighbours whose surfaces continue each other want the same label and a jump in height lets them part.
+    (walls, chimneys, machinery, crowns) are judged by what applies to them, and by how far they lie from
+    the nearest roof and how high over its plane carried on: crowns lean on houses and stand above them.
+    How much echoes and penetration count is measured in the scan itself, by how far they lie apart on its
+    own roofs and crowns: a scan that does not split pulses is judged by shape, and nothing jumps in
+    between. No crown is large and even: there echoes do not speak against a roof of glass or slats. A
+    hole in the data with a level, raised rim is a roof of glass or water. A graph cut then finds the
+    labelling of least energy, in which neighbours whose surfaces continue each other want the same label
+    and a jump in height lets them part.
     Connected cells with a core of roof surfaces are buildings, unless most of their rim goes on in the
     terrain; their planes are carried on below crowns; narrow long ones with a level top are vehicles.
 
