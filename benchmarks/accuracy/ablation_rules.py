@@ -180,7 +180,6 @@ ROOF = (
     of("roof", "scan lines", 2, {"roof.global_refinement.method:on_lines": lambda *_: False}),
     of("roof", "planes in what is left", 1, {"roof.left_neighbours": 10**6}),
     of("roof", "price", 1, {"roof.price": 0.0}),
-    of("roof", "joining over gaps", 1, {"roof.join_gap": 0.01}),
     of("roof", "relabelling", 5, {"roof.rounds": 0}),
     of("reconstruct", "height steps", 3, {"reconstruct.toolkit.plan_lines:step_lines": lambda *_: []}),
     of("reconstruct", "rectangles", 3, {"reconstruct.toolkit.plan_lines:rectangle": lambda *_: []}),

@@ -32,8 +32,8 @@ NUMBERS_OF_STEPS = {
     "ransac_lines": "alpha near skip shortest tolerance",
     "region_growing": "min_area neighbours max_curvature normal_threshold distance_share gap_share max_slope "
     "fewest_neighbours most_neighbours normal_error curved_share line_neighbours noise_sample "
-    "calm_neighbours calm_share",
-    "plane_intersection": "strip_width extension level_jump clutter_area clutter_reach clutter_step smallest",
+    "calm_share",
+    "plane_intersection": "extension level_jump clutter_reach clutter_step smallest",
     "contours": "cell_least interval tolerance rise window storey max_step cell edge_height",
     "roof_attributes": "min_height window storey max_step cell steep like_normal",
     "height_texture": "min_height window storey max_step cell",

@@ -30,7 +30,7 @@ def settled(cells: list[list[tuple[float, float]]], roof: Points, planes: list[n
         known,
         method,
         method.plane_points,
-        method.corner_reach,
+        method.residual_limit,
     )
     assert is_sound(answer)
     assert len(kept) == answer.count

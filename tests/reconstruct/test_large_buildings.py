@@ -11,7 +11,7 @@ from eaves.reconstruct import reconstruct_building
 from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.toolkit.attributes import surface_heights
 from eaves.reconstruct.toolkit.evidence import MOST_PLANES, largest_only
-from eaves.reconstruct.toolkit.plan_lines import FEWEST_LINES, LINES_PER_PLANE
+from eaves.reconstruct.toolkit.plan_lines import MOST_TOGETHER
 from eaves.roof import segment_roof
 from eaves.validate.models import validate_model
 
@@ -67,7 +67,7 @@ def test_thousands_of_planes_cost_bounded_work() -> None:
     assert isinstance(answer, BuildingModel) and not validate_model(answer)
     lines, cells = seen["lines"], seen["plane of each cell"]
     assert isinstance(lines, np.ndarray) and isinstance(cells, np.ndarray)
-    assert len(lines) <= FEWEST_LINES + LINES_PER_PLANE * (MOST_PLANES + 1)
+    assert len(lines) <= MOST_TOGETHER
     assert len(np.unique(cells)) <= MOST_PLANES + 1
 
 

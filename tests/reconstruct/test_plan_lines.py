@@ -10,7 +10,6 @@ import shapely
 from shapely import Polygon
 
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.reconstruct.arrangement import Arrangement
 from eaves.reconstruct.toolkit.plan_lines import (
     MOST_TOGETHER,
     OVERSHOOT,
@@ -32,14 +31,14 @@ def test_two_rows_of_places_give_two_lines__the_longer_first() -> None:
             [[20.0, 20.0], [30.0, 30.0]],
         ]
     )
-    lines = list(step_lines(places, np.array([[0.0, 1.0], [1.0, 0.0]]), 0.25, Arrangement()))
+    lines = list(step_lines(places, np.array([[0.0, 1.0], [1.0, 0.0]]), 0.25))
     assert lines == [Line(0.0, 1.0, 2.0, -5.0, 0.0, 21.0), Line(1.0, 0.0, 8.0, 0.0, 2.5, 11.0)]
 
 
 def test_a_row_with_a_gap_is_two_lines() -> None:
     along = np.concatenate([np.linspace(0.0, 3.0, 13), np.linspace(9.0, 11.0, 9)])
     places = np.column_stack([along, np.zeros(len(along))])
-    lines = step_lines(places, np.array([[0.0, 1.0]]), 0.25, Arrangement())
+    lines = step_lines(places, np.array([[0.0, 1.0]]), 0.25)
     assert [(line.low, line.high) for line in lines] == [(-3.0, 0.0), (-11.0, -9.0)]
 
 

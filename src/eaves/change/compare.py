@@ -27,16 +27,15 @@ from eaves.buildings.party_wall_areas import PARTY_GAP
 from eaves.change.changes import BuildingChange, Comparison
 from eaves.change.epoch import Epoch, open_epoch
 from eaves.change.faced import Faced, found_beside, roof_points
-from eaves.change.measure import COARSE, REACH, measure_epochs
+from eaves.change.measure import REACH, measure_epochs
 from eaves.change.sites import Site, carry_ids, make_sites
 from eaves.change.surface import face_points
 from eaves.change.verdict import ChangeRules, Verdict, judge_building
+from eaves.flow.advice import STRIP_CELL
 from eaves.flow.run import Progress, no_progress
 from eaves.model import Block, Bounds, PointCloud, Points
+from eaves.model.block import BLOCK_SIDE
 from eaves.model.cloud import NOISE_CLASSES
-
-SIDE = 240.0
-"""Side of the blocks that are compared one after the other (m)."""
 
 BESIDE_M = 1.5
 """A part that no run found is at most so far (m) from its building."""
@@ -86,7 +85,9 @@ def compare(
         epochs: list[Epoch] = []
         for name, folder in (("old", Path(old)), ("new", Path(new))):
             target = epochs[0].system if epochs else None
-            epochs.append(open_epoch(folder, place / name, target, SIDE, partial(progress, f"read {name}")))
+            epochs.append(
+                open_epoch(folder, place / name, target, BLOCK_SIDE, partial(progress, f"read {name}"))
+            )
         return Comparer(epochs[0], epochs[1], rules or ChangeRules(), progress).compare()
     finally:
         shutil.rmtree(place, ignore_errors=True)
@@ -213,15 +214,15 @@ class Comparer:
         core: Bounds,
     ) -> None:
         """Count for each site the cells in this block, and those in which an epoch has points."""
-        cells = round(core.width / COARSE)
+        cells = round(core.width / STRIP_CELL)
         seen = np.zeros((2, cells, cells), bool)
         for epoch, (_, xyz) in enumerate(clouds):
-            place = np.floor(xyz[core.contains(xyz), :2] / COARSE).astype(np.int64)
+            place = np.floor(xyz[core.contains(xyz), :2] / STRIP_CELL).astype(np.int64)
             seen[epoch, place[:, 1], place[:, 0]] = True
-        middle = (np.arange(cells) + 0.5) * COARSE
+        middle = (np.arange(cells) + 0.5) * STRIP_CELL
         for k, polygon in local.items():
-            wide = polygon.buffer(COARSE / 2)
-            west, south, east, north = np.clip(np.array(wide.bounds) / COARSE, 0, cells)
+            wide = polygon.buffer(STRIP_CELL / 2)
+            west, south, east, north = np.clip(np.array(wide.bounds) / STRIP_CELL, 0, cells)
             columns, rows = slice(int(west), int(np.ceil(east))), slice(int(south), int(np.ceil(north)))
             x, y = np.meshgrid(middle[columns], middle[rows])
             if not x.size:

@@ -14,10 +14,11 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.change.changes import BuildingChange
 from eaves.change.epoch import Building
-from eaves.change.measure import COARSE, SMOOTHEST, classes_of
+from eaves.change.measure import SMOOTHEST, classes_of
 from eaves.change.shift import TRIM
 from eaves.change.surface import STEEPEST, PointPlanes, planar, point_planes
 from eaves.change.verdict import DEMOLISHED, NEW, ChangeRules, Side, Verdict, patches_of
+from eaves.flow.advice import STRIP_CELL
 from eaves.model import Mask, PointCloud, Points, Values
 from eaves.model.cloud import BUILDING, GROUND, NOISE_CLASSES
 
@@ -54,7 +55,7 @@ def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float, lo
     which = np.flatnonzero(found | high)
     planes = point_planes(xyz[which], max(0.75, 2.0 * spacing))
     flat = planar(planes, max(SMOOTHEST, TRIM * rough)) & (np.hypot(*planes.slope.T) <= STEEPEST)
-    kept = found[which] | (flat & mostly(flat, xyz[which], COARSE))
+    kept = found[which] | (flat & mostly(flat, xyz[which], STRIP_CELL))
     which = which[kept]
     classes[which] = BUILDING
     kept_planes = PointPlanes(planes.slope[kept], planes.rms[kept])

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.change.epoch import Epoch
-from eaves.change.shift import FEWEST, TRIM, Shift, fit_shift
+from eaves.change.shift import TRIM, Shift, fit_shift
 from eaves.change.surface import nearest_distances, planar, point_planes
+from eaves.flow.advice import FEWEST_CELLS, STRIP_CELL
 from eaves.flow.run import Progress
 from eaves.geometry.neighbours import measure_spacing
 from eaves.model import Block, PointCloud
@@ -19,9 +20,6 @@ from eaves.model.cloud import BUILDING, GROUND
 
 REACH = 6.0
 """Width of the surroundings of a block that its points are faced with (m): more than any radius."""
-
-COARSE = 2.0
-"""Side of the cells whose lowest ground gives a first difference in height (m)."""
 
 FARTHEST = 1.0
 """Epochs lie at most so far off each other in plan, and pairs from planes (m): half a storey is more."""
@@ -57,19 +55,19 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
     for block in some:
         clouds = [epoch.points(block, 0.0) for epoch in (old, new)]
         for kept, cloud in zip(spacings, clouds, strict=True):
-            if len(cloud) > FEWEST:
+            if len(cloud) > FEWEST_CELLS:
                 kept.append(measure_spacing(cloud.xyz))
         coarse.append(ground_differences(*clouds))
     one, other = (float(np.median(kept)) if kept else 1.0 for kept in spacings)
     radius = max(0.75, 1.5 * max(one, other))
     differences = np.concatenate(coarse)
-    enough = len(differences) >= FEWEST
+    enough = len(differences) >= FEWEST_CELLS
     first = Shift(0.0, 0.0, float(np.median(differences)) if enough else 0.0, 0.0, len(differences) * enough)
     slopes, distances, roughness = [np.zeros((0, 2))], [np.zeros(0)], [np.zeros(0)]
     for done, block in enumerate(some, 1):
         before, after = old.points(block, 0.0), new.points(block, REACH)
         roof = before.xyz[classes_of(before) == BUILDING]
-        if len(roof) < FEWEST or not len(after):
+        if len(roof) < FEWEST_CELLS or not len(after):
             continue
         planes = point_planes(roof, 2.0 * radius)
         flat = planar(planes, 2 * SMOOTHEST)
@@ -80,7 +78,7 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
         roughness.append(planes.rms[flat])
         progress("align", done, len(some))
     fitted = fit_shift(np.concatenate(slopes), np.concatenate(distances), FARTHEST)
-    up = first.up + (fitted.up if fitted.pairs >= FEWEST else 0.0)
+    up = first.up + (fitted.up if fitted.pairs >= FEWEST_CELLS else 0.0)
     shift = replace(fitted, up=up, pairs=fitted.pairs or first.pairs)
     rough = np.concatenate(roughness)
     typical = float(np.median(rough)) if len(rough) else SMOOTHEST / TRIM
@@ -92,7 +90,7 @@ def ground_differences(old: PointCloud, new: PointCloud) -> NDArray[np.float64]:
     keys, heights = [], []
     for cloud in (old, new):
         ground = cloud.xyz[classes_of(cloud) == GROUND]
-        place = np.floor(ground[:, :2] / COARSE).astype(np.int64)
+        place = np.floor(ground[:, :2] / STRIP_CELL).astype(np.int64)
         key = place[:, 0] * 2**32 + place[:, 1]
         order = np.lexsort((ground[:, 2], key))
         key, z = key[order], ground[order, 2]

@@ -20,6 +20,8 @@ STOREY_M, ROOM_M = 3.0, 2.5
 """Height of a storey: bushes and hedges stay below it, and parts of a building step by no more;
 and the width and height of the smallest room, below which parts are hedges and walls."""
 
+MOST = 0.75
+"""Most of a thing: of a hole's rim that is raised, of a vehicle's top that is level."""
 FEW_CELLS = 9
 """Groups of no more cells are measured by their hull, too."""
 TALL_SHARE = 0.1

@@ -16,6 +16,7 @@ from eaves.geometry.percentiles import group_percentiles
 from eaves.model import Points
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.run.index import Index
+from eaves.run.memory import DENSE, LEAST
 
 LOOKED_AT, PIECES = 1_000_000, 20
 """Points of a scan that are looked at; of a larger one so many runs of records, evenly spread."""
@@ -28,7 +29,8 @@ AT_ZERO, MOST = 0.3, 0.9
 VOID_SPACINGS = 4.0
 """A void is a cell without points whose side is four times the spacing (USGS Lidar Base Specification)."""
 STRIP_CELL, FLAT, FEWEST_CELLS = 2.0, 0.05, 30
-"""Strips are compared in cells (m) where the heights of both spread by less (m), in so many or more."""
+"""Strips are compared in cells (m) where the heights of both spread by less (m), in so many or more; so are
+epochs."""
 STRIPS_AGREE, SPARSE = 0.08, 2.0
 """The largest difference of strips (m) and the least density (points/m²) of USGS quality level 2."""
 PIECE_AREA, PIECES_APART = 2_000.0, 3
@@ -36,8 +38,6 @@ PIECE_AREA, PIECES_APART = 2_000.0, 3
 START_S, POINT_S, ROOF_POINT_S = 4.0, 4.8e-6, 110e-6
 """Processor time (s) of a run: its processes and report, each point, and what each point on a possible roof
 adds. Rates of a core of 2026; eight surveys took 0.6 to 1.6 times as long."""
-PROCESS_MB, BLOCK_MB = 350, 17.5
-"""Memory of a process, and of a block of 240 m for each point/m²."""
 NO_RETURNS, SINGLE, LAST, FIRST, SPLIT = "none", "single", "last only", "first only", "all"
 
 
@@ -99,8 +99,8 @@ class ScanFacts:
     at_zero: float
     pieces: int | None
     piece_m2: float | None
-    cpu_s: float = 0.0
-    memory_mb: int = 0
+    cpu_s: float
+    memory_mb: int
 
     @property
     def whole(self) -> bool:
@@ -248,7 +248,7 @@ def scan_facts(index: Index) -> ScanFacts:
         pieces=pieces,
         piece_m2=piece,
         cpu_s=round(START_S + index.points * (POINT_S + roofs * ROOF_POINT_S), 1),
-        memory_mb=round(PROCESS_MB + BLOCK_MB * density),
+        memory_mb=round((1.0 + density / DENSE) * LEAST / 2e6),
     )
 
 

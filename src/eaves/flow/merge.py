@@ -19,6 +19,7 @@ from eaves.flow.review import REVIEW, write_review
 from eaves.formats.rasters.vrt import write_vrt
 from eaves.formats.vectors.geopackage import Row, plain_value, read_details, write_geopackage
 from eaves.model import Block, Bounds, CoordinateSystem
+from eaves.model.block import BLOCK_SIDE
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 from eaves.raster.surfaces import CELL
 from eaves.run.manifest import add_to_manifest
@@ -64,7 +65,7 @@ def merge_footprints(
     places: Sequence[Path],
     system: CoordinateSystem,
     lost: Sequence[BuildingRow] = (),
-    side: float = 240.0,
+    side: float = BLOCK_SIDE,
     provenance: Provenance = NOTHING_KNOWN,
 ) -> dict[str, Any]:
     """Write the footprints and roof planes of all tiles into one GeoPackage, piece by piece, and behind them
@@ -135,10 +136,10 @@ def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem, pro
     polygons = pyogrio.raw.read(footprints, layer="footprints", columns=[], bbox=tuple(extent))[2]
     shapes = shapely.transform(shapely.from_wkb(polygons), lambda xy: xy * unit)
     bounds = Bounds(*(round(side * unit / CELL) * CELL for side in extent))
-    whole = Block.at(bounds.west, bounds.south, PIECE)
-    last = Block.at(bounds.east, bounds.north, PIECE)
+    whole = Block.at(bounds.west, bounds.south)
+    last = Block.at(bounds.east, bounds.north)
     blocks = [
-        Block(column, row, PIECE)
+        Block(column, row)
         for column in range(whole.column, last.column + 1)
         for row in range(whole.row, last.row + 1)
     ]
@@ -146,10 +147,6 @@ def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem, pro
         system, blocks, list(np.asarray(shapes, object)), bounds, place / "mask.tif", provenance
     )
     add_to_manifest(place, written)
-
-
-PIECE = 240.0
-"""Side (m) of the squares in which a mask is burnt."""
 
 
 def merge_rasters(folder: Path, places: Sequence[Path], provenance: Provenance = NOTHING_KNOWN) -> list[Path]:

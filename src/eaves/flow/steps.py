@@ -13,6 +13,7 @@ from shapely import LineString, Polygon
 
 from eaves.blocks.block import load_block, see_block
 from eaves.detect import detect_buildings
+from eaves.detect.consensus.method import CELL_SPACINGS, LEAST_CELL_M
 from eaves.detect.toolkit.cells import side_near
 from eaves.flow.run import Run
 from eaves.formats.rasters.geotiff import write_raster
@@ -25,8 +26,6 @@ from eaves.recipe.sources import find_source
 from eaves.roof import segment_roof
 from eaves.run.store import Store
 
-CELL, SPACINGS = 0.5, 1.5
-"""Side of a cell at least (m), and in spacings, of what has no cells of its own."""
 COLUMNS, PANEL_INCHES, DOTS_AN_INCH = 4, 2.6, 110
 
 
@@ -101,7 +100,7 @@ def block_steps(store: Store, run: Run, block: Block) -> dict[str, Raster]:
     recipe = run.recipe
     cloud, wide, decks = load_block(block, store, recipe)
     scene, seen, _ = see_block(cloud, block, recipe, wide, decks)
-    xyz, side = scene.cloud.xyz, side_near(max(CELL, SPACINGS * scene.spacing))
+    xyz, side = scene.cloud.xyz, side_near(max(LEAST_CELL_M, CELL_SPACINGS * scene.spacing))
     source = run.options["source"]
     stages = REGISTRY if source is None else find_source(source).methods
     maps = StepMaps(empty_raster(whole_cells(Bounds.of(xyz), side), side), stages)

@@ -95,10 +95,6 @@ class Arrangement(ObjectLimits):
         unit="m",
         ge=0.0,
     )
-    corner_reach: float = parameter(0.6, "How far a corner moves at most for others' sake.", unit="m", ge=0.0)
-    smallest: float = parameter(
-        0.1, "Roof faces smaller than this are not built, however many points they hold.", unit="m2", ge=0.0
-    )
     simple_smallest: float = parameter(
         10.0,
         "Area of the smallest roof face at LoD 2.0.",
@@ -114,14 +110,8 @@ class Arrangement(ObjectLimits):
     worse_by: float = parameter(
         0.05,
         "A finer level is given up when a coarser one has a share of the roof points near it that is greater "
-        "by more than this.",
-        ge=0.0,
-        le=1.0,
-    )
-
-    under_base: float = parameter(
-        0.05,
-        "Share of roof points under the lowest roof a base allows from which on the model says so.",
+        "by more than this; where as large a share lies under the lowest roof a base allows, the model says "
+        "so.",
         ge=0.0,
         le=1.0,
     )
@@ -166,7 +156,7 @@ class Arrangement(ObjectLimits):
             coefficients,
             self,
             self.plane_points,
-            self.corner_reach,
+            self.residual_limit,
         )
         if plan is not merged:
             located = plan.cells_of(roof)
@@ -240,7 +230,7 @@ class Arrangement(ObjectLimits):
     def flattened(self, roof: Points, ground: float) -> dict[str, Any]:
         """Why a base (m) so near to the roof points (N, 3) leaves no room for the roof; empty if it does."""
         under = float(np.mean(roof[:, 2] < ground + LOWEST_ROOF))
-        if under <= self.under_base:
+        if under <= self.worse_by:
             return {}
         return fallen_back("base_too_high", f"{under:.0%} of the roof lie under the base or on it")
 

@@ -63,17 +63,6 @@ class PlaneIntersection(LineReconstructor):
     idea: ClassVar[str] = "Adjacent planes intersected, jumps along the main directions, divisions by vote."
     paper: ClassVar[str] = "xiao2014"
 
-    rectangle_trim: float = parameter(
-        2.0,
-        "Percentage of a plane's points, on each side, that its rectangle leaves out.",
-        unit="percent",
-        off=0.0,
-        ge=0.0,
-        lt=50.0,
-    )
-    clutter_points: int = parameter(
-        6, "Fewest points that make a level of what no plane explains, which no paper has.", off=10**6, ge=1
-    )
     smallest: float = parameter(0.5, "Area of the smallest roof face.", unit="m2", ge=0.0)
 
     def model(

@@ -137,15 +137,11 @@ class RegionGrowing(RoofMethod):
         unit="points",
         ge=1,
     )
-    calm_neighbours: int = parameter(
-        7,
-        "Neighbours of the small neighbourhoods whose calmest bound the noise: on many small faces most "
-        "larger ones lie across an edge.",
-        unit="points",
-        ge=4,
-    )
     calm_share: float = parameter(
-        1.5, "The noise is at most this many times that of the calmest small neighbourhoods.", gt=0.0
+        1.5,
+        "The noise is at most this many times that of the calmest neighbourhoods of the fewest points: on "
+        "many small faces most larger ones lie across an edge.",
+        gt=0.0,
     )
 
     @property
@@ -175,15 +171,14 @@ class RegionGrowing(RoofMethod):
 
     def surroundings(self, points: Points) -> LocalPlanes:
         """The local planes of points (N, 3), with the number of neighbours that noise and spacing ask for."""
-        step, few = max(1, len(points) // self.noise_sample), self.calm_neighbours + self.line_neighbours
-        most = max(few, self.fewest_neighbours + self.line_neighbours)
+        step, few = max(1, len(points) // self.noise_sample), self.fewest_neighbours + self.line_neighbours
         near = None
         if len(points) < FEW_QUERIES:  # one search serves both, as long as the fewest neighbours do
-            distances, near = all_nearest(points, points, min(most, len(points)))
-            sample = near[::step, :few], distances[::step, :few][:, -1]
+            distances, near = all_nearest(points, points, min(few, len(points)))
+            sample = near[::step], distances[::step, -1]
         else:
             sample = nearest(points[::step], points, few)
-        around = planes_around(points, *sample, self.calm_neighbours)
+        around = planes_around(points, *sample, self.fewest_neighbours)
         calm = measure_noise(around.eigenvalues[:, 0], around.counts, CALM_QUANTILE)
         noise = min(around.noise, self.calm_share * calm)
         count = self.neighbours
@@ -191,7 +186,7 @@ class RegionGrowing(RoofMethod):
             wished = 2.0 * np.sqrt(np.pi) * noise / (around.spacing * np.radians(self.normal_error))
             count = int(np.clip(np.ceil(wished), self.fewest_neighbours, self.most_neighbours))
         wanted = count + self.line_neighbours
-        if near is not None and wanted <= most:
+        if near is not None and wanted <= few:
             near, distances = near[:, :wanted], distances[:, :wanted]
             local = planes_around(points, np.ascontiguousarray(near), distances[:, -1], count)
         else:

@@ -8,8 +8,8 @@ from eaves.formats import InputError
 
 LETTERS = " KMGT"
 """Of sizes, each 1024 times the one before."""
-LEAST = 700_000_000
-"""Memory of a process: libraries and kernels take 350 MB, a block of 240 m at 20 points/m² as much again."""
+LEAST, DENSE = 700_000_000, 20.0
+"""Memory of a process: libraries and kernels take half, a block of 240 m at so many points/m² the rest."""
 REMEDY = "use fewer --jobs or a larger --memory, and run again with --resume"
 
 

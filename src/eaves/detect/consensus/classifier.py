@@ -12,6 +12,7 @@ from scipy import ndimage
 from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.segments import Segments, least_around
 from eaves.detect.consensus.separation import Separation, nothing, separate
+from eaves.detect.consensus.windows import WINDOW
 from eaves.detect.stage import MIN_AREA_M2, ROOM_M, STOREY_M, TALL_SHARE
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Values
@@ -108,12 +109,6 @@ class EvidenceRules(Method):
         unit="m",
         gt=0.0,
     )
-    company: int = parameter(
-        7,
-        "Side of the square in which the share of smooth cells is counted: two windows and the cell between.",
-        unit="cells",
-        ge=1,
-    )
     small_surface: float = parameter(
         2.0, "Smaller surfaces say no more than their cells do.", unit="m²", ge=0.0
     )
@@ -136,9 +131,10 @@ class EvidenceRules(Method):
     )
 
 
-def smooth_share(candidate: Mask, smooth: Mask, size: int) -> Values:
-    """Share (H, W) of the candidate cells in a square of `size` cells around each that are smooth: roofs keep
-    company, while in a crown a plane fits here and there by chance."""
+def smooth_share(candidate: Mask, smooth: Mask) -> Values:
+    """Share (H, W) of the candidate cells in a square around each that are smooth, two windows and the cell
+    between wide: roofs keep company, while in a crown a plane fits here and there by chance."""
+    size = 2 * WINDOW + 1
     around = ndimage.uniform_filter(candidate.astype(np.float64), size, mode="constant")
     alike = ndimage.uniform_filter((smooth & candidate).astype(np.float64), size, mode="constant")
     return np.asarray(alike / np.maximum(around, 0.5 / size**2), np.float64)
@@ -261,7 +257,7 @@ def measured_terms(
     """
     large = np.r_[False, segments.area >= limits.small_surface][segments.label]
     seen = evidence.candidate
-    company = smooth_share(seen, segments.label > 0, limits.company)
+    company = smooth_share(seen, segments.label > 0)
     roofs = np.r_[False, segments.area >= MIN_AREA_M2][segments.label]
     enclosed = enclosure(roofs, round(limits.enclosed / evidence.cells.side))
     of_surfaces = surface_shape(segments, company, enclosed, max_residual)

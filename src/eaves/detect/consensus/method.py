@@ -131,9 +131,6 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     max_jump: float = parameter(
         0.7, "A jump in height at which neighbours part easily.", unit="m", symbol="s", gt=0.0
     )
-    sure: float = parameter(
-        6.0, "Cells with larger odds (log) either way are settled before the cut.", gt=0.0
-    )
     max_attached: float = parameter(
         0.5, "A region that goes on in the terrain along a larger share of its rim is rock.", ge=0.0, le=1.0
     )
@@ -228,7 +225,8 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         emit("odds", odds)
         void, rims = find_roof_voids(evidence, self)
         roof = (emitted > 0.0) | void
-        building = void | rims | cut_cells(evidence, odds, self.sure, self.smoothness, self.max_jump)
+        sure = 2.0 * self.most_log_ratio  # both measures, at their most
+        building = void | rims | cut_cells(evidence, odds, sure, self.smoothness, self.max_jump)
         emit("cut", building)
         return building, roof, void, odds
 

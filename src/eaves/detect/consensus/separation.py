@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eaves.detect.consensus.windows import WINDOW
 from eaves.model import Values
-
-WINDOW_CELLS = 9.0
-"""Cells of a window share its points: so many of them are one observation (count, three by three)."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +47,11 @@ def separate(value: Values, roof: Values) -> Separation:
     """The separation of values (K,) of cells, of which `roof` (K,) is the probability of each to be a roof.
 
     Crowns split more pulses and let more of them through than roofs: a measure that is the other way round in
-    a scan is no witness there.
+    a scan is no witness there. The cells of a window share its points and are one observation.
     """
     crown = 1.0 - roof
     weight_roof, weight_crown = float(roof.sum()), float(crown.sum())
-    if min(weight_roof, weight_crown) < WINDOW_CELLS:
+    if min(weight_roof, weight_crown) < WINDOW**2:
         return nothing()
     on_roofs = float((roof * value).sum()) / weight_roof
     on_crowns = float((crown * value).sum()) / weight_crown
@@ -63,6 +61,6 @@ def separate(value: Values, roof: Values) -> Separation:
     distance = on_crowns - on_roofs
     if distance <= 0.0:
         return nothing()
-    chance = spread**2 * WINDOW_CELLS * (1.0 / weight_roof + 1.0 / weight_crown)
+    chance = spread**2 * WINDOW**2 * (1.0 / weight_roof + 1.0 / weight_crown)
     trust = max(0.0, 1.0 - chance / distance**2)
     return Separation(on_roofs, on_crowns, spread, trust)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from eaves.detect.stage import MOST, ROOM_M
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Points, Values
 
@@ -12,8 +13,8 @@ class VehicleRules(Method):
     """The measures of road vehicles."""
 
     vehicle_width: float = parameter(
-        2.45,
-        "Vehicles are narrower: the legal limit is 2.55 m, and points stop short of edges.",
+        ROOM_M,
+        "Vehicles are narrower, as no room is: the legal limit is 2.55 m, and points stop short of edges.",
         unit="m",
         ge=0.0,
     )
@@ -26,7 +27,7 @@ class VehicleRules(Method):
         gt=0.0,
     )
     vehicle_flat: float = parameter(
-        0.75, "Share of a vehicle at that level; what is not as level has less.", ge=0.0, le=1.0
+        MOST, "Share of a vehicle at that level; what is not as level has less.", ge=0.0, le=1.0
     )
 
 

@@ -7,7 +7,8 @@ from scipy import ndimage
 
 from eaves.detect.consensus.evidence import Evidence
 from eaves.detect.consensus.segments import inner_width
-from eaves.detect.stage import MIN_AREA_M2
+from eaves.detect.consensus.windows import WINDOW
+from eaves.detect.stage import MIN_AREA_M2, MOST
 from eaves.methods import Method, parameter
 from eaves.model import Mask
 from eaves.raster.squares import grown_by_square
@@ -16,12 +17,8 @@ from eaves.raster.squares import grown_by_square
 class VoidRules(Method):
     """Which holes in the data are roofs."""
 
-    void_most_area: float = parameter(
-        400.0, "Larger holes are courts, ponds or the outside of the survey.", unit="m²", gt=0.0
-    )
-    void_width_cells: float = parameter(3.0, "Narrower holes are chance.", unit="cells", ge=0.0)
     void_rim_share: float = parameter(
-        0.7, "Share of a hole's rim, at least, well above the terrain.", ge=0.0, le=1.0
+        MOST, "Share of a hole's rim, at least, well above the terrain.", ge=0.0, le=1.0
     )
     void_rim_spread: float = parameter(
         1.0,
@@ -38,15 +35,16 @@ class VoidRules(Method):
 
 
 def find_roof_voids(evidence: Evidence, limits: VoidRules) -> tuple[Mask, Mask]:
-    """Empty cells (H, W) that a level, raised rim surrounds, and the raised cells of those rims (H, W)."""
+    """Empty cells (H, W) that a level, raised rim surrounds, and the raised cells of those rims (H, W). Holes
+    narrower than a window are chance."""
     empty = (evidence.cells.count == 0).reshape(evidence.shape)
     found, count = ndimage.label(empty)
     side = evidence.cells.side
     area = np.bincount(found.ravel(), minlength=count + 1)[1:] * side * side
     width = inner_width(np.asarray(found, np.int32), count)
-    wide = width >= limits.void_width_cells
+    wide = width >= WINDOW
     void, rims = np.zeros(evidence.shape, bool), np.zeros(evidence.shape, bool)
-    likely = np.flatnonzero(wide & (area >= MIN_AREA_M2) & (area <= limits.void_most_area)) + 1
+    likely = np.flatnonzero(wide & (area >= MIN_AREA_M2)) + 1
     number_of = np.zeros(count + 1, np.int32)
     number_of[likely] = np.arange(1, len(likely) + 1)
     holes = number_of[found]

@@ -11,6 +11,9 @@ from eaves.kernels import kernel
 from eaves.methods import Method, parameter
 from eaves.model import Values
 
+WINDOW = 3
+"""Cells a side of the widest window; what depends on how far cells share points follows from it."""
+
 
 class WindowRules(Method):
     """Which windows have a plane, and how those of two sizes compare."""
@@ -36,7 +39,7 @@ def best_planes(sums: Sums, cells: Cells, limits: WindowRules) -> tuple[Values, 
     """
     best = np.zeros((4, *cells.shape))
     best[3] = np.inf
-    for size, price in ((3, 1.0), (2, limits.window_price)):
+    for size, price in ((WINDOW, 1.0), (2, limits.window_price)):
         planes = planes_of_windows(sums, cells, size, limits)
         planes[3] *= price
         which = least_around_kernel(planes[3].reshape(cells.shape), size)

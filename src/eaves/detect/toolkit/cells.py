@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from eaves.kernels import kernel
 from eaves.model import Bounds, Points, Raster, Values
 
-CELL_SIDES_M = (0.5, 0.6, 0.75, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
-"""Sides that divide a block of 240 m, so that neighbouring blocks share their cells."""
+WIDEST_CM = 3000
+"""Sides are whole centimetres that divide this, and so a block of 240 m: neighbouring blocks share cells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +89,11 @@ class Cells:
 
 
 def side_near(wanted: float) -> float:
-    """The smallest of `CELL_SIDES_M` that is not under `wanted` (m), or the largest there is."""
-    return next((side for side in CELL_SIDES_M if side >= wanted - 1e-9), CELL_SIDES_M[-1])
+    """The smallest whole number of centimetres (in m) that divides `WIDEST_CM` and is not under `wanted` (m),
+    or the largest there is. From half a metre on: 0.5, 0.6, 0.75, 1, 1.2, 1.25, 1.5, 2, 2.5, 3, 3.75, 5 …
+    """
+    least = max(1, int(np.ceil(100.0 * wanted - 1e-6)))
+    return next((side for side in range(least, WIDEST_CM) if WIDEST_CM % side == 0), WIDEST_CM) / 100.0
 
 
 @kernel

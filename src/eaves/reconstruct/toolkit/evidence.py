@@ -62,7 +62,7 @@ def level_unexplained(
     answer = labels.copy()
     loose = np.flatnonzero(labels < 0)
     heights: list[float] = []
-    fewest = max(limits.clutter_points, int(np.ceil(limits.clutter_area / spacing**2)))
+    fewest = max(limits.clutter_points, int(np.ceil(limits.smallest / spacing**2)))
     if len(loose) < fewest:
         return answer, heights
     scaled = points[loose] * np.array([1.0, 1.0, limits.clutter_reach * spacing / limits.clutter_step])

@@ -27,17 +27,15 @@ class LineReconstructor(Reconstructor):
     Examples
     --------
     >>> import eaves
-    >>> eaves.Arrangement().strip_width
-    1.2
+    >>> eaves.Arrangement().extension
+    1.0
     """
 
-    strip_width: float = parameter(
-        1.2, "Width, in spacings, of the strip in which border places make one line.", gt=0.0
-    )
     rectangle_trim: float = parameter(
         2.0,
         "Percentage of a plane's points, on each side, that its rectangle leaves out.",
         unit="percent",
+        off=0.0,
         ge=0.0,
         lt=50.0,
     )
@@ -53,10 +51,15 @@ class LineReconstructor(Reconstructor):
     clutter_points: int = parameter(
         6,
         "Fewest points that make a level of what no plane explains, or of a plane whose rectangle is drawn.",
+        off=10**6,
         ge=1,
     )
-    clutter_area: float = parameter(
-        1.0, "Least area that makes a level of what no plane explains.", unit="m2", ge=0.0
+    smallest: float = parameter(
+        0.1,
+        "Roof faces, and levels of what no plane explains, smaller than this are not built, however many "
+        "points they hold.",
+        unit="m2",
+        ge=0.0,
     )
     clutter_reach: float = parameter(
         2.0, "Points without a plane that are this many spacings apart stand together.", gt=0.0
@@ -65,12 +68,6 @@ class LineReconstructor(Reconstructor):
         0.5, "They stand together only when their heights differ by less.", unit="m", gt=0.0
     )
 
-
-LINES_PER_PLANE = 6
-"""The best supported lines that are used, for each plane: the plan of a roof has three borders a plane."""
-
-FEWEST_LINES = 80
-"""Lines that are used however few planes there are."""
 
 OVERSHOOT = 0.01
 """How far (m) a line runs past the one it ends on, so that rounding leaves no gap; a shorter one is none."""
@@ -82,7 +79,8 @@ FEWEST_PLACES = 3
 """Border places that make a line."""
 
 MOST_TOGETHER = 2000
-"""Places among which lines are sought together; more are divided, which bounds the work."""
+"""Places among which lines are sought together; more are divided, which bounds the work. So many lines, the
+best supported, are used at most."""
 
 FLAT = np.tan(np.radians(FLAT_SLOPE_DEG))
 """Rise per metre under which a plane has no direction, and two planes no line in which they meet."""
@@ -180,7 +178,7 @@ def candidate_lines(
             jumps[own[near]] = False
     used, main = np.unique(pairs), main_directions(polygon)
     across = line_directions(main, planes[used])
-    stepping = [line for some in divide(places[jumps]) for line in step_lines(some, across, spacing, limits)]
+    stepping = [line for some in divide(places[jumps]) for line in step_lines(some, across, spacing)]
     of_plane = members(labels, len(planes))
     around = [line for one in used for line in rectangle(points[of_plane[one], :2], main, spacing, limits)]
     lines = [
@@ -188,7 +186,7 @@ def candidate_lines(
         for kind in (meeting, stepping, around)
         for line in sorted(kind, key=lambda line: (-line.support, line.low - line.high, line.offset))
     ]
-    return distinct_lines(lines, 0.5 * spacing)[: FEWEST_LINES + LINES_PER_PLANE * len(planes)]
+    return distinct_lines(lines, 0.5 * spacing)[:MOST_TOGETHER]
 
 
 def distinct_lines(lines: list[Line], reach: float) -> list[Line]:
@@ -247,13 +245,11 @@ def divide(places: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
         yield from divide(half)
 
 
-def step_lines(
-    places: NDArray[np.float64], normals: NDArray[np.float64], spacing: float, limits: LineReconstructor
-) -> Iterator[Line]:
-    """Lines across `normals` (A, 2) through places (M, 2), again and again the strip with most of them in it;
-    of each its longest stretch without a gap.
+def step_lines(places: NDArray[np.float64], normals: NDArray[np.float64], spacing: float) -> Iterator[Line]:
+    """Lines across `normals` (A, 2) through places (M, 2), again and again the strip, one spacing wide, that
+    holds most of them; of each its longest stretch without a gap.
     """
-    width, gap = max(limits.strip_width * spacing, 0.25), max(2.5 * spacing, 0.8)
+    width, gap = max(spacing, 0.25), max(2.5 * spacing, 0.8)
     offsets = normals @ places.T
     order = np.argsort(offsets, axis=1, kind="stable")
     columns = np.take_along_axis(offsets, order, axis=1)

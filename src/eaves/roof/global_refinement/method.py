@@ -81,12 +81,6 @@ class GlobalRefinement(RoofMethod):
         "Price of a plane, as the share of the smallest plane's points that are left out instead.",
         ge=0.0,
     )
-    join_gap: float = parameter(
-        1.5,
-        "Gap in plan over which coplanar pieces twice as wide are one plane; at least 3 spacings.",
-        unit="m",
-        gt=0.0,
-    )
     rounds: int = parameter(6, "Rounds of proposing, relabelling and pricing at most.", ge=1)
     left_neighbours: int = parameter(
         6,
@@ -178,10 +172,10 @@ class GlobalRefinement(RoofMethod):
         return labels
 
     def join(self, points: Points, labels: Labels, local: LocalPlanes) -> Labels:
-        """Labels (N,) with near coplanar regions made one."""
+        """Labels (N,) with coplanar regions made one, wide ones over gaps of three spacings."""
         labels = without_gaps(labels)
         count = int(labels.max(initial=0))
-        gap = max(self.join_gap, 3.0 * local.spacing)
+        gap = 3.0 * local.spacing
         near = near_regions(labels, points, count, gap)
         wide = np.bincount(labels, minlength=count + 1)[1:] * local.spacing**2 >= (2.0 * gap) ** 2
         near &= wide[:, None] & wide[None, :]
