@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-MOST_ODDS = 4.0
+MOST_ODDS = 5.0
 """Log-odds further from 0 are as sure as these."""
 
 OF_ROWS = (0.91, 0.34)

@@ -31,6 +31,9 @@ LEAST_SPREAD = 0.015
 PATCH_M = 1.5
 """Side of the squares in which the noise of the roofs is measured: most of them lie on one plane."""
 
+PATCH_POINTS = 6
+"""Squares with fewer points do not measure it."""
+
 USUAL_NOISE_M = 0.03
 """Noise of the scans that the weights were learned on. Roofs of tiles and gutters are no flatter: a scan of
 less noise is judged as one of this, and so is one that no square has points enough to measure.
@@ -45,7 +48,7 @@ def roof_noise(points: Points) -> float:
     number = (cell[:, 0] - cell[:, 0].min()) * (np.ptp(cell[:, 1]) + 1) + cell[:, 1] - cell[:, 1].min()
     count = np.bincount(number)
     patch, count = (np.cumsum(count > 0) - 1)[number], count[count > 0]
-    full = count >= 2 * FEWEST  # half of them are left for the residual
+    full = count >= PATCH_POINTS
     if not full.any():
         return USUAL_NOISE_M
     local = np.column_stack([points[:, :2] - (cell + 0.5) * PATCH_M, np.ones(len(points))])

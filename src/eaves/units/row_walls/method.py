@@ -15,7 +15,7 @@ from eaves.units.row_walls.chain import best_walls, total_of
 from eaves.units.row_walls.division import RowUnits, divide_outline, label_unit_cells
 from eaves.units.row_walls.evidence import roof_noise, wall_odds, wall_signs
 from eaves.units.row_walls.merging import MergeRules, merged_units
-from eaves.units.row_walls.rows import CELL_M, HOUSE_M, HouseRow, Plan, RowRules, rows_of
+from eaves.units.row_walls.rows import CELL_M, HOUSE_M, SAME_DEG, HouseRow, Plan, RowRules, rows_of
 from eaves.units.row_walls.several import odds_of_several
 from eaves.units.stage import Division, UnitMethod
 
@@ -100,7 +100,7 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         """The division; see the class."""
         whole = Division((outline,), (1.0,))
         plan = Plan.of(outline, points)
-        rows = list(rows_of(plan, directions_of(outline, self), self))
+        rows = list(rows_of(plan, directions_of(outline, self.shortest_front), self))
         if not rows:
             return whole
         noise = roof_noise(points)
@@ -159,20 +159,20 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         return np.asarray(self.odd_share * broad + (1.0 - self.odd_share) * peak * self.width_range)
 
 
-def directions_of(outline: Polygon, limits: RowRules) -> NDArray[np.float64]:
+def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
     """Unit vectors (K, 2) along the edges of an outline, those with most length first, each once and with at
-    least the length of the shortest front.
+    least the `shortest` length (m).
     """
     step = np.vstack([np.diff(np.asarray(ring.coords)[:, :2], axis=0) for ring in unit_rings(outline)])
     length = np.hypot(step[:, 0], step[:, 1])
     angle = np.arctan2(step[:, 1], step[:, 0])
     found: list[float] = []
-    same = np.radians(limits.most_turn)
+    same = np.radians(SAME_DEG)
     while len(length):
         apart = np.mod(angle[:, None] - angle[None, :] + np.pi / 2, np.pi) - np.pi / 2
         weight = (np.abs(apart) < same) @ length
         best = int(np.argmax(weight))
-        if weight[best] < limits.shortest_front:
+        if weight[best] < shortest:
             break
         along_it = np.abs(apart[best]) < same
         found.append(float(angle[best] - np.average(apart[best][along_it], weights=length[along_it])))

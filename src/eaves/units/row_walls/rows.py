@@ -18,6 +18,8 @@ CELL_M = 0.25
 """Side of a cell (m) of the plan on which rows claim their ground; the finest that a wall's place needs."""
 
 
+SAME_DEG = 2.0
+"""Directions nearer to each other than this are one: a tolerance."""
 JOG_M, HOUSE_M = 1.5, 15.0
 """How far a front steps back and forth and is one, and how deep a house in a row is at most (m); a row of two
 is twice as deep."""
@@ -45,8 +47,7 @@ class RowRules(Method):
     )
     most_turn: float = parameter(
         5.0,
-        "Angle by which jogs turn a front away from the edges it consists of, at most; nearer directions are "
-        "one.",
+        "Angle by which jogs turn a front away from the edges it consists of, at most.",
         unit="degree",
         ge=0.0,
         le=45.0,
@@ -212,7 +213,7 @@ def rows_of(plan: Plan, directions: NDArray[np.float64], limits: RowRules) -> It
         if best is None:
             continue
         most = coherence(plan, best)
-        for across in leaning(directions, upright, limits):
+        for across in leaning(directions, upright, limits.most_lean):
             row = ground_behind(plan, free, start, along, across, length, limits)
             if row is not None and (coherent := coherence(plan, row)) > most:
                 most, best = coherent, row
@@ -237,13 +238,12 @@ def square_share(plan: Plan, row: HouseRow, limits: RowRules) -> float:
 
 
 def leaning(
-    directions: NDArray[np.float64], upright: NDArray[np.float64], limits: RowRules
+    directions: NDArray[np.float64], upright: NDArray[np.float64], most_lean: float
 ) -> list[NDArray[np.float64]]:
-    """The directions (K, 2) within `most_lean` of upright that are not upright, pointing the same way."""
+    """The directions (K, 2) that stand within `most_lean` (degrees) of upright, pointing the same way."""
     turned = directions * np.sign(directions @ upright)[:, None]
     cosine = turned @ upright
-    near = cosine > np.cos(np.radians(limits.most_lean))
-    near &= cosine < np.cos(np.radians(limits.most_turn))
+    near = (cosine > np.cos(np.radians(most_lean))) & (cosine < np.cos(np.radians(SAME_DEG)))
     return list(turned[near])
 
 

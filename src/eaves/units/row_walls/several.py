@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model import Values
-from eaves.units.row_walls.certainty import MOST_ODDS
 from eaves.units.row_walls.chain import NEAR
 from eaves.units.row_walls.division import RowUnits
 from eaves.units.row_walls.rows import HOUSE_M
@@ -16,6 +15,13 @@ from eaves.units.row_walls.rows import HOUSE_M
 WEIGHTS = {"one": -7.47, "units": 3.48, "density": 1.53, "depth": -5.23, "second": 0.61}
 """Of the traits in the log-odds that a block is several buildings; learned by
 `python -m benchmarks.accuracy.unit_weights` on towns and on drawn houses, halls and rows.
+"""
+
+MOST_UNITS = 8
+"""More units prove no more: a factory of a hundred bays would outweigh its depth."""
+
+LEAST_ODDS, MOST_ODDS = -2.0, 4.0
+"""Log-odds of the second wall count within these; a block with one wall has the least.
 """
 
 
@@ -43,13 +49,13 @@ def traits_of_block(
     )
     longest = max(rows, key=lambda units: len(units.walls)).row
     depth = (longest.last - longest.first)[longest.last > longest.first]
-    second = strength[-2] if len(strength) > 1 else -MOST_ODDS
+    second = strength[-2] if len(strength) > 1 else LEAST_ODDS
     return np.array(
         [
             1.0,
-            np.log(len(strength) + 1),
+            np.log(min(len(strength) + 1, MOST_UNITS)),
             np.log(max(points, 1) / area),
             max(float(np.log(np.median(depth) / HOUSE_M)), 0.0),
-            np.clip(second, -MOST_ODDS, MOST_ODDS),
+            np.clip(second, LEAST_ODDS, MOST_ODDS),
         ]
     )
