@@ -10,7 +10,7 @@ from shapely import MultiPolygon, Polygon
 from eaves.change.epoch import Epoch
 from eaves.change.shift import Shift
 from eaves.change.verdict import NOT_COVERED, UNCHANGED, UNCLEAR, Verdict
-from eaves.flow.advice import FEWEST_CELLS
+from eaves.flow.advice import FEWEST
 
 SEEN_WELL, SURE_SCORE = 0.8, 0.9
 """Share of a roof that the other epoch shows, and the score of what one run alone has: see `certainty`."""
@@ -47,7 +47,7 @@ class BuildingChange:
         doubted = score is not None and score < SURE_SCORE
         if verdict.change == UNCHANGED:
             seen = min(seen, figures.get("same", 0.0))
-        elif sum(map(len, verdict.patches)) < FEWEST_CELLS:  # of such 3 of 10 were wrong
+        elif sum(map(len, verdict.patches)) < FEWEST:  # of such 3 of 10 were wrong
             return "low"
         return "high" if seen >= SEEN_WELL and not doubted else "medium"
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eaves.change.epoch import Epoch
 from eaves.change.shift import TRIM, Shift, fit_shift
 from eaves.change.surface import nearest_distances, planar, point_planes
-from eaves.flow.advice import FEWEST_CELLS, STRIP_CELL
+from eaves.flow.advice import FEWEST, STRIP_CELL
 from eaves.flow.run import Progress
 from eaves.geometry.neighbours import measure_spacing
 from eaves.model import Block, PointCloud
@@ -55,19 +55,19 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
     for block in some:
         clouds = [epoch.points(block, 0.0) for epoch in (old, new)]
         for kept, cloud in zip(spacings, clouds, strict=True):
-            if len(cloud) > FEWEST_CELLS:
+            if len(cloud) > FEWEST:
                 kept.append(measure_spacing(cloud.xyz))
         coarse.append(ground_differences(*clouds))
     one, other = (float(np.median(kept)) if kept else 1.0 for kept in spacings)
     radius = max(0.75, 1.5 * max(one, other))
     differences = np.concatenate(coarse)
-    enough = len(differences) >= FEWEST_CELLS
+    enough = len(differences) >= FEWEST
     first = Shift(0.0, 0.0, float(np.median(differences)) if enough else 0.0, 0.0, len(differences) * enough)
     slopes, distances, roughness = [np.zeros((0, 2))], [np.zeros(0)], [np.zeros(0)]
     for done, block in enumerate(some, 1):
         before, after = old.points(block, 0.0), new.points(block, REACH)
         roof = before.xyz[classes_of(before) == BUILDING]
-        if len(roof) < FEWEST_CELLS or not len(after):
+        if len(roof) < FEWEST or not len(after):
             continue
         planes = point_planes(roof, 2.0 * radius)
         flat = planar(planes, 2 * SMOOTHEST)
@@ -78,7 +78,7 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
         roughness.append(planes.rms[flat])
         progress("align", done, len(some))
     fitted = fit_shift(np.concatenate(slopes), np.concatenate(distances), FARTHEST)
-    up = first.up + (fitted.up if fitted.pairs >= FEWEST_CELLS else 0.0)
+    up = first.up + (fitted.up if fitted.pairs >= FEWEST else 0.0)
     shift = replace(fitted, up=up, pairs=fitted.pairs or first.pairs)
     rough = np.concatenate(roughness)
     typical = float(np.median(rough)) if len(rough) else SMOOTHEST / TRIM

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.flow.advice import FEWEST_CELLS
+from eaves.flow.advice import FEWEST
 from eaves.model import Values
 
 TRIM = 3.0
@@ -50,7 +50,7 @@ def fit_shift(slope: NDArray[np.float64], distance: Values, most: float = 0.0) -
     """The shift of pairs with slopes (N, 2) and vertical distances (N,); `most` bounds it in plan (m)."""
     known = np.isfinite(distance)
     slope, distance = slope[known], distance[known]
-    if len(distance) < FEWEST_CELLS:
+    if len(distance) < FEWEST:
         return Shift(0.0, 0.0, 0.0, 0.0, len(distance))
     steepness = np.sqrt(1.0 + (slope**2).sum(axis=1))
     up, plan = float(np.median(distance)), np.zeros(2)
@@ -68,7 +68,7 @@ def fit_shift(slope: NDArray[np.float64], distance: Values, most: float = 0.0) -
         left = (distance - (up - slope @ plan)) / steepness
         spread = robust_spread(left[kept])
         fresh = np.abs(left) <= TRIM * max(spread, 0.01)
-        if bool((fresh == kept).all()) or int(fresh.sum()) < FEWEST_CELLS:
+        if bool((fresh == kept).all()) or int(fresh.sum()) < FEWEST:
             break
         kept = fresh
     return Shift(float(plan[0]), float(plan[1]), up, spread, int(kept.sum()))

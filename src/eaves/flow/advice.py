@@ -28,9 +28,9 @@ AT_ZERO, MOST = 0.3, 0.9
 """Floors within so much (m) of zero, in such a share of the cells, are heights above ground."""
 VOID_SPACINGS = 4.0
 """A void is a cell without points whose side is four times the spacing (USGS Lidar Base Specification)."""
-STRIP_CELL, FLAT, FEWEST_CELLS = 2.0, 0.05, 30
-"""Strips are compared in cells (m) where the heights of both spread by less (m), in so many or more; so are
-epochs."""
+STRIP_CELL, FLAT, FEWEST = 2.0, 0.05, 30
+"""Strips are compared in cells (m) where the heights of both spread by less (m). A shift, of strips as of
+epochs, takes so many differences or more."""
 STRIPS_AGREE, SPARSE = 0.08, 2.0
 """The largest difference of strips (m) and the least density (points/m²) of USGS quality level 2."""
 PIECE_AREA, PIECES_APART = 2_000.0, 3
@@ -340,7 +340,7 @@ def _strip_offset(sample: Sample) -> float | None:
     pair = (key[beside] & 65535) << 16 | key[beside + 1] & 65535
     _, which, many = np.unique(pair, return_inverse=True, return_counts=True)
     median = group_percentiles(mean[beside + 1] - mean[beside], which.ravel(), len(many), 50.0)
-    compared = np.abs(median[many >= FEWEST_CELLS])
+    compared = np.abs(median[many >= FEWEST])
     return round(float(compared.max()), 3) if len(compared) else None
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from eaves.detect.consensus.evidence import Evidence
-from eaves.detect.consensus.segments import Segments, least_around
+from eaves.detect.consensus.segments import Segments, least_around, level_at
 from eaves.detect.consensus.separation import Separation, nothing, separate
 from eaves.detect.consensus.windows import WINDOW
 from eaves.detect.stage import MIN_AREA_M2, ROOM_M, STOREY_M, TALL_SHARE
@@ -181,13 +181,12 @@ def beside_roofs(evidence: Evidence, roofs: Mask, reach: float) -> tuple[Values,
     point is over the plane of that cell, carried on; a height of 0 where no roof is within `reach` (m)."""
     if not roofs.any():
         return np.full(evidence.shape, np.inf), np.zeros(evidence.shape)
-    side = evidence.cells.side
-    steps, (row, column) = ndimage.distance_transform_edt(~roofs, return_indices=True)
-    down, right = np.array((row, column)) - np.indices(evidence.shape)
-    slope = evidence.north[row, column] * down - evidence.east[row, column] * right
-    level = evidence.level[row, column] + side * slope
-    near = evidence.candidate & (steps * side < reach)
-    return steps * side, np.where(near, evidence.top, level) - level
+    steps, nearest = ndimage.distance_transform_edt(~roofs, return_indices=True)
+    distance = steps * evidence.cells.side
+    cells = np.ravel_multi_index(tuple(nearest), evidence.shape).ravel()
+    level = level_at(evidence, cells, np.arange(cells.size), 1.0).reshape(evidence.shape)
+    near = evidence.candidate & (distance < reach)
+    return distance, np.where(near, evidence.top, level) - level
 
 
 def cell_shape(
@@ -203,7 +202,7 @@ def cell_shape(
             np.clip(evidence.height - STOREY_M, -1.5, 0.0),
             company,
             enclosed,
-            np.clip(distance - 1.5 * evidence.cells.side, 0.0, 3.0),
+            np.clip(distance - WINDOW / 2 * evidence.cells.side, 0.0, 3.0),
             np.clip(over, 0.0, 4.0),
         ],
         axis=-1,
