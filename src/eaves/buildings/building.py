@@ -218,6 +218,7 @@ def outline_facts(footprint: Footprint, building: BuildingPoints) -> dict[str, o
         whole = polygon if building.block is None else building.block.polygon
         rim = shapely.get_coordinates(shapely.segmentize(polygon, CELL))
         rim = rim[shapely.distance(shapely.points(rim), whole.boundary) <= 0.5 * CELL]
+        shapely.prepare(whole)
         ground = cells_of(building.ground_seen)
         ground = ground[~shapely.contains_xy(whole, ground)]
         away = cKDTree(ground).query(rim)[0] if len(ground) else np.full(len(rim), np.inf)

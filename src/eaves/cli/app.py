@@ -101,6 +101,8 @@ def main() -> None:
     """Entry point: a caller's mistake is one line and status 2, never a traceback."""
     report_aborts()
     collect_rarely()
+    # matrices here are small: a second thread of BLAS only waits, and each process would have its own
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     every: list[Callable[..., None]] = [*COMMANDS, *SPELLINGS]
     asked = [command for command in every if command.__name__ in sys.argv[1:2]]
     if not asked and "_EAVES_COMPLETE" not in os.environ:

@@ -15,7 +15,7 @@ from eaves.model import Block, Mask
 from eaves.model.cloud import GRID_STEP, NOISE_CLASSES
 from eaves.raster.squares import closed_by_square
 from eaves.run.keys import GONE
-from eaves.run.store import RECORD, Store, Task, read_records
+from eaves.run.store import RECORD, Store, Task, join_records, map_records
 from eaves.run.world_squares import ring
 
 Records = NDArray[Any]
@@ -68,7 +68,7 @@ def replace_in(store: Store, block: Block, generations: Sequence[int]) -> Replac
         Numbers of the first inputs of each later scan, rising.
     """
     paths = files_of(store, block)
-    records = read_records(paths)
+    records = join_records(map_records(paths))
     numbers = [scan_number(path) for path in paths]
     sizes = [path.stat().st_size // RECORD.itemsize for path in paths]
     number = np.repeat(np.array(numbers, np.int64), sizes)
@@ -92,7 +92,8 @@ def covers_place(store: Store, block: Block, first: int, end: int, records: Reco
     count = int(np.ceil(block.side / COVER_CELL)) + 1 + 2 * MARGIN
     grid = np.zeros((count, count), bool)
     for one in ring(block):
-        later = read_records([path for path in files_of(store, one) if first <= scan_number(path) < end])
+        newer = [path for path in files_of(store, one) if first <= scan_number(path) < end]
+        later = join_records(map_records(newer))
         place = scan_cells(later[~np.isin(later["classification"], NOISE_CLASSES)], one) - corner
         place = place[((place >= 0) & (place < count)).all(axis=1)]
         grid[place[:, 0], place[:, 1]] = True

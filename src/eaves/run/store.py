@@ -128,10 +128,14 @@ class Store:
 
     def read_points(self, block: Block) -> NDArray[np.void]:
         """The records of all points in a block, by input and place in it."""
+        return join_records(self.map_points(block))
+
+    def map_points(self, block: Block) -> list[NDArray[np.void]]:
+        """The records of a block's points, an array a file; of a file no more is read than is looked at."""
         path = self.points_path(block)
-        records = read_records(sorted(path.glob("*.bin")) if path.exists() else [])
+        files = map_records(sorted(path.glob("*.bin")) if path.exists() else [])
         gone = self.gone(block)
-        return records[~np.isin(records["point_id"], gone)] if len(gone) else records
+        return [records[~np.isin(records["point_id"], gone)] for records in files] if len(gone) else files
 
     def load_cloud(self, block: Block, reach: float) -> PointCloud:
         """The points of a block and of its surroundings up to `reach` (m), about the block's corner."""
@@ -149,22 +153,25 @@ class Store:
         for column in range(first.column, last.column + 1):
             for row in range(first.row, last.row + 1):
                 near = Block(column, row, side)
-                records = self.read_points(near)
                 right, up = (round(way / GRID_STEP) for way in near.origin)
-                quanta = records["xyz"]
-                which = within_kernel(quanta, west - right, south - up, east - right, north - up)
-                if len(which):  # of the neighbours only the rim is kept while the others are read
-                    whole = len(which) == len(records)
-                    pieces.append(Piece(near, which, len(records)))
-                    taken.append(records if whole else records.take(which))
-        ends = np.cumsum([0, *map(len, taken)])
+                limits = west - right, south - up, east - right, north - up
+                numbers, count = [], 0
+                for records in self.map_points(near):
+                    which = within_kernel(records["xyz"], *limits)
+                    if len(which):  # of the neighbours only the rim is kept while the others are read
+                        numbers.append(which + count)
+                        taken.append((near, records if len(which) == len(records) else records.take(which)))
+                    count += len(records)
+                if numbers:
+                    pieces.append(Piece(near, np.concatenate(numbers), count))
+        ends = np.cumsum([0, *(len(records) for _, records in taken)])
         xyz = np.empty((ends[-1], 3))
-        for start, records, piece in zip(ends[:-1], taken, pieces, strict=True):
-            right, up = (round(way / GRID_STEP) for way in np.subtract(piece.block.origin, origin))
+        for start, (near, records) in zip(ends[:-1], taken, strict=True):
+            right, up = (round(way / GRID_STEP) for way in np.subtract(near.origin, origin))
             metres_kernel(records["xyz"], right, up, GRID_STEP, xyz[start : start + len(records)])
 
         def joined(name: str) -> NDArray[Any]:
-            return np.concatenate([np.zeros(0, RECORD[name]), *(records[name] for records in taken)])
+            return np.concatenate([np.zeros(0, RECORD[name]), *(records[name] for _, records in taken)])
 
         cloud = PointCloud(
             xyz=xyz,
@@ -296,14 +303,16 @@ class Store:
                     path.unlink()
 
 
-def read_records(paths: Sequence[Path]) -> NDArray[np.void]:
-    """The records of some files, one after the other."""
-    ends = np.cumsum([0, *(path.stat().st_size // RECORD.itemsize for path in paths)])
-    records = np.empty(ends[-1], RECORD)
-    for start, end, path in zip(ends[:-1], ends[1:], paths, strict=True):
-        with path.open("rb") as file:  # numpy joins records field by field, many times as slowly
-            file.readinto(records[start:end].view(np.uint8).data)
-    return records
+def map_records(paths: Sequence[Path]) -> list[NDArray[np.void]]:
+    """The records of some files, an array each, of which no more is read than is looked at."""
+    return [np.asarray(np.memmap(path, RECORD, "c")) for path in paths if path.stat().st_size]
+
+
+def join_records(some: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
+    """Arrays of records, one after the other."""
+    # numpy joins records field by field, many times as slowly
+    data = [np.zeros(0, np.uint8), *(records.view(np.uint8) for records in some)]
+    return np.concatenate(data).view(RECORD) if len(some) != 1 else some[0]
 
 
 def link_file(source: Path, target: Path) -> None:

@@ -85,8 +85,9 @@ class MosaicWriter:
         profile: dict[str, Any] = profile_of((self.rows, self.columns), self.transform, system)
         profile |= {"tiled": True, "blockxsize": TILE, "blockysize": TILE, "bigtiff": "IF_SAFER"}
         profile |= {"dtype": "uint8"} if mask else {"dtype": "float32", "nodata": np.nan}
-        with rasterio.open(self._draft, "w", driver="GTiff", sparse_ok=True, **profile) as image:
-            image.update_tags(**provenance.tags)
+        with rasterio.Env(GDAL_CACHEMAX=CACHE_BYTES):
+            self._image = rasterio.open(self._draft, "w", driver="GTiff", sparse_ok=True, **profile)
+        self._image.update_tags(**provenance.tags)
 
     def write(self, piece: Raster, bounds: Bounds, origin: tuple[float, float] = (0.0, 0.0)) -> None:
         """Put the cells of `piece` (metres about `origin`) whose centre is within `bounds` (world metres)
@@ -108,11 +109,11 @@ class MosaicWriter:
         if left >= right or upper >= lower:
             return
         part = piece.values[upper - row : lower - row, left - column : right - column]
-        with rasterio.Env(GDAL_CACHEMAX=CACHE_BYTES), rasterio.open(self._draft, "r+") as image:
-            image.write(self._stored(part), 1, window=Window(left, upper, right - left, lower - upper))
+        self._image.write(self._stored(part), 1, window=Window(left, upper, right - left, lower - upper))
 
     def finish(self) -> None:
         """Write the file itself and drop the draft."""
+        self._image.close()
         options = {key.upper(): str(value) for key, value in COG_OPTIONS.items() if key != "driver"}
         if self.mask:
             options |= {"OVERVIEW_RESAMPLING": "NEAREST", "PREDICTOR": "NO"}
@@ -122,6 +123,7 @@ class MosaicWriter:
 
     def discard(self) -> None:
         """Drop the draft without writing the file."""
+        self._image.close()
         shutil.rmtree(self._workplace, ignore_errors=True)
 
     def __enter__(self) -> Self:

@@ -67,10 +67,10 @@ def border_kernel(borders: Borders, edge: int, one: int, other: int) -> float:
     a = borders.planes[one, 0] - borders.planes[other, 0]
     b = borders.planes[one, 1] - borders.planes[other, 1]
     c = borders.planes[one, 2] - borders.planes[other, 2]
-    jump, count = 0.0, borders.places.shape[1]
+    jump, count, places = 0.0, borders.places.shape[1], borders.places
     for place in range(count):
-        x, y = borders.places[edge, place]
-        jump += min(abs(x * a + y * b + c) / borders.full, 1.0) / count
+        away = abs(places[edge, place, 0] * a + places[edge, place, 1] * b + c)
+        jump += min(away / borders.full, 1.0) / count
     return float(borders.cost[edge] * (borders.least + (1.0 - borders.least) * jump))
 
 
@@ -88,6 +88,7 @@ def settle_kernel(
     edges of node n are `around[first[n]]` to `around[first[n + 1]]`.
     """
     group, stamp, turn = np.full(len(labels), -1), np.full(len(labels), -1), 0
+    rim = np.empty((len(around), 2), np.int64)
     start, may = np.zeros(len(labels) + 1, np.int64), np.empty(int(np.sum(data < LARGEST)), np.int64)
     for node in range(len(labels)):
         free = np.flatnonzero(data[node] < LARGEST)
@@ -96,13 +97,18 @@ def settle_kernel(
     for node in order:
         group[0], best, least = node, 0, np.inf
         stamp[node] = turn
-        for label in may[start[node] : start[node + 1]]:
-            cost = cost_kernel(data, borders, around, first, labels, group[:1], stamp, turn, label, least)
+        length = rim_kernel(borders.edges, around, first, group, 1, stamp, rim)
+        for place in range(start[node], start[node + 1]):
+            cost = cost_kernel(data, borders, labels, group, 1, rim, length, may[place], least)
             if cost < least:
-                least, best = cost, label
+                least, best = cost, may[place]
         labels[node] = best
         turn += 1
     uses = np.bincount(labels, minlength=data.shape[1])
+    # when a node last moved, what has a label last changed, a label last came into use or went, and when a
+    # seed last stayed
+    moved, changed, listed = np.full(len(labels), -1), np.full(len(uses), -1), -1
+    stayed = np.full((LABEL + 1, len(labels)), -2)
     for _ in range(MOST_ROUNDS):
         settled = True
         for kind in (NODE, REGION, LABEL):
@@ -119,60 +125,92 @@ def settle_kernel(
                             size += 1
                 done = 0
                 while kind == REGION and done < size:
-                    for edge in around[first[group[done]] : first[group[done] + 1]]:
-                        node = borders.edges[edge].sum() - group[done]
+                    for place in range(first[group[done]], first[group[done] + 1]):
+                        edge = around[place]
+                        node = borders.edges[edge, 0] + borders.edges[edge, 1] - group[done]
                         if labels[node] == own and stamp[node] < begin:
                             group[size], stamp[node] = node, turn
                             size += 1
                     done += 1
-                members = group[:size]
-                args = (data, borders, around, first, labels, members, stamp, turn)
+                length = rim_kernel(borders.edges, around, first, group, size, stamp, rim)
+                latest = max(listed, changed[own])
+                for place in range(length):
+                    latest = max(latest, moved[rim[place, 1]])
+                if latest <= stayed[kind, seed]:  # nothing that the costs follow from is another than then
+                    turn += 1
+                    continue
+                args = (data, borders, labels, group, size, rim, length)
                 whole = label_cost if uses[own] == size else 0.0
                 least, best = cost_kernel(*args, own, np.inf) + whole - LEAST_GAIN, own
-                for label in may[start[seed] : start[seed + 1]]:
+                for place in range(start[seed], start[seed + 1]):
+                    label = may[place]
                     if label != own:
                         price = label_cost if uses[label] == 0 else 0.0
                         cost = price + cost_kernel(*args, label, least - price)
                         if cost < least:
                             least, best = cost, label
-                if best != own:
+                if best == own:
+                    stayed[kind, seed] = turn
+                else:
                     settled = False
+                    if uses[best] == 0 or uses[own] == size:
+                        listed = turn
                     uses[own] -= size
                     uses[best] += size
-                    labels[members] = best
+                    changed[own] = changed[best] = turn
+                    for member in range(size):
+                        labels[group[member]], moved[group[member]] = best, turn
                 turn += 1
         if settled:
             break
 
 
 @kernel
+def rim_kernel(
+    edges: Integers,
+    around: Integers,
+    first: Integers,
+    group: Integers,
+    size: int,
+    stamp: Integers,
+    rim: Integers,
+) -> int:
+    """How many edges lead out of the first `size` nodes of a group, which bear the last `stamp`; those and
+    the nodes that they lead to go into `rim` (E, 2)."""
+    length, turn = 0, stamp[group[0]]
+    for member in range(size):
+        node = group[member]
+        for place in range(first[node], first[node + 1]):
+            other = edges[around[place], 0] + edges[around[place], 1] - node
+            if stamp[other] != turn:
+                rim[length, 0], rim[length, 1] = around[place], other
+                length += 1
+    return length
+
+
+@kernel
 def cost_kernel(
     data: NDArray[np.float64],
     borders: Borders,
-    around: Integers,
-    first: Integers,
     labels: Integers,
-    members: Integers,
-    stamp: Integers,
-    turn: int,
+    group: Integers,
+    size: int,
+    rim: Integers,
+    length: int,
     label: int,
     most: float,
 ) -> float:
-    """The cost of a label to the `members` (K,) of a group and its borders; no less than `most` where it is
-    more.
-
-    The `stamp` (N,) of members is `turn`.
-    """
+    """The cost of a label to the first `size` nodes of a group and to the first `length` edges of their
+    `rim`; no less than `most` where it is more."""
     total = 0.0
-    for node in members:
-        total += data[node, label]
+    for member in range(size):
+        total += data[group[member], label]
         if total >= most:
             return float(total)
-    for node in members:
-        for edge in around[first[node] : first[node + 1]]:
-            other = borders.edges[edge].sum() - node
-            if stamp[other] != turn:
-                total += border_kernel(borders, edge, label, labels[other])
+    for place in range(length):
+        total += border_kernel(borders, rim[place, 0], label, labels[rim[place, 1]])
+        if total >= most:
+            return float(total)
     return float(total)
 
 
