@@ -24,7 +24,7 @@ from benchmarks.table import keep
 SOURCES = Path(__file__).parents[2] / "src/eaves"
 
 HANDLED: Mapping[tuple[str, str], tuple[str, Callable[[Mapping[str, Any], Any], int]]] = {
-    ("eaves.run.store", "read_records"): ("read back", lambda names, answer: len(answer)),
+    ("eaves.run.store", "map_records"): ("mapped", lambda names, answer: sum(map(len, answer))),
     ("eaves.model.cloud", "take"): ("copied", lambda names, answer: len(answer)),
     ("eaves.model.cloud", "canonical_order"): (
         "sorted",

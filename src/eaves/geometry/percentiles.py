@@ -33,7 +33,10 @@ def group_percentiles(
 
     Between two values it is linear, to the bit as `numpy.percentile` is. Values of group -1 are left out.
     """
-    order = np.lexsort((values, group))
+    # one after the other, and in sixteen bits by radix: to sort by both at once takes five times as long
+    order = np.argsort(values)
+    few = np.int16 if count < np.iinfo(np.int16).max else np.int64
+    order = order[np.argsort(group[order].astype(few), kind="stable")]
     ordered = values[order]
     first = np.searchsorted(group[order], np.arange(count + 1))
     size = np.diff(first)

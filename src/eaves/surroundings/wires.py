@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from eaves.methods import Method, parameter
 from eaves.model import Mask, PointCloud, Points, Values
-from eaves.model.cloud import GROUND, UNCLASSIFIED
+from eaves.model.cloud import GRID_STEP, GROUND, UNCLASSIFIED
 from eaves.raster.squares import grown_by_square
 
 Cells = NDArray[np.int64]
@@ -146,7 +146,9 @@ def wire_cells(xyz: Points, side: float) -> tuple[Cells, tuple[int, int]]:
 def top_in_air(cell: Cells, z: Values, air: float) -> Mask:
     """Which of some high points (K,) are the topmost of their cell, within `air` (m), with as much beneath
     them empty or in the cell nothing else: crowns reach down."""
-    order = np.lexsort((-z, cell))
+    # highest first in each cell, by one key: to sort by two takes five times as long
+    depth = np.rint((z.max(initial=0.0) - z) / GRID_STEP).astype(np.int64)
+    order = np.argsort(cell * (depth.max(initial=0) + 1) + depth)
     first = np.diff(cell[order], prepend=-1) != 0
     fallen = np.cumsum((np.diff(-z[order], prepend=0.0) > air) & ~first)
     start = np.maximum.accumulate(np.where(first, np.arange(len(z)), 0))
@@ -179,7 +181,8 @@ def few_around(cell: Cells, layer: Cells, shape: tuple[int, int], few: int) -> M
 def wire_rows(xyz: Points, rules: WireRules) -> Mask:
     """Which points (K, 3) lie in a row with their neighbours, more level than upright."""
     reach = rules.neighbours * rules.cell
-    away, near = cKDTree(xyz).query(xyz, rules.neighbours + 1, distance_upper_bound=reach)
+    tree = cKDTree(xyz, balanced_tree=False, compact_nodes=False)
+    away, near = tree.query(xyz, rules.neighbours + 1, distance_upper_bound=reach)
     row, some = np.zeros(len(xyz), bool), np.flatnonzero(np.isfinite(away[:, rules.neighbours]))
     group = xyz[near[some]]
     group = group - group.mean(axis=1, keepdims=True)
