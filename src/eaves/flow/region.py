@@ -436,8 +436,7 @@ def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     store.keep_only(BUILDINGS, [plan.owner_block for plan in plans])
     reads = []
     for plan in plans:
-        lies = {block for one in plan.buildings for block, _ in one.regions}
-        near = sorted({one for block in lies for one in ring(block)})
+        near = sorted({one for block in plan.blocks for one in ring(block)})
         reads.append(key_of(BUILDINGS.key(recipe), snap, plan, store.found(BLOCKS, near)))
     work = partial(keep_buildings, store=store, recipe=recipe, snap=snap)
     compute(region, BUILDINGS, plans, reads, work, "buildings", shown=True)
