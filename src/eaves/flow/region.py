@@ -186,14 +186,13 @@ def read_points(region: Region) -> None:
             region.note(outcome, str(part.path))
             unread[part.number] = region.failed.pop()
             continue
-        done = outcome.answer
+        done, box = outcome.answer
         records[part.name] = done.records
         if done.unread is not None and part.number not in unread:
             log.error("%s", done.unread)
             unread[part.number] = done.unread
-        if done.box is not None:
-            box = region.wrong_boxes.get(part.number, done.box)
-            region.wrong_boxes[part.number] = box.union(done.box)
+        if box is not None:
+            region.wrong_boxes[part.number] = region.wrong_boxes.get(part.number, box).union(box)
         if workers is region.workers:
             read_more(done.records)
     for number in unread:
