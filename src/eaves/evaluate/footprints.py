@@ -9,7 +9,7 @@ and compared as groups.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -125,9 +125,9 @@ def evaluate_footprints(
     (1, 0.9)
     """
     found, wanted = (shapely.make_valid(np.array(list(shapes), object)) for shapes in (result, reference))
-    names = list(result_ids) if result_ids is not None else [str(k + 1) for k in range(len(found))]
-    wanted_names = (
-        list(reference_ids) if reference_ids is not None else [str(k + 1) for k in range(len(wanted))]
+    names, wanted_names = (
+        [str(k + 1) for k in range(len(shapes))] if ids is None else list(ids)
+        for shapes, ids in ((found, result_ids), (wanted, reference_ids))
     )
     for side, shapes, ids in (("result", found, names), ("reference", wanted, wanted_names)):
         if len(ids) != len(shapes):
@@ -237,18 +237,17 @@ def _compared(
     wanted: Polygon | MultiPolygon,
     distance: NDArray[np.float64],
 ) -> FootprintRow:
+    """A row with the footprint that was found, its outline so far (N,) from the reference's."""
     shared = float(found.intersection(wanted).area)
-    return FootprintRow(
-        row.reference,
-        name,
-        row.area_m2,
-        float(found.area - wanted.area),
-        ratio(shared, found.area + wanted.area - shared),
-        root_mean_square(distance),
-        max(float(distance.max()), float(outline_distances(wanted, found).max())),
-        polis(found, wanted),
-        count_vertices(found),
-        row.vertices_reference,
+    return replace(
+        row,
+        result=name,
+        area_error_m2=float(found.area - wanted.area),
+        iou=ratio(shared, found.area + wanted.area - shared),
+        rms_m=root_mean_square(distance),
+        hausdorff_m=max(float(distance.max()), float(outline_distances(wanted, found).max())),
+        polis_m=polis(found, wanted),
+        vertices=count_vertices(found),
     )
 
 
