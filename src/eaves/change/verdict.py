@@ -79,9 +79,9 @@ class Side:
     distance: Values
     flat: Mask
     known: Mask
-    size: Values
     height: Values
     """Over the ground of its own epoch (m); NaN where it is not known."""
+    size: Values
 
     def __len__(self) -> int:
         return len(self.xyz)
