@@ -15,6 +15,7 @@ from shapely.affinity import affine_transform
 
 from eaves.formats.atomic import atomic
 from eaves.formats.vectors.geopackage import Row, write_polygons
+from eaves.model import Bounds
 from eaves.model.checks import check_positive
 from eaves.model.cloud import snap
 from eaves.simulate.files import undated
@@ -22,12 +23,12 @@ from eaves.simulate.flight import Flight, Pattern
 from eaves.simulate.objects.exact import ExactBuilding, ExactScene
 from eaves.simulate.objects.masses import Mass
 from eaves.simulate.objects.roofs import make_building
-from eaves.simulate.objects.streets import CityBlock, TownStyle, draw_block
+from eaves.simulate.objects.streets import TownStyle, draw_block
 from eaves.simulate.objects.surfaces import ScannedSurfaces
 from eaves.simulate.objects.terrain import TerrainKind
 from eaves.simulate.objects.vegetation import Foliage
 from eaves.simulate.scanner import Scanner, scan_town
-from eaves.simulate.town import RIM, BuildingSite, Town, lay_site, put_extras
+from eaves.simulate.town import APART, RIM, BuildingSite, Town, lay_site, put_extras
 
 CHANGES = ("new", "demolished", "raised", "lowered", "extended", "partly demolished", "roof replaced")
 """The changes that a building can undergo, beside `unchanged`."""
@@ -163,11 +164,10 @@ def simulate_epochs(
     if not 0.0 <= changed <= 1.0:
         raise ValueError(f"changed must be a share between 0 and 1, not {changed}")
     site, plots, corridor = lay_site(area_km2, None, terrain, seed, style)
-    blocks: list[CityBlock] = []
     for number, plot in enumerate(plots):
         whole = bool(site.bounds.buffered(-RIM).contains(plot.corners()).all())
-        blocks.append(draw_block(plot, style, whole, True, np.random.default_rng([seed, 34, number])))
-        for placement in blocks[-1].placements:
+        draw_block(plot, style, whole, True, np.random.default_rng([seed, 34, number]))
+        for placement in plot.placements:
             site.build(placement)
     pairs = _draw_changes(site, changed, np.random.default_rng([seed, 51]))
     extras = put_extras(site.bounds, site.terrain, corridor, np.random.default_rng([seed, 36]))
@@ -178,11 +178,11 @@ def simulate_epochs(
             building = pair.buildings[epoch]
             if building is not None:
                 there.add(_renumbered(building, there.faces + 1))
-        for number, (plot, block) in enumerate(zip(plots, blocks, strict=True)):
-            parked = np.random.default_rng([seed, 52, epoch, number]).random(len(block.cars)) < CARS_KEPT
-            cars = [car for car, here in zip(block.cars, parked, strict=True) if here]
+        for number, plot in enumerate(plots):
+            parked = np.random.default_rng([seed, 52, epoch, number]).random(len(plot.cars)) < CARS_KEPT
+            cars = [car for car, here in zip(plot.cars, parked, strict=True) if here]
             rng = np.random.default_rng([seed, 35, number])
-            there.furnish(plot, replace(block, cars=cars), trees, leaf_loss[epoch], rng)
+            there.furnish(replace(plot, cars=cars), trees, leaf_loss[epoch], rng)
         if clutter:
             there.install(seed)
         surfaces = ScannedSurfaces.join([*there.surfaces, *extras])
@@ -271,7 +271,8 @@ def _extended(site: BuildingSite, k: int, rng: np.random.Generator) -> ExactBuil
         plan = Polygon([inner, outer, outer + width * along, inner + width * along])
         if not site.area.contains(shapely.get_coordinates(plan)).all():
             continue
-        beyond = [other for other in site.near_but(k, plan) if shapely.intersects(other, plan)]
+        near = [n for n in site.near(Bounds(*plan.bounds).buffered(APART)) if n != k]
+        beyond = [n for n in near if shapely.intersects(site.outlines[n], plan)]
         level = site.floor_of(plan) + rng.uniform(2.5, 3.4)
         if beyond or level > _lowest_eaves(was) + 1.0:
             continue
