@@ -174,8 +174,8 @@ def simulate_epochs(
     towns = []
     for epoch in (0, 1):
         there = BuildingSite(site.bounds, site.terrain)
-        for pair in pairs:
-            building = pair.buildings[epoch]
+        for _, pair in pairs:
+            building = pair[epoch]
             if building is not None:
                 there.add(_renumbered(building, there.faces + 1))
         for number, plot in enumerate(plots):
@@ -189,18 +189,14 @@ def simulate_epochs(
         towns.append(
             Town(site.bounds, site.terrain, tuple(there.buildings), surfaces, Foliage.join(there.leaves))
         )
-    return Epochs(towns[0], towns[1], tuple(_told(pair) for pair in pairs))
+    return Epochs(towns[0], towns[1], tuple(_told(change, *pair) for change, pair in pairs))
 
 
-@dataclass(frozen=True, eq=False)
-class _Pair:
-    """One building at both times, and what became of it."""
-
-    change: str
-    buildings: tuple[ExactBuilding | None, ExactBuilding | None]
+Pair = tuple[ExactBuilding | None, ExactBuilding | None]
+"""One building at both times."""
 
 
-def _draw_changes(site: BuildingSite, share: float, rng: np.random.Generator) -> list[_Pair]:
+def _draw_changes(site: BuildingSite, share: float, rng: np.random.Generator) -> list[tuple[str, Pair]]:
     """The buildings of a site at both times; a change that a building has no room for becomes another."""
     large = [k for k, one in enumerate(site.buildings) if one.footprint.area >= SMALLEST_M2]
     chosen = rng.permutation(large)[: round(share * len(large))].tolist()
@@ -220,13 +216,13 @@ def _draw_changes(site: BuildingSite, share: float, rng: np.random.Generator) ->
             lower = _shifted_roof(site, k, -way) if change == "lowered" else None
             other = lower or _shifted_roof(site, k, way)
             change = "lowered" if lower else "raised"
-        both: dict[str, tuple[ExactBuilding | None, ExactBuilding | None]] = {
+        both: dict[str, Pair] = {
             "new": (None, building),
             "demolished": (building, None),
             "partly demolished": (other, building),
             "unchanged": (building, building),
         }
-        pairs.append(_Pair(change, both.get(change, (building, other))))
+        pairs.append((change, both.get(change, (building, other))))
     return pairs
 
 
@@ -334,9 +330,8 @@ def _renumbered(building: ExactBuilding, first: int) -> ExactBuilding:
     return replace(building, faces=faces)
 
 
-def _told(pair: _Pair) -> Change:
-    """The change in figures."""
-    old, new = pair.buildings
+def _told(change: str, old: ExactBuilding | None, new: ExactBuilding | None) -> Change:
+    """The change of a building in figures."""
     one = old or new
     assert one is not None
     size = [(0.0, 0.0) if b is None else (b.footprint.area, _volume(b)) for b in (old, new)]
@@ -346,7 +341,7 @@ def _told(pair: _Pair) -> Change:
         higher = (_volume(new, common) - _volume(old, common)) / common.area
     return Change(
         one.id,
-        pair.change,
+        change,
         None if old is None else old.footprint,
         None if new is None else new.footprint,
         round(higher, 3),

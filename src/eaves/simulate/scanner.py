@@ -12,7 +12,7 @@ from eaves.model import PointCloud
 from eaves.model.cloud import HIGH_NOISE, LOW_NOISE, UNCLASSIFIED
 from eaves.simulate.flight import Flight, Pattern, Pulses, fly
 from eaves.simulate.objects.exact import ExactScene
-from eaves.simulate.pulses import Beam, Receiver, gaussian_beam, pencil_beam, trace_pulses
+from eaves.simulate.pulses import PENCIL, Beam, Receiver, gaussian_beam, trace_pulses
 from eaves.simulate.ray_grid import RayGrid
 from eaves.simulate.town import Town
 
@@ -105,7 +105,7 @@ def scan_town(
         raise ValueError(f"noise must be at least 0 m, not {noise}")
     survey, device = flight or Flight(), scanner or Scanner()
     grid = town.ray_grid()
-    beam = pencil_beam() if pattern == "random" else gaussian_beam()
+    beam = PENCIL if pattern == "random" else gaussian_beam()
     level = float(np.median(town.terrain.heights))
     nothing = np.zeros((0, 3)), *(np.zeros(0, kind) for kind in ("u1", "u1", "i4", "u2", "f8"))
     parts: list[Echoes] = [nothing]

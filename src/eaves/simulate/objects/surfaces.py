@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.rings import as_polygon
+from eaves.geometry.rings import area_vector, as_polygon
 from eaves.model import Labels, Solid
 from eaves.model.building import GROUND_SURFACE, WALL_SURFACE
 from eaves.model.cloud import BUILDING
@@ -135,7 +135,7 @@ def _shell_surfaces(building: ExactBuilding, shell: Solid) -> ScannedSurfaces:
 def triangulate_in_space(rings: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """Triangles (T, 3, 3) of a planar face with holes; none for a face without area."""
     outer = rings[0]
-    normal = np.cross(outer - outer[0], np.roll(outer, -1, axis=0) - outer[0]).sum(axis=0)
+    normal = area_vector(outer)
     if not np.linalg.norm(normal) > 0:
         return np.zeros((0, 3, 3))
     axis = int(np.argmax(np.abs(normal)))
