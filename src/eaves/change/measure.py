@@ -76,7 +76,7 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
         distances.append(nearest_distances(roof[flat], slope[flat], others, radius, FARTHEST))
         roughness.append(rms[flat])
         progress("align", done, len(some))
-    fitted = fit_shift(np.concatenate(slopes), np.concatenate(distances), FARTHEST)
+    fitted = fit_shift(np.concatenate(slopes), np.concatenate(distances))
     up = first.up + (fitted.up if fitted.pairs >= FEWEST else 0.0)
     shift = replace(fitted, up=up, pairs=fitted.pairs or first.pairs)
     rough = np.concatenate(roughness)
