@@ -13,6 +13,7 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.formats import InputError, read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
+from eaves.geometry.overlaps import HALF
 from eaves.geometry.rings import as_polygon
 from eaves.model import CoordinateSystem
 
@@ -29,9 +30,6 @@ EDITS = "edits.gpkg"
 
 DIFFERENT_M2 = 0.05
 """An outline was edited when it differs by more than this (m²): drivers round coordinates."""
-
-HALF = 0.5
-"""An edit without an id is of the building that shares this part of either outline."""
 
 
 @dataclass(frozen=True, eq=False)

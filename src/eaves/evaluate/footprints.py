@@ -18,6 +18,7 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.evaluate.matching import Matching, Objects
 from eaves.evaluate.scores import Agreement, ratio, root_mean_square
+from eaves.geometry.overlaps import pair_off
 from eaves.geometry.tolerance import COORDINATE_STEP
 
 STEP = 0.25
@@ -193,13 +194,8 @@ def pair_by_overlap(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> 
     """Reference → result of the pairs that share most area, each polygon in one pair at most."""
     two, one = _meeting(found, wanted)
     shared = shapely.area(shapely.intersection(found[one], wanted[two]))
-    pairs: dict[int, int] = {}
-    taken: set[int] = set()
-    for k in np.lexsort((one, two, -shared)):
-        if shared[k] > 0 and int(two[k]) not in pairs and int(one[k]) not in taken:
-            pairs[int(two[k])] = int(one[k])
-            taken.add(int(one[k]))
-    return pairs
+    order = np.lexsort((one, two, -shared))
+    return pair_off((int(two[k]), int(one[k])) for k in order if shared[k] > 0)
 
 
 def outline_distances(

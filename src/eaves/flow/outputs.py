@@ -31,7 +31,7 @@ from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.clock import Clock
 from eaves.run.keys import BLOCKS
-from eaves.run.manifest import MANIFEST, begin_manifest, note_files
+from eaves.run.manifest import MANIFEST, begin_manifest
 from eaves.run.options import EVERYTHING
 from eaves.run.partition import Window
 from eaves.run.store import Store
@@ -238,7 +238,7 @@ def write_map(folder: Path, files: Sequence[Path], system: CoordinateSystem) -> 
 def note(run: Run, files: Sequence[Path]) -> None:
     """Note files of the run in its folder's manifest."""
     if run.classified is None:
-        note_files(run.folder, files)
+        begin_manifest(run.folder, files=files)
 
 
 def clear_leftovers(files: Sequence[Path]) -> None:
