@@ -49,6 +49,11 @@ def point_planes(xyz: Points) -> tuple[NDArray[np.float64], Values]:
     return np.where(steep[:, None], 0.0, slope), np.where(steep, np.nan, rough)
 
 
+def plan_tree(xyz: Points) -> cKDTree:
+    """The tree of points (N, 3) in plan, not balanced: to build it costs more than to ask it once."""
+    return cKDTree(xyz[:, :2], balanced_tree=False, compact_nodes=False)
+
+
 @dataclass(frozen=True, eq=False)
 class Pairs:
     """Pairs (P,) of some of `count` roof points with points of the other epoch near in plan: the number of
@@ -61,10 +66,12 @@ class Pairs:
     over: Values
 
     @classmethod
-    def within(cls, xyz: Points, slope: NDArray[np.float64], others: Points, radius: float) -> Pairs:
-        """Those within `radius` (m) of roof points (N, 3) that lie on planes with slopes (N, 2)."""
-        trees = (cKDTree(places[:, :2]) for places in (xyz, others))
-        found = next(trees).sparse_distance_matrix(next(trees), radius, output_type="ndarray")
+    def within(
+        cls, xyz: Points, slope: NDArray[np.float64], others: Points, tree: cKDTree, radius: float
+    ) -> Pairs:
+        """Those within `radius` (m) of roof points (N, 3) that lie on planes with slopes (N, 2); the `tree`
+        is that of the others."""
+        found = plan_tree(xyz).sparse_distance_matrix(tree, radius, output_type="ndarray")
         point, other = found["i"], found["j"]
         way = others[other] - xyz[point]
         over = way[:, 2] - (slope[point] * way[:, :2]).sum(axis=1)
@@ -101,9 +108,10 @@ def face_points(
     """The state (N,) that points of another epoch (M, 3) with classes show within `radius` (m) of roof points
     (N, 3), and how far what they show lies over these (m)."""
     state, distance = np.full(len(xyz), UNSEEN, np.uint8), np.full(len(xyz), np.nan)
+    tree = plan_tree(others)
     for first in range(0, len(xyz) if len(others) else 0, AT_ONCE):
         some = slice(first, first + AT_ONCE)
-        pairs = Pairs.within(xyz[some], slope[some], others, radius)
+        pairs = Pairs.within(xyz[some], slope[some], others, tree, radius)
         limit = tolerance * np.sqrt(1.0 + (slope[some] ** 2).sum(axis=1))
         state[some], distance[some] = states_of(pairs, classes[pairs.other], radius, limit)
     return state, distance
@@ -151,7 +159,7 @@ def nearest_distances(
     """Distance (N,) of the other epoch's surface over roof points: of the nearest in plan of those no
     farther than `most` (m) from the plane; NaN where there is none."""
     distance = np.full(len(xyz), np.nan)
-    pairs = Pairs.within(xyz, slope, others, radius)
+    pairs = Pairs.within(xyz, slope, others, plan_tree(others), radius)
     order = np.lexsort((np.hypot(*pairs.way.T), pairs.point))
     order = order[np.abs(pairs.over[order]) <= most]
     point, first = np.unique(pairs.point[order], return_index=True)
