@@ -88,14 +88,14 @@ def winged_town(area_km2: float, *, terrain: TerrainKind, style: TownStyle, seed
     for number, plot in enumerate(plots):
         rng = np.random.default_rng([seed, 98, number])
         whole = bool(site.bounds.buffered(-10.0).contains(plot.corners()).all())
-        block = draw_block(plot, style, whole, True, rng)
-        for placement in block.placements:
+        draw_block(plot, style, whole, True, rng)
+        for placement in plot.placements:
             if placement.design.kind in DETACHED_SHARES:
                 masses = large_building(rng) if rng.random() < 1 / 9 else detached_house(rng)
                 house = Design("of many wings", masses, float(rng.uniform(0.1, 0.6)))
                 placement = replace(placement, design=house)
             site.build(placement)
-        site.furnish(plot, block, trees, 2.5, rng)
+        site.furnish(plot, trees, 2.5, rng)
     site.install(seed)
     return Town(
         site.bounds,

@@ -249,7 +249,7 @@ def build_tile(task: TileTask) -> TileDone:
     if earlier is not None:
         return earlier
     while True:
-        region = steps.open_region(task.run, Workers(), no_progress, Core(task.tile.holds, task.loaded))
+        region = steps.open_region(task.run, Workers(), no_progress, Core(task.holds, task.loaded))
         try:
             summary = build_region(region)
             break

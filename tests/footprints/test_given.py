@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon, affinity, box
 
-from eaves.footprints.given import clip_footprints, repair_footprints, unusable_footprints
+from eaves.footprints.given import clip_footprints, repair_footprints
 from eaves.footprints.party_walls import split_block
 from eaves.footprints.snap import snap_footprints
 from eaves.model import Bounds, Failure, Footprint
@@ -37,8 +37,8 @@ def test_shapes_without_area_are_left_out_with_a_reason() -> None:
         box(0, 0, 0.1, 0.1),
         box(0, 0, 5, 5),
     ]
-    assert len(repair_footprints(shapes)) == 1
-    failures = unusable_footprints(shapes, list("abcdef"))
+    *failures, whole = repair_footprints(shapes, list("abcdef"))
+    assert isinstance(whole, Footprint)
     assert [failure.reason.split("'")[1] for failure in failures] == list("abcde")
 
 

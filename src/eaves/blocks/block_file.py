@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from pathlib import Path
 from typing import Any
 
@@ -84,9 +84,7 @@ def block_extent(notes: Sequence[BlockMetadata]) -> Bounds:
     """World metres of all points used, widened to whole cells."""
     if not notes:
         return Bounds(0.0, 0.0, CELL, CELL)
-    whole = notes[0].extent
-    for note in notes[1:]:
-        whole = whole.union(note.extent)
+    whole = reduce(Bounds.union, (note.extent for note in notes))
     west, south = np.floor(whole.west / CELL) * CELL, np.floor(whole.south / CELL) * CELL
     east, north = (np.floor(whole.east / CELL) + 1) * CELL, (np.floor(whole.north / CELL) + 1) * CELL
     return Bounds(float(west), float(south), float(east), float(north))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from eaves.ground.toolkit.floor import COARSEST_M, Floor
@@ -46,9 +48,7 @@ def keep_square(task: Task, store: Store, side: float, recipe: Recipe) -> None:
     if not floors:
         store.remove(DECKS, square)
     else:
-        extent = floors[0].bounds
-        for one in floors[1:]:
-            extent = extent.union(one.bounds)
+        extent = reduce(Bounds.union, (one.bounds for one in floors))
         floor = Floor.empty(within(seen, extent.buffered(EMPTY_RIM)))  # cost follows the data's area
         for one in floors:
             floor.merge(one)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.blocks.block_file import Candidates, open_block
+from eaves.blocks.block_file import BlockFile, Candidates, open_block
 from eaves.buildings.join import BuildingPlan, OwnedBuildings
 from eaves.footprints.snap import snap_footprints
 from eaves.model import Block, Bounds, Failure, Footprint, Points, Raster
@@ -20,6 +22,9 @@ from eaves.model.scene import WALL
 from eaves.raster.surfaces import CELL
 from eaves.run.keys import BLOCKS
 from eaves.run.store import Store
+from eaves.run.world_squares import squares_touching
+
+T = TypeVar("T")
 
 MARGIN = 2.0
 """Terrain is known this far (m) around a building's points, and all else where its walls are looked for."""
@@ -27,50 +32,22 @@ TRUSTED_SHARE = 0.2
 """Under a given footprint the detector's points are taken if at least this share of the high points."""
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """The points (N,) of a building about its owner block's origin."""
-
-    owner_block: Block
-    xyz: Points
-    point_id: NDArray[np.int64]
-    part: NDArray[np.uint8]
-    not_last: NDArray[np.bool_]
-    spacing: float
-    score: float
-
-
 class Gatherer:
     """Reads the results of blocks as buildings need them, and keeps the last few."""
 
-    def __init__(self, store: Store, keep: int = 4, around: float | None = None) -> None:
-        self._store = store
+    def __init__(self, store: Store, around: float | None = None) -> None:
         self._around = around
-        self._keep = keep
-        self._candidates: dict[Block, Candidates] = {}
-        self._terrain: dict[tuple[Block, str], Raster] = {}
+        read = partial(read_result, store)
+        self.candidates = lru_cache(4)(lambda block: read(block, BlockFile.candidates))
+        self.terrain_of = lru_cache(16)(lambda block, name: read(block, lambda file: file.raster(name)))
 
-    def candidates(self, block: Block) -> Candidates | None:
-        """The points of a block that can be a building's; None where it failed or has no points."""
-        if block not in self._candidates:
-            if not self._store.has(BLOCKS, block):
-                return None
-            while len(self._candidates) >= self._keep:
-                self._candidates.pop(next(iter(self._candidates)))
-            with open_block(self._store, block) as file:
-                self._candidates[block] = file.candidates()
-        return self._candidates[block]
-
-    def terrain_of(self, block: Block, name: str = "dtm") -> Raster | None:
-        """The terrain of a block, or where its ground was seen; None where it failed or has no points."""
-        if (block, name) not in self._terrain:
-            if not self._store.has(BLOCKS, block):
-                return None
-            while len(self._terrain) >= 4 * self._keep:
-                self._terrain.pop(next(iter(self._terrain)))
-            with open_block(self._store, block) as file:
-                self._terrain[block, name] = file.raster(name)
-        return self._terrain[block, name]
+    def parts(self, owner: Block, blocks: Iterable[Block]) -> Iterator[tuple[Candidates, Points]]:
+        """The points of those blocks that have any, and how far (3,) they are moved to lie about the corner
+        of the owner block."""
+        for block in blocks:
+            found = self.candidates(block)
+            if found is not None:
+                yield found, np.array([*np.subtract(block.origin, owner.origin), 0.0])
 
     def gather(self, owner: Block, plan: BuildingPlan) -> BuildingPoints | Failure:
         """The building's points about the corner of its owner block, with the terrain around them."""
@@ -79,87 +56,62 @@ class Gatherer:
         found = self.points_of(owner, plan)
         if found is None:
             return Failure("no_points", "no point above the ground lies in it", "outline", plan.given)
-        reach = Bounds.of(found.xyz)
+        reach = Bounds.of(found["xyz"])
         if plan.given is not None:
             reach = reach.union(Bounds(*plan.given.polygon.bounds))
-        around = None
+        around, others, margin = None, None, reach.buffered(MARGIN)
         if self._around is not None:
-            around = self.points_around(owner, plan, reach.buffered(self._around))
-        seen = self.terrain(owner, reach.buffered(MARGIN), "ground")
+            around = self.near(owner, plan.blocks, reach.buffered(self._around), free=False)
+        if plan.given is None:
+            others = self.near(owner, blocks_in(owner, margin), margin, free=True)
+        seen = self.terrain(owner, margin, "ground")
         heights, beside = None, None
         if plan.given is not None:
             beside = is_seen_beside(plan.given.polygon, seen)
             heights = None if beside else self.nearest_ground(owner, plan)
         return BuildingPoints(
             owner_block=owner,
-            xyz=found.xyz,
-            point_id=found.point_id,
-            part=found.part,
-            terrain=self.terrain(owner, reach.buffered(MARGIN)),
+            **found,
+            terrain=self.terrain(owner, margin),
             ground_seen=seen,
             ground_nearest=heights,
             ground_beside=beside,
-            spacing=found.spacing,
-            score=found.score,
             given=plan.given,
-            not_last=found.not_last,
-            others=self.others(owner, reach.buffered(MARGIN)) if plan.given is None else None,
+            others=others,
             around=around,
         )
 
-    def points_of(self, owner: Block, plan: BuildingPlan) -> Found | None:
-        """The building's points about the corner of its owner block; None where it has none."""
-        xyz, point_id, part, not_last, score, spacing = [], [], [], [], 0.0, 1.0
+    def points_of(self, owner: Block, plan: BuildingPlan) -> dict[str, Any] | None:
+        """The building's points about the corner of its owner block, with their spacing and the score, as
+        `BuildingPoints` names them; None where it has none."""
+        columns: dict[str, list[NDArray[Any]]] = {"xyz": [], "point_id": [], "part": [], "not_last": []}
+        score, spacing = 0.0 if plan.given is None else 1.0, 1.0
         for block, label in plan.regions:
-            result = self.candidates(block)
-            if result is None:
-                continue
-            spacing = result.spacing
-            shift = np.array([block.origin[0] - owner.origin[0], block.origin[1] - owner.origin[1], 0.0])
-            if plan.given is None:
-                chosen = result.numbers_of(label)
-                score = max(score, float(result.score[label - 1]) if len(result.score) else 1.0)
-            else:
-                chosen = points_under(result, plan.given, shift)
-                score = 1.0
-            xyz.append(result.xyz[chosen] + shift)
-            point_id.append(result.point_id[chosen])
-            part.append(result.part[chosen])
-            not_last.append(result.not_last[chosen])
-        if not sum(map(len, xyz)):
+            for result, shift in self.parts(owner, [block]):
+                spacing = result.spacing
+                if plan.given is None:
+                    chosen = result.numbers_of(label)
+                    score = max(score, float(result.score[label - 1]) if len(result.score) else 1.0)
+                else:
+                    chosen = points_under(result, plan.given, shift)
+                columns["xyz"].append(result.xyz[chosen] + shift)
+                for name in ("point_id", "part", "not_last"):
+                    columns[name].append(getattr(result, name)[chosen])
+        if not sum(map(len, columns["xyz"])):
             return None
-        return Found(
-            owner,
-            snap(np.concatenate(xyz)),
-            np.concatenate(point_id),
-            np.concatenate(part),
-            np.concatenate(not_last),
-            spacing,
-            score,
-        )
+        joined = {name: np.concatenate(pieces) for name, pieces in columns.items()}
+        return joined | {"xyz": snap(joined["xyz"]), "spacing": spacing, "score": score}
 
-    def points_around(self, owner: Block, plan: BuildingPlan, reach: Bounds) -> Points:
-        """All points (K, 3) within `reach` in the blocks that the building lies in."""
-        found = []
-        for block in sorted({block for block, _ in plan.regions}):
-            result = self.candidates(block)
-            if result is not None:
-                shift = np.array([block.origin[0] - owner.origin[0], block.origin[1] - owner.origin[1], 0.0])
-                places = result.xyz + shift
-                found.append(places[reach.contains(places)])
-        return snap(np.concatenate(found))
-
-    def others(self, owner: Block, reach: Bounds) -> Points:
-        """The high points (K, 3) within `reach`, about the owner block's corner, that are no building's."""
+    def near(self, owner: Block, blocks: Iterable[Block], reach: Bounds, free: bool) -> Points:
+        """The points (K, 3) of some blocks within `reach`, about the owner block's corner: all of them, or
+        the high ones that are `free`, no building's."""
         found = [np.zeros((0, 3))]
-        for block in blocks_in(owner, reach):
-            result = self.candidates(block)
-            if result is not None:
-                shift = np.array([*np.subtract(block.origin, owner.origin), 0.0])
-                near = result.between(reach.west - shift[0], reach.east - shift[0])
+        for result, shift in self.parts(owner, blocks):
+            near = result.between(reach.west - shift[0] - GRID_STEP, reach.east - shift[0] + GRID_STEP)
+            if free:
                 near = near[result.high[near] & (result.label[near] == 0)]
-                places = result.xyz[near] + shift
-                found.append(places[reach.contains(places)])
+            places = result.xyz[near] + shift
+            found.append(places[reach.contains(places)])
         return snap(np.concatenate(found))
 
     def nearest_ground(self, owner: Block, plan: BuildingPlan) -> Points | None:
@@ -169,8 +121,8 @@ class Gatherer:
         it."""
         assert plan.given is not None
         polygon, found = plan.given.polygon, []
-        for block in sorted({block for block, _ in plan.regions}):
-            seen, terrain = self.terrain_of(block, "ground"), self.terrain_of(block)
+        for block in plan.blocks:
+            seen, terrain = self.terrain_of(block, "ground"), self.terrain_of(block, "dtm")
             if seen is None or terrain is None:
                 continue
             xy = cells_of(seen) + np.subtract(block.origin, owner.origin)
@@ -187,21 +139,11 @@ class Gatherer:
         buildings = [building for building in plan.buildings if building.failure is None]
         others = tuple(building for building in plan.buildings if building.failure is not None)
         footprints = [building.given for building in buildings if building.given is not None]
-        blocks = sorted({block for building in buildings for block, _ in building.regions})
         points, spacing = [], 1.0
-        for block in blocks:
-            result = self.candidates(block)
-            if result is not None:
-                shift = np.array(
-                    [
-                        block.origin[0] - plan.owner_block.origin[0],
-                        block.origin[1] - plan.owner_block.origin[1],
-                        0,
-                    ]
-                )
-                roof = (result.label > 0) & (result.part != WALL)
-                points.append(result.xyz[roof] + shift)
-                spacing = result.spacing
+        for result, shift in self.parts(plan.owner_block, plan.blocks):
+            roof = (result.label > 0) & (result.part != WALL)
+            points.append(result.xyz[roof] + shift)
+            spacing = result.spacing
         if not points:
             return plan
         moved = snap_footprints(footprints, np.concatenate(points), spacing)
@@ -230,14 +172,17 @@ class Gatherer:
         return Raster(values, float(west), float(north), CELL)
 
 
-def blocks_in(owner: Block, bounds: Bounds) -> Iterator[Block]:
+def read_result(store: Store, block: Block, take: Callable[[BlockFile], T]) -> T | None:
+    """What is taken from the result of a block; None where it failed or has no points."""
+    if not store.has(BLOCKS, block):
+        return None
+    with open_block(store, block) as file:
+        return take(file)
+
+
+def blocks_in(owner: Block, bounds: Bounds) -> list[Block]:
     """The blocks that `bounds` (about the owner block's corner) reach into."""
-    west, south = owner.origin
-    first = Block.at(bounds.west + west, bounds.south + south, owner.side)
-    last = Block.at(bounds.east + west, bounds.north + south, owner.side)
-    for column in range(first.column, last.column + 1):
-        for row in range(first.row, last.row + 1):
-            yield Block(column, row, owner.side)
+    return squares_touching(bounds.translated(*owner.origin), owner.side)
 
 
 def cells_of(seen: Raster) -> Points:

@@ -14,7 +14,8 @@ from shapely import Polygon
 from eaves.blocks.block_file import BORDER, BlockFile
 from eaves.footprints.read import as_box
 from eaves.geometry.rings import as_polygon
-from eaves.model import Block, Failure, Footprint
+from eaves.model import Block, Bounds, Failure, Footprint
+from eaves.run.world_squares import squares_touching
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +48,11 @@ class BuildingPlan:
     failure: Failure | None = None
     """Why nothing can be computed for a given footprint, about the owner block's corner."""
 
+    @property
+    def blocks(self) -> list[Block]:
+        """The blocks that it lies in, in order."""
+        return sorted({block for block, _ in self.regions})
+
 
 @dataclass(frozen=True, eq=False)
 class OwnedBuildings:
@@ -56,6 +62,11 @@ class OwnedBuildings:
     buildings: tuple[BuildingPlan, ...]
     addresses: tuple[Footprint, ...] = ()
     """Between known party walls, about the block's corner (`footprints.addresses`)."""
+
+    @property
+    def blocks(self) -> list[Block]:
+        """The blocks that the buildings lie in, in order."""
+        return sorted({block for building in self.buildings for block in building.blocks})
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,13 +130,7 @@ def blocks_under(footprints: Sequence[Footprint], side: float, core: Callable[[B
     for footprint in footprints:
         point = footprint.polygon.representative_point()
         if core(Block.at(point.x, point.y, side)):
-            west, south, east, north = footprint.polygon.buffer(BORDER).bounds
-            first, last = Block.at(west, south, side), Block.at(east, north, side)
-            under |= {
-                Block(column, row, side)
-                for column in range(first.column, last.column + 1)
-                for row in range(first.row, last.row + 1)
-            }
+            under |= set(squares_touching(Bounds(*footprint.polygon.buffer(BORDER).bounds), side))
     return under
 
 
@@ -155,32 +160,19 @@ def assign_footprints(
     Those that meet no block with points, and the `lost` ones, follow as failures: each footprint has a row.
     """
     known = set(blocks)
-    owners: dict[Block, list[tuple[tuple[Block, ...], Footprint]]] = {}
+    plans: dict[Block, list[BuildingPlan]] = {}
     failures = list(lost)
     for footprint in footprints:
-        west, south, east, north = footprint.polygon.bounds
-        first, last = Block.at(west, south, side), Block.at(east, north, side)
-        under = tuple(
-            Block(column, row, side)
-            for column in range(first.column, last.column + 1)
-            for row in range(first.row, last.row + 1)
-            if Block(column, row, side) in known
-        )
+        touched = squares_touching(Bounds(*footprint.polygon.bounds), side)
+        under = tuple((block, 0) for block in touched if block in known)
         owner = block_of(footprint, side)
         moved = about(footprint, owner.origin)
         if under and moved is not None:
-            owners.setdefault(owner, []).append((under, moved))
+            plans.setdefault(owner, []).append(BuildingPlan(under, moved))
             continue
         code, what = ("outside", "lies far from all points") if moved else ("no_area", "has no area")
         reason = f"given footprint '{footprint.id}' {what}"
         failures.append(Failure(code, reason, "outline", footprint))
-    plans: dict[Block, list[BuildingPlan]] = {
-        owner: [
-            BuildingPlan(tuple((block, 0) for block in under), footprint)
-            for under, footprint in owners[owner]
-        ]
-        for owner in owners
-    }
     for failure in failures:
         owner = block_of(failure.footprint, side, min(blocks, default=Block(0, 0, side)))
         own = plans.setdefault(owner, [])
@@ -206,9 +198,7 @@ def with_addresses(plans: Sequence[OwnedBuildings], addresses: Sequence[Footprin
     tree = shapely.STRtree([address.polygon for address in addresses])
     answers = []
     for plan in plans:
-        blocks = sorted({block for building in plan.buildings for block, _ in building.regions})
-        boxes = [as_box(block.bounds) for block in blocks]
-        near = np.unique(tree.query(boxes)[1])
+        near = np.unique(tree.query([as_box(block.bounds) for block in plan.blocks])[1])
         own = tuple(
             moved for k in near if (moved := about(addresses[k], plan.owner_block.origin)) is not None
         )

@@ -26,7 +26,7 @@ from shapely import Polygon
 from eaves.buildings.party_wall_areas import PARTY_GAP
 from eaves.change.changes import BuildingChange, Comparison
 from eaves.change.epoch import Epoch, open_epoch
-from eaves.change.faced import Faced, found_beside, roof_points
+from eaves.change.faced import Faced, by_site, found_beside, roof_points
 from eaves.change.measure import REACH, measure_epochs
 from eaves.change.sites import Site, carry_ids, make_sites
 from eaves.change.surface import face_points
@@ -100,7 +100,7 @@ class Comparer:
         self.old, self.new, self.rules, self.progress = old, new, rules, progress
         both = sorted(set(old.blocks()) & set(new.blocks()))
         self.measured = measure_epochs(old, new, both, progress)
-        self.all_blocks = sorted(set(old.blocks()) | set(new.blocks()))
+        self.all_blocks = sorted(set(old.blocks()) | set(new.blocks())) or [Block(0, 0)]  # without points
         self.trees = [shapely.STRtree([one.polygon for one in epoch.buildings]) for epoch in (old, new)]
 
     def compare(self) -> Comparison:
@@ -114,24 +114,25 @@ class Comparer:
             for epoch, faced in enumerate(self.face_block(block, sites, (old_site, new_site), covered, tree)):
                 parts[epoch].append(faced)
             self.progress("compare", done, len(self.all_blocks))
-        changes = self.judge(sites, [Faced.join(some) for some in parts], covered)
+        changes = self.judge(sites, parts, covered)
         named = carry_ids(changes, sites)
         return Comparison(
             self.old, self.new, named, self.measured.shift, self.measured.tolerance, self.measured.spacings
         )
 
     def judge(
-        self, sites: Sequence[Site], whole: Sequence[Faced], covered: NDArray[np.int64]
+        self, sites: Sequence[Site], parts: Sequence[Sequence[Faced]], covered: NDArray[np.int64]
     ) -> list[BuildingChange]:
         """The change of each site, and of surfaces in none, from the faced points of both epochs."""
         changes = []
-        sides = [
-            faced.by_site(len(sites), epoch.buildings, spacing)
-            for faced, epoch, spacing in zip(whole, (self.old, self.new), self.measured.spacings, strict=True)
+        spacings = self.measured.spacings
+        faced = [
+            by_site(some, len(sites), epoch.buildings, spacing)
+            for some, epoch, spacing in zip(parts, (self.old, self.new), spacings, strict=True)
         ]
-        link = max(1.5, 2.5 * max(self.measured.spacings))
+        link = max(1.5, 2.5 * max(spacings))
         for number, site in enumerate(sites):
-            before, after = sides[0][number], sides[1][number]
+            before, after = (sides[number] for sides, _ in faced)
             enough = covered[number, :2] >= self.rules.least_seen * max(int(covered[number, 2]), 1)
             seen = bool(enough[0]), bool(enough[1])
             outlined = bool(site.old), bool(site.new)
@@ -140,8 +141,8 @@ class Comparer:
                 before, after, self.rules, seen, link, outlined, self.is_attached(site), score
             )
             changes.append(self.words(site, verdict, (len(before), len(after))))
-        for faced, spacing, epoch in zip(whole, self.measured.spacings, (0, 1), strict=True):
-            changes += found_beside(faced, spacing, epoch, self.rules, link)
+        for epoch, ((_, beside), spacing) in enumerate(zip(faced, spacings, strict=True)):
+            changes += found_beside(beside, spacing, epoch, self.rules, link)
         return changes
 
     def is_attached(self, site: Site) -> bool:
@@ -170,10 +171,7 @@ class Comparer:
             int(k): shapely.transform(sites[k].polygon, lambda xy: xy - np.array(block.origin)) for k in near
         }
         self.note_cover(local, clouds, covered, core)
-        roofs = [
-            roof_points(xyz, cloud, spacing, self.measured.rough, self.rules.lowest)
-            for (cloud, xyz), spacing in zip(clouds, self.measured.spacings, strict=True)
-        ]
+        roofs = [roof_points(xyz, cloud, self.measured.rough, self.rules.lowest) for cloud, xyz in clouds]
         faced = []
         for epoch, (_, xyz) in enumerate(clouds):
             roof, other = roofs[epoch], roofs[1 - epoch]
@@ -183,27 +181,17 @@ class Comparer:
             mine_of = np.flatnonzero((owner >= 0) | roof.flat[inside])
             own = inside[mine_of]
             usable = ~np.isin(other.classes, NOISE_CLASSES)
-            facing = face_points(
+            state, distance = face_points(
                 places[own],
-                roof.planes.slope[own],
+                roof.slope[own],
                 clouds[1 - epoch][1][usable],
                 other.classes[usable],
                 self.measured.radius,
                 self.measured.tolerance,
             )
             world = places[own] + np.array([*block.origin, 0.0])
-            faced.append(
-                Faced(
-                    world,
-                    owner[mine_of],
-                    building[mine_of],
-                    facing.state,
-                    facing.distance,
-                    roof.flat[own],
-                    roof.known[own],
-                    roof.height[own],
-                )
-            )
+            seen = (world, state, distance, roof.flat[own], roof.known[own], roof.height[own])
+            faced.append((owner[mine_of], building[mine_of], *seen))
         return faced[0], faced[1]
 
     def note_cover(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.formats import InputError, read_polygons
 from eaves.formats.vectors.geopackage import Row, write_polygons
+from eaves.geometry.overlaps import HALF
 from eaves.geometry.rings import as_polygon
 from eaves.model import CoordinateSystem
 
@@ -29,9 +30,6 @@ EDITS = "edits.gpkg"
 
 DIFFERENT_M2 = 0.05
 """An outline was edited when it differs by more than this (m²): drivers round coordinates."""
-
-HALF = 0.5
-"""An edit without an id is of the building that shares this part of either outline."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,18 +71,33 @@ def read_edits(
         polygons, _, rows, _ = read_polygons(path, target=system)
     if rows and "verdict" not in rows[0]:
         raise InputError.about(path, "has no field 'verdict'", f"add it, with one of: {', '.join(VERDICTS)}")
-    edits = []
+    return [
+        Edit(verdict, polygon, name, str(row.get("source") or path.name))
+        for verdict, polygon, name, row in features_of(path, polygons, rows, VERDICTS)
+    ]
+
+
+def features_of(
+    path: Path,
+    polygons: Sequence[Polygon | MultiPolygon],
+    rows: Sequence[Mapping[str, Any]],
+    verdicts: Sequence[str],
+) -> Iterator[tuple[str, Polygon, str, Mapping[str, Any]]]:
+    """The verdict, one of `verdicts`, the repaired polygon, the id and the row of each feature of a file.
+
+    Raises
+    ------
+    InputError
+        When a verdict is none of those, or a polygon has no area.
+    """
     for number, (polygon, row) in enumerate(zip(polygons, rows, strict=True), 1):
-        verdict = str(row["verdict"] or "").strip().lower()
-        if verdict not in VERDICTS:
-            raise InputError.about(
-                path,
-                f"feature {number} has the verdict '{row['verdict']}'",
-                f"use one of: {', '.join(VERDICTS)}",
-            )
-        words = str(row.get("source") or path.name)
-        edits.append(Edit(verdict, usable(polygon, path, number), str(row.get("id") or ""), words))
-    return edits
+        verdict, whole = str(row.get("verdict") or "").strip().lower(), as_polygon(polygon)
+        if verdict not in verdicts:
+            rule = f"feature {number} has the verdict '{row['verdict']}'"
+            raise InputError.about(path, rule, f"use one of: {', '.join(VERDICTS)}")
+        if whole is None:
+            raise InputError.about(path, f"feature {number} is no polygon with an area", "mend or delete it")
+        yield verdict, whole, str(row.get("id") or ""), row
 
 
 def read_verdict_table(
@@ -115,20 +128,6 @@ def read_verdict_table(
     return polygons, rows
 
 
-def usable(polygon: Polygon | MultiPolygon, path: Path, number: int) -> Polygon:
-    """The polygon of a feature, repaired.
-
-    Raises
-    ------
-    InputError
-        When it has no area.
-    """
-    whole = as_polygon(polygon)
-    if whole is None:
-        raise InputError.about(path, f"feature {number} is no polygon with an area", "mend or delete it")
-    return whole
-
-
 def write_edits(path: Path, edits: Iterable[Edit], system: CoordinateSystem) -> None:
     """Write edits in their order."""
     write_polygons(path, [edit.row for edit in edits], system, "edits")
@@ -148,29 +147,21 @@ def edits_of_layer(path: Path, system: CoordinateSystem, before: dict[str, Polyg
         Id → outline (world metres), as the run wrote them.
     """
     polygons, _, rows, _ = read_polygons(path, "footprints", target=system)
-    there: dict[str, list[tuple[int, Polygon]]] = {}
+    there: dict[str, list[Polygon]] = {}
     edits: list[Edit] = []
-    for number, (polygon, row) in enumerate(zip(polygons, rows, strict=True), 1):
-        name, verdict = str(row.get("id") or ""), str(row.get("verdict") or "").strip().lower()
-        whole = usable(polygon, path, number)
-        if verdict and verdict not in VERDICTS:
-            raise InputError.about(
-                path, f"feature {number} has the verdict '{verdict}'", f"use one of: {', '.join(VERDICTS)}"
-            )
-        if name not in before:
-            edits.append(Edit(IS_BUILDING, whole, name, path.name))
-            continue
-        there.setdefault(name, []).append((number, whole))
-        if verdict:
-            edits.append(Edit(verdict, whole, name, path.name))
+    for verdict, whole, name, _ in features_of(path, polygons, rows, ("", *VERDICTS)):
+        if name in before:
+            there.setdefault(name, []).append(whole)
+        if verdict or name not in before:
+            edits.append(Edit(verdict if name in before else IS_BUILDING, whole, name, path.name))
     for name, outline in before.items():
         parts = there.get(name, [])
         if not parts:
             edits.append(Edit(NO_BUILDING, outline, name, path.name))
         elif len(parts) > 1:
-            edits += [Edit(PARTY_WALLS, part, name, path.name) for _, part in parts]
-        elif shapely.symmetric_difference(parts[0][1], outline).area > DIFFERENT_M2:
-            edits.append(Edit(FOOTPRINT, parts[0][1], name, path.name))
+            edits += [Edit(PARTY_WALLS, part, name, path.name) for part in parts]
+        elif shapely.symmetric_difference(parts[0], outline).area > DIFFERENT_M2:
+            edits.append(Edit(FOOTPRINT, parts[0], name, path.name))
     return edits
 
 
@@ -245,23 +236,20 @@ def settled(name: str, edits: Sequence[Edit], outline: Polygon, conflicts: list[
     used: list[Edit] = []
     last = ""
     for edit in edits:
-        if gone and edit.verdict != NO_BUILDING:
-            conflicts.append(f"{name}: '{edit.verdict}' after '{NO_BUILDING}': the later one holds")
-            gone, used = False, []
-        if edit.verdict == NO_BUILDING:
-            if used:
-                conflicts.append(f"{name}: '{NO_BUILDING}' after '{used[-1].verdict}': the later one holds")
-            gone, used = True, [edit]
-        elif edit.verdict == FLAT_ROOF:
-            flat = True
-            used.append(edit)
-        elif edit.verdict == PARTY_WALLS:
-            outlines = (*outlines, edit.polygon) if last == PARTY_WALLS else (edit.polygon,)
-            used.append(edit)
-        else:
-            if last in (FOOTPRINT, PARTY_WALLS):
+        verdict = edit.verdict
+        if gone and verdict != NO_BUILDING:
+            conflicts.append(f"{name}: '{verdict}' after '{NO_BUILDING}': the later one holds")
+            used = []
+        if verdict == NO_BUILDING and used:
+            conflicts.append(f"{name}: '{NO_BUILDING}' after '{used[-1].verdict}': the later one holds")
+            used = []
+        gone, flat = verdict == NO_BUILDING, flat or verdict == FLAT_ROOF
+        used.append(edit)
+        if verdict == PARTY_WALLS and last == PARTY_WALLS:
+            outlines = (*outlines, edit.polygon)
+        elif verdict not in (NO_BUILDING, FLAT_ROOF):
+            if verdict != PARTY_WALLS and last in (FOOTPRINT, PARTY_WALLS):
                 conflicts.append(f"{name}: a second outline: the later one holds")
             outlines = (edit.polygon,)
-            used.append(edit)
-        last = edit.verdict if edit.verdict != FLAT_ROOF else last
+        last = verdict if verdict != FLAT_ROOF else last
     return Order(name, () if gone else outlines, flat, tuple(used))

@@ -179,9 +179,9 @@ def open_epoch(
 
     window = window_of(folder, index.system)
     for part in file_slices(index):
-        done = partition_slice(part, store, side, window, count)
-        if done.unread is not None:
-            raise InputError(done.unread)
+        mark, _ = partition_slice(part, store, side, window, count)
+        if mark.unread is not None:
+            raise InputError(mark.unread)
     return Epoch(folder, target, buildings, index, store, side)
 
 

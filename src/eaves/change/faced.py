@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import shapely
@@ -16,7 +17,7 @@ from eaves.change.changes import BuildingChange
 from eaves.change.epoch import Building
 from eaves.change.measure import SMOOTHEST, classes_of
 from eaves.change.shift import TRIM
-from eaves.change.surface import STEEPEST, PointPlanes, planar, point_planes
+from eaves.change.surface import point_planes
 from eaves.change.verdict import DEMOLISHED, NEW, ChangeRules, Side, Verdict, patches_of
 from eaves.flow.advice import STRIP_CELL
 from eaves.model import Mask, PointCloud, Points, Values
@@ -28,18 +29,18 @@ MOSTLY = 0.6
 
 @dataclass(frozen=True, eq=False)
 class Roof:
-    """The roof points of a block: their numbers, planes, whether they are flat, whether the run found them,
+    """The roof points of a block: their numbers, slopes, whether they are flat, whether the run found them,
     heights over the nearest ground (m); and all points' classes, with 6 for each of these."""
 
     which: NDArray[np.int64]
-    planes: PointPlanes
+    slope: NDArray[np.float64]
     flat: NDArray[np.bool_]
     known: NDArray[np.bool_]
     height: Values
     classes: NDArray[np.uint8]
 
 
-def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float, lowest: float) -> Roof:
+def roof_points(xyz: Points, cloud: PointCloud, rough: float, lowest: float) -> Roof:
     """The points of roofs: those the run found, and others that lie on a plane `lowest` (m) or
     more over the ground; roofs are `rough` (m, one standard deviation)."""
     classes = classes_of(cloud).copy()
@@ -53,13 +54,12 @@ def roof_points(xyz: Points, cloud: PointCloud, spacing: float, rough: float, lo
         height[some] = xyz[some, 2] - ground[nearest, 2]
     high &= height >= lowest
     which = np.flatnonzero(found | high)
-    planes = point_planes(xyz[which], max(0.75, 2.0 * spacing))
-    flat = planar(planes, max(SMOOTHEST, TRIM * rough)) & (np.hypot(*planes.slope.T) <= STEEPEST)
+    slope, rms = point_planes(xyz[which])
+    flat = rms <= max(SMOOTHEST, TRIM * rough)
     kept = found[which] | (flat & mostly(flat, xyz[which], STRIP_CELL))
     which = which[kept]
     classes[which] = BUILDING
-    kept_planes = PointPlanes(planes.slope[kept], planes.rms[kept])
-    return Roof(which, kept_planes, flat[kept], found[which], height[which], classes)
+    return Roof(which, slope[kept], flat[kept], found[which], height[which], classes)
 
 
 def mostly(flat: Mask, xyz: Points, side: float) -> Mask:
@@ -73,59 +73,31 @@ def mostly(flat: Mask, xyz: Points, side: float) -> Mask:
     return np.asarray((counts[0] >= MOSTLY * counts[1])[tuple(cell.T)])
 
 
-@dataclass(frozen=True, eq=False)
-class Faced:
-    """Roof points (N,) of an epoch with their sites and buildings, and what the other epoch shows there."""
+Faced = tuple[NDArray[Any], ...]
+"""Of the roof points (N,) of an epoch in a block: sites and buildings, −1 for none, then the columns of a
+`Side` but for their sizes."""
 
-    xyz: Points
-    site: NDArray[np.int64]
-    building: NDArray[np.int64]
-    state: NDArray[np.uint8]
-    distance: Values
-    flat: NDArray[np.bool_]
-    known: NDArray[np.bool_]
-    height: Values
 
-    @classmethod
-    def join(cls, parts: Sequence[Faced]) -> Faced:
-        """All the points, by site."""
-        dtypes = np.int64, np.int64, np.uint8, np.float64, bool, bool, np.float64
-        nothing = cls(np.zeros((0, 3)), *(np.zeros(0, dtype) for dtype in dtypes))
-        names = list(vars(nothing))
-        whole = [np.concatenate([getattr(part, name) for part in (nothing, *parts)]) for name in names]
-        order = np.argsort(whole[1], kind="stable")
-        return cls(*(values[order] for values in whole))
-
-    def by_site(self, count: int, buildings: Sequence[Building], spacing: float) -> list[Side]:
-        """The points of each site; each stands for its share of its building's outline."""
-        points = np.bincount(self.building[self.building >= 0], minlength=len(buildings))
-        areas = np.array([one.polygon.area for one in buildings])
-        share = np.clip(areas / np.maximum(points, 1), 0.5 * spacing**2, 2.0 * spacing**2)
-        size = np.append(share, spacing**2)[self.building]  # the last is that of no building
-        ends = np.searchsorted(self.site, np.arange(count + 1))
-        parts = [slice(a, b) for a, b in pairwise(ends)]
-        return [
-            Side(
-                self.xyz[k],
-                self.state[k],
-                self.distance[k],
-                self.flat[k],
-                self.known[k],
-                size[k],
-                self.height[k],
-            )
-            for k in parts
-        ]
+def by_site(
+    parts: Sequence[Faced], count: int, buildings: Sequence[Building], spacing: float
+) -> tuple[list[Side], Side]:
+    """The points of each of `count` sites, and those of none; each stands for its share of its building's
+    outline."""
+    site, building, *columns = (np.concatenate(some) for some in zip(*parts, strict=True))
+    points = np.bincount(building[building >= 0], minlength=len(buildings))
+    areas = np.array([one.polygon.area for one in buildings])
+    share = np.clip(areas / np.maximum(points, 1), 0.5 * spacing**2, 2.0 * spacing**2)
+    size = np.append(share, spacing**2)[building]  # the last is that of no building
+    order = np.argsort(site, kind="stable")
+    ends = np.searchsorted(site[order], np.arange(-1, count + 1))
+    none, *sides = (Side(*(one[order[a:b]] for one in (*columns, size))) for a, b in pairwise(ends))
+    return sides, none
 
 
 def found_beside(
-    faced: Faced, spacing: float, epoch: int, rules: ChangeRules, link: float
+    side: Side, spacing: float, epoch: int, rules: ChangeRules, link: float
 ) -> list[BuildingChange]:
     """Flat surfaces far from every footprint that came or went: buildings that a run did not find."""
-    some = faced.site < 0
-    part = [getattr(faced, name)[some] for name in ("xyz", "state", "distance", "flat", "known", "height")]
-    xyz, state, distance, flat, known, height = part
-    side = Side(xyz, state, distance, flat, known, np.full(len(xyz), spacing**2), height)
     whole = replace(rules, smallest_m2=rules.smallest_alone_m2)
     changes = []
     for patch in patches_of(side, side.came, whole, link):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from eaves.change.epoch import Epoch
 from eaves.change.shift import TRIM, Shift, fit_shift
-from eaves.change.surface import nearest_distances, planar, point_planes
+from eaves.change.surface import nearest_distances, point_planes
 from eaves.flow.advice import FEWEST, STRIP_CELL
 from eaves.flow.run import Progress
 from eaves.geometry.neighbours import measure_spacing
@@ -69,15 +69,14 @@ def measure_epochs(old: Epoch, new: Epoch, blocks: Sequence[Block], progress: Pr
         roof = before.xyz[classes_of(before) == BUILDING]
         if len(roof) < FEWEST or not len(after):
             continue
-        planes = point_planes(roof, 2.0 * radius)
-        flat = planar(planes, 2 * SMOOTHEST)
+        slope, rms = point_planes(roof)
+        flat = rms <= 2 * SMOOTHEST
         others = after.xyz - first.vector
-        found = nearest_distances(roof[flat], planes.slope[flat], others, radius, FARTHEST)
-        slopes.append(planes.slope[flat])
-        distances.append(found)
-        roughness.append(planes.rms[flat])
+        slopes.append(slope[flat])
+        distances.append(nearest_distances(roof[flat], slope[flat], others, radius, FARTHEST))
+        roughness.append(rms[flat])
         progress("align", done, len(some))
-    fitted = fit_shift(np.concatenate(slopes), np.concatenate(distances), FARTHEST)
+    fitted = fit_shift(np.concatenate(slopes), np.concatenate(distances))
     up = first.up + (fitted.up if fitted.pairs >= FEWEST else 0.0)
     shift = replace(fitted, up=up, pairs=fitted.pairs or first.pairs)
     rough = np.concatenate(roughness)

@@ -22,7 +22,7 @@ ROUNDS = 8
 """Rounds of trimming and fitting; they settle after three or four."""
 
 SPREAD = 0.05
-"""Mean square of the slopes' smaller axis under which dx and dy cannot be known: a town of flat roofs."""
+"""Slopes that scatter less hold dx and dy no more than the wish for none does: a town of flat roofs."""
 
 
 @dataclass(frozen=True)
@@ -46,29 +46,19 @@ def robust_spread(values: Values) -> float:
     return float(1.4826 * np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
 
 
-def fit_shift(slope: NDArray[np.float64], distance: Values, most: float = 0.0) -> Shift:
-    """The shift of pairs with slopes (N, 2) and vertical distances (N,); `most` bounds it in plan (m)."""
+def fit_shift(slope: NDArray[np.float64], distance: Values) -> Shift:
+    """The shift of pairs with slopes (N, 2) and vertical distances (N,)."""
     known = np.isfinite(distance)
     slope, distance = slope[known], distance[known]
     if len(distance) < FEWEST:
         return Shift(0.0, 0.0, 0.0, 0.0, len(distance))
     steepness = np.sqrt(1.0 + (slope**2).sum(axis=1))
-    up, plan = float(np.median(distance)), np.zeros(2)
-    spread = robust_spread(distance / steepness)
-    kept = np.abs(distance - up) / steepness <= TRIM * max(spread, 0.01)
+    columns = np.column_stack([-slope, np.ones(len(slope))])
+    place, ridge = np.array([0.0, 0.0, np.median(distance)]), np.diag([SPREAD**2, SPREAD**2, 0.0])
     for _ in range(ROUNDS):
-        a = slope[kept]
-        centred = a - a.mean(axis=0)
-        if most > 0 and np.linalg.eigvalsh(centred.T @ centred / len(a))[0] >= SPREAD**2:
-            columns = np.column_stack([-a, np.ones(len(a))])
-            solved = np.linalg.lstsq(columns, distance[kept], rcond=None)[0]
-            plan, up = np.clip(solved[:2], -most, most), float(solved[2])
-        else:
-            up = float(np.median(distance[kept]))
-        left = (distance - (up - slope @ plan)) / steepness
-        spread = robust_spread(left[kept])
-        fresh = np.abs(left) <= TRIM * max(spread, 0.01)
-        if bool((fresh == kept).all()) or int(fresh.sum()) < FEWEST:
-            break
-        kept = fresh
-    return Shift(float(plan[0]), float(plan[1]), up, spread, int(kept.sum()))
+        left = (distance - columns @ place) / steepness
+        kept = np.abs(left) <= TRIM * max(robust_spread(left), 0.01)
+        some = columns[kept]
+        place = np.linalg.solve(some.T @ some + len(some) * ridge, some.T @ distance[kept])
+    east, north, up = map(float, place)
+    return Shift(east, north, up, robust_spread(left[kept]), int(kept.sum()))

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
 from eaves.change.changes import BuildingChange
-from eaves.change.edits import HALF
 from eaves.change.epoch import Building
+from eaves.geometry.overlaps import half_shared, pair_off
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,14 +27,9 @@ def make_sites(
 ) -> tuple[list[Site], dict[str, list[int]], dict[str, list[int]]]:
     """A site for each new building with the old ones at its place, and one for each old one that no new one
     stands for; the sites of each building by its id."""
-    before = np.array([one.polygon for one in old], dtype=object)
-    after = np.array([one.polygon for one in new], dtype=object)
-    pairs = shapely.STRtree(before).query(after, predicate="intersects").T if len(old) and len(new) else []
     partners: dict[int, list[int]] = {}
-    for j, i in pairs:
-        shared = shapely.intersection(before[i], after[j]).area
-        if shared >= HALF * min(before[i].area, after[j].area):
-            partners.setdefault(int(j), []).append(int(i))
+    for _, i, j in half_shared(*([one.polygon for one in some] for some in (old, new))):
+        partners.setdefault(j, []).append(i)
     sites = [
         Site(one.polygon, tuple(old[i] for i in sorted(partners.get(j, ()))), (one,))
         for j, one in enumerate(new)
@@ -60,13 +54,8 @@ def carry_ids(changes: Sequence[BuildingChange], sites: Sequence[Site]) -> tuple
         for one in site.old:
             shared = shapely.intersection(one.polygon, site.polygon).area
             wanted.append((-float(shared), one.id, number))
-    names: dict[int, str] = {}
-    taken: set[str] = set()
-    for _, name, number in sorted(wanted):
-        if number not in names and name not in taken:
-            names[number] = name
-            taken.add(name)
-    named = []
+    names = pair_off((number, name) for _, name, number in sorted(wanted))
+    taken, named = set(names.values()), []
     for number, change in enumerate(changes):
         place = change.polygon.representative_point()
         name = names.get(number) or next(iter(change.new_ids), f"at_{place.x:.0f}_{place.y:.0f}")

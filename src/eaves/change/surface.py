@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from eaves.kernels import kernel
+from eaves.geometry.planes import local_planes
 from eaves.model import Mask, Points, Values
 from eaves.model.cloud import BUILDING, GROUND
 
@@ -21,9 +22,9 @@ UNSEEN, SAME, GROUND_BELOW, ROOF_BELOW, ROOF_ABOVE, OTHER_BELOW, HIDDEN = range(
 something else under it; a roof above it; only what is no roof above it."""
 
 LEAST_NEIGHBOURS = 5
-"""A plane through fewer points decides nothing."""
-MOST_NEIGHBOURS = 200
-"""More neighbours make no plane better."""
+"""Fewer points decide nothing."""
+NEIGHBOURS = 16
+"""A point's plane is that of so many nearest."""
 STEEPEST = 2.5
 """Tangent of the steepest roof (68°)."""
 BESIDE = 0.4
@@ -32,31 +33,68 @@ disc are, on the mean, by 0.42."""
 STANDING = 0.2
 """Points of no roof make a surface where they are at least this share of those on and under it: at a corner
 of a roof a quarter lies on it, and of a crown single leaves lie at the height of any roof."""
-ONE_SURFACE = 1.5
-"""A point that lies more standard deviations off the plane of its neighbours is not on it."""
+AT_ONCE = 20_000
+"""Roof points that are faced together: with each go all points around it."""
+
+
+def point_planes(xyz: Points) -> tuple[NDArray[np.float64], Values]:
+    """Slopes (N, 2) of the planes around points (N, 3), and how rough they are there (m, one standard
+    deviation); level and NaN where there is none that could be a roof."""
+    if len(xyz) < NEIGHBOURS:
+        return np.zeros((len(xyz), 2)), np.full(len(xyz), np.nan)
+    around = local_planes(xyz, NEIGHBOURS, NEIGHBOURS)
+    slope = -around.normals[:, :2] / np.maximum(around.normals[:, 2:], 1e-3)
+    rough = np.sqrt(around.eigenvalues[:, 0] * NEIGHBOURS / (NEIGHBOURS - 3))
+    steep = np.hypot(*slope.T) > STEEPEST
+    return np.where(steep[:, None], 0.0, slope), np.where(steep, np.nan, rough)
+
+
+def plan_tree(xyz: Points) -> cKDTree:
+    """The tree of points (N, 3) in plan, not balanced: to build it costs more than to ask it once."""
+    return cKDTree(xyz[:, :2], balanced_tree=False, compact_nodes=False)
 
 
 @dataclass(frozen=True, eq=False)
-class PointPlanes:
-    """Slopes (N, 2) and residuals (N,) of the planes of roof points' neighbours; residual NaN for none."""
+class Pairs:
+    """Pairs (P,) of some of `count` roof points with points of the other epoch near in plan: the number of
+    the roof point, the way from it (P, 2) and how far the other lies over its plane (m)."""
 
-    slope: NDArray[np.float64]
-    rms: Values
+    count: int
+    point: NDArray[np.int64]
+    other: NDArray[np.int64]
+    way: NDArray[np.float64]
+    over: Values
 
+    @classmethod
+    def within(
+        cls, xyz: Points, slope: NDArray[np.float64], others: Points, tree: cKDTree, radius: float
+    ) -> Pairs:
+        """Those within `radius` (m) of roof points (N, 3) that lie on planes with slopes (N, 2); the `tree`
+        is that of the others."""
+        found = plan_tree(xyz).sparse_distance_matrix(tree, radius, output_type="ndarray")
+        point, other = found["i"], found["j"]
+        way = others[other] - xyz[point]
+        over = way[:, 2] - (slope[point] * way[:, :2]).sum(axis=1)
+        return cls(len(xyz), point, other, way[:, :2], over)
 
-@dataclass(frozen=True, eq=False)
-class Facing:
-    """The other epoch at roof points: `state` (N,), and how far it lies over them (m)."""
+    def number(self, mask: Mask) -> NDArray[np.int64]:
+        """How many pairs of a mask (P,) each roof point (N,) has."""
+        return np.bincount(self.point[mask], minlength=self.count)
 
-    state: NDArray[np.uint8]
-    distance: Values
+    def highest(self, mask: Mask, sign: float = 1.0) -> Values:
+        """How far the highest (or, by sign −1, the lowest) of some lies over each roof point; none: −inf."""
+        found = np.full(self.count, -np.inf)
+        np.maximum.at(found, self.point[mask], sign * self.over[mask])
+        return found
 
+    def mean(self, mask: Mask, values: Values) -> Values:
+        """The mean (N,) of values (P,) over some pairs of each roof point; 0 for none."""
+        total = np.bincount(self.point[mask], values[mask], self.count)
+        return np.asarray(total / np.maximum(self.number(mask), 1))
 
-def point_planes(xyz: Points, radius: float) -> PointPlanes:
-    """Planes through the neighbours of points (N, 3) within `radius` (m) in plan and in height."""
-    order, start, corner, columns = sort_into_cells(xyz, radius)
-    slope, rms = planes_kernel(xyz, order, start, corner, columns, radius, LEAST_NEIGHBOURS)
-    return PointPlanes(slope, rms)
+    def beside(self, mask: Mask, radius: float) -> Mask:
+        """Whether some of the points around each roof point (N,) lie to one side of it."""
+        return np.hypot(*(self.mean(mask, way) for way in self.way.T)) > BESIDE * radius
 
 
 def face_points(
@@ -66,16 +104,53 @@ def face_points(
     classes: NDArray[np.uint8],
     radius: float,
     tolerance: float,
-) -> Facing:
-    """The state that points of another epoch (M, 3) with classes show within `radius` (m) of roof points (N,
-    3)."""
-    if not len(others):
-        return Facing(np.full(len(xyz), UNSEEN, np.uint8), np.full(len(xyz), np.nan))
-    order, start, corner, columns = sort_into_cells(others, radius)
-    state, distance = facing_kernel(
-        xyz, slope, others, classes, order, start, corner, columns, radius, tolerance
+) -> tuple[NDArray[np.uint8], Values]:
+    """The state (N,) that points of another epoch (M, 3) with classes show within `radius` (m) of roof points
+    (N, 3), and how far what they show lies over these (m)."""
+    state, distance = np.full(len(xyz), UNSEEN, np.uint8), np.full(len(xyz), np.nan)
+    tree = plan_tree(others)
+    for first in range(0, len(xyz) if len(others) else 0, AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        pairs = Pairs.within(xyz[some], slope[some], others, tree, radius)
+        limit = tolerance * np.sqrt(1.0 + (slope[some] ** 2).sum(axis=1))
+        state[some], distance[some] = states_of(pairs, classes[pairs.other], radius, limit)
+    return state, distance
+
+
+def states_of(
+    pairs: Pairs, kind: NDArray[np.uint8], radius: float, limit: Values
+) -> tuple[NDArray[np.uint8], Values]:
+    """States and distances (N,) of roof points, from their pairs and the classes (P,) of the others; what
+    lies within a `limit` (N,) of the plane is on it."""
+    on = np.abs(pairs.over) <= limit[pairs.point]
+    below, above = ~on & (pairs.over < 0), ~on & (pairs.over > 0)
+    standing = pairs.number(on)
+    same = pairs.number(on & (kind == BUILDING)) > 0
+    same |= (standing > 0) & (standing >= STANDING * (standing + pairs.number(below)))
+    ground = below & (kind == GROUND)
+    grounded = pairs.number(ground) > 0
+    top, roof_above = pairs.highest(below), -pairs.highest(above & (kind == BUILDING), -1.0)
+    under = np.isfinite(top) & (pairs.highest(below & (kind == BUILDING)) == top) & (-top <= roof_above)
+    roof = np.where(under, top, roof_above)
+    # the other roof must lie around the point: what lies to one side of it is seen past it
+    level = np.abs(pairs.over - roof[pairs.point]) <= 4 * limit[pairs.point]
+    roofed, ground_top = np.isfinite(roof), pairs.highest(ground)
+    nothing = np.full(pairs.count, np.nan)
+    cases = (
+        (pairs.number(np.ones(len(kind), bool)) == 0, UNSEEN, nothing),
+        (same, SAME, np.zeros(pairs.count)),
+        (
+            roofed & ~pairs.beside(level, radius),
+            np.where(under, ROOF_BELOW, ROOF_ABOVE),
+            pairs.mean(level, pairs.over),
+        ),
+        (grounded & ~pairs.beside(ground, radius), GROUND_BELOW, ground_top),
+        (roofed, HIDDEN, nothing),
+        (grounded, UNSEEN, ground_top),
+        (np.isfinite(top), OTHER_BELOW, top),
     )
-    return Facing(state, distance)
+    which, states, distances = zip(*cases, strict=True)
+    return np.select(which, states, HIDDEN).astype(np.uint8), np.select(which, distances, np.nan)
 
 
 def nearest_distances(
@@ -83,199 +158,10 @@ def nearest_distances(
 ) -> Values:
     """Distance (N,) of the other epoch's surface over roof points: of the nearest in plan of those no
     farther than `most` (m) from the plane; NaN where there is none."""
-    if not len(others):
-        return np.full(len(xyz), np.nan)
-    order, start, corner, columns = sort_into_cells(others, radius)
-    found: Values = nearest_kernel(xyz, slope, others, order, start, corner, columns, radius, most)
-    return found
-
-
-def sort_into_cells(
-    xyz: Points, side: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], int]:
-    """Points (N, 3) by square cells of `side` (m): their order, where each cell begins in it, the grid's
-    south-west corner and its columns."""
-    corner = xyz[:, :2].min(axis=0) if len(xyz) else np.zeros(2)
-    cell = np.floor((xyz[:, :2] - corner) / side).astype(np.int64)
-    columns, rows = (cell.max(axis=0) + 1).tolist() if len(xyz) else (1, 1)
-    key = cell[:, 1] * columns + cell[:, 0]
-    order = np.argsort(key, kind="stable")
-    start = np.searchsorted(key[order], np.arange(columns * rows + 1))
-    return order, start, corner, int(columns)
-
-
-@kernel
-def planes_kernel(
-    xyz: Points,
-    order: NDArray[np.int64],
-    start: NDArray[np.int64],
-    corner: NDArray[np.float64],
-    columns: int,
-    radius: float,
-    least: int,
-) -> tuple[NDArray[np.float64], Values]:
-    """Least-squares planes of what lies as near in height as a roof could rise."""
-    count = len(xyz)
-    rows = (len(start) - 1) // columns
-    slope, rms = np.zeros((count, 2)), np.full(count, np.nan)
-    near = np.empty((MOST_NEIGHBOURS, 3))
-    for i in range(count):
-        x, y, z = xyz[i]
-        column, row = int((x - corner[0]) / radius), int((y - corner[1]) / radius)
-        total = 0
-        for r in range(max(row - 1, 0), min(row + 2, rows)):
-            for c in range(max(column - 1, 0), min(column + 2, columns)):
-                for k in range(start[r * columns + c], start[r * columns + c + 1]):
-                    j = order[k]
-                    dx, dy, dz = xyz[j, 0] - x, xyz[j, 1] - y, xyz[j, 2] - z
-                    away = dx * dx + dy * dy
-                    if away > radius * radius or total == MOST_NEIGHBOURS:
-                        continue
-                    if abs(dz) > STEEPEST * np.sqrt(away) + 0.1:  # on a wall, or on another roof
-                        continue
-                    near[total, 0], near[total, 1], near[total, 2] = dx, dy, dz
-                    total += 1
-        if total < least:
-            continue
-        sx, sy, sz, sxx, sxy, syy, sxz, syz, szz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(total):
-            dx, dy, dz = near[k]
-            sx, sy, sz = sx + dx, sy + dy, sz + dz
-            sxx, sxy, syy = sxx + dx * dx, sxy + dx * dy, syy + dy * dy
-            sxz, syz, szz = sxz + dx * dz, syz + dy * dz, szz + dz * dz
-        cxx, cxy, cyy = sxx - sx * sx / total, sxy - sx * sy / total, syy - sy * sy / total
-        cxz, cyz, czz = sxz - sx * sz / total, syz - sy * sz / total, szz - sz * sz / total
-        determinant = cxx * cyy - cxy * cxy
-        if determinant < 0.01 * (cxx + cyy) ** 2:  # the neighbours lie in a line
-            continue
-        a, b = (cxz * cyy - cyz * cxy) / determinant, (cyz * cxx - cxz * cxy) / determinant
-        slope[i, 0], slope[i, 1] = a, b
-        left = np.sqrt(max(czz - a * cxz - b * cyz, 0.0) / max(total - 3, 1))
-        if abs(sz - a * sx - b * sy) <= total * (ONE_SURFACE * left + 0.01):
-            rms[i] = left / np.sqrt(1.0 + a * a + b * b)
-    return slope, rms
-
-
-@kernel
-def facing_kernel(
-    xyz: Points,
-    slope: NDArray[np.float64],
-    others: Points,
-    classes: NDArray[np.uint8],
-    order: NDArray[np.int64],
-    start: NDArray[np.int64],
-    corner: NDArray[np.float64],
-    columns: int,
-    radius: float,
-    tolerance: float,
-) -> tuple[NDArray[np.uint8], Values]:
-    count, rows = len(xyz), (len(start) - 1) // columns
-    state, distance = np.full(count, UNSEEN, np.uint8), np.full(count, np.nan)
-    for i in range(count):
-        x, y, z = xyz[i]
-        a, b = slope[i]
-        limit = tolerance * np.sqrt(1.0 + a * a + b * b)
-        column, row = int(np.floor((x - corner[0]) / radius)), int(np.floor((y - corner[1]) / radius))
-        seen, nearest, above = 0, np.inf, False
-        roof_above, top, top_class = np.inf, -np.inf, 0
-        ground_east, ground_north, ground_top = 0.0, 0.0, -np.inf
-        grounds, under, on, roofs = 0, 0, 0, 0
-        for r in range(max(row - 1, 0), min(row + 2, rows)):
-            for c in range(max(column - 1, 0), min(column + 2, columns)):
-                for k in range(start[r * columns + c], start[r * columns + c + 1]):
-                    j = order[k]
-                    dx, dy = others[j, 0] - x, others[j, 1] - y
-                    if dx * dx + dy * dy > radius * radius:
-                        continue
-                    d = others[j, 2] - z - a * dx - b * dy
-                    seen += 1
-                    if abs(d) < abs(nearest):
-                        nearest = d
-                    if abs(d) <= limit:
-                        on += 1
-                        roofs += classes[j] == BUILDING
-                        continue
-                    if classes[j] == GROUND and d < 0:
-                        ground_east, ground_north, grounds = ground_east + dx, ground_north + dy, grounds + 1
-                        ground_top = max(ground_top, d)
-                    if d > 0:
-                        above = True
-                        if classes[j] == BUILDING and d < roof_above:
-                            roof_above = d
-                        continue
-                    under += 1
-                    if d > top:
-                        top, top_class = d, classes[j]
-        if seen == 0:
-            continue
-        if roofs > 0 or (on > 0 and on >= STANDING * (on + under)):
-            state[i], distance[i] = SAME, nearest
-            continue
-        if top_class == BUILDING and -top <= roof_above:
-            state[i], distance[i] = ROOF_BELOW, top
-        elif roof_above < np.inf:
-            state[i], distance[i] = ROOF_ABOVE, roof_above
-        elif grounds > 0:
-            state[i], distance[i] = GROUND_BELOW, ground_top
-            if np.hypot(ground_east, ground_north) > BESIDE * radius * grounds:
-                state[i] = UNSEEN
-            continue
-        elif top > -np.inf:
-            state[i], distance[i] = OTHER_BELOW, top
-            continue
-        elif above:
-            state[i], distance[i] = HIDDEN, nearest
-            continue
-        # the other roof must lie around the point: what lies to one side of it is seen past it
-        east, north, total, number = 0.0, 0.0, 0.0, 0
-        for r in range(max(row - 1, 0), min(row + 2, rows)):
-            for c in range(max(column - 1, 0), min(column + 2, columns)):
-                for k in range(start[r * columns + c], start[r * columns + c + 1]):
-                    j = order[k]
-                    dx, dy = others[j, 0] - x, others[j, 1] - y
-                    d = others[j, 2] - z - a * dx - b * dy
-                    if dx * dx + dy * dy <= radius * radius and abs(d - distance[i]) <= 4 * limit:
-                        east, north, total, number = east + dx, north + dy, total + d, number + 1
-        if np.hypot(east, north) <= BESIDE * radius * number:
-            distance[i] = total / number
-        elif grounds > 0 and np.hypot(ground_east, ground_north) <= BESIDE * radius * grounds:
-            state[i], distance[i] = GROUND_BELOW, ground_top
-        else:
-            state[i] = HIDDEN
-    return state, distance
-
-
-@kernel
-def nearest_kernel(
-    xyz: Points,
-    slope: NDArray[np.float64],
-    others: Points,
-    order: NDArray[np.int64],
-    start: NDArray[np.int64],
-    corner: NDArray[np.float64],
-    columns: int,
-    radius: float,
-    most: float,
-) -> Values:
-    count, rows = len(xyz), (len(start) - 1) // columns
-    distance = np.full(count, np.nan)
-    for i in range(count):
-        x, y, z = xyz[i]
-        a, b = slope[i]
-        column, row = int(np.floor((x - corner[0]) / radius)), int(np.floor((y - corner[1]) / radius))
-        best = radius * radius
-        for r in range(max(row - 1, 0), min(row + 2, rows)):
-            for c in range(max(column - 1, 0), min(column + 2, columns)):
-                for k in range(start[r * columns + c], start[r * columns + c + 1]):
-                    j = order[k]
-                    dx, dy = others[j, 0] - x, others[j, 1] - y
-                    away = dx * dx + dy * dy
-                    d = others[j, 2] - z - a * dx - b * dy
-                    if away <= best and abs(d) <= most:
-                        best, distance[i] = away, d
+    distance = np.full(len(xyz), np.nan)
+    pairs = Pairs.within(xyz, slope, others, plan_tree(others), radius)
+    order = np.lexsort((np.hypot(*pairs.way.T), pairs.point))
+    order = order[np.abs(pairs.over[order]) <= most]
+    point, first = np.unique(pairs.point[order], return_index=True)
+    distance[point] = pairs.over[order[first]]
     return distance
-
-
-def planar(planes: PointPlanes, limit: float) -> Mask:
-    """Which points (N,) lie on a surface that a plane fits within `limit` (m)."""
-    return np.asarray(np.isfinite(planes.rms) & (planes.rms <= limit))

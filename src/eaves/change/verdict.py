@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from eaves.change.measure import TOLERANCE
 from eaves.change.surface import (
     GROUND_BELOW,
     HIDDEN,
@@ -47,8 +48,6 @@ class ChangeRules:
     """The same for a patch that most of its run did not take for a building: a hedge, a stack."""
     smallest_alone_m2: float = 25.0
     """The same for a surface that stands alone and is in no run's footprints: larger than a lorry."""
-    smallest_height: float = 0.35
-    """A roof that was raised or lowered lies at least so far off (m): between noise and half a metre."""
     least_moved: float = 0.15
     """A roof that moved does so over this share of its building: what is smaller is a balcony, a dormer or
     plant, which one flight sees and the other does not."""
@@ -60,8 +59,6 @@ class ChangeRules:
     """A roof that came or went lies at least so high (m) over the ground: cars and hedges are lower."""
     least_seen: float = 0.3
     """A building is unclear when the other epoch shows less than this share of its roof."""
-    doubted: float = 0.6
-    """A building that stands alone, and the one run that has it scores lower, is rather a vehicle."""
     most: float = 0.5
     """Share of the points that decides on the whole of a building, and whether its run found a patch."""
 
@@ -79,9 +76,9 @@ class Side:
     distance: Values
     flat: Mask
     known: Mask
-    size: Values
     height: Values
     """Over the ground of its own epoch (m); NaN where it is not known."""
+    size: Values
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -179,8 +176,6 @@ def judge_building(
     if not all(outlined) and score is not None:
         figures["score"] = score
     having = [one for one, has in zip((old, new), outlined, strict=True) if has]
-    if not attached and figures.get("score", 1.0) < rules.doubted:
-        return Verdict(UNCHANGED, reason=f"one run alone has it, and scores it {score:.2f}", figures=figures)
     if not attached and all(one.are_vehicles(one.known, link / 2) for one in having):
         return Verdict(UNCHANGED, reason="as narrow, long, low and level as vehicles", figures=figures)
     built, gone = (patches_of(one, one.came, rules, link) for one in (new, old))
@@ -224,13 +219,13 @@ def judge_parts(
 ) -> Verdict:
     """The change of a building that stands in both epochs."""
     side, rise = max(
-        ((new, moved(new, -1.0, rules)), (old, moved(old, 1.0, rules))),
+        ((new, moved(new, -1.0)), (old, moved(old, 1.0))),
         key=lambda pair: pair[0].area_of(np.isfinite(pair[1])),
     )
     lifted = patches_of(side, np.isfinite(rise), rules, link)
     if side.area_of(*lifted) < rules.least_moved * side.area:
         lifted = []
-    kind = kind_of_move(np.concatenate([rise[patch] for patch in lifted]), rules) if lifted else ""
+    kind = kind_of_move(np.concatenate([rise[patch] for patch in lifted])) if lifted else ""
     sizes = {
         EXTENDED: new.area_of(*built),
         PARTLY_DEMOLISHED: old.area_of(*gone),
@@ -255,18 +250,17 @@ def judge_parts(
     )
 
 
-def kind_of_move(rise: Values, rules: ChangeRules) -> str:
+def kind_of_move(rise: Values) -> str:
     """Raised or lowered when the middle half of the points moved alike, else replaced."""
     low, high = np.percentile(rise, (25, 75))
-    if high - low > rules.smallest_height or low * high < 0:
+    if high - low > TOLERANCE or low * high < 0:
         return ROOF_REPLACED
     return RAISED if low > 0 else LOWERED
 
 
-def moved(side: Side, way: float, rules: ChangeRules) -> Values:
+def moved(side: Side, way: float) -> Values:
     """How much higher the new roof lies at each point (m); NaN where it is the same, or no roof."""
-    rise = np.where(np.isin(side.state, (ROOF_ABOVE, ROOF_BELOW)), way * side.distance, np.nan)
-    return np.where(np.abs(rise) >= rules.smallest_height, rise, np.nan)
+    return np.where(np.isin(side.state, (ROOF_ABOVE, ROOF_BELOW)), way * side.distance, np.nan)
 
 
 def patches_of(side: Side, mask: Mask, rules: ChangeRules, link: float) -> list[Mask]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from shapely import MultiPolygon, Polygon
 from eaves.formats import CityObject, read_cityjson
 from eaves.formats.models.cityjson_read import has_corners
 from eaves.geometry.rings import area_vector, polygon_parts
+from eaves.geometry.roof_fit import RoofFaces, collect_faces
 from eaves.model import CoordinateSystem, Points
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
 from eaves.model.coordinates import LOCAL_METRES
@@ -66,6 +68,14 @@ def read_buildings(path: str | Path, lod: str | None = None) -> list[CityBuildin
         if item.type in ("Building", "BuildingPart"):
             members[item.parents[0] if item.parents else item.id].append(item)
     return [_city_building(name, items, lod) for name, items in members.items()]
+
+
+def roofs_of(buildings: Sequence[CityBuilding], origin: tuple[float, float]) -> RoofFaces:
+    """The roof faces of buildings about an origin; `owner` is the number of the building."""
+    return collect_faces(
+        [[ring - [*origin, 0.0] for ring in rings] for item in buildings for rings in item.roofs],
+        [number for number, item in enumerate(buildings) for _ in item.roofs],
+    )
 
 
 def _city_building(name: str, items: list[CityObject], lod: str | None) -> CityBuilding:

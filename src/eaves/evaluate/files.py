@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyogrio
-from scipy.spatial import cKDTree
 
-from eaves.evaluate.city import read_buildings
+from eaves.evaluate.city import read_buildings, roofs_of
 from eaves.evaluate.detection import evaluate_detection
 from eaves.evaluate.footprints import Shapes, evaluate_footprints
 from eaves.evaluate.ground import evaluate_ground
@@ -20,15 +20,14 @@ from eaves.evaluate.images import (
     kind_of,
     open_buildings,
     plane_image,
-    roofs_of,
 )
-from eaves.evaluate.labelled_points import SAME_POINT, pair_points, read_labelled_points
+from eaves.evaluate.labelled_points import match_points, pair_points, read_labelled_points
 from eaves.evaluate.matching import Numbers
 from eaves.evaluate.models import evaluate_models, lay_points
 from eaves.evaluate.report import Evaluation, evaluation_rows, write_report
 from eaves.evaluate.roof_planes import evaluate_planes
 from eaves.evaluate.scores import Agreement
-from eaves.evaluate.wireframes import compare_wireframes
+from eaves.evaluate.wireframes import NOTHING, evaluate_wireframe, figures_of, read_wireframe, sum_scores
 from eaves.formats import InputError, read, read_polygons
 from eaves.formats.vectors.vector_files import checked_vector
 from eaves.model import Mask, PointCloud, Raster, Values
@@ -85,32 +84,27 @@ def evaluate_files(
     >>> evaluation.figures["total error"]
     0.0
     """
-    if what != "models" and (lod or footprints):
+    options = {"lod": lod, "footprints": footprints} if what == "models" else {}
+    if not options and (lod or footprints):
         option = "lod" if lod else "footprints"
         raise ValueError(f"{option} is for models only, not for {what}; leave it out")
-    if what == "models":
-        evaluation = compare_models(Path(result), Path(reference), lod, footprints)
-    elif what in COMPARISONS:
-        evaluation = COMPARISONS[what](Path(result), Path(reference))
-    else:
-        raise ValueError(
-            f"'{what}' cannot be evaluated; choose one of: {', '.join([*COMPARISONS, 'models'])}"
-        )
+    if what == "models" and kind_of(Path(result)) == "wireframe":
+        what, options = "wireframe", {}
+    if what not in COMPARISONS:
+        raise ValueError(f"'{what}' cannot be evaluated; choose one of: {', '.join(COMPARISONS)}")
+    found = COMPARISONS[what](Path(result), Path(reference), **options)
+    evaluation = Evaluation(what, str(result), str(reference), **found)
     if report is not None:
         write_report(evaluation, report)
     return evaluation
 
 
-def compare_ground(result: Path, reference: Path) -> Evaluation:
+def compare_ground(result: Path, reference: Path) -> dict[str, Any]:
     """Ground classes of the points both clouds hold, matched by place."""
     judged, true = (read(path) for path in (result, reference))
-    truth = true.xyz + [*true.origin, 0.0]
-    shift = np.array([judged.origin[0], judged.origin[1], 0.0])
-    near, which = cKDTree(judged.xyz).query(truth - shift, distance_upper_bound=SAME_POINT)
-    same = np.isfinite(near)
-    partner = np.asarray(which)[same]
+    same, partner = match_points(judged.xyz + [*judged.origin, 0.0], true.xyz + [*true.origin, 0.0])
     score = evaluate_ground(_ground_classes(judged, result)[partner], _ground_classes(true, reference)[same])
-    figures: dict[str, float | int | str] = {
+    figures = {
         "points": score.points,
         "points without a partner": int((~same).sum()),
         "type I error": score.type_1,
@@ -119,10 +113,10 @@ def compare_ground(result: Path, reference: Path) -> Evaluation:
         "kappa": score.kappa,
         "F1": score.f1,
     }
-    return Evaluation("ground", str(result), str(reference), figures)
+    return {"figures": figures}
 
 
-def compare_detection(result: Path, reference: Path) -> Evaluation:
+def compare_detection(result: Path, reference: Path) -> dict[str, Any]:
     """Label images of two sets of buildings."""
     true = open_buildings(reference)
     judged = open_buildings(result, true.system)
@@ -141,19 +135,11 @@ def compare_detection(result: Path, reference: Path) -> Evaluation:
         **{f"relation {name}": count for name, count in score.relations.items()},
         "RMS of outlines (m)": score.rms_m,
     }
-    return Evaluation(
-        "detection",
-        str(result),
-        str(reference),
-        figures,
-        evaluation_rows(score.rows),
-        map=score.map,
-        grid=grid,
-        system=true.system,
-    )
+    rows = evaluation_rows(score.rows)
+    return {"figures": figures, "rows": rows, "map": score.map, "grid": grid, "system": true.system}
 
 
-def compare_footprints(result: Path, reference: Path) -> Evaluation:
+def compare_footprints(result: Path, reference: Path) -> dict[str, Any]:
     """Polygons against polygons."""
     true = open_buildings(reference)
     judged = open_buildings(result, true.system)
@@ -178,12 +164,10 @@ def compare_footprints(result: Path, reference: Path) -> Evaluation:
         "RMS of outlines of united groups (m)": score.rms_united_m,
     }
     rows = evaluation_rows(score.rows)
-    return Evaluation(
-        "footprints", str(result), str(reference), figures, rows, true.polygons, system=true.system
-    )
+    return {"figures": figures, "rows": rows, "shapes": true.polygons, "system": true.system}
 
 
-def compare_planes(result: Path, reference: Path) -> Evaluation:
+def compare_planes(result: Path, reference: Path) -> dict[str, Any]:
     """Roof planes of city models or polygons as label images with heights, or plane numbers of points."""
     if kind_of(result) == kind_of(reference) == "cloud":
         score = evaluate_planes(*pair_points(read_labelled_points(result), read_labelled_points(reference)))
@@ -200,13 +184,11 @@ def compare_planes(result: Path, reference: Path) -> Evaluation:
         "RMS in plan (m)": score.rms_xy_m,
         "RMS in height (m)": score.rms_z_m,
     }
-    return Evaluation("planes", str(result), str(reference), figures, evaluation_rows(score.rows))
+    return {"figures": figures, "rows": evaluation_rows(score.rows)}
 
 
-def compare_models(result: Path, reference: Path, lod: str | None, footprints: Path | None) -> Evaluation:
-    """Models against a classified cloud, reference models, or a wireframe against a wireframe."""
-    if kind_of(result) == "wireframe":
-        return compare_wireframes(result, reference)
+def compare_models(result: Path, reference: Path, lod: str | None, footprints: Path | None) -> dict[str, Any]:
+    """Models against a classified cloud, or against reference models."""
     models = read_buildings(result, lod)
     findings = validate_file(result)
     truth = read_buildings(reference) if kind_of(reference) == "city" else []
@@ -218,7 +200,7 @@ def compare_models(result: Path, reference: Path, lod: str | None, footprints: P
     else:
         places = {item.id: item.footprint for item in truth or models if not item.footprint.is_empty}
     score = evaluate_models(models, points, places, findings, truth, masked=cloud is not None)
-    figures: dict[str, float | int | str] = {
+    figures = {
         "buildings with roof points": score.buildings,
         "roof points": score.roof_points,
         "missed": score.missed,
@@ -241,21 +223,69 @@ def compare_models(result: Path, reference: Path, lod: str | None, footprints: P
     }
     system = models[0].system if models else LOCAL_METRES
     rows = evaluation_rows(score.rows)
-    return Evaluation(
-        "models", str(result), str(reference), figures, rows, tuple(places.values()), system=system
-    )
+    return {"figures": figures, "rows": rows, "shapes": tuple(places.values()), "system": system}
 
 
-COMPARISONS: dict[str, Callable[[Path, Path], Evaluation]] = {
+def compare_wireframes(result: Path, reference: Path) -> dict[str, Any]:
+    """Roof wireframes against others by Building3D's measures: one OBJ file against one, or the files of a
+    folder against those of the same name in another.
+
+    Parameters
+    ----------
+    result, reference : Path
+        OBJ files or folders of them. A file of the reference without one in the result is a roof with nothing
+        found.
+
+    Returns
+    -------
+    dict
+        The measures over all corners and edges, and a row for each file.
+
+    Raises
+    ------
+    InputError
+        For a file that is no wireframe, and a folder without any.
+
+    Examples
+    --------
+    >>> from eaves.evaluate import evaluate_files
+    >>> from pathlib import Path
+    >>> _ = Path("roof.obj").write_text("v 0 0 5\\nv 9 0 5\\nl 1 2\\n")
+    >>> evaluate_files("wireframe", Path("roof.obj"), Path("roof.obj")).figures["corners, F1"]
+    1.0
+    """
+    pairs = [(result, reference)]
+    if reference.is_dir():
+        if not result.is_dir():
+            raise InputError.about(result, "is no folder", "give a folder of wireframes, as the reference is")
+        pairs = [(result / path.name, path) for path in sorted(reference.glob("*.obj"))]
+        if not pairs:
+            raise InputError.about(reference, "holds no wireframe", "give a folder of .obj files")
+    for path in (path for pair in pairs for path in pair):
+        if path.suffix.lower() != ".obj":
+            raise InputError.about(path, "is no wireframe", "compare OBJ with OBJ")
+    scores, rows = [], []
+    for drawn, true in pairs:
+        found = read_wireframe(drawn) if drawn.exists() or len(pairs) == 1 else NOTHING
+        score = evaluate_wireframe(found, read_wireframe(true))
+        scores.append(score)
+        rows.append({"roof": true.stem, **figures_of(score)})
+    figures = {"roofs": len(pairs), **figures_of(sum_scores(scores))}
+    return {"figures": figures, "rows": tuple(rows)}
+
+
+COMPARISONS: dict[str, Callable[..., dict[str, Any]]] = {
     "ground": compare_ground,
     "detection": compare_detection,
     "footprints": compare_footprints,
     "planes": compare_planes,
     "wireframe": compare_wireframes,
+    "models": compare_models,
 }
+"""The fields of an `Evaluation` of two files, by what is compared."""
 
 
-def _figures(name: str, agreement: Agreement) -> dict[str, float | int | str]:
+def _figures(name: str, agreement: Agreement) -> dict[str, float]:
     return {
         f"{name}, completeness": agreement.completeness,
         f"{name}, correctness": agreement.correctness,

@@ -9,7 +9,7 @@ and compared as groups.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -18,6 +18,7 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.evaluate.matching import Matching, Objects
 from eaves.evaluate.scores import Agreement, ratio, root_mean_square
+from eaves.geometry.overlaps import pair_off
 from eaves.geometry.tolerance import COORDINATE_STEP
 
 STEP = 0.25
@@ -125,9 +126,9 @@ def evaluate_footprints(
     (1, 0.9)
     """
     found, wanted = (shapely.make_valid(np.array(list(shapes), object)) for shapes in (result, reference))
-    names = list(result_ids) if result_ids is not None else [str(k + 1) for k in range(len(found))]
-    wanted_names = (
-        list(reference_ids) if reference_ids is not None else [str(k + 1) for k in range(len(wanted))]
+    names, wanted_names = (
+        [str(k + 1) for k in range(len(shapes))] if ids is None else list(ids)
+        for shapes, ids in ((found, result_ids), (wanted, reference_ids))
     )
     for side, shapes, ids in (("result", found, names), ("reference", wanted, wanted_names)):
         if len(ids) != len(shapes):
@@ -193,13 +194,8 @@ def pair_by_overlap(found: NDArray[np.object_], wanted: NDArray[np.object_]) -> 
     """Reference → result of the pairs that share most area, each polygon in one pair at most."""
     two, one = _meeting(found, wanted)
     shared = shapely.area(shapely.intersection(found[one], wanted[two]))
-    pairs: dict[int, int] = {}
-    taken: set[int] = set()
-    for k in np.lexsort((one, two, -shared)):
-        if shared[k] > 0 and int(two[k]) not in pairs and int(one[k]) not in taken:
-            pairs[int(two[k])] = int(one[k])
-            taken.add(int(one[k]))
-    return pairs
+    order = np.lexsort((one, two, -shared))
+    return pair_off((int(two[k]), int(one[k])) for k in order if shared[k] > 0)
 
 
 def outline_distances(
@@ -237,18 +233,17 @@ def _compared(
     wanted: Polygon | MultiPolygon,
     distance: NDArray[np.float64],
 ) -> FootprintRow:
+    """A row with the footprint that was found, its outline so far (N,) from the reference's."""
     shared = float(found.intersection(wanted).area)
-    return FootprintRow(
-        row.reference,
-        name,
-        row.area_m2,
-        float(found.area - wanted.area),
-        ratio(shared, found.area + wanted.area - shared),
-        root_mean_square(distance),
-        max(float(distance.max()), float(outline_distances(wanted, found).max())),
-        polis(found, wanted),
-        count_vertices(found),
-        row.vertices_reference,
+    return replace(
+        row,
+        result=name,
+        area_error_m2=float(found.area - wanted.area),
+        iou=ratio(shared, found.area + wanted.area - shared),
+        rms_m=root_mean_square(distance),
+        hausdorff_m=max(float(distance.max()), float(outline_distances(wanted, found).max())),
+        polis_m=polis(found, wanted),
+        vertices=count_vertices(found),
     )
 
 

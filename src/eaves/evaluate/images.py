@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,11 @@ from rasterio import Affine
 from rasterio.features import rasterize
 from shapely import MultiPolygon, Polygon
 
-from eaves.evaluate.city import CityBuilding, read_buildings
+from eaves.evaluate.city import read_buildings
 from eaves.evaluate.detection import label_objects
 from eaves.evaluate.matching import Numbers
 from eaves.formats import InputError, read, read_polygons, read_raster
-from eaves.geometry.roof_fit import RoofFaces, collect_faces
+from eaves.geometry.roof_fit import RoofFaces
 from eaves.model import Bounds, CoordinateSystem, Mask, PointCloud, Raster, Values
 from eaves.model.cloud import BUILDING
 from eaves.model.coordinates import LOCAL_METRES
@@ -107,13 +108,7 @@ def common_grid(result: BuildingSource, reference: BuildingSource, cell: float =
         boxes = boxes[:1]
     if not boxes:
         return Raster(np.zeros((1, 1), np.float32), 0.0, cell, cell)
-    around = Bounds(
-        min(box.west for box in boxes),
-        min(box.south for box in boxes),
-        max(box.east for box in boxes),
-        max(box.north for box in boxes),
-    )
-    whole = whole_cells(around, cell)
+    whole = whole_cells(reduce(Bounds.union, boxes), cell)
     shape = (max(1, round(whole.height / cell)), max(1, round(whole.width / cell)))
     return Raster(np.zeros(shape, np.float32), whole.west, whole.north, cell)
 
@@ -147,14 +142,6 @@ def plane_image(faces: RoofFaces, grid: Raster) -> tuple[Numbers, Values]:
         higher = shapely.contains_xy(shape, xx, yy) & ~(height <= heights[window])
         burnt_labels[window][higher], heights[window][higher] = number, height[higher]
     return burnt_labels, heights
-
-
-def roofs_of(buildings: Sequence[CityBuilding], origin: tuple[float, float]) -> RoofFaces:
-    """The roof faces of buildings about an origin; `owner` is the number of the building."""
-    return collect_faces(
-        [[ring - [*origin, 0.0] for ring in rings] for item in buildings for rings in item.roofs],
-        [number for number, item in enumerate(buildings) for _ in item.roofs],
-    )
 
 
 def _from_raster(raster: Raster, grid: Raster) -> tuple[Numbers, Mask]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import laspy
@@ -12,7 +11,7 @@ from scipy.spatial import cKDTree
 from eaves.evaluate.matching import Numbers
 from eaves.formats import InputError
 from eaves.geometry.neighbours import measure_spacing
-from eaves.model import Points
+from eaves.model import Mask, Points
 
 PLANE_ID = "plane_id"
 
@@ -20,12 +19,8 @@ SAME_POINT = 0.02
 """Points this near (m) are one point of two files."""
 
 
-@dataclass(frozen=True, eq=False)
-class LabelledPoints:
-    """World coordinates (N, 3) in the file's units, and plane numbers (N,), 0 for none."""
-
-    xyz: Points
-    plane: Numbers
+LabelledPoints = tuple[Points, Numbers]
+"""World coordinates (N, 3) in the file's units, and plane numbers (N,), 0 for none."""
 
 
 def read_labelled_points(path: Path) -> LabelledPoints:
@@ -38,7 +33,7 @@ def read_labelled_points(path: Path) -> LabelledPoints:
         raise InputError.about(
             path, f"has no dimension '{PLANE_ID}'", "give classified.laz of a run, or a simulated scan"
         )
-    return LabelledPoints(np.asarray(las.xyz, np.float64), np.asarray(las[PLANE_ID], np.int64))
+    return np.asarray(las.xyz, np.float64), np.asarray(las[PLANE_ID], np.int64)
 
 
 def pair_points(result: LabelledPoints, reference: LabelledPoints) -> tuple[Numbers, Numbers, float]:
@@ -46,12 +41,18 @@ def pair_points(result: LabelledPoints, reference: LabelledPoints) -> tuple[Numb
 
     A point the result lacks has no plane there.
     """
-    if len(result.xyz) == 0 or len(reference.xyz) == 0:
-        return np.zeros(len(reference.xyz), np.int64), reference.plane, 1.0
-    origin = reference.xyz.min(axis=0)
-    near, which = cKDTree(result.xyz - origin).query(reference.xyz - origin, distance_upper_bound=SAME_POINT)
-    found = np.isfinite(near)
-    plane = np.zeros(len(reference.xyz), np.int64)
-    plane[found] = result.plane[np.asarray(which)[found]]
-    roof = reference.xyz[reference.plane > 0] - origin
-    return plane, reference.plane, measure_spacing(roof) ** 2
+    (xyz, planes), (places, true) = result, reference
+    found, partner = match_points(xyz, places)
+    plane = np.zeros(len(places), np.int64)
+    plane[found] = planes[partner]
+    return plane, true, measure_spacing(places[true > 0] - places[:1]) ** 2
+
+
+def match_points(result: Points, reference: Points) -> tuple[Mask, Numbers]:
+    """Which points of a reference (N, 3) a result (M, 3) holds, and the number (K,) of each of them."""
+    if len(result) == 0 or len(reference) == 0:
+        return np.zeros(len(reference), bool), np.zeros(0, np.int64)
+    origin = reference.min(axis=0)
+    away, which = cKDTree(result - origin).query(reference - origin, distance_upper_bound=SAME_POINT)
+    found = np.isfinite(away)
+    return found, np.asarray(which)[found]

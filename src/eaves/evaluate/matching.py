@@ -115,11 +115,7 @@ class Matching:
 
 def relation_of(reference: int, result: int) -> str:
     """The name of a group of so many reference and result objects."""
-    if reference == 0 or result == 0:
-        return "0:1" if reference == 0 else "1:0"
-    return {(False, False): "1:1", (False, True): "1:M", (True, False): "N:1", (True, True): "N:M"}[
-        reference > 1, result > 1
-    ]
+    return f"{'N' if reference > 1 else reference}:{'M' if result > 1 else result}"
 
 
 def match_objects(

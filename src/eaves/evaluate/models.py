@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from eaves.evaluate.city import CityBuilding
+from eaves.evaluate.city import CityBuilding, roofs_of
 from eaves.evaluate.footprints import mean_of, pair_by_overlap
 from eaves.evaluate.scores import ratio, root_mean_square
-from eaves.geometry.roof_fit import collect_faces, fit_roof, roof_point_mask
+from eaves.geometry.roof_fit import fit_roof, roof_point_mask
 from eaves.model import Finding, Points, Values
 from eaves.model.checks import check_points
 
@@ -178,11 +178,7 @@ def evaluate_models(
     local = points - [*origin, 0.0]
     building = _footprint_at(local, footprints, origin)
     use = np.flatnonzero((building >= 0) & (roof_point_mask(local) if masked else True))
-    faces = collect_faces(
-        [[ring - [*origin, 0.0] for ring in rings] for model in models for rings in model.roofs],
-        [number for number, model in enumerate(models) for _ in model.roofs],
-    )
-    fit = fit_roof(local[use], faces)
+    fit = fit_roof(local[use], roofs_of(models, origin))
     distance, vertical = np.abs(fit.distance), np.abs(fit.vertical)
     hit = np.isfinite(distance)
     shapes = np.array(list(footprints.values()), object)
@@ -199,6 +195,7 @@ def evaluate_models(
             row = _with_model(row, models[of_footprint[number]], true)
         rows.append(row)
     seen = [row for row in rows if row.points]
+    nearest = [MISSED_RMSE if row.rmse95_m is None else row.rmse95_m for row in seen]
     near = np.where(hit, distance, np.inf)
     modelled = [model for model in models if model.faces]
     errors = [(row.volume_error_m3, row.volume_m3) for row in rows]
@@ -215,8 +212,8 @@ def evaluate_models(
         _median_or_nan(vertical[hit]),
         mean_of([row.rmse_m for row in seen]),
         _median_or_nan(np.array([row.rmse_m for row in seen])),
-        mean_of([MISSED_RMSE if row.rmse95_m is None else row.rmse95_m for row in seen]),
-        _median_or_nan(np.array([MISSED_RMSE if row.rmse95_m is None else row.rmse95_m for row in seen])),
+        mean_of(nearest),
+        _median_or_nan(np.array(nearest)),
         {limit: ratio(float((near < limit).sum()), len(use)) for limit in WITHIN},
         len(modelled),
         ratio(sum(len(model.faces) for model in modelled), len(modelled)),
@@ -234,10 +231,7 @@ def evaluate_models(
 def lay_points(buildings: Sequence[CityBuilding], step: float = 0.5) -> Points:
     """Points (N, 3) on a grid of `step` metres on the highest roof faces of reference models."""
     origin = _origin(np.zeros((0, 3)), buildings)
-    faces = collect_faces(
-        [[ring - [*origin, 0.0] for ring in rings] for item in buildings for rings in item.roofs],
-        [0 for item in buildings for _ in item.roofs],
-    )
+    faces = roofs_of(buildings, origin)
     spots = [np.zeros((0, 2))]
     for shape in faces.polygons:
         west, south, east, north = np.round(np.array(shape.bounds) / step)
@@ -270,19 +264,15 @@ def _row(name: str, distance: Values, vertical: Values) -> ModelRow:
 
 
 def _with_model(row: ModelRow, model: CityBuilding, truth: CityBuilding | None) -> ModelRow:
-    return ModelRow(
-        row.footprint,
-        row.points,
-        row.missed,
-        row.rmse_m,
-        row.rmse95_m,
-        row.rmse_vertical_m,
-        model.id,
-        model.lod,
-        len(model.faces),
-        model.volume if model.faces else None,
-        model.volume - truth.volume if truth is not None and model.faces else None,
-        model.height - truth.height if truth is not None and model.faces else None,
+    whole = bool(model.faces)
+    return replace(
+        row,
+        model=model.id,
+        lod=model.lod,
+        faces=len(model.faces),
+        volume_m3=model.volume if whole else None,
+        volume_error_m3=model.volume - truth.volume if truth and whole else None,
+        height_error_m=model.height - truth.height if truth and whole else None,
     )
 
 

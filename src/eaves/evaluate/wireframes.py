@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from eaves.evaluate.report import Evaluation
 from eaves.evaluate.scores import Agreement, ratio
 from eaves.formats import InputError
 from eaves.model import Points
@@ -144,54 +143,6 @@ def sum_scores(scores: Sequence[WireframeScore]) -> WireframeScore:
     return WireframeScore(
         corners, added([score.edges for score in scores]), ratio(float(sum(offsets)), corners.found)
     )
-
-
-def compare_wireframes(result: Path, reference: Path) -> Evaluation:
-    """Roof wireframes against others by Building3D's measures: one OBJ file against one, or the files of a
-    folder against those of the same name in another.
-
-    Parameters
-    ----------
-    result, reference : Path
-        OBJ files or folders of them. A file of the reference without one in the result is a roof with nothing
-        found.
-
-    Returns
-    -------
-    Evaluation
-        The measures over all corners and edges, and a row for each file.
-
-    Raises
-    ------
-    InputError
-        For a file that is no wireframe, and a folder without any.
-
-    Examples
-    --------
-    >>> from eaves.evaluate.wireframes import compare_wireframes
-    >>> from pathlib import Path
-    >>> _ = Path("roof.obj").write_text("v 0 0 5\\nv 9 0 5\\nl 1 2\\n")
-    >>> compare_wireframes(Path("roof.obj"), Path("roof.obj")).figures["corners, F1"]
-    1.0
-    """
-    pairs = [(result, reference)]
-    if reference.is_dir():
-        if not result.is_dir():
-            raise InputError.about(result, "is no folder", "give a folder of wireframes, as the reference is")
-        pairs = [(result / path.name, path) for path in sorted(reference.glob("*.obj"))]
-        if not pairs:
-            raise InputError.about(reference, "holds no wireframe", "give a folder of .obj files")
-    for path in (path for pair in pairs for path in pair):
-        if path.suffix.lower() != ".obj":
-            raise InputError.about(path, "is no wireframe", "compare OBJ with OBJ")
-    scores, rows = [], []
-    for drawn, true in pairs:
-        found = read_wireframe(drawn) if drawn.exists() or len(pairs) == 1 else NOTHING
-        score = evaluate_wireframe(found, read_wireframe(true))
-        scores.append(score)
-        rows.append({"roof": true.stem, **figures_of(score)})
-    figures: dict[str, float | int | str] = {"roofs": len(pairs), **figures_of(sum_scores(scores))}
-    return Evaluation("wireframe", str(result), str(reference), figures, tuple(rows))
 
 
 def figures_of(score: WireframeScore) -> dict[str, float]:

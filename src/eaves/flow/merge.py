@@ -18,12 +18,13 @@ from eaves.flow.rasters import write_run_mask
 from eaves.flow.review import REVIEW, write_review
 from eaves.formats.rasters.vrt import write_vrt
 from eaves.formats.vectors.geopackage import Row, plain_value, read_details, write_geopackage
-from eaves.model import Block, Bounds, CoordinateSystem
+from eaves.model import Bounds, CoordinateSystem
 from eaves.model.block import BLOCK_SIDE
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
 from eaves.raster.surfaces import CELL
 from eaves.run.manifest import add_to_manifest
 from eaves.run.workers import Workers
+from eaves.run.world_squares import squares_touching
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,16 +137,8 @@ def write_tile_mask(place: Path, footprints: Path, system: CoordinateSystem, pro
     polygons = pyogrio.raw.read(footprints, layer="footprints", columns=[], bbox=tuple(extent))[2]
     shapes = shapely.transform(shapely.from_wkb(polygons), lambda xy: xy * unit)
     bounds = Bounds(*(round(side * unit / CELL) * CELL for side in extent))
-    whole = Block.at(bounds.west, bounds.south)
-    last = Block.at(bounds.east, bounds.north)
-    blocks = [
-        Block(column, row)
-        for column in range(whole.column, last.column + 1)
-        for row in range(whole.row, last.row + 1)
-    ]
-    written = write_run_mask(
-        system, blocks, list(np.asarray(shapes, object)), bounds, place / "mask.tif", provenance
-    )
+    blocks, path = squares_touching(bounds, BLOCK_SIDE), place / "mask.tif"
+    written = write_run_mask(system, blocks, list(np.asarray(shapes, object)), bounds, path, provenance)
     add_to_manifest(place, written)
 
 

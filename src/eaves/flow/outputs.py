@@ -31,7 +31,7 @@ from eaves.model import Block, Bounds, BuildingModel, CoordinateSystem, Failure
 from eaves.model.summary import Summary
 from eaves.run.clock import Clock
 from eaves.run.keys import BLOCKS
-from eaves.run.manifest import MANIFEST, begin_manifest, note_files
+from eaves.run.manifest import MANIFEST, begin_manifest
 from eaves.run.options import EVERYTHING
 from eaves.run.partition import Window
 from eaves.run.store import Store
@@ -41,6 +41,9 @@ if TYPE_CHECKING:
     from eaves.flow.classified_points import PointSink
 
 DECIMALS = 3
+COUNTED = ("by_lod", "trust", "failures", "fallbacks")
+"""What is counted of buildings, as the summary and run.json name it."""
+
 LONGEST_FIRST = ("steps", "classified", "models", "footprints", "rasters", "mask")
 
 
@@ -235,7 +238,7 @@ def write_map(folder: Path, files: Sequence[Path], system: CoordinateSystem) -> 
 def note(run: Run, files: Sequence[Path]) -> None:
     """Note files of the run in its folder's manifest."""
     if run.classified is None:
-        note_files(run.folder, files)
+        begin_manifest(run.folder, files=files)
 
 
 def clear_leftovers(files: Sequence[Path]) -> None:
@@ -285,41 +288,47 @@ def summarise(
     region: Region, metadata: Sequence[BlockMetadata], owners: Sequence[Block], files: Sequence[Path]
 ) -> Summary:
     """Counts over all buildings, seconds over all blocks."""
-    by_lod: Counter[str] = Counter()
-    failures: Counter[str] = Counter()
-    fallbacks: Counter[str] = Counter()
-    trust: Counter[str] = Counter()
+    counts = {name: Counter[str]() for name in COUNTED}
     seconds: Counter[str] = Counter()
-    found, run = 0, region.run
+    found = 0
     for row in Kept(region.store).rows(owners):
         found += 1
-        trust[judge(row.values)[0]] += 1
+        counts["trust"][judge(row.values)[0]] += 1
         seconds.update(row.seconds)
         if row.modelled:
-            by_lod[row.values["lod"]] += 1
+            counts["by_lod"][row.values["lod"]] += 1
         if row.code:
-            (fallbacks if row.modelled else failures)[row.code] += 1
+            counts["fallbacks" if row.modelled else "failures"][row.code] += 1
     for one in metadata:
         seconds.update(one.seconds)
-    return Summary(
-        folder=run.folder,
+    return summary_of(
+        region.run,
+        {**counts, "seconds": region.budget.with_stages(seconds)},
         points=region.points,
         points_used=points_used(region),
         found=found,
-        modelled=sum(by_lod.values()),
-        by_lod=dict(sorted(by_lod.items(), reverse=True)),
-        trust=dict(sorted(trust.items())),
-        failures=dict(sorted(failures.items())),
-        fallbacks=dict(sorted(fallbacks.items())),
-        seconds=region.budget.with_stages(seconds),
         wall=region.budget.wall,
-        elapsed=time.time() - run.started,
         files=tuple(files),
         failed=tuple(region.failed),
-        run={
-            **run.plan,
-            **({"remote": run.remote} if run.remote else {}),
-            "crs": run.index.system.code,
-            "peak_memory_mb": round(max(region.peak, peak_memory_mb())),
-        },
+        words={"peak_memory_mb": round(max(region.peak, peak_memory_mb()))},
+    )
+
+
+def summary_of(
+    run: Run, counts: Mapping[str, Mapping[str, Any]], words: Mapping[str, Any], **facts: Any
+) -> Summary:
+    """The summary of a run with the counts named in `COUNTED` and the `seconds` by stage; `words` stand in
+    its run.json beside the plan, and other `facts` are fields of it."""
+    remote = {"remote": run.remote} if run.remote else {}
+    return Summary(
+        **{
+            "folder": run.folder,
+            "points": run.index.points,
+            "modelled": sum(counts["by_lod"].values()),
+            **{name: dict(sorted(counts[name].items(), reverse=name == "by_lod")) for name in COUNTED},
+            "seconds": dict(counts["seconds"]),
+            "elapsed": time.time() - run.started,
+            "run": {**run.plan, **remote, "crs": run.index.system.code, **words},
+            **facts,
+        }
     )

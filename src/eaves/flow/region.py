@@ -186,14 +186,13 @@ def read_points(region: Region) -> None:
             region.note(outcome, str(part.path))
             unread[part.number] = region.failed.pop()
             continue
-        done = outcome.answer
+        done, box = outcome.answer
         records[part.name] = done.records
         if done.unread is not None and part.number not in unread:
             log.error("%s", done.unread)
             unread[part.number] = done.unread
-        if done.box is not None:
-            box = region.wrong_boxes.get(part.number, done.box)
-            region.wrong_boxes[part.number] = box.union(done.box)
+        if box is not None:
+            region.wrong_boxes[part.number] = region.wrong_boxes.get(part.number, box).union(box)
         if workers is region.workers:
             read_more(done.records)
     for number in unread:
@@ -436,8 +435,7 @@ def model_buildings(region: Region, plans: Sequence[OwnedBuildings]) -> None:
     store.keep_only(BUILDINGS, [plan.owner_block for plan in plans])
     reads = []
     for plan in plans:
-        lies = {block for one in plan.buildings for block, _ in one.regions}
-        near = sorted({one for block in lies for one in ring(block)})
+        near = sorted({one for block in plan.blocks for one in ring(block)})
         reads.append(key_of(BUILDINGS.key(recipe), snap, plan, store.found(BLOCKS, near)))
     work = partial(keep_buildings, store=store, recipe=recipe, snap=snap)
     compute(region, BUILDINGS, plans, reads, work, "buildings", shown=True)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import logging
-import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 import shapely
@@ -18,12 +17,12 @@ from numpy.typing import NDArray
 from eaves.blocks.ground_squares import seen_from
 from eaves.buildings.join import assign_footprints
 from eaves.buildings.rows import BuildingRow
-from eaves.flow.outputs import write_map, write_run
+from eaves.flow.outputs import COUNTED, summary_of, write_map, write_run
 from eaves.flow.review import REVIEW
 from eaves.flow.run import Progress, Run
 from eaves.footprints.read import as_box
 from eaves.formats import InputError
-from eaves.model import Block, Bounds, Footprint
+from eaves.model import Block, Bounds, Footprint, Mask
 from eaves.model.summary import Summary
 from eaves.run.index import Index
 from eaves.run.manifest import MANIFEST, check_folder, read_facts
@@ -42,43 +41,16 @@ WANTED = ("footprints", "models", "rasters")
 merge."""
 
 
-@dataclass(frozen=True, order=True)
-class Tile:
-    """Square number (`column`, `row`) of the world grid of tiles."""
-
-    column: int
-    row: int
-    block: float
-
-    @property
-    def side(self) -> float:
-        return TILE_BLOCKS * self.block
-
-    @property
-    def bounds(self) -> Bounds:
-        """World metres."""
-        west, south = self.column * self.side, self.row * self.side
-        return Bounds(west, south, west + self.side, south + self.side)
-
-    @property
-    def name(self) -> str:
-        return f"{self.column}_{self.row}"
-
-    def holds(self, block: Block) -> bool:
-        """Whether a block is one of the tile's."""
-        return block.column // TILE_BLOCKS == self.column and block.row // TILE_BLOCKS == self.row
+TileDone = tuple[dict[str, Any], dict[int, Bounds]]
+"""The facts of a tile's run, and true boxes of inputs whose header is wrong, by number in the whole index."""
 
 
-@dataclass(frozen=True)
-class TileDone:
-    """The result of a tile."""
-
-    run: dict[str, Any]
-    wrong_boxes: dict[int, Bounds]
-    """True boxes of inputs whose header lies, by number in the whole index."""
+def tile_of(block: Block) -> Block:
+    """The square of the world grid of tiles that a block lies in."""
+    return Block(block.column // TILE_BLOCKS, block.row // TILE_BLOCKS, TILE_BLOCKS * block.side)
 
 
-def plan_tiles(index: Index, block: float, bounds: Bounds | None = None) -> list[Tile]:
+def plan_tiles(index: Index, block: float, bounds: Bounds | None = None) -> list[Block]:
     """The tiles that the inputs' boxes meet, and the bounds where given, in order."""
     side = TILE_BLOCKS * block
     west, south, east, north = (index.entries["box"][index.entries["count"] > 0]).T
@@ -95,14 +67,14 @@ def plan_tiles(index: Index, block: float, bounds: Bounds | None = None) -> list
         for row in range(int(across[1]) + 1):
             here = first + [column, row]
             found = np.unique(np.concatenate([found, here[(here <= last).all(axis=1)]]), axis=0)
-    return [Tile(int(column), int(row), block) for column, row in found]
+    return [Block(int(column), int(row), side) for column, row in found]
 
 
 @dataclass(frozen=True)
 class TileTask:
     """A tile with the part of the run that concerns it."""
 
-    tile: Tile
+    tile: Block
     run: Run
     numbers: tuple[int, ...]
     """The inputs' numbers in the whole index."""
@@ -111,6 +83,10 @@ class TileTask:
     ring: int = 1
     """So many blocks around the tile can be computed with it."""
 
+    def holds(self, block: Block) -> bool:
+        """Whether a block is one of the tile's."""
+        return tile_of(block) == self.tile
+
     @property
     def loaded(self) -> Bounds:
         """World metres of the points that it is computed from."""
@@ -118,15 +94,13 @@ class TileTask:
 
     def done(self, wrong_boxes: Mapping[int, Bounds]) -> TileDone:
         """Its result, with the true boxes of inputs, by number in its own index."""
-        return TileDone(
-            read_facts(self.run.folder), {self.numbers[number]: box for number, box in wrong_boxes.items()}
-        )
+        return read_facts(self.run.folder), {self.numbers[number]: box for number, box in wrong_boxes.items()}
 
 
 def with_ring(task: TileTask, ring: int) -> TileTask:
     """A task with so many blocks around its tile, and the points that these need."""
     task = replace(task, ring=ring)
-    bounds = within(seen_with(task.loaded, task.run), task.window.bounds)
+    bounds = within(seen_from(task.loaded, task.run.recipe), task.window.bounds)
     return replace(task, run=replace(task.run, window=Window(bounds, task.window.clip)))
 
 
@@ -139,7 +113,7 @@ def widened(task: TileTask) -> TileTask:
 class TileTasks(Sequence[TileTask]):
     """The tasks of many tiles, each made when it is asked for: a country's would fill the memory."""
 
-    def __init__(self, run: Run, tiles: Sequence[Tile]) -> None:
+    def __init__(self, run: Run, tiles: Sequence[Block]) -> None:
         self.run, self.tiles = run, tiles
         self._given = None if run.given is None else FootprintSearch(run.given)
         self._addresses = FootprintSearch(run.addresses)
@@ -147,19 +121,11 @@ class TileTasks(Sequence[TileTask]):
     def __len__(self) -> int:
         return len(self.tiles)
 
-    @overload
-    def __getitem__(self, k: int) -> TileTask: ...
-    @overload
-    def __getitem__(self, k: slice) -> Sequence[TileTask]: ...
-    def __getitem__(self, k: int | slice) -> TileTask | Sequence[TileTask]:
-        if isinstance(k, slice):
-            return [self[n] for n in range(len(self))[k]]
-        return self._make(self.tiles[k])
-
-    def _make(self, tile: Tile) -> TileTask:
+    def __getitem__(self, k: Any) -> Any:
         """A tile's part of the run: the inputs whose box comes near enough, the footprints likewise."""
+        tile = self.tiles[k]
         loaded = loaded_with(tile, 1, self.run.recipe.buffer)
-        numbers = np.flatnonzero(self.run.index.meeting(seen_with(loaded, self.run).buffered(BOX_TOLERANCE)))
+        numbers = np.flatnonzero(inputs_near(loaded, self.run, self.run.index))
         index = self.run.index.subset(numbers)
         names = tuple(name for name in WANTED if name in ("footprints", *self.run.outputs))
         own = replace(
@@ -189,14 +155,15 @@ class FootprintSearch:
         return [self._footprints[k] for k in np.sort(found)]
 
 
-def loaded_with(tile: Tile, ring: int, reach: float) -> Bounds:
+def loaded_with(tile: Block, ring: int, reach: float) -> Bounds:
     """World metres of the points a tile is computed from."""
-    return tile.bounds.buffered(ring * tile.block + reach)
+    return tile.bounds.buffered(ring * tile.side / TILE_BLOCKS + reach)
 
 
-def seen_with(loaded: Bounds, run: Run) -> Bounds:
-    """World metres of the points that are read for it: the ground is found in squares, from farther away."""
-    return seen_from(loaded, run.recipe)
+def inputs_near(loaded: Bounds, run: Run, index: Index) -> Mask:
+    """Which inputs (F,) may hold points that a tile is computed from: the ground is found in squares, from
+    farther away."""
+    return index.meeting(seen_from(loaded, run.recipe).buffered(BOX_TOLERANCE))
 
 
 def known_tile(task: TileTask) -> TileDone | None:
@@ -206,7 +173,7 @@ def known_tile(task: TileTask) -> TileDone | None:
         run = read_facts(place)
         words = json.loads(json.dumps(task.run.plan))
         if not run["incomplete"] and all(run.get(key) == value for key, value in words.items()):
-            return TileDone(run, {})
+            return run, {}
     place.mkdir(parents=True, exist_ok=True)
     return None
 
@@ -229,8 +196,8 @@ class Tiles:
 
     def __init__(self, run: Run) -> None:
         self.run, self.index = run, run.index
-        self.done: dict[Tile, TileDone] = {}
-        self.failed: dict[Tile, str] = {}
+        self.done: dict[Block, dict[str, Any]] = {}
+        self.failed: dict[Block, str] = {}
         self.wrong_boxes: dict[int, Bounds] = {}
         self.peak = peak_memory_mb()
         self.todo = plan_tiles(self.index, run.side, run.window.bounds)
@@ -250,9 +217,8 @@ class Tiles:
             self.failed[tile] = f"tile {tile.name}: {outcome.error}"
             log.error("%s", self.failed[tile])
         else:
-            self.done[tile] = outcome.answer
-            boxes = outcome.answer.wrong_boxes.items()
-            self._new |= {number: box for number, box in boxes if number not in self.wrong_boxes}
+            self.done[tile], boxes = outcome.answer
+            self._new |= {number: box for number, box in boxes.items() if number not in self.wrong_boxes}
 
     def look_again(self) -> None:
         """Find the tiles that meet other inputs now that the true boxes of some are known."""
@@ -288,20 +254,29 @@ class Tiles:
         return summary
 
     def _summary(self, lost: Sequence[BuildingRow], files: Sequence[Path]) -> Summary:
-        runs = [self.done[tile].run for tile in sorted(self.done)]
+        """The sums over all tiles, and the buildings of none."""
+        runs = [self.done[tile] for tile in sorted(self.done)]
         failed = [*self.run.failed, *self.failed.values()]
         failed += [reason for one in runs for reason in one["incomplete"]]
-        missing = Counter(row.code for row in lost)
-        counts = {name: {} for name in COUNTED} | {"trust": {"low": len(lost)}, "failures": missing}
-        runs.append({"found": len(lost), **counts})
-        return tile_total(runs, self.run, files, tuple(dict.fromkeys(failed)), self.peak)
+        counts = {name: Counter[str]() for name in (*COUNTED, "seconds")}
+        counts["trust"]["low"] += len(lost)
+        counts["failures"].update(row.code for row in lost if row.code)
+        for one in runs:
+            for name, counter in counts.items():
+                counter.update(one["stage_cpu_seconds" if name == "seconds" else name])
+        counts["seconds"] = Counter({name: round(value, 3) for name, value in counts["seconds"].items()})
+        return summary_of(
+            self.run,
+            counts,
+            points_used=sum(one["points_used"] for one in runs),
+            found=sum(one["found"] for one in runs) + len(lost),
+            files=tuple(files),
+            failed=tuple(dict.fromkeys(failed)),
+            words={"peak_memory_mb": round(self.peak), "tiles": len(runs)},
+        )
 
 
-COUNTED = ("by_lod", "fallbacks", "stage_cpu_seconds", "trust")
-"""The fields summed over all tiles, beside the failures."""
-
-
-def rows_of_no_tile(run: Run, tiles: set[Tile]) -> list[BuildingRow]:
+def rows_of_no_tile(run: Run, tiles: set[Block]) -> list[BuildingRow]:
     """The rows of the given footprints that no tile owns: they lie where no input has points."""
     if run.given is None:
         return []
@@ -311,48 +286,11 @@ def rows_of_no_tile(run: Run, tiles: set[Tile]) -> list[BuildingRow]:
         BuildingRow.of(plan.failure, {})
         for one in plans
         for plan in one.buildings
-        if plan.failure is not None
-        and (plan.failure in unowned or not any(tile.holds(one.owner_block) for tile in tiles))
+        if plan.failure is not None and (plan.failure in unowned or tile_of(one.owner_block) not in tiles)
     ]
 
 
-def differs(tile: Tile, run: Run, old: Index, new: Index) -> bool:
+def differs(tile: Block, run: Run, old: Index, new: Index) -> bool:
     """Whether a tile meets other inputs when boxes are corrected."""
-    loaded = seen_with(loaded_with(tile, 1, run.recipe.buffer), run).buffered(BOX_TOLERANCE)
-    return bool((new.meeting(loaded) & ~old.meeting(loaded)).any())
-
-
-def tile_total(
-    runs: Sequence[dict[str, Any]],
-    run: Run,
-    files: Sequence[Path],
-    failed: tuple[str, ...],
-    peak: float,
-) -> Summary:
-    """The sums over all tiles."""
-    counts: dict[str, Counter[str]] = {name: Counter() for name in ("failures", *COUNTED)}
-    for one in runs:
-        for name, counter in counts.items():
-            counter.update(one[name])
-    found = sum(one["found"] for one in runs)
-    return Summary(
-        folder=run.folder,
-        points=run.index.points,
-        points_used=sum(one.get("points_used", 0) for one in runs),
-        found=found,
-        modelled=sum(one.get("modelled", 0) for one in runs),
-        by_lod=dict(sorted(counts["by_lod"].items(), reverse=True)),
-        trust=dict(sorted(counts["trust"].items())),
-        failures=dict(sorted(counts["failures"].items())),
-        fallbacks=dict(sorted(counts["fallbacks"].items())),
-        seconds={name: round(value, 3) for name, value in counts["stage_cpu_seconds"].items()},
-        elapsed=time.time() - run.started,
-        files=tuple(files),
-        failed=failed,
-        run={
-            **run.plan,
-            "crs": run.index.system.code,
-            "peak_memory_mb": round(peak),
-            "tiles": len(runs) - 1,
-        },
-    )
+    loaded = loaded_with(tile, 1, run.recipe.buffer)
+    return bool((inputs_near(loaded, run, new) & ~inputs_near(loaded, run, old)).any())

@@ -28,14 +28,14 @@ def repair_footprints(
     shapes: Iterable[BaseGeometry | None],
     ids: Sequence[str] | None = None,
     attributes: Sequence[Mapping[str, Any]] | None = None,
-) -> list[Footprint]:
-    """The usable footprints among `shapes` (metres), in their order: valid, single, counter-clockwise.
+) -> list[Footprint | Failure]:
+    """The usable footprints among `shapes` (metres), in their order: valid, single, counter-clockwise; a
+    Failure, with a footprint that has id and attributes but no area, for each that has none to build on.
 
     A shape of several parts, or one that crosses itself, becomes several footprints, the largest first; all
     but the first get "-2", "-3", … behind the id. So does an id that was given before.
-    `unusable_footprints` says which shapes are left out, and why.
     """
-    found: list[Footprint] = []
+    found: list[Footprint | Failure] = []
     used: set[str] = set()
     taken = set() if ids is None else set(map(str, ids))
     for number, shape in enumerate(shapes):
@@ -47,31 +47,21 @@ def repair_footprints(
             used.add(name)
             several = {PART: place} if len(parts) > 1 else {}
             found.append(Footprint(part, id=name, attributes=kept | several))
+        if not parts:
+            name = str(number) if ids is None else given
+            reason = f"given footprint '{name}' {defect_of(shape)}"
+            nowhere = Footprint(Polygon(), id=name, attributes=kept)
+            found.append(Failure("no_area", reason, "outline", nowhere))
     return found
 
 
-def unusable_footprints(
-    shapes: Iterable[BaseGeometry | None],
-    ids: Sequence[str] | None = None,
-    attributes: Sequence[Mapping[str, Any]] | None = None,
-) -> list[Failure]:
-    """A Failure, with a footprint that has id and attributes but no area, for each of the `shapes` that has
-    none to build on."""
-    failures = []
-    for number, shape in enumerate(shapes):
-        if repaired_parts(shape):
-            continue
-        name = str(number) if ids is None else str(ids[number])
-        if shape is None or shape.is_empty:
-            what = "has no geometry"
-        elif not np.isfinite(shapely.get_coordinates(shape)).all():
-            what = "has coordinates that are no numbers"
-        else:
-            what = f"is a {shape.geom_type} without area"
-        kept = {} if attributes is None else dict(attributes[number])
-        place = Footprint(Polygon(), id=name, attributes=kept)
-        failures.append(Failure("no_area", f"given footprint '{name}' {what}", "outline", place))
-    return failures
+def defect_of(shape: BaseGeometry | None) -> str:
+    """Why there is nothing to build on in a shape, in words."""
+    if shape is None or shape.is_empty:
+        return "has no geometry"
+    if not np.isfinite(shapely.get_coordinates(shape)).all():
+        return "has coordinates that are no numbers"
+    return f"is a {shape.geom_type} without area"
 
 
 def repaired_parts(shape: BaseGeometry | None) -> list[Polygon]:

@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from eaves.footprints.given import PART, clip_footprints, repair_footprints, unusable_footprints
+from eaves.footprints.given import PART, clip_footprints, repair_footprints
 from eaves.footprints.layouts import NO_SOURCE, SOURCE_NAMES, Layout, Reader, layout_of, text_of
 from eaves.formats import InputError, read_polygons
 from eaves.formats.vectors.geopackage import VectorLayer, list_vector_layers, read_table
@@ -131,8 +131,7 @@ def read_footprints(
         shapes, ids, attributes = read_map(path, id_field, system, area, known)
     if id_field is not None:
         refuse_ids(path, id_field, [row[id_field] for row in attributes])
-    unusable = unusable_footprints(shapes, ids, attributes)
-    whole = repair_footprints(shapes, ids, attributes)
+    whole, unusable = usable_and_not(repair_footprints(shapes, ids, attributes))
     absent: list[Failure] = []
     if known is not None:
         whole, absent = without_absent(whole, known)
@@ -141,9 +140,7 @@ def read_footprints(
         log.warning(
             "%s: footprints of several parts give a row for each part, the first: '%s'", path, parts[0].id
         )
-    clipped = clip_footprints(whole, area)
-    inside = [footprint for footprint in clipped if isinstance(footprint, Footprint)]
-    outside = [failure for failure in clipped if isinstance(failure, Failure)]
+    inside, outside = usable_and_not(clip_footprints(whole, area))
     outside = outside if known is None else []  # of a country's map nobody asks for what lies elsewhere
     for failures in (unusable, absent, outside):
         if failures:
@@ -151,6 +148,12 @@ def read_footprints(
                 "%s: %d footprints cannot be modelled, the first: %s", path, len(failures), failures[0].reason
             )
     return inside, [*unusable, *absent, *outside]
+
+
+def usable_and_not(answers: Sequence[Footprint | Failure]) -> tuple[list[Footprint], list[Failure]]:
+    """The footprints among some answers, and the failures."""
+    usable = [one for one in answers if isinstance(one, Footprint)]
+    return usable, [one for one in answers if isinstance(one, Failure)]
 
 
 def read_map(

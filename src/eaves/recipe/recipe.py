@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -197,7 +196,8 @@ def make_recipe(
         raise ValueError(f"--lod {lod}: unknown level of detail; choose one of: {', '.join(LODS)}")
     _check_given(use_classes, chosen.get("detect"), building_classes, ground_classes)
     if use_classes and not is_named(chosen.get("detect")):
-        chosen["detect"] = _given_by(building_classes)
+        believed = {"classes": tuple(building_classes)} if building_classes else {}
+        chosen["detect"] = {"method": "given_classes", **believed}
     made: dict[str, Method | None] = {}
     for stage in ("detect", *(stage for stage in DEFAULTS if stage != "detect")):
         choice = chosen.get(stage)
@@ -216,13 +216,6 @@ def make_recipe(
         vegetation=VegetationRules() if _with(classes, VEGETATION) else None,
         others=_with(classes, OTHERS),
     )
-
-
-def _given_by(building_classes: Sequence[int] | None) -> str | Mapping[str, Any]:
-    """The detector that believes the files."""
-    if not building_classes:
-        return "given_classes"
-    return {"method": "given_classes", "classes": tuple(building_classes)}
 
 
 def _check_given(

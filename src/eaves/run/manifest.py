@@ -21,15 +21,11 @@ Entry = dict[str, Any]
 """`size` in bytes and `sha256`; empty for a file of a run that has not ended."""
 
 
-def begin_manifest(folder: Path, facts: Mapping[str, Any] | None = None) -> None:
-    """Say that a run writes here, and its facts: until it ends, what an earlier one left is no result."""
-    write_manifest(folder, facts or {}, known_files(folder), False)
-
-
-def note_files(folder: Path, files: Sequence[Path]) -> None:
-    """Note files as they are written, so that a run after this one knows them as ours whatever happens."""
+def begin_manifest(folder: Path, facts: Mapping[str, Any] | None = None, files: Sequence[Path] = ()) -> None:
+    """Say that a run writes here, its facts, and the `files` that it has written: until it ends, what an
+    earlier one left is no result, and whatever happens, a run after this one knows the files as ours."""
     entries: dict[str, Entry] = {name: {} for name in names_of(folder, files)}
-    write_manifest(folder, {}, {**known_files(folder), **entries}, False)
+    write_manifest(folder, facts or {}, {**known_files(folder), **entries}, False)
 
 
 def end_manifest(folder: Path, files: Sequence[Path], complete: bool = True, **facts: Any) -> None:

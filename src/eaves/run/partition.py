@@ -67,17 +67,6 @@ class FileSlice:
 
 
 @dataclass(frozen=True)
-class SliceResult:
-    """The result of reading a part: records read, why not all of them, and the true box where the header's
-    lies."""
-
-    number: int
-    records: int
-    unread: str | None = None
-    box: Bounds | None = None
-
-
-@dataclass(frozen=True)
 class PartMark:
     """The facts of a part that is in place."""
 
@@ -176,7 +165,7 @@ def partition_slice(
     progress: Callable[[int], None] = lambda points: None,
     copied: bool = False,
     key: str = "",
-) -> SliceResult:
+) -> tuple[PartMark, Bounds | None]:
     """Write every usable point of a part to its block's folder; the mark in `parts/` comes last.
 
     `key` is that of `key_of_part`, which the mark bears. Where they are `copied`, the records of a compressed
@@ -207,10 +196,10 @@ def partition_slice(
     writer.finish(unread is None)
     inside = part.box.buffered(BOX_TOLERANCE)
     lies = seen is not None and inside.union(seen) != inside
+    mark = PartMark(key, read, unread, writer.written)
     with atomic(store.folder / "parts" / f"{part.name}.json") as temporary:
-        mark = PartMark(key, read, unread, writer.written)
         temporary.write_text(json.dumps(vars(mark)), encoding="utf-8")
-    return SliceResult(part.number, read, unread, seen if lies else None)
+    return mark, seen if lies else None
 
 
 def partition_chunk(chunk: Chunk, first: int, side: float, window: Window, writer: SliceWriter) -> None:

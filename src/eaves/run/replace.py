@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -35,26 +34,18 @@ SAME = ("x", "y", "z", "return_number", "number_of_returns", "classification")
 """Two points that agree in these are one: a tile delivered again changes only what differs in it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Replaced:
-    """The ids (K,) of a block's points that are gone, and how many of the last scan's points came, and of the
-    earlier ones went."""
-
-    gone: NDArray[np.int64]
-    came: int
-    went: int
-
-
 def keep_gone(task: Task, store: Store, generations: Sequence[int]) -> None:
     """The points of a block that are gone, kept in the store."""
-    done = replace_in(store, task.unit, generations)
-    counts = np.array([done.came, done.went])
-    store.save(GONE, task.unit, {"id": done.gone, "counts": counts}, task.read)
+    gone, counts = replace_in(store, task.unit, generations)
+    store.save(GONE, task.unit, {"id": gone, "counts": np.array(counts)}, task.read)
 
 
-def replace_in(store: Store, block: Block, generations: Sequence[int]) -> Replaced:
+def replace_in(
+    store: Store, block: Block, generations: Sequence[int]
+) -> tuple[NDArray[np.int64], tuple[int, int]]:
     """The points of a block that are replaced: earlier points where later ones cover their place, but of two
-    that agree the later one.
+    that agree the later one. Their ids (K,), ascending, and how many of the last scan's points came, and of
+    the earlier ones went.
 
     What is covered follows from the new points alone: not from the tiles they came in, nor from their order.
 
@@ -82,7 +73,7 @@ def replace_in(store: Store, block: Block, generations: Sequence[int]) -> Replac
         stays[covered[~same]] = False
         stays[new[again]] = False
         came, went = int((~again).sum()), int((~same).sum())
-    return Replaced(np.sort(records["point_id"][~stays]), came, went)
+    return np.sort(records["point_id"][~stays]), (came, went)
 
 
 def covers_place(store: Store, block: Block, first: int, end: int, records: Records) -> Mask:

@@ -28,6 +28,13 @@ def squares_of(bounds: Sequence[Bounds], side: float) -> list[Block]:
     return sorted(found)
 
 
+def squares_touching(bounds: Bounds, side: float) -> list[Block]:
+    """The squares of a side (m) that bounds (world metres) with their east and north sides reach into."""
+    first, last = Block.at(bounds.west, bounds.south, side), Block.at(bounds.east, bounds.north, side)
+    columns, rows = range(first.column, last.column + 1), range(first.row, last.row + 1)
+    return [Block(column, row, side) for column, row in product(columns, rows)]
+
+
 def ring(square: Block) -> list[Block]:
     """A square and the eight around it, in order."""
     return [

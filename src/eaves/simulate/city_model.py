@@ -15,14 +15,13 @@ from shapely import Polygon
 
 from eaves.formats.errors import InputError
 from eaves.formats.models.cityjson_read import CityObject, has_corners, read_cityjson
-from eaves.geometry.rings import as_polygon
+from eaves.geometry.rings import area_vector, as_polygon
 from eaves.model import Bounds, Face, Solid
 from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
-from eaves.model.coordinates import LOCAL_METRES
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace
 from eaves.simulate.objects.solids import extrude_partition
 from eaves.simulate.objects.surfaces import ScannedSurfaces
-from eaves.simulate.objects.terrain import CELL, MARGIN, Terrain
+from eaves.simulate.objects.terrain import CELL, Terrain
 from eaves.simulate.objects.vegetation import Foliage, grow_tree
 from eaves.simulate.town import TRUNK_CLEARANCE, Town
 
@@ -89,14 +88,12 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
     >>> len(town_of_model("nine.city.json").buildings)
     9
     """
-    solids = [
-        (found.id, solid, found) for found in read_cityjson(path, crs).values() for solid in _shells(found)
-    ]
+    solids = [(found, solid) for found in read_cityjson(path, crs).values() for solid in _shells(found)]
     if not solids:
         raise InputError.about(
             path, "holds no building with surfaces", "give a CityJSON file with LoD 1 or 2"
         )
-    corners = np.concatenate([solid.vertices for _, solid, _ in solids])
+    corners = np.concatenate([solid.vertices for _, solid in solids])
     if (np.ptp(corners, axis=0) > LARGEST).any():
         sides = " × ".join(f"{side:.0f}" for side in np.ptp(corners, axis=0))
         most = " × ".join(f"{side:.0f}" for side in LARGEST)
@@ -105,11 +102,11 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
     origin = float(west), float(south)
     buildings: list[ExactBuilding] = []
     faces = 1
-    for name, solid, _ in solids:
+    for found, solid in solids:
         local = Solid(solid.vertices - [*origin, 0.0], solid.faces)
-        building = _exact_building(name, local, len(buildings) + 1, faces)
+        building = _exact_building(found.id, local, len(buildings) + 1, faces)
         if building is None:
-            logger.warning("%s: '%s' has no roof to scan and is left out", path, name)
+            logger.warning("%s: '%s' has no roof to scan and is left out", path, found.id)
             continue
         buildings.append(building)
         faces += len(building.faces)
@@ -125,8 +122,7 @@ def town_of_model(path: str | Path, trees: float = 0.0, seed: int = 0, crs: str 
     bounds = Bounds(0.0, 0.0, float(east), float(north))
     terrain = _terrain_through(buildings, bounds)
     trunks, leaves = _scatter_trees(buildings, bounds, terrain, trees, seed)
-    system = next((found.system for _, _, found in solids), LOCAL_METRES)
-    return Town(bounds, terrain, tuple(buildings), trunks, leaves, origin, system)
+    return Town(bounds, terrain, tuple(buildings), trunks, leaves, origin, solids[0][0].system)
 
 
 def _shells(found: CityObject) -> tuple[Solid, ...]:
@@ -201,8 +197,7 @@ def _tile(faces: list[ExactFace], grid: float) -> list[tuple[Polygon, int]]:
 
 def _face_normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit normal (3,) of a ring (K, 3) by Newell's sum; zero for a ring without area."""
-    after = np.roll(corners, -1, axis=0)
-    total = np.cross(corners - corners[0], after - corners[0]).sum(axis=0)
+    total = area_vector(corners)
     length = float(np.linalg.norm(total))
     return total / length if length > 0 else np.zeros(3)
 
@@ -221,9 +216,7 @@ def _plane_of_face(corners: NDArray[np.float64], normal: NDArray[np.float64]) ->
 
 def _terrain_through(buildings: list[ExactBuilding], bounds: Bounds) -> Terrain:
     """Terrain through the bases of the buildings."""
-    wide = bounds.buffered(MARGIN)
-    columns, rows = int(np.ceil(wide.width / CELL)), int(np.ceil(wide.height / CELL))
-    blank = Terrain(np.zeros((columns + 1, rows + 1)), np.zeros((columns, rows), bool), wide.west, wide.south)
+    blank = Terrain.blank(bounds)
     places = np.array([shapely.get_coordinates(shapely.centroid(b.footprint))[0] for b in buildings])
     bases = np.array([building.base for building in buildings])
     count = min(GROUND_NEIGHBOURS, len(bases))
@@ -231,9 +224,8 @@ def _terrain_through(buildings: list[ExactBuilding], bounds: Bounds) -> Terrain:
     far, which = np.reshape(found[0], (-1, count)), np.reshape(found[1], (-1, count))
     weight = 1.0 / (far + CELL) ** 2
     heights = (weight * bases[which]).sum(axis=1) / weight.sum(axis=1)
-    rough = np.asarray(heights).reshape(columns + 1, rows + 1)
-    smooth = np.asarray(gaussian_filter(rough, SMOOTHING / CELL), np.float64)
-    return Terrain(smooth, blank.water, blank.west, blank.south)
+    rough = np.asarray(heights).reshape(blank.heights.shape)
+    return replace(blank, heights=np.asarray(gaussian_filter(rough, SMOOTHING / CELL), np.float64))
 
 
 def _scatter_trees(

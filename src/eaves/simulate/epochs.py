@@ -15,6 +15,7 @@ from shapely.affinity import affine_transform
 
 from eaves.formats.atomic import atomic
 from eaves.formats.vectors.geopackage import Row, write_polygons
+from eaves.model import Bounds
 from eaves.model.checks import check_positive
 from eaves.model.cloud import snap
 from eaves.simulate.files import undated
@@ -22,12 +23,12 @@ from eaves.simulate.flight import Flight, Pattern
 from eaves.simulate.objects.exact import ExactBuilding, ExactScene
 from eaves.simulate.objects.masses import Mass
 from eaves.simulate.objects.roofs import make_building
-from eaves.simulate.objects.streets import CityBlock, TownStyle, draw_block
+from eaves.simulate.objects.streets import TownStyle, draw_block
 from eaves.simulate.objects.surfaces import ScannedSurfaces
 from eaves.simulate.objects.terrain import TerrainKind
 from eaves.simulate.objects.vegetation import Foliage
 from eaves.simulate.scanner import Scanner, scan_town
-from eaves.simulate.town import RIM, BuildingSite, Town, lay_site, put_extras
+from eaves.simulate.town import APART, RIM, BuildingSite, Town, lay_site, put_extras
 
 CHANGES = ("new", "demolished", "raised", "lowered", "extended", "partly demolished", "roof replaced")
 """The changes that a building can undergo, beside `unchanged`."""
@@ -163,44 +164,39 @@ def simulate_epochs(
     if not 0.0 <= changed <= 1.0:
         raise ValueError(f"changed must be a share between 0 and 1, not {changed}")
     site, plots, corridor = lay_site(area_km2, None, terrain, seed, style)
-    blocks: list[CityBlock] = []
     for number, plot in enumerate(plots):
         whole = bool(site.bounds.buffered(-RIM).contains(plot.corners()).all())
-        blocks.append(draw_block(plot, style, whole, True, np.random.default_rng([seed, 34, number])))
-        for placement in blocks[-1].placements:
+        draw_block(plot, style, whole, True, np.random.default_rng([seed, 34, number]))
+        for placement in plot.placements:
             site.build(placement)
     pairs = _draw_changes(site, changed, np.random.default_rng([seed, 51]))
     extras = put_extras(site.bounds, site.terrain, corridor, np.random.default_rng([seed, 36]))
     towns = []
     for epoch in (0, 1):
         there = BuildingSite(site.bounds, site.terrain)
-        for pair in pairs:
-            building = pair.buildings[epoch]
+        for _, pair in pairs:
+            building = pair[epoch]
             if building is not None:
                 there.add(_renumbered(building, there.faces + 1))
-        for number, (plot, block) in enumerate(zip(plots, blocks, strict=True)):
-            parked = np.random.default_rng([seed, 52, epoch, number]).random(len(block.cars)) < CARS_KEPT
-            cars = [car for car, here in zip(block.cars, parked, strict=True) if here]
+        for number, plot in enumerate(plots):
+            parked = np.random.default_rng([seed, 52, epoch, number]).random(len(plot.cars)) < CARS_KEPT
+            cars = [car for car, here in zip(plot.cars, parked, strict=True) if here]
             rng = np.random.default_rng([seed, 35, number])
-            there.furnish(plot, replace(block, cars=cars), trees, leaf_loss[epoch], rng)
+            there.furnish(replace(plot, cars=cars), trees, leaf_loss[epoch], rng)
         if clutter:
             there.install(seed)
         surfaces = ScannedSurfaces.join([*there.surfaces, *extras])
         towns.append(
             Town(site.bounds, site.terrain, tuple(there.buildings), surfaces, Foliage.join(there.leaves))
         )
-    return Epochs(towns[0], towns[1], tuple(_told(pair) for pair in pairs))
+    return Epochs(towns[0], towns[1], tuple(_told(change, *pair) for change, pair in pairs))
 
 
-@dataclass(frozen=True, eq=False)
-class _Pair:
-    """One building at both times, and what became of it."""
-
-    change: str
-    buildings: tuple[ExactBuilding | None, ExactBuilding | None]
+Pair = tuple[ExactBuilding | None, ExactBuilding | None]
+"""One building at both times."""
 
 
-def _draw_changes(site: BuildingSite, share: float, rng: np.random.Generator) -> list[_Pair]:
+def _draw_changes(site: BuildingSite, share: float, rng: np.random.Generator) -> list[tuple[str, Pair]]:
     """The buildings of a site at both times; a change that a building has no room for becomes another."""
     large = [k for k, one in enumerate(site.buildings) if one.footprint.area >= SMALLEST_M2]
     chosen = rng.permutation(large)[: round(share * len(large))].tolist()
@@ -220,13 +216,13 @@ def _draw_changes(site: BuildingSite, share: float, rng: np.random.Generator) ->
             lower = _shifted_roof(site, k, -way) if change == "lowered" else None
             other = lower or _shifted_roof(site, k, way)
             change = "lowered" if lower else "raised"
-        both: dict[str, tuple[ExactBuilding | None, ExactBuilding | None]] = {
+        both: dict[str, Pair] = {
             "new": (None, building),
             "demolished": (building, None),
             "partly demolished": (other, building),
             "unchanged": (building, building),
         }
-        pairs.append(_Pair(change, both.get(change, (building, other))))
+        pairs.append((change, both.get(change, (building, other))))
     return pairs
 
 
@@ -271,7 +267,8 @@ def _extended(site: BuildingSite, k: int, rng: np.random.Generator) -> ExactBuil
         plan = Polygon([inner, outer, outer + width * along, inner + width * along])
         if not site.area.contains(shapely.get_coordinates(plan)).all():
             continue
-        beyond = [other for other in site.near_but(k, plan) if shapely.intersects(other, plan)]
+        near = [n for n in site.near(Bounds(*plan.bounds).buffered(APART)) if n != k]
+        beyond = [n for n in near if shapely.intersects(site.outlines[n], plan)]
         level = site.floor_of(plan) + rng.uniform(2.5, 3.4)
         if beyond or level > _lowest_eaves(was) + 1.0:
             continue
@@ -333,9 +330,8 @@ def _renumbered(building: ExactBuilding, first: int) -> ExactBuilding:
     return replace(building, faces=faces)
 
 
-def _told(pair: _Pair) -> Change:
-    """The change in figures."""
-    old, new = pair.buildings
+def _told(change: str, old: ExactBuilding | None, new: ExactBuilding | None) -> Change:
+    """The change of a building in figures."""
     one = old or new
     assert one is not None
     size = [(0.0, 0.0) if b is None else (b.footprint.area, _volume(b)) for b in (old, new)]
@@ -345,7 +341,7 @@ def _told(pair: _Pair) -> Change:
         higher = (_volume(new, common) - _volume(old, common)) / common.area
     return Change(
         one.id,
-        pair.change,
+        change,
         None if old is None else old.footprint,
         None if new is None else new.footprint,
         round(higher, 3),

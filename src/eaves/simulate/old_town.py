@@ -20,7 +20,7 @@ from eaves.simulate.objects.houses import (
     lifted,
 )
 from eaves.simulate.objects.roofs import flat
-from eaves.simulate.objects.streets import CityBlock, Placement, Plot, lay_streets
+from eaves.simulate.objects.streets import Placement, Plot, lay_streets
 from eaves.simulate.objects.surfaces import ScannedSurfaces, upright_box
 from eaves.simulate.objects.terrain import Corridor, Terrain, cut_corridor, make_terrain
 from eaves.simulate.objects.vegetation import Foliage
@@ -196,7 +196,8 @@ def simulate_old_town(area_km2: float = 0.04, seed: int = 0) -> OldTown:
         for act in ground.later:
             act(site)
     for ground in grounds:
-        site.furnish(ground.plot, plant(ground.plot, ground.rng), 1.0, 2.5, ground.rng)
+        plant(ground.plot, ground.rng)
+        site.furnish(ground.plot, 1.0, 2.5, ground.rng)
     town = Town(
         bounds,
         site.terrain,
@@ -220,18 +221,15 @@ def in_finer_nodes(terrain: Terrain) -> Terrain:
     return replace(blank, heights=terrain.at(blank.nodes().reshape(-1, 2)).reshape(rows, columns))
 
 
-def plant(plot: Plot, rng: np.random.Generator) -> CityBlock:
+def plant(plot: Plot, rng: np.random.Generator) -> None:
     """Trees and shrubs here and there in a plot and along its street, and cars."""
-    block = CityBlock()
     places = rng.uniform(-0.55, 0.55, (int(rng.integers(4, 14)), 2)) * [plot.length, plot.depth]
-    block.trees.extend(plot.at(float(u), float(v)) for u, v in places)
+    plot.trees.extend(plot.at(float(u), float(v)) for u, v in places)
     places = rng.uniform(-0.5, 0.5, (8, 2)) * [plot.length, plot.depth]
-    block.shrubs.extend(plot.at(float(u), float(v)) for u, v in places)
+    plot.shrubs.extend(plot.at(float(u), float(v)) for u, v in places)
     for u in np.arange(-plot.length / 2 + 6.0, plot.length / 2 - 4.0, 6.0):
-        x, y = plot.at(float(u), plot.depth / 2 + 3.0)
         if rng.random() < 0.4:
-            block.cars.append((float(x), float(y), plot.angle))
-    return block
+            plot.park(float(u), plot.depth / 2 + 3.0)
 
 
 def draw_podium(ground: Ground) -> None:

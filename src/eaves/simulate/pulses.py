@@ -45,24 +45,18 @@ class Receiver:
     threshold: float = 0.08
 
 
-@dataclass(frozen=True, eq=False)
-class Beam:
-    """Rays that stand for a pulse: offsets (K, 2) in beam radii across the axis, shares of energy (K,)."""
+Beam = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Rays that stand for a pulse: offsets (K, 2) in beam radii across the axis, shares of energy (K,)."""
 
-    offsets: NDArray[np.float64]
-    energy: NDArray[np.float64]
+PENCIL: Beam = (np.zeros((1, 2)), np.ones(1))
+"""One ray without width."""
 
 
 def gaussian_beam() -> Beam:
     """Seven rays: the axis, and six at 0.6 of the 1/e² radius; shares follow the Gaussian profile."""
     turn = np.arange(6) * np.pi / 3
     offsets = np.concatenate([np.zeros((1, 2)), 0.6 * np.column_stack([np.cos(turn), np.sin(turn)])])
-    return Beam(offsets, np.array([0.28, *[0.12] * 6]))
-
-
-def pencil_beam() -> Beam:
-    """One ray without width."""
-    return Beam(np.zeros((1, 2)), np.ones(1))
+    return offsets, np.array([0.28, *[0.12] * 6])
 
 
 def trace_pulses(
@@ -86,8 +80,8 @@ def trace_pulses(
     trace_kernel(
         origins,
         directions,
-        beam.offsets * divergence / 2,
-        beam.energy,
+        beam[0] * divergence / 2,
+        beam[1],
         terrain.heights,
         terrain.water,
         terrain.west,

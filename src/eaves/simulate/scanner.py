@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from eaves.model import PointCloud
 from eaves.model.cloud import HIGH_NOISE, LOW_NOISE, UNCLASSIFIED
 from eaves.simulate.flight import Flight, Pattern, Pulses, fly
 from eaves.simulate.objects.exact import ExactScene
-from eaves.simulate.pulses import Beam, Receiver, gaussian_beam, pencil_beam, trace_pulses
+from eaves.simulate.pulses import PENCIL, Beam, Receiver, gaussian_beam, trace_pulses
 from eaves.simulate.ray_grid import RayGrid
 from eaves.simulate.town import Town
 
@@ -48,14 +49,8 @@ class Scanner:
     receiver: Receiver = field(default_factory=Receiver)
 
 
-@dataclass(frozen=True, eq=False)
-class _Echoes:
-    xyz: NDArray[np.float64]
-    number: NDArray[np.uint8]
-    of: NDArray[np.uint8]
-    label: NDArray[np.int32]
-    strip: NDArray[np.uint16]
-    time_s: NDArray[np.float64]
+Echoes = tuple[NDArray[Any], ...]
+"""Of E points: place (E, 3), number and count of the echo, row of the label table, strip, time (s)."""
 
 
 def scan_town(
@@ -110,9 +105,10 @@ def scan_town(
         raise ValueError(f"noise must be at least 0 m, not {noise}")
     survey, device = flight or Flight(), scanner or Scanner()
     grid = town.ray_grid()
-    beam = pencil_beam() if pattern == "random" else gaussian_beam()
+    beam = PENCIL if pattern == "random" else gaussian_beam()
     level = float(np.median(town.terrain.heights))
-    parts = []
+    nothing = np.zeros((0, 3)), *(np.zeros(0, kind) for kind in ("u1", "u1", "i4", "u2", "f8"))
+    parts: list[Echoes] = [nothing]
     for batch, pulses in enumerate(fly(survey, town.bounds, level, grid.highest, density, pattern, seed)):
         parts.append(_listen(grid, pulses, beam, device, noise, pattern == "random", seed, batch))
     return _assemble(town, grid, parts, device, seed)
@@ -127,7 +123,7 @@ def _listen(
     first_only: bool,
     seed: int,
     batch: int,
-) -> _Echoes:
+) -> Echoes:
     """The echoes of a batch of pulses, as points on the axis of the beam."""
     rng = np.random.default_rng([seed, 21, batch])
     shift = np.random.default_rng([seed, 22, pulses.strip]).normal(0.0, device.strip_offset)
@@ -141,7 +137,7 @@ def _listen(
     measured = ranges[pulse, number] + rng.normal(0.0, noise, len(pulse))
     xyz = pulses.origins[pulse] + measured[:, None] * pulses.directions[pulse]
     xyz[:, 2] += 0.0 if first_only else shift
-    return _Echoes(
+    return (
         xyz,
         (number + 1).astype(np.uint8),
         echoes[pulse].astype(np.uint8),
@@ -151,32 +147,27 @@ def _listen(
     )
 
 
-def _assemble(town: Town, grid: RayGrid, parts: list[_Echoes], device: Scanner, seed: int) -> ExactScene:
+def _assemble(town: Town, grid: RayGrid, parts: list[Echoes], device: Scanner, seed: int) -> ExactScene:
     """The scene of all echoes over the town's bounds; a few points become outliers."""
 
-    def joined(name: str, width: tuple[int, ...] = ()) -> NDArray[np.generic]:
-        arrays = [getattr(part, name) for part in parts]
-        return np.concatenate(arrays) if arrays else np.zeros((0, *width))
-
-    xyz = np.asarray(joined("xyz", (3,)), np.float64)
-    inside = np.flatnonzero(town.bounds.contains(xyz))
-    xyz = xyz[inside]
-    label = grid.labels[np.asarray(joined("label"), np.int64)[inside]]
+    joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
+    inside = np.flatnonzero(town.bounds.contains(joined[0]))
+    xyz, number, count, row, strip, time_s = (column[inside] for column in joined)
+    label = grid.labels[row]
     truth_class, building, plane = label[:, 0].astype(np.uint8), label[:, 1].copy(), label[:, 2].copy()
     rng = np.random.default_rng([seed, 23])
     wrong = rng.permutation(len(xyz))[: round(device.outliers * len(xyz))]
     low, high = wrong[::2], wrong[1::2]
     ground = town.terrain.at(xyz[wrong])
-    depth = np.where(np.arange(len(wrong)) % 2 == 0, -rng.uniform(0.5, 15.0, len(wrong)), 0.0)
-    depth += np.where(np.arange(len(wrong)) % 2 == 1, rng.uniform(15.0, 80.0, len(wrong)), 0.0)
-    xyz[wrong, 2] = ground + depth
+    depth, rise = -rng.uniform(0.5, 15.0, len(wrong)), rng.uniform(15.0, 80.0, len(wrong))
+    xyz[wrong, 2] = ground + np.where(np.arange(len(wrong)) % 2, rise, depth)
     truth_class[low], truth_class[high] = LOW_NOISE, HIGH_NOISE
     building[wrong], plane[wrong] = 0, 0
     cloud = PointCloud.from_world(
         xyz + np.array([*town.origin, 0.0]),
         town.origin,
-        return_number=np.asarray(joined("number"), np.uint8)[inside],
-        number_of_returns=np.asarray(joined("of"), np.uint8)[inside],
+        return_number=number,
+        number_of_returns=count,
         classification=np.full(len(xyz), UNCLASSIFIED, np.uint8),
         point_id=np.arange(len(xyz)),
         system=town.system,
@@ -187,6 +178,6 @@ def _assemble(town: Town, grid: RayGrid, parts: list[_Echoes], device: Scanner, 
         building.astype(np.int32),
         plane.astype(np.int32),
         town.buildings,
-        np.asarray(joined("strip"), np.uint16)[inside],
-        np.asarray(joined("time_s"), np.float64)[inside],
+        strip,
+        time_s,
     )

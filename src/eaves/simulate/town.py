@@ -18,7 +18,7 @@ from eaves.simulate.objects.exact import ExactBuilding
 from eaves.simulate.objects.furniture import hang_power_line, park_car, put_fence, span_bridge
 from eaves.simulate.objects.masses import Mass, Plane
 from eaves.simulate.objects.roofs import make_building
-from eaves.simulate.objects.streets import CityBlock, Placement, Plot, TownStyle, draw_block, lay_streets
+from eaves.simulate.objects.streets import Placement, Plot, TownStyle, draw_block, lay_streets
 from eaves.simulate.objects.surfaces import ScannedSurfaces, building_surfaces
 from eaves.simulate.objects.terrain import Corridor, Terrain, TerrainKind, cut_corridor, make_terrain
 from eaves.simulate.objects.vegetation import Foliage, grow_hedge, grow_shrub, grow_tree
@@ -155,11 +155,11 @@ def simulate_town(
     for number, plot in enumerate(plots):
         room = len(built.buildings) < limit
         whole = bool(bounds.buffered(-RIM).contains(plot.corners()).all())
-        block = draw_block(plot, style, whole, room, np.random.default_rng([seed, 34, number]))
-        for placement in block.placements:
+        draw_block(plot, style, whole, room, np.random.default_rng([seed, 34, number]))
+        for placement in plot.placements:
             if len(built.buildings) < limit:
                 built.build(placement)
-        built.furnish(plot, block, trees, leaf_loss, np.random.default_rng([seed, 35, number]))
+        built.furnish(plot, trees, leaf_loss, np.random.default_rng([seed, 35, number]))
     if clutter:
         built.install(seed)
     if buildings is not None and len(built.buildings) < buildings:
@@ -246,7 +246,7 @@ class BuildingSite:
         self.surfaces: list[ScannedSurfaces] = []
         self.leaves: list[Foliage] = []
         self.outlines: list[Polygon] = []
-        self.at: dict[tuple[int, int], list[int]] = {}
+        self.at: dict[tuple[int, int], set[int]] = {}
         self.faces = 0
 
     def build(self, placement: Placement) -> None:
@@ -290,26 +290,17 @@ class BuildingSite:
     def locate(self, k: int) -> None:
         """Note in which squares the k-th outline lies."""
         for square in _squares(Bounds(*self.outlines[k].bounds)):
-            there = self.at.setdefault(square, [])
-            if k not in there:
-                there.append(k)
+            self.at.setdefault(square, set()).add(k)
 
     def overlaps(self, outline: Polygon) -> bool:
         """Whether the outline stands in a building that is there."""
-        near = self.near(Bounds(*outline.bounds))
+        near = (self.outlines[k] for k in self.near(Bounds(*outline.bounds)))
         return any(shapely.intersection(other, outline).area > APART for other in near)
 
-    def near(self, extent: Bounds) -> list[Polygon]:
-        """The outlines whose bounds meet a rectangle, in the order they were built."""
-        numbers = sorted({k for square in _squares(extent) for k in self.at.get(square, ())})
-        some = [self.outlines[k] for k in numbers]
-        return [outline for outline in some if Bounds(*outline.bounds).intersects(extent)]
-
-    def near_but(self, k: int, plan: Polygon) -> list[Polygon]:
-        """The outlines of other buildings than the k-th whose bounds come near a plan."""
-        extent = Bounds(*plan.bounds).buffered(APART)
-        numbers = sorted({n for square in _squares(extent) for n in self.at.get(square, ())} - {k})
-        return [self.outlines[n] for n in numbers]
+    def near(self, extent: Bounds) -> list[int]:
+        """The numbers of the outlines whose bounds meet a rectangle, in the order they were built."""
+        there = sorted({k for square in _squares(extent) for k in self.at.get(square, ())})
+        return [k for k in there if Bounds(*self.outlines[k].bounds).intersects(extent)]
 
     def install(self, seed: int) -> None:
         """Put on the buildings what no reference model has."""
@@ -322,12 +313,10 @@ class BuildingSite:
             rng = np.random.default_rng([seed, 37, building.number])
             self.surfaces.append(install(building, free, rng))
 
-    def furnish(
-        self, plot: Plot, block: CityBlock, trees: float, leaf_loss: float, rng: np.random.Generator
-    ) -> None:
-        """Plant and park what the block holds, where no building stands."""
+    def furnish(self, plot: Plot, trees: float, leaf_loss: float, rng: np.random.Generator) -> None:
+        """Plant and park what the plot holds, where no building stands."""
         near = self.near(Bounds.of(plot.corners()).buffered(GARDEN_REACH))
-        built = shapely.union_all([shapely.buffer(outline, TRUNK_CLEARANCE) for outline in near])
+        built = shapely.union_all([shapely.buffer(self.outlines[k], TRUNK_CLEARANCE) for k in near])
         shapely.prepare(built)
 
         def free(place: NDArray[np.float64]) -> bool:
@@ -341,27 +330,27 @@ class BuildingSite:
             self.leaves.append(leaves)
             self.surfaces.append(trunk)
 
-        for place in block.trees:
+        for place in plot.trees:
             if rng.random() < trees and free(place):
                 plant(place)
-        for place in block.shrubs:
+        for place in plot.shrubs:
             if rng.random() < trees and free(place):
                 self.leaves.append(grow_shrub(float(place[0]), float(place[1]), level(place), rng))
-        for start, end in block.hedges:
+        for start, end in plot.hedges:
             steps = max(1, int(np.hypot(*(end - start)) / 2.0))
             middle = start + (np.arange(steps)[:, None] + 0.5) / steps * (end - start)
             if rng.random() < trees and all(free(place) for place in middle):
                 self.leaves.append(grow_hedge(start, end, self.terrain.at(middle), rng))
-        for start, end in block.fences:
+        for start, end in plot.fences:
             if not shapely.intersects(built, shapely.LineString([start, end])):
                 self.surfaces.append(put_fence(start, end, self.terrain, rng))
-        for x, y, angle in block.cars:
+        for x, y, angle in plot.cars:
             place = np.array([x, y])
             if free(place):
                 self.surfaces.append(park_car(x, y, level(place), angle, rng))
         low, high = plot.corners().min(axis=0), plot.corners().max(axis=0)
         # a wooded town has trees wherever there is room
-        for _ in range(int(max(trees - 1.0, 0.0) * len(block.trees))):
+        for _ in range(int(max(trees - 1.0, 0.0) * len(plot.trees))):
             place = rng.uniform(low, high)
             if free(place):
                 plant(place)

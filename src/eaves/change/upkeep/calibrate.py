@@ -53,9 +53,6 @@ HELD_CELLS = 2000
 CLIP = 8.0
 """Odds (log) beyond which a place is sure either way."""
 
-SCORE_RIDGE = 4.0
-"""Precision of the shift and the scale of the score's odds about 0 and 1."""
-
 
 @dataclass(frozen=True, eq=False)
 class Places:
@@ -163,7 +160,7 @@ def calibrate(
         return Calibrated(*counts, None, None, None, path)
     judged, held = gather(store, run.recipe, method, outlines, truths, progress)
     shipped = method.judged_by
-    start = np.array([*shipped.surface, *shipped.cell])
+    start = weights_of(shipped)
     detector = leave_one_out(judged, held, start)
     rows = as_found(store).rows(as_found(store).owners(run.side))
     scores = {str(row.values["id"]): float(row.values["score"]) for row in rows}
@@ -214,90 +211,61 @@ def gather(
     for k, outline in enumerate(outlines):
         point = outline.representative_point()
         by_block.setdefault(Block.at(point.x, point.y), []).append(k)
-    judged: list[tuple[Values, float]] = []
-    held: list[Places] = []
+    judged, held = [], []
     everything = shapely.STRtree(list(outlines))
     for done, (block, own) in enumerate(sorted(by_block.items()), 1):
         if store.has(BLOCKS, block):
-            seen = See(store, recipe, method, block)
-            for k in own:
-                terms = seen.mean_terms(outlines[k])
-                if terms is not None:
-                    judged.append((terms, float(truths[k])))
+            xy, terms = terms_of_cells(store, recipe, method, block)
+            within = ((k, shapely.contains_xy(outlines[k], xy)) for k in own)
+            judged += [(terms[cells].mean(axis=0), truths[k]) for k, cells in within if cells.any()]
             others = [outlines[k] for k in everything.query(shapely.box(*vars(block.bounds).values()))]
-            held.append(seen.elsewhere(shapely.union_all(others)))
+            free = np.flatnonzero(~shapely.contains_xy(shapely.union_all(others), xy))
+            held.append(terms[free[:: max(1, len(free) // HELD_CELLS)]])
         progress("verdicts", done, len(by_block))
-    terms = np.array([terms for terms, _ in judged]).reshape(len(judged), -1)
-    places = Places(terms, np.array([truth for _, truth in judged]), np.ones(len(judged)))
-    names = ("terms", "truth", "weight")
-    rest = Places(*(np.concatenate([getattr(one, name) for one in held]) for name in names))
-    whole = ANCHOR * len(judged) / max(float(rest.weight.sum()), 1e-9)
-    return places, replace(rest, weight=rest.weight * whole)
+    start = weights_of(method.judged_by)
+    told = np.array([terms for terms, _ in judged]).reshape(len(judged), len(start))
+    rest = np.concatenate([np.zeros((0, len(start))), *held])
+    weight = np.full(len(rest), ANCHOR * len(judged) / max(len(rest), 1))
+    places = Places(told, np.array([float(truth) for _, truth in judged]), np.ones(len(judged)))
+    return places, Places(rest, sigmoid(rest @ start), weight)
 
 
-class See:
-    """A block as the detector sees it: the terms of its surfaces and cells, by the shipped weights."""
+def weights_of(weights: Weights) -> Values:
+    """The weights (T,) of surfaces and of cells."""
+    return np.array([*weights.surface, *weights.cell])
 
-    def __init__(self, store: Store, recipe: Recipe, method: Consensus, block: Block) -> None:
-        cloud, wide, decks = load_block(block, store, recipe)
-        _, scene, _ = see_block(cloud, block, recipe, wide, decks)
-        candidate = method.candidates(scene)
-        _, self.evidence, self.segments = method.find_surfaces(scene, candidate)
-        self.weights, self.origin = method.judged_by, block.origin
-        self.terms = measured_terms(
-            self.evidence, self.segments, method.tolerance(scene.spacing), self.weights, method
-        )
-        self.seen = self.evidence.candidate.ravel()
-        self.label = self.segments.label.ravel()
-        self.large = self.terms.large.ravel()
-        self.cells = self.terms.cell.reshape(self.large.size, -1)
-        self.xy = self.evidence.cells.centres(np.arange(self.evidence.cells.size)) + np.array(block.origin)
 
-    def mean_terms(self, outline: BaseGeometry) -> Values | None:
-        """The mean terms (T,) over the cells in an outline; None where nothing stands there."""
-        west, south, east, north = outline.bounds
-        x, y = self.xy.T
-        near = np.flatnonzero(self.seen & (x >= west) & (x <= east) & (y >= south) & (y <= north))
-        near = near[shapely.contains_xy(outline, self.xy[near])]
-        if not len(near):
-            return None
-        large = near[self.large[near]]
-        surface = self.terms.surface[self.label[large] - 1].sum(axis=0)
-        cell = self.cells[near[~self.large[near]]].sum(axis=0)
-        return np.asarray(np.r_[surface, cell] / len(near))
-
-    def elsewhere(self, outlines: BaseGeometry) -> Places:
-        """The surfaces that no outline meets, and some of the other cells; each counts by its area's root,
-        fifty cells as one surface."""
-        inside = shapely.contains_xy(outlines, self.xy)
-        met = np.bincount(self.label[inside], minlength=len(self.terms.surface) + 1)[1:] > 0
-        free = np.flatnonzero(~met & np.isin(np.arange(1, len(met) + 1), self.label[self.large]))
-        cells = np.flatnonzero(self.seen & ~self.large & ~inside)
-        chosen = cells[:: max(1, len(cells) // HELD_CELLS)]
-        surface, cell = self.terms.surface[free], self.cells[chosen]
-        count = surface.shape[1]
-        terms = np.zeros((len(free) + len(chosen), count + cell.shape[1]))
-        terms[: len(free), :count], terms[len(free) :, count:] = surface, cell
-        share = len(cells) / max(len(chosen), 1) / 50.0
-        weight = np.r_[np.sqrt(self.segments.area[free]), np.full(len(chosen), share)]
-        odds = terms @ np.array([*self.weights.surface, *self.weights.cell])
-        return Places(terms, sigmoid(odds), weight)
+def terms_of_cells(
+    store: Store, recipe: Recipe, method: Consensus, block: Block
+) -> tuple[NDArray[np.float64], Values]:
+    """The places (C, 2) of the cells of a block where something stands, and the terms (C, T) by which the
+    detector judges each: those of its surface, or its own."""
+    cloud, wide, decks = load_block(block, store, recipe)
+    _, scene, _ = see_block(cloud, block, recipe, wide, decks)
+    _, evidence, segments = method.find_surfaces(scene, method.candidates(scene))
+    found = measured_terms(evidence, segments, method.tolerance(scene.spacing), method.judged_by, method)
+    seen = np.flatnonzero(evidence.candidate)
+    large = found.large.ravel()[seen, None]
+    of_surface = np.vstack([np.zeros(found.surface.shape[1]), found.surface])[segments.label.ravel()[seen]]
+    own = found.cell.reshape(-1, found.cell.shape[-1])[seen]
+    xy = evidence.cells.centres(seen) + np.array(block.origin)
+    return xy, np.hstack([np.where(large, of_surface, 0.0), np.where(large, 0.0, own)])
 
 
 def sigmoid(odds: Values) -> Values:
     """Probabilities (N,) of log odds."""
-    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(odds, -30.0, 30.0))))
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(odds, -CLIP, CLIP))))
 
 
-def regress(judged: Places, held: Places, start: Values, ridge: float = RIDGE) -> Values:
+def regress(judged: Places, held: Places, start: Values) -> Values:
     """Weights (T,) that fit the verdicts and hold to what was said elsewhere, near `start` (Newton)."""
     terms = np.concatenate([judged.terms, held.terms])
     truth, weight = np.r_[judged.truth, held.truth], np.r_[judged.weight, held.weight]
     found = start.copy()
     for _ in range(30):
         likely = sigmoid(terms @ found)
-        slope = terms.T @ (weight * (truth - likely)) - ridge * (found - start)
-        curve = (terms * (weight * likely * (1 - likely))[:, None]).T @ terms + ridge * np.eye(len(start))
+        slope = terms.T @ (weight * (truth - likely)) - RIDGE * (found - start)
+        curve = (terms * (weight * likely * (1 - likely))[:, None]).T @ terms + RIDGE * np.eye(len(start))
         step = np.clip(np.linalg.solve(curve, slope), -2.0, 2.0)
         found = found + step
         if np.abs(step).max() < 1e-4:
@@ -305,13 +273,13 @@ def regress(judged: Places, held: Places, start: Values, ridge: float = RIDGE) -
     return np.asarray(found)
 
 
-def leave_one_out(judged: Places, held: Places, start: Values, ridge: float = RIDGE) -> Check:
+def leave_one_out(judged: Places, held: Places, start: Values) -> Check:
     """How each verdict is judged by the weights that all others give."""
     odds = np.zeros(len(judged.truth))
     for k in range(len(odds)):
         others = np.arange(len(odds)) != k
         some = Places(judged.terms[others], judged.truth[others], judged.weight[others])
-        odds[k] = judged.terms[k] @ regress(some, held, start, ridge)
+        odds[k] = judged.terms[k] @ regress(some, held, start)
     return compare(odds, judged.terms @ start, judged.truth > 0.5)
 
 
@@ -319,7 +287,7 @@ def compare(fitted: Values, shipped: Values, truth: NDArray[np.bool_]) -> Check:
     """Two ways to judge (log odds, (N,)) held against the truth."""
     losses = []
     for odds in (fitted, shipped):
-        likely = sigmoid(np.clip(odds, -CLIP, CLIP))
+        likely = sigmoid(odds)
         losses.append(-np.log(np.where(truth, likely, 1.0 - likely)))
     apart = losses[0] - losses[1]
     error = float(apart.std(ddof=1) / np.sqrt(len(apart))) if len(apart) > 1 else np.inf
@@ -337,8 +305,8 @@ def check_score(scores: Values, truth: NDArray[np.bool_]) -> tuple[Check | None,
     terms, start = np.column_stack([np.ones(len(odds)), odds]), np.array([0.0, 1.0])
     judged = Places(terms, truth.astype(float), np.ones(len(odds)))
     none = Places(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
-    shift, scale = regress(judged, none, start, SCORE_RIDGE)
-    return leave_one_out(judged, none, start, SCORE_RIDGE), (float(shift), float(scale))
+    shift, scale = regress(judged, none, start)
+    return leave_one_out(judged, none, start), (float(shift), float(scale))
 
 
 def scaled(score: ScoreWeights, shift: float, scale: float) -> ScoreWeights:

@@ -11,12 +11,12 @@ from shapely import Polygon
 
 from eaves.buildings.building import building_pass
 from eaves.buildings.building_file import Kept, SavedBuilding, as_found, save_buildings
-from eaves.buildings.gather import Gatherer
+from eaves.buildings.gather import Gatherer, blocks_in
 from eaves.buildings.join import BuildingPlan, about, block_of
 from eaves.change.edits import Order
 from eaves.change.upkeep.versions import version_of
 from eaves.flow.region import Region
-from eaves.model import Block, BuildingModel, Failure, Footprint
+from eaves.model import Block, Bounds, BuildingModel, Failure, Footprint
 from eaves.model.results import BuildingResult
 from eaves.run.keys import EDITED
 
@@ -105,14 +105,8 @@ def model_order(
 def model_outline(region: Region, owner: Block, given: Footprint, flat: bool) -> BuildingResult:
     """The result of an outline about the owner block's corner."""
     store, recipe = region.store, region.run.recipe
-    west, south, east, north = given.polygon.bounds
-    x, y = owner.origin
-    first, last = Block.at(west + x, south + y, owner.side), Block.at(east + x, north + y, owner.side)
-    under = tuple(
-        (block, 0)
-        for block in region.blocks
-        if first.column <= block.column <= last.column and first.row <= block.row <= last.row
-    )
+    touched = set(blocks_in(owner, Bounds(*given.polygon.bounds)))
+    under = tuple((block, 0) for block in region.blocks if block in touched)
     building = Gatherer(store).gather(owner, BuildingPlan(under, given))
     if isinstance(building, Failure):
         return BuildingResult.without_points(building)

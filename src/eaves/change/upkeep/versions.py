@@ -17,8 +17,8 @@ import shapely
 from shapely import Polygon
 
 from eaves.buildings.building_file import Kept, SavedBuilding, save_buildings
-from eaves.change.edits import HALF
 from eaves.formats.atomic import atomic
+from eaves.geometry.overlaps import half_shared, pair_off
 from eaves.model import BLOCK_SIDE, Block, BuildingModel, Failure
 from eaves.model.results import BuildingResult
 from eaves.run.keys import BUILDINGS, NAMED
@@ -133,18 +133,11 @@ def match(earlier: Sequence[Placed], fresh: Sequence[Placed]) -> dict[int, int]:
         and shapely.intersects(one.polygon, earlier[by_id[one.id]].polygon)
         and is_given(one)
     }
-    tree = shapely.STRtree([one.polygon for one in earlier])
-    shared = []
-    for k, j in tree.query([one.polygon for one in fresh], predicate="intersects").T if len(fresh) else ():
-        area = shapely.intersection(fresh[k].polygon, earlier[j].polygon).area
-        if area >= HALF * min(fresh[k].polygon.area, earlier[j].polygon.area) and area > 0:
-            shared.append((-float(area), earlier[j].id, int(k), int(j)))
-    used = set(partners.values())
-    for _, _, k, j in sorted(shared):
-        if k not in partners and j not in used and not is_given(fresh[k]):
-            partners[k] = j
-            used.add(j)
-    return partners
+    before, after = ([one.polygon for one in some] for some in (earlier, fresh))
+    shared = [
+        (-area, earlier[j].id, k, j) for area, j, k in half_shared(before, after) if not is_given(fresh[k])
+    ]
+    return pair_off(((k, j) for _, _, k, j in sorted(shared)), partners)
 
 
 def is_given(one: Placed) -> bool:
@@ -174,11 +167,7 @@ def block_names(
         elif now and k in partners and (old := block_id(earlier[partners[k]])):
             area = one.polygon.area
             shared[now, old] = shared.get((now, old), 0.0) + area
-    kept: dict[str, str] = {}
-    for (now, old), _ in sorted(shared.items(), key=lambda item: (-item[1], item[0])):
-        if now not in kept and old not in kept.values():
-            kept[now] = old
-    return kept
+    return pair_off(pair for pair, _ in sorted(shared.items(), key=lambda item: (-item[1], item[0])))
 
 
 def block_id(one: Placed) -> str:

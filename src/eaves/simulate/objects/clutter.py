@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from eaves.model.cloud import BUILDING
 from eaves.simulate.objects.exact import ExactBuilding, ExactFace
-from eaves.simulate.objects.surfaces import UP, ScannedSurfaces, curtain, fan, upright_box
+from eaves.simulate.objects.surfaces import UP, ScannedSurfaces, closed, curtains, fan, upright_box
 
 FROM_EDGE = 0.6
 """The least distance of objects from the edge of a face (m)."""
@@ -95,7 +95,7 @@ def _raised(
     plan = np.stack([place + a * size[0] * along + b * size[1] * across for a, b in signs])
     low = np.column_stack([plan, face.height_at(plan)])
     high = low + lift * UP
-    return [fan(high), *(curtain(low[[k, (k + 1) % 4]], high[[k, (k + 1) % 4]]) for k in range(4))]
+    return [fan(high), *curtains(closed(low), closed(high))]
 
 
 def _panels(

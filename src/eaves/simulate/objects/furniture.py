@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.model.cloud import BRIDGE_DECK, UNCLASSIFIED, WIRE, WIRE_TOWER
-from eaves.simulate.objects.surfaces import UP, ScannedSurfaces, curtain, fan, upright_box
+from eaves.simulate.objects.surfaces import UP, ScannedSurfaces, curtain, curtains, fan, upright_box
 from eaves.simulate.objects.terrain import Corridor, Terrain
 
 
@@ -30,8 +30,7 @@ def put_fence(
     plan = start + np.linspace(0.0, 1.0, max(2, int(length / 2.0) + 1))[:, None] * (end - start)
     low = np.column_stack([plan, terrain.at(plan) - 0.2])
     high = low + (0.2 + rng.uniform(0.9, 2.0)) * UP
-    pieces = [curtain(low[k : k + 2], high[k : k + 2]) for k in range(len(plan) - 1)]
-    return ScannedSurfaces.of(pieces, UNCLASSIFIED)
+    return ScannedSurfaces.of(curtains(low, high), UNCLASSIFIED)
 
 
 def hang_power_line(
@@ -85,14 +84,8 @@ def span_bridge(x: float, y: float, corridor: Corridor, terrain: Terrain) -> Sca
     ]
     pieces = []
     for (p, low), (q, high) in pairwise(stations):
-        deck = np.stack(
-            [
-                [*(p - 4 * along), low],
-                [*(q - 4 * along), high],
-                [*(q + 4 * along), high],
-                [*(p + 4 * along), low],
-            ]
-        )
+        corners = ((p, low, -4), (q, high, -4), (q, high, 4), (p, low, 4))
+        deck = np.stack([[*(end + aside * along), level_there] for end, level_there, aside in corners])
         pieces.append(fan(deck))
         for a, b in ((0, 1), (3, 2)):
             rail = deck[[a, b]]

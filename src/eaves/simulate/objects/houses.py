@@ -80,12 +80,13 @@ def lifted(masses: Masses, height: float) -> Masses:
     return shifted_masses(masses, 0.0, 0.0, height)
 
 
-def _tangent(kind: str, rng: np.random.Generator) -> float:
-    return float(np.tan(np.radians(rng.uniform(*SLOPES_DEG[kind]))))
+def _slope(rng: np.random.Generator, least: float, most: float) -> float:
+    """The tangent of a slope between two angles (degrees)."""
+    return float(np.tan(np.radians(rng.uniform(least, most))))
 
 
-def _upper(rng: np.random.Generator) -> float:
-    return float(np.tan(np.radians(rng.uniform(12.0, 30.0))))
+UPPER_DEG = 12.0, 30.0
+"""Slopes of the upper parts of gambrels and mansards."""
 
 
 def draw_detached(rng: np.random.Generator) -> Design:
@@ -94,7 +95,7 @@ def draw_detached(rng: np.random.Generator) -> Design:
     length, width = rng.uniform(8.0, 14.5), rng.uniform(6.5, 10.5)
     length = max(length, 1.1 * width)
     eaves = STOREY * rng.integers(1, 3) + rng.uniform(0.0, 0.7)
-    slope = _tangent(kind, rng) if kind in SLOPES_DEG else 0.0
+    slope = _slope(rng, *SLOPES_DEG[kind]) if kind in SLOPES_DEG else 0.0
     shapes: dict[str, Callable[[], Masses]] = {
         "flat": lambda: flat(length, width),
         "flat with parapet": lambda: flat(length, width, rng.uniform(0.3, 1.0)),
@@ -104,8 +105,8 @@ def draw_detached(rng: np.random.Generator) -> Design:
         "hip": lambda: hip(length, width, slope, slope * rng.uniform(0.8, 1.3)),
         "half-hip": lambda: hip(length, width, slope, 1.1 * slope, rng.uniform(0.4, 0.7)),
         "pyramid": lambda: pyramid(width + 1.0, slope),
-        "gambrel": lambda: gambrel(length, width, slope, _upper(rng), rng.uniform(0.9, 1.5)),
-        "mansard": lambda: mansard(length, width, slope, _upper(rng), rng.uniform(0.7, 1.2)),
+        "gambrel": lambda: gambrel(length, width, slope, _slope(rng, *UPPER_DEG), rng.uniform(0.9, 1.5)),
+        "mansard": lambda: mansard(length, width, slope, _slope(rng, *UPPER_DEG), rng.uniform(0.7, 1.2)),
         "L-shape": lambda: _with_wing(length, width, slope, rng, at_end=True),
         "T-shape": lambda: _with_wing(length, width, slope, rng, at_end=False),
     }
@@ -133,7 +134,7 @@ def _dormers(length: float, width: float, main: Mass, rng: np.random.Generator) 
     span = rng.uniform(1.6, 3.2)
     eaves = slope * setback + rng.uniform(1.0, 1.5)
     ridge = _height_on(main, 0.0, 0.0)
-    tilt = float(np.tan(np.radians(rng.uniform(20.0, 40.0))))
+    tilt = _slope(rng, 20.0, 40.0)
     pointed = rng.random() < 0.6
     top = eaves + (tilt * span / 2 if pointed else 0.0)
     if top > 0.85 * ridge:
@@ -170,7 +171,7 @@ def draw_row(frontage: float, rng: np.random.Generator) -> Design:
     house = rng.uniform(5.0, 7.0)
     count = min(int(rng.integers(4, 10)), int(frontage // house))
     depth, eaves = rng.uniform(8.0, 10.5), STOREY * 2 + rng.uniform(0.0, 0.8)
-    slope = float(np.tan(np.radians(rng.uniform(30.0, 48.0))))
+    slope = _slope(rng, 30.0, 48.0)
     every = int(rng.integers(2, 5))
     masses: Masses = ()
     lift, push = 0.0, 0.0
@@ -192,14 +193,11 @@ def draw_town_house(frontage: float, depth: float, rng: np.random.Generator) -> 
     eaves = STOREY * rng.integers(2, 6) + rng.uniform(0.0, 1.0)
     pick = rng.random()
     if pick < 0.35:
-        masses = gable(frontage, depth, float(np.tan(np.radians(rng.uniform(30.0, 50.0)))))
+        masses = gable(frontage, depth, _slope(rng, 30.0, 50.0))
     elif pick < 0.6:
-        sides = gambrel(frontage, depth, float(np.tan(np.radians(rng.uniform(60.0, 72.0)))), _upper(rng), 1.2)
-        masses = sides
+        masses = gambrel(frontage, depth, _slope(rng, 60.0, 72.0), _slope(rng, *UPPER_DEG), 1.2)
     elif pick < 0.75:
-        masses = shifted_masses(
-            gable(depth, frontage, float(np.tan(np.radians(rng.uniform(30.0, 45.0))))), 0, 0, 0, np.pi / 2
-        )
+        masses = shifted_masses(gable(depth, frontage, _slope(rng, 30.0, 45.0)), 0, 0, 0, np.pi / 2)
     else:
         masses = flat(frontage, depth, rng.uniform(0.3, 1.1))
     if rng.random() < 0.5:
@@ -220,7 +218,7 @@ def draw_perimeter(length: float, width: float, rng: np.random.Generator) -> Des
     eaves = STOREY * rng.integers(3, 6) + rng.uniform(0.0, 1.0)
     sides = str(rng.choice(["SEWN", "SEW", "SE"], p=[0.5, 0.3, 0.2]))
     if rng.random() < 0.65:
-        slope = float(np.tan(np.radians(rng.uniform(25.0, 45.0))))
+        slope = _slope(rng, 25.0, 45.0)
         masses = tuple(_mitred_wing(length, width, deep, slope, side, sides) for side in sides)
         return Design(f"{_LETTER[sides]} pitched", lifted(masses, eaves), rng.uniform(0.1, 0.5))
     wings = [_mitred_wing(length, width, deep, 0.0, side, sides).polygon for side in sides]
@@ -280,7 +278,7 @@ def draw_hall(length: float, width: float, rng: np.random.Generator) -> Design:
             masses += shifted_masses(gable(2.0, 0.6 * width, 0.6), float(x), 0.0, 0.3)
         return Design("hall", lifted(masses, eaves))
     if pick < 0.75:
-        masses = gable(length, width, float(np.tan(np.radians(rng.uniform(4.0, 12.0)))))
+        masses = gable(length, width, _slope(rng, 4.0, 12.0))
         return Design("hall", lifted(masses, eaves), 0.3)
     count = int(length // 9.0)
     tooth = length / count
@@ -292,7 +290,7 @@ def draw_hall(length: float, width: float, rng: np.random.Generator) -> Design:
 def draw_church(rng: np.random.Generator) -> Design:
     """A church: steep nave, transept, a tower with a spire."""
     length, width, eaves = rng.uniform(24.0, 36.0), rng.uniform(10.0, 14.0), rng.uniform(8.0, 12.0)
-    slope = float(np.tan(np.radians(rng.uniform(45.0, 56.0))))
+    slope = _slope(rng, 45.0, 56.0)
     masses = lifted(gable(length, width, slope), eaves)
     masses += lifted(
         shifted_masses(gable(width + 10.0, 0.8 * width, slope), 0.2 * length, 0.0, 0.0, np.pi / 2), eaves

@@ -90,26 +90,23 @@ Segment = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
-class CityBlock:
-    """The contents of one block of the town, in town coordinates. Trees and shrubs are places (x, y)."""
-
-    placements: list[Placement] = field(default_factory=list)
-    trees: list[NDArray[np.float64]] = field(default_factory=list)
-    shrubs: list[NDArray[np.float64]] = field(default_factory=list)
-    hedges: list[Segment] = field(default_factory=list)
-    fences: list[Segment] = field(default_factory=list)
-    cars: list[tuple[float, float, float]] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
 class Plot:
-    """The rectangle of a block: its centre, direction and size (m)."""
+    """The rectangle of a block: its centre, direction and size (m); and what it holds, in town coordinates.
+
+    Trees and shrubs are places (x, y).
+    """
 
     x: float
     y: float
     angle: float
     length: float
     depth: float
+    placements: list[Placement] = field(default_factory=list)
+    trees: list[NDArray[np.float64]] = field(default_factory=list)
+    shrubs: list[NDArray[np.float64]] = field(default_factory=list)
+    hedges: list[Segment] = field(default_factory=list)
+    fences: list[Segment] = field(default_factory=list)
+    cars: list[tuple[float, float, float]] = field(default_factory=list)
 
     def at(self, u: float, v: float) -> NDArray[np.float64]:
         """The town coordinates of a place in the block's own."""
@@ -120,6 +117,25 @@ class Plot:
         """The four corners (4, 2)."""
         half = self.length / 2, self.depth / 2
         return np.stack([self.at(a * half[0], b * half[1]) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+
+    def inner(self, border: float, across: float) -> Plot:
+        """The bare rectangle within, smaller by so much (m) along and across."""
+        return Plot(self.x, self.y, self.angle, self.length - border, self.depth - across)
+
+    def put(self, design: Design, u: float, v: float, turn: float = 0.0) -> None:
+        """Place a building, turned (radians)."""
+        x, y = self.at(u, v)
+        self.placements.append(Placement(design, float(x), float(y), self.angle + turn))
+
+    def park(self, u: float, v: float, turn: float = 0.0) -> None:
+        """Place a car, turned (radians)."""
+        x, y = self.at(u, v)
+        self.cars.append((float(x), float(y), self.angle + turn))
+
+    def scatter(self, count: int, rng: np.random.Generator) -> list[NDArray[np.float64]]:
+        """Places at random."""
+        u, v = rng.uniform(-0.5, 0.5, (2, count)) * [[self.length], [self.depth]]
+        return [self.at(float(a), float(b)) for a, b in zip(u, v, strict=True)]
 
 
 def lay_streets(
@@ -157,12 +173,12 @@ def lay_streets(
     return [near[k] for k in rng.permutation(len(near))], strip
 
 
-def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.random.Generator) -> CityBlock:
+def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.random.Generator) -> None:
     """The buildings and trees of a plot, drawn by the town's style, with its street trees and parked cars.
 
     A plot that is not `whole` gets small houses only; one that is not `built` is a park.
     """
-    blocks: dict[str, Callable[[Plot, CityBlock, np.random.Generator], None]] = {
+    blocks: dict[str, Callable[[Plot, np.random.Generator], None]] = {
         "detached": _detached,
         "rows": _rows,
         "perimeter": _perimeter,
@@ -173,53 +189,35 @@ def draw_block(plot: Plot, style: TownStyle, whole: bool, built: bool, rng: np.r
         "tower": _tower,
         "park": _park,
     }
-    block = CityBlock()
     shares = BLOCK_SHARES[style]
     kind = str(rng.choice(list(shares), p=list(shares.values())))
     if not whole and kind not in SMALL_BLOCKS:
         kind = "detached"
-    blocks[kind if built else "park"](plot, block, rng)
+    blocks[kind if built else "park"](plot, rng)
     for side in (-1.0, 1.0):
-        _along_street(plot, block, side, rng)
-    return block
+        _along_street(plot, side, rng)
 
 
-def _along_street(plot: Plot, block: CityBlock, side: float, rng: np.random.Generator) -> None:
+def _along_street(plot: Plot, side: float, rng: np.random.Generator) -> None:
     """Trees every 7 to 12 m on four streets in five, and cars at the kerb."""
     kerb = side * (plot.depth / 2 + 2.0)
     if rng.random() < 0.8:
         step = rng.uniform(7.0, 12.0)
         for u in np.arange(-plot.length / 2 + 3.0, plot.length / 2, step):
-            block.trees.append(plot.at(float(u), kerb))
+            plot.trees.append(plot.at(float(u), kerb))
     for u in np.arange(-plot.length / 2 + 6.0, plot.length / 2 - 4.0, 6.0):
         if rng.random() < 0.4:
-            x, y = plot.at(float(u), kerb + side * 1.8)
-            block.cars.append((float(x), float(y), plot.angle + rng.normal(0.0, 0.03)))
+            plot.park(float(u), kerb + side * 1.8, rng.normal(0.0, 0.03))
 
 
-def _put(plot: Plot, block: CityBlock, design: Design, u: float, v: float, turn: float = 0.0) -> None:
-    x, y = plot.at(u, v)
-    block.placements.append(Placement(design, float(x), float(y), plot.angle + turn))
-
-
-def _scatter_houses(plot: Plot, count: int, rng: np.random.Generator) -> list[NDArray[np.float64]]:
-    u, v = rng.uniform(-0.5, 0.5, (2, count)) * [[plot.length], [plot.depth]]
-    return [plot.at(float(a), float(b)) for a, b in zip(u, v, strict=True)]
-
-
-def _detached(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
+def _detached(plot: Plot, rng: np.random.Generator) -> None:
     """Two rows of lots back to back; each has a house, often a shed, a hedge or fence, two or three trees."""
     for side in (-1.0, 1.0):
         u = -plot.length / 2
-        while True:
-            frontage = rng.uniform(13.0, 20.0)
-            if u + frontage > plot.length / 2:
-                break
+        while (frontage := rng.uniform(13.0, 20.0)) + u <= plot.length / 2:
             middle, turn = u + frontage / 2, np.radians(rng.uniform(-LOT_TURN_DEG, LOT_TURN_DEG))
             turn += (0.0 if side < 0 else np.pi) + (np.pi / 2 if rng.random() < 0.25 else 0.0)
-            _put(
-                plot,
-                block,
+            plot.put(
                 draw_detached(rng),
                 middle,
                 side * (plot.depth / 2 - rng.uniform(7.5, 10.0)),
@@ -227,21 +225,17 @@ def _detached(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
             )
             if rng.random() < 0.35:
                 place = middle + rng.uniform(-0.3, 0.3) * frontage, side * rng.uniform(2.5, 4.5)
-                _put(plot, block, draw_garden_shed(rng), *place, float(turn))
+                plot.put(draw_garden_shed(rng), *place, float(turn))
             border = plot.at(u, side * plot.depth / 2), plot.at(u, 0.0)
-            (block.hedges if rng.random() < 0.5 else block.fences).append(border)
-            for _ in range(int(rng.integers(1, 6))):
-                block.trees.append(
-                    plot.at(u + rng.uniform(0.0, frontage), side * rng.uniform(0.0, plot.depth / 2))
-                )
-            for _ in range(int(rng.integers(3, 10))):
-                block.shrubs.append(
-                    plot.at(u + rng.uniform(0.0, frontage), side * rng.uniform(0.0, plot.depth / 2))
-                )
+            (plot.hedges if rng.random() < 0.5 else plot.fences).append(border)
+            for planted, low, high in ((plot.trees, 1, 6), (plot.shrubs, 3, 10)):
+                for _ in range(int(rng.integers(low, high))):
+                    place = u + rng.uniform(0.0, frontage), side * rng.uniform(0.0, plot.depth / 2)
+                    planted.append(plot.at(*place))
             u += frontage
 
 
-def _rows(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
+def _rows(plot: Plot, rng: np.random.Generator) -> None:
     """Two rows of houses back to back with sheds at the ends of the gardens."""
     for side in (-1.0, 1.0):
         room = plot.length - 4.0
@@ -250,82 +244,79 @@ def _rows(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
             design = draw_row(room / 2 - start, rng)
             west, _, east, _ = design.outline.bounds
             turn = 0.0 if side < 0 else np.pi
-            _put(plot, block, design, start + (east - west) / 2, side * (plot.depth / 2 - 7.5), turn)
+            plot.put(design, start + (east - west) / 2, side * (plot.depth / 2 - 7.5), turn)
             start += east - west + 3.0
         for u in np.arange(-room / 2 + 3.0, room / 2, 6.0):
             if rng.random() < 0.25:
-                _put(plot, block, draw_garden_shed(rng), float(u), side * 3.2, np.pi / 2)
+                plot.put(draw_garden_shed(rng), float(u), side * 3.2, np.pi / 2)
             if rng.random() < 0.6:
-                block.trees.append(plot.at(float(u) + 2.5, side * rng.uniform(4.0, 9.0)))
+                plot.trees.append(plot.at(float(u) + 2.5, side * rng.uniform(4.0, 9.0)))
             if rng.random() < 0.5:
-                block.fences.append(
+                plot.fences.append(
                     (plot.at(float(u) + 3.0, side * 1.0), plot.at(float(u) + 3.0, side * 10.0))
                 )
-            block.shrubs.append(plot.at(float(u), side * rng.uniform(5.0, 10.0)))
-    block.hedges.append((plot.at(-plot.length / 2 + 3.0, 0.0), plot.at(plot.length / 2 - 3.0, 0.0)))
+            plot.shrubs.append(plot.at(float(u), side * rng.uniform(5.0, 10.0)))
+    plot.hedges.append((plot.at(-plot.length / 2 + 3.0, 0.0), plot.at(plot.length / 2 - 3.0, 0.0)))
 
 
-def _perimeter(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
+def _perimeter(plot: Plot, rng: np.random.Generator) -> None:
     """One building around a courtyard with trees."""
-    _put(plot, block, draw_perimeter(plot.length - 4.0, plot.depth - 4.0, rng), 0.0, 0.0)
-    inner = Plot(plot.x, plot.y, plot.angle, plot.length - 34.0, plot.depth - 34.0)
-    block.trees.extend(_scatter_houses(inner, int(rng.integers(6, 16)), rng))
-    block.shrubs.extend(_scatter_houses(inner, 10, rng))
+    plot.put(draw_perimeter(plot.length - 4.0, plot.depth - 4.0, rng), 0.0, 0.0)
+    inner = plot.inner(34.0, 34.0)
+    plot.trees.extend(inner.scatter(int(rng.integers(6, 16)), rng))
+    plot.shrubs.extend(inner.scatter(10, rng))
 
 
-def _town_houses(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
+def _town_houses(plot: Plot, rng: np.random.Generator) -> None:
     """Two rows of separate buildings wall to wall, each of its own height."""
     for side in (-1.0, 1.0):
         u = -plot.length / 2 + 2.0
         deep = rng.uniform(10.0, 13.0)
         while (frontage := rng.uniform(6.5, 13.0)) + u < plot.length / 2 - 2.0:
             design = draw_town_house(frontage, deep, rng)
-            _put(
-                plot,
-                block,
+            plot.put(
                 design,
                 u + frontage / 2,
                 side * (plot.depth / 2 - deep / 2 - 1.5),
                 0.0 if side < 0 else np.pi,
             )
             u += frontage
-    inner = Plot(plot.x, plot.y, plot.angle, plot.length - 8.0, plot.depth - 30.0)
-    block.trees.extend(_scatter_houses(inner, int(rng.integers(8, 22)), rng))
+    inner = plot.inner(8.0, 30.0)
+    plot.trees.extend(inner.scatter(int(rng.integers(8, 22)), rng))
 
 
-def _slabs(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
+def _slabs(plot: Plot, rng: np.random.Generator) -> None:
     """Slabs of flats on a lawn with trees and parked cars."""
-    _put(plot, block, draw_slab(plot.length - 12.0, rng), 0.0, -plot.depth / 2 + 11.0)
+    plot.put(draw_slab(plot.length - 12.0, rng), 0.0, -plot.depth / 2 + 11.0)
     if plot.depth > 50.0:
-        _put(plot, block, draw_slab(plot.length - 20.0, rng), rng.uniform(-4.0, 4.0), plot.depth / 2 - 11.0)
-    block.trees.extend(_scatter_houses(plot, int(rng.integers(15, 35)), rng))
+        plot.put(draw_slab(plot.length - 20.0, rng), rng.uniform(-4.0, 4.0), plot.depth / 2 - 11.0)
+    plot.trees.extend(plot.scatter(int(rng.integers(15, 35)), rng))
 
 
-def _hall(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
+def _hall(plot: Plot, rng: np.random.Generator) -> None:
     """An industrial hall with a fenced yard."""
     length, width = rng.uniform(0.55, 0.85) * plot.length, rng.uniform(0.5, 0.75) * plot.depth
-    _put(plot, block, draw_hall(length, width, rng), 0.0, 0.0)
+    plot.put(draw_hall(length, width, rng), 0.0, 0.0)
     corners = plot.corners()
     for k in range(3):
-        block.fences.append((corners[k], corners[k + 1]))
+        plot.fences.append((corners[k], corners[k + 1]))
     for u in np.arange(-plot.length / 2 + 4.0, plot.length / 2 - 4.0, 3.0):
         if rng.random() < 0.5:
-            x, y = plot.at(float(u), -plot.depth / 2 + 3.5)
-            block.cars.append((float(x), float(y), plot.angle + np.pi / 2))
+            plot.park(float(u), -plot.depth / 2 + 3.5, np.pi / 2)
 
 
-def _church(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
-    _put(plot, block, draw_church(rng), 0.0, 0.0)
-    block.trees.extend(_scatter_houses(plot, 20, rng))
+def _church(plot: Plot, rng: np.random.Generator) -> None:
+    plot.put(draw_church(rng), 0.0, 0.0)
+    plot.trees.extend(plot.scatter(20, rng))
 
 
-def _tower(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
-    _put(plot, block, draw_tower(rng), rng.uniform(-0.2, 0.2) * plot.length, 0.0)
-    block.trees.extend(_scatter_houses(plot, 15, rng))
+def _tower(plot: Plot, rng: np.random.Generator) -> None:
+    plot.put(draw_tower(rng), rng.uniform(-0.2, 0.2) * plot.length, 0.0)
+    plot.trees.extend(plot.scatter(15, rng))
 
 
-def _park(plot: Plot, block: CityBlock, rng: np.random.Generator) -> None:
+def _park(plot: Plot, rng: np.random.Generator) -> None:
     """Trees and shrubs, a hut."""
-    block.trees.extend(_scatter_houses(plot, int(plot.length * plot.depth / 50.0), rng))
-    block.shrubs.extend(_scatter_houses(plot, 25, rng))
-    _put(plot, block, draw_garden_shed(rng), 0.0, 0.0)
+    plot.trees.extend(plot.scatter(int(plot.length * plot.depth / 50.0), rng))
+    plot.shrubs.extend(plot.scatter(25, rng))
+    plot.put(draw_garden_shed(rng), 0.0, 0.0)

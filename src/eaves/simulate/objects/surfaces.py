@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.rings import as_polygon
+from eaves.geometry.rings import area_vector, as_polygon
 from eaves.model import Labels, Solid
 from eaves.model.building import GROUND_SURFACE, WALL_SURFACE
 from eaves.model.cloud import BUILDING
@@ -57,13 +57,8 @@ class ScannedSurfaces:
     @classmethod
     def join(cls, parts: Iterable[ScannedSurfaces]) -> ScannedSurfaces:
         """All the triangles of the parts, in order."""
-        all_parts = [cls.of([], 0), *parts]
-        return cls(
-            np.concatenate([part.corners for part in all_parts]),
-            np.concatenate([part.truth_class for part in all_parts]),
-            np.concatenate([part.building for part in all_parts]),
-            np.concatenate([part.plane for part in all_parts]),
-        )
+        every = [vars(part).values() for part in (cls.of([], 0), *parts)]
+        return cls(*map(np.concatenate, zip(*every, strict=True)))
 
 
 def tile_polygon(polygon: Polygon) -> NDArray[np.float64]:
@@ -82,6 +77,16 @@ def fan(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 def curtain(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
     """Two upright triangles between a lower segment (2, 3) and the upper one (2, 3) over it."""
     return fan(np.stack([low[0], low[1], high[1], high[0]]))
+
+
+def curtains(low: NDArray[np.float64], high: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Curtains from each corner of a lower line (K, 3) to the next, up to the line (K, 3) over it."""
+    return [curtain(low[k : k + 2], high[k : k + 2]) for k in range(len(low) - 1)]
+
+
+def closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The corners of a ring (K, 3) with the first one again at its end."""
+    return np.concatenate([ring, ring[:1]])
 
 
 def building_surfaces(building: ExactBuilding) -> ScannedSurfaces:
@@ -121,9 +126,8 @@ def _shell_surfaces(building: ExactBuilding, shell: Solid) -> ScannedSurfaces:
         rings = [shell.vertices[list(ring)] for ring in face.rings]
         parts.append(ScannedSurfaces.of([triangulate_in_space(rings)], BUILDING, building.number, number))
         if face.surface == GROUND_SURFACE:
-            high = np.concatenate([rings[0], rings[0][:1]])
-            low = high - SKIRT * UP
-            skirt = [curtain(low[k : k + 2], high[k : k + 2]) for k in range(len(rings[0]))]
+            high = closed(rings[0])
+            skirt = curtains(high - SKIRT * UP, high)
             parts.append(ScannedSurfaces.of(skirt, BUILDING, building.number))
     return ScannedSurfaces.join(parts)
 
@@ -131,7 +135,7 @@ def _shell_surfaces(building: ExactBuilding, shell: Solid) -> ScannedSurfaces:
 def triangulate_in_space(rings: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """Triangles (T, 3, 3) of a planar face with holes; none for a face without area."""
     outer = rings[0]
-    normal = np.cross(outer - outer[0], np.roll(outer, -1, axis=0) - outer[0]).sum(axis=0)
+    normal = area_vector(outer)
     if not np.linalg.norm(normal) > 0:
         return np.zeros((0, 3, 3))
     axis = int(np.argmax(np.abs(normal)))
@@ -158,7 +162,7 @@ def _walls_under_eaves(building: ExactBuilding) -> list[NDArray[np.float64]]:
             plan = shapely.get_coordinates(line)
             low = np.column_stack([plan, np.full(len(plan), building.base)])
             high = np.column_stack([plan, face.height_at(plan) - BELOW_ROOF])
-            walls += [curtain(low[k : k + 2], high[k : k + 2]) for k in range(len(plan) - 1)]
+            walls += curtains(low, high)
     return walls
 
 
@@ -172,5 +176,5 @@ def upright_box(
     plan = np.column_stack([x + corners @ np.array([cos, -sin]), y + corners @ np.array([sin, cos])])
     low = np.column_stack([plan, np.full(4, z)])
     high = low + height * UP
-    sides = [curtain(low[[k, (k + 1) % 4]], high[[k, (k + 1) % 4]]) for k in range(4)]
+    sides = curtains(closed(low), closed(high))
     return [*sides, fan(high)] if with_top else sides

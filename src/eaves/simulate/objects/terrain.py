@@ -36,6 +36,14 @@ class Terrain:
     south: float
     cell: float = CELL
 
+    @classmethod
+    def blank(cls, bounds: Bounds) -> Terrain:
+        """Level, dry terrain over `bounds` (m) and a margin."""
+        wide = bounds.buffered(MARGIN)
+        columns, rows = int(np.ceil(wide.width / CELL)), int(np.ceil(wide.height / CELL))
+        heights = np.zeros((columns + 1, rows + 1))
+        return cls(heights, np.zeros((columns, rows), bool), wide.west, wide.south)
+
     def at(self, xy: NDArray[np.float64]) -> Values:
         """Heights (N,) of the two-triangle surface at (N, 2 or 3); the rim's square beyond the rim."""
         columns, rows = self.water.shape
@@ -86,9 +94,7 @@ def make_terrain(kind: TerrainKind, bounds: Bounds, rng: np.random.Generator) ->
     terraced: a slope of 7 to 12 % in steps of 1.5 to 3 m with retaining walls one lattice square wide. On
     all of them 2 cm of unevenness.
     """
-    wide = bounds.buffered(MARGIN)
-    columns, rows = int(np.ceil(wide.width / CELL)), int(np.ceil(wide.height / CELL))
-    blank = Terrain(np.zeros((columns + 1, rows + 1)), np.zeros((columns, rows), bool), wide.west, wide.south)
+    blank = Terrain.blank(bounds)
     xy = blank.nodes()
     heights = LEVEL + _swells(xy, rng, 0.15, (60.0, 150.0))
     direction = rng.uniform(0.0, 2 * np.pi)

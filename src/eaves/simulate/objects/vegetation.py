@@ -37,12 +37,8 @@ class Foliage:
     @classmethod
     def join(cls, parts: list[Foliage]) -> Foliage:
         """All the bodies of the parts, in order."""
-        every = [cls.none(), *parts]
-        return cls(
-            np.concatenate([part.bodies for part in every]),
-            np.concatenate([part.shape for part in every]),
-            np.concatenate([part.truth_class for part in every]),
-        )
+        every = [vars(part).values() for part in (cls.none(), *parts)]
+        return cls(*map(np.concatenate, zip(*every, strict=True)))
 
 
 def _one(

@@ -1,0 +1,41 @@
+"""Polygons of two sets that stand for each other, by the area in common."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TypeVar
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+One = TypeVar("One")
+Other = TypeVar("Other")
+
+HALF = 0.5
+"""Polygons are at one place that share this part of either."""
+
+
+def half_shared(ones: Sequence[BaseGeometry], others: Sequence[BaseGeometry]) -> list[tuple[float, int, int]]:
+    """Area (m²) in common, and the numbers in both sets, of polygons at one place."""
+    first, second = np.array([*ones], object), np.array([*others], object)
+    if not len(first) or not len(second):
+        return []
+    j, i = shapely.STRtree(first).query(second, predicate="intersects")
+    shared = shapely.area(shapely.intersection(first[i], second[j]))
+    least = np.minimum(shapely.area(first)[i], shapely.area(second)[j])
+    kept = (shared > 0) & (shared >= HALF * least)
+    return list(zip(shared[kept].tolist(), i[kept].tolist(), j[kept].tolist(), strict=True))
+
+
+def pair_off(
+    ranked: Iterable[tuple[One, Other]], known: Mapping[One, Other] | None = None
+) -> dict[One, Other]:
+    """Pairs, the best first, of which each of either set is in one at most; beside those `known`."""
+    pairs = dict(known or {})
+    taken = set(pairs.values())
+    for one, other in ranked:
+        if one not in pairs and other not in taken:
+            pairs[one] = other
+            taken.add(other)
+    return pairs
