@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from eaves.geometry.planes import LocalPlanes, local_planes
-from eaves.model import Labels, Mask, PointCloud, Points, Values
+from eaves.model import Integers, Labels, Mask, PointCloud, Points, Values
 from eaves.model.scene import TREE, WALL
 
 NEIGHBOURS = 24
@@ -47,11 +47,11 @@ def find_walls_and_trees(
     return part
 
 
-def grow_regions(xyz: Points, planes: LocalPlanes, smooth_angle: float) -> NDArray[np.int64]:
+def grow_regions(xyz: Points, planes: LocalPlanes, smooth_angle: float) -> Integers:
     """Region (N,), counted from 0: connected points of like normals (degrees) with no step between them."""
     likeness, rise = np.cos(np.radians(smooth_angle)), np.sin(np.radians(smooth_angle))
 
-    def joined(other: NDArray[np.int64]) -> Mask:
+    def joined(other: Integers) -> Mask:
         link = xyz[other] - xyz
         length = np.sqrt((link**2).sum(axis=1))
         alike = (planes.normals * planes.normals[other]).sum(axis=1) > likeness
@@ -67,13 +67,13 @@ def grow_regions(xyz: Points, planes: LocalPlanes, smooth_angle: float) -> NDArr
 def euclidean_components(xyz: Points, planes: LocalPlanes, join: float) -> Labels:
     """Numbers (N,) from 0 of the connected components: neighbours nearer than `join` (m) are one."""
 
-    def joined(other: NDArray[np.int64]) -> Mask:
+    def joined(other: Integers) -> Mask:
         return np.asarray(((xyz[other] - xyz) ** 2).sum(axis=1) <= join * join)
 
     return connected_points(planes, joined)
 
 
-def connected_points(planes: LocalPlanes, joined: Callable[[NDArray[np.int64]], Mask]) -> Labels:
+def connected_points(planes: LocalPlanes, joined: Callable[[Integers], Mask]) -> Labels:
     """Components (N,) of the graph of neighbours whose link `joined` (others (N,) → mask (N,)) keeps."""
     count, around = len(planes.neighbours), planes.neighbours[:, 1:]
     rows, columns = [], []
@@ -86,7 +86,7 @@ def connected_points(planes: LocalPlanes, joined: Callable[[NDArray[np.int64]], 
     return np.asarray(connected_components(graph, directed=False)[1], np.int32)
 
 
-def region_areas(xyz: Points, region: NDArray[np.int64], side: float) -> Values:
+def region_areas(xyz: Points, region: Integers, side: float) -> Values:
     """Area (K,) in m² of each region of points (N, 3): its occupied cells of the given side (m)."""
     cell = np.floor(xyz[:, :2] / side).astype(np.int64)
     cell -= cell.min(axis=0)

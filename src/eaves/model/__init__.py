@@ -1,6 +1,6 @@
 """The nouns that flow."""
 
-from eaves.model.arrays import Grid, Labels, Mask, Points, Values
+from eaves.model.arrays import Grid, Integers, Labels, Mask, Points, Values
 from eaves.model.block import BLOCK_SIDE, Block, Bounds
 from eaves.model.building import (
     Boundary,
@@ -30,6 +30,7 @@ __all__ = [
     "Footprint",
     "Grid",
     "Installation",
+    "Integers",
     "Labels",
     "Mask",
     "PointCloud",

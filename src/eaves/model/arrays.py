@@ -13,5 +13,7 @@ Labels = NDArray[np.int32]
 """(N,) or (H, W) labels; 0 means none."""
 Values = NDArray[np.float64]
 """(N,) numbers."""
+Integers = NDArray[np.int64]
+"""(N,) whole numbers: places, counts, vertices of faces."""
 Grid = NDArray[np.float32]
 """(H, W) raster values, row 0 north, NaN where missing."""

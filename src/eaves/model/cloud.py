@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model.arrays import Mask, Points, Values
+from eaves.model.arrays import Integers, Mask, Points, Values
 from eaves.model.block import Block, Bounds, Scalar
 from eaves.model.checks import check_lengths, check_points
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
@@ -69,7 +69,7 @@ class PointCloud:
     number_of_returns: NDArray[np.uint8] | None = None
     classification: NDArray[np.uint8] | None = None
     part: NDArray[np.uint8] | None = None
-    point_id: NDArray[np.int64] | None = None
+    point_id: Integers | None = None
     system: CoordinateSystem = field(default=LOCAL_METRES)
     ordered: bool = False
 
@@ -135,7 +135,7 @@ class PointCloud:
             changes.setdefault("ordered", False)
         return replace(self, **changes)  # type: ignore[arg-type]
 
-    def take(self, which: Mask | NDArray[np.int64]) -> PointCloud:
+    def take(self, which: Mask | Integers) -> PointCloud:
         """The points picked by a mask (N,) or by indices, in that order; the cloud itself when it is all."""
         # to take by indices, and along the first axis, is several times as fast as to index
         index = np.flatnonzero(which) if which.dtype == np.bool_ else which
@@ -163,7 +163,7 @@ class PointCloud:
         shift = np.array([self.origin[0] - origin[0], self.origin[1] - origin[1], 0.0])
         return replace(self, xyz=snap(self.xyz + shift), origin=origin, ordered=False)
 
-    def canonical_order(self) -> NDArray[np.int64]:
+    def canonical_order(self) -> Integers:
         """Indices that put the points in the one order every method sees: by 1 m cell, row by row, then
         y, x, z.
 
@@ -197,17 +197,17 @@ def snap(xyz: Points) -> Points:
     return np.round(xyz / GRID_STEP) * GRID_STEP
 
 
-def millimetres(values: Values) -> NDArray[np.int64]:
+def millimetres(values: Values) -> Integers:
     """Values (N,) as whole millimetres above the metre under the lowest; those not finite count as 0."""
     finite = np.isfinite(values)
     known = values if finite.all() else np.where(finite, values, 0.0)
     shifted = known - np.floor(known.min())
     shifted *= 1000.0
-    whole: NDArray[np.int64] = np.rint(shifted, out=shifted).astype(np.int64)
+    whole: Integers = np.rint(shifted, out=shifted).astype(np.int64)
     return whole
 
 
-def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> NDArray[np.int64]:
+def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> Integers:
     """Indices (N,) that sort points (N, 3) by 1 m cell, row by row, and inside a cell by y, x, z (1 mm)."""
     if len(xyz) == 0:
         return np.zeros(0, np.int64)
@@ -247,7 +247,7 @@ def millimetre_of(value: float, level: float) -> Any:
 
 
 @kernel
-def keys_kernel(xyz: Points) -> tuple[NDArray[np.int64], int, bool]:
+def keys_kernel(xyz: Points) -> tuple[Integers, int, bool]:
     """Keys (N,) that rise by 1 m cell, row by row, and inside a cell by y, x, z; how many there are to a
     cell, 0 where 63 bits do not hold them; and whether they rise already.
     """
@@ -279,7 +279,7 @@ CELLS_A_POINT, MOST_IN_CELL = 4, 512
 
 
 @kernel
-def order_kernel(key: NDArray[np.int64], of_cell: int) -> NDArray[np.int64]:
+def order_kernel(key: Integers, of_cell: int) -> Integers:
     """Indices (N,) that sort keys (N,) of cells with `of_cell` each: dealt out to the cells, then sorted in
     each; none where there are so many cells, or so many points in one, that this is slow.
     """

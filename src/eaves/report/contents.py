@@ -20,7 +20,7 @@ from shapely import MultiPolygon, Polygon
 from eaves.formats import InputError, iter_cityjson, read_polygons
 from eaves.formats.crs import parse_crs, system_of
 from eaves.geometry.roof_fit import collect_faces, fit_roof
-from eaves.model import Bounds, CoordinateSystem, Mask, Points, Values
+from eaves.model import Bounds, CoordinateSystem, Integers, Mask, Points, Values
 from eaves.model.building import LODS
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.scene import ROOF
@@ -187,7 +187,7 @@ def place_of(building: str, rows: list[dict[str, Any]], folder: Path) -> int:
 
 def nearest_buildings(
     polygons: list[Polygon | MultiPolygon], limit: int, around: int | None = None
-) -> NDArray[np.int64]:
+) -> Integers:
     """The numbers of at most `limit` polygons, in their order: those nearest to the one of number `around`,
     or to the median of all."""
     if len(polygons) <= limit:

@@ -23,7 +23,7 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
-from eaves.model import Points, Raster
+from eaves.model import Integers, Points, Raster, Values
 from eaves.model.building import LODS
 from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.coordinates import describe_units
@@ -280,7 +280,7 @@ def pack_rows(rows: list[dict[str, Any]], names: list[str]) -> dict[str, Any]:
     return {"names": names, "data": base64.b64encode(zlib.compress(text, DEFLATION)).decode("ascii")}
 
 
-def terrain_heights(contents: Contents, xy: Points) -> NDArray[np.float64]:
+def terrain_heights(contents: Contents, xy: Points) -> Values:
     """Heights (N,) of the drawn terrain at places (N, 2); 0 where it is not known."""
     if not contents.terrain.size:
         return np.zeros(len(xy))
@@ -298,7 +298,7 @@ def flat_footprints(contents: Contents) -> list[tuple[Points, ...]]:
     return flat
 
 
-def draped_outlines(contents: Contents) -> tuple[Points, NDArray[np.int64]]:
+def draped_outlines(contents: Contents) -> tuple[Points, Integers]:
     """The outlines on the terrain in short pieces, (E, 2, 3), and the row (from 1) of each."""
     pieces, owner = [np.zeros((0, 2, 3))], [np.zeros(0, np.int64)]
     for number, shape in enumerate(contents.polygons, 1):

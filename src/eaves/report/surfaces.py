@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from eaves.formats import CityObject
 from eaves.geometry.rings import following_places
-from eaves.model import Mask, Points
+from eaves.model import Integers, Mask, Points, Values
 from eaves.model.building import GROUND_SURFACE, LODS, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
 
 SURFACES = (GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE, OUTER_CEILING_SURFACE)
@@ -47,12 +47,12 @@ class CityFaces:
     """
 
     corners: Points
-    ring_start: NDArray[np.int64]
-    face_start: NDArray[np.int64]
-    building: NDArray[np.int64]
-    lod: NDArray[np.int64]
-    kind: NDArray[np.int64]
-    error: NDArray[np.int64]
+    ring_start: Integers
+    face_start: Integers
+    building: Integers
+    lod: Integers
+    kind: Integers
+    error: Integers
 
     @classmethod
     def of(cls, faces: Iterable[CityFace]) -> CityFaces:
@@ -114,10 +114,10 @@ class FaceTriangles:
     `faces`."""
 
     corners: Points
-    face: NDArray[np.int64]
+    face: Integers
     faces: CityFaces
 
-    def figure(self, name: str) -> NDArray[np.int64]:
+    def figure(self, name: str) -> Integers:
         """`building`, `lod`, `kind` or `error` of every triangle (T,)."""
         return np.asarray(getattr(self.faces, name)[self.face], np.int64)
 
@@ -177,11 +177,11 @@ def cut_into_triangles(faces: CityFaces) -> FaceTriangles:
 
 def _take_own_corners(
     corners: Points,
-    uv: NDArray[np.float64],
-    owner: NDArray[np.int64],
+    uv: Values,
+    owner: Integers,
     own: Points,
-    places: NDArray[np.float64],
-    number: NDArray[np.int64],
+    places: Values,
+    number: Integers,
 ) -> None:
     """Put triangle corners (T, 3, 3) where the faces' own (V, 3) are, whose places on their plane and faces
     are given: faces are planar to a millimetre only, and neighbours must meet."""
@@ -209,7 +209,7 @@ def face_edges(faces: CityFaces) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     return ends, np.repeat(ring_face, size)
 
 
-def _frames(corners: Points, sizes: NDArray[np.int64], outer: NDArray[np.int64]) -> NDArray[np.float64]:
+def _frames(corners: Points, sizes: Integers, outer: Integers) -> Values:
     """Origin, two directions on its plane and its normal, (F, 4, 3), of each ring numbered in `outer`; the
     rings have `sizes` corners each."""
     start = np.cumsum(sizes) - sizes
@@ -229,6 +229,6 @@ def _frames(corners: Points, sizes: NDArray[np.int64], outer: NDArray[np.int64])
     return np.stack([corners[start[outer]], first, second, normal], axis=1)
 
 
-def _triangle_area(corner: NDArray[np.float64]) -> NDArray[np.float64]:
+def _triangle_area(corner: Values) -> Values:
     one, two = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     return np.asarray(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model import Raster, Values
+from eaves.model import Integers, Raster, Values
 
 PATCH = 8
 """Cells a side of the patches whose highest cell is known, so that rays pass over low ground in strides."""
@@ -19,9 +19,9 @@ class HorizonPlaces:
     """Places (N,) on roof faces: `xyz` (N, 3), `face` (N,) their face's number from 1, and of every face
     from 0 its plane z = a·x + b·y + c (F + 1, 3); row 0 is unused."""
 
-    xyz: NDArray[np.float64]
+    xyz: Values
     face: NDArray[np.int32]
-    planes: NDArray[np.float64]
+    planes: Values
 
 
 def horizons(
@@ -103,9 +103,9 @@ def horizons_kernel(
     west: float,
     north: float,
     cell: float,
-    xyz: NDArray[np.float64],
+    xyz: Values,
     face: NDArray[np.int32],
-    planes: NDArray[np.float64],
+    planes: Values,
     directions: int,
     reach: float,
     clearance: float,
@@ -152,7 +152,7 @@ def horizons_kernel(
     return found
 
 
-def sky_shares(horizon: NDArray[np.float32], normal: NDArray[np.float64]) -> Values:
+def sky_shares(horizon: NDArray[np.float32], normal: Values) -> Values:
     """Share (N,) of an even sky's light that reaches planes of one normal (3,), above horizons (N, K).
 
     The integral of the cosine of incidence over the sky that is seen, in closed form along each direction,
@@ -169,8 +169,8 @@ def sky_shares(horizon: NDArray[np.float32], normal: NDArray[np.float64]) -> Val
 
 
 def lit_light(
-    horizon: NDArray[np.float32], azimuth: Values, elevation: Values, light: Values, month: NDArray[np.int64]
-) -> NDArray[np.float64]:
+    horizon: NDArray[np.float32], azimuth: Values, elevation: Values, light: Values, month: Integers
+) -> Values:
     """The sum (N, 12) by month of the light (H,) of those hours in which the sun stands above the horizon.
 
     `azimuth` (H,) is clockwise from grid north, as the horizon's directions are.
@@ -189,11 +189,11 @@ def lit_light(
 @kernel
 def lit_light_kernel(
     horizon: NDArray[np.float32],
-    azimuth: NDArray[np.float64],
-    tangent: NDArray[np.float64],
-    light: NDArray[np.float64],
-    month: NDArray[np.int64],
-) -> NDArray[np.float64]:
+    azimuth: Values,
+    tangent: Values,
+    light: Values,
+    month: Integers,
+) -> Values:
     """`lit_light` of horizons (K, N); between two directions their tangent is linear."""
     directions, places = horizon.shape
     total = np.zeros((12, places))

@@ -13,7 +13,7 @@ from scipy import ndimage
 from shapely import Polygon
 
 from eaves.geometry.rings import area_vector
-from eaves.model import Raster, Values
+from eaves.model import Integers, Raster, Values
 from eaves.solar.horizon import HorizonPlaces, horizons, lit_light, sky_shares
 from eaves.solar.sun import MONTHS, Hours, light_on_plane
 
@@ -54,7 +54,7 @@ class RoofFace:
     polygon: Polygon
     row: dict[str, Any]
 
-    def plane(self) -> NDArray[np.float64]:
+    def plane(self) -> Values:
         """The coefficients (3,) of its plane z = a·x + b·y + c."""
         ring = shapely.get_coordinates(self.polygon.exterior, include_z=True)[:-1]
         area = area_vector(ring)
@@ -91,7 +91,7 @@ def best_in_the_open(hours: Hours, rules: SolarRules) -> float:
     return best
 
 
-def light_in_the_open(hours: Hours, normal: NDArray[np.float64], rules: SolarRules) -> Values:
+def light_in_the_open(hours: Hours, normal: Values, rules: SolarRules) -> Values:
     """kWh/m² (12,) by month on a plane of a normal (3,; east, true north, up) with nothing in the way."""
     beam, sky, back = light_on_plane(hours, normal, rules.albedo)
     seen = 0.5 * (1.0 + normal[2])
@@ -141,7 +141,7 @@ def light_on_faces(
     return answers
 
 
-def number_cells(faces: Sequence[RoofFace], planes: NDArray[np.float64], dsm: Raster) -> NDArray[np.int32]:
+def number_cells(faces: Sequence[RoofFace], planes: Values, dsm: Raster) -> NDArray[np.int32]:
     """Number (H, W) from 1 of the highest roof face at the middle of each cell, 0 for none."""
     face_at = np.zeros(dsm.shape, np.int32)
     height = np.full(dsm.shape, -np.inf)
@@ -166,7 +166,7 @@ def number_cells(faces: Sequence[RoofFace], planes: NDArray[np.float64], dsm: Ra
     return face_at
 
 
-Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
+Cells = tuple[Integers, Integers]
 
 
 def face_cells(
@@ -186,7 +186,7 @@ def light_on_face(
     number: int,
     face: RoofFace,
     cells: Cells,
-    planes: NDArray[np.float64],
+    planes: Values,
     face_at: NDArray[np.int32],
     dsm: Raster,
     hours: Hours,
@@ -234,7 +234,7 @@ def light_on_face(
     )
 
 
-def face_rings(polygon: Polygon) -> list[NDArray[np.float64]]:
+def face_rings(polygon: Polygon) -> list[Values]:
     """The rings of a polygon with heights, without repeated point, the outer one first."""
     return [
         shapely.get_coordinates(ring, include_z=True)[:-1] for ring in (polygon.exterior, *polygon.interiors)

@@ -10,10 +10,9 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.formats import InputError
-from eaves.model import Values
+from eaves.model import Integers, Values
 
 SOLAR_CONSTANT = 1367.0
 """W/m², of [rigollier2000]."""
@@ -33,7 +32,7 @@ class Hours:
     outside the atmosphere (W/m²).
     """
 
-    month: NDArray[np.int64]
+    month: Integers
     """From 0."""
     azimuth: Values
     elevation: Values
@@ -147,7 +146,7 @@ def hours_of_year(zone_h: float) -> Values:
     return np.asarray(start + (np.arange(HOURS) + 0.5 - zone_h) / 24.0, np.float64)
 
 
-def month_of_hours() -> NDArray[np.int64]:
+def month_of_hours() -> Integers:
     """The month, from 0, of every hour of a common year."""
     days = np.datetime64(f"{YEAR}-01-01") + np.arange(HOURS // 24)
     months = days.astype("datetime64[M]").astype(np.int64) % MONTHS
@@ -155,7 +154,7 @@ def month_of_hours() -> NDArray[np.int64]:
 
 
 def kept_hours(
-    month: NDArray[np.int64],
+    month: Integers,
     azimuth: Values,
     elevation: Values,
     direct: Values,
@@ -217,7 +216,7 @@ def read_epw(path: Path) -> Weather:
     return Weather(light[:, 0], light[:, 1], zone, ", ".join(filter(None, place[1:4])))
 
 
-def light_on_plane(hours: Hours, normal: NDArray[np.float64], albedo: float) -> tuple[Values, Values, Values]:
+def light_on_plane(hours: Hours, normal: Values, albedo: float) -> tuple[Values, Values, Values]:
     """Light (W/m²) on a plane in every hour, after [haydavies1980], in three parts.
 
     First the beam and the share of the diffuse light that comes from around the sun, which anything before

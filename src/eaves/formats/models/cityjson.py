@@ -18,16 +18,16 @@ import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date, datetime
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import name_units
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid
+from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid, Values
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
 from eaves.model.coordinates import LOCAL_METRES, describe_units
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
@@ -100,31 +100,20 @@ def write_cityjson_seq(
     """
     count = 0
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-        writer: _Vertices | None = None
-        for model in models:
-            footprint = None if isinstance(model, str) else model.footprint
-            if footprint is None and not isinstance(model, str):
-                continue
-            if writer is None:
-                writer = _Vertices(system, footprint, translate)
-                file.write(
-                    _line(_frame(writer, system, title, provenance) | {"CityObjects": {}, "vertices": []})
-                )
-            count += 1
+        known = (model for model in models if isinstance(model, str) or model.footprint is not None)
+        first = list(islice(known, 1))
+        near = next((model.footprint for model in first if not isinstance(model, str)), None)
+        vertices = _Vertices(system, near, translate)
+        head = _frame(vertices, system, title, provenance)
+        file.write(_line(head | {"CityObjects": {}, "vertices": []}))
+        for count, model in enumerate(chain(first, known), 1):
             if isinstance(model, str):
                 file.write(model)
                 continue
-            writer = writer.emptied()
-            objects = _city_objects(model, writer, f"building-{count}")
+            vertices.clear()
+            objects = _city_objects(model, vertices, f"building-{count}")
             feature = {"type": "CityJSONFeature", "id": next(iter(objects))}
-            file.write(_line(feature | {"CityObjects": objects, "vertices": writer.integers}))
-        if writer is None:
-            file.write(
-                _line(
-                    _frame(_Vertices(system, None, translate), system, title, provenance)
-                    | {"CityObjects": {}, "vertices": []}
-                )
-            )
+            file.write(_line(feature | {"CityObjects": objects, "vertices": vertices.integers}))
     return count
 
 
@@ -173,10 +162,10 @@ def write_cityjson(
     writer, count = _Vertices(system), 0
     objects: dict[str, Json] = {}
     for model in models:
-        if footprint_of(model) is None:
+        if model.footprint is None:
             continue
         if count == 0:
-            writer = _Vertices(system, footprint_of(model))
+            writer = _Vertices(system, model.footprint)
         count += 1
         _add_objects(objects, _city_objects(model, writer, f"building-{count}"))
     frame = _frame(writer, system, title, provenance)
@@ -218,11 +207,6 @@ def clean(value: Any) -> Any:
     return value.isoformat() if isinstance(value, date | datetime) else str(value)
 
 
-def footprint_of(result: Result) -> Footprint | None:
-    """The footprint of a model or a failure; None for a failure without."""
-    return result.footprint
-
-
 def attributes_of(result: Result) -> Json:
     """The attributes written for a building: its footprint's, overruled by its own; why it failed."""
     footprint = result.footprint
@@ -256,14 +240,12 @@ class _Vertices:
         self.integers: list[list[int]] = []
         self._number: dict[tuple[int, ...], int] = {}
 
-    def emptied(self) -> _Vertices:
-        """The same frame with no vertices."""
-        fresh = object.__new__(_Vertices)
-        fresh.unit, fresh.scale, fresh.translate = self.unit, self.scale, self.translate
-        fresh.integers, fresh._number = [], {}
-        return fresh
+    def clear(self) -> None:
+        """Leave the vertices out, and keep the frame."""
+        self.integers.clear()
+        self._number.clear()
 
-    def add(self, xyz: NDArray[np.float64], origin: tuple[float, float]) -> list[int]:
+    def add(self, xyz: Values, origin: tuple[float, float]) -> list[int]:
         """Numbers of vertices (N, 3) given in metres about `origin`."""
         steps = np.round(((xyz + np.array([*origin, 0.0])) / self.unit - self.translate) / self.scale).astype(
             np.int64
@@ -368,7 +350,7 @@ def _footprint_surface(footprint: Footprint, base: float, vertices: _Vertices) -
     return {"type": "MultiSurface", "lod": "0", "boundaries": [boundary] if boundary else []}
 
 
-def _spaced(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+def _spaced(ring: Values) -> Values:
     """A ring (M, 2) without points that would be one with the point before them: validators snap at a step,
     and rounding moves each point by up to a half."""
     kept = [ring[0]]
@@ -380,7 +362,7 @@ def _spaced(ring: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array(kept)
 
 
-def _polygon_rings(polygon: Polygon) -> Iterator[NDArray[np.float64]]:
+def _polygon_rings(polygon: Polygon) -> Iterator[Values]:
     """Rings (M, 2) without repeated point, counter-clockwise outside, clockwise holes."""
     if polygon.is_empty:
         return

@@ -25,7 +25,7 @@ from eaves.formats.errors import InputError
 from eaves.formats.points.chunk import FARTHEST
 from eaves.formats.qgis.tables import describe_layers
 from eaves.formats.vectors.vector_files import OFFLINE, REMEDY, checked_vector
-from eaves.model import Bounds, CoordinateSystem
+from eaves.model import Bounds, CoordinateSystem, Integers
 from eaves.model.columns import COLUMNS, DETAILS, LAYERS
 from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.provenance import NOTHING_KNOWN, Provenance
@@ -356,7 +356,7 @@ def is_parquet(path: Path) -> bool:
 
 def _read_layer(
     path: Path, layer: str | None, within: Bounds | None, target: CoordinateSystem | None
-) -> tuple[dict[str, Any], NDArray[np.int64], NDArray[np.object_], list[Any]]:
+) -> tuple[dict[str, Any], Integers, NDArray[np.object_], list[Any]]:
     """A layer as pyogrio reads it: its description, the features' numbers from 1, their geometries as WKB
     and their columns."""
     if is_parquet(path):

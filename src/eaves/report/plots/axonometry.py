@@ -8,9 +8,8 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from eaves.model import Mask, Points, Raster
+from eaves.model import Integers, Mask, Points, Raster, Values
 from eaves.report.contents import Contents, finest_faces, read_contents
 from eaves.report.plots.plan import SUN_ALTITUDE_DEG, SUN_AZIMUTH_DEG
 from eaves.report.surfaces import SURFACES, cut_into_triangles, face_edges
@@ -75,7 +74,7 @@ def models_figure(
     return figure
 
 
-def view_matrix(azimuth_deg: float, elevation_deg: float) -> NDArray[np.float64]:
+def view_matrix(azimuth_deg: float, elevation_deg: float) -> Values:
     """Rows: right, up and towards the eye, of an eye south of the scene turned by `azimuth_deg`."""
     turn, tilt = np.radians(azimuth_deg), np.radians(elevation_deg)
     back = np.array([-np.sin(turn) * np.cos(tilt), -np.cos(turn) * np.cos(tilt), np.sin(tilt)])
@@ -83,7 +82,7 @@ def view_matrix(azimuth_deg: float, elevation_deg: float) -> NDArray[np.float64]
     return np.stack([right, np.cross(back, right), back])
 
 
-def drawn_scene(contents: Contents) -> tuple[Points, NDArray[np.float64], Points]:
+def drawn_scene(contents: Contents) -> tuple[Points, Values, Points]:
     """Triangles (T, 3, 3) of terrain and finest models, their shaded colours (T, 3), and the points (N, 3) of
     trees."""
     surfaces = cut_into_triangles(contents.faces.take(finest_faces(contents.faces)))
@@ -117,7 +116,7 @@ def over_terrain(contents: Contents, pieces: Points) -> Mask:
     return np.asarray(~(middle[:, 2] < ground - SUNKEN))
 
 
-def cut_triangles(corners: Points) -> tuple[Points, NDArray[np.int64]]:
+def cut_triangles(corners: Points) -> tuple[Points, Integers]:
     """Triangles (T, 3, 3) halved across their longest side until it is short, and which each came from."""
     owner = np.arange(len(corners))
     done, origin = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)]

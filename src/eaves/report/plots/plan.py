@@ -17,6 +17,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from eaves.formats import read_polygons, read_raster
+from eaves.model import Values
 from eaves.report.contents import local_rings
 
 SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG = 315.0, 45.0
@@ -26,20 +27,20 @@ DARKEST = -0.9
 DIRECTIONS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 
 
-def hillshade(heights: NDArray[np.float32], cell: float) -> NDArray[np.float64]:
+def hillshade(heights: NDArray[np.float32], cell: float) -> Values:
     """Hillshade (H, W) in 0 to 1 of a raster with row 0 north; NaN where the heights are."""
     padded = np.pad(heights.astype(np.float64), 1, mode="edge")
     down = np.gradient(padded, cell, axis=0)[1:-1, 1:-1]
     east = np.gradient(padded, cell, axis=1)[1:-1, 1:-1]
     azimuth, altitude = np.radians(SUN_AZIMUTH_DEG), np.radians(SUN_ALTITUDE_DEG)
-    light: NDArray[np.float64] = np.array(
+    light: Values = np.array(
         [np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)]
     )
     bright = (-east * light[0] + down * light[1] + light[2]) / np.sqrt(1 + east**2 + down**2)
     return np.asarray(np.clip(bright, 0, 1))
 
 
-def face_colour(slope_deg: float, azimuth_deg: float | None) -> NDArray[np.float64]:
+def face_colour(slope_deg: float, azimuth_deg: float | None) -> Values:
     """Hue by azimuth, paler the flatter: faces that look alike face alike."""
     if azimuth_deg is None:
         return np.array([0.85, 0.85, 0.85])

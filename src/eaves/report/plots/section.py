@@ -9,9 +9,8 @@ import numpy as np
 import shapely
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from eaves.model import Points, Raster
+from eaves.model import Points, Raster, Values
 from eaves.report.contents import Contents, finest_faces, read_contents
 from eaves.report.surfaces import cut_into_triangles
 
@@ -86,7 +85,7 @@ def choose_building(contents: Contents, building: str | None) -> int:
     return max(range(len(ids)), key=lambda k: (k in modelled, float(shapely.area(contents.polygons[k]))))
 
 
-def line_across(polygon: shapely.Polygon) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def line_across(polygon: shapely.Polygon) -> tuple[Values, Values, float]:
     """Middle (2,), direction (2,) across the longer side, and half length (m) of the section of a polygon."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(polygon))[:4]
     sides = np.diff(corners[[0, 1, 2]], axis=0)
@@ -96,9 +95,7 @@ def line_across(polygon: shapely.Polygon) -> tuple[NDArray[np.float64], NDArray[
     return middle, np.asarray(sides[short] / lengths[short]), float(lengths[short] / 2 + SURROUNDINGS)
 
 
-def place_on_line(
-    xyz: Points, centre: NDArray[np.float64], direction: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def place_on_line(xyz: Points, centre: Values, direction: Values) -> tuple[Values, Values]:
     """How far (m) points lie along a line from its middle, and to its left."""
     away = xyz[..., :2] - centre
     return away @ direction, away @ np.array([-direction[1], direction[0]])
@@ -106,11 +103,11 @@ def place_on_line(
 
 def cut_models(
     contents: Contents,
-    centre: NDArray[np.float64],
-    direction: NDArray[np.float64],
+    centre: Values,
+    direction: Values,
     building: int,
     only: bool,
-) -> NDArray[np.float64]:
+) -> Values:
     """Where the upright plane cuts the finest models: segments (S, 2, 2) of (along, height), of the building
     alone or of all others."""
     wanted = (contents.faces.building == building) == only
