@@ -14,11 +14,14 @@ from eaves.model.building import (
     Solid,
 )
 from eaves.model.cloud import PointCloud
-from eaves.model.coordinates import CoordinateSystem
+from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 from eaves.model.scene import Raster, Regions, Scene
 
 __all__ = [
     "BLOCK_SIDE",
+    "LOCAL_METRES",
+    "NOTHING_KNOWN",
     "Block",
     "Boundary",
     "Bounds",
@@ -35,6 +38,7 @@ __all__ = [
     "Mask",
     "PointCloud",
     "Points",
+    "Provenance",
     "Raster",
     "Regions",
     "RoofPlane",

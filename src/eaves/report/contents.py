@@ -20,9 +20,16 @@ from shapely import MultiPolygon, Polygon
 from eaves.formats import InputError, iter_cityjson, read_polygons
 from eaves.formats.crs import parse_crs, system_of
 from eaves.geometry.roof_fit import collect_faces, fit_roof
-from eaves.model import Bounds, CoordinateSystem, Integers, Mask, Points, Values
+from eaves.model import (
+    LOCAL_METRES,
+    Bounds,
+    CoordinateSystem,
+    Integers,
+    Mask,
+    Points,
+    Values,
+)
 from eaves.model.building import LODS
-from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.scene import ROOF
 from eaves.report.basemap import Basemap, read_basemap
 from eaves.report.sample import PointSample, Sample, classified_files, sample_points

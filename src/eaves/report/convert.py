@@ -13,8 +13,16 @@ from eaves.buildings.rows import building_row, world_polygon
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.models.meshes import BuildingMesh, mesh_of
 from eaves.formats.vectors.geopackage import read_details
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, PointCloud, Raster, Scene
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import (
+    LOCAL_METRES,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Footprint,
+    PointCloud,
+    Raster,
+    Scene,
+)
 from eaves.model.pictures import class_colours
 from eaves.model.summary import Summary
 

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from eaves.formats import iter_cityjson, read_polygons
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import LOCAL_METRES
 from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
 from eaves.report.convert import explore, footprint_frame, required_library

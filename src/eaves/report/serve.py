@@ -29,9 +29,8 @@ from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
 from eaves.formats.models.cityjson_read import read_models
 from eaves.formats.models.tiles3d import Earth
-from eaves.model import Bounds, BuildingModel, CoordinateSystem, Points
+from eaves.model import LOCAL_METRES, Bounds, BuildingModel, CoordinateSystem, Points
 from eaves.model.columns import COLUMNS
-from eaves.model.coordinates import LOCAL_METRES
 from eaves.report.contents import lay_image, read_terrain, system_of_folder
 from eaves.report.page_file import MILLIMETRES, UNKNOWN_HEIGHT, packed_array
 from eaves.run.manifest import add_to_manifest, read_facts

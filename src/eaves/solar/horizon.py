@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,27 +12,19 @@ PATCH = 8
 """Cells a side of the patches whose highest cell is known, so that rays pass over low ground in strides."""
 
 
-@dataclass(frozen=True, eq=False)
-class HorizonPlaces:
-    """Places (N,) on roof faces: `xyz` (N, 3), `face` (N,) their face's number from 1, and of every face
-    from 0 its plane z = a·x + b·y + c (F + 1, 3); row 0 is unused."""
-
-    xyz: Values
-    face: NDArray[np.int32]
-    planes: Values
-
-
 def horizons(
     dsm: Raster,
     face_at: NDArray[np.int32],
-    places: HorizonPlaces,
+    xyz: Values,
+    own: int,
+    plane: Values,
     directions: int,
     reach: float,
     clearance: float,
 ) -> NDArray[np.float32]:
     """Tangent of the horizon's elevation (N, K) at every place in K directions, clockwise from grid north.
 
-    A cell stands in the way at the distance of the middle of the ray's way through it. Cells of the place's
+    A cell stands in the way at the distance of the middle of the ray's way through it. Cells of the places'
     own face do only where they rise more than `clearance` over its plane: the rest is the scan's noise.
 
     Parameters
@@ -43,8 +33,12 @@ def horizons(
         Surface (H, W) with all that stands, roofs and crowns; NaN is nothing.
     face_at : ndarray (H, W)
         Number of the roof face at each cell, 0 for none.
-    places : Places
+    xyz : ndarray (N, 3)
         Where to look from, in the raster's coordinates.
+    own : int
+        Number of the roof face on which the places are.
+    plane : ndarray (3,)
+        Its plane z = a·x + b·y + c.
     directions : int
         K.
     reach : float
@@ -61,9 +55,9 @@ def horizons(
             dsm.west,
             dsm.north,
             dsm.cell,
-            np.ascontiguousarray(places.xyz, np.float64),
-            np.ascontiguousarray(places.face, np.int32),
-            np.ascontiguousarray(places.planes, np.float64),
+            np.ascontiguousarray(xyz, np.float64),
+            own,
+            np.ascontiguousarray(plane, np.float64),
             directions,
             reach,
             clearance,
@@ -104,21 +98,20 @@ def horizons_kernel(
     north: float,
     cell: float,
     xyz: Values,
-    face: NDArray[np.int32],
-    planes: Values,
+    own: int,
+    plane: Values,
     directions: int,
     reach: float,
     clearance: float,
 ) -> NDArray[np.float32]:
     """`horizons`, place by place."""
     rows, columns = values.shape
+    a, b, c = plane[0], plane[1], plane[2]
+    rise = clearance + 0.5 * cell * (abs(a) + abs(b))
     found = np.zeros((len(xyz), directions), np.float32)
     nudge = 1e-6 * cell
     for i in range(len(xyz)):
         x0, y0, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
-        own = face[i]
-        a, b, c = planes[own, 0], planes[own, 1], planes[own, 2]
-        rise = clearance + 0.5 * cell * (abs(a) + abs(b))
         for k in range(directions):
             turn = 2.0 * np.pi * k / directions
             dx, dy = np.sin(turn), np.cos(turn)

@@ -5,8 +5,10 @@ Angles are degrees; azimuths are clockwise from true north.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -132,11 +134,7 @@ def clear_sky(elevation: Values, extra: Values, turbidity: float, height: float)
 
 def clear_hours(latitude: float, longitude: float, turbidity: float, height: float) -> Hours:
     """The hours of a year under a clear sky: an upper bound of what comes."""
-    days = hours_of_year(0.0)
-    azimuth, elevation, distance = sun_position(days, latitude, longitude)
-    extra = SOLAR_CONSTANT / distance**2
-    direct, diffuse = clear_sky(elevation, extra, turbidity, height)
-    return kept_hours(month_of_hours(), azimuth, elevation, direct, diffuse, extra)
+    return kept_hours(0.0, latitude, longitude, partial(clear_sky, turbidity=turbidity, height=height))
 
 
 def hours_of_year(zone_h: float) -> Values:
@@ -154,17 +152,22 @@ def month_of_hours() -> Integers:
 
 
 def kept_hours(
-    month: Integers,
-    azimuth: Values,
-    elevation: Values,
-    direct: Values,
-    diffuse: Values,
-    extra: Values,
+    zone_h: float,
+    latitude: float,
+    longitude: float,
+    light: Callable[[Values, Values], tuple[Values, Values]],
 ) -> Hours:
-    """Those hours in which anything comes; light that is reported while the sun is down is the sky's."""
+    """Those hours of a year at a place in which anything comes, by a clock that is `zone_h` hours ahead.
+
+    `light` gives the direct and the diffuse light (W/m²) by the sun's elevation and the beam outside the
+    atmosphere; what is reported while the sun is down is the sky's."""
+    azimuth, elevation, distance = sun_position(hours_of_year(zone_h), latitude, longitude)
+    extra = SOLAR_CONSTANT / distance**2
+    direct, diffuse = light(elevation, extra)
     some = (diffuse > 0.0) | ((direct > 0.0) & (elevation > 0.0))
     up = np.where(elevation > 0.0, direct, 0.0)
-    return Hours(month[some], azimuth[some], elevation[some], up[some], diffuse[some], extra[some])
+    month = month_of_hours()[some]
+    return Hours(month, azimuth[some], elevation[some], up[some], diffuse[some], extra[some])
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,10 +182,7 @@ class Weather:
 
     def hours(self, latitude: float, longitude: float) -> Hours:
         """With the sun where it stands at a place."""
-        days = hours_of_year(self.zone_h)
-        azimuth, elevation, distance = sun_position(days, latitude, longitude)
-        extra = SOLAR_CONSTANT / distance**2
-        return kept_hours(month_of_hours(), azimuth, elevation, self.direct, self.diffuse, extra)
+        return kept_hours(self.zone_h, latitude, longitude, lambda *_: (self.direct, self.diffuse))
 
 
 HEADER_LINES, DIRECT, DIFFUSE = 8, 14, 15

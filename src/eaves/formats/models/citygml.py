@@ -21,9 +21,17 @@ from shapely import Polygon
 
 from eaves.formats.atomic import atomic
 from eaves.formats.models.cityjson import attributes_of, clean, reference_system
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Points, Solid
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Footprint,
+    Points,
+    Provenance,
+    Solid,
+)
 
 DECIMALS = 4
 """Of a coordinate: a tenth of a millimetre, or of a thousandth of a foot."""

@@ -27,10 +27,19 @@ from shapely import Polygon
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import name_units
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid, Values
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Footprint,
+    Provenance,
+    Solid,
+    Values,
+)
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
-from eaves.model.coordinates import LOCAL_METRES, describe_units
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model.coordinates import describe_units
 
 log = logging.getLogger("eaves")
 

@@ -22,6 +22,7 @@ from eaves.formats.models.cityjson import WKT_MEMBER
 from eaves.formats.points.chunk import FARTHEST
 from eaves.model import (
     BLOCK_SIDE,
+    LOCAL_METRES,
     BuildingModel,
     CoordinateSystem,
     Face,
@@ -32,7 +33,6 @@ from eaves.model import (
     Values,
 )
 from eaves.model.building import LODS
-from eaves.model.coordinates import LOCAL_METRES
 
 REPAIR = "write it again, or check it with cjio or cjval"
 INSTALLATION = "BuildingInstallation"

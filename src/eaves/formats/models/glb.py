@@ -26,9 +26,16 @@ from eaves.formats.atomic import atomic
 from eaves.formats.errors import InputError
 from eaves.formats.models.cityjson import attributes_of, clean
 from eaves.formats.models.meshes import COLOURS, SURFACES, BuildingMesh, mesh_of
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Integers, Points
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Integers,
+    Points,
+    Provenance,
+)
 
 FLOAT, UNSIGNED_INT = 5126, 5125
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963

@@ -17,9 +17,15 @@ import numpy as np
 from eaves.formats.atomic import atomic
 from eaves.formats.errors import InputError
 from eaves.formats.models.cityjson import attributes_of, clean
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Solid
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Provenance,
+    Solid,
+)
 
 PROPERTIES = "eaves"
 """Name of the property set."""

@@ -18,9 +18,14 @@ import numpy as np
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
 from eaves.formats.models.meshes import COLOURS, SURFACES, mesh_of
-from eaves.model import BuildingModel, CoordinateSystem, Failure
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Provenance,
+)
 
 DECIMALS = 4
 """Of a coordinate: a tenth of a millimetre, or of a thousandth of a foot."""

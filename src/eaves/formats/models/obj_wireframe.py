@@ -17,11 +17,19 @@ from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Integers, Points, Solid
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Integers,
+    Points,
+    Provenance,
+    Solid,
+)
 from eaves.model.building import ROOF_SURFACE
 from eaves.model.checks import check_positive
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 CORNER_TURN_DEG = 10.0
 """A vertex of a roof face is a corner where its ring turns by more."""

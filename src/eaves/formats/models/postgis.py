@@ -20,9 +20,8 @@ from eaves.formats.crs import horizontal_crs, parse_crs, system_of
 from eaves.formats.errors import InputError
 from eaves.formats.models.cityjson_read import iter_cityjson
 from eaves.formats.vectors.geopackage import PIECE_ROWS, plain_value, read_details
-from eaves.model import CoordinateSystem
+from eaves.model import LOCAL_METRES, CoordinateSystem
 from eaves.model.columns import COLUMNS
-from eaves.model.coordinates import LOCAL_METRES
 
 TYPES = {"bool": "boolean", "int": "bigint", "float": "double precision"}
 """Of columns, by the beginning of numpy's name; the rest is text."""

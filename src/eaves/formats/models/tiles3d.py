@@ -38,9 +38,15 @@ from eaves.formats.models.tiles_overview import (
     largest,
     prism_of,
 )
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Values
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Provenance,
+    Values,
+)
 
 ARM = 100.0
 """Length (m) over which the directions of the axes are measured."""

@@ -21,9 +21,16 @@ from eaves.formats.points.las import WHOLE, iter_las
 from eaves.formats.points.las_header import LasHeader, read_las_header
 from eaves.formats.points.recovery import corrected
 from eaves.formats.points.text import TextLayout, iter_text, read_text_layout
-from eaves.model import Block, Bounds, CoordinateSystem, Mask, PointCloud, Points
+from eaves.model import (
+    LOCAL_METRES,
+    Block,
+    Bounds,
+    CoordinateSystem,
+    Mask,
+    PointCloud,
+    Points,
+)
 from eaves.model.cloud import snap
-from eaves.model.coordinates import LOCAL_METRES
 
 Corner = tuple[float, float, float]
 FIELDS = ("return_number", "number_of_returns", "classification")

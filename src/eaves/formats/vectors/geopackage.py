@@ -25,10 +25,15 @@ from eaves.formats.errors import InputError
 from eaves.formats.points.chunk import FARTHEST
 from eaves.formats.qgis.tables import describe_layers
 from eaves.formats.vectors.vector_files import OFFLINE, REMEDY, checked_vector
-from eaves.model import Bounds, CoordinateSystem, Integers
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    Bounds,
+    CoordinateSystem,
+    Integers,
+    Provenance,
+)
 from eaves.model.columns import COLUMNS, DETAILS, LAYERS
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 log = logging.getLogger("eaves")
 

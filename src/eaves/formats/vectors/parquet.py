@@ -16,9 +16,7 @@ from eaves.formats.atomic import atomic
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.errors import InputError
 from eaves.formats.vectors.geopackage import Row, VectorLayer, column_of
-from eaves.model import CoordinateSystem
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import LOCAL_METRES, NOTHING_KNOWN, CoordinateSystem, Provenance
 
 VERSION = "1.1.0"
 ROWS_A_GROUP = 50_000
