@@ -19,6 +19,7 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.formats import InputError, iter_cityjson, read_polygons
 from eaves.formats.crs import parse_crs, system_of
+from eaves.formats.models.meshes import SURFACES
 from eaves.geometry.roof_fit import collect_faces, fit_roof
 from eaves.model import (
     LOCAL_METRES,
@@ -27,13 +28,14 @@ from eaves.model import (
     Integers,
     Mask,
     Points,
+    Raster,
     Values,
 )
 from eaves.model.building import LODS
 from eaves.model.scene import ROOF
 from eaves.report.basemap import Basemap, read_basemap
 from eaves.report.sample import PointSample, Sample, classified_files, sample_points
-from eaves.report.surfaces import SURFACES, CityFaces, collect_city_faces, in_pieces
+from eaves.report.surfaces import CityFaces, collect_city_faces, in_pieces
 from eaves.run.manifest import read_facts
 
 POINTS_SHOWN = 300_000
@@ -56,8 +58,8 @@ class Contents:
     """A run as it is drawn: everything in metres about `origin` (world metres), heights about `base`.
 
     `rows` and `polygons` are the buildings shown (B,), `faces` those of their models; `distance` (N,) is how
-    far each roof point of the sample lies over the roof face at its place, NaN for other points; `terrain`
-    (H, W) has row 0 north, its north-west corner at `corner`, and cells of `cell` metres.
+    far each roof point of the sample lies over the roof face at its place, NaN for other points;
+    `terrain` has no cells where the run wrote none.
     """
 
     folder: Path
@@ -69,9 +71,7 @@ class Contents:
     faces: CityFaces
     points: Sample
     distance: Values
-    terrain: NDArray[np.float32]
-    corner: tuple[float, float]
-    cell: float
+    terrain: Raster
     buildings: int
     """How many the run found, shown or not."""
     run: dict[str, Any] = field(default_factory=dict)
@@ -130,10 +130,11 @@ def read_contents(
     sample = sample.with_(xyz=sample.xyz - shift)
     if not np.abs(sample.xyz).max(initial=0.0) < FARTHEST:
         sample = sample.take(np.asarray((np.abs(sample.xyz) < FARTHEST).all(axis=1)))
+    west, north, cell = *centre, 1.0
     if bounds is not None:  # what lies outside of the run's --bounds is of no use
         local = bounds.translated(-centre[0], -centre[1]).buffered(EDGE)
         sample = sample.take(np.asarray(local.contains(sample.xyz)))
-    west, north = (bounds.west, bounds.north) if bounds else centre
+        west, north, cell = bounds.west, bounds.north, bounds.width / terrain.shape[1]
     return Contents(
         folder=folder,
         origin=centre,
@@ -144,9 +145,7 @@ def read_contents(
         faces=faces,
         points=sample,
         distance=distances_to_roofs(sample, faces),
-        terrain=terrain - np.float32(base),
-        corner=(west - centre[0], north - centre[1]),
-        cell=bounds.width / terrain.shape[1] if bounds else 1.0,
+        terrain=Raster(terrain - np.float32(base), west - centre[0], north - centre[1], cell),
         buildings=found,
         others=others,
         basemap=image,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 
 from eaves.buildings.rows import building_row, world_polygon
 from eaves.formats.crs import horizontal_crs
@@ -75,7 +76,7 @@ def to_geopandas(
             if isinstance(one, Footprint)
             else building_row(one)
         )
-        shapes.append(in_units(world_polygon(outline), unit))
+        shapes.append(shapely.transform(world_polygon(outline), lambda xy: xy / unit))
         rows.append(about)
     return geopandas.GeoDataFrame(rows, geometry=shapes, crs=horizontal_crs(system))
 
@@ -87,13 +88,6 @@ def footprint_frame(folder: Path, layer: str = "footprints") -> Any:
     frame = read(path, layer=layer)
     whole = layer == "footprints" and bool(read_details(path))
     return frame.merge(read(path, layer="attributes"), on="id", how="left") if whole else frame
-
-
-def in_units(polygon: Any, unit: float) -> Any:
-    """A polygon of metres in another unit."""
-    import shapely
-
-    return polygon if unit == 1.0 else shapely.transform(polygon, lambda xy: xy / unit)
 
 
 def to_xarray(what: Raster | Scene, origin: tuple[float, float] = (0.0, 0.0), name: str = "height") -> Any:

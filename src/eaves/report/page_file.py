@@ -23,7 +23,7 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
-from eaves.model import Integers, Points, Raster, Values
+from eaves.model import Integers, Points, Values
 from eaves.model.building import LODS
 from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.coordinates import describe_units
@@ -182,7 +182,7 @@ def page_data(contents: Contents, titles: dict[str, str] = COLUMNS) -> dict[str,
     rows = [*contents.rows, *contents.others]
     there = [name for name in titles if any(row.get(name) is not None for row in rows)]
     numbers = {name for name in there if any(isinstance(row.get(name), int | float) for row in rows)}
-    rows_high, columns = contents.terrain.shape
+    terrain = contents.terrain
     return {
         "rows": contents.rows,
         "others": pack_rows(contents.others, [*there, *CHARTED]),
@@ -194,13 +194,15 @@ def page_data(contents: Contents, titles: dict[str, str] = COLUMNS) -> dict[str,
         "origin": [*contents.origin, contents.base],
         "unit": contents.system.horizontal_unit_m,
         "basemap": contents.basemap.address if contents.basemap else None,
-        "world": fit_web_mercator(contents.system, contents.origin, max(1.0, *map(abs, contents.corner))),
+        "world": fit_web_mercator(
+            contents.system, contents.origin, max(1.0, abs(terrain.west), abs(terrain.north))
+        ),
         "terrain": {
-            "rows": rows_high,
-            "columns": columns,
-            "cell": contents.cell,
-            "west": contents.corner[0],
-            "north": contents.corner[1],
+            "rows": terrain.shape[0],
+            "columns": terrain.shape[1],
+            "cell": terrain.cell,
+            "west": terrain.west,
+            "north": terrain.north,
         },
     }
 
@@ -217,7 +219,7 @@ def iter_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     outlines, outline_row = draped_outlines(contents)
     yield "outline_xyz", as_millimetres(outlines)
     yield "outline_building", outline_row.astype(np.uint32)
-    yield "terrain", terrain_array(contents.terrain)
+    yield "terrain", terrain_array(contents.terrain.values)
 
 
 def terrain_array(heights: NDArray[Any]) -> NDArray[np.int32]:
@@ -246,10 +248,10 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     corners = [np.zeros((0, 3, 3), np.int32)]
     figures: dict[str, list[NDArray[Any]]] = {name: [] for name in KINDS}
     for piece in chain(in_pieces(contents.faces), in_pieces(flat)):
-        surfaces = cut_into_triangles(piece)
-        corners.append(as_millimetres(surfaces.corners))
+        cut, face = cut_into_triangles(piece)
+        corners.append(as_millimetres(cut))
         for name, values in figures.items():
-            values.append(surfaces.figure(name).astype(KINDS[name]))
+            values.append(getattr(piece, name)[face].astype(KINDS[name]))
     whole = np.concatenate(corners)
     corners.clear()
     yield "triangle_xyz", whole
@@ -282,10 +284,9 @@ def pack_rows(rows: list[dict[str, Any]], names: list[str]) -> dict[str, Any]:
 
 def terrain_heights(contents: Contents, xy: Points) -> Values:
     """Heights (N,) of the drawn terrain at places (N, 2); 0 where it is not known."""
-    if not contents.terrain.size:
+    if not contents.terrain.values.size:
         return np.zeros(len(xy))
-    raster = Raster(contents.terrain, *contents.corner, contents.cell)
-    return np.asarray(np.nan_to_num(raster.at(xy), nan=0.0))
+    return np.asarray(np.nan_to_num(contents.terrain.at(xy), nan=0.0))
 
 
 def flat_footprints(contents: Contents) -> list[tuple[Points, ...]]:

@@ -10,7 +10,7 @@ import shapely
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from eaves.model import Points, Raster, Values
+from eaves.model import Points, Values
 from eaves.report.contents import Contents, finest_faces, read_contents
 from eaves.report.surfaces import cut_into_triangles
 
@@ -54,10 +54,9 @@ def section_figure(
         cuts = cuts[(np.abs(cuts[:, :, 0]) <= reach).all(axis=1)] + [0.0, contents.base]
         if len(cuts):
             axes.add_collection(LineCollection(list(cuts), colors=colour, linewidths=thick, label=label))
-    if contents.terrain.size:
-        steps = np.arange(-reach, reach, contents.cell / 2)
-        terrain = Raster(contents.terrain, *contents.corner, contents.cell)
-        ground = terrain.at(centre + steps[:, None] * direction) + contents.base
+    if contents.terrain.values.size:
+        steps = np.arange(-reach, reach, contents.terrain.cell / 2)
+        ground = contents.terrain.at(centre + steps[:, None] * direction) + contents.base
         axes.plot(steps, ground, color="#6b4f2a", linewidth=0.9, linestyle="--", label="terrain", zorder=1)
     axes.set_xlim(-reach, reach)
     axes.margins(y=0.08)
@@ -114,7 +113,7 @@ def cut_models(
     faces = contents.faces.take(wanted & finest_faces(contents.faces))
     if not faces:
         return np.zeros((0, 2, 2))
-    corners = cut_into_triangles(faces).corners
+    corners, _ = cut_into_triangles(faces)
     along, aside = place_on_line(corners, centre, direction)
     ends = []
     for one, two in ((0, 1), (1, 2), (2, 0)):
