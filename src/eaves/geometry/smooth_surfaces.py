@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.planes import LocalPlanes, local_planes
 from eaves.model import Integers, Labels, Mask, PointCloud, Points, Values
 from eaves.model.scene import TREE, WALL
@@ -81,9 +80,8 @@ def connected_points(planes: LocalPlanes, joined: Callable[[Integers], Mask]) ->
         row = np.flatnonzero(joined(around[:, k]))
         rows.append(row)
         columns.append(around[row, k])
-    one, two = np.concatenate(rows), np.concatenate(columns)
-    graph = coo_matrix((np.ones(len(one), np.int8), (one, two)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int32)
+    group = connected_groups_kernel(np.concatenate(rows), np.concatenate(columns), count)
+    return np.asarray(group, np.int32)
 
 
 def region_areas(xyz: Points, region: Integers, side: float) -> Values:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model.arrays import Integers, Mask, Points, Values
-from eaves.model.block import Block, Bounds, Scalar
+from eaves.model.block import Block, Bounds
 from eaves.model.checks import check_lengths, check_points
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
 
@@ -20,6 +20,8 @@ WIRE, WIRE_TOWER, BRIDGE_DECK = 14, 15, 17
 NOISE_CLASSES = (LOW_NOISE, HIGH_NOISE)
 """Class codes of LAS 1.4, table 17."""
 
+ARRAYS = ("return_number", "number_of_returns", "classification", "part", "point_id")
+"""What a cloud may know of its points besides their places."""
 GRID_STEP = 1e-4
 """Local coordinates are whole multiples of this (m), so data moved by whole blocks compute identically."""
 
@@ -75,9 +77,7 @@ class PointCloud:
 
     def __post_init__(self) -> None:
         check_points(self.xyz, "xyz")
-        arrays = (self.return_number, self.number_of_returns, self.classification, self.part, self.point_id)
-        names = ("return_number", "number_of_returns", "classification", "part", "point_id")
-        check_lengths(len(self.xyz), dict(zip(names, arrays, strict=True)))
+        check_lengths(len(self.xyz), {name: getattr(self, name) for name in ARRAYS})
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -141,20 +141,12 @@ class PointCloud:
         index = np.flatnonzero(which) if which.dtype == np.bool_ else which
         if len(index) == len(self) and bool((index == np.arange(len(self))).all()):
             return self
-
-        def pick(array: NDArray[Scalar] | None) -> NDArray[Scalar] | None:
-            return None if array is None else array.take(index)
-
-        return replace(
-            self,
-            xyz=self.xyz.take(index, axis=0),
-            return_number=pick(self.return_number),
-            number_of_returns=pick(self.number_of_returns),
-            classification=pick(self.classification),
-            part=pick(self.part),
-            point_id=pick(self.point_id),
-            ordered=self.ordered and bool((index[1:] > index[:-1]).all()),
-        )
+        known = {name: getattr(self, name) for name in ARRAYS}
+        arrays: dict[str, Any] = {
+            name: one if one is None else one.take(index) for name, one in known.items()
+        }
+        ordered = self.ordered and bool((index[1:] > index[:-1]).all())
+        return replace(self, xyz=self.xyz.take(index, axis=0), **arrays, ordered=ordered)
 
     def about(self, origin: tuple[float, float]) -> PointCloud:
         """The same points with local coordinates counted from another origin (world metres)."""

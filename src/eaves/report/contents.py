@@ -120,7 +120,9 @@ def read_contents(
         classified_files(folder), system, points, window, expected=points_of(rows), received=received
     )
     centre = middle_of(bounds, polygons, sample)
-    base = base_of(terrain, sample)
+    known = terrain[np.isfinite(terrain)]
+    heights = known if len(known) else sample.xyz[:, 2]
+    base = float(np.floor(np.percentile(heights, 1))) if len(heights) else 0.0
     shift = np.array([*centre, base])
 
     numbers = {str(row["id"]): number for number, row in enumerate(rows)}
@@ -257,12 +259,6 @@ def middle_of(
     if bounds is None:
         return 0.0, 0.0
     return float(round((bounds.west + bounds.east) / 2)), float(round((bounds.south + bounds.north) / 2))
-
-
-def base_of(terrain: NDArray[np.float32], sample: Sample) -> float:
-    """A low height (whole metres) of what is drawn, so that the page's heights are small numbers."""
-    heights = terrain[np.isfinite(terrain)] if np.isfinite(terrain).any() else sample.xyz[:, 2]
-    return float(np.floor(np.percentile(heights, 1))) if len(heights) else 0.0
 
 
 def distances_to_roofs(sample: Sample, faces: CityFaces) -> Values:

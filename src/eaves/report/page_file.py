@@ -27,10 +27,8 @@ from eaves.model import Integers, Points, Values
 from eaves.model.building import LODS
 from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.coordinates import describe_units
-from eaves.model.summary import Summary
 from eaves.report.basemap import fit_web_mercator
-from eaves.report.contents import Contents, local_rings, read_contents
-from eaves.report.sample import PointSample
+from eaves.report.contents import Contents, local_rings
 from eaves.report.surfaces import CityFace, CityFaces, cut_into_triangles, face_edges, in_pieces
 
 SCRIPTS = (
@@ -77,11 +75,6 @@ DRAPE = 0.15
 DRAPE_STEP = 3.0
 
 
-def write_run_page(summary: Summary, received: PointSample | None = None) -> Path:
-    """Write report.html into the run's folder; its path. `received` has received the run write its points."""
-    return write_page(read_contents(summary.folder, received=received), summary.as_text())
-
-
 def write_page(contents: Contents, text: str) -> Path:
     """Write report.html into the folder of `contents`; `text` is the summary of the run."""
     path = contents.folder / "report.html"
@@ -108,6 +101,7 @@ def iter_page(
     names = [Path(entry["path"]).name for entry in contents.run.get("inputs", ())]
     title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: " if names else ""
     shown, found = len(contents.rows), contents.buildings
+    levels = {0, *contents.faces.lod.tolist()}
     heading = f"{found:,} buildings" if shown == found else f"{found:,} buildings, {shown:,} of them drawn"
     before, after = parts["page.html"].split("$data")
     said = dict(
@@ -119,7 +113,7 @@ def iter_page(
         style=parts["style.css"],
         script=script,
         heading=heading,
-        lods="".join(f"<option>{lod}</option>" for lod in lods_of(contents)),
+        lods="".join(f"<option>{LODS[number]}</option>" for number in sorted(levels, reverse=True)),
         summary=html.escape(text),
         files=" · ".join(f"<a href='{name}'>{name}</a>" for name in linked_files(contents.folder)),
         run=html.escape(json.dumps(contents.run, indent=1, default=str)),
@@ -170,11 +164,6 @@ def say_shown(contents: Contents, which: str = "those nearest to the middle") ->
     parts += [f"footprints: {source['attribution']}"] if source else []
     parts += [f"aerial image: {contents.basemap.name}"] if contents.basemap else []
     return "; ".join(parts)
-
-
-def lods_of(contents: Contents) -> list[str]:
-    """The levels of detail that the models have, finest first; `0`, the footprint, always."""
-    return [LODS[number] for number in sorted({0, *contents.faces.lod.tolist()}, reverse=True)]
 
 
 def page_data(contents: Contents, titles: dict[str, str] = COLUMNS) -> dict[str, Any]:

@@ -155,7 +155,8 @@ def cut_into_triangles(faces: CityFaces) -> tuple[Points, Integers]:
     shapes[broken] = shapely.buffer(shapes[broken], 0)
     pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(shapes), return_index=True)
     uv = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-    clockwise = _triangle_area(uv) < 0
+    one, two = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    clockwise = one[:, 0] * two[:, 1] < one[:, 1] * two[:, 0]
     uv[clockwise] = uv[clockwise][:, ::-1]
     corners = frame[owner, None, 0] + np.einsum("tkc,tcd->tkd", uv, frame[owner, 1:])
     _take_own_corners(corners, uv, owner, own, places, number)
@@ -214,8 +215,3 @@ def _frames(corners: Points, sizes: Integers, outer: Integers) -> Values:
     first = np.stack([d, e, np.zeros(len(d))], axis=1)
     second = np.stack([-c * e, c * d, a * e - b * d], axis=1)
     return np.stack([corners[start[outer]], first, second], axis=1)
-
-
-def _triangle_area(corner: Values) -> Values:
-    one, two = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    return np.asarray(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])

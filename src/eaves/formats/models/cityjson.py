@@ -196,11 +196,6 @@ def reference_system(system: CoordinateSystem) -> str | None:
     return CRS_URL + system.code.removeprefix("EPSG:").split("+")[0]
 
 
-def _says_all(system: CoordinateSystem) -> bool:
-    """Whether the system's code implies the unit of its heights."""
-    return system.horizontal_unit_m == system.vertical_unit_m or " + height" not in (system.wkt or "")
-
-
 def clean(value: Any) -> Any:
     """A value as JSON can hold it: NaN and infinity become null, numpy's types Python's, dates text."""
     if isinstance(value, Mapping):
@@ -273,7 +268,10 @@ def _frame(vertices: _Vertices, system: CoordinateSystem, title: str, provenance
     url = reference_system(system)
     if url is not None:
         metadata["referenceSystem"] = url
-    if system.wkt is not None and (system.code is None or "+" in system.code or not _says_all(system)):
+    heights_are_said = system.horizontal_unit_m == system.vertical_unit_m or " + height" not in (
+        system.wkt or ""
+    )
+    if system.wkt is not None and (system.code is None or "+" in system.code or not heights_are_said):
         metadata[WKT_MEMBER] = system.wkt
     units = name_units(system)
     metadata |= provenance.members | ({"units": units} if describe_units(units) else {})

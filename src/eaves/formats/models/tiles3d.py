@@ -148,7 +148,8 @@ def write_3dtiles(
             if not (stale.stem.isdigit() and int(stale.stem) <= number):
                 stale.unlink()
     extras: Json = {"crs": system.code, "vertical_datum": vertical_datum(system), **provenance.members}
-    extras["geoid_height_added_m"] = earth.lifts()
+    lifts = earth.added or [0.0]
+    extras["geoid_height_added_m"] = [round(min(lifts), 3), round(max(lifts), 3)]
     asset = {"version": "1.1", "generator": f"eaves {version('eaves')}", "extras": extras}
     tileset: Json = {"asset": asset, "geometricError": 2 * root["geometricError"]}
     tileset["root"] = {"refine": "ADD", **root}
@@ -268,7 +269,8 @@ class Earth:
 
     def __init__(self, system: CoordinateSystem) -> None:
         self.unit = np.array(system.unit_m)
-        self._added: list[float] = []
+        self.added: list[float] = []
+        """Geoid heights (m) that were added."""
         plane = horizontal_crs(system)
         self.known = plane is not None
         if plane is None:
@@ -307,9 +309,5 @@ class Earth:
         if self._upright is not None:
             height = float(self._upright.transform(x, y, z)[2])
             lifted = height if np.isfinite(height) else lifted
-        self._added.append(lifted - z * self.unit[2])
-        return self._added[-1]
-
-    def lifts(self) -> list[float]:
-        """The least and the greatest geoid height (m) that was added."""
-        return [round(min(self._added), 3), round(max(self._added), 3)] if self._added else [0.0, 0.0]
+        self.added.append(lifted - z * self.unit[2])
+        return self.added[-1]

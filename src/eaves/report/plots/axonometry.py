@@ -18,6 +18,8 @@ from eaves.report.surfaces import cut_into_triangles, face_edges
 
 ROOF_COLOUR, WALL_COLOUR, EARTH_COLOUR, TREE_COLOUR = "#dd7a5b", "#f3eee4", "#cdd2b6", "#6f8f56"
 FLAT_ROOF_COLOUR, EDGE_COLOUR = "#cdc7bc", "#4a4038"
+AZIMUTH_DEG, ELEVATION_DEG = -30.0, 38.0
+"""From where the models are seen: clockwise from south-on, and over the horizon."""
 SLABS = 60
 """Surfaces and points are drawn in so many layers by depth, the farthest first."""
 POINTS_DRAWN = 120_000
@@ -29,12 +31,10 @@ IN_FRONT = 1.0
 """Edges are drawn as if so much (m) nearer, so that the faces they bound do not cover them."""
 
 
-def models_figure(
-    folder: str | Path, azimuth: float = -30.0, elevation: float = 38.0, size_inches: float = 9.0
-) -> Figure:
-    """The finest models from `azimuth` (degrees clockwise from south-on) and `elevation` over the horizon."""
+def models_figure(folder: str | Path, size_inches: float) -> Figure:
+    """The finest models of a run, seen from `AZIMUTH_DEG` and `ELEVATION_DEG`."""
     contents = read_contents(folder, points=POINTS_DRAWN)
-    view = view_matrix(azimuth, elevation)
+    view = view_matrix(AZIMUTH_DEG, ELEVATION_DEG)
     corners, colours, points = drawn_scene(contents)
     finest = contents.faces.take(finest_faces(contents.faces))
     lines = cut_lines(finest.corners[face_edges(finest)[0]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -63,9 +64,9 @@ def draw_shade(axes: Axes, path: Path) -> None:
     )
 
 
-def draw_run_plan(axes: Axes, folder: Path, surface: str = "dsm") -> None:
+def draw_run_plan(axes: Axes, folder: Path) -> None:
     """Draw a run's plan into axes, in metres of its reference system."""
-    draw_shade(axes, folder / f"{surface}.tif")
+    draw_shade(axes, folder / "dsm.tif")
     if has_layer(folder / "footprints.gpkg", "roof_planes"):
         faces, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="roof_planes")
         rings = [shapely.get_coordinates(polygon.exterior) for polygon in faces]
@@ -84,9 +85,6 @@ def draw_run_plan(axes: Axes, folder: Path, surface: str = "dsm") -> None:
         )
         for ring in local_rings(polygon):
             axes.plot(*np.vstack([ring, ring[:1]]).T, color=colour, linewidth=0.7)
-    axes.set_aspect("equal")
-    axes.ticklabel_format(style="plain", useOffset=False)
-    axes.tick_params(labelsize=6)
     axes.set_xlabel("east (m)", fontsize=7)
     axes.set_ylabel("north (m)", fontsize=7)
 
@@ -114,12 +112,20 @@ def plan_figure(folder: str | Path, size_inches: float = 9.0) -> Figure:
         for name, colour in outlines.items()
         if colour in there
     ]
-    figure.legend(handles=keys, loc="outside lower center", ncols=6, frameon=False, fontsize=7)
-    figure.set_size_inches(size_inches, size_inches * min(1.6, max(0.4, shape_of(axes))))
-    return figure
+    return finished_map(axes, keys, 6, 7, size_inches)
 
 
-def shape_of(axes: Axes) -> float:
-    """Height over width of what axes show."""
+def finished_map(
+    axes: Axes, keys: Sequence[Artist], columns: int, fontsize: int, size_inches: float
+) -> Figure:
+    """The figure of a map that is drawn in the axes: true to scale, with its keys in columns below."""
+    figure = axes.figure
+    assert isinstance(figure, Figure)
+    axes.set_aspect("equal")
+    axes.ticklabel_format(style="plain", useOffset=False)
+    axes.tick_params(labelsize=6)
+    figure.legend(handles=keys, loc="outside lower center", ncols=columns, frameon=False, fontsize=fontsize)
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
-    return float((north - south) / (east - west)) if east > west else 1.0
+    shape = (north - south) / (east - west) if east > west else 1.0
+    figure.set_size_inches(size_inches, size_inches * min(1.6, max(0.4, shape)))
+    return figure

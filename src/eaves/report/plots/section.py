@@ -14,16 +14,15 @@ from eaves.model import Points, Values
 from eaves.report.contents import Contents, finest_faces, read_contents
 from eaves.report.surfaces import cut_into_triangles
 
+WIDTH = 1.0
 SURROUNDINGS = 8.0
 """How far (m) a section goes on beyond the building."""
 COLOURS = {2: ("ground", "#a9824f"), 6: ("building", "#d0563b")}
 OTHER = ("other", "#7f9a63")
 
 
-def section_figure(
-    folder: str | Path, building: str | None = None, width: float = 1.0, size_inches: float = 7.0
-) -> Figure:
-    """A section across a building (the largest with a model for None), with the points of a strip `width` (m)
+def section_figure(folder: str | Path, building: str | None, size_inches: float) -> Figure:
+    """A section across a building (the largest with a model for None), with the points of a strip `WIDTH` (m)
     wide.
 
     It goes through the middle, across the longer side of the building's smallest rectangle, where a ridge
@@ -42,7 +41,7 @@ def section_figure(
     axes.set_aspect("equal")
 
     along, aside = place_on_line(contents.points.xyz, centre, direction)
-    near = (np.abs(aside) <= width / 2) & (np.abs(along) <= reach)
+    near = (np.abs(aside) <= WIDTH / 2) & (np.abs(along) <= reach)
     heights = contents.points.xyz[:, 2] + contents.base
     classes = contents.points.classification
     for code, (name, colour) in [*COLOURS.items(), (None, OTHER)]:
