@@ -15,7 +15,7 @@ from pyproj.transformer import TransformerGroup
 
 from eaves.formats.crs import code_of, horizontal_crs, parse_crs, plane_part, pyproj_crs
 from eaves.formats.errors import InputError
-from eaves.model import Bounds, CoordinateSystem
+from eaves.model import Bounds, CoordinateSystem, Rectangle
 
 log = logging.getLogger("eaves")
 
@@ -110,7 +110,7 @@ class Area:
     date line."""
 
     name: str
-    sides: tuple[float, float, float, float]
+    sides: Rectangle
     to_degrees: pyproj.Transformer
 
     def holds_degrees(self, longitude: float, latitude: float) -> bool:

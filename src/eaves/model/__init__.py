@@ -1,6 +1,6 @@
 """The nouns that flow."""
 
-from eaves.model.arrays import Grid, Integers, Labels, Mask, Points, Values
+from eaves.model.arrays import Grid, Integers, Labels, Mask, Points, Rectangle, Values
 from eaves.model.block import BLOCK_SIDE, Block, Bounds
 from eaves.model.building import (
     Boundary,
@@ -40,6 +40,7 @@ __all__ = [
     "Points",
     "Provenance",
     "Raster",
+    "Rectangle",
     "Regions",
     "RoofPlane",
     "Scene",

@@ -17,3 +17,5 @@ Integers = NDArray[np.int64]
 """(N,) whole numbers: places, counts, vertices of faces."""
 Grid = NDArray[np.float32]
 """(H, W) raster values, row 0 north, NaN where missing."""
+Rectangle = tuple[float, float, float, float]
+"""West, south, east, north, in the units of a file."""

@@ -23,7 +23,7 @@ from eaves.formats.points.laz import (
     read_chunk_table,
     whole_chunks,
 )
-from eaves.model import Integers, Mask
+from eaves.model import Integers, Mask, Rectangle
 
 NEEDED = (
     lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL
@@ -40,7 +40,7 @@ FIRST_LAYERED_FORMAT = 6
 
 def iter_las(
     header: LasHeader,
-    rectangle: tuple[float, float, float, float] | None,
+    rectangle: Rectangle | None,
     size: int,
     part: tuple[int, int] = WHOLE,
     copy: BinaryIO | None = None,
@@ -56,7 +56,7 @@ def iter_las(
 def iter_records(
     header: LasHeader,
     size: int,
-    rectangle: tuple[float, float, float, float] | None = None,
+    rectangle: Rectangle | None = None,
     selection: int = EVERYTHING,
     part: tuple[int, int] = WHOLE,
 ) -> Iterator[tuple[Integers, NDArray[np.uint8]]]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from eaves.formats.errors import InputError
 from eaves.formats.points.las_header import COPY_AGAIN, RECORD_LENGTHS, WRITE_AGAIN, LasHeader
-from eaves.model import Integers
+from eaves.model import Integers, Rectangle
 
 CHUNK_BYTES = 1 << 30
 """Largest chunk (bytes, decompressed) this reader takes; laszip's usual 50,000 points are 2 MB."""
@@ -235,9 +235,7 @@ def whole_chunks(header: LasHeader, file: BinaryIO, spared: int = 0) -> Iterator
         return
 
 
-def chunks_within(
-    file: BinaryIO, header: LasHeader, table: ChunkTable, rectangle: tuple[float, float, float, float]
-) -> Integers:
+def chunks_within(file: BinaryIO, header: LasHeader, table: ChunkTable, rectangle: Rectangle) -> Integers:
     """Numbers (rising) of the chunks whose octree cell meets west, south, east, north (in the file's units).
 
     Raises

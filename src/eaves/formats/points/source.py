@@ -29,6 +29,7 @@ from eaves.model import (
     Mask,
     PointCloud,
     Points,
+    Rectangle,
 )
 from eaves.model.cloud import snap
 
@@ -346,7 +347,7 @@ def has_coordinates(xyz: Points) -> Mask:
 
 def _native_chunks(
     layout: LasHeader | TextLayout,
-    rectangle: tuple[float, float, float, float] | None,
+    rectangle: Rectangle | None,
     size: int,
     part: tuple[int, int] = WHOLE,
     copy: BinaryIO | None = None,

@@ -32,6 +32,7 @@ from eaves.model import (
     CoordinateSystem,
     Integers,
     Provenance,
+    Rectangle,
 )
 from eaves.model.columns import COLUMNS, DETAILS, LAYERS
 
@@ -414,7 +415,7 @@ def _opened_vector(path: Path) -> Iterator[tuple[Path, str]]:
 
 def _box_in(
     crs: str | None, path: Path, within: Bounds | None, target: CoordinateSystem | None
-) -> tuple[float, float, float, float] | None:
+) -> Rectangle | None:
     """Bounds in metres of `target` as west, south, east, north in a file's system; None for no bounds."""
     if within is None:
         return None

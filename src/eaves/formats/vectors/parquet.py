@@ -15,14 +15,13 @@ from eaves.formats.atomic import atomic
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.errors import InputError, require_extra
 from eaves.formats.vectors.geopackage import Row, VectorLayer, column_of, shapes_in_units
-from eaves.model import LOCAL_METRES, NOTHING_KNOWN, CoordinateSystem, Provenance
+from eaves.model import LOCAL_METRES, NOTHING_KNOWN, CoordinateSystem, Provenance, Rectangle
 
 VERSION = "1.1.0"
 ROWS_A_GROUP = 50_000
 """Rows of a row group: a reader of one window reads only the groups whose boxes it touches."""
 
 
-Box = tuple[float, float, float, float]
 DEGREES = "OGC:CRS84"
 """The system of a file that names none."""
 
@@ -118,7 +117,7 @@ def parquet_layer(path: Path) -> VectorLayer:
 
 
 def read_geoparquet(
-    path: Path, box_in: Callable[[str | None], Box | None]
+    path: Path, box_in: Callable[[str | None], Rectangle | None]
 ) -> tuple[dict[str, Any], np.ndarray[Any, Any], np.ndarray[Any, Any], list[Any]]:
     """A GeoParquet file as pyogrio reads a layer: description, numbers of the rows from 1, shapes as WKB,
     columns.
