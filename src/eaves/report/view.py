@@ -44,10 +44,10 @@ def open_report(
     if wanted or not path.exists() or path.stat().st_mtime < footprints.stat().st_mtime:
         written = write_page(read_contents(folder, around=around, basemap=basemap), describe_run(folder))
         add_to_manifest(folder, [written])
-    return shown(path) if show else path
+    return opened_page(path) if show else path
 
 
-def shown(path: Path) -> Path:
+def opened_page(path: Path) -> Path:
     """A page, opened in the browser."""
     if not webbrowser.open(path.resolve().as_uri()):
         log.warning("no browser could be started; open %s", path)
@@ -105,7 +105,7 @@ def open_beside(
     with atomic(path) as temporary:
         temporary.write_text(render_beside(left, right), encoding="utf-8")
     add_to_manifest(folders[0], [path])
-    return shown(path) if show else path
+    return opened_page(path) if show else path
 
 
 def refuse_other_system(left: Contents, right: Contents) -> None:

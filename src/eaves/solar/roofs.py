@@ -64,7 +64,7 @@ class FaceLight:
     """Share of the face on which something stands that is no roof face, or hangs over it."""
 
 
-def plane_of(face: Polygon) -> Values:
+def face_plane(face: Polygon) -> Values:
     """The coefficients (3,) of the plane z = a·x + b·y + c of a roof face with heights."""
     ring = face_rings(face)[0]
     area = area_vector(ring)
@@ -119,7 +119,7 @@ def light_on_faces(
     wanted : sequence of int
         Numbers of the faces that are asked for.
     """
-    planes = [plane_of(face) for face in faces]
+    planes = [face_plane(face) for face in faces]
     face_at = number_cells(faces, planes, dsm)
     slices = ndimage.find_objects(face_at, len(faces))
     answers = []
