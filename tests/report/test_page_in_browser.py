@@ -19,13 +19,12 @@ import shapely
 from matplotlib.image import imread, imsave
 from pyproj import Transformer
 
-from eaves.model import Bounds
 from eaves.model.summary import Summary
-from eaves.report.beside import render_beside
 from eaves.report.build import build
 from eaves.report.contents import Contents, read_contents
 from eaves.report.page_file import iter_page
 from eaves.report.surfaces import CityFace, CityFaces
+from eaves.report.view import render_beside
 from eaves.simulate import scan_town, simulate_town, write_simulation
 
 from .browser import Browser, missing
@@ -436,9 +435,7 @@ def test_an_aerial_image_lies_over_the_terrain(
     browser: Browser, nine_run: Summary, tmp_path: Path, artefacts: Path
 ) -> None:
     contents = read_contents(nine_run.folder)
-    rows, columns = contents.terrain.shape
-    west, north = (one + two for one, two in zip(contents.corner, contents.origin, strict=True))
-    place = Bounds(west, north - rows * contents.cell, west + columns * contents.cell, north)
+    place = contents.terrain.bounds.translated(*contents.origin)
     colours = np.zeros((3, 100, 100), np.uint8)
     colours[0, :, :50], colours[2, :, 50:] = 255, 255  # red in the west, blue in the east
     path = write_image(tmp_path / "image.tif", colours, place, "EPSG:28992")

@@ -11,8 +11,8 @@ import shapely
 
 from eaves.formats import InputError
 from eaves.model import Raster
-from eaves.solar.horizon import HorizonPlaces, horizons, lit_light, sky_shares
-from eaves.solar.roofs import RoofFace, SolarRules, light_in_the_open, light_on_faces
+from eaves.solar.horizon import horizons, lit_light, sky_shares
+from eaves.solar.roofs import SolarRules, light_in_the_open, light_on_faces
 from eaves.solar.sun import (
     HOURS,
     Hours,
@@ -39,9 +39,8 @@ def tilted(slope: float, azimuth: float) -> np.ndarray:
     return np.array([np.sin(lean) * np.sin(turn), np.sin(lean) * np.cos(turn), np.cos(lean)])
 
 
-def one_place(z: float, plane: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> HorizonPlaces:
-    xyz = np.array([[0.25, 0.25, z]])
-    return HorizonPlaces(xyz, np.ones(1, np.int32), np.array([[0.0, 0.0, 0.0], plane]))
+def one_place(z: float) -> tuple[np.ndarray, int, np.ndarray]:
+    return np.array([[0.25, 0.25, z]]), 1, np.zeros(3)
 
 
 def test_sun_stands_where_the_solar_position_algorithm_has_it() -> None:
@@ -82,7 +81,7 @@ def test_sun_is_hidden_by_a_wall_at_exactly_the_hours_geometry_says(distance: fl
     row = int(np.argmin(np.abs(rows - (0.25 - distance - 0.25))))
     dsm.values[row] = height
     near = 0.25 - (rows[row] + 0.5 * CELL)
-    horizon = horizons(dsm, np.zeros(dsm.shape, np.int32), one_place(z), 72, 300.0, 0.3)
+    horizon = horizons(dsm, np.zeros(dsm.shape, np.int32), *one_place(z), 72, 300.0, 0.3)
     hours = clear_hours(52.0, 4.4, 3.0, 0.0)
     ahead = -np.cos(np.radians(hours.azimuth))  # towards the south
     aside = np.abs(hours.azimuth - 180.0) + 5.0  # of the next direction of the horizon
@@ -123,7 +122,7 @@ def test_strides_over_low_ground_change_no_horizon() -> None:
             2, 30
         )
     dsm.values[5:9] = np.nan
-    found = horizons(dsm, np.zeros(dsm.shape, np.int32), one_place(1.0), 36, 90.0, 0.3)[0]
+    found = horizons(dsm, np.zeros(dsm.shape, np.int32), *one_place(1.0), 36, 90.0, 0.3)[0]
     for k, turn in enumerate(2.0 * np.pi * np.arange(36) / 36):
         away = np.arange(0.01, 90.0, 0.01)
         row, column = dsm.cell_of(0.25 + away[:, None] * [np.sin(turn), np.cos(turn)])
@@ -142,9 +141,9 @@ def test_strides_over_low_ground_change_no_horizon() -> None:
 
 def flat_face(
     z: float, west: float = -5.0, south: float = -3.0, size: tuple[float, float] = (10.0, 6.0)
-) -> RoofFace:
+) -> shapely.Polygon:
     box = shapely.box(west, south, west + size[0], south + size[1])
-    return RoofFace(shapely.force_3d(shapely.orient_polygons(box), z), {})
+    return shapely.force_3d(shapely.orient_polygons(box), z)
 
 
 def on_roof(
@@ -159,7 +158,7 @@ def test_roof_in_the_open_gets_the_light_of_the_open() -> None:
     dsm, rules = field(), SolarRules()
     on_roof(dsm, 8.0, -5.0, -3.0)
     hours = clear_hours(52.0, 4.4, 3.0, 0.0)
-    light = light_on_faces([flat_face(8.0)], dsm, hours, 0.0, rules, 0.0)[0]
+    light = light_on_faces([flat_face(8.0)], dsm, hours, 0.0, rules, 0.0, [0])[0]
     assert light.month == pytest.approx(light_in_the_open(hours, np.array([0.0, 0.0, 1.0]), rules), rel=2e-3)
     assert light.sky == pytest.approx(1.0, abs=1e-6) and light.covered == 0.0
     assert light.month.argmax() in (5, 6) and light.month.argmin() == 11
@@ -174,13 +173,13 @@ def test_usable_is_what_is_free_off_the_rim_and_large_enough() -> None:
     on_roof(dsm, 9.0, 0.0, 0.0, (1.0, 1.0))
     hours = clear_hours(52.0, 4.4, 3.0, 0.0)
     rules = SolarRules(suitable=0.0)
-    light = light_on_faces([flat_face(8.0)], dsm, hours, 0.0, rules, 1.0)[0]
+    light = light_on_faces([flat_face(8.0)], dsm, hours, 0.0, rules, 1.0, [0])[0]
     assert light.covered == pytest.approx(4 / 240)
     # the middles of the outermost cells lie 0.25 m from the rim: 18 × 10 cells are left, four of them covered
     assert light.usable_m2 == pytest.approx((18 * 10 - 4) * 0.25)
-    strip = light_on_faces([flat_face(8.0, size=(10.0, 0.9))], dsm, hours, 0.0, rules, 1.0)[0]
+    strip = light_on_faces([flat_face(8.0, size=(10.0, 0.9))], dsm, hours, 0.0, rules, 1.0, [0])[0]
     assert strip.usable_m2 == 0.0
-    dark = light_on_faces([flat_face(8.0)], dsm, hours, 0.0, SolarRules(suitable=1.0), 2000.0)[0]
+    dark = light_on_faces([flat_face(8.0)], dsm, hours, 0.0, SolarRules(suitable=1.0), 2000.0, [0])[0]
     assert dark.usable_m2 == 0.0
 
 
@@ -192,7 +191,7 @@ def test_tower_in_the_south_darkens_and_one_in_the_north_hardly() -> None:
         on_roof(dsm, 8.0, -5.0, -3.0)
         if south is not None:
             on_roof(dsm, 30.0, -10.0, south, (20.0, 6.0))
-        years[name] = light_on_faces([flat_face(8.0)], dsm, hours, 0.0, rules, 0.0)[0].month.sum()
+        years[name] = light_on_faces([flat_face(8.0)], dsm, hours, 0.0, rules, 0.0, [0])[0].month.sum()
     assert years["south"] < 0.85 * years["none"] and 0.9 * years["none"] < years["north"] < years["none"]
 
 
@@ -202,10 +201,12 @@ def test_noise_of_the_own_face_casts_no_shadow_and_chimneys_do() -> None:
     on_roof(dsm, 8.0, -5.0, -3.0)
     rough = Raster(dsm.values.copy(), dsm.west, dsm.north, dsm.cell)
     rough.values[rough.values > 0.0] += np.random.default_rng(1).uniform(-0.2, 0.2, 240).astype(np.float32)
-    calm, noisy = (light_on_faces([flat_face(8.0)], one, hours, 0.0, rules, 0.0)[0] for one in (dsm, rough))
+    calm, noisy = (
+        light_on_faces([flat_face(8.0)], one, hours, 0.0, rules, 0.0, [0])[0] for one in (dsm, rough)
+    )
     assert noisy.month == pytest.approx(calm.month, rel=1e-9)
     on_roof(dsm, 10.0, -4.0, -2.0, (1.0, 1.0))
-    chimney = light_on_faces([flat_face(8.0)], dsm, hours, 0.0, rules, 0.0)[0]
+    chimney = light_on_faces([flat_face(8.0)], dsm, hours, 0.0, rules, 0.0, [0])[0]
     assert 0.85 * calm.month.sum() < chimney.month.sum() < 0.995 * calm.month.sum()
 
 
@@ -225,8 +226,8 @@ def test_grid_north_is_turned_to_true_north() -> None:
         normal = tilted(35.0, azimuth)
         a, b = -normal[:2] / normal[2]
         corners = [(x, y, a * x + b * y + 30.0) for x, y in ((-5, -3), (5, -3), (5, 3), (-5, 3))]
-        face = RoofFace(shapely.Polygon(corners), {})
-        months.append(light_on_faces([face], dsm, hours, convergence, rules, 0.0)[0].month)
+        face = shapely.Polygon(corners)
+        months.append(light_on_faces([face], dsm, hours, convergence, rules, 0.0, [0])[0].month)
     assert months[0] == pytest.approx(months[1], rel=2e-3)
 
 

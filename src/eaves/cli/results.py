@@ -134,9 +134,8 @@ def view(
     verbose: Verbose = False,
 ) -> None:
     """Open the 3D page of a run. It is made when missing; --serve shows runs of any size."""
-    from eaves.report.beside import open_beside
     from eaves.report.serve import make_site, serve_run
-    from eaves.report.view import open_report
+    from eaves.report.view import open_beside, open_report
 
     start_log(quiet, verbose)
     if sum((around is not None, beside is not None, serve)) > 1:

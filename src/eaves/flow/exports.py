@@ -15,6 +15,7 @@ from shapely import LineString
 
 from eaves import formats
 from eaves.formats import InputError, read_polygons
+from eaves.formats.errors import EXTRAS, require_extra
 from eaves.formats.models.cityjson_read import read_head, read_models, system_of_head
 from eaves.formats.points.classified import is_classified
 from eaves.formats.vectors.geopackage import Row, read_upright, write_polygons
@@ -86,14 +87,8 @@ def check_formats(
         needed = "models" if name in MODEL_FILES else "classified" if name == COPC else "footprints"
         if needed not in outputs:
             raise ValueError(f"--formats {name}: it follows from {needed}; add {needed} to --outputs")
-    if "ifc" in names:
-        from eaves.formats.models.ifc import require_ifcopenshell
-
-        require_ifcopenshell()
-    if "parquet" in names:
-        from eaves.formats.vectors.parquet import require_pyarrow
-
-        require_pyarrow()
+    for extra in [extra for extra in EXTRAS if extra in names]:
+        require_extra(extra)
 
 
 def export_run(folder: Path, names: Sequence[str]) -> list[Path]:

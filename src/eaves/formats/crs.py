@@ -70,9 +70,8 @@ def system_of(
     InputError
         When the system is not a plane one.
     """
-    plain = crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
+    plain, horizontal = unbound(crs), plane_part(crs)
     parts = plain.sub_crs_list if plain.is_compound else [plain]
-    horizontal = parts[0].source_crs if parts[0].is_bound and parts[0].source_crs is not None else parts[0]
     if horizontal.is_geographic:
         raise InputError.about(
             path, f"coordinates are in degrees ({horizontal.name})", degrees_remedy(*centre)
@@ -98,6 +97,17 @@ def system_of(
         height_unit, plain = vertical_unit, _with_heights_in(horizontal, vertical_unit)
     code = code_of(plain) if named else None
     return CoordinateSystem(plain.to_wkt(WktVersion.WKT2_2019), unit, height_unit, code)
+
+
+def unbound(crs: pyproj.CRS) -> pyproj.CRS:
+    """A system without the way to another one that it may be bound to."""
+    return crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
+
+
+def plane_part(crs: pyproj.CRS) -> pyproj.CRS:
+    """The plane part of a system."""
+    plain = unbound(crs)
+    return unbound(plain.sub_crs_list[0] if plain.is_compound else plain)
 
 
 def _with_heights_in(horizontal: pyproj.CRS, unit: float) -> pyproj.CRS:

@@ -13,9 +13,9 @@ import pyproj
 import pyproj.exceptions
 from pyproj.transformer import TransformerGroup
 
-from eaves.formats.crs import code_of, horizontal_crs, parse_crs, pyproj_crs
+from eaves.formats.crs import code_of, horizontal_crs, parse_crs, plane_part, pyproj_crs
 from eaves.formats.errors import InputError
-from eaves.model import Bounds, CoordinateSystem
+from eaves.model import Bounds, CoordinateSystem, Rectangle
 
 log = logging.getLogger("eaves")
 
@@ -55,13 +55,6 @@ def refuse_conflict(path: Path, said: str, own: pyproj.CRS | None, box: Bounds) 
     raise InputError.about(
         path, f"says it is in {own.name}, --crs says {parse_crs(said).name}", f"leave --crs out, {FORCE}"
     )
-
-
-def plane_part(crs: pyproj.CRS) -> pyproj.CRS:
-    """The plane part of a system."""
-    plain = crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
-    first = plain.sub_crs_list[0] if plain.is_compound else plain
-    return first.source_crs if first.is_bound and first.source_crs is not None else first
 
 
 def same_heights(one: pyproj.CRS, other: pyproj.CRS) -> bool:
@@ -117,7 +110,7 @@ class Area:
     date line."""
 
     name: str
-    sides: tuple[float, float, float, float]
+    sides: Rectangle
     to_degrees: pyproj.Transformer
 
     def holds_degrees(self, longitude: float, latitude: float) -> bool:

@@ -1,8 +1,17 @@
-"""The one error of this package's readers."""
+"""The one error of this package's readers, and that of a library that is missing."""
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
+
+EXTRAS = {
+    "parquet": ("pyarrow", "GeoParquet needs pyarrow"),
+    "ifc": ("ifcopenshell", "IFC needs IfcOpenShell"),
+    "postgis": ("psycopg", "PostGIS needs psycopg"),
+    "plots": ("matplotlib", "pictures need matplotlib"),
+}
+"""Library that an extra installs, and who needs it."""
 
 
 class InputError(ValueError):
@@ -22,3 +31,10 @@ class InputError(ValueError):
     def about(cls, path: str | Path, rule: str, remedy: str) -> InputError:
         """The error for a file, on one line whatever the parts hold."""
         return cls(" ".join(f"{path}: {rule}; {remedy}".split()))
+
+
+def require_extra(extra: str) -> None:
+    """Raise `InputError` when the library of an extra is missing."""
+    library, need = EXTRAS[extra]
+    if find_spec(library) is None:
+        raise InputError(f"{need}, which is missing; run: pip install 'eaves[{extra}]'")

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model import Labels
-
-Integers = NDArray[np.int64]
+from eaves.model import Integers, Labels
 
 
 @kernel

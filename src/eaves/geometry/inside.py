@@ -9,9 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model import Mask, Points
-
-Integers = NDArray[np.int64]
+from eaves.model import Integers, Mask, Points, Values
 
 ROUNDING = 1e-15
 """Share of its terms by which a cross product may be wrong; nearer to zero its sign is found exactly."""
@@ -19,7 +17,7 @@ ROUNDING = 1e-15
 
 def edges_of(
     polygons: NDArray[np.object_],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], Integers]:
+) -> tuple[Values, Values, Integers]:
     """Where the edges of polygons start and end (E, 2), (E, 2), and the polygon of each (E,), ascending."""
     rings, owner = shapely.get_rings(polygons, return_index=True)
     places, ring = shapely.get_coordinates(rings, return_index=True)
@@ -28,7 +26,7 @@ def edges_of(
 
 
 def points_in_polygons(
-    points: Points, start: NDArray[np.float64], end: NDArray[np.float64], owner: Integers, count: int
+    points: Points, start: Values, end: Values, owner: Integers, count: int
 ) -> tuple[Integers, Integers]:
     """Pairs of point and polygon (K,), (K,): points inside or on the border, in the order of the points.
 
@@ -49,10 +47,10 @@ def points_in_polygons(
 
 @kernel
 def inside_kernel(
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
+    x: Values,
+    y: Values,
+    start: Values,
+    end: Values,
     first: Integers,
 ) -> tuple[Integers, Integers, Mask]:
     """Pairs of point and polygon (K,), (K,) that lie inside or may do so, and which are sure (K,).
@@ -117,7 +115,7 @@ def inside_kernel(
     return point[:found], polygon[:found], sure[:found]
 
 
-def is_inside(x: float, y: float, start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
+def is_inside(x: float, y: float, start: Values, end: Values) -> bool:
     """Whether a place is inside a polygon with edges from `start` to `end` (E, 2), or on its border, in exact
     arithmetic.
     """

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eaves.model import Labels, Values
+from eaves.model import Integers, Labels, Values
 
 
 def quantile(values: Values, share: float) -> float:
@@ -19,16 +18,14 @@ def quantile(values: Values, share: float) -> float:
     return before + step * part if part < 0.5 else after - step * (1.0 - part)
 
 
-def median(values: Values | NDArray[np.int64]) -> float:
+def median(values: Values | Integers) -> float:
     """The median of values (N,), N ≥ 1, none of them NaN, as `numpy.median` has it."""
     near = [(len(values) - 1) // 2, len(values) // 2]
     below, above = np.partition(values, near)[near]
     return float(below + above) / 2.0
 
 
-def group_percentiles(
-    values: Values, group: Labels | NDArray[np.int64], count: int, percent: float
-) -> Values:
+def group_percentiles(values: Values, group: Labels | Integers, count: int, percent: float) -> Values:
     """The percentile (G,) of the values (N,) of each of `count` groups; NaN for a group without any.
 
     Between two values it is linear, to the bit as `numpy.percentile` is. Values of group -1 are left out.
@@ -51,7 +48,7 @@ def group_percentiles(
     return answer
 
 
-def column_percentiles(values: NDArray[np.float64], percents: tuple[float, ...]) -> NDArray[np.float64]:
+def column_percentiles(values: Values, percents: tuple[float, ...]) -> Values:
     """The percentiles (P, K) of each column of values (N, K), N ≥ 1; to the bit as `numpy.percentile` has
     them.
     """

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.rings import polygon_parts
 from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.model import Values
 
 
 def joined_pieces(pieces: Sequence[Polygon], owner: list[int], count: int) -> list[Polygon | None]:
@@ -42,9 +42,7 @@ def loose_pieces(pieces: Sequence[Polygon], own: Sequence[int]) -> list[int]:
     return [k for k in own if not largest.covers(pieces[k].representative_point())]
 
 
-def borders_of(
-    number: int, pieces: Sequence[Polygon], owner: Sequence[int], count: int
-) -> NDArray[np.float64]:
+def borders_of(number: int, pieces: Sequence[Polygon], owner: Sequence[int], count: int) -> Values:
     """Length (count,) of the border that a piece shares with the pieces of each owner (m)."""
     border = np.zeros(count)
     for k, (piece, one) in enumerate(zip(pieces, owner, strict=True)):

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pgeof
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.geometry.percentiles import median, quantile
 from eaves.kernels import kernel
-from eaves.model import Points, Values
+from eaves.model import Integers, Points, Values
 
 LINE_RATIO = 0.1
 """A neighbourhood whose second eigenvalue is below this share of the first is a line and has no normal."""
@@ -30,7 +29,7 @@ FEW_QUERIES = 1500
 
 
 @kernel
-def eigen_kernel(c: NDArray[np.float64], vectors: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+def eigen_kernel(c: Values, vectors: Values, values: Values) -> None:
     """Eigenvalues, ascending, and eigenvectors (columns) of a symmetric (3, 3) matrix by Jacobi rotations."""
     a = c.copy()
     for i in range(3):
@@ -72,11 +71,11 @@ def eigen_kernel(c: NDArray[np.float64], vectors: NDArray[np.float64], values: N
 
 @kernel
 def plane_of_sums_kernel(
-    sums: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    vectors: NDArray[np.float64],
-    values: NDArray[np.float64],
-    plane: NDArray[np.float64],
+    sums: Values,
+    covariance: Values,
+    vectors: Values,
+    values: Values,
+    plane: Values,
 ) -> None:
     """The plane of least squared distances, from the ten sums of its points.
 
@@ -99,7 +98,7 @@ def plane_of_sums_kernel(
 
 
 @kernel
-def add_point_kernel(sums: NDArray[np.float64], x: float, y: float, z: float, weight: float) -> None:
+def add_point_kernel(sums: Values, x: float, y: float, z: float, weight: float) -> None:
     """Add a point to the ten sums; weight -1 takes it away."""
     sums[0] += weight
     sums[1] += weight * x
@@ -115,13 +114,13 @@ def add_point_kernel(sums: NDArray[np.float64], x: float, y: float, z: float, we
 
 @kernel
 def local_planes_kernel(
-    xyz: NDArray[np.float64],
-    neighbours: NDArray[np.int64],
+    xyz: Values,
+    neighbours: Integers,
     smallest: int,
     line_ratio: float,
-    normals: NDArray[np.float64],
-    eigenvalues: NDArray[np.float64],
-    counts: NDArray[np.int64],
+    normals: Values,
+    eigenvalues: Values,
+    counts: Integers,
 ) -> None:
     """Normals (M, 3), eigenvalues (M, 3), neighbours used (M,) among points (N, 3) [xiao2014, eq. 1].
 
@@ -162,10 +161,10 @@ class LocalPlanes:
     `spacing` their mean distance in plan (m).
     """
 
-    neighbours: NDArray[np.int64]
-    counts: NDArray[np.int64]
-    normals: NDArray[np.float64]
-    eigenvalues: NDArray[np.float64]
+    neighbours: Integers
+    counts: Integers
+    normals: Values
+    eigenvalues: Values
     curvature: Values
     noise: float
     spacing: float
@@ -176,7 +175,7 @@ def local_planes(xyz: Points, count: int, most: int) -> LocalPlanes:
     return planes_around(xyz, *nearest(xyz, xyz, max(most, count)), count)
 
 
-def planes_around(xyz: Points, neighbours: NDArray[np.int64], farthest: Values, count: int) -> LocalPlanes:
+def planes_around(xyz: Points, neighbours: Integers, farthest: Values, count: int) -> LocalPlanes:
     """The planes through M points' `count` nearest of points (N, 3), N ≥ 3; see `local_planes`.
 
     `neighbours` (M, K) are the most that are looked at, `farthest` (M,) the distance (m) of the last.
@@ -193,7 +192,7 @@ def planes_around(xyz: Points, neighbours: NDArray[np.int64], farthest: Values, 
     return LocalPlanes(neighbours, counts, normals, eigenvalues, curvature, noise, max(spacing, 1e-3))
 
 
-def nearest(queries: Points, xyz: Points, count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def nearest(queries: Points, xyz: Points, count: int) -> tuple[Integers, Values]:
     """The `count` nearest (M, K) of points (N, 3) to queries (M, 3), K = min(count, N); the distance (M,) of
     the last."""
     count = min(count, len(xyz))
@@ -205,7 +204,7 @@ def nearest(queries: Points, xyz: Points, count: int) -> tuple[NDArray[np.int64]
     return near.astype(np.int64), np.sqrt(squares[:, -1].astype(np.float64))
 
 
-def all_nearest(queries: Points, xyz: Points, count: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def all_nearest(queries: Points, xyz: Points, count: int) -> tuple[Values, Integers]:
     """Distances (M, count) and numbers (M, count) of the nearest of points (N, 3) to a few queries (M, 3)."""
     distances, found = cKDTree(xyz, balanced_tree=False).query(queries, k=[*range(1, count + 1)])
     return np.asarray(distances, np.float64), np.ascontiguousarray(found, np.int64)
@@ -213,7 +212,7 @@ def all_nearest(queries: Points, xyz: Points, count: int) -> tuple[NDArray[np.fl
 
 def measure_noise(
     smallest_eigenvalues: Values,
-    counts: NDArray[np.int64],
+    counts: Integers,
     calm: tuple[float, float] = NOISE_QUANTILE,
 ) -> float:
     """Standard deviation (m) of points about their surface, from local fits (N,) with `counts` points each.

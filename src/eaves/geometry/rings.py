@@ -12,9 +12,10 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.tolerance import COORDINATE_STEP
+from eaves.model import Integers, Values
 
 
-def signed_area(ring: NDArray[np.float64]) -> float:
+def signed_area(ring: Values) -> float:
     """Area (m²) inside a ring (M, 2) in the plane, positive when it runs counter-clockwise."""
     if len(ring) < 3:
         return 0.0
@@ -22,7 +23,7 @@ def signed_area(ring: NDArray[np.float64]) -> float:
     return float(0.5 * (np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
 
 
-def area_vector(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+def area_vector(ring: Values) -> Values:
     """Area (m²) inside a ring (M, 3) times its unit normal, (3,): half of Newell's sum of cross products."""
     # column by column: np.cross and np.roll spend ten times the work on finding out what they were given
     shifted = ring - ring[0]
@@ -36,14 +37,14 @@ def area_vector(ring: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def ring_edges(
     rings: Sequence[Sequence[int]],
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Integers, Integers, Integers]:
     """Where the edges of closed rings of vertex numbers start and end (E,), (E,), and their rings (E,)."""
     size = np.array([len(ring) for ring in rings], np.int64)
     start = np.fromiter(chain.from_iterable(rings), np.int64, int(size.sum()))
     return start, start[following_places(size)], np.repeat(np.arange(len(size)), size)
 
 
-def following_places(size: NDArray[np.int64]) -> NDArray[np.int64]:
+def following_places(size: Integers) -> Integers:
     """The place (V,) of the corner after each, in rings of `size` (R,) corners that stand one behind the
     other."""
     after = np.cumsum(size)
@@ -52,7 +53,7 @@ def following_places(size: NDArray[np.int64]) -> NDArray[np.int64]:
     return following
 
 
-def polygons_of(faces: Sequence[Sequence[NDArray[np.float64]]]) -> NDArray[np.object_]:
+def polygons_of(faces: Sequence[Sequence[Values]]) -> NDArray[np.object_]:
     """Polygons (F,) of the rings (M, 2 or 3) of faces, the outer one first, made together."""
     rings = [ring for face in faces for ring in face]
     if not rings:
@@ -63,11 +64,11 @@ def polygons_of(faces: Sequence[Sequence[NDArray[np.float64]]]) -> NDArray[np.ob
     return np.asarray(shapely.polygons(lines, indices=owner), object)
 
 
-def split_loops(ring: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def split_loops(ring: Integers) -> list[Integers]:
     """The loops of a closed walk over vertex numbers (M,), each of which visits a vertex once."""
     if len(np.unique(ring)) == len(ring):
         return [ring]
-    loops: list[NDArray[np.int64]] = []
+    loops: list[Integers] = []
     path: list[int] = []
     place: dict[int, int] = {}
     for vertex in ring.tolist():

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from eaves.geometry.inside import edges_of, points_in_polygons
 from eaves.geometry.rings import area_vector, polygons_of
 from eaves.kernels import kernel
-from eaves.model import Mask, Points, Values
+from eaves.model import Integers, Mask, Points, Values
 
 NEAR = 0.3
 """Radius in plan (m) within which a higher building point hides a point."""
@@ -34,8 +34,8 @@ class RoofFaces:
     """
 
     polygons: NDArray[np.object_]
-    coefficients: NDArray[np.float64]
-    owner: NDArray[np.int64]
+    coefficients: Values
+    owner: Integers
 
     @property
     def cosine(self) -> Values:
@@ -52,7 +52,7 @@ class RoofFit:
     (N,) the distance along its normal (m), both NaN for a miss.
     """
 
-    face: NDArray[np.int64]
+    face: Integers
     vertical: Values
     distance: Values
 
@@ -105,11 +105,11 @@ def fit_roof(points: Points, faces: RoofFaces) -> RoofFit:
 
 def highest_faces(
     points: Points,
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
-    owner: NDArray[np.int64],
-    coefficients: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], Values]:
+    start: Values,
+    end: Values,
+    owner: Integers,
+    coefficients: Values,
+) -> tuple[Integers, Values]:
     """The number (N,) of the highest face at the x, y of points (N, 2 or 3), -1 for none, and its height
     there (N,), NaN for none.
 
@@ -128,7 +128,7 @@ def highest_faces(
 
 
 @kernel
-def face_planes_kernel(places: Points, first: NDArray[np.int64]) -> NDArray[np.float64]:
+def face_planes_kernel(places: Points, first: Integers) -> Values:
     """The planes (F, 3: a, b, c) of faces with corners `first[f]` to `first[f + 1]` of `places` (K, 3), by
     their vector areas and mean corners; NaN for those steeper than `STEEPEST`."""
     planes = np.full((len(first) - 1, 3), np.nan)

@@ -6,11 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.planes import LocalPlanes, local_planes
-from eaves.model import Labels, Mask, PointCloud, Points, Values
+from eaves.model import Integers, Labels, Mask, PointCloud, Points, Values
 from eaves.model.scene import TREE, WALL
 
 NEIGHBOURS = 24
@@ -47,11 +46,11 @@ def find_walls_and_trees(
     return part
 
 
-def grow_regions(xyz: Points, planes: LocalPlanes, smooth_angle: float) -> NDArray[np.int64]:
+def grow_regions(xyz: Points, planes: LocalPlanes, smooth_angle: float) -> Integers:
     """Region (N,), counted from 0: connected points of like normals (degrees) with no step between them."""
     likeness, rise = np.cos(np.radians(smooth_angle)), np.sin(np.radians(smooth_angle))
 
-    def joined(other: NDArray[np.int64]) -> Mask:
+    def joined(other: Integers) -> Mask:
         link = xyz[other] - xyz
         length = np.sqrt((link**2).sum(axis=1))
         alike = (planes.normals * planes.normals[other]).sum(axis=1) > likeness
@@ -67,13 +66,13 @@ def grow_regions(xyz: Points, planes: LocalPlanes, smooth_angle: float) -> NDArr
 def euclidean_components(xyz: Points, planes: LocalPlanes, join: float) -> Labels:
     """Numbers (N,) from 0 of the connected components: neighbours nearer than `join` (m) are one."""
 
-    def joined(other: NDArray[np.int64]) -> Mask:
+    def joined(other: Integers) -> Mask:
         return np.asarray(((xyz[other] - xyz) ** 2).sum(axis=1) <= join * join)
 
     return connected_points(planes, joined)
 
 
-def connected_points(planes: LocalPlanes, joined: Callable[[NDArray[np.int64]], Mask]) -> Labels:
+def connected_points(planes: LocalPlanes, joined: Callable[[Integers], Mask]) -> Labels:
     """Components (N,) of the graph of neighbours whose link `joined` (others (N,) → mask (N,)) keeps."""
     count, around = len(planes.neighbours), planes.neighbours[:, 1:]
     rows, columns = [], []
@@ -81,12 +80,11 @@ def connected_points(planes: LocalPlanes, joined: Callable[[NDArray[np.int64]], 
         row = np.flatnonzero(joined(around[:, k]))
         rows.append(row)
         columns.append(around[row, k])
-    one, two = np.concatenate(rows), np.concatenate(columns)
-    graph = coo_matrix((np.ones(len(one), np.int8), (one, two)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int32)
+    group = connected_groups_kernel(np.concatenate(rows), np.concatenate(columns), count)
+    return np.asarray(group, np.int32)
 
 
-def region_areas(xyz: Points, region: NDArray[np.int64], side: float) -> Values:
+def region_areas(xyz: Points, region: Integers, side: float) -> Values:
     """Area (K,) in m² of each region of points (N, 3): its occupied cells of the given side (m)."""
     cell = np.floor(xyz[:, :2] / side).astype(np.int64)
     cell -= cell.min(axis=0)

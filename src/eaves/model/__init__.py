@@ -1,6 +1,6 @@
 """The nouns that flow."""
 
-from eaves.model.arrays import Grid, Labels, Mask, Points, Values
+from eaves.model.arrays import Grid, Integers, Labels, Mask, Points, Rectangle, Values
 from eaves.model.block import BLOCK_SIDE, Block, Bounds
 from eaves.model.building import (
     Boundary,
@@ -14,11 +14,14 @@ from eaves.model.building import (
     Solid,
 )
 from eaves.model.cloud import PointCloud
-from eaves.model.coordinates import CoordinateSystem
+from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
+from eaves.model.provenance import NOTHING_KNOWN, Provenance
 from eaves.model.scene import Raster, Regions, Scene
 
 __all__ = [
     "BLOCK_SIDE",
+    "LOCAL_METRES",
+    "NOTHING_KNOWN",
     "Block",
     "Boundary",
     "Bounds",
@@ -30,11 +33,14 @@ __all__ = [
     "Footprint",
     "Grid",
     "Installation",
+    "Integers",
     "Labels",
     "Mask",
     "PointCloud",
     "Points",
+    "Provenance",
     "Raster",
+    "Rectangle",
     "Regions",
     "RoofPlane",
     "Scene",

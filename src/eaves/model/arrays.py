@@ -13,5 +13,9 @@ Labels = NDArray[np.int32]
 """(N,) or (H, W) labels; 0 means none."""
 Values = NDArray[np.float64]
 """(N,) numbers."""
+Integers = NDArray[np.int64]
+"""(N,) whole numbers: places, counts, vertices of faces."""
 Grid = NDArray[np.float32]
 """(H, W) raster values, row 0 north, NaN where missing."""
+Rectangle = tuple[float, float, float, float]
+"""West, south, east, north, in the units of a file."""

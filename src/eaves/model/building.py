@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from eaves.model.arrays import Points, Values
+from eaves.model.arrays import Integers, Points, Values
 
 if TYPE_CHECKING:
     from shapely import Polygon
@@ -53,7 +52,7 @@ class Boundary:
     4.0
     """
 
-    rings: tuple[NDArray[np.float64], ...]
+    rings: tuple[Values, ...]
     points: Points
     spacing: float
     not_last: Points | None = None
@@ -142,12 +141,12 @@ class RoofPlane:
     """
 
     coefficients: tuple[float, float, float]
-    members: NDArray[np.int64]
+    members: Integers
     rmse: float
     polygon: Polygon | None = None
 
     @property
-    def normal(self) -> NDArray[np.float64]:
+    def normal(self) -> Values:
         """Unit normal (3,), pointing up."""
         a, b, _ = self.coefficients
         return np.asarray(np.array([-a, -b, 1.0]) / np.sqrt(a * a + b * b + 1.0))
@@ -158,7 +157,7 @@ class RoofPlane:
         a, b, _ = self.coefficients
         return float(np.arctan(np.hypot(a, b)))
 
-    def height_at(self, xy: NDArray[np.float64]) -> Values:
+    def height_at(self, xy: Values) -> Values:
         """Heights (N,) of the plane at (N, 2 or 3)."""
         a, b, c = self.coefficients
         return np.asarray(a * xy[:, 0] + b * xy[:, 1] + c)

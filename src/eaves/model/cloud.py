@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import inlined_kernel, kernel
-from eaves.model.arrays import Mask, Points, Values
-from eaves.model.block import Block, Bounds, Scalar
+from eaves.model.arrays import Integers, Mask, Points, Values
+from eaves.model.block import Block, Bounds
 from eaves.model.checks import check_lengths, check_points
 from eaves.model.coordinates import LOCAL_METRES, CoordinateSystem
 
@@ -20,6 +20,8 @@ WIRE, WIRE_TOWER, BRIDGE_DECK = 14, 15, 17
 NOISE_CLASSES = (LOW_NOISE, HIGH_NOISE)
 """Class codes of LAS 1.4, table 17."""
 
+ARRAYS = ("return_number", "number_of_returns", "classification", "part", "point_id")
+"""What a cloud may know of its points besides their places."""
 GRID_STEP = 1e-4
 """Local coordinates are whole multiples of this (m), so data moved by whole blocks compute identically."""
 
@@ -69,15 +71,13 @@ class PointCloud:
     number_of_returns: NDArray[np.uint8] | None = None
     classification: NDArray[np.uint8] | None = None
     part: NDArray[np.uint8] | None = None
-    point_id: NDArray[np.int64] | None = None
+    point_id: Integers | None = None
     system: CoordinateSystem = field(default=LOCAL_METRES)
     ordered: bool = False
 
     def __post_init__(self) -> None:
         check_points(self.xyz, "xyz")
-        arrays = (self.return_number, self.number_of_returns, self.classification, self.part, self.point_id)
-        names = ("return_number", "number_of_returns", "classification", "part", "point_id")
-        check_lengths(len(self.xyz), dict(zip(names, arrays, strict=True)))
+        check_lengths(len(self.xyz), {name: getattr(self, name) for name in ARRAYS})
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -135,26 +135,18 @@ class PointCloud:
             changes.setdefault("ordered", False)
         return replace(self, **changes)  # type: ignore[arg-type]
 
-    def take(self, which: Mask | NDArray[np.int64]) -> PointCloud:
+    def take(self, which: Mask | Integers) -> PointCloud:
         """The points picked by a mask (N,) or by indices, in that order; the cloud itself when it is all."""
         # to take by indices, and along the first axis, is several times as fast as to index
         index = np.flatnonzero(which) if which.dtype == np.bool_ else which
         if len(index) == len(self) and bool((index == np.arange(len(self))).all()):
             return self
-
-        def pick(array: NDArray[Scalar] | None) -> NDArray[Scalar] | None:
-            return None if array is None else array.take(index)
-
-        return replace(
-            self,
-            xyz=self.xyz.take(index, axis=0),
-            return_number=pick(self.return_number),
-            number_of_returns=pick(self.number_of_returns),
-            classification=pick(self.classification),
-            part=pick(self.part),
-            point_id=pick(self.point_id),
-            ordered=self.ordered and bool((index[1:] > index[:-1]).all()),
-        )
+        known = {name: getattr(self, name) for name in ARRAYS}
+        arrays: dict[str, Any] = {
+            name: one if one is None else one.take(index) for name, one in known.items()
+        }
+        ordered = self.ordered and bool((index[1:] > index[:-1]).all())
+        return replace(self, xyz=self.xyz.take(index, axis=0), **arrays, ordered=ordered)
 
     def about(self, origin: tuple[float, float]) -> PointCloud:
         """The same points with local coordinates counted from another origin (world metres)."""
@@ -163,7 +155,7 @@ class PointCloud:
         shift = np.array([self.origin[0] - origin[0], self.origin[1] - origin[1], 0.0])
         return replace(self, xyz=snap(self.xyz + shift), origin=origin, ordered=False)
 
-    def canonical_order(self) -> NDArray[np.int64]:
+    def canonical_order(self) -> Integers:
         """Indices that put the points in the one order every method sees: by 1 m cell, row by row, then
         y, x, z.
 
@@ -197,17 +189,17 @@ def snap(xyz: Points) -> Points:
     return np.round(xyz / GRID_STEP) * GRID_STEP
 
 
-def millimetres(values: Values) -> NDArray[np.int64]:
+def millimetres(values: Values) -> Integers:
     """Values (N,) as whole millimetres above the metre under the lowest; those not finite count as 0."""
     finite = np.isfinite(values)
     known = values if finite.all() else np.where(finite, values, 0.0)
     shifted = known - np.floor(known.min())
     shifted *= 1000.0
-    whole: NDArray[np.int64] = np.rint(shifted, out=shifted).astype(np.int64)
+    whole: Integers = np.rint(shifted, out=shifted).astype(np.int64)
     return whole
 
 
-def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> NDArray[np.int64]:
+def canonical_order(xyz: Points, tie_break: NDArray[np.uint8] | None = None) -> Integers:
     """Indices (N,) that sort points (N, 3) by 1 m cell, row by row, and inside a cell by y, x, z (1 mm)."""
     if len(xyz) == 0:
         return np.zeros(0, np.int64)
@@ -247,7 +239,7 @@ def millimetre_of(value: float, level: float) -> Any:
 
 
 @kernel
-def keys_kernel(xyz: Points) -> tuple[NDArray[np.int64], int, bool]:
+def keys_kernel(xyz: Points) -> tuple[Integers, int, bool]:
     """Keys (N,) that rise by 1 m cell, row by row, and inside a cell by y, x, z; how many there are to a
     cell, 0 where 63 bits do not hold them; and whether they rise already.
     """
@@ -279,7 +271,7 @@ CELLS_A_POINT, MOST_IN_CELL = 4, 512
 
 
 @kernel
-def order_kernel(key: NDArray[np.int64], of_cell: int) -> NDArray[np.int64]:
+def order_kernel(key: Integers, of_cell: int) -> Integers:
     """Indices (N,) that sort keys (N,) of cells with `of_cell` each: dealt out to the cells, then sorted in
     each; none where there are so many cells, or so many points in one, that this is slow.
     """

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.model.arrays import Values
+
 if TYPE_CHECKING:
     from shapely import Polygon
 
@@ -53,7 +55,7 @@ def png_bytes(image: Image) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", packed) + chunk(b"IEND", b"")
 
 
-def cloud_picture(xyz: NDArray[np.float64], classes: NDArray[np.uint8] | None) -> Image:
+def cloud_picture(xyz: Values, classes: NDArray[np.uint8] | None) -> Image:
     """Points (N, 3) from above: the highest of each dot, by class where there are classes, else by height."""
     good = np.flatnonzero(np.isfinite(xyz).all(axis=1))
     if not len(good):
@@ -75,7 +77,7 @@ def cloud_picture(xyz: NDArray[np.float64], classes: NDArray[np.uint8] | None) -
     return shaded(colours, heights, dot)
 
 
-def class_colours(classes: NDArray[np.uint8]) -> NDArray[np.float64]:
+def class_colours(classes: NDArray[np.uint8]) -> Values:
     """Colours (N, 3), 0 to 255, of LAS classes (N,)."""
     table = np.full((256, 3), 150.0)
     for code, colour in CLASS_COLOURS.items():
@@ -90,7 +92,7 @@ def raster_picture(heights: NDArray[np.float32], cell: float) -> Image:
     return shaded(height_colours(thin), thin, cell * step)
 
 
-def height_colours(heights: NDArray[np.float64]) -> NDArray[np.float64]:
+def height_colours(heights: Values) -> Values:
     """Colours (H, W, 3) of heights."""
     known = heights[np.isfinite(heights)]
     low, high = np.percentile(known, [5.0, 95.0]) if len(known) else (0.0, 1.0)
@@ -99,7 +101,7 @@ def height_colours(heights: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.interp(share, [0.0, 0.5, 1.0], ramp[:, band]) for band in range(3)], axis=2)
 
 
-def shaded(colours: NDArray[np.float64], heights: NDArray[np.float64], cell: float) -> Image:
+def shaded(colours: Values, heights: Values, cell: float) -> Image:
     """Colours (H, W, 3) under light from the north-west; white where there is no height."""
     padded = np.pad(heights, 1, mode="edge")
     down, east = (np.gradient(padded, cell, axis=axis)[1:-1, 1:-1] for axis in (0, 1))
@@ -140,7 +142,7 @@ def solids_svg(solids: Iterable[Solid]) -> str:
     return svg([(rings, colour) for _, rings, colour in faces])
 
 
-def svg(faces: Sequence[tuple[list[NDArray[np.float64]], tuple[int, ...]]]) -> str:
+def svg(faces: Sequence[tuple[list[Values], tuple[int, ...]]]) -> str:
     """Faces of rings (M, 2), y downwards, each in a colour, in order, fitted into a picture."""
     head = f"<svg xmlns='http://www.w3.org/2000/svg' width='{SIDE // 2}' height='{SIDE // 2}'"
     if not faces:

@@ -24,6 +24,12 @@ class Provenance:
         Name of the vertical datum, where it is known.
     datum_status : str
         `known`, `unknown`, or `geoid missing`: the datum has a name, but its grid is not on this computer.
+
+    Examples
+    --------
+    >>> from eaves.model import Provenance
+    >>> Provenance(("tile.laz",), 1).sentence
+    'points of tile.laz; vertical datum: unknown'
     """
 
     sources: tuple[str, ...] = ()

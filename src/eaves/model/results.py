@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.model.arrays import Labels, Mask, Points
+from eaves.model.arrays import Integers, Labels, Mask, Points, Values
 from eaves.model.block import Block, Bounds
 from eaves.model.building import BuildingModel, Failure, Footprint
 from eaves.model.doubt import Doubt
@@ -21,7 +21,7 @@ class BlockResult:
 
     block: Block
     xyz: Points
-    point_id: NDArray[np.int64]
+    point_id: Integers
     classification: NDArray[np.uint8]
     label: Labels
     part: NDArray[np.uint8]
@@ -30,12 +30,12 @@ class BlockResult:
     vegetation: NDArray[np.uint8]
     """Class 3, 4 or 5 where a point is vegetation, 14 or 15 on a wire or its tower, else 0."""
     height: NDArray[np.float32]
-    score: NDArray[np.float64]
+    score: Values
     """Of each label, (K,)."""
     dtm: Raster
     dsm: Raster
     spacing: float
-    seam_id: NDArray[np.int64]
+    seam_id: Integers
     seam_label: Labels
     """Labelled points within `SEAM` of the border, on both sides of it."""
     doubts: tuple[Doubt, ...] = ()
@@ -56,7 +56,7 @@ class BuildingPoints:
 
     owner_block: Block
     xyz: Points
-    point_id: NDArray[np.int64]
+    point_id: Integers
     part: NDArray[np.uint8]
     terrain: Raster
     spacing: float
@@ -100,7 +100,7 @@ class BuildingResult:
     """A model, or the Failure (with its footprint), and the roof plane of every point (N,), 0 for none."""
 
     outcome: BuildingModel | Failure
-    point_id: NDArray[np.int64]
+    point_id: Integers
     plane: Labels
     seconds: dict[str, float] = field(default_factory=dict)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model.arrays import Grid, Labels, Mask, Points, Values
+from eaves.model.arrays import Grid, Integers, Labels, Mask, Points, Values
 from eaves.model.block import Bounds
 from eaves.model.cloud import PointCloud
 from eaves.model.doubt import Doubt
@@ -77,7 +77,7 @@ class Raster:
         """A copy with some fields replaced."""
         return replace(self, **changes)  # type: ignore[arg-type]
 
-    def cell_of(self, xy: Points) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def cell_of(self, xy: Points) -> tuple[Integers, Integers]:
         """Row and column of points (N, 2 or 3); outside the raster they are out of range."""
         column = np.floor((xy[:, 0] - self.west) / self.cell).astype(np.int64)
         row = np.floor((self.north - xy[:, 1]) / self.cell).astype(np.int64)

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model import Bounds, Grid, Points, Raster, Values
-
-Index = NDArray[np.int64]
+from eaves.model import Bounds, Grid, Integers, Points, Raster, Values
 
 EMPTY = -1
 """In a grid of point numbers: a cell without points."""
@@ -42,13 +39,13 @@ def cell_centres(raster: Raster) -> Points:
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
-def lowest_points(xyz: Points, bounds: Bounds, cell: float) -> Index:
+def lowest_points(xyz: Points, bounds: Bounds, cell: float) -> Integers:
     """Number of the lowest point in each cell, (H, W), `EMPTY` where there is none; ties go to the first."""
     rows, columns = grid_shape(bounds, cell)
     return np.asarray(extreme_kernel(xyz, bounds.west, bounds.north, cell, rows, columns, -1.0))
 
 
-def highest_points(xyz: Points, bounds: Bounds, cell: float) -> Index:
+def highest_points(xyz: Points, bounds: Bounds, cell: float) -> Integers:
     """Number of the highest point in each cell, (H, W), `EMPTY` where there is none; ties go to the first."""
     rows, columns = grid_shape(bounds, cell)
     return np.asarray(extreme_kernel(xyz, bounds.west, bounds.north, cell, rows, columns, 1.0))
@@ -61,7 +58,7 @@ def mean_heights(xyz: Points, bounds: Bounds, cell: float) -> tuple[Grid, Grid]:
     return mean, count
 
 
-def heights_of(numbers: Index, z: Values) -> Grid:
+def heights_of(numbers: Integers, z: Values) -> Grid:
     """Heights (H, W) of the points with these numbers, NaN where there is none."""
     if len(z) == 0:
         return np.full(numbers.shape, np.nan, np.float32)
@@ -71,7 +68,7 @@ def heights_of(numbers: Index, z: Values) -> Grid:
 @kernel
 def extreme_kernel(
     xyz: Points, west: float, north: float, cell: float, rows: int, columns: int, sign: float
-) -> Index:
+) -> Integers:
     """Number of the point with the largest sign * z in each cell, (rows, columns)."""
     best = np.full((rows, columns), EMPTY, np.int64)
     for i in range(len(xyz)):

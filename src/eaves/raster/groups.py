@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.geometry.components import connected_groups_kernel
-from eaves.model import Labels, Mask
+from eaves.model import Integers, Labels, Mask
 
-Numbers = NDArray[np.int64]
 Step = tuple[int, int]
 BESIDE: tuple[Step, ...] = ((0, 1), (1, 0))
 """Steps down and right to two of the four cells that share a side with a cell: the others step back to it."""
@@ -28,7 +26,7 @@ def steps_within(reach: int) -> tuple[Step, ...]:
 
 def neighbour_pairs(
     mask: Mask, some: Mask | None = None, steps: tuple[Step, ...] = ONWARD
-) -> tuple[Numbers, Numbers]:
+) -> tuple[Integers, Integers]:
     """Flat numbers of all pairs of cells a step apart that are both set in `mask` (H, W), and at least one of
     them in `some` (H, W) where that is given."""
     pairs = []
@@ -51,7 +49,7 @@ def shifted(shape: tuple[int, ...], step: Step) -> tuple[tuple[slice, slice], tu
     )
 
 
-def numbers_in(both: Mask, step: Step, shape: tuple[int, ...]) -> tuple[Numbers, Numbers]:
+def numbers_in(both: Mask, step: Step, shape: tuple[int, ...]) -> tuple[Integers, Integers]:
     """Flat numbers in a raster of a shape (H, W) of the cells set among those of `shifted`, and of those that
     the step leads to."""
     row, column = np.nonzero(both)
@@ -59,7 +57,7 @@ def numbers_in(both: Mask, step: Step, shape: tuple[int, ...]) -> tuple[Numbers,
     return here, here + step[0] * shape[1] + step[1]
 
 
-def group_cells(mask: Mask, one: Numbers, two: Numbers) -> tuple[Labels, int]:
+def group_cells(mask: Mask, one: Integers, two: Integers) -> tuple[Labels, int]:
     """Numbers (H, W) of the groups of cells of a mask that pairs (K,) of them join, 0 elsewhere, in the order
     of their first cells; how many there are."""
     cells = np.flatnonzero(mask)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from eaves.geometry.tin import OUTSIDE, Ids, Tin, walk
 from eaves.kernels import kernel
-from eaves.model import Grid, Mask, Points, Raster, Values
+from eaves.model import Grid, Integers, Mask, Points, Raster, Values
 from eaves.model.cloud import GRID_STEP
 from eaves.raster.nearest import ADJOINING, near_cells, nearest_cells, places
 
@@ -139,8 +138,8 @@ def facets_kernel(
     wanted: Mask,
     xy: Points,
     heights: Values,
-    whole: NDArray[np.int64],
-    corner: NDArray[np.float64],
+    whole: Integers,
+    corner: Values,
     vertices: Ids,
     neighbours: Ids,
 ) -> Mask:

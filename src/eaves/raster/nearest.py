@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model import Mask, Points
+from eaves.model import Integers, Mask, Points
 
-Index = NDArray[np.int64]
 FARTHEST_CELLS = 1 << 24
 """More cells than a raster has along a side."""
 
@@ -16,7 +15,7 @@ ADJOINING = 2
 """Square of the distance of two cells that touch at a corner."""
 
 
-def nearest_cells(known: Mask, rows: Index, columns: Index) -> tuple[Index, Index]:
+def nearest_cells(known: Mask, rows: Integers, columns: Integers) -> tuple[Integers, Integers]:
     """Row and column (K,) of the cell of `known` (H, W) nearest to each of the cells (K,) given by row and
     column, whose rows do not fall; at least one is known.
 
@@ -32,7 +31,7 @@ def near_cells(known: Mask, square: int) -> Mask:
     return np.asarray(near_kernel(away_kernel(known), np.sqrt(square - steps**2).astype(np.int32)))
 
 
-def places(rows: Index, columns: Index) -> Points:
+def places(rows: Integers, columns: Integers) -> Points:
     """Cells (K,) as points (K, 2) of a plane, x to the east and y to the north."""
     return np.asarray(np.c_[columns, -rows], np.float64)
 
@@ -55,7 +54,9 @@ def away_kernel(known: Mask) -> NDArray[np.int32]:
 
 
 @kernel
-def nearest_kernel(known: Mask, away: NDArray[np.int32], rows: Index, columns: Index) -> tuple[Index, Index]:
+def nearest_kernel(
+    known: Mask, away: NDArray[np.int32], rows: Integers, columns: Integers
+) -> tuple[Integers, Integers]:
     """Row and column (K,) of the known cell nearest to each of some cells (K,), whose rows do not fall.
 
     `away` is that of `away_kernel`. The squares of the distances to the nearest known cell of each column are

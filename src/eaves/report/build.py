@@ -12,9 +12,9 @@ from eaves.flow.run import Progress, no_progress, open_run
 from eaves.pipeline import build as build_files
 from eaves.pipeline import build_run, end_run, hold_folder
 from eaves.recipe.recipe import Recipe
-from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN
+from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, read_contents
 from eaves.report.notebook import Results
-from eaves.report.page_file import write_run_page
+from eaves.report.page_file import write_page
 from eaves.report.sample import PointSample
 from eaves.run.clock import Clock
 from eaves.run.options import EVERYTHING, RunOptions, list_options
@@ -77,7 +77,8 @@ def build(
         summary = build_run(run, workers, progress, sample)
         if not run.by_tiles:
             clock, before = Clock(), time.perf_counter()
-            summary = replace(summary, files=(*summary.files, write_run_page(summary, received=sample)))
+            page = write_page(read_contents(summary.folder, received=sample), summary.as_text())
+            summary = replace(summary, files=(*summary.files, page))
             clock.lap("report")
             summary = summary.with_step("report", clock.laps["report"], time.perf_counter() - before)
         end_run(run, summary)

@@ -16,7 +16,7 @@ from eaves.change.epoch import Epoch
 from eaves.change.output import as_text, describe_comparison
 from eaves.change.verdict import UNCHANGED
 from eaves.formats.atomic import atomic
-from eaves.model import Points, Raster
+from eaves.model import Points
 from eaves.model.columns import COLUMNS
 from eaves.report.contents import BUILDINGS_SHOWN, POINTS_SHOWN, TERRAIN_CELLS, Contents, read_contents
 from eaves.report.page_file import (
@@ -122,7 +122,7 @@ def common_terrain(
 ) -> tuple[dict[str, Any], NDArray[np.int32]]:
     """One grid over the terrains of both epochs as the page describes it, and the heights of each on it."""
     own = [
-        Raster(one.terrain, one.corner[0] + one.origin[0], one.corner[1] + one.origin[1], one.cell)
+        one.terrain.with_(west=one.terrain.west + one.origin[0], north=one.terrain.north + one.origin[1])
         for one in both
     ]
     areas = [
@@ -132,7 +132,7 @@ def common_terrain(
         return {"rows": 0, "columns": 0, "cell": 1.0, "west": 0.0, "north": 0.0}, np.zeros(0, np.int32)
     west, south = min(area.west for area in areas), min(area.south for area in areas)
     east, north = max(area.east for area in areas), max(area.north for area in areas)
-    cell = max(max(east - west, north - south) / TERRAIN_CELLS, min(one.cell for one in both))
+    cell = max(max(east - west, north - south) / TERRAIN_CELLS, min(one.cell for one in own))
     rows, columns = max(1, round((north - south) / cell)), max(1, round((east - west) / cell))
     y, x = np.mgrid[:rows, :columns] + 0.5
     places = np.column_stack([west + cell * x.ravel(), north - cell * y.ravel()])

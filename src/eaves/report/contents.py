@@ -19,14 +19,23 @@ from shapely import MultiPolygon, Polygon
 
 from eaves.formats import InputError, iter_cityjson, read_polygons
 from eaves.formats.crs import parse_crs, system_of
+from eaves.formats.models.meshes import SURFACES
 from eaves.geometry.roof_fit import collect_faces, fit_roof
-from eaves.model import Bounds, CoordinateSystem, Mask, Points, Values
+from eaves.model import (
+    LOCAL_METRES,
+    Bounds,
+    CoordinateSystem,
+    Integers,
+    Mask,
+    Points,
+    Raster,
+    Values,
+)
 from eaves.model.building import LODS
-from eaves.model.coordinates import LOCAL_METRES
 from eaves.model.scene import ROOF
 from eaves.report.basemap import Basemap, read_basemap
 from eaves.report.sample import PointSample, Sample, classified_files, sample_points
-from eaves.report.surfaces import SURFACES, CityFaces, collect_city_faces, in_pieces
+from eaves.report.surfaces import CityFaces, collect_city_faces, in_pieces
 from eaves.run.manifest import read_facts
 
 POINTS_SHOWN = 300_000
@@ -49,8 +58,8 @@ class Contents:
     """A run as it is drawn: everything in metres about `origin` (world metres), heights about `base`.
 
     `rows` and `polygons` are the buildings shown (B,), `faces` those of their models; `distance` (N,) is how
-    far each roof point of the sample lies over the roof face at its place, NaN for other points; `terrain`
-    (H, W) has row 0 north, its north-west corner at `corner`, and cells of `cell` metres.
+    far each roof point of the sample lies over the roof face at its place, NaN for other points;
+    `terrain` has no cells where the run wrote none.
     """
 
     folder: Path
@@ -62,9 +71,7 @@ class Contents:
     faces: CityFaces
     points: Sample
     distance: Values
-    terrain: NDArray[np.float32]
-    corner: tuple[float, float]
-    cell: float
+    terrain: Raster
     buildings: int
     """How many the run found, shown or not."""
     run: dict[str, Any] = field(default_factory=dict)
@@ -113,7 +120,9 @@ def read_contents(
         classified_files(folder), system, points, window, expected=points_of(rows), received=received
     )
     centre = middle_of(bounds, polygons, sample)
-    base = base_of(terrain, sample)
+    known = terrain[np.isfinite(terrain)]
+    heights = known if len(known) else sample.xyz[:, 2]
+    base = float(np.floor(np.percentile(heights, 1))) if len(heights) else 0.0
     shift = np.array([*centre, base])
 
     numbers = {str(row["id"]): number for number, row in enumerate(rows)}
@@ -123,10 +132,11 @@ def read_contents(
     sample = sample.with_(xyz=sample.xyz - shift)
     if not np.abs(sample.xyz).max(initial=0.0) < FARTHEST:
         sample = sample.take(np.asarray((np.abs(sample.xyz) < FARTHEST).all(axis=1)))
+    west, north, cell = *centre, 1.0
     if bounds is not None:  # what lies outside of the run's --bounds is of no use
         local = bounds.translated(-centre[0], -centre[1]).buffered(EDGE)
         sample = sample.take(np.asarray(local.contains(sample.xyz)))
-    west, north = (bounds.west, bounds.north) if bounds else centre
+        west, north, cell = bounds.west, bounds.north, bounds.width / terrain.shape[1]
     return Contents(
         folder=folder,
         origin=centre,
@@ -137,9 +147,7 @@ def read_contents(
         faces=faces,
         points=sample,
         distance=distances_to_roofs(sample, faces),
-        terrain=terrain - np.float32(base),
-        corner=(west - centre[0], north - centre[1]),
-        cell=bounds.width / terrain.shape[1] if bounds else 1.0,
+        terrain=Raster(terrain - np.float32(base), west - centre[0], north - centre[1], cell),
         buildings=found,
         others=others,
         basemap=image,
@@ -187,7 +195,7 @@ def place_of(building: str, rows: list[dict[str, Any]], folder: Path) -> int:
 
 def nearest_buildings(
     polygons: list[Polygon | MultiPolygon], limit: int, around: int | None = None
-) -> NDArray[np.int64]:
+) -> Integers:
     """The numbers of at most `limit` polygons, in their order: those nearest to the one of number `around`,
     or to the median of all."""
     if len(polygons) <= limit:
@@ -251,12 +259,6 @@ def middle_of(
     if bounds is None:
         return 0.0, 0.0
     return float(round((bounds.west + bounds.east) / 2)), float(round((bounds.south + bounds.north) / 2))
-
-
-def base_of(terrain: NDArray[np.float32], sample: Sample) -> float:
-    """A low height (whole metres) of what is drawn, so that the page's heights are small numbers."""
-    heights = terrain[np.isfinite(terrain)] if np.isfinite(terrain).any() else sample.xyz[:, 2]
-    return float(np.floor(np.percentile(heights, 1))) if len(heights) else 0.0
 
 
 def distances_to_roofs(sample: Sample, faces: CityFaces) -> Values:

@@ -8,13 +8,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 
 from eaves.buildings.rows import building_row, world_polygon
 from eaves.formats.crs import horizontal_crs
 from eaves.formats.models.meshes import BuildingMesh, mesh_of
 from eaves.formats.vectors.geopackage import read_details
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, PointCloud, Raster, Scene
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import (
+    LOCAL_METRES,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Footprint,
+    PointCloud,
+    Raster,
+    Scene,
+)
 from eaves.model.pictures import class_colours
 from eaves.model.summary import Summary
 
@@ -67,7 +76,7 @@ def to_geopandas(
             if isinstance(one, Footprint)
             else building_row(one)
         )
-        shapes.append(in_units(world_polygon(outline), unit))
+        shapes.append(shapely.transform(world_polygon(outline), lambda xy: xy / unit))
         rows.append(about)
     return geopandas.GeoDataFrame(rows, geometry=shapes, crs=horizontal_crs(system))
 
@@ -79,13 +88,6 @@ def footprint_frame(folder: Path, layer: str = "footprints") -> Any:
     frame = read(path, layer=layer)
     whole = layer == "footprints" and bool(read_details(path))
     return frame.merge(read(path, layer="attributes"), on="id", how="left") if whole else frame
-
-
-def in_units(polygon: Any, unit: float) -> Any:
-    """A polygon of metres in another unit."""
-    import shapely
-
-    return polygon if unit == 1.0 else shapely.transform(polygon, lambda xy: xy / unit)
 
 
 def to_xarray(what: Raster | Scene, origin: tuple[float, float] = (0.0, 0.0), name: str = "height") -> Any:

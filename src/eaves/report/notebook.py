@@ -7,13 +7,12 @@ import html
 import io
 from dataclasses import dataclass
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
 from eaves.formats import iter_cityjson, read_polygons
-from eaves.model.coordinates import LOCAL_METRES
+from eaves.model import LOCAL_METRES
 from eaves.model.summary import Summary
 from eaves.report.contents import finest_faces, system_of_folder
 from eaves.report.convert import explore, footprint_frame, required_library
@@ -67,7 +66,18 @@ class Results(Summary):
         return cls(**vars(summary))
 
     def _repr_html_(self) -> str:
-        return summary_html(self)
+        lines = html.escape(self.as_text()).replace("\n", "<br>")
+        picture = ""
+        files = [self.folder / name for name in ("dsm.tif", "footprints.gpkg")]
+        if find_spec("matplotlib") is not None and all(path.exists() for path in files):
+            from eaves.report.plots.plan import plan_figure
+
+            buffer = io.BytesIO()
+            plan_figure(self.folder, 5.0).savefig(buffer, format="png", dpi=100)
+            encoded = base64.b64encode(buffer.getvalue()).decode("ascii")
+            picture = f"<br><img alt='plan of the buildings' src='data:image/png;base64,{encoded}'>"
+        names = ", ".join(html.escape(path.name) for path in self.files)
+        return f"<div><b>eaves</b><br>{lines}{picture}<br><small>{names}</small></div>"
 
     def explore(self, **options: Any) -> Any:
         """A map of the buildings, by geopandas and folium (`pip install eaves[notebook]`)."""
@@ -82,56 +92,30 @@ class Results(Summary):
         return footprint_frame(self.folder, "roof_planes")
 
     def point_arrays(self, building: int | None = None) -> Sample:
-        """The classified points as arrays, of one building by its number or all."""
-        return point_arrays(self.folder, building)
+        """The classified points (of one building by its number, or all) as arrays, in world metres."""
+        return sample_points(
+            classified_files(self.folder), system_of_folder(self.folder) or LOCAL_METRES, building=building
+        )
 
     def meshes(self) -> dict[str, Any]:
-        """A trimesh.Trimesh of every building's finest model, by id (`pip install eaves[notebook]`)."""
-        return building_meshes(self.folder)
-
-
-def summary_html(summary: Summary) -> str:
-    """The summary as HTML: its lines, a small plan where there are rasters, and the files."""
-    lines = html.escape(summary.as_text()).replace("\n", "<br>")
-    picture = ""
-    files = [summary.folder / name for name in ("dsm.tif", "footprints.gpkg")]
-    if find_spec("matplotlib") is not None and all(path.exists() for path in files):
-        from eaves.report.plots.plan import plan_figure
-
-        buffer = io.BytesIO()
-        plan_figure(summary.folder, 5.0).savefig(buffer, format="png", dpi=100)
-        encoded = base64.b64encode(buffer.getvalue()).decode("ascii")
-        picture = f"<br><img alt='plan of the buildings' src='data:image/png;base64,{encoded}'>"
-    names = ", ".join(html.escape(path.name) for path in summary.files)
-    return f"<div><b>eaves</b><br>{lines}{picture}<br><small>{names}</small></div>"
-
-
-def point_arrays(folder: Path, building: int | None = None) -> Sample:
-    """The classified points (of one building by its number, all for None) in world metres."""
-    return sample_points(
-        classified_files(folder), system_of_folder(folder) or LOCAL_METRES, building=building
-    )
-
-
-def building_meshes(folder: Path) -> dict[str, Any]:
-    """A trimesh.Trimesh of every building's finest model by id, in metres about the building's lowest corner,
-    which `metadata["origin"]` holds."""
-    trimesh = required_library("trimesh", "eaves[notebook]")
-    _, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="footprints")
-    ids = [str(row["id"]) for row in rows]
-    models = iter_cityjson(folder / "buildings.city.jsonl")
-    faces = collect_city_faces(models, {name: number for number, name in enumerate(ids)})
-    finest, meshes = finest_faces(faces), {}
-    for number, name in enumerate(ids):
-        own = faces.take(finest & (faces.building == number))
-        if not own:
-            continue
-        corners = cut_into_triangles(own).corners
-        origin = np.floor(corners.min(axis=(0, 1)))
-        meshes[name] = trimesh.Trimesh(
-            np.round(corners - origin, FILE_DIGITS).reshape(-1, 3),
-            np.arange(3 * len(corners)).reshape(-1, 3),
-            metadata={"origin": origin, "id": name},
-            process=True,
-        )
-    return meshes
+        """A trimesh.Trimesh of every building's finest model, by id (`pip install eaves[notebook]`), in m
+        about the building's lowest corner, which `metadata["origin"]` holds."""
+        trimesh = required_library("trimesh", "eaves[notebook]")
+        _, _, rows, _ = read_polygons(self.folder / "footprints.gpkg", layer="footprints")
+        ids = [str(row["id"]) for row in rows]
+        models = iter_cityjson(self.folder / "buildings.city.jsonl")
+        faces = collect_city_faces(models, {name: number for number, name in enumerate(ids)})
+        finest, meshes = finest_faces(faces), {}
+        for number, name in enumerate(ids):
+            own = faces.take(finest & (faces.building == number))
+            if not own:
+                continue
+            corners, _ = cut_into_triangles(own)
+            origin = np.floor(corners.min(axis=(0, 1)))
+            meshes[name] = trimesh.Trimesh(
+                np.round(corners - origin, FILE_DIGITS).reshape(-1, 3),
+                np.arange(3 * len(corners)).reshape(-1, 3),
+                metadata={"origin": origin, "id": name},
+                process=True,
+            )
+        return meshes

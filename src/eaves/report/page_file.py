@@ -23,14 +23,12 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
-from eaves.model import Points, Raster
+from eaves.model import Integers, Points, Values
 from eaves.model.building import LODS
 from eaves.model.columns import COLUMNS as MEANINGS
 from eaves.model.coordinates import describe_units
-from eaves.model.summary import Summary
 from eaves.report.basemap import fit_web_mercator
-from eaves.report.contents import Contents, local_rings, read_contents
-from eaves.report.sample import PointSample
+from eaves.report.contents import Contents, local_rings
 from eaves.report.surfaces import CityFace, CityFaces, cut_into_triangles, face_edges, in_pieces
 
 SCRIPTS = (
@@ -77,11 +75,6 @@ DRAPE = 0.15
 DRAPE_STEP = 3.0
 
 
-def write_run_page(summary: Summary, received: PointSample | None = None) -> Path:
-    """Write report.html into the run's folder; its path. `received` has received the run write its points."""
-    return write_page(read_contents(summary.folder, received=received), summary.as_text())
-
-
 def write_page(contents: Contents, text: str) -> Path:
     """Write report.html into the folder of `contents`; `text` is the summary of the run."""
     path = contents.folder / "report.html"
@@ -108,6 +101,7 @@ def iter_page(
     names = [Path(entry["path"]).name for entry in contents.run.get("inputs", ())]
     title = f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: " if names else ""
     shown, found = len(contents.rows), contents.buildings
+    levels = {0, *contents.faces.lod.tolist()}
     heading = f"{found:,} buildings" if shown == found else f"{found:,} buildings, {shown:,} of them drawn"
     before, after = parts["page.html"].split("$data")
     said = dict(
@@ -119,7 +113,7 @@ def iter_page(
         style=parts["style.css"],
         script=script,
         heading=heading,
-        lods="".join(f"<option>{lod}</option>" for lod in lods_of(contents)),
+        lods="".join(f"<option>{LODS[number]}</option>" for number in sorted(levels, reverse=True)),
         summary=html.escape(text),
         files=" · ".join(f"<a href='{name}'>{name}</a>" for name in linked_files(contents.folder)),
         run=html.escape(json.dumps(contents.run, indent=1, default=str)),
@@ -172,17 +166,12 @@ def say_shown(contents: Contents, which: str = "those nearest to the middle") ->
     return "; ".join(parts)
 
 
-def lods_of(contents: Contents) -> list[str]:
-    """The levels of detail that the models have, finest first; `0`, the footprint, always."""
-    return [LODS[number] for number in sorted({0, *contents.faces.lod.tolist()}, reverse=True)]
-
-
 def page_data(contents: Contents, titles: dict[str, str] = COLUMNS) -> dict[str, Any]:
     """The data of the script besides the arrays: rows and names; `titles` are of the table's columns."""
     rows = [*contents.rows, *contents.others]
     there = [name for name in titles if any(row.get(name) is not None for row in rows)]
     numbers = {name for name in there if any(isinstance(row.get(name), int | float) for row in rows)}
-    rows_high, columns = contents.terrain.shape
+    terrain = contents.terrain
     return {
         "rows": contents.rows,
         "others": pack_rows(contents.others, [*there, *CHARTED]),
@@ -194,13 +183,15 @@ def page_data(contents: Contents, titles: dict[str, str] = COLUMNS) -> dict[str,
         "origin": [*contents.origin, contents.base],
         "unit": contents.system.horizontal_unit_m,
         "basemap": contents.basemap.address if contents.basemap else None,
-        "world": fit_web_mercator(contents.system, contents.origin, max(1.0, *map(abs, contents.corner))),
+        "world": fit_web_mercator(
+            contents.system, contents.origin, max(1.0, abs(terrain.west), abs(terrain.north))
+        ),
         "terrain": {
-            "rows": rows_high,
-            "columns": columns,
-            "cell": contents.cell,
-            "west": contents.corner[0],
-            "north": contents.corner[1],
+            "rows": terrain.shape[0],
+            "columns": terrain.shape[1],
+            "cell": terrain.cell,
+            "west": terrain.west,
+            "north": terrain.north,
         },
     }
 
@@ -217,7 +208,7 @@ def iter_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     outlines, outline_row = draped_outlines(contents)
     yield "outline_xyz", as_millimetres(outlines)
     yield "outline_building", outline_row.astype(np.uint32)
-    yield "terrain", terrain_array(contents.terrain)
+    yield "terrain", terrain_array(contents.terrain.values)
 
 
 def terrain_array(heights: NDArray[Any]) -> NDArray[np.int32]:
@@ -246,10 +237,10 @@ def triangle_arrays(contents: Contents) -> Iterator[tuple[str, NDArray[Any]]]:
     corners = [np.zeros((0, 3, 3), np.int32)]
     figures: dict[str, list[NDArray[Any]]] = {name: [] for name in KINDS}
     for piece in chain(in_pieces(contents.faces), in_pieces(flat)):
-        surfaces = cut_into_triangles(piece)
-        corners.append(as_millimetres(surfaces.corners))
+        cut, face = cut_into_triangles(piece)
+        corners.append(as_millimetres(cut))
         for name, values in figures.items():
-            values.append(surfaces.figure(name).astype(KINDS[name]))
+            values.append(getattr(piece, name)[face].astype(KINDS[name]))
     whole = np.concatenate(corners)
     corners.clear()
     yield "triangle_xyz", whole
@@ -280,12 +271,11 @@ def pack_rows(rows: list[dict[str, Any]], names: list[str]) -> dict[str, Any]:
     return {"names": names, "data": base64.b64encode(zlib.compress(text, DEFLATION)).decode("ascii")}
 
 
-def terrain_heights(contents: Contents, xy: Points) -> NDArray[np.float64]:
+def terrain_heights(contents: Contents, xy: Points) -> Values:
     """Heights (N,) of the drawn terrain at places (N, 2); 0 where it is not known."""
-    if not contents.terrain.size:
+    if not contents.terrain.values.size:
         return np.zeros(len(xy))
-    raster = Raster(contents.terrain, *contents.corner, contents.cell)
-    return np.asarray(np.nan_to_num(raster.at(xy), nan=0.0))
+    return np.asarray(np.nan_to_num(contents.terrain.at(xy), nan=0.0))
 
 
 def flat_footprints(contents: Contents) -> list[tuple[Points, ...]]:
@@ -298,7 +288,7 @@ def flat_footprints(contents: Contents) -> list[tuple[Points, ...]]:
     return flat
 
 
-def draped_outlines(contents: Contents) -> tuple[Points, NDArray[np.int64]]:
+def draped_outlines(contents: Contents) -> tuple[Points, Integers]:
     """The outlines on the terrain in short pieces, (E, 2, 3), and the row (from 1) of each."""
     pieces, owner = [np.zeros((0, 2, 3))], [np.zeros(0, np.int64)]
     for number, shape in enumerate(contents.polygons, 1):

@@ -14,17 +14,19 @@ from numpy.typing import NDArray
 
 from eaves.formats import InputError, open_source
 from eaves.formats.points.classified import is_classified
-from eaves.formats.points.las import FIRST_LAYERED_FORMAT, NEEDED
+from eaves.formats.points.las import NEEDED, returns_and_class
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.laz import decompress, read_chunk_table
 from eaves.formats.points.source import CHUNK_POINTS, has_coordinates
-from eaves.model import Bounds, CoordinateSystem, Mask, Points
+from eaves.model import Bounds, CoordinateSystem, Integers, Mask, Points, Values
 
 POINTS_READ = 12_000_000
 """Of more points than this only evenly spread pieces of the files are decompressed: some 6 s of work."""
 BUILDING_SHARE = 0.7
 """Of the points drawn, the share that buildings may take before their points are thinned."""
 SELECTION = NEEDED | lazrs.SELECTIVE_DECOMPRESS_ALL_EXTRA_BYTES
+ARRAYS = ("xyz", "classification", "building", "plane", "part")
+"""Of a sample."""
 EXTRA: dict[str, Any] = {"building_id": np.int32, "plane_id": np.int32, "part": np.uint8}
 """Dimensions a run adds to its points; zero where a file has none."""
 
@@ -54,13 +56,7 @@ class Sample:
 
     def take(self, which: Mask) -> Sample:
         """The points where the mask (N,) is true."""
-        return self.with_(
-            xyz=self.xyz[which],
-            classification=self.classification[which],
-            building=self.building[which],
-            plane=self.plane[which],
-            part=self.part[which],
-        )
+        return self.with_(**{name: getattr(self, name)[which] for name in ARRAYS})
 
 
 @dataclass(frozen=True)
@@ -83,7 +79,7 @@ class Thinning:
         share = min(1.0, max(BUILDING_SHARE * limit / on_roofs, limit / candidates))
         return cls(every, share, max(0.0, limit - share * on_roofs) / max(candidates - on_roofs, 1))
 
-    def keeps(self, position: NDArray[np.int64], building: NDArray[np.int32]) -> Mask:
+    def keeps(self, position: Integers, building: NDArray[np.int32]) -> Mask:
         """Which points (N,) to take, by their places in their file and the numbers of their buildings."""
         share = np.where(building > 0, self.on_roofs, self.others)
         return np.asarray(scattered(position) < self.every * share)
@@ -189,8 +185,7 @@ def sample_points(
             if building is not None:
                 keep &= number == building
             pieces.append(_decoded(records[keep], layout, system, bounds))
-    names = ("xyz", "classification", "building", "plane", "part")
-    joined = {name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in names}
+    joined = {name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in ARRAYS}
     return Sample(**joined, total=total, on_buildings=on_buildings)
 
 
@@ -207,7 +202,7 @@ def _crosses(layout: LasHeader, bounds: Bounds, system: CoordinateSystem) -> boo
     return bool(west < bounds.east and east >= bounds.west and south < bounds.north and north >= bounds.south)
 
 
-def _records(layout: LasHeader, every: int) -> Iterator[tuple[NDArray[np.int64], NDArray[np.void]]]:
+def _records(layout: LasHeader, every: int) -> Iterator[tuple[Integers, NDArray[np.void]]]:
     """Positions and point records of every n-th compressed chunk."""
     if not layout.count:
         return
@@ -224,7 +219,7 @@ def _extra(records: NDArray[np.void], name: str) -> NDArray[Any]:
     return np.asarray(records[name], EXTRA[name]) if known else np.zeros(len(records), EXTRA[name])
 
 
-def scattered(position: NDArray[np.int64]) -> NDArray[np.float64]:
+def scattered(position: Integers) -> Values:
     """A number in 0 to 1 for every position (N,), without a pattern that could beat with scan lines
     (splitmix64)."""
     mixed = position.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
@@ -239,13 +234,12 @@ def _decoded(
     """The points inside `bounds` in world metres, without those that are withheld or have no coordinates."""
     xyz = np.stack([records[axis] for axis in "XYZ"], axis=1) * np.array(layout.scales)
     xyz += np.array(layout.offsets)
-    if layout.point_format >= FIRST_LAYERED_FORMAT:
-        classes, withheld = records["classification"], (records["classification_flags"] & 4) != 0
-    else:
-        classes, withheld = records["raw_classification"] & 31, (records["raw_classification"] & 128) != 0
+    _, _, classes, withheld = returns_and_class(
+        layout.point_format, records.view(np.uint8).reshape(len(records), -1)
+    )
     extra = (_extra(records, name) for name in EXTRA)
     usable = has_coordinates(xyz) & ~withheld
     xyz = xyz * system.unit_m
     if bounds is not None:
         usable &= bounds.contains(xyz)
-    return Sample(xyz, np.asarray(classes, np.uint8), *extra, total=0).take(usable)
+    return Sample(xyz, classes, *extra, total=0).take(usable)

@@ -29,9 +29,8 @@ from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
 from eaves.formats.models.cityjson_read import read_models
 from eaves.formats.models.tiles3d import Earth
-from eaves.model import Bounds, BuildingModel, CoordinateSystem, Points
+from eaves.model import LOCAL_METRES, Bounds, BuildingModel, CoordinateSystem, Points
 from eaves.model.columns import COLUMNS
-from eaves.model.coordinates import LOCAL_METRES
 from eaves.report.contents import lay_image, read_terrain, system_of_folder
 from eaves.report.page_file import MILLIMETRES, UNKNOWN_HEIGHT, packed_array
 from eaves.run.manifest import add_to_manifest, read_facts
@@ -122,15 +121,11 @@ def make_tiles(folder: Path, system: CoordinateSystem | None) -> CoordinateSyste
     first = next(iter_cityjson(models), None)
     known = system or (first.system if first else LOCAL_METRES)
     if not tileset.exists() or tileset.stat().st_mtime < models.stat().st_mtime:
-        write_3dtiles(tileset.parent, models_of(models), known)
+        solid = (model for model in read_models(models) if isinstance(model, BuildingModel))
+        by_square = sorted(solid, key=lambda model: (model.footprint.origin, model.footprint.id))
+        write_3dtiles(tileset.parent, by_square, known)
         add_to_manifest(folder, [tileset])
     return known
-
-
-def models_of(path: Path) -> list[BuildingModel]:
-    """The buildings of a CityJSONSeq file that have solids, by the square that they stand in."""
-    solid = (model for model in read_models(path) if isinstance(model, BuildingModel))
-    return sorted(solid, key=lambda model: (model.footprint.origin, model.footprint.id))
 
 
 def about_run(folder: Path, system: CoordinateSystem) -> dict[str, Any]:

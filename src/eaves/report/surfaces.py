@@ -12,11 +12,11 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.formats import CityObject
+from eaves.formats.models.meshes import SURFACES
 from eaves.geometry.rings import following_places
-from eaves.model import Mask, Points
-from eaves.model.building import GROUND_SURFACE, LODS, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
+from eaves.model import Integers, Mask, Points, Values
+from eaves.model.building import LODS
 
-SURFACES = (GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE, OUTER_CEILING_SURFACE)
 """Numbered 0, 1, 2, 3 in `Surfaces.kind`."""
 UNKNOWN_ERROR = 65535
 """RMSE (mm) of a face that no points are known of: the largest whole number of two bytes."""
@@ -47,12 +47,12 @@ class CityFaces:
     """
 
     corners: Points
-    ring_start: NDArray[np.int64]
-    face_start: NDArray[np.int64]
-    building: NDArray[np.int64]
-    lod: NDArray[np.int64]
-    kind: NDArray[np.int64]
-    error: NDArray[np.int64]
+    ring_start: Integers
+    face_start: Integers
+    building: Integers
+    lod: Integers
+    kind: Integers
+    error: Integers
 
     @classmethod
     def of(cls, faces: Iterable[CityFace]) -> CityFaces:
@@ -108,20 +108,6 @@ def in_pieces(faces: CityFaces, size: int = PIECE_FACES) -> Iterator[CityFaces]:
         yield faces.take((number >= first) & (number < first + size))
 
 
-@dataclass(frozen=True, eq=False)
-class FaceTriangles:
-    """Triangles of faces: `corners` (T, 3, 3), counter-clockwise from outside; `face` (T,) numbers in
-    `faces`."""
-
-    corners: Points
-    face: NDArray[np.int64]
-    faces: CityFaces
-
-    def figure(self, name: str) -> NDArray[np.int64]:
-        """`building`, `lod`, `kind` or `error` of every triangle (T,)."""
-        return np.asarray(getattr(self.faces, name)[self.face], np.int64)
-
-
 def collect_city_faces(objects: Iterable[CityObject], numbers: dict[str, int]) -> CityFaces:
     """The faces of solids of the buildings whose ids `numbers` holds; a part's belong to its building."""
     pile = _Pile()
@@ -151,10 +137,11 @@ def whole_millimetres(error: float | None) -> int:
     return UNKNOWN_ERROR if error is None else min(round(1000.0 * error), UNKNOWN_ERROR - 1)
 
 
-def cut_into_triangles(faces: CityFaces) -> FaceTriangles:
-    """Constrained Delaunay triangles of planar faces, found on each face's own plane."""
+def cut_into_triangles(faces: CityFaces) -> tuple[Points, Integers]:
+    """Constrained Delaunay triangles of planar faces, found on each face's own plane: corners (T, 3, 3),
+    counter-clockwise from outside, and the number (T,) of the face of each."""
     if not len(faces):
-        return FaceTriangles(np.zeros((0, 3, 3)), np.zeros(0, np.int64), faces)
+        return np.zeros((0, 3, 3)), np.zeros(0, np.int64)
     own, sizes, counts = faces.corners, np.diff(faces.ring_start), np.diff(faces.face_start)
     ring_face = np.repeat(np.arange(len(faces)), counts)
     number = np.repeat(ring_face, sizes)
@@ -168,20 +155,21 @@ def cut_into_triangles(faces: CityFaces) -> FaceTriangles:
     shapes[broken] = shapely.buffer(shapes[broken], 0)
     pieces, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(shapes), return_index=True)
     uv = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-    clockwise = _triangle_area(uv) < 0
+    one, two = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    clockwise = one[:, 0] * two[:, 1] < one[:, 1] * two[:, 0]
     uv[clockwise] = uv[clockwise][:, ::-1]
-    corners = frame[owner, None, 0] + np.einsum("tkc,tcd->tkd", uv, frame[owner, 1:3])
+    corners = frame[owner, None, 0] + np.einsum("tkc,tcd->tkd", uv, frame[owner, 1:])
     _take_own_corners(corners, uv, owner, own, places, number)
-    return FaceTriangles(np.asarray(corners), np.asarray(owner, np.int64), faces)
+    return corners, np.asarray(owner, np.int64)
 
 
 def _take_own_corners(
     corners: Points,
-    uv: NDArray[np.float64],
-    owner: NDArray[np.int64],
+    uv: Values,
+    owner: Integers,
     own: Points,
-    places: NDArray[np.float64],
-    number: NDArray[np.int64],
+    places: Values,
+    number: Integers,
 ) -> None:
     """Put triangle corners (T, 3, 3) where the faces' own (V, 3) are, whose places on their plane and faces
     are given: faces are planar to a millimetre only, and neighbours must meet."""
@@ -209,8 +197,8 @@ def face_edges(faces: CityFaces) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     return ends, np.repeat(ring_face, size)
 
 
-def _frames(corners: Points, sizes: NDArray[np.int64], outer: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Origin, two directions on its plane and its normal, (F, 4, 3), of each ring numbered in `outer`; the
+def _frames(corners: Points, sizes: Integers, outer: Integers) -> Values:
+    """Origin and two directions on its plane, (F, 3, 3), of each ring numbered in `outer`; the
     rings have `sizes` corners each."""
     start = np.cumsum(sizes) - sizes
     aside = corners - np.repeat(corners[start], sizes, axis=0)
@@ -226,9 +214,4 @@ def _frames(corners: Points, sizes: NDArray[np.int64], outer: NDArray[np.int64])
     d, e = np.where(steep, [-b, a], [[1.0], [0.0]]) / np.where(steep, long, 1.0)
     first = np.stack([d, e, np.zeros(len(d))], axis=1)
     second = np.stack([-c * e, c * d, a * e - b * d], axis=1)
-    return np.stack([corners[start[outer]], first, second, normal], axis=1)
-
-
-def _triangle_area(corner: NDArray[np.float64]) -> NDArray[np.float64]:
-    one, two = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    return np.asarray(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+    return np.stack([corners[start[outer]], first, second], axis=1)

@@ -20,7 +20,7 @@ from eaves.formats.crs_check import refuse_conflict, refuse_numbers
 from eaves.formats.points.las_header import LasHeader
 from eaves.formats.points.plausible import likely_systems, why_not_metres
 from eaves.formats.points.recovery import check_chunks
-from eaves.formats.points.source import FIELDS, is_simulated, open_marked, warn_without_system
+from eaves.formats.points.source import FIELDS, is_simulated, warn_without_system
 from eaves.model import Bounds, CoordinateSystem, Mask
 from eaves.model.coordinates import LOCAL_METRES
 
@@ -178,7 +178,7 @@ def index_inputs(
     number, wrong_boxes = 0, []
     for path in paths:
         try:
-            source, mark = open_or_salvage(path, crs, salvage)
+            source = open_or_salvage(path, crs, salvage)
         except InputError as error:
             if len(paths) == 1:
                 raise
@@ -191,7 +191,7 @@ def index_inputs(
         bits = sum(1 << bit for bit, name in enumerate(FIELDS) if name in source.fields)
         bounds = source.bounds
         box = bounds.west, bounds.south, bounds.east, bounds.north
-        entries[number] = source.count, box, bits, np.frombuffer(mark, np.uint8), len(names)
+        entries[number] = source.count, box, bits, np.frombuffer(source.mark, np.uint8), len(names)
         if source.measured:
             kept[number] = source
             if source.has_wrong_bbox:
@@ -218,25 +218,25 @@ def index_inputs(
     return index
 
 
-def open_or_salvage(path: str | Path, crs: str | None, salvage: bool) -> tuple[Source, bytes]:
-    """A file with its fingerprint; where it is cut off and `salvage` asks for it, what is whole of it.
+def open_or_salvage(path: str | Path, crs: str | None, salvage: bool) -> Source:
+    """A file; where it is cut off and `salvage` asks for it, what is whole of it.
 
     Points that its header does not count are used, with a warning.
     """
     try:
-        source, mark = open_marked(path, crs)
+        source = open_source(path, crs)
         if salvage and isinstance(source.layout, LasHeader):
             check_chunks(source.layout)
     except InputError as error:
         if not salvage:
             raise
-        source, mark = open_marked(path, crs, salvage=True)
+        source = open_source(path, crs, salvage=True)
         log.warning("%s; recovered are %d points", error, source.count)
-        return source, mark
+        return source
     stated = source.layout.stated if isinstance(source.layout, LasHeader) else None
     if stated is not None:
         log.warning("%s: the header counts %d points, %d are there and used", path, stated, source.count)
-    return source, mark
+    return source
 
 
 def refuse_feet(index: Index) -> None:

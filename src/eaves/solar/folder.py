@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,21 +18,12 @@ from eaves.formats.crs import horizontal_crs
 from eaves.formats.rasters.geotiff import RasterWindow
 from eaves.formats.vectors.geopackage import Row, read_upright, write_layers
 from eaves.model import Bounds, CoordinateSystem
-from eaves.solar.roofs import FaceLight, RoofFace, SolarRules, best_in_the_open, light_on_faces
-from eaves.solar.sun import Hours, Weather, clear_hours
+from eaves.solar.roofs import FaceLight, SolarRules, best_in_the_open, light_on_faces
+from eaves.solar.sun import Weather, clear_hours
 
 SQUARE = 480.0
 """Side (m) of the squares, fixed to the world, whose roofs are computed together."""
 NAME = "solar.gpkg"
-
-
-@dataclass(frozen=True)
-class SolarSite:
-    """A place on Earth: degrees, and by how many of them grid north lies clockwise of true north there."""
-
-    latitude: float
-    longitude: float
-    convergence: float
 
 
 @dataclass(frozen=True)
@@ -123,7 +114,7 @@ def measure_solar(
         for done, square in enumerate(sorted(squares)):
             progress("solar", done, len(squares))
             found = square_light(roofs, boxes, squares[square], window, rules, weather, place)
-            for number, light in found:
+            for number, light in zip(squares[square], found, strict=True):
                 rows[number] = roof_row(roofs[number].attributes, light, rules)
         progress("solar", len(squares), len(squares))
     sky = "clear sky all year, an upper bound" if weather is None else f"weather of {weather.place}"
@@ -151,7 +142,7 @@ def square_light(
     rules: SolarRules,
     weather: Weather | None,
     place: tuple[float, float] | None,
-) -> Iterator[tuple[int, FaceLight]]:
+) -> list[FaceLight]:
     """The light on the faces `own_faces` of one square, with all that stands within reach."""
     west, south = boxes[own_faces, :2].min(axis=0)
     east, north = boxes[own_faces, 2:].max(axis=0)
@@ -162,38 +153,25 @@ def square_light(
     meets = (boxes[:, 0] < seen.east) & (boxes[:, 2] > seen.west)
     meets &= (boxes[:, 1] < seen.north) & (boxes[:, 3] > seen.south)
     near = np.flatnonzero(meets)
-    faces = []
-    for number in near.tolist():
-        polygon = shapely.transform(roofs[number].geometry, lambda xyz: xyz - [*corner, 0.0], include_z=True)
-        faces.append(RoofFace(polygon, dict(roofs[number].attributes)))
-    site = site_of(window.system, ((west + east) / 2, (south + north) / 2), place)
-    height = float(np.nanmean(boxes_heights(faces)))
-    hours = hours_at(site, height, rules, weather)
+    faces = [
+        shapely.transform(roofs[number].geometry, lambda xyz: xyz - [*corner, 0.0], include_z=True)
+        for number in near.tolist()
+    ]
+    latitude, longitude, convergence = site_of(window.system, ((west + east) / 2, (south + north) / 2), place)
+    if weather is None:
+        height = float(np.nanmean([face.exterior.coords[0][2] for face in faces]))
+        hours = clear_hours(latitude, longitude, rules.turbidity, height)
+    else:
+        hours = weather.hours(latitude, longitude)
     best = best_in_the_open(hours, rules)
-    chosen = set(own_faces)
-    found = light_on_faces(
-        faces, dsm, hours, site.convergence, rules, best, lambda one: int(near[one]) in chosen
-    )
-    for one, light in found.items():
-        yield int(near[one]), light
-
-
-def boxes_heights(faces: Sequence[RoofFace]) -> np.ndarray[Any, Any]:
-    """A height (m) of each face."""
-    return np.array([face.polygon.exterior.coords[0][2] for face in faces])
-
-
-def hours_at(site: SolarSite, height: float, rules: SolarRules, weather: Weather | None) -> Hours:
-    """Sun and sky of a year at a place."""
-    if weather is not None:
-        return weather.hours(site.latitude, site.longitude)
-    return clear_hours(site.latitude, site.longitude, rules.turbidity, height)
+    chosen = np.searchsorted(near, own_faces).tolist()
+    return light_on_faces(faces, dsm, hours, convergence, rules, best, chosen)
 
 
 def site_of(
     system: CoordinateSystem, xy: tuple[float, float], place: tuple[float, float] | None
-) -> SolarSite:
-    """The place of world metres `xy`.
+) -> tuple[float, float, float]:
+    """Latitude and longitude of world metres `xy`, and the convergence of the meridians there (degrees).
 
     Raises
     ------
@@ -201,18 +179,20 @@ def site_of(
         When the system has no place on Earth and none is given.
     """
     crs = horizontal_crs(system)
-    if place is not None:
-        return SolarSite(place[0], place[1], 0.0 if crs is None else convergence_of(crs, *place))
-    if crs is None:
-        raise InputError("the data have no reference system, so the sun's way is unknown; give --latitude")
-    from pyproj import Transformer
+    if place is None:
+        if crs is None:
+            raise InputError(
+                "the data have no reference system, so the sun's way is unknown; give --latitude"
+            )
+        from pyproj import Transformer
 
-    unit = system.horizontal_unit_m
-    to_degrees = Transformer.from_crs(crs, "OGC:CRS84", always_xy=True)
-    longitude, latitude = to_degrees.transform(xy[0] / unit, xy[1] / unit)
-    if not (math.isfinite(latitude) and math.isfinite(longitude)):
-        raise InputError("the roofs lie outside their reference system; check --crs, or give --latitude")
-    return SolarSite(latitude, longitude, convergence_of(crs, latitude, longitude))
+        unit = system.horizontal_unit_m
+        to_degrees = Transformer.from_crs(crs, "OGC:CRS84", always_xy=True)
+        longitude, latitude = to_degrees.transform(xy[0] / unit, xy[1] / unit)
+        if not (math.isfinite(latitude) and math.isfinite(longitude)):
+            raise InputError("the roofs lie outside their reference system; check --crs, or give --latitude")
+        place = latitude, longitude
+    return *place, 0.0 if crs is None else convergence_of(crs, *place)
 
 
 NORTHWARDS = 100.0

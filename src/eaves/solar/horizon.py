@@ -2,39 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from eaves.kernels import kernel
-from eaves.model import Raster, Values
+from eaves.model import Integers, Raster, Values
 
 PATCH = 8
 """Cells a side of the patches whose highest cell is known, so that rays pass over low ground in strides."""
 
 
-@dataclass(frozen=True, eq=False)
-class HorizonPlaces:
-    """Places (N,) on roof faces: `xyz` (N, 3), `face` (N,) their face's number from 1, and of every face
-    from 0 its plane z = a·x + b·y + c (F + 1, 3); row 0 is unused."""
-
-    xyz: NDArray[np.float64]
-    face: NDArray[np.int32]
-    planes: NDArray[np.float64]
-
-
 def horizons(
     dsm: Raster,
     face_at: NDArray[np.int32],
-    places: HorizonPlaces,
+    xyz: Values,
+    own: int,
+    plane: Values,
     directions: int,
     reach: float,
     clearance: float,
 ) -> NDArray[np.float32]:
     """Tangent of the horizon's elevation (N, K) at every place in K directions, clockwise from grid north.
 
-    A cell stands in the way at the distance of the middle of the ray's way through it. Cells of the place's
+    A cell stands in the way at the distance of the middle of the ray's way through it. Cells of the places'
     own face do only where they rise more than `clearance` over its plane: the rest is the scan's noise.
 
     Parameters
@@ -43,8 +33,12 @@ def horizons(
         Surface (H, W) with all that stands, roofs and crowns; NaN is nothing.
     face_at : ndarray (H, W)
         Number of the roof face at each cell, 0 for none.
-    places : Places
+    xyz : ndarray (N, 3)
         Where to look from, in the raster's coordinates.
+    own : int
+        Number of the roof face on which the places are.
+    plane : ndarray (3,)
+        Its plane z = a·x + b·y + c.
     directions : int
         K.
     reach : float
@@ -61,9 +55,9 @@ def horizons(
             dsm.west,
             dsm.north,
             dsm.cell,
-            np.ascontiguousarray(places.xyz, np.float64),
-            np.ascontiguousarray(places.face, np.int32),
-            np.ascontiguousarray(places.planes, np.float64),
+            np.ascontiguousarray(xyz, np.float64),
+            own,
+            np.ascontiguousarray(plane, np.float64),
             directions,
             reach,
             clearance,
@@ -103,22 +97,21 @@ def horizons_kernel(
     west: float,
     north: float,
     cell: float,
-    xyz: NDArray[np.float64],
-    face: NDArray[np.int32],
-    planes: NDArray[np.float64],
+    xyz: Values,
+    own: int,
+    plane: Values,
     directions: int,
     reach: float,
     clearance: float,
 ) -> NDArray[np.float32]:
     """`horizons`, place by place."""
     rows, columns = values.shape
+    a, b, c = plane[0], plane[1], plane[2]
+    rise = clearance + 0.5 * cell * (abs(a) + abs(b))
     found = np.zeros((len(xyz), directions), np.float32)
     nudge = 1e-6 * cell
     for i in range(len(xyz)):
         x0, y0, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
-        own = face[i]
-        a, b, c = planes[own, 0], planes[own, 1], planes[own, 2]
-        rise = clearance + 0.5 * cell * (abs(a) + abs(b))
         for k in range(directions):
             turn = 2.0 * np.pi * k / directions
             dx, dy = np.sin(turn), np.cos(turn)
@@ -152,7 +145,7 @@ def horizons_kernel(
     return found
 
 
-def sky_shares(horizon: NDArray[np.float32], normal: NDArray[np.float64]) -> Values:
+def sky_shares(horizon: NDArray[np.float32], normal: Values) -> Values:
     """Share (N,) of an even sky's light that reaches planes of one normal (3,), above horizons (N, K).
 
     The integral of the cosine of incidence over the sky that is seen, in closed form along each direction,
@@ -169,8 +162,8 @@ def sky_shares(horizon: NDArray[np.float32], normal: NDArray[np.float64]) -> Val
 
 
 def lit_light(
-    horizon: NDArray[np.float32], azimuth: Values, elevation: Values, light: Values, month: NDArray[np.int64]
-) -> NDArray[np.float64]:
+    horizon: NDArray[np.float32], azimuth: Values, elevation: Values, light: Values, month: Integers
+) -> Values:
     """The sum (N, 12) by month of the light (H,) of those hours in which the sun stands above the horizon.
 
     `azimuth` (H,) is clockwise from grid north, as the horizon's directions are.
@@ -189,11 +182,11 @@ def lit_light(
 @kernel
 def lit_light_kernel(
     horizon: NDArray[np.float32],
-    azimuth: NDArray[np.float64],
-    tangent: NDArray[np.float64],
-    light: NDArray[np.float64],
-    month: NDArray[np.int64],
-) -> NDArray[np.float64]:
+    azimuth: Values,
+    tangent: Values,
+    light: Values,
+    month: Integers,
+) -> Values:
     """`lit_light` of horizons (K, N); between two directions their tangent is linear."""
     directions, places = horizon.shape
     total = np.zeros((12, places))

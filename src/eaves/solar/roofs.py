@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import shapely
@@ -13,8 +12,8 @@ from scipy import ndimage
 from shapely import Polygon
 
 from eaves.geometry.rings import area_vector
-from eaves.model import Raster, Values
-from eaves.solar.horizon import HorizonPlaces, horizons, lit_light, sky_shares
+from eaves.model import Integers, Mask, Raster, Values
+from eaves.solar.horizon import horizons, lit_light, sky_shares
 from eaves.solar.sun import MONTHS, Hours, light_on_plane
 
 
@@ -48,21 +47,6 @@ class SolarRules:
 
 
 @dataclass(frozen=True, eq=False)
-class RoofFace:
-    """A roof face in metres about a common corner, with heights, and the row it comes from."""
-
-    polygon: Polygon
-    row: dict[str, Any]
-
-    def plane(self) -> NDArray[np.float64]:
-        """The coefficients (3,) of its plane z = a·x + b·y + c."""
-        ring = shapely.get_coordinates(self.polygon.exterior, include_z=True)[:-1]
-        area = area_vector(ring)
-        a, b = -area[:2] / area[2] if abs(area[2]) > 0.0 else (0.0, 0.0)
-        return np.array([a, b, float((ring[:, 2] - a * ring[:, 0] - b * ring[:, 1]).mean())])
-
-
-@dataclass(frozen=True, eq=False)
 class FaceLight:
     """The light on one roof face in a year."""
 
@@ -80,6 +64,14 @@ class FaceLight:
     """Share of the face on which something stands that is no roof face, or hangs over it."""
 
 
+def face_plane(face: Polygon) -> Values:
+    """The coefficients (3,) of the plane z = a·x + b·y + c of a roof face with heights."""
+    ring = face_rings(face)[0]
+    area = area_vector(ring)
+    a, b = -area[:2] / area[2] if abs(area[2]) > 0.0 else (0.0, 0.0)
+    return np.array([a, b, float((ring[:, 2] - a * ring[:, 0] - b * ring[:, 1]).mean())])
+
+
 def best_in_the_open(hours: Hours, rules: SolarRules) -> float:
     """kWh/m² a year on the best tilted plane with nothing in the way."""
     best = 0.0
@@ -91,7 +83,7 @@ def best_in_the_open(hours: Hours, rules: SolarRules) -> float:
     return best
 
 
-def light_in_the_open(hours: Hours, normal: NDArray[np.float64], rules: SolarRules) -> Values:
+def light_in_the_open(hours: Hours, normal: Values, rules: SolarRules) -> Values:
     """kWh/m² (12,) by month on a plane of a normal (3,; east, true north, up) with nothing in the way."""
     beam, sky, back = light_on_plane(hours, normal, rules.albedo)
     seen = 0.5 * (1.0 + normal[2])
@@ -100,20 +92,20 @@ def light_in_the_open(hours: Hours, normal: NDArray[np.float64], rules: SolarRul
 
 
 def light_on_faces(
-    faces: Sequence[RoofFace],
+    faces: Sequence[Polygon],
     dsm: Raster,
     hours: Hours,
     convergence: float,
     rules: SolarRules,
     best: float,
-    wanted: Callable[[int], bool] = lambda number: True,
-) -> dict[int, FaceLight]:
-    """The light on the wanted faces, by their number in `faces`; all of them stand in the way.
+    wanted: Sequence[int],
+) -> list[FaceLight]:
+    """The light on each of the wanted faces; all faces stand in the way.
 
     Parameters
     ----------
-    faces : sequence of RoofFace
-        All roof faces over the raster.
+    faces : sequence of Polygon
+        All roof faces over the raster, with heights, in metres about its corner.
     dsm : Raster
         The surface, in the faces' coordinates.
     hours : Hours
@@ -124,30 +116,29 @@ def light_on_faces(
         Constants.
     best : float
         `best_in_the_open`.
-    wanted : callable
-        Whether a face is asked for.
+    wanted : sequence of int
+        Numbers of the faces that are asked for.
     """
-    planes = np.vstack([np.zeros((1, 3)), *(face.plane() for face in faces)])
+    planes = [face_plane(face) for face in faces]
     face_at = number_cells(faces, planes, dsm)
     slices = ndimage.find_objects(face_at, len(faces))
-    answers = {}
-    for number, face in enumerate(faces):
-        if not wanted(number):
-            continue
+    answers = []
+    for number in wanted:
+        face, plane = faces[number], planes[number]
         cells = face_cells(face, face_at, slices[number], number + 1, dsm)
-        answers[number] = light_on_face(
-            number + 1, face, cells, planes, face_at, dsm, hours, convergence, rules, best
+        answers.append(
+            light_on_face(number + 1, face, plane, cells, face_at, dsm, hours, convergence, rules, best)
         )
     return answers
 
 
-def number_cells(faces: Sequence[RoofFace], planes: NDArray[np.float64], dsm: Raster) -> NDArray[np.int32]:
+def number_cells(faces: Sequence[Polygon], planes: Sequence[Values], dsm: Raster) -> NDArray[np.int32]:
     """Number (H, W) from 1 of the highest roof face at the middle of each cell, 0 for none."""
     face_at = np.zeros(dsm.shape, np.int32)
     height = np.full(dsm.shape, -np.inf)
     rows, columns = dsm.shape
     for number, face in enumerate(faces, 1):
-        west, south, east, north = face.polygon.bounds
+        west, south, east, north = face.bounds
         left, right = int((west - dsm.west) / dsm.cell), int((east - dsm.west) / dsm.cell) + 1
         top, low = int((dsm.north - north) / dsm.cell), int((dsm.north - south) / dsm.cell) + 1
         left, top, right, low = max(left, 0), max(top, 0), min(right, columns), min(low, rows)
@@ -156,8 +147,8 @@ def number_cells(faces: Sequence[RoofFace], planes: NDArray[np.float64], dsm: Ra
         x = dsm.west + (np.arange(left, right) + 0.5) * dsm.cell
         y = dsm.north - (np.arange(top, low) + 0.5) * dsm.cell
         grid_x, grid_y = np.meshgrid(x, y)
-        inside = shapely.contains_xy(face.polygon, grid_x, grid_y)
-        a, b, c = planes[number]
+        inside = shapely.contains_xy(face, grid_x, grid_y)
+        a, b, c = planes[number - 1]
         z = a * grid_x + b * grid_y + c
         here = (slice(top, low), slice(left, right))
         on_top = inside & (z > height[here])
@@ -166,17 +157,17 @@ def number_cells(faces: Sequence[RoofFace], planes: NDArray[np.float64], dsm: Ra
     return face_at
 
 
-Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
+Cells = tuple[Integers, Integers]
 
 
 def face_cells(
-    face: RoofFace, face_at: NDArray[np.int32], box: tuple[slice, ...] | None, number: int, dsm: Raster
+    face: Polygon, face_at: NDArray[np.int32], box: tuple[slice, ...] | None, number: int, dsm: Raster
 ) -> Cells:
     """Rows and columns of a face's cells; of one without, that of a point in it."""
     if box is not None:
         row, column = np.nonzero(face_at[box] == number)
         return row + box[0].start, column + box[1].start
-    inner = face.polygon.representative_point()
+    inner = face.representative_point()
     row, column = dsm.cell_of(np.array([[inner.x, inner.y]]))
     rows, columns = dsm.shape
     return np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)
@@ -184,9 +175,9 @@ def face_cells(
 
 def light_on_face(
     number: int,
-    face: RoofFace,
+    face: Polygon,
+    plane: Values,
     cells: Cells,
-    planes: NDArray[np.float64],
     face_at: NDArray[np.int32],
     dsm: Raster,
     hours: Hours,
@@ -195,14 +186,12 @@ def light_on_face(
     best: float,
 ) -> FaceLight:
     """The light on one face: that of every hour at its cells, as far as sun and sky are seen there."""
-    a, b, c = planes[number]
+    a, b, c = plane
     row, column = cells
     x: Values = np.asarray(dsm.west + (column + 0.5) * dsm.cell, np.float64)
     y: Values = np.asarray(dsm.north - (row + 0.5) * dsm.cell, np.float64)
-    places = HorizonPlaces(
-        np.column_stack([x, y, a * x + b * y + c]), np.full(len(x), number, np.int32), planes
-    )
-    horizon = horizons(dsm, face_at, places, rules.directions, rules.reach, rules.clearance)
+    xyz = np.column_stack([x, y, a * x + b * y + c])
+    horizon = horizons(dsm, face_at, xyz, number, plane, rules.directions, rules.reach, rules.clearance)
     grid_normal = np.array([-a, -b, 1.0]) / np.sqrt(a * a + b * b + 1.0)
     turn = np.radians(convergence)
     normal = np.array(
@@ -218,51 +207,35 @@ def light_on_face(
     from_sky, from_ground = (np.bincount(hours.month, part, MONTHS) for part in (sky, back))
     light = (lit + np.outer(seen, from_sky) + 0.5 * (1.0 - normal[2]) * from_ground) / 1000.0
     surface = dsm.values[row, column]
-    over = surface > places.xyz[:, 2] + rules.clearance + 0.5 * dsm.cell * (abs(a) + abs(b))
-    usable = usable_cells(
-        face, x, y, ~over & np.isfinite(surface), light.sum(axis=1), cells, dsm, rules, best
-    )
-    area_m2 = float(np.linalg.norm(area_vector(face_rings(face.polygon)[0])))
-    area_m2 -= sum(float(np.linalg.norm(area_vector(ring))) for ring in face_rings(face.polygon)[1:])
+    over = surface > xyz[:, 2] + rules.clearance + 0.5 * dsm.cell * (abs(a) + abs(b))
+    good = ~over & np.isfinite(surface) & (light.sum(axis=1) >= rules.suitable * best)
+    good &= shapely.contains_xy(face.buffer(-rules.edge), x, y)
+    cell_m2 = np.sqrt(a * a + b * b + 1.0) * dsm.cell**2
+    usable = in_large_pieces(good, cells, cell_m2, rules.smallest)
+    outer, *holes = (float(np.linalg.norm(area_vector(ring))) for ring in face_rings(face))
     return FaceLight(
         month=np.asarray(light.mean(axis=0)),
         open_month=light_in_the_open(hours, normal, rules),
         sky=float(seen.mean()),
-        usable_m2=area_m2 * float(usable.mean()),
+        usable_m2=(outer - sum(holes)) * float(usable.mean()),
         usable=float(light[usable].sum(axis=1).mean()) if usable.any() else 0.0,
         covered=float(over.mean()),
     )
 
 
-def face_rings(polygon: Polygon) -> list[NDArray[np.float64]]:
+def face_rings(polygon: Polygon) -> list[Values]:
     """The rings of a polygon with heights, without repeated point, the outer one first."""
     return [
         shapely.get_coordinates(ring, include_z=True)[:-1] for ring in (polygon.exterior, *polygon.interiors)
     ]
 
 
-def usable_cells(
-    face: RoofFace,
-    x: Values,
-    y: Values,
-    free: NDArray[np.bool_],
-    light: Values,
-    cells: Cells,
-    dsm: Raster,
-    rules: SolarRules,
-    best: float,
-) -> NDArray[np.bool_]:
-    """Which cells (N,) of a face panels can lie on: free, off the rim, sunny, in pieces that hold two."""
-    inner = face.polygon.buffer(-rules.edge)
-    usable: NDArray[np.bool_] = free & (light >= rules.suitable * best) & shapely.contains_xy(inner, x, y)
-    if not usable.any():
-        return usable
+def in_large_pieces(good: Mask, cells: Cells, cell_m2: float, smallest: float) -> Mask:
+    """Which of the good cells (N,) of a face, each of so many m², are in pieces of `smallest` m² and more."""
     row, column = cells[0] - cells[0].min(), cells[1] - cells[1].min()
     grid = np.zeros((row.max() + 1, column.max() + 1), bool)
-    grid[row, column] = usable
+    grid[row, column] = good
     pieces, count = ndimage.label(grid)
-    a, b, _ = face.plane()
-    sloped = np.sqrt(a * a + b * b + 1.0) * dsm.cell**2
-    large = np.bincount(pieces.ravel(), minlength=count + 1) * sloped >= rules.smallest
+    large = np.bincount(pieces.ravel(), minlength=count + 1) * cell_m2 >= smallest
     large[0] = False
     return np.asarray(large[pieces[row, column]])

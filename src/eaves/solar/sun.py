@@ -5,15 +5,16 @@ Angles are degrees; azimuths are clockwise from true north.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.formats import InputError
-from eaves.model import Values
+from eaves.model import Integers, Values
 
 SOLAR_CONSTANT = 1367.0
 """W/m², of [rigollier2000]."""
@@ -33,7 +34,7 @@ class Hours:
     outside the atmosphere (W/m²).
     """
 
-    month: NDArray[np.int64]
+    month: Integers
     """From 0."""
     azimuth: Values
     elevation: Values
@@ -133,11 +134,7 @@ def clear_sky(elevation: Values, extra: Values, turbidity: float, height: float)
 
 def clear_hours(latitude: float, longitude: float, turbidity: float, height: float) -> Hours:
     """The hours of a year under a clear sky: an upper bound of what comes."""
-    days = hours_of_year(0.0)
-    azimuth, elevation, distance = sun_position(days, latitude, longitude)
-    extra = SOLAR_CONSTANT / distance**2
-    direct, diffuse = clear_sky(elevation, extra, turbidity, height)
-    return kept_hours(month_of_hours(), azimuth, elevation, direct, diffuse, extra)
+    return kept_hours(0.0, latitude, longitude, partial(clear_sky, turbidity=turbidity, height=height))
 
 
 def hours_of_year(zone_h: float) -> Values:
@@ -147,7 +144,7 @@ def hours_of_year(zone_h: float) -> Values:
     return np.asarray(start + (np.arange(HOURS) + 0.5 - zone_h) / 24.0, np.float64)
 
 
-def month_of_hours() -> NDArray[np.int64]:
+def month_of_hours() -> Integers:
     """The month, from 0, of every hour of a common year."""
     days = np.datetime64(f"{YEAR}-01-01") + np.arange(HOURS // 24)
     months = days.astype("datetime64[M]").astype(np.int64) % MONTHS
@@ -155,17 +152,22 @@ def month_of_hours() -> NDArray[np.int64]:
 
 
 def kept_hours(
-    month: NDArray[np.int64],
-    azimuth: Values,
-    elevation: Values,
-    direct: Values,
-    diffuse: Values,
-    extra: Values,
+    zone_h: float,
+    latitude: float,
+    longitude: float,
+    light: Callable[[Values, Values], tuple[Values, Values]],
 ) -> Hours:
-    """Those hours in which anything comes; light that is reported while the sun is down is the sky's."""
+    """Those hours of a year at a place in which anything comes, by a clock that is `zone_h` hours ahead.
+
+    `light` gives the direct and the diffuse light (W/m²) by the sun's elevation and the beam outside the
+    atmosphere; what is reported while the sun is down is the sky's."""
+    azimuth, elevation, distance = sun_position(hours_of_year(zone_h), latitude, longitude)
+    extra = SOLAR_CONSTANT / distance**2
+    direct, diffuse = light(elevation, extra)
     some = (diffuse > 0.0) | ((direct > 0.0) & (elevation > 0.0))
     up = np.where(elevation > 0.0, direct, 0.0)
-    return Hours(month[some], azimuth[some], elevation[some], up[some], diffuse[some], extra[some])
+    month = month_of_hours()[some]
+    return Hours(month, azimuth[some], elevation[some], up[some], diffuse[some], extra[some])
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,10 +182,7 @@ class Weather:
 
     def hours(self, latitude: float, longitude: float) -> Hours:
         """With the sun where it stands at a place."""
-        days = hours_of_year(self.zone_h)
-        azimuth, elevation, distance = sun_position(days, latitude, longitude)
-        extra = SOLAR_CONSTANT / distance**2
-        return kept_hours(month_of_hours(), azimuth, elevation, self.direct, self.diffuse, extra)
+        return kept_hours(self.zone_h, latitude, longitude, lambda *_: (self.direct, self.diffuse))
 
 
 HEADER_LINES, DIRECT, DIFFUSE = 8, 14, 15
@@ -217,7 +216,7 @@ def read_epw(path: Path) -> Weather:
     return Weather(light[:, 0], light[:, 1], zone, ", ".join(filter(None, place[1:4])))
 
 
-def light_on_plane(hours: Hours, normal: NDArray[np.float64], albedo: float) -> tuple[Values, Values, Values]:
+def light_on_plane(hours: Hours, normal: Values, albedo: float) -> tuple[Values, Values, Values]:
     """Light (W/m²) on a plane in every hour, after [haydavies1980], in three parts.
 
     First the beam and the share of the diffuse light that comes from around the sun, which anything before

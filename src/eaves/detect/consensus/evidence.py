@@ -9,8 +9,8 @@ import numpy as np
 from eaves.detect.consensus.windows import WindowRules, best_planes, window_sum
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import sums_of
-from eaves.model import Labels, Mask, Points, Scene, Values
-from eaves.raster.groups import ONWARD, Numbers, numbers_in, shifted
+from eaves.model import Integers, Labels, Mask, Points, Scene, Values
+from eaves.raster.groups import ONWARD, numbers_in, shifted
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +84,12 @@ def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float, lim
     )
 
 
-def rim_pairs(region: Labels, occupied: Mask) -> tuple[Numbers, Numbers]:
+def rim_pairs(region: Labels, occupied: Mask) -> tuple[Integers, Integers]:
     """Flat numbers of the cells of regions (H, W) and of their eight-neighbours that are in none and
     occupied (H, W), pair by pair."""
     inside, beside = region > 0, occupied & (region == 0)
-    inner: list[Numbers] = []
-    outer: list[Numbers] = []
+    inner: list[Integers] = []
+    outer: list[Integers] = []
     for step in ONWARD:
         a, b = shifted(region.shape, step)
         for first, second, this, that in ((inside, beside, inner, outer), (beside, inside, outer, inner)):

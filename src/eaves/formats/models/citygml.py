@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
@@ -21,9 +21,17 @@ from shapely import Polygon
 
 from eaves.formats.atomic import atomic
 from eaves.formats.models.cityjson import attributes_of, clean, reference_system
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Points, Solid
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Footprint,
+    Points,
+    Provenance,
+    Solid,
+)
 
 DECIMALS = 4
 """Of a coordinate: a tenth of a millimetre, or of a thousandth of a foot."""
@@ -220,11 +228,11 @@ class _GmlBuilding:
         self.file.write(f'<core:cityObjectMember><bldg:Building gml:id="{self.identifier}">\n')
         self.file.write(f"<gml:name>{escape(self.footprint.id)}</gml:name>\n" if self.footprint.id else "")
         self.file.writelines(self._generic())
-        height = self._height()
+        height = self.attributes.get("measuredHeight")
         if self.version is CITYGML_2:
             self.file.write(self._known("roofType"))
             if height is not None:
-                self.file.write(f'<bldg:measuredHeight uom="m">{height:.3f}</bldg:measuredHeight>\n')
+                self.file.write(f'<bldg:measuredHeight uom="m">{float(height):.3f}</bldg:measuredHeight>\n')
             self.file.write(self._known("storeysAboveGround"))
         self._geometry(whole, base, height)
         for number in range(max((len(parts) for parts in several.values()), default=0)):
@@ -234,11 +242,6 @@ class _GmlBuilding:
             self._geometry(of_part, None, None)
             self.file.write(f"</bldg:BuildingPart></{self.version.part}>\n")
         self.file.write("</bldg:Building></core:cityObjectMember>\n")
-
-    def _height(self) -> float | None:
-        """From the ground to the top (m)."""
-        known = self.attributes.get("measuredHeight")
-        return None if known is None else float(known)
 
     def _known(self, name: str) -> str:
         """An attribute that the standard knows by this name."""
@@ -266,7 +269,7 @@ class _GmlBuilding:
                     f"<gen:value>{text}</gen:value></{tag}></core:genericAttribute>\n"
                 )
 
-    def _geometry(self, solids: Mapping[str, Solid], base: float | None, height: float | None) -> None:
+    def _geometry(self, solids: Mapping[str, Solid], base: float | None, height: Any) -> None:
         """The footprint, where `base` says how high it lies, and the solids, each version in its order."""
         pieces: dict[str, str] = {}
         if base is not None:
@@ -293,7 +296,7 @@ class _GmlBuilding:
             self.file.write(
                 "<con:height><con:Height><con:highReference>highestRoofEdge</con:highReference>"
                 "<con:lowReference>lowestGroundPoint</con:lowReference><con:status>measured</con:status>"
-                f'<con:value uom="m">{height:.3f}</con:value></con:Height></con:height>\n'
+                f'<con:value uom="m">{float(height):.3f}</con:value></con:Height></con:height>\n'
             )
         if base is not None:
             self.file.write(self._known("roofType") + self._known("storeysAboveGround"))

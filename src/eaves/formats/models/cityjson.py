@@ -18,19 +18,28 @@ import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date, datetime
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import name_units
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Footprint, Solid
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Footprint,
+    Provenance,
+    Solid,
+    Values,
+)
 from eaves.model.building import ROOF_SURFACE, WALL_SURFACE
-from eaves.model.coordinates import LOCAL_METRES, describe_units
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model.coordinates import describe_units
 
 log = logging.getLogger("eaves")
 
@@ -100,31 +109,20 @@ def write_cityjson_seq(
     """
     count = 0
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-        writer: _Vertices | None = None
-        for model in models:
-            footprint = None if isinstance(model, str) else model.footprint
-            if footprint is None and not isinstance(model, str):
-                continue
-            if writer is None:
-                writer = _Vertices(system, footprint, translate)
-                file.write(
-                    _line(_frame(writer, system, title, provenance) | {"CityObjects": {}, "vertices": []})
-                )
-            count += 1
+        known = (model for model in models if isinstance(model, str) or model.footprint is not None)
+        first = list(islice(known, 1))
+        near = next((model.footprint for model in first if not isinstance(model, str)), None)
+        vertices = _Vertices(system, near, translate)
+        head = _frame(vertices, system, title, provenance)
+        file.write(_line(head | {"CityObjects": {}, "vertices": []}))
+        for count, model in enumerate(chain(first, known), 1):
             if isinstance(model, str):
                 file.write(model)
                 continue
-            writer = writer.emptied()
-            objects = _city_objects(model, writer, f"building-{count}")
+            vertices.clear()
+            objects = _city_objects(model, vertices, f"building-{count}")
             feature = {"type": "CityJSONFeature", "id": next(iter(objects))}
-            file.write(_line(feature | {"CityObjects": objects, "vertices": writer.integers}))
-        if writer is None:
-            file.write(
-                _line(
-                    _frame(_Vertices(system, None, translate), system, title, provenance)
-                    | {"CityObjects": {}, "vertices": []}
-                )
-            )
+            file.write(_line(feature | {"CityObjects": objects, "vertices": vertices.integers}))
     return count
 
 
@@ -173,10 +171,10 @@ def write_cityjson(
     writer, count = _Vertices(system), 0
     objects: dict[str, Json] = {}
     for model in models:
-        if footprint_of(model) is None:
+        if model.footprint is None:
             continue
         if count == 0:
-            writer = _Vertices(system, footprint_of(model))
+            writer = _Vertices(system, model.footprint)
         count += 1
         _add_objects(objects, _city_objects(model, writer, f"building-{count}"))
     frame = _frame(writer, system, title, provenance)
@@ -198,11 +196,6 @@ def reference_system(system: CoordinateSystem) -> str | None:
     return CRS_URL + system.code.removeprefix("EPSG:").split("+")[0]
 
 
-def _says_all(system: CoordinateSystem) -> bool:
-    """Whether the system's code implies the unit of its heights."""
-    return system.horizontal_unit_m == system.vertical_unit_m or " + height" not in (system.wkt or "")
-
-
 def clean(value: Any) -> Any:
     """A value as JSON can hold it: NaN and infinity become null, numpy's types Python's, dates text."""
     if isinstance(value, Mapping):
@@ -216,11 +209,6 @@ def clean(value: Any) -> Any:
     if value is None or isinstance(value, str | bool | int):
         return value
     return value.isoformat() if isinstance(value, date | datetime) else str(value)
-
-
-def footprint_of(result: Result) -> Footprint | None:
-    """The footprint of a model or a failure; None for a failure without."""
-    return result.footprint
 
 
 def attributes_of(result: Result) -> Json:
@@ -256,14 +244,12 @@ class _Vertices:
         self.integers: list[list[int]] = []
         self._number: dict[tuple[int, ...], int] = {}
 
-    def emptied(self) -> _Vertices:
-        """The same frame with no vertices."""
-        fresh = object.__new__(_Vertices)
-        fresh.unit, fresh.scale, fresh.translate = self.unit, self.scale, self.translate
-        fresh.integers, fresh._number = [], {}
-        return fresh
+    def clear(self) -> None:
+        """Leave the vertices out, and keep the frame."""
+        self.integers.clear()
+        self._number.clear()
 
-    def add(self, xyz: NDArray[np.float64], origin: tuple[float, float]) -> list[int]:
+    def add(self, xyz: Values, origin: tuple[float, float]) -> list[int]:
         """Numbers of vertices (N, 3) given in metres about `origin`."""
         steps = np.round(((xyz + np.array([*origin, 0.0])) / self.unit - self.translate) / self.scale).astype(
             np.int64
@@ -282,7 +268,10 @@ def _frame(vertices: _Vertices, system: CoordinateSystem, title: str, provenance
     url = reference_system(system)
     if url is not None:
         metadata["referenceSystem"] = url
-    if system.wkt is not None and (system.code is None or "+" in system.code or not _says_all(system)):
+    heights_are_said = system.horizontal_unit_m == system.vertical_unit_m or " + height" not in (
+        system.wkt or ""
+    )
+    if system.wkt is not None and (system.code is None or "+" in system.code or not heights_are_said):
         metadata[WKT_MEMBER] = system.wkt
     units = name_units(system)
     metadata |= provenance.members | ({"units": units} if describe_units(units) else {})
@@ -368,7 +357,7 @@ def _footprint_surface(footprint: Footprint, base: float, vertices: _Vertices) -
     return {"type": "MultiSurface", "lod": "0", "boundaries": [boundary] if boundary else []}
 
 
-def _spaced(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+def _spaced(ring: Values) -> Values:
     """A ring (M, 2) without points that would be one with the point before them: validators snap at a step,
     and rounding moves each point by up to a half."""
     kept = [ring[0]]
@@ -380,7 +369,7 @@ def _spaced(ring: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array(kept)
 
 
-def _polygon_rings(polygon: Polygon) -> Iterator[NDArray[np.float64]]:
+def _polygon_rings(polygon: Polygon) -> Iterator[Values]:
     """Rings (M, 2) without repeated point, counter-clockwise outside, clockwise holes."""
     if polygon.is_empty:
         return

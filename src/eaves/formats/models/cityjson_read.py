@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 from eaves.formats.crs import parse_crs, system_of
@@ -23,6 +22,7 @@ from eaves.formats.models.cityjson import WKT_MEMBER
 from eaves.formats.points.chunk import FARTHEST
 from eaves.model import (
     BLOCK_SIDE,
+    LOCAL_METRES,
     BuildingModel,
     CoordinateSystem,
     Face,
@@ -30,9 +30,9 @@ from eaves.model import (
     Footprint,
     Installation,
     Solid,
+    Values,
 )
 from eaves.model.building import LODS
-from eaves.model.coordinates import LOCAL_METRES
 
 REPAIR = "write it again, or check it with cjio or cjval"
 INSTALLATION = "BuildingInstallation"
@@ -92,7 +92,7 @@ class CityObject:
     type: str
     attributes: Mapping[str, Any]
     geometries: tuple[CityGeometry, ...]
-    vertices: NDArray[np.float64]
+    vertices: Values
     parents: tuple[str, ...] = ()
     children: tuple[str, ...] = ()
     system: CoordinateSystem = field(default=LOCAL_METRES)
@@ -259,7 +259,7 @@ class _Frame:
         for name, value in raw.items():
             yield self._object(name, value, world)
 
-    def _object(self, name: str, value: Any, world: NDArray[np.float64]) -> CityObject:
+    def _object(self, name: str, value: Any, world: Values) -> CityObject:
         try:
             geometries = [_geometry(entry, len(world)) for entry in value.get("geometry", [])]
             return CityObject(

@@ -15,9 +15,14 @@ import numpy as np
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
 from eaves.formats.models.obj_wireframe import roof_wireframe
-from eaves.model import BuildingModel, CoordinateSystem, Failure
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Provenance,
+)
 
 EVERY_CORNER = 1e-6
 """No detail of a roof is left out (m)."""

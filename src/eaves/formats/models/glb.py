@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import shutil
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
@@ -24,11 +24,18 @@ from numpy.typing import NDArray
 
 from eaves.formats.atomic import atomic
 from eaves.formats.errors import InputError
-from eaves.formats.models.cityjson import attributes_of, clean, footprint_of
+from eaves.formats.models.cityjson import attributes_of, clean
 from eaves.formats.models.meshes import COLOURS, SURFACES, BuildingMesh, mesh_of
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Points
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Integers,
+    Points,
+    Provenance,
+)
 
 FLOAT, UNSIGNED_INT = 5126, 5125
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
@@ -84,7 +91,7 @@ def write_glb(
     nodes: list[Json] = []
     with atomic(path) as temporary, GlbParts(temporary) as parts:
         for number, model in enumerate(models, 1):
-            footprint = footprint_of(model)
+            footprint = model.footprint
             if footprint is None:
                 continue
             origin = origin or footprint.origin
@@ -94,7 +101,7 @@ def write_glb(
             east, north = footprint.origin[0] - origin[0], footprint.origin[1] - origin[1]
             node["translation"] = [east, base, -north]
             if mesh is not None:
-                primitives = mesh_primitives(parts, mesh, base)
+                primitives = [primitive for primitive, _ in mesh_primitives(parts, [mesh], base)]
                 node["mesh"] = parts.add("meshes", {"name": node["name"], "primitives": primitives})
                 count += 1
             nodes.append(node)
@@ -115,15 +122,23 @@ def y_up(xyz: Points) -> NDArray[np.float32]:
     return np.column_stack([xyz[:, 0], xyz[:, 2], -xyz[:, 1]]).astype(np.float32)
 
 
-def mesh_primitives(parts: GlbParts, mesh: BuildingMesh, base: float) -> list[Json]:
-    """Primitives of a mesh, one for every kind of surface it has; heights are written above `base`."""
-    primitives = []
+def mesh_primitives(
+    parts: GlbParts, meshes: Sequence[BuildingMesh], base: float
+) -> Iterator[tuple[Json, Integers]]:
+    """A primitive for every kind of surface that meshes of one origin have, and the mesh of each of its
+    vertices (K,); heights are written above `base`."""
     for kind in range(len(SURFACES)):
-        positions, normals, triangles = mesh.flat_shaded(kind)
-        if len(triangles):
+        pieces = [mesh.flat_shaded(kind) for mesh in meshes]
+        sizes = [len(positions) for positions, _, _ in pieces]
+        if sum(sizes):
+            positions, normals, _ = map(np.concatenate, zip(*pieces, strict=True))
+            starts = np.cumsum([0, *sizes[:-1]])
+            triangles = np.concatenate(
+                [piece[2] + start for piece, start in zip(pieces, starts, strict=True)]
+            )
             lowered = positions - [0.0, 0.0, base]
-            primitives.append(parts.primitive(y_up(lowered), y_up(normals), triangles, kind))
-    return primitives
+            primitive = parts.primitive(y_up(lowered), y_up(normals), triangles, kind)
+            yield primitive, np.repeat(np.arange(len(meshes)), sizes)
 
 
 class GlbParts:
@@ -173,7 +188,7 @@ class GlbParts:
         self,
         positions: NDArray[np.float32],
         normals: NDArray[np.float32],
-        triangles: NDArray[np.int64],
+        triangles: Integers,
         material: int,
     ) -> Json:
         """Keep vertices (K, 3), their normals and triangles (T, 3); the primitive that uses them."""

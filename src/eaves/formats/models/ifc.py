@@ -7,7 +7,6 @@ its attributes a property set. Metres; IfcMapConversion and IfcProjectedCRS say 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from uuid import NAMESPACE_URL, uuid5
@@ -15,29 +14,23 @@ from uuid import NAMESPACE_URL, uuid5
 import numpy as np
 
 from eaves.formats.atomic import atomic
-from eaves.formats.errors import InputError
+from eaves.formats.errors import require_extra
 from eaves.formats.models.cityjson import attributes_of, clean
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Solid
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Provenance,
+    Solid,
+)
 
 PROPERTIES = "eaves"
 """Name of the property set."""
 NO_DATE = "1970-01-01T00:00:00"
 """The same buildings give the same bytes."""
 PRECISION_M = 1e-4
-
-
-def require_ifcopenshell() -> None:
-    """Check that IfcOpenShell is installed.
-
-    Raises
-    ------
-    InputError
-        When it is not.
-    """
-    if find_spec("ifcopenshell") is None:
-        raise InputError("IFC needs IfcOpenShell, which is missing; run: pip install 'eaves[ifc]'")
 
 
 def write_ifc(
@@ -53,7 +46,7 @@ def write_ifc(
     InputError
         When IfcOpenShell is missing, or the folder cannot be written.
     """
-    require_ifcopenshell()
+    require_extra("ifc")
     import ifcopenshell
 
     file = ifcopenshell.file(schema="IFC4")

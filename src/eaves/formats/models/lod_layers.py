@@ -16,10 +16,15 @@ from eaves.formats.models.meshes import SURFACES
 from eaves.formats.qgis.tables import describe_layers
 from eaves.formats.vectors.geopackage import PIECE_ROWS, Row, append_rows
 from eaves.geometry.rings import area_vector
-from eaves.model import BuildingModel, CoordinateSystem, Failure
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Provenance,
+)
 from eaves.model.building import LODS
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 KINDS: dict[str, type] = {"id": str, "surface": str, "area_m2": float, "face_count": int}
 

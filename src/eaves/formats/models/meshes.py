@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from eaves.geometry.rings import area_vector
-from eaves.model import BuildingModel, Failure, Points, Solid
+from eaves.model import BuildingModel, Failure, Integers, Points, Solid, Values
 from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
 
 SURFACES = (GROUND_SURFACE, WALL_SURFACE, ROOF_SURFACE, OUTER_CEILING_SURFACE)
@@ -23,8 +23,6 @@ COLOURS = {
 """Linear RGB of the materials."""
 AREA_SHARE = 1e-6
 """Triangles that miss more than this share of a face's area do not cover it."""
-
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +152,7 @@ def plane_axes(normal: Points) -> Points:
     return np.array([first, np.cross(normal, first)])
 
 
-def is_convex(ring: NDArray[np.float64]) -> bool:
+def is_convex(ring: Values) -> bool:
     """Whether a counter-clockwise ring (M, 2) turns left, clearly, at every corner."""
     steps = np.roll(ring, -1, axis=0) - ring
     following = np.roll(steps, -1, axis=0)

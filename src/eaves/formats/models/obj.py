@@ -17,11 +17,15 @@ import numpy as np
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
-from eaves.formats.models.cityjson import footprint_of
 from eaves.formats.models.meshes import COLOURS, SURFACES, mesh_of
-from eaves.model import BuildingModel, CoordinateSystem, Failure
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Provenance,
+)
 
 DECIMALS = 4
 """Of a coordinate: a tenth of a millimetre, or of a thousandth of a foot."""
@@ -76,7 +80,7 @@ def write_obj(
         )
         file.write(f"# {provenance.sentence}\n" if provenance else "")
         for number, model in enumerate(models, 1):
-            footprint = footprint_of(model)
+            footprint = model.footprint
             name = "_".join((footprint.id if footprint else "").split()) or f"building-{number}"
             mesh = mesh_of(model)
             if mesh is None or footprint is None:

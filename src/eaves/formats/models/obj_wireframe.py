@@ -11,19 +11,25 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import describe_system
-from eaves.formats.models.cityjson import footprint_of
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.geometry.tolerance import COORDINATE_STEP
-from eaves.model import BuildingModel, CoordinateSystem, Failure, Points, Solid
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Integers,
+    Points,
+    Provenance,
+    Solid,
+)
 from eaves.model.building import ROOF_SURFACE
 from eaves.model.checks import check_positive
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 CORNER_TURN_DEG = 10.0
 """A vertex of a roof face is a corner where its ring turns by more."""
@@ -36,7 +42,7 @@ DECIMALS = 3
 """Of a coordinate: a millimetre, or a thousandth of a foot."""
 
 
-def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[Points, NDArray[np.int64]]:
+def roof_wireframe(model: BuildingModel, detail: float = DRAWN_DETAIL) -> tuple[Points, Integers]:
     """Corners (V, 3) about the footprint's origin and edges (E, 2) of the roof faces at the finest level.
 
     Parameters
@@ -151,7 +157,7 @@ def joined_faces(rings: list[list[Points]], reach: float) -> list[list[int]]:
     return list(members.values())
 
 
-def turning_corners(rings: list[Points]) -> tuple[Points, NDArray[np.int64]]:
+def turning_corners(rings: list[Points]) -> tuple[Points, Integers]:
     """The corners (V, 3) where one of the rings turns, and the pairs of them (E, 2) that rings join."""
     number: dict[tuple[float, ...], int] = {}
     chains = []
@@ -172,7 +178,7 @@ def turning_corners(rings: list[Points]) -> tuple[Points, NDArray[np.int64]]:
     return np.array(list(number)).reshape(-1, 3), np.array(sorted(edges), np.int64).reshape(-1, 2)
 
 
-def corner_groups(corners: Points, detail: float) -> NDArray[np.int64]:
+def corner_groups(corners: Points, detail: float) -> Integers:
     """The group (V,) of each corner (V, 3), 0, 1, …: all of one group are within `detail` (m) of one another.
 
     The two groups that lie nearest become one, again and again (complete linkage).
@@ -194,9 +200,7 @@ def corner_groups(corners: Points, detail: float) -> NDArray[np.int64]:
     return answer
 
 
-def meeting_places(
-    corners: Points, edges: NDArray[np.int64], group: NDArray[np.int64], detail: float
-) -> Points:
+def meeting_places(corners: Points, edges: Integers, group: Integers, detail: float) -> Points:
     """One corner for each group (V,) of the corners (V, 3): nearest in square to the lines of the edges
     (E, 2) that leave it, each by its length, and to the mean of its corners, which counts as one of
     `detail` (m).
@@ -294,7 +298,7 @@ def write_obj_wireframe(
         file.write(f"# eaves: corners and edges of roofs; coordinates are in {describe_system(system)}\n")
         file.write(f"# {provenance.sentence}\n" if provenance else "")
         for number, model in enumerate(models, 1):
-            footprint = footprint_of(model)
+            footprint = model.footprint
             name = "_".join((footprint.id if footprint else "").split()) or f"building-{number}"
             if isinstance(model, Failure) or footprint is None or not model.solids:
                 reason = f": {model.code}, {model.reason}" if isinstance(model, Failure) else ""

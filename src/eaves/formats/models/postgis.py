@@ -8,7 +8,6 @@ meaning as comments.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +16,11 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from eaves.formats.crs import horizontal_crs, parse_crs, system_of
-from eaves.formats.errors import InputError
+from eaves.formats.errors import InputError, require_extra
 from eaves.formats.models.cityjson_read import iter_cityjson
-from eaves.formats.vectors.geopackage import PIECE_ROWS, plain_value, read_details
-from eaves.model import CoordinateSystem
+from eaves.formats.vectors.geopackage import PIECE_ROWS, plain_rows, read_details
+from eaves.model import LOCAL_METRES, CoordinateSystem
 from eaves.model.columns import COLUMNS
-from eaves.model.coordinates import LOCAL_METRES
 
 TYPES = {"bool": "boolean", "int": "bigint", "float": "double precision"}
 """Of columns, by the beginning of numpy's name; the rest is text."""
@@ -63,8 +61,7 @@ def write_postgis(
     >>> write_postgis("out", "postgresql://me@localhost/city")  # doctest: +SKIP
     {'footprints': 24, 'roof_planes': 1039, 'surfaces': 288}
     """
-    if find_spec("psycopg") is None:
-        raise InputError("PostGIS needs psycopg, which is missing; run: pip install 'eaves[postgis]'")
+    require_extra("postgis")
     import psycopg
     from psycopg import sql
 
@@ -156,13 +153,8 @@ def layer_rows(
         meta, _, wkb, columns = pyogrio.raw.read(
             path, layer=layer, skip_features=first, max_features=PIECE_ROWS
         )
-        kinds = [str(dtype) for dtype in meta["dtypes"]]
         shapes = as_ewkb(shapely.from_wkb(wkb), code)
-        for number, shape in enumerate(shapes):
-            row = {
-                str(name): plain_value(column[number], kind)
-                for name, column, kind in zip(meta["fields"], columns, kinds, strict=True)
-            }
+        for shape, row in zip(shapes, plain_rows(meta, columns, range(len(shapes))), strict=True):
             row |= details.get(row.get("id"), {})
             yield [*map(row.get, names), shape]
 

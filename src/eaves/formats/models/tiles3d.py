@@ -21,7 +21,6 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
-from numpy.typing import NDArray
 from pyproj.transformer import TransformerGroup
 
 from eaves.formats.atomic import atomic
@@ -29,8 +28,8 @@ from eaves.formats.crs import horizontal_crs, pyproj_crs
 from eaves.formats.crs_check import vertical_datum
 from eaves.formats.models.cityjson import attributes_of, clean
 from eaves.formats.models.features import EXTENSIONS, add_feature_numbers, add_property_table
-from eaves.formats.models.glb import GlbParts, Json, scene_extras, y_up
-from eaves.formats.models.meshes import SURFACES, BuildingMesh, mesh_of
+from eaves.formats.models.glb import GlbParts, Json, mesh_primitives, scene_extras
+from eaves.formats.models.meshes import BuildingMesh, mesh_of
 from eaves.formats.models.tiles_overview import (
     NODE_PRISMS,
     TILE_PRISMS,
@@ -39,9 +38,15 @@ from eaves.formats.models.tiles_overview import (
     largest,
     prism_of,
 )
-from eaves.model import BuildingModel, CoordinateSystem, Failure
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    BuildingModel,
+    CoordinateSystem,
+    Failure,
+    Provenance,
+    Values,
+)
 
 ARM = 100.0
 """Length (m) over which the directions of the axes are measured."""
@@ -54,8 +59,6 @@ STRETCH = 1.002
 """How much longer than a metre the unit of a map's axes can be: twice UTM's at the rim of its zone."""
 GEOCENTRIC, GEODETIC = "EPSG:4978", "EPSG:4979"
 
-Matrix = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class Leaf:
@@ -63,7 +66,7 @@ class Leaf:
     what it shows from afar."""
 
     middle: tuple[float, float]
-    corners: NDArray[np.float64]
+    corners: Values
     tile: Json
     prisms: Sequence[Prism] = ()
 
@@ -133,7 +136,7 @@ def write_3dtiles(
             f"overview/{overviews}.glb", describe_overview(prisms[0][1].footprint.origin, prisms)
         ).tile
 
-    for _, buildings in by_origin(models):
+    for buildings in by_origin(models):
         leaf = tile_of(f"content/{len(leaves) + 1}.glb", buildings)
         seen = (prism for model, mesh in buildings if (prism := prism_of(model, mesh)) is not None)
         leaves.append(replace(leaf, prisms=largest(seen, TILE_PRISMS)))
@@ -145,7 +148,8 @@ def write_3dtiles(
             if not (stale.stem.isdigit() and int(stale.stem) <= number):
                 stale.unlink()
     extras: Json = {"crs": system.code, "vertical_datum": vertical_datum(system), **provenance.members}
-    extras["geoid_height_added_m"] = earth.lifts()
+    lifts = earth.added or [0.0]
+    extras["geoid_height_added_m"] = [round(min(lifts), 3), round(max(lifts), 3)]
     asset = {"version": "1.1", "generator": f"eaves {version('eaves')}", "extras": extras}
     tileset: Json = {"asset": asset, "geometricError": 2 * root["geometricError"]}
     tileset["root"] = {"refine": "ADD", **root}
@@ -156,15 +160,15 @@ def write_3dtiles(
 
 def by_origin(
     models: Iterable[BuildingModel | Failure],
-) -> Iterator[tuple[tuple[float, float], list[tuple[BuildingModel, BuildingMesh]]]]:
-    """The buildings that have a mesh, by the origin they share."""
+) -> Iterator[list[tuple[BuildingModel, BuildingMesh]]]:
+    """The buildings that have a mesh, those of one origin together."""
     solid = (
         (model, mesh)
         for model in models
         if isinstance(model, BuildingModel) and (mesh := mesh_of(model)) is not None and len(mesh.triangles)
     )
-    for origin, group in groupby(solid, key=lambda pair: pair[0].footprint.origin):
-        yield origin, list(group)
+    for _, group in groupby(solid, key=lambda pair: pair[0].footprint.origin):
+        yield list(group)
 
 
 def write_content(
@@ -172,7 +176,7 @@ def write_content(
     buildings: Sequence[tuple[BuildingModel, BuildingMesh]],
     origin: tuple[float, float],
     system: CoordinateSystem,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Values, Values]:
     """Write the GLB of one tile, heights above its lowest point; its lowest and highest coordinates (3,)."""
     extents = [(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for _, mesh in buildings]
     low = np.min([extent[0] for extent in extents], axis=0)
@@ -187,21 +191,10 @@ def write_content(
         for model, _ in buildings
     ]
     with GlbParts(path) as parts:
-        primitives = []
-        for kind in range(len(SURFACES)):
-            pieces = [mesh.flat_shaded(kind) for _, mesh in buildings]
-            sizes = [len(positions) for positions, _, _ in pieces]
-            if not sum(sizes):
-                continue
-            starts = np.cumsum([0, *sizes[:-1]])
-            positions = np.concatenate([piece[0] for piece in pieces]) - [0, 0, low[2]]
-            normals = np.concatenate([piece[1] for piece in pieces])
-            triangles = np.concatenate(
-                [piece[2] + start for piece, start in zip(pieces, starts, strict=True)]
-            )
-            primitive = parts.primitive(y_up(positions), y_up(normals), triangles, kind)
-            numbers = np.repeat(np.arange(len(buildings)), sizes)
-            primitives.append(add_feature_numbers(parts, primitive, numbers, len(buildings)))
+        primitives = [
+            add_feature_numbers(parts, primitive, numbers, len(buildings))
+            for primitive, numbers in mesh_primitives(parts, [mesh for _, mesh in buildings], low[2])
+        ]
         parts.add("meshes", {"primitives": primitives})
         scene: Json = {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "extensionsUsed": EXTENSIONS}
         scene["extensions"] = add_property_table(parts, rows)
@@ -211,10 +204,10 @@ def write_content(
 
 def leaf_of(
     name: str,
-    frame: Matrix,
+    frame: Values,
     origin: tuple[float, float],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
+    low: Values,
+    high: Values,
 ) -> Leaf:
     """The tile of a content file whose coordinates lie between `low` and `high` (3,) in its frame (4, 4)."""
     middle, half = (low + high) / 2, (high - low) / 2
@@ -233,7 +226,7 @@ def leaf_of(
 def node_of(
     leaves: Sequence[Leaf],
     draw: Callable[[Sequence[Leaf]], Json] | None = None,
-    parent: Matrix | None = None,
+    parent: Values | None = None,
 ) -> Json:
     """A tile over all leaves: their parent when they are few, else of the nodes over their quarters. What
     `draw` makes of the leaves is shown in their place from afar, in a frame of its own; `parent` (4, 4) is
@@ -263,7 +256,7 @@ def node_of(
     return node | {"children": [node_of(quarter, draw, frame) for quarter in quarters if quarter]}
 
 
-def framed_tile(tile: Json, frame: Matrix | None) -> Json:
+def framed_tile(tile: Json, frame: Values | None) -> Json:
     """A tile that stands in the tileset's frame, below one of another frame (4, 4)."""
     if frame is None:
         return tile
@@ -276,7 +269,8 @@ class Earth:
 
     def __init__(self, system: CoordinateSystem) -> None:
         self.unit = np.array(system.unit_m)
-        self._added: list[float] = []
+        self.added: list[float] = []
+        """Geoid heights (m) that were added."""
         plane = horizontal_crs(system)
         self.known = plane is not None
         if plane is None:
@@ -291,7 +285,7 @@ class Earth:
                 group = TransformerGroup(whole, GEODETIC, always_xy=True)
             self._upright = group.transformers[0] if group.transformers else None
 
-    def frame(self, start: NDArray[np.float64], middle: NDArray[np.float64]) -> Matrix:
+    def frame(self, start: Values, middle: Values) -> Values:
         """The matrix (4, 4) from metres east, north and up of `start` (3,) to the tileset's coordinates,
         exact at `middle` (3,), counted from `start`."""
         matrix = np.eye(4)
@@ -303,7 +297,7 @@ class Earth:
         matrix[:3, 3] = ends[0] - matrix[:3, :3] @ middle
         return matrix
 
-    def geocentric(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    def geocentric(self, xyz: Values) -> Values:
         """Earth-centred metres of places (N, 3) in the system's metres, all with the first one's geoid."""
         x, y, z = (xyz / self.unit).T
         longitude, latitude = self._flat.transform(x, y)
@@ -315,9 +309,5 @@ class Earth:
         if self._upright is not None:
             height = float(self._upright.transform(x, y, z)[2])
             lifted = height if np.isfinite(height) else lifted
-        self._added.append(lifted - z * self.unit[2])
-        return self._added[-1]
-
-    def lifts(self) -> list[float]:
-        """The least and the greatest geoid height (m) that was added."""
-        return [round(min(self._added), 3), round(max(self._added), 3)] if self._added else [0.0, 0.0]
+        self.added.append(lifted - z * self.unit[2])
+        return self.added[-1]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -62,9 +63,8 @@ def describe_overview(
     origin: tuple[float, float], prisms: Sequence[Prism]
 ) -> list[tuple[BuildingModel, BuildingMesh]]:
     """Buildings with their meshes moved to one origin (world m)."""
-    moved = []
-    for _, model, mesh in prisms:
-        east, north = (one - two for one, two in zip(model.footprint.origin, origin, strict=True))
-        vertices = mesh.vertices + [east, north, 0.0]
-        moved.append((model, BuildingMesh(vertices, mesh.triangles, mesh.face, mesh.surface, mesh.normal)))
-    return moved
+    shifts = [[*np.subtract(model.footprint.origin, origin), 0.0] for _, model, _ in prisms]
+    return [
+        (model, replace(mesh, vertices=mesh.vertices + shift))
+        for (_, model, mesh), shift in zip(prisms, shifts, strict=True)
+    ]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.model import Mask, Points
+from eaves.model import Integers, Mask, Points
 
 FARTHEST = (2e8, 2e8, 1e5)
 """The largest coordinates of any survey, in metres or feet: false eastings with a zone reach 6e7 m."""
@@ -37,7 +38,7 @@ class Chunk:
     """
 
     xyz: Points
-    position: NDArray[np.int64]
+    position: Integers
     return_number: NDArray[np.uint8] | None = None
     number_of_returns: NDArray[np.uint8] | None = None
     classification: NDArray[np.uint8] | None = None
@@ -48,15 +49,7 @@ class Chunk:
 
     def take(self, which: Mask) -> Chunk:
         """The points where the mask (N,) is true."""
-
-        def pick(array: NDArray[np.generic] | None) -> NDArray[np.generic] | None:
-            return None if array is None else array[which]
-
-        return Chunk(
-            self.xyz[which],
-            self.position[which],
-            pick(self.return_number),  # type: ignore[arg-type]
-            pick(self.number_of_returns),  # type: ignore[arg-type]
-            pick(self.classification),  # type: ignore[arg-type]
-            pick(self.withheld),  # type: ignore[arg-type]
-        )
+        arrays: dict[str, Any] = {
+            name: one if one is None else one[which] for name, one in vars(self).items()
+        }
+        return Chunk(**arrays)

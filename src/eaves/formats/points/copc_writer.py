@@ -18,11 +18,11 @@ from eaves.formats.atomic import atomic
 from eaves.formats.crs import pyproj_crs
 from eaves.formats.errors import InputError
 from eaves.formats.points.classified import copied_header, las_pieces
-from eaves.formats.points.copc import ENTRY
 from eaves.formats.points.las import FIRST_LAYERED_FORMAT
 from eaves.formats.points.las_header import LasHeader
+from eaves.formats.points.laz import ENTRY
 from eaves.formats.points.source import CHUNK_POINTS, open_source
-from eaves.model import CoordinateSystem
+from eaves.model import CoordinateSystem, Integers
 
 log = logging.getLogger("eaves")
 NODE_POINTS = 50_000
@@ -234,7 +234,7 @@ def find_nodes(code: Cells) -> Cells:
     return node
 
 
-def runs(values: Cells) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def runs(values: Cells) -> tuple[Integers, Integers]:
     """First places and lengths of the runs of equal values."""
     first = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1]]))
     return first, np.diff(first, append=len(values))

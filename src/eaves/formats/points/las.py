@@ -14,10 +14,16 @@ from numpy.typing import NDArray
 
 from eaves.formats.errors import InputError
 from eaves.formats.points.chunk import Chunk
-from eaves.formats.points.copc import chunks_within
 from eaves.formats.points.las_header import COPY_AGAIN, LasHeader
-from eaves.formats.points.laz import decompress, is_newer_than_lazrs, read_by_laszip, read_chunk_table
-from eaves.formats.points.recovery import whole_chunks
+from eaves.formats.points.laz import (
+    chunks_within,
+    decompress,
+    is_newer_than_lazrs,
+    read_by_laszip,
+    read_chunk_table,
+    whole_chunks,
+)
+from eaves.model import Integers, Mask, Rectangle
 
 NEEDED = (
     lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL
@@ -34,7 +40,7 @@ FIRST_LAYERED_FORMAT = 6
 
 def iter_las(
     header: LasHeader,
-    rectangle: tuple[float, float, float, float] | None,
+    rectangle: Rectangle | None,
     size: int,
     part: tuple[int, int] = WHOLE,
     copy: BinaryIO | None = None,
@@ -44,16 +50,16 @@ def iter_las(
     for position, records in iter_records(header, size, rectangle, EVERYTHING if copy else NEEDED, part):
         if copy is not None:
             copy.write(records.data)
-        yield _decode_records(header, position, records)
+        yield decode_records(header, position, records)
 
 
 def iter_records(
     header: LasHeader,
     size: int,
-    rectangle: tuple[float, float, float, float] | None = None,
+    rectangle: Rectangle | None = None,
     selection: int = EVERYTHING,
     part: tuple[int, int] = WHOLE,
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
+) -> Iterator[tuple[Integers, NDArray[np.uint8]]]:
     """Positions (N,) and point records (N, record length) as bytes, decompressed, about `size` at a time.
 
     `part` (k, n) selects the k-th of n runs of records; a COPC file is read node by node in either case.
@@ -124,9 +130,7 @@ def read_runs(
             first += count
 
 
-def numbered(
-    pieces: Iterator[NDArray[np.uint8]], count: int
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
+def numbered(pieces: Iterator[NDArray[np.uint8]], count: int) -> Iterator[tuple[Integers, NDArray[np.uint8]]]:
     """The first `count` records, piece by piece, with their positions."""
     first = 0
     for records in pieces:
@@ -136,8 +140,8 @@ def numbered(
         first += len(records)
 
 
-def _decode_records(header: LasHeader, position: NDArray[np.int64], records: NDArray[np.uint8]) -> Chunk:
-    """The fields of LAS 1.4, tables 7 (formats 0 to 5) and 16 (6 to 10)."""
+def decode_records(header: LasHeader, position: Integers, records: NDArray[np.uint8]) -> Chunk:
+    """The points of records (N, record length) in the file's units."""
     stored = [
         np.ndarray(len(records), "<i4", records, 4 * axis, (header.record_length,)) for axis in range(3)
     ]
@@ -146,14 +150,16 @@ def _decode_records(header: LasHeader, position: NDArray[np.int64], records: NDA
         for axis in range(3):
             np.multiply(stored[axis], header.scales[axis], out=xyz[:, axis])
             xyz[:, axis] += header.offsets[axis]
-    layered = header.point_format >= FIRST_LAYERED_FORMAT
+    return Chunk(xyz, position, *returns_and_class(header.point_format, records))
+
+
+def returns_and_class(
+    point_format: int, records: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8], Mask]:
+    """Of LAS records (N, record length): number of the return, of returns of the pulse, class and whether the
+    point is withheld (N,), after LAS 1.4, tables 7 (formats 0 to 5) and 16 (6 to 10)."""
+    layered = point_format >= FIRST_LAYERED_FORMAT
     bits, shift = (np.uint8(15), np.uint8(4)) if layered else (np.uint8(7), np.uint8(3))
     returns, flags = records[:, 14], records[:, 15]
-    return Chunk(
-        xyz,
-        position,
-        return_number=returns & bits,
-        number_of_returns=returns >> shift & bits,
-        classification=records[:, 16].copy() if layered else flags & np.uint8(31),
-        withheld=(flags & np.uint8(4 if layered else 128)) != 0,
-    )
+    classes = records[:, 16].copy() if layered else flags & np.uint8(31)
+    return returns & bits, returns >> shift & bits, classes, (flags & np.uint8(4 if layered else 128)) != 0

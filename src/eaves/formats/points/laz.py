@@ -6,6 +6,7 @@ import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from io import BytesIO
 from typing import Any, BinaryIO
 
 import laspy
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from eaves.formats.errors import InputError
 from eaves.formats.points.las_header import COPY_AGAIN, RECORD_LENGTHS, WRITE_AGAIN, LasHeader
+from eaves.model import Integers, Rectangle
 
 CHUNK_BYTES = 1 << 30
 """Largest chunk (bytes, decompressed) this reader takes; laszip's usual 50,000 points are 2 MB."""
@@ -24,24 +26,33 @@ NEWEST_ITEM = 3
 """Version of the items of a record (LASzip VLR) up to which lazrs decompresses them."""
 POINTWISE = 1
 """LASzip's first method (`header.laszip` begins with it): no chunks."""
+TABLE = 8
+"""Bytes of an empty table of chunks: version and number."""
+LARGEST_CHUNK = 20_000_000
+"""Points; a chunk that promises more is damage."""
 LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}
 """Compressed layers of a chunk by point format; every extra byte is one more (LASzip 1.4 specification)."""
+ENTRY = np.dtype(
+    [("level", "<i4"), ("cell", "<i4", 3), ("offset", "<u8"), ("length", "<i4"), ("points", "<i4")]
+)
+"""Of a page of the octree (Cloud Optimized Point Cloud 1.0)."""
+DEEPEST_LEVEL = 30
 
 
 @dataclass(frozen=True, eq=False)
 class ChunkTable:
     """Chunks in the file's order: first byte, bytes, points and position of the first point, each (K,)."""
 
-    offset: NDArray[np.int64]
-    length: NDArray[np.int64]
-    points: NDArray[np.int64]
+    offset: Integers
+    length: Integers
+    points: Integers
 
     @property
-    def first(self) -> NDArray[np.int64]:
+    def first(self) -> Integers:
         """The number of each chunk's first point."""
         return np.cumsum(self.points) - self.points
 
-    def runs(self, which: NDArray[np.int64], size: int) -> list[NDArray[np.int64]]:
+    def runs(self, which: Integers, size: int) -> list[Integers]:
         """The chunks numbered `which` (rising) in runs of about `size` points."""
         run = (np.cumsum(self.points[which]) - self.points[which]) // size
         return np.split(which, np.flatnonzero(np.diff(run)) + 1)
@@ -106,8 +117,8 @@ def one_stream(header: LasHeader) -> ChunkTable:
 
 
 def decompress(
-    file: BinaryIO, header: LasHeader, table: ChunkTable, which: NDArray[np.int64], selection: int, size: int
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
+    file: BinaryIO, header: LasHeader, table: ChunkTable, which: Integers, selection: int, size: int
+) -> Iterator[tuple[Integers, NDArray[np.uint8]]]:
     """Runs of about `size` points of the chunks numbered `which` (rising).
 
     Yields positions (N,) and records (N, record length); fields outside `selection` (lazrs's bits) are zero.
@@ -146,7 +157,7 @@ def is_newer_than_lazrs(header: LasHeader) -> bool:
     return max(versions, default=0) > NEWEST_ITEM
 
 
-def read_by_laszip(header: LasHeader, size: int) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
+def read_by_laszip(header: LasHeader, size: int) -> Iterator[tuple[Integers, NDArray[np.uint8]]]:
     """Positions (N,) and records (N, record length), about `size` at a time, by LASzip's own library.
 
     Raises
@@ -199,3 +210,79 @@ def _check_layers(header: LasHeader, piece: bytes, number: int) -> None:
         raise InputError.about(
             header.path, f"holds compressed points that are damaged (chunk {number})", COPY_AGAIN
         )
+
+
+def whole_chunks(header: LasHeader, file: BinaryIO, spared: int = 0) -> Iterator[NDArray[np.uint8]]:
+    """The records (N, record length) of one chunk after the other, until one is not whole; the last `spared`
+    bytes are not looked at.
+
+    lazrs wants a table of chunks behind the points, be it an empty one. A chunk that is cut within the last
+    bytes would take those of the table for its own: what counts is what is whole with `TABLE` bytes less.
+    """
+    size = struct.unpack_from("<I", header.laszip, 12)[0]
+    if not 0 < size <= LARGEST_CHUNK:
+        return
+    file.seek(header.data_offset + 8)
+    points = file.read(header.room - 8 - spared)
+    stream = BytesIO(struct.pack("<q", 8 + len(points)) + points + bytes(TABLE))
+    try:
+        reader = guard(header, lambda: lazrs.LasZipDecompressor(stream, header.laszip))
+        while True:
+            records = np.zeros(size * header.record_length, np.uint8)
+            guard(header, partial(reader.decompress_many, records))
+            yield records.reshape(size, header.record_length)
+    except InputError:
+        return
+
+
+def chunks_within(file: BinaryIO, header: LasHeader, table: ChunkTable, rectangle: Rectangle) -> Integers:
+    """Numbers (rising) of the chunks whose octree cell meets west, south, east, north (in the file's units).
+
+    Raises
+    ------
+    InputError
+        When the hierarchy is damaged or does not match the chunk table.
+    """
+    info = header.copc or b""
+    if len(info) < 72:
+        raise InputError.about(header.path, "has a COPC record that is too short", COPY_AGAIN)
+    x, y, _, half, _, root_offset, root_length = struct.unpack_from("<5d2Q", info)
+    entries = _hierarchy(file, header, int(root_offset), int(root_length))
+    number = np.minimum(
+        np.searchsorted(table.offset, entries["offset"].astype(np.int64)), len(table.offset) - 1
+    )
+    if not (
+        len(table.offset)
+        and np.isfinite([x, y, half]).all()
+        and np.array_equal(np.sort(number), np.flatnonzero(table.points))
+        and np.array_equal(table.offset[number], entries["offset"].astype(np.int64))
+        and np.array_equal(table.points[number], entries["points"])
+    ):
+        raise InputError.about(header.path, "has a COPC hierarchy that is not its chunk table", COPY_AGAIN)
+    side = 2.0 * half / 2.0 ** entries["level"]
+    low_x, low_y = x - half + entries["cell"][:, 0] * side, y - half + entries["cell"][:, 1] * side
+    west, south, east, north = rectangle
+    # A point may lie one step outside its cell, by rounding.
+    slack_x, slack_y = abs(header.scales[0]), abs(header.scales[1])
+    meets = (low_x - slack_x <= east) & (low_x + side + slack_x >= west)
+    meets &= (low_y - slack_y <= north) & (low_y + side + slack_y >= south)
+    return np.sort(number[meets]).astype(np.int64)
+
+
+def _hierarchy(file: BinaryIO, header: LasHeader, offset: int, length: int) -> NDArray[np.void]:
+    """All entries with points, from the root page and the pages it names."""
+    damaged = InputError.about(header.path, "has a damaged COPC hierarchy", COPY_AGAIN)
+    pages, seen, found = [(offset, length)], set(), []
+    while pages:
+        offset, length = pages.pop()
+        if offset in seen or offset < 0 or length % ENTRY.itemsize or not 0 < length <= header.size - offset:
+            raise damaged
+        seen.add(offset)
+        file.seek(offset)
+        entries = np.frombuffer(file.read(length), ENTRY)
+        if ((entries["level"] < 0) | (entries["level"] > DEEPEST_LEVEL) | (entries["points"] < -1)).any():
+            raise damaged
+        deeper = entries[entries["points"] == -1]
+        pages += [(int(o), int(n)) for o, n in zip(deeper["offset"], deeper["length"], strict=True)]
+        found.append(entries[entries["points"] > 0])
+    return np.concatenate(found)

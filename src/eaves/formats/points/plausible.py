@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import islice
-
 import numpy as np
 import pyproj
 from numpy.typing import NDArray
@@ -11,9 +9,9 @@ from pyproj.database import query_crs_info
 from pyproj.enums import PJType
 from pyproj.exceptions import ProjError
 
-from eaves.formats.points.las import iter_records
+from eaves.formats.points.las import iter_records, returns_and_class
 from eaves.formats.points.las_header import LasHeader
-from eaves.model import Points
+from eaves.model import Points, Values
 
 FASTEST = 120.0
 """No survey is flown so fast (m/s): aeroplanes scan at 45 to 85, helicopters and drones slower. Feet a second
@@ -51,10 +49,9 @@ def why_not_metres(header: LasHeader) -> str | None:
     str or None
         What was measured, and what it would be in metres.
     """
-    pieces = [records for _, records in islice(iter_records(header, LOOKED_AT), 1)]
-    if not pieces:
+    _, records = next(iter_records(header, LOOKED_AT), (None, None))
+    if records is None:
         return None
-    records = pieces[0]
     stored = np.ascontiguousarray(records[:, :12]).view("<i4")
     xyz = stored * np.array(header.scales)
     if header.point_format in TIME_AT:
@@ -62,8 +59,7 @@ def why_not_metres(header: LasHeader) -> str | None:
         speed = flying_speed(xyz, np.ascontiguousarray(records[:, start : start + 8]).view("<f8")[:, 0])
         if speed is not None and FASTEST < speed <= FASTEST / FOOT:
             return f"were scanned at {speed:.0f} units a second, faster in metres than any survey is flown"
-    bits, shift = (15, 4) if header.point_format >= 6 else (7, 3)
-    gap = return_gap(xyz, records[:, 14] & bits, records[:, 14] >> shift & bits)
+    gap = return_gap(xyz, *returns_and_class(header.point_format, records)[:2])
     if gap is not None and BLIND < gap <= BLIND / FOOT:
         return (
             f"have returns of one pulse no nearer than {gap:.1f} units, farther in metres than any scanner's"
@@ -71,7 +67,7 @@ def why_not_metres(header: LasHeader) -> str | None:
     return None
 
 
-def flying_speed(xyz: Points, time: NDArray[np.float64]) -> float | None:
+def flying_speed(xyz: Points, time: Values) -> float | None:
     """The median speed (units of length a second) of the straight passes over points (N, 3); None of none.
 
     Parameters

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
-from io import BytesIO
 from typing import BinaryIO
 
-import lazrs
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.formats.errors import InputError
+from eaves.formats.points.las import FIRST_LAYERED_FORMAT, returns_and_class
 from eaves.formats.points.las_header import RECORD_LENGTHS, LasHeader
-from eaves.formats.points.laz import LAYERS, VARIABLE_CHUNKS, ChunkTable, guard, read_chunk_table
+from eaves.formats.points.laz import (
+    LARGEST_CHUNK,
+    LAYERS,
+    TABLE,
+    VARIABLE_CHUNKS,
+    ChunkTable,
+    read_chunk_table,
+    whole_chunks,
+)
 
-FIRST_LAYERED_FORMAT = 6
 LOOKED_AT = 1000
 """So many of the records behind the last one that the header counts are looked at."""
 LIKELY_POINTS = 0.9
 """They are points when so many of them have the number of their return within that of all returns."""
-LARGEST_CHUNK = 20_000_000
-"""Points; a chunk that promises more is damage."""
 
 
 def corrected(header: LasHeader, file: BinaryIO, salvage: bool = False) -> LasHeader:
@@ -68,15 +69,13 @@ def check_chunks(header: LasHeader) -> None:
 def are_points(header: LasHeader, file: BinaryIO, held: int) -> bool:
     """Whether what follows the last point that the header counts are points, too."""
     numbers = np.unique(np.linspace(header.count, held - 1, LOOKED_AT).astype(np.int64))
-    layered = header.point_format >= FIRST_LAYERED_FORMAT
-    bits, shift = (15, 4) if layered else (7, 3)
-    good = 0
-    for number in numbers:
-        file.seek(header.data_offset + int(number) * header.record_length)
-        record = file.read(header.record_length)
-        which, of = record[14] & bits, record[14] >> shift & bits
-        good += any(record[:12]) and (which <= of or of == 0)
-    return good >= LIKELY_POINTS * len(numbers)
+    records = np.empty((len(numbers), header.record_length), np.uint8)
+    for number, record in zip(numbers.tolist(), records, strict=True):
+        file.seek(header.data_offset + number * header.record_length)
+        file.readinto(record)  # type: ignore[attr-defined]
+    which, of, _, _ = returns_and_class(header.point_format, records)
+    good = records[:, :12].any(axis=1) & ((which <= of) | (of == 0))
+    return bool(good.sum() >= LIKELY_POINTS * len(numbers))
 
 
 def replace_count(header: LasHeader, file: BinaryIO) -> LasHeader:
@@ -137,30 +136,3 @@ def find_chunks(header: LasHeader, file: BinaryIO) -> ChunkTable:
         found.append((place, length, count))
         place += length
     return ChunkTable(*np.array(found, np.int64).reshape(-1, 3).T)
-
-
-def whole_chunks(header: LasHeader, file: BinaryIO, spared: int = 0) -> Iterator[NDArray[np.uint8]]:
-    """The records (N, record length) of one chunk after the other, until one is not whole; the last `spared`
-    bytes are not looked at.
-
-    lazrs wants a table of chunks behind the points, be it an empty one. A chunk that is cut within the last
-    bytes would take those of the table for its own: what counts is what is whole with `TABLE` bytes less.
-    """
-    size = struct.unpack_from("<I", header.laszip, 12)[0]
-    if not 0 < size <= LARGEST_CHUNK:
-        return
-    file.seek(header.data_offset + 8)
-    points = file.read(header.room - 8 - spared)
-    stream = BytesIO(struct.pack("<q", 8 + len(points)) + points + bytes(TABLE))
-    try:
-        reader = guard(header, lambda: lazrs.LasZipDecompressor(stream, header.laszip))
-        while True:
-            records = np.zeros(size * header.record_length, np.uint8)
-            guard(header, partial(reader.decompress_many, records))
-            yield records.reshape(size, header.record_length)
-    except InputError:
-        return
-
-
-TABLE = 8
-"""Bytes of an empty table of chunks: version and number."""

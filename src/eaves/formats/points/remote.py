@@ -29,6 +29,7 @@ from eaves.formats.atomic import atomic
 from eaves.formats.errors import InputError
 from eaves.formats.inputs import LAS_SUFFIXES
 from eaves.formats.points.converted import READERS, convert
+from eaves.model import Rectangle
 
 SCHEMES = ("http", "https")
 LISTS = (".vpc", ".json", ".geojson")
@@ -41,8 +42,6 @@ LARGEST_LIST = 1 << 28
 DEEPEST = 32
 """Levels of an EPT: a cube of the size of the Earth has nodes of 3 mm."""
 AGAIN = "check the address, and try again"
-
-Rectangle = tuple[float, float, float, float]
 
 
 @dataclass

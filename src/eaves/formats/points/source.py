@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-import pyproj
 
 from eaves.formats.crs import LENGTHS, agree, degrees_remedy, parse_crs, system_of
 from eaves.formats.errors import InputError
@@ -22,9 +21,17 @@ from eaves.formats.points.las import WHOLE, iter_las
 from eaves.formats.points.las_header import LasHeader, read_las_header
 from eaves.formats.points.recovery import corrected
 from eaves.formats.points.text import TextLayout, iter_text, read_text_layout
-from eaves.model import Block, Bounds, CoordinateSystem, Mask, PointCloud, Points
+from eaves.model import (
+    LOCAL_METRES,
+    Block,
+    Bounds,
+    CoordinateSystem,
+    Mask,
+    PointCloud,
+    Points,
+    Rectangle,
+)
 from eaves.model.cloud import snap
-from eaves.model.coordinates import LOCAL_METRES
 
 Corner = tuple[float, float, float]
 FIELDS = ("return_number", "number_of_returns", "classification")
@@ -61,6 +68,8 @@ class Source:
         Which of `return_number`, `number_of_returns`, `classification` the points have.
     layout : LasHeader or TextLayout
         Where the records are in the file.
+    mark : bytes
+        Its fingerprint when it was opened.
 
     Examples
     --------
@@ -79,6 +88,7 @@ class Source:
     system: CoordinateSystem
     fields: tuple[str, ...]
     layout: LasHeader | TextLayout = field(repr=False, compare=False)
+    mark: bytes = field(default=b"", repr=False, compare=False)
 
     @property
     def measured(self) -> bool:
@@ -123,25 +133,14 @@ def open_source(path: str | Path, crs: str | None = None, salvage: bool = False)
     >>> open_source(write_simulation(nine_roofs_on_a_slope(density=1.0), "nine")["points"]).count
     10404
     """
-    return _open_any(path, crs, lambda file: b"", salvage)[0]
-
-
-def open_marked(path: str | Path, crs: str | None = None, salvage: bool = False) -> tuple[Source, bytes]:
-    """The answer of `open_source`, and the file's fingerprint, for one opening."""
-    return _open_any(path, crs, fingerprint, salvage)
-
-
-def _open_any(
-    path: str | Path, crs: str | None, look: Callable[[BinaryIO], bytes], salvage: bool
-) -> tuple[Source, bytes]:
     path = Path(path)
     try:
         with path.open("rb") as file:
             if os.fstat(file.fileno()).st_size == 0:
                 raise InputError.about(path, "is empty (0 bytes)", "copy or download it again")
-            header, seen = read_las_header(path, file, salvage), look(file)
+            header, mark = read_las_header(path, file, salvage), fingerprint(file)
             header = header and corrected(header, file, salvage)
-        return _open_text(path, crs) if header is None else _open_las(header, crs), seen
+        return replace(_open_text(path, crs) if header is None else _open_las(header, crs), mark=mark)
     except OSError as error:
         raise InputError.about(
             path, f"cannot be read ({error.strerror or error})", "check the path and its permissions"
@@ -348,7 +347,7 @@ def has_coordinates(xyz: Points) -> Mask:
 
 def _native_chunks(
     layout: LasHeader | TextLayout,
-    rectangle: tuple[float, float, float, float] | None,
+    rectangle: Rectangle | None,
     size: int,
     part: tuple[int, int] = WHOLE,
     copy: BinaryIO | None = None,
@@ -369,7 +368,7 @@ def _open_las(header: LasHeader, crs: str | None) -> Source:
                 raise
     system = _declared(_Projection(header.projection, crs, header))
     if system is None:
-        system = _system(header.path, None, low, high, min(map(abs, header.scales[:2])))
+        system = _undeclared(header.path, low, high, min(map(abs, header.scales[:2])))
     kind = "copc" if header.compressed and header.copc is not None else "laz" if header.compressed else "las"
     return _source(kind, count, low, high, system, FIELDS, header)
 
@@ -391,25 +390,29 @@ class _Projection:
 @lru_cache(maxsize=64)  # a million tiles of a country have the same records
 def _declared(given: _Projection) -> CoordinateSystem | None:
     header = given.header
-    if given.crs in LENGTHS:
-        return _local(given.crs)
-    crs, vertical_unit = (parse_crs(given.crs), None) if given.crs else header.crs()
-    centre = (header.lowest[0] + header.highest[0]) / 2, (header.lowest[1] + header.highest[1]) / 2
+    centre = _middle(header.lowest, header.highest)
+    if given.crs:
+        return _named(given.crs, header.path, centre)
+    crs, vertical_unit = header.crs()
     return None if crs is None else system_of(crs, header.path, centre, vertical_unit)
 
 
-def _local(unit: str) -> CoordinateSystem:
-    """A local plane in a unit of `LENGTHS`."""
-    return CoordinateSystem(None, LENGTHS[unit], LENGTHS[unit])
+def _named(crs: str, path: Path, centre: tuple[float, float]) -> CoordinateSystem:
+    """The system that a caller names: a local plane in a unit of `LENGTHS`, or a registered one."""
+    if crs in LENGTHS:
+        return CoordinateSystem(None, LENGTHS[crs], LENGTHS[crs])
+    return system_of(parse_crs(crs), path, centre)
+
+
+def _middle(low: Corner, high: Corner) -> tuple[float, float]:
+    """The middle of a box in plan."""
+    return (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
 
 
 def _open_text(path: Path, crs: str | None) -> Source:
     layout = read_text_layout(path)
     count, low, high = _measured(layout)
-    if crs in LENGTHS:
-        system = _local(crs)
-    else:
-        system = _system(path, parse_crs(crs) if crs else None, low, high, 1.0)
+    system = _named(crs, path, _middle(low, high)) if crs else _undeclared(path, low, high, 1.0)
     return _source("text", count, low, high, system, () if layout.label is None else FIELDS[2:], layout)
 
 
@@ -446,11 +449,9 @@ def _source(
     )
 
 
-def _system(path: Path, crs: pyproj.CRS | None, low: Corner, high: Corner, step: float) -> CoordinateSystem:
-    """The file's system; degrees, declared or evident, are refused."""
-    centre = (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
-    if crs is not None:
-        return system_of(crs, path, centre)
+def _undeclared(path: Path, low: Corner, high: Corner, step: float) -> CoordinateSystem:
+    """The system of a file that names none: a local plane in metres; evident degrees are refused."""
+    centre = _middle(low, high)
     width, relief = max(high[0] - low[0], high[1] - low[1]), high[2] - low[2]
     fits = max(abs(low[0]), abs(high[0])) <= 180 and max(abs(low[1]), abs(high[1])) <= 90
     if fits and 0 < width < DEGREE_EXTENT and (relief > DEGREE_RELIEF * width or step < DEGREE_SCALE):

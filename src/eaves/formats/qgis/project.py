@@ -73,10 +73,21 @@ def write_project(path: Path, footprints: Path, rasters: Sequence[Path], system:
     """
     extent, columns, ground = _look(footprints)
     layers = _layers(footprints, rasters, columns, system)
+    tree = [
+        {
+            "id": layer.id,
+            "name": layer.name,
+            "checked": "Qt::Checked",
+            "expanded": "1" if layer.id == IDS["roof_planes"] else "0",
+            "source": layer.source,
+            "providerKey": layer.kind,
+        }
+        for layer in layers
+    ]
     text = Template(files("eaves.formats.qgis").joinpath("project.xml").read_text("utf-8")).substitute(
         version=VERSION,
         crs=_reference(system),
-        tree=_xml_text("layer-tree-layer", map(_in_tree, layers)),
+        tree=_xml_text("layer-tree-layer", tree),
         layers="".join(tostring(_as_element(layer, system), "unicode") for layer in layers),
         order=_xml_text("layer", ({"id": layer.id} for layer in layers)),
         themes=_themes(layers),
@@ -90,18 +101,6 @@ def write_project(path: Path, footprints: Path, rasters: Sequence[Path], system:
 def _xml_text(tag: str, attributes: Iterable[Mapping[str, str]]) -> str:
     """Elements without content as text."""
     return "".join(tostring(Element(tag, dict(one)), "unicode") for one in attributes)
-
-
-def _in_tree(layer: _ProjectLayer) -> dict[str, str]:
-    """How the tree of layers lists one."""
-    return {
-        "id": layer.id,
-        "name": layer.name,
-        "checked": "Qt::Checked",
-        "expanded": "1" if layer.id == IDS["roof_planes"] else "0",
-        "source": layer.source,
-        "providerKey": layer.kind,
-    }
 
 
 def _look(footprints: Path) -> tuple[tuple[float, ...], dict[str, list[str]], float]:
@@ -145,7 +144,7 @@ def _layers(
             )
         )
         if "h_high" in columns["roof_planes"]:
-            walls = (symbols.nothing_flat(), _walls(system))
+            walls = (Element("renderer-v2", type="nullSymbol"), _walls(system))
             layers.append(
                 _ProjectLayer(IDS["walls"], "Walls (3D view)", source + "roof_planes", "ogr", walls)
             )
@@ -221,15 +220,9 @@ def _as_element(layer: _ProjectLayer, system: CoordinateSystem) -> Element:
     SubElement(manager, "map-layer-style", name="default")
     for style in layer.styles[1:]:
         kept = SubElement(manager, "map-layer-style", name=style.name)
-        kept.extend(_root_of(style))
+        kept.append(style.root())
     made.extend(layer.elements)
     return made
-
-
-def _root_of(style: Style) -> list[Element]:
-    root = Element("qgis", version=VERSION, styleCategories="AllStyleCategories")
-    root.extend(style.elements)
-    return [root]
 
 
 def _themes(layers: Sequence[_ProjectLayer]) -> str:

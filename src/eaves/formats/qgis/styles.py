@@ -31,11 +31,16 @@ class Style:
     meaning: str
     elements: tuple[Element, ...]
 
+    def root(self) -> Element:
+        """The style as the element that a document has, and a project that keeps it."""
+        made = Element("qgis", version=VERSION, styleCategories="AllStyleCategories")
+        made.extend(self.elements)
+        return made
+
     def as_qml(self) -> str:
         """The style as a QML document."""
-        root = Element("qgis", version=VERSION, styleCategories="AllStyleCategories")
-        root.extend(self.elements)
-        return "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n" + tostring(root, "unicode")
+        head = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
+        return head + tostring(self.root(), "unicode")
 
 
 @functools.cache

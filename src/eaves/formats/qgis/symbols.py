@@ -105,11 +105,6 @@ def classified(by: str, classes: Sequence[Mapping[str, Any]]) -> Element:
     return renderer
 
 
-def nothing_flat() -> Element:
-    """The renderer of a layer that is seen in 3D only."""
-    return Element("renderer-v2", type="nullSymbol")
-
-
 def raised_polygons(
     colour: str, expressions: Mapping[str, str] | None = None, tint: str | None = None
 ) -> Element:
@@ -132,7 +127,9 @@ def raised_polygons(
             "rendered-facade": "3",
         },
     )
-    material = SubElement(made, "material", diffuse=rgba(colour), ambient=rgba(darkened(colour, 0.35)))
+    *parts, opaque = rgba(colour).split(",")
+    ambient = ",".join([*(str(int(float(part) * 0.35)) for part in parts), opaque])
+    material = SubElement(made, "material", diffuse=rgba(colour), ambient=ambient)
     material.set("specular", rgba("#101010"))
     material.set("shininess", "0")
     if tint:
@@ -141,9 +138,3 @@ def raised_polygons(
     data_defined(made, "data-defined-properties", expressions or {})
     SubElement(made, "edges", enabled="0", width="1", color=rgba("#000000"))
     return renderer
-
-
-def darkened(colour: str, share: float) -> str:
-    """A colour at a share of its brightness."""
-    parts = [int(float(part) * share) for part in rgba(colour).split(",")[:3]]
-    return "#" + "".join(f"{part:02x}" for part in parts)

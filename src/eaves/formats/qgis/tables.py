@@ -9,10 +9,9 @@ from pathlib import Path
 
 from eaves.formats.crs import name_units
 from eaves.formats.qgis.styles import styles_of
-from eaves.model import CoordinateSystem
+from eaves.model import NOTHING_KNOWN, CoordinateSystem, Provenance
 from eaves.model.columns import COLUMNS
 from eaves.model.coordinates import describe_units
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 TABLES = """
 CREATE TABLE layer_styles (

@@ -16,9 +16,14 @@ from rasterio.windows import Window
 
 from eaves.formats.atomic import atomic
 from eaves.formats.rasters.geotiff import COG_OPTIONS, profile_of, transform_of
-from eaves.model import Bounds, CoordinateSystem, Raster
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    Bounds,
+    CoordinateSystem,
+    Provenance,
+    Raster,
+)
 
 TILE = 256
 """Side (cells) of the tiles of the file in the making."""

@@ -25,10 +25,16 @@ from eaves.formats.errors import InputError
 from eaves.formats.points.chunk import FARTHEST
 from eaves.formats.qgis.tables import describe_layers
 from eaves.formats.vectors.vector_files import OFFLINE, REMEDY, checked_vector
-from eaves.model import Bounds, CoordinateSystem
+from eaves.model import (
+    LOCAL_METRES,
+    NOTHING_KNOWN,
+    Bounds,
+    CoordinateSystem,
+    Integers,
+    Provenance,
+    Rectangle,
+)
 from eaves.model.columns import COLUMNS, DETAILS, LAYERS
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
 
 log = logging.getLogger("eaves")
 
@@ -121,23 +127,25 @@ def write_geopackage(
     >>> square = shapely.box(85000, 447000, 85010, 447010)
     >>> write_geopackage("shed.gpkg", [Row(square, {"id": "shed", "area_m2": 100.0})], system=dutch)
     """
-    with atomic(path) as temporary:
-        for layer, rows in (("footprints", Columns(footprints, False)), ("roof_planes", roof_planes)):
-            _write_layer(temporary, rows, system, "GPKG", layer)
-        if any(DETAILS & row.attributes.keys() for row in footprints):
-            _write_layer(temporary, Columns(footprints, True), system, "GPKG", "attributes")
-        for layer, rows in (("review", review), ("doubts", doubts)):
-            for _ in islice(rows, 1):
-                _write_layer(temporary, rows, system, "GPKG", layer)
-        describe_layers(temporary, system, provenance)
+    layers: dict[str, Iterable[Row]] = {"footprints": Columns(footprints, False), "roof_planes": roof_planes}
+    if any(DETAILS & row.attributes.keys() for row in footprints):
+        layers["attributes"] = Columns(footprints, True)
+    others = {"review": review, "doubts": doubts}
+    layers |= {layer: rows for layer, rows in others.items() if list(islice(rows, 1))}
+    write_layers(path, layers, system, provenance)
 
 
-def write_layers(path: str | Path, layers: Mapping[str, Iterable[Row]], system: CoordinateSystem) -> None:
+def write_layers(
+    path: str | Path,
+    layers: Mapping[str, Iterable[Row]],
+    system: CoordinateSystem,
+    provenance: Provenance = NOTHING_KNOWN,
+) -> None:
     """Write any layers of a GeoPackage, with the styles and titles that are known for them."""
     with atomic(path) as temporary:
         for layer, rows in layers.items():
             _write_layer(temporary, rows, system, "GPKG", layer)
-        describe_layers(temporary, system)
+        describe_layers(temporary, system, provenance)
 
 
 def read_upright(path: Path, layer: str, system: CoordinateSystem) -> list[Row]:
@@ -155,15 +163,11 @@ def read_upright(path: Path, layer: str, system: CoordinateSystem) -> list[Row]:
         return []
     meta, _, wkb, columns = _read_layer(path, layer, None, None)
     shapes = shapely.transform(shapely.from_wkb(wkb), lambda xyz: xyz * system.unit_m, include_z=True)
-    names, kinds = [str(name) for name in meta["fields"]], [str(kind) for kind in meta["dtypes"]]
-    rows = []
-    for number, shape in enumerate(shapes):
-        attribute_values = {
-            name: plain_value(column[number], kind)
-            for name, kind, column in zip(names, kinds, columns, strict=True)
-        }
-        rows += [Row(part, attribute_values) for part in (() if shape is None else shapely.get_parts(shape))]
-    return rows
+    return [
+        Row(part, row)
+        for shape, row in zip(shapes, plain_rows(meta, columns, range(len(shapes))), strict=True)
+        for part in (() if shape is None else shapely.get_parts(shape))
+    ]
 
 
 def write_polygons(
@@ -267,7 +271,6 @@ def read_polygons(
         raise InputError.about(
             path, f"holds {', '.join(sorted(kinds))} and must hold polygons", "choose another layer or file"
         )
-    kinds_of = dict(zip(names, meta["dtypes"], strict=True))
     kept = [n for n, shape in enumerate(shapes) if _is_placed(shape)]
     if keep_all:
         shapes[[n for n in range(len(shapes)) if n not in set(kept)]] = Polygon()
@@ -275,9 +278,7 @@ def read_polygons(
     if len(kept) < len(shapes):
         log.warning("%s: %d features without coordinates are left out", path, len(shapes) - len(kept))
     polygons, system = _shapes_in_metres(path, shapes[kept], meta["crs"], target)
-    attributes = [
-        {name: plain_value(columns[k][n], kinds_of[name]) for k, name in enumerate(names)} for n in kept
-    ]
+    attributes = plain_rows(meta, columns, kept)
     if layer == "footprints":
         details = read_details(path)
         attributes = [row | details.get(row.get("id"), {}) for row in attributes]
@@ -339,11 +340,13 @@ def read_table(path: Path, layer: str, columns: Sequence[str] | None) -> list[di
     with _opened_vector(path) as (safe, _):
         wanted = None if columns is None else list(columns)
         meta, _, _, values = pyogrio.raw.read(safe, layer=layer, columns=wanted, read_geometry=False)
-    names, kinds = [str(name) for name in meta["fields"]], list(map(str, meta["dtypes"]))
-    plain = [
-        [plain_value(value, kind) for value in column] for column, kind in zip(values, kinds, strict=True)
-    ]
-    return [dict(zip(names, row, strict=True)) for row in zip(*plain, strict=True)]
+    return plain_rows(meta, values, range(len(values[0]) if len(values) else 0))
+
+
+def plain_rows(meta: Mapping[str, Any], columns: Sequence[Any], which: Iterable[int]) -> list[dict[str, Any]]:
+    """The rows of these numbers of a layer that pyogrio describes as `meta`, in Python's own types."""
+    fields = list(zip(map(str, meta["fields"]), columns, map(str, meta["dtypes"]), strict=True))
+    return [{name: plain_value(column[n], kind) for name, column, kind in fields} for n in which]
 
 
 def is_parquet(path: Path) -> bool:
@@ -356,7 +359,7 @@ def is_parquet(path: Path) -> bool:
 
 def _read_layer(
     path: Path, layer: str | None, within: Bounds | None, target: CoordinateSystem | None
-) -> tuple[dict[str, Any], NDArray[np.int64], NDArray[np.object_], list[Any]]:
+) -> tuple[dict[str, Any], Integers, NDArray[np.object_], list[Any]]:
     """A layer as pyogrio reads it: its description, the features' numbers from 1, their geometries as WKB
     and their columns."""
     if is_parquet(path):
@@ -412,7 +415,7 @@ def _opened_vector(path: Path) -> Iterator[tuple[Path, str]]:
 
 def _box_in(
     crs: str | None, path: Path, within: Bounds | None, target: CoordinateSystem | None
-) -> tuple[float, float, float, float] | None:
+) -> Rectangle | None:
     """Bounds in metres of `target` as west, south, east, north in a file's system; None for no bounds."""
     if within is None:
         return None
@@ -554,10 +557,7 @@ def _write_rows(
 ) -> None:
     import pyogrio.raw
 
-    shapes = np.array([row.geometry for row in rows] or [], dtype=object)
-    if system.unit_m != (1.0, 1.0, 1.0) and len(shapes):
-        unit = np.array(system.unit_m if schema.upright else system.unit_m[:2])
-        shapes = shapely.transform(shapes, lambda xyz: xyz / unit, include_z=schema.upright)
+    shapes = shapes_in_units(rows, system, schema.upright)
     columns = [
         _column([row.attributes.get(name) for row in rows], kinds) for name, kinds in schema.kinds.items()
     ]
@@ -585,6 +585,15 @@ def _write_rows(
             layer_options=options,
             dataset_options={"AltitudeMode": "absolute"} if driver == "KML" and schema.upright else None,
         )
+
+
+def shapes_in_units(rows: Sequence[Row], system: CoordinateSystem, upright: bool) -> NDArray[np.object_]:
+    """The shapes of rows (N,) in a system's units, all of them with heights where they are `upright`."""
+    shapes = np.array([row.geometry for row in rows] or [], dtype=object)
+    if system.unit_m == (1.0, 1.0, 1.0) or not len(shapes):
+        return shapes
+    unit = np.array(system.unit_m if upright else system.unit_m[:2])
+    return np.asarray(shapely.transform(shapes, lambda xyz: xyz / unit, include_z=upright), object)
 
 
 def column_of(values: list[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:

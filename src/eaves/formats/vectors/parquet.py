@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,32 +13,17 @@ import shapely
 
 from eaves.formats.atomic import atomic
 from eaves.formats.crs import horizontal_crs
-from eaves.formats.errors import InputError
-from eaves.formats.vectors.geopackage import Row, VectorLayer, column_of
-from eaves.model import CoordinateSystem
-from eaves.model.coordinates import LOCAL_METRES
-from eaves.model.provenance import NOTHING_KNOWN, Provenance
+from eaves.formats.errors import InputError, require_extra
+from eaves.formats.vectors.geopackage import Row, VectorLayer, column_of, shapes_in_units
+from eaves.model import LOCAL_METRES, NOTHING_KNOWN, CoordinateSystem, Provenance, Rectangle
 
 VERSION = "1.1.0"
 ROWS_A_GROUP = 50_000
 """Rows of a row group: a reader of one window reads only the groups whose boxes it touches."""
 
 
-Box = tuple[float, float, float, float]
 DEGREES = "OGC:CRS84"
 """The system of a file that names none."""
-
-
-def require_pyarrow() -> None:
-    """Refuse to go on without pyarrow.
-
-    Raises
-    ------
-    InputError
-        When it is not.
-    """
-    if find_spec("pyarrow") is None:
-        raise InputError("GeoParquet needs pyarrow, which is missing; run: pip install 'eaves[parquet]'")
 
 
 def write_geoparquet(
@@ -76,15 +60,12 @@ def write_geoparquet(
     >>> square = shapely.box(85000, 447000, 85010, 447010)
     >>> write_geoparquet("shed.parquet", [Row(square, {"id": "shed", "area_m2": 100.0})])
     """
-    require_pyarrow()
+    require_extra("parquet")
     import pyarrow
     import pyarrow.parquet
 
-    shapes = np.array([row.geometry for row in rows] or [], dtype=object)
-    upright = bool(len(shapes)) and bool(shapely.has_z(shapes).all())
-    if system.unit_m != (1.0, 1.0, 1.0) and len(shapes):
-        unit = np.array(system.unit_m if upright else system.unit_m[:2])
-        shapes = shapely.transform(shapes, lambda xyz: xyz / unit, include_z=upright)
+    upright = all(row.geometry is not None and row.geometry.has_z for row in rows)
+    shapes = shapes_in_units(rows, system, upright)
     columns: dict[str, Any] = {}
     for name in dict.fromkeys(name for row in rows for name in row.attributes):
         values, missing = column_of([row.attributes.get(name) for row in rows])
@@ -136,7 +117,7 @@ def parquet_layer(path: Path) -> VectorLayer:
 
 
 def read_geoparquet(
-    path: Path, box_in: Callable[[str | None], Box | None]
+    path: Path, box_in: Callable[[str | None], Rectangle | None]
 ) -> tuple[dict[str, Any], np.ndarray[Any, Any], np.ndarray[Any, Any], list[Any]]:
     """A GeoParquet file as pyogrio reads a layer: description, numbers of the rows from 1, shapes as WKB,
     columns.
@@ -188,7 +169,7 @@ def plain_column(column: Any) -> np.ndarray[Any, Any]:
 @contextmanager
 def opened_parquet(path: Path) -> Iterator[tuple[Any, dict[str, Any], str | None]]:
     """The file, its `geo` entry, and its reference system as text (None where it says there is none)."""
-    require_pyarrow()
+    require_extra("parquet")
     import pyarrow
     import pyarrow.parquet
 

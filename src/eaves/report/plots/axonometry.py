@@ -8,15 +8,18 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from eaves.model import Mask, Points, Raster
+from eaves.formats.models.meshes import SURFACES
+from eaves.model import Integers, Mask, Points, Values
+from eaves.raster.grid import cell_centres
 from eaves.report.contents import Contents, finest_faces, read_contents
 from eaves.report.plots.plan import SUN_ALTITUDE_DEG, SUN_AZIMUTH_DEG
-from eaves.report.surfaces import SURFACES, cut_into_triangles, face_edges
+from eaves.report.surfaces import cut_into_triangles, face_edges
 
 ROOF_COLOUR, WALL_COLOUR, EARTH_COLOUR, TREE_COLOUR = "#dd7a5b", "#f3eee4", "#cdd2b6", "#6f8f56"
 FLAT_ROOF_COLOUR, EDGE_COLOUR = "#cdc7bc", "#4a4038"
+AZIMUTH_DEG, ELEVATION_DEG = -30.0, 38.0
+"""From where the models are seen: clockwise from south-on, and over the horizon."""
 SLABS = 60
 """Surfaces and points are drawn in so many layers by depth, the farthest first."""
 POINTS_DRAWN = 120_000
@@ -28,12 +31,10 @@ IN_FRONT = 1.0
 """Edges are drawn as if so much (m) nearer, so that the faces they bound do not cover them."""
 
 
-def models_figure(
-    folder: str | Path, azimuth: float = -30.0, elevation: float = 38.0, size_inches: float = 9.0
-) -> Figure:
-    """The finest models from `azimuth` (degrees clockwise from south-on) and `elevation` over the horizon."""
+def models_figure(folder: str | Path, size_inches: float) -> Figure:
+    """The finest models of a run, seen from `AZIMUTH_DEG` and `ELEVATION_DEG`."""
     contents = read_contents(folder, points=POINTS_DRAWN)
-    view = view_matrix(azimuth, elevation)
+    view = view_matrix(AZIMUTH_DEG, ELEVATION_DEG)
     corners, colours, points = drawn_scene(contents)
     finest = contents.faces.take(finest_faces(contents.faces))
     lines = cut_lines(finest.corners[face_edges(finest)[0]])
@@ -75,7 +76,7 @@ def models_figure(
     return figure
 
 
-def view_matrix(azimuth_deg: float, elevation_deg: float) -> NDArray[np.float64]:
+def view_matrix(azimuth_deg: float, elevation_deg: float) -> Values:
     """Rows: right, up and towards the eye, of an eye south of the scene turned by `azimuth_deg`."""
     turn, tilt = np.radians(azimuth_deg), np.radians(elevation_deg)
     back = np.array([-np.sin(turn) * np.cos(tilt), -np.cos(turn) * np.cos(tilt), np.sin(tilt)])
@@ -83,18 +84,19 @@ def view_matrix(azimuth_deg: float, elevation_deg: float) -> NDArray[np.float64]
     return np.stack([right, np.cross(back, right), back])
 
 
-def drawn_scene(contents: Contents) -> tuple[Points, NDArray[np.float64], Points]:
+def drawn_scene(contents: Contents) -> tuple[Points, Values, Points]:
     """Triangles (T, 3, 3) of terrain and finest models, their shaded colours (T, 3), and the points (N, 3) of
     trees."""
-    surfaces = cut_into_triangles(contents.faces.take(finest_faces(contents.faces)))
+    faces = contents.faces.take(finest_faces(contents.faces))
+    cut, face = cut_into_triangles(faces)
     ground = terrain_triangles(contents)
-    parts, whole = cut_triangles(surfaces.corners)
+    parts, whole = cut_triangles(cut)
     seen = over_terrain(contents, parts)
     parts, whole = parts[seen], whole[seen]
     corners = np.concatenate([parts, ground])
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    roof = surfaces.figure("kind")[whole] == SURFACES.index("RoofSurface")
+    roof = faces.kind[face[whole]] == SURFACES.index("RoofSurface")
     steep = np.abs(normal[: len(roof), 2]) < np.cos(np.radians(5.0))
     base = np.empty((len(corners), 3))
     base[: len(roof)] = to_rgb(WALL_COLOUR)
@@ -111,13 +113,12 @@ def drawn_scene(contents: Contents) -> tuple[Points, NDArray[np.float64], Points
 def over_terrain(contents: Contents, pieces: Points) -> Mask:
     """Which pieces (K, corners, 3) do not lie under the terrain, where sorting by depth could show them."""
     middle = pieces.mean(axis=1)
-    if not contents.terrain.size or not len(pieces):
+    if not contents.terrain.values.size or not len(pieces):
         return np.ones(len(pieces), bool)
-    ground = Raster(contents.terrain, *contents.corner, contents.cell).at(middle)
-    return np.asarray(~(middle[:, 2] < ground - SUNKEN))
+    return np.asarray(~(middle[:, 2] < contents.terrain.at(middle) - SUNKEN))
 
 
-def cut_triangles(corners: Points) -> tuple[Points, NDArray[np.int64]]:
+def cut_triangles(corners: Points) -> tuple[Points, Integers]:
     """Triangles (T, 3, 3) halved across their longest side until it is short, and which each came from."""
     owner = np.arange(len(corners))
     done, origin = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)]
@@ -147,12 +148,10 @@ def cut_lines(ends: Points) -> Points:
 
 def terrain_triangles(contents: Contents) -> Points:
     """Two triangles (T, 3, 3) a cell of the drawn terrain, where all corners are known."""
-    rows, columns = contents.terrain.shape
-    if rows < 2 or columns < 2:
+    terrain = contents.terrain
+    if min(terrain.shape) < 2:
         return np.zeros((0, 3, 3))
-    x = contents.corner[0] + (np.arange(columns) + 0.5) * contents.cell
-    y = contents.corner[1] - (np.arange(rows) + 0.5) * contents.cell
-    grid = np.dstack([*np.meshgrid(x, y), contents.terrain])
+    grid = np.dstack([cell_centres(terrain).reshape(*terrain.shape, 2), terrain.values])
     a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[:-1, 1:], grid[1:, 1:]
     both = np.stack([np.stack([a, b, c], axis=2), np.stack([c, b, d], axis=2)], axis=2).reshape(-1, 3, 3)
     return np.asarray(both[np.isfinite(both).all(axis=(1, 2))])

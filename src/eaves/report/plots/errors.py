@@ -14,7 +14,7 @@ from eaves.evaluate.detection import FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_POSITI
 from eaves.formats import read_polygons, read_raster
 from eaves.model import Raster
 from eaves.raster.rasterize import rasterize
-from eaves.report.plots.plan import draw_shade, shape_of
+from eaves.report.plots.plan import draw_shade, finished_map
 
 KINDS = {
     TRUE_POSITIVE: ("found", "#3d9a50"),
@@ -65,9 +65,4 @@ def errors_figure(folder: str | Path, reference: str | Path, size_inches: float 
         handles.append(Patch(color=colour, label=f"{name} {area:,.0f} m²"))
     axes.set_xlim(bounds.west, bounds.east)
     axes.set_ylim(bounds.south, bounds.north)
-    axes.set_aspect("equal")
-    axes.ticklabel_format(style="plain", useOffset=False)
-    axes.tick_params(labelsize=6)
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
-    figure.set_size_inches(size_inches, size_inches * min(1.6, max(0.4, shape_of(axes))))
-    return figure
+    return finished_map(axes, handles, 4, 8, size_inches)

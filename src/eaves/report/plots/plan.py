@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from eaves.formats import read_polygons, read_raster
+from eaves.model import Values
 from eaves.report.contents import local_rings
 
 SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG = 315.0, 45.0
@@ -26,20 +28,20 @@ DARKEST = -0.9
 DIRECTIONS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 
 
-def hillshade(heights: NDArray[np.float32], cell: float) -> NDArray[np.float64]:
+def hillshade(heights: NDArray[np.float32], cell: float) -> Values:
     """Hillshade (H, W) in 0 to 1 of a raster with row 0 north; NaN where the heights are."""
     padded = np.pad(heights.astype(np.float64), 1, mode="edge")
     down = np.gradient(padded, cell, axis=0)[1:-1, 1:-1]
     east = np.gradient(padded, cell, axis=1)[1:-1, 1:-1]
     azimuth, altitude = np.radians(SUN_AZIMUTH_DEG), np.radians(SUN_ALTITUDE_DEG)
-    light: NDArray[np.float64] = np.array(
+    light: Values = np.array(
         [np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)]
     )
     bright = (-east * light[0] + down * light[1] + light[2]) / np.sqrt(1 + east**2 + down**2)
     return np.asarray(np.clip(bright, 0, 1))
 
 
-def face_colour(slope_deg: float, azimuth_deg: float | None) -> NDArray[np.float64]:
+def face_colour(slope_deg: float, azimuth_deg: float | None) -> Values:
     """Hue by azimuth, paler the flatter: faces that look alike face alike."""
     if azimuth_deg is None:
         return np.array([0.85, 0.85, 0.85])
@@ -62,9 +64,9 @@ def draw_shade(axes: Axes, path: Path) -> None:
     )
 
 
-def draw_run_plan(axes: Axes, folder: Path, surface: str = "dsm") -> None:
+def draw_run_plan(axes: Axes, folder: Path) -> None:
     """Draw a run's plan into axes, in metres of its reference system."""
-    draw_shade(axes, folder / f"{surface}.tif")
+    draw_shade(axes, folder / "dsm.tif")
     if has_layer(folder / "footprints.gpkg", "roof_planes"):
         faces, _, rows, _ = read_polygons(folder / "footprints.gpkg", layer="roof_planes")
         rings = [shapely.get_coordinates(polygon.exterior) for polygon in faces]
@@ -83,9 +85,6 @@ def draw_run_plan(axes: Axes, folder: Path, surface: str = "dsm") -> None:
         )
         for ring in local_rings(polygon):
             axes.plot(*np.vstack([ring, ring[:1]]).T, color=colour, linewidth=0.7)
-    axes.set_aspect("equal")
-    axes.ticklabel_format(style="plain", useOffset=False)
-    axes.tick_params(labelsize=6)
     axes.set_xlabel("east (m)", fontsize=7)
     axes.set_ylabel("north (m)", fontsize=7)
 
@@ -113,12 +112,20 @@ def plan_figure(folder: str | Path, size_inches: float = 9.0) -> Figure:
         for name, colour in outlines.items()
         if colour in there
     ]
-    figure.legend(handles=keys, loc="outside lower center", ncols=6, frameon=False, fontsize=7)
-    figure.set_size_inches(size_inches, size_inches * min(1.6, max(0.4, shape_of(axes))))
-    return figure
+    return finished_map(axes, keys, 6, 7, size_inches)
 
 
-def shape_of(axes: Axes) -> float:
-    """Height over width of what axes show."""
+def finished_map(
+    axes: Axes, keys: Sequence[Artist], columns: int, fontsize: int, size_inches: float
+) -> Figure:
+    """The figure of a map that is drawn in the axes: true to scale, with its keys in columns below."""
+    figure = axes.figure
+    assert isinstance(figure, Figure)
+    axes.set_aspect("equal")
+    axes.ticklabel_format(style="plain", useOffset=False)
+    axes.tick_params(labelsize=6)
+    figure.legend(handles=keys, loc="outside lower center", ncols=columns, frameon=False, fontsize=fontsize)
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
-    return float((north - south) / (east - west)) if east > west else 1.0
+    shape = (north - south) / (east - west) if east > west else 1.0
+    figure.set_size_inches(size_inches, size_inches * min(1.6, max(0.4, shape)))
+    return figure

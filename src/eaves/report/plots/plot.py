@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eaves.formats import InputError
+from eaves.formats.errors import require_extra
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 PICTURES = ("plan", "errors", "section", "models")
 SUFFIXES = (".png", ".svg", ".pdf")
@@ -53,36 +53,25 @@ def plot_run(
     InputError
         When matplotlib is not installed.
     """
-    if find_spec("matplotlib") is None:
-        raise InputError("pictures need matplotlib, which is missing; run: pip install 'eaves[plots]'")
+    require_extra("plots")
     if what not in PICTURES:
         raise ValueError(f"'{what}' is no picture; choose one of: {', '.join(PICTURES)}")
     target = Path(path) if path else Path(folder) / f"{what}.png"
     if target.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{target}: '{target.suffix}' cannot be drawn; use {', '.join(SUFFIXES)}")
-    figure_of(Path(folder), what, reference, building, size_cm / CENTIMETRES).savefig(target, dpi=dpi)
-    return target
-
-
-def figure_of(
-    folder: Path, what: str, reference: str | Path | None, building: str | None, size_inches: float
-) -> Figure:
-    """The picture as a matplotlib figure."""
     from eaves.report.plots.axonometry import models_figure
     from eaves.report.plots.errors import errors_figure
     from eaves.report.plots.plan import plan_figure
     from eaves.report.plots.section import section_figure
 
-    if what == "errors":
-        if reference is None:
-            raise ValueError(
-                "errors need a reference; give --reference polygons, or evaluate's detection.tif"
-            )
-        return errors_figure(folder, reference, size_inches)
-    if what == "section":
-        return section_figure(folder, building, size_inches=size_inches)
-    return (
-        models_figure(folder, size_inches=size_inches)
-        if what == "models"
-        else plan_figure(folder, size_inches)
-    )
+    size = size_cm / CENTIMETRES
+    if what == "errors" and reference is None:
+        raise ValueError("errors need a reference; give --reference polygons, or evaluate's detection.tif")
+    draw = {
+        "plan": partial(plan_figure, folder, size),
+        "errors": partial(errors_figure, folder, reference or "", size),
+        "section": partial(section_figure, folder, building, size),
+        "models": partial(models_figure, folder, size),
+    }
+    draw[what]().savefig(target, dpi=dpi)
+    return target

@@ -9,22 +9,20 @@ import numpy as np
 import shapely
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from eaves.model import Points, Raster
+from eaves.model import Points, Values
 from eaves.report.contents import Contents, finest_faces, read_contents
 from eaves.report.surfaces import cut_into_triangles
 
+WIDTH = 1.0
 SURROUNDINGS = 8.0
 """How far (m) a section goes on beyond the building."""
 COLOURS = {2: ("ground", "#a9824f"), 6: ("building", "#d0563b")}
 OTHER = ("other", "#7f9a63")
 
 
-def section_figure(
-    folder: str | Path, building: str | None = None, width: float = 1.0, size_inches: float = 7.0
-) -> Figure:
-    """A section across a building (the largest with a model for None), with the points of a strip `width` (m)
+def section_figure(folder: str | Path, building: str | None, size_inches: float) -> Figure:
+    """A section across a building (the largest with a model for None), with the points of a strip `WIDTH` (m)
     wide.
 
     It goes through the middle, across the longer side of the building's smallest rectangle, where a ridge
@@ -43,7 +41,7 @@ def section_figure(
     axes.set_aspect("equal")
 
     along, aside = place_on_line(contents.points.xyz, centre, direction)
-    near = (np.abs(aside) <= width / 2) & (np.abs(along) <= reach)
+    near = (np.abs(aside) <= WIDTH / 2) & (np.abs(along) <= reach)
     heights = contents.points.xyz[:, 2] + contents.base
     classes = contents.points.classification
     for code, (name, colour) in [*COLOURS.items(), (None, OTHER)]:
@@ -55,10 +53,9 @@ def section_figure(
         cuts = cuts[(np.abs(cuts[:, :, 0]) <= reach).all(axis=1)] + [0.0, contents.base]
         if len(cuts):
             axes.add_collection(LineCollection(list(cuts), colors=colour, linewidths=thick, label=label))
-    if contents.terrain.size:
-        steps = np.arange(-reach, reach, contents.cell / 2)
-        terrain = Raster(contents.terrain, *contents.corner, contents.cell)
-        ground = terrain.at(centre + steps[:, None] * direction) + contents.base
+    if contents.terrain.values.size:
+        steps = np.arange(-reach, reach, contents.terrain.cell / 2)
+        ground = contents.terrain.at(centre + steps[:, None] * direction) + contents.base
         axes.plot(steps, ground, color="#6b4f2a", linewidth=0.9, linestyle="--", label="terrain", zorder=1)
     axes.set_xlim(-reach, reach)
     axes.margins(y=0.08)
@@ -86,7 +83,7 @@ def choose_building(contents: Contents, building: str | None) -> int:
     return max(range(len(ids)), key=lambda k: (k in modelled, float(shapely.area(contents.polygons[k]))))
 
 
-def line_across(polygon: shapely.Polygon) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def line_across(polygon: shapely.Polygon) -> tuple[Values, Values, float]:
     """Middle (2,), direction (2,) across the longer side, and half length (m) of the section of a polygon."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(polygon))[:4]
     sides = np.diff(corners[[0, 1, 2]], axis=0)
@@ -96,9 +93,7 @@ def line_across(polygon: shapely.Polygon) -> tuple[NDArray[np.float64], NDArray[
     return middle, np.asarray(sides[short] / lengths[short]), float(lengths[short] / 2 + SURROUNDINGS)
 
 
-def place_on_line(
-    xyz: Points, centre: NDArray[np.float64], direction: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def place_on_line(xyz: Points, centre: Values, direction: Values) -> tuple[Values, Values]:
     """How far (m) points lie along a line from its middle, and to its left."""
     away = xyz[..., :2] - centre
     return away @ direction, away @ np.array([-direction[1], direction[0]])
@@ -106,18 +101,18 @@ def place_on_line(
 
 def cut_models(
     contents: Contents,
-    centre: NDArray[np.float64],
-    direction: NDArray[np.float64],
+    centre: Values,
+    direction: Values,
     building: int,
     only: bool,
-) -> NDArray[np.float64]:
+) -> Values:
     """Where the upright plane cuts the finest models: segments (S, 2, 2) of (along, height), of the building
     alone or of all others."""
     wanted = (contents.faces.building == building) == only
     faces = contents.faces.take(wanted & finest_faces(contents.faces))
     if not faces:
         return np.zeros((0, 2, 2))
-    corners = cut_into_triangles(faces).corners
+    corners, _ = cut_into_triangles(faces)
     along, aside = place_on_line(corners, centre, direction)
     ends = []
     for one, two in ((0, 1), (1, 2), (2, 0)):
