@@ -86,7 +86,7 @@ DETECT = (
     detect(
         "doubts, all",
         4,
-        {f"{METHOD}{name}_doubts": (lambda *_: []) for name in ("region", "crown", "void")},
+        {f"{METHOD}{name}_doubts": (lambda *_: []) for name in ("region", "void")},
     ),
     *(
         detect(f"term {name}", 2, {"detect.consensus.classifier:FITTED": without_term(name, usual)})

@@ -17,11 +17,11 @@ from eaves.detect.toolkit.surface_grid import (
     SurfaceGrid,
     connected,
     height_error,
+    mean_in,
     nearest_surface,
     no_regions,
     opened_by_area,
     regions_of_cells,
-    share_in,
     surface_noise,
 )
 from eaves.methods import Emit, ignore, parameter
@@ -134,7 +134,7 @@ class Contours(GrowthRules, Detector):
         emit("cores", grid.cells.raster(core))
         label, count = connected(self.with_rim(grid, self.grown(grid, core, smooth, edged, edged), edged))
         emit("buildings", grid.cells.raster(label))
-        return regions_of_cells(scene, grid, label, share_in(label, count, smooth), self.min_height)
+        return regions_of_cells(scene, grid, label, mean_in(label, count, smooth), self.min_height)
 
     def derived_bend(self, scene: Scene, grid: SurfaceGrid, bend: Values) -> float:
         """The largest quadratic gradient (m) of a roof; see the parameter."""

@@ -17,6 +17,7 @@ from eaves.detect.toolkit.surface_grid import (
     SurfaceGrid,
     connected,
     height_error,
+    mean_in,
     nearest_surface,
     no_regions,
     opened_by_area,
@@ -25,7 +26,7 @@ from eaves.detect.toolkit.surface_grid import (
     surface_noise,
 )
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Labels, Mask, Regions, Scene, Values
+from eaves.model import Mask, Regions, Scene, Values
 
 ANGLE_OF_ERROR = 1.65
 """Two slopes of independent errors differ by less than this many of one in three of four cases."""
@@ -165,7 +166,7 @@ class RoofAttributes(GrowthRules, Detector):
         whole = self.with_rim(grid, grown, high)
         emit("segments", grid.cells.raster(whole))
         label, count = connected(whole)
-        return regions_of_cells(scene, grid, label, 1.0 - share_of(label, count, density), self.min_height)
+        return regions_of_cells(scene, grid, label, 1.0 - mean_in(label, count, density), self.min_height)
 
     def derived_angle(self, scene: Scene, grid: SurfaceGrid) -> float:
         """The largest angle (degrees) between like normals; see the parameter."""
@@ -175,13 +176,6 @@ class RoofAttributes(GrowthRules, Detector):
     def derived_roughness(self, grid: SurfaceGrid, rough: Values) -> float:
         """The largest roughness (m) of a roof; see the parameter."""
         return float(max(grid.side * np.sqrt(0.5), 3.0 * surface_noise(rough, grid, 0.3)))
-
-
-def share_of(label: Labels, count: int, values: Values) -> Values:
-    """Mean of values (H, W) in each segment 1…`count` of labels (H, W)."""
-    size = np.bincount(label.ravel(), minlength=count + 1)[1:]
-    total = np.bincount(label.ravel(), weights=values.ravel(), minlength=count + 1)[1:]
-    return np.asarray(total / np.maximum(size, 1), np.float64)
 
 
 def cell_corner_heights(surface: Values) -> tuple[Values, Values, Values, Values]:

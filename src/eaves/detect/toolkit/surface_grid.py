@@ -159,11 +159,11 @@ def surface_noise(feature: Values, grid: SurfaceGrid, below: float) -> float:
     return float(np.quantile(ground, 0.25)) if len(ground) else 0.0
 
 
-def share_in(label: Labels, count: int, mask: Mask) -> Values:
-    """Share of the cells of each segment 1…`count` of labels (H, W) that are set in a mask (H, W)."""
+def mean_in(label: Labels, count: int, values: Values | Mask) -> Values:
+    """Mean of values (H, W), or share of a mask (H, W), in each segment 1…`count` of labels (H, W)."""
     size = np.bincount(label.ravel(), minlength=count + 1)[1:]
-    hits = np.bincount(label.ravel(), weights=mask.ravel(), minlength=count + 1)[1:]
-    return np.asarray(hits / np.maximum(size, 1), np.float64)
+    total = np.bincount(label.ravel(), weights=values.ravel(), minlength=count + 1)[1:]
+    return np.asarray(total / np.maximum(size, 1), np.float64)
 
 
 def regions_of_cells(scene: Scene, grid: SurfaceGrid, label: Labels, score: Values, least: float) -> Regions:
