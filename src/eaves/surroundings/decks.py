@@ -183,7 +183,9 @@ def find_decks(heights: Grid, cell: float, roofs: Mask, rules: DeckRules = RULES
             row, column = (one.start + at + 0.5 for one, at in zip(here, middle, strict=True))
             reason = "a bridge or a building: it falls off along both sides, and terrain carries on one end"
             doubts.append(Doubt(round(column * cell, 2), round(-row * cell, 2), area, reason, STAGE))
-    deck = grown_deck(deck, z, between & ~roofs, rules)
+    falls = (np.float32(one) for one in (rules.step, rules.fall, rules.water_fall))
+    edge = beside_falls(z, water, *falls) & grown_by_square(deck, 3)
+    deck = grown_deck(deck, z, (between | edge) & ~roofs, rules)
     return with_edges(np.where(deck, heights, np.nan), z, land, rules).astype(np.float32), doubts
 
 
@@ -342,3 +344,18 @@ def falls_off(
         if abs(z[y, x] - z[row, column]) <= step:
             return False
     return False
+
+
+@kernel
+def beside_falls(z: Grid, water: Mask, step: float, fall: float, water_fall: float) -> Mask:
+    """The cells (H, W) that fall off on a side."""
+    rows, columns = z.shape
+    found = np.zeros((rows, columns), np.bool_)
+    for row in range(rows):
+        for column in range(columns):
+            if water[row, column] or np.isnan(z[row, column]):
+                continue
+            for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+                if falls_off(z, water, row, column, down, right, step, fall, water_fall):
+                    found[row, column] = True
+    return found

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eaves.detect.toolkit.cells import Cells
-from eaves.detect.toolkit.plane_moments import plane_rmse, sums_of
+from eaves.detect.toolkit.plane_moments import fit_planes, sums_of
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, PointCloud, Values
 from eaves.model.cloud import HIGH_VEGETATION, LOW_VEGETATION, MEDIUM_VEGETATION, UNCLASSIFIED, snap
@@ -37,7 +37,7 @@ class VegetationRules(Method):
     )
     roughness: float = parameter(
         0.3,
-        "RMS distance of a cell's points from their best plane: ten times the noise of a scan.",
+        "RMS distance of a cell's points from their plane, upright: ten times the noise of a scan.",
         unit="m",
         ge=0.0,
     )
@@ -75,6 +75,7 @@ def grown_cells(cloud: PointCloud, rules: VegetationRules) -> Mask:
     shown = several >= rules.echoes * np.maximum(cells.count, 1)
     sums = sums_of(xyz, cells.cell, cells.size)
     some = np.flatnonzero(cells.count > 3)
-    left_over = np.sqrt(cells.count[some] / (cells.count[some] - 3))  # a plane takes three points
-    shown[some] |= plane_rmse(sums[some]) * left_over >= rules.roughness
+    _, normal, rmse = fit_planes(sums[some])
+    freedom = cells.count[some] / (cells.count[some] - 3)  # a plane takes three points
+    shown[some] |= rmse * np.sqrt(freedom) >= rules.roughness * np.maximum(normal[:, 2], 0.1)
     return np.asarray(shown[cells.cell], np.bool_)
