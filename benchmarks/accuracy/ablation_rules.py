@@ -86,7 +86,7 @@ DETECT = (
     detect(
         "doubts, all",
         4,
-        {f"{METHOD}{name}_doubts": (lambda *_: []) for name in ("region", "crown", "void")},
+        {f"{METHOD}{name}_doubts": (lambda *_: []) for name in ("region", "void")},
     ),
     *(
         detect(f"term {name}", 2, {"detect.consensus.classifier:FITTED": without_term(name, usual)})
@@ -166,7 +166,7 @@ WEIGHTS = "units.row_walls.evidence:WEIGHTS"
 UNITS = (
     of("units", "usual widths", 4, {"units.regular_gain": NEVER}),
     of("units", "smallest unit", 1, {"units.smallest_unit": 0.0}),
-    of("units", "several", 8, {"units.least_sure": 0.0}),
+    of("units", "several", 8, {"units.row_walls.method:odds_of_several": lambda *_: 1.0}),
     of("units", "lean", 3, {"units.most_lean": 0.0}),
     of("units", "deeper rows", 1, {"units.most_deeper": NEVER}),
     of("units", "jogs of fronts", 2, {"units.jog": 0.0}),

@@ -38,7 +38,7 @@ from eaves.raster.surfaces import make_scene
 from eaves.simulate import scan_town, simulate_town, town_of_model
 from eaves.simulate.objects.exact import ExactScene
 from eaves.units import divide_block
-from eaves.units.row_walls import certainty, evidence
+from eaves.units.row_walls import evidence, merging
 from eaves.units.row_walls.division import RowUnits, label_unit_cells
 from eaves.units.row_walls.evidence import WEIGHTS, roof_noise, traits_of, wall_odds, wall_signs
 from eaves.units.row_walls.merging import border_odds, borders_between
@@ -184,7 +184,7 @@ def found_walls(blocks: Sequence[Detected], scene: ExactScene) -> tuple[Sure, Su
             there = border_is_wall(plan, places, tree)
             if there is not None:
                 odds = border_odds(plan, places, block.points, noise)
-                borders.append((float(np.clip(odds, -certainty.MOST_ODDS, certainty.MOST_ODDS)), there))
+                borders.append((float(np.clip(odds, -merging.MOST_ODDS, merging.MOST_ODDS)), there))
     return walls, borders
 
 
@@ -193,13 +193,13 @@ def walls_in_row(units: RowUnits, tree: STRtree) -> Sure:
     row, told = units.row, []
     true, _ = true_walls(row, tree)
     near = np.convolve(true, np.ones(2 * CLOSE + 1), "same") > 0
-    for wall, sure in zip(units.walls.tolist(), units.certainty.tolist(), strict=True):
+    for wall, sure in zip(units.walls.tolist(), units.merging.tolist(), strict=True):
         middle = 0.5 * (row.first[wall - 1] + row.last[wall - 1])
         beside = row.place(CELL_M * np.array([wall - 4.0, wall + 4.0]), np.array([middle, middle]))
         if owners_of(np.column_stack(beside), tree).min() >= 0:
             with np.errstate(divide="ignore"):
                 odds = float(np.log(sure) - np.log1p(-sure))
-            told.append((float(np.clip(odds, -certainty.MOST_ODDS, certainty.MOST_ODDS)), bool(near[wall])))
+            told.append((float(np.clip(odds, -merging.MOST_ODDS, merging.MOST_ODDS)), bool(near[wall])))
     return told
 
 
@@ -376,7 +376,7 @@ def main() -> None:
                 {"weights from": choice, **row, "left out": "yes" if name not in learned_on else "no"}
             )
     told = {name: found_walls(blocks[name], towns[name]) for name in towns}
-    for k, (kind, line) in enumerate({"rows": certainty.OF_ROWS, "borders": certainty.OF_BORDERS}.items()):
+    for k, (kind, line) in enumerate({"rows": merging.OF_ROWS, "borders": merging.OF_BORDERS}.items()):
         lines = {c: line_of([one for name in names for one in told[name][k]]) for c, names in choices.items()}
         print(f"certainty, {kind}: in use {line}, learned {lines}")
         for choice, test in (("drawn towns", "delfshaven"), ("all", "delfshaven")):

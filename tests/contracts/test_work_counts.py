@@ -9,7 +9,11 @@ from pathlib import Path
 
 import pytest
 
-COUNT = "import json, sys, pathlib, benchmarks.speed.counts as c; print(json.dumps(c.count_work(pathlib.Path(sys.argv[1]))))"
+COUNT = """
+import json, pathlib, sys
+from benchmarks.speed.counts import count_work
+print(json.dumps(count_work(pathlib.Path(sys.argv[1]))))
+"""
 MOST = {
     "imported": 260,
     "ran": 200,

@@ -7,7 +7,7 @@ import pytest
 
 from eaves.detect import detect_buildings
 from eaves.detect.consensus import Consensus
-from eaves.detect.consensus.separation import nothing, separate
+from eaves.detect.consensus.classifier import nothing, separate
 from eaves.model import Scene
 from eaves.raster.surfaces import make_scene
 from eaves.simulate.objects.exact import ExactScene

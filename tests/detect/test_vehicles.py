@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eaves.detect.consensus import Consensus
-from eaves.detect.consensus.vehicles import find_vehicles
+from eaves.detect.consensus.parts import find_vehicles
 
 
 def top(

@@ -22,7 +22,7 @@ from eaves.change.surface import (
     SAME,
     UNSEEN,
 )
-from eaves.detect.consensus.vehicles import VehicleRules, find_vehicles
+from eaves.detect.consensus.parts import VehicleRules, find_vehicles
 from eaves.detect.stage import MIN_HEIGHT_M
 from eaves.geometry.components import connected_groups_kernel, members
 from eaves.model import Mask, Points, Values

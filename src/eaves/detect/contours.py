@@ -7,32 +7,28 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.stage import MIN_HEIGHT_M, Detector
-from eaves.detect.toolkit.cells import side_near
+from eaves.detect.stage import MIN_HEIGHT_M
 from eaves.detect.toolkit.surface_grid import (
     GROUP_M2,
     LIKE_SHARE,
     RIM_M,
-    GrowthRules,
+    SurfaceDetector,
     SurfaceGrid,
     connected,
     height_error,
-    nearest_surface,
-    no_regions,
+    mean_in,
     opened_by_area,
-    regions_of_cells,
-    share_in,
     surface_noise,
 )
-from eaves.methods import Emit, ignore, parameter
-from eaves.model import Mask, Regions, Scene, Values
+from eaves.methods import Emit, parameter
+from eaves.model import Labels, Mask, Scene, Values
 from eaves.raster.squares import grown_by_square, shrunk_by_square
 
 BEND_OF_ERROR = 5.0
 """The quadratic gradient of independent heights, in their errors: √(6 + 6 + 1/2) = 3.5, and half as much."""
 
 
-class Contours(GrowthRules, Detector):
+class Contours(SurfaceDetector):
     """Building labels by Fc-S: the second half, from the normalised surface to buildings.
 
     The surface is interpolated by nearest neighbour, which keeps the jump at walls, and the terrain found
@@ -77,9 +73,6 @@ class Contours(GrowthRules, Detector):
     paper: ClassVar[str] = "ren_fcs"
     ground_method: ClassVar[str] = "contours"
 
-    cell: float | None = parameter(
-        None, "Side of a cell; default: the spacing, at least 0.5.", unit="m", gt=0.0
-    )
     min_height: float = parameter(
         MIN_HEIGHT_M, "Lower objects (cars) are removed.", unit="m", off=0.0, step="low objects go", ge=0.0
     )
@@ -116,11 +109,7 @@ class Contours(GrowthRules, Detector):
         RIM_M, "How far the rim grows.", unit="m", off=0.0, step="final iteration", ge=0.0
     )
 
-    def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
-        grid = nearest_surface(scene, self.cell or side_near(max(0.5, scene.spacing)))
-        if grid is None:
-            return no_regions(scene)
-        high = grid.high(self.min_height)
+    def groups(self, scene: Scene, grid: SurfaceGrid, high: Mask, emit: Emit) -> tuple[Labels, Values]:
         emit("high cells", grid.cells.raster(high))
         edged = self.keep_edged(grid, high)
         emit("edged groups", grid.cells.raster(edged))
@@ -134,7 +123,7 @@ class Contours(GrowthRules, Detector):
         emit("cores", grid.cells.raster(core))
         label, count = connected(self.with_rim(grid, self.grown(grid, core, smooth, edged, edged), edged))
         emit("buildings", grid.cells.raster(label))
-        return regions_of_cells(scene, grid, label, share_in(label, count, smooth), self.min_height)
+        return label, mean_in(label, count, smooth)
 
     def derived_bend(self, scene: Scene, grid: SurfaceGrid, bend: Values) -> float:
         """The largest quadratic gradient (m) of a roof; see the parameter."""

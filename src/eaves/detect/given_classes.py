@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from scipy import ndimage
 
 from eaves.detect.stage import Detector
+from eaves.detect.toolkit.cells import Cells
+from eaves.detect.toolkit.surface_grid import connected
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Regions, Scene
 from eaves.model.cloud import BUILDING
@@ -66,13 +67,10 @@ class GivenClasses(Detector):
         if len(chosen) == 0:
             return Regions(label)
         side = self.cell or max(0.5, 2.0 * scene.spacing)
-        index = np.floor(cloud.xyz[chosen, :2] / side).astype(np.int64)
-        index -= index.min(axis=0)
-        occupied = np.zeros(tuple(index.max(axis=0) + 1), bool)
-        occupied[index[:, 0], index[:, 1]] = True
-        groups, count = ndimage.label(occupied, np.ones((3, 3)))
+        cells = Cells.of(cloud.xyz[chosen], side)
+        groups, count = connected((cells.count > 0).reshape(cells.shape))
         emit("building cells", groups)
-        label[chosen] = groups[index[:, 0], index[:, 1]]
+        label[chosen] = groups.ravel()[cells.cell]
         part = np.zeros(len(cloud), np.uint8)
         part[chosen] = ROOF
         return Regions(label, np.ones(count), part)

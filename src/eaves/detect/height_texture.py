@@ -8,29 +8,24 @@ import numpy as np
 from scipy import ndimage
 
 from eaves.detect.contours import filled
-from eaves.detect.stage import Detector
-from eaves.detect.toolkit.cells import side_near
 from eaves.detect.toolkit.surface_grid import (
     GROUP_M2,
-    GrowthRules,
+    SurfaceDetector,
     SurfaceGrid,
     connected,
     height_error,
-    nearest_surface,
-    no_regions,
     opened_by_area,
-    regions_of_cells,
     surface_noise,
 )
-from eaves.methods import Emit, ignore, parameter
-from eaves.model import Labels, Regions, Scene, Values
+from eaves.methods import Emit, parameter
+from eaves.model import Labels, Mask, Scene, Values
 from eaves.raster.squares import opened_by_square
 
 TEXTURE_OF_ERROR = 1.4
 """The texture of independent heights, in their errors: √(6/9) = 0.8, and three quarters more."""
 
 
-class HeightTexture(GrowthRules, Detector):
+class HeightTexture(SurfaceDetector):
     """Building segments, as raw points: high cells of little texture, opened, sized, checked by histogram.
 
     A fine grid serves only to find the segments. The texture of a cell is how far the heights around it leave
@@ -72,9 +67,6 @@ class HeightTexture(GrowthRules, Detector):
     idea: ClassVar[str] = "high cells of little height texture, opened, sized, checked by height histogram"
     paper: ClassVar[str] = "maas_vosselman1999"
 
-    cell: float | None = parameter(
-        None, "Side of a cell; default: the spacing, at least 0.5.", unit="m", gt=0.0
-    )
     max_texture: float | None = parameter(
         None,
         "Cells of more texture are no roof; default: a third of a cell, as at a ridge of two faces of 35°, "
@@ -99,11 +91,7 @@ class HeightTexture(GrowthRules, Detector):
         le=1.0,
     )
 
-    def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
-        grid = nearest_surface(scene, self.cell or side_near(max(0.5, scene.spacing)))
-        if grid is None:
-            return no_regions(scene)
-        high = grid.high(self.min_height)
+    def groups(self, scene: Scene, grid: SurfaceGrid, high: Mask, emit: Emit) -> tuple[Labels, Values]:
         texture = local_texture(grid.surface)
         emit("texture", grid.cells.raster(texture))
         smooth = high & (texture <= (self.max_texture or self.derived_texture(scene, grid, texture)))
@@ -118,8 +106,7 @@ class HeightTexture(GrowthRules, Detector):
         emit("components", grid.cells.raster(core))
         whole = self.with_rim(grid, self.grown(grid, core, smooth, high, high), high)
         label, count = connected(whole)
-        score = 1.0 - self.low_share(scene, grid, label, count)
-        return regions_of_cells(scene, grid, label, score, self.min_height)
+        return label, 1.0 - self.low_share(scene, grid, label, count)
 
     def derived_texture(self, scene: Scene, grid: SurfaceGrid, texture: Values) -> float:
         """The largest texture (m) of a roof; see the parameter."""

@@ -16,10 +16,8 @@ from eaves.methods import Emit, ignore, parameter
 from eaves.model import Points, Regions, Scene, Values
 from eaves.model.scene import ROOF
 
-PUBLISHED_SPACING = 0.5
-"""Spacing (m) of the paper's data: Vaihingen, 4 points/m²."""
-ALPHA_M = 2.4
-"""The printed radius of a contour's disc (m)."""
+ALPHA_IN_SPACINGS = 4.8
+"""The printed radius of a contour's disc, 2.4 m, at the spacing of its data: Vaihingen, 4 points/m²."""
 
 
 class PlanarPatches(Detector):
@@ -151,7 +149,7 @@ class PlanarPatches(Detector):
         "Radius of the largest empty disc inside a building; default: 4.8 spacings, at least 2.4.",
         unit="m",
         symbol="α",
-        published=ALPHA_M,
+        published=2.4,
         printed_in="step 6",
         off=1e-3,
         step="contour by alpha shape",
@@ -273,7 +271,7 @@ class PlanarPatches(Detector):
         An alpha shape is what no empty disc of the radius can enter: the closing by that disc. Inner
         boundaries that stay open are filled when they are smaller than a courtyard.
         """
-        radius = (self.alpha or ALPHA_M * max(1.0, spacing / PUBLISHED_SPACING)) / side
+        radius = (self.alpha or ALPHA_IN_SPACINGS * max(0.5, spacing)) / side
         margin = int(np.ceil(radius)) + 1
         whole = building.copy()
         for number, window in enumerate(ndimage.find_objects(building), 1):

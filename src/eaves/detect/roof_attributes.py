@@ -8,30 +8,26 @@ import numpy as np
 from scipy import ndimage
 
 from eaves.detect.contours import filled
-from eaves.detect.stage import Detector
-from eaves.detect.toolkit.cells import side_near
 from eaves.detect.toolkit.surface_grid import (
     GROUP_M2,
     RIM_M,
-    GrowthRules,
+    SurfaceDetector,
     SurfaceGrid,
     connected,
     height_error,
-    nearest_surface,
-    no_regions,
+    mean_in,
     opened_by_area,
-    regions_of_cells,
     share_around,
     surface_noise,
 )
-from eaves.methods import Emit, ignore, parameter
-from eaves.model import Labels, Mask, Regions, Scene, Values
+from eaves.methods import Emit, parameter
+from eaves.model import Labels, Mask, Scene, Values
 
 ANGLE_OF_ERROR = 1.65
 """Two slopes of independent errors differ by less than this many of one in three of four cases."""
 
 
-class RoofAttributes(GrowthRules, Detector):
+class RoofAttributes(SurfaceDetector):
     """Building labels from what the surface of roofs is like, cell by cell and segment by segment.
 
     High cells are described by the micro surface normal and the roughness of the four heights around each
@@ -139,11 +135,10 @@ class RoofAttributes(GrowthRules, Detector):
         RIM_M, "How far the rim grows.", unit="m", off=0.0, step="operator 3: reconstruction", ge=0.0
     )
 
-    def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
-        grid = nearest_surface(scene, self.cell or side_near(max(0.5, 1.5 * scene.spacing)))
-        if grid is None:
-            return no_regions(scene)
-        high = grid.high(self.min_height)
+    def usual_cell(self, spacing: float) -> float:
+        return 1.5 * spacing
+
+    def groups(self, scene: Scene, grid: SurfaceGrid, high: Mask, emit: Emit) -> tuple[Labels, Values]:
         normal = micro_normals(grid.surface, grid.side)
         rough = roughness(grid.surface)
         emit("cosine of slope", grid.cells.raster(normal[..., 2]))
@@ -165,7 +160,7 @@ class RoofAttributes(GrowthRules, Detector):
         whole = self.with_rim(grid, grown, high)
         emit("segments", grid.cells.raster(whole))
         label, count = connected(whole)
-        return regions_of_cells(scene, grid, label, 1.0 - share_of(label, count, density), self.min_height)
+        return label, 1.0 - mean_in(label, count, density)
 
     def derived_angle(self, scene: Scene, grid: SurfaceGrid) -> float:
         """The largest angle (degrees) between like normals; see the parameter."""
@@ -175,13 +170,6 @@ class RoofAttributes(GrowthRules, Detector):
     def derived_roughness(self, grid: SurfaceGrid, rough: Values) -> float:
         """The largest roughness (m) of a roof; see the parameter."""
         return float(max(grid.side * np.sqrt(0.5), 3.0 * surface_noise(rough, grid, 0.3)))
-
-
-def share_of(label: Labels, count: int, values: Values) -> Values:
-    """Mean of values (H, W) in each segment 1…`count` of labels (H, W)."""
-    size = np.bincount(label.ravel(), minlength=count + 1)[1:]
-    total = np.bincount(label.ravel(), weights=values.ravel(), minlength=count + 1)[1:]
-    return np.asarray(total / np.maximum(size, 1), np.float64)
 
 
 def cell_corner_heights(surface: Values) -> tuple[Values, Values, Values, Values]:

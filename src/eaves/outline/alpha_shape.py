@@ -11,7 +11,7 @@ from eaves.geometry.rings import as_polygon
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Labels, Points
 from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import SHARE, alpha_parts, alpha_rings, triangulate_points
+from eaves.outline.toolkit.alpha import SHARE, alpha_parts, traced_rings, triangulate_points
 
 ALPHA_IN_SPACINGS = 4.8
 """The published 2.4 m at the published density of 4 points/m², that is a spacing of 0.5 m."""
@@ -93,16 +93,12 @@ class AlphaShape(OutlineMethod):
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3)."""
-        xy = points[:, :2]
         alpha = self.alpha or ALPHA_IN_SPACINGS * spacing
-        mesh = triangulate_points(xy)
-        rings = () if mesh is None else alpha_rings(mesh, alpha, share=self.share)
-        if not rings:
-            return Failure(
-                "no_area", f"{len(points)} points enclose no area at alpha {alpha:.2f} m", "outline"
-            )
-        emit("alpha rings", [xy[ring] for ring in rings])
-        return Boundary(tuple(xy[ring] for ring in rings), points, spacing)
+        rings = traced_rings(points, triangulate_points(points[:, :2]), alpha, share=self.share)
+        if isinstance(rings, Failure):
+            return rings
+        emit("alpha rings", rings)
+        return Boundary(tuple(rings), points, spacing)
 
     def regularise(self, boundaries: list[Boundary], emit: Emit = ignore) -> list[Polygon | Failure]:
         """The boundaries without small holes and zigzag, each on its own."""

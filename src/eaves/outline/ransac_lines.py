@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from eaves.geometry.rings import as_polygon, signed_area
+from eaves.geometry.rings import as_polygon
 from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import Boundary, Failure, Labels, Points
 from eaves.outline.stage import OutlineMethod
-from eaves.outline.toolkit.alpha import SHARE, alpha_parts, alpha_rings, triangulate_points
+from eaves.outline.toolkit.alpha import SHARE, alpha_parts, traced_rings, triangulate_points
 from eaves.outline.toolkit.corners import Drawing, joined_edges, ring_of_edges
 from eaves.outline.toolkit.edges import RIGHT_ANGLE, OutlineEdges, common_axes, main_direction
 from eaves.outline.toolkit.polyline import FREE
@@ -79,14 +79,12 @@ class RansacLines(OutlineMethod):
 
     def trace(self, points: Points, spacing: float, emit: Emit = ignore) -> Boundary | Failure:
         """The rings of the alpha shape of `points` (N, 3)."""
-        xy = points[:, :2]
-        mesh = triangulate_points(xy)
-        rings = () if mesh is None else alpha_rings(mesh, self.alpha * spacing, share=self.share)
-        if not rings:
-            return Failure("no_area", f"{len(points)} points enclose no area", "outline")
-        kept = [xy[ring] for k, ring in enumerate(rings) if k == 0 or -signed_area(xy[ring]) >= self.min_hole]
-        emit("alpha rings", kept)
-        return Boundary(tuple(kept), points, spacing)
+        mesh, radius = triangulate_points(points[:, :2]), self.alpha * spacing
+        rings = traced_rings(points, mesh, radius, share=self.share, min_hole=self.min_hole)
+        if isinstance(rings, Failure):
+            return rings
+        emit("alpha rings", rings)
+        return Boundary(tuple(rings), points, spacing)
 
     def regularise(self, boundaries: list[Boundary], emit: Emit = ignore) -> list[Polygon | Failure]:
         """The polygons of adjusted segments, each boundary on its own."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.ground.toolkit.floor import Floor
+from eaves.ground.toolkit.floor import Floor, WorldGrids
 from eaves.ground.toolkit.wide_objects import Patch
 from eaves.kernels import kernel
 from eaves.methods import Method, parameter
@@ -74,34 +74,15 @@ RULES = DeckRules()
 
 
 @dataclass(frozen=True, eq=False)
-class Decks:
+class Decks(WorldGrids):
     """Decks in cells (H, W) of a side `cell` (m), numbered as in `Floor`.
 
     `level` is the height of the deck, NaN where there is none; `water` is how high a point of water may lie,
     or NaN.
     """
 
-    west: int
-    north: int
-    cell: float
     level: Grid
     water: Grid
-    doubts: tuple[Doubt, ...] = ()
-
-    def cropped(self, bounds: Bounds) -> Decks:
-        """The cells within `bounds` (world metres, whole cells)."""
-        first, last = round(bounds.west / self.cell), round(bounds.east / self.cell)
-        bottom, top = round(bounds.south / self.cell), round(bounds.north / self.cell) - 1
-        rows = slice(max(0, self.north - top), max(0, self.north - bottom + 1))
-        columns = slice(max(0, first - self.west), max(0, last - self.west))
-        inside = tuple(
-            one
-            for one in self.doubts
-            if bounds.west <= one.x < bounds.east and bounds.south <= one.y < bounds.north
-        )
-        west, north = max(self.west, first), min(self.north, top)
-        level, water = (grid[rows, columns].copy() for grid in (self.level, self.water))
-        return Decks(west, north, self.cell, level, water, inside)
 
 
 def look_around(
@@ -121,7 +102,7 @@ def decks_of(seen: Decks, roofs: Mask, bounds: Bounds, rules: DeckRules = RULES)
     level, doubts = find_decks(seen.level, seen.cell, roofs, rules)
     placed = tuple(one.translated(seen.west * seen.cell, (seen.north + 1) * seen.cell) for one in doubts)
     wet = water_heights(seen.level, seen.water, seen.cell, rules)
-    return Decks(seen.west, seen.north, seen.cell, level, wet, placed).cropped(bounds)
+    return Decks(seen.west, seen.north, seen.cell, level, wet, doubts=placed).cropped(bounds)
 
 
 def raised_in(seen: Decks, raised: Patch | None) -> Mask:
@@ -240,25 +221,12 @@ def water_of(heights: Grid, cell: float, rules: DeckRules) -> tuple[Mask, Grid]:
 
 
 def inside_data(known: Mask) -> Mask:
-    """The cells (H, W) that lie between known ones along one of the four lines."""
+    """The cells (H, W) that lie between known ones along their row or their column."""
     inside = np.zeros(known.shape, bool)
-    for down, right in ONWARD:
-        inside |= seen_along(known, down, right) & seen_along(known[::-1, ::-1], down, right)[::-1, ::-1]
+    for axis in (0, 1):
+        before, after = (np.logical_or.accumulate(one, axis) for one in (known, np.flip(known, axis)))
+        inside |= before & np.flip(after, axis)
     return inside
-
-
-@kernel
-def seen_along(known: Mask, down: int, right: int) -> Mask:
-    """Which cells (H, W) have a known one before them on the line through them, or are known."""
-    rows, columns = known.shape
-    seen = known.copy()
-    for row in range(rows):
-        for step in range(columns):
-            column = step if right >= 0 else columns - 1 - step
-            y, x = row - down, column - right
-            if 0 <= y < rows and 0 <= x < columns and seen[y, x]:
-                seen[row, column] = True
-    return seen
 
 
 def find_between(z: Grid, water: Mask, cell: float, rules: DeckRules) -> tuple[Mask, NDArray[np.uint8]]:

@@ -5,15 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.detect.toolkit.cells import Cells
+from eaves.detect.toolkit.plane_moments import fit_planes, sums_of
 from eaves.methods import Method, parameter
-from eaves.model import Labels, PointCloud, Values
-from eaves.model.cloud import (
-    GRID_STEP,
-    HIGH_VEGETATION,
-    LOW_VEGETATION,
-    MEDIUM_VEGETATION,
-    UNCLASSIFIED,
-)
+from eaves.model import Labels, Mask, PointCloud, Values
+from eaves.model.cloud import HIGH_VEGETATION, LOW_VEGETATION, MEDIUM_VEGETATION, UNCLASSIFIED, snap
 from eaves.model.scene import TREE
 
 
@@ -41,7 +37,7 @@ class VegetationRules(Method):
     )
     roughness: float = parameter(
         0.3,
-        "RMS distance of a cell's points from their plane: ten times the noise of a scan.",
+        "RMS distance of a cell's points from their plane, upright: ten times the noise of a scan.",
         unit="m",
         ge=0.0,
     )
@@ -69,44 +65,17 @@ def vegetation_classes(
     return classes
 
 
-def grown_cells(cloud: PointCloud, rules: VegetationRules) -> NDArray[np.bool_]:
+def grown_cells(cloud: PointCloud, rules: VegetationRules) -> Mask:
     """Which points (N,) lie in cells whose points show vegetation."""
-    side = round(rules.cell / GRID_STEP)
-    quanta = np.round(cloud.xyz[:, :2] / GRID_STEP).astype(np.int64)
-    quanta += np.round(np.array(cloud.origin) / GRID_STEP).astype(np.int64)
-    place = quanta // side
-    away: Values = np.asarray((quanta - place * side) * GRID_STEP - 0.5 * rules.cell, np.float64)
-    place -= place.min(axis=0)
-    cell = np.ravel_multi_index(tuple(place.T), place.max(axis=0) + 1)
-    points = np.bincount(cell)
+    corner = [*np.mod(cloud.origin, rules.cell), -np.floor(cloud.xyz[:, 2].min())]
+    xyz = snap(cloud.xyz + corner)  # cells are fixed to the world
+    cells = Cells.of(xyz, rules.cell, margin=0)
     returns = cloud.number_of_returns
-    several = np.zeros(len(points)) if returns is None else np.bincount(cell, returns > 1)
-    shown = several >= rules.echoes * np.maximum(points, 1)
-    shown |= plane_residual(cell, points, away, cloud.xyz[:, 2]) >= rules.roughness
-    return np.asarray(shown[cell], np.bool_)
-
-
-def plane_residual(
-    cell: NDArray[np.int64], points: NDArray[np.int64], away: Values, z: Values
-) -> NDArray[np.float64]:
-    """RMS distance (m, upright) of each cell's points from their plane, 0 where they are too few for one.
-
-    `points` are their numbers by cell, (K,), `away` their places (N, 2) about the middle of their cell.
-    """
-    count = len(points)
-    most = np.maximum(points, 1)
-    columns = [away[:, 0], away[:, 1], z]
-    means = [np.bincount(cell, one, minlength=count) / most for one in columns]
-    x, y, z = (one - mean[cell] for one, mean in zip(columns, means, strict=True))
-
-    def total(values: Values) -> Values:
-        return np.asarray(np.bincount(cell, values, minlength=count), np.float64)
-
-    xx, xy, yy, xz, yz, zz = (total(one) for one in (x * x, x * y, y * y, x * z, y * z, z * z))
-    size = xx * yy - xy * xy
-    solvable = size > 1e-3 * np.maximum(xx, yy) ** 2
-    size = np.where(solvable, size, 1.0)
-    slope_x, slope_y = (xz * yy - yz * xy) / size, (yz * xx - xz * xy) / size
-    left = np.maximum(zz - slope_x * xz - slope_y * yz, 0.0)
-    enough = solvable & (points > 3)
-    return np.where(enough, np.sqrt(left / np.maximum(points - 3, 1)), 0.0)
+    several = 0.0 if returns is None else cells.total((returns > 1).astype(np.float64))
+    shown = several >= rules.echoes * np.maximum(cells.count, 1)
+    sums = sums_of(xyz, cells.cell, cells.size)
+    some = np.flatnonzero(cells.count > 3)
+    _, normal, rmse = fit_planes(sums[some])
+    freedom = cells.count[some] / (cells.count[some] - 3)  # a plane takes three points
+    shown[some] |= rmse * np.sqrt(freedom) >= rules.roughness * np.maximum(normal[:, 2], 0.1)
+    return np.asarray(shown[cells.cell], np.bool_)

@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from eaves.detect.toolkit.cells import Cells
 from eaves.methods import Method, parameter
 from eaves.model import Mask, PointCloud, Points, Values
 from eaves.model.cloud import GRID_STEP, GROUND, UNCLASSIFIED
 from eaves.raster.squares import grown_by_square
 
-Cells = NDArray[np.int64]
+Integers = NDArray[np.int64]
 
 
 class WireRules(Method):
@@ -80,7 +81,8 @@ def find_wires(cloud: PointCloud, height: Values, spacing: float, rules: WireRul
     if spacing > rules.spacing or len(high) <= rules.neighbours:
         return found
     xyz = cloud.xyz[high]
-    cell, shape = wire_cells(xyz, rules.cell)
+    cells = Cells.of(xyz, rules.cell, margin=0)
+    cell, shape = cells.cell, cells.shape
     hanging = np.flatnonzero(top_in_air(cell, xyz[:, 2], 0.5 * rules.height))
     some = hanging[one_each(xyz[hanging], 0.5 * rules.cell)]
     some = some[
@@ -113,19 +115,15 @@ def find_towers(
     if not wires.any():
         return found
     assert cloud.classification is not None
-    cell, shape = wire_cells(cloud.xyz, rules.cell)
-    lowest = np.full(shape[0] * shape[1], np.inf)
-    np.minimum.at(lowest, cell[wires], height[wires])
-    beside = ndimage.minimum_filter(lowest.reshape(shape), 5)
-    free = np.flatnonzero(
-        (cloud.classification == UNCLASSIFIED) & ~wires & ~taken & np.isfinite(beside.ravel()[cell])
-    )
-    top = np.full(lowest.size, -np.inf)
-    np.maximum.at(top, cell[free], height[free])
-    group, count = ndimage.label(top.reshape(shape) >= beside - 2.0 * rules.cell, np.ones((3, 3)))
-    number = group.ravel()[cell[free]]
+    cells = Cells.of(cloud.xyz, rules.cell, margin=0)
+    lowest = cells.extreme(np.where(wires, height, np.inf), highest=False)
+    beside = ndimage.minimum_filter(lowest.reshape(cells.shape), 5)
+    free = (cloud.classification == UNCLASSIFIED) & ~wires & ~taken & np.isfinite(beside.ravel()[cells.cell])
+    top = cells.extreme(np.where(free, height, -np.inf)).reshape(cells.shape)
+    group, count = ndimage.label(top >= beside - 2.0 * rules.cell, np.ones((3, 3)))
+    number = np.where(free, group.ravel()[cells.cell], 0)
     for k in range(1, count + 1):
-        own = free[number == k]
+        own = np.flatnonzero(number == k)
         highest = float(height[own].max())
         core = own[np.abs(height[own] - 0.5 * highest) <= 0.25 * highest]
         gap = float(np.diff(np.sort(height[own]), prepend=0.0).max())
@@ -134,16 +132,7 @@ def find_towers(
     return found
 
 
-def wire_cells(xyz: Points, side: float) -> tuple[Cells, tuple[int, int]]:
-    """The flat number (N,) of each point's cell of a grid fixed to the world, and its rows and columns."""
-    column, row = (np.floor(xyz[:, axis] / side).astype(np.int64) for axis in (0, 1))
-    column -= column.min()
-    row -= row.min()
-    columns = int(column.max()) + 1
-    return row * columns + column, (int(row.max()) + 1, columns)
-
-
-def top_in_air(cell: Cells, z: Values, air: float) -> Mask:
+def top_in_air(cell: Integers, z: Values, air: float) -> Mask:
     """Which of some high points (K,) are the topmost of their cell, within `air` (m), with as much beneath
     them empty or in the cell nothing else: crowns reach down."""
     # highest first in each cell, by one key: to sort by two takes five times as long
@@ -168,7 +157,7 @@ def one_each(xyz: Points, side: float) -> NDArray[np.int64]:
     return np.sort(first)
 
 
-def few_around(cell: Cells, layer: Cells, shape: tuple[int, int], few: int) -> Mask:
+def few_around(cell: Integers, layer: Integers, shape: tuple[int, int], few: int) -> Mask:
     """Which points (K,), by cell and layer, have so few about them that they may be of wires."""
     layers = int(layer.max(initial=0)) + 1
     place = cell * layers + layer
@@ -197,7 +186,7 @@ def wire_rows(xyz: Points, rules: WireRules) -> Mask:
     return row
 
 
-def lines_among(cell: Cells, shape: tuple[int, int], rules: WireRules) -> Mask:
+def lines_among(cell: Integers, shape: tuple[int, int], rules: WireRules) -> Mask:
     """The cells (H, W) of long lines among the cells (K,) of points in rows; between two of a line up to two
     may be empty."""
     there = np.zeros(shape, bool)

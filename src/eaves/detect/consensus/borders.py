@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from eaves.detect.consensus.evidence import Evidence
-from eaves.detect.consensus.segments import level_at
+from eaves.detect.consensus.evidence import Evidence, missed_by
 from eaves.model import Mask, Values
 from eaves.raster.groups import neighbour_pairs
 
@@ -75,12 +74,7 @@ def source_side(
 
 
 def continuity(evidence: Evidence, one: NDArray[np.int64], two: NDArray[np.int64]) -> Values:
-    """How far (m) the highest points of neighbouring cells (K,) miss each other's surface.
-
-    It is the least of both ways and of the difference of the two points.
-    """
+    """How far (m) the highest points of neighbouring cells (K,) miss each other's surface: the least of both
+    ways."""
     top = evidence.top.ravel()
-    planar = np.isfinite(evidence.residual.ravel())
-    ahead = np.where(planar[one], np.abs(level_at(evidence, one, two, 1.0) - top[two]), np.inf)
-    back = np.where(planar[two], np.abs(level_at(evidence, two, one, 1.0) - top[one]), np.inf)
-    return np.asarray(np.minimum(np.minimum(ahead, back), np.abs(top[one] - top[two])), np.float64)
+    return np.minimum(missed_by(evidence, one, two, top[two]), missed_by(evidence, two, one, top[one]))

@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.consensus.evidence import Evidence
-from eaves.detect.consensus.segments import Segments, least_around, level_at
-from eaves.detect.consensus.separation import Separation, nothing, separate
+from eaves.detect.consensus.evidence import Evidence, level_at
+from eaves.detect.consensus.segments import Segments, least_around
 from eaves.detect.consensus.windows import WINDOW
 from eaves.detect.stage import MIN_AREA_M2, ROOM_M, STOREY_M, TALL_SHARE
+from eaves.detect.toolkit.surface_grid import mean_in
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Values
 
@@ -154,13 +155,6 @@ def enclosure(roofs: Mask, steps: int) -> Values:
     return found / 8.0
 
 
-def weighted_mean(label: Labels, count: int, values: Values) -> Values:
-    """Mean of values (H, W) over each segment 1…`count` of labels (H, W)."""
-    size = np.bincount(label.ravel(), minlength=count + 1)[1:]
-    total = np.bincount(label.ravel(), weights=values.ravel(), minlength=count + 1)[1:]
-    return np.asarray(total / np.maximum(size, 1), np.float64)
-
-
 def surface_shape(segments: Segments, company: Values, enclosed: Values, max_residual: float) -> Values:
     """The terms of shape of each surface (K, 7), each term clipped, in the order of `SURFACE_SHAPE`."""
     return np.column_stack(
@@ -170,8 +164,8 @@ def surface_shape(segments: Segments, company: Values, enclosed: Values, max_res
             np.clip(np.log(np.maximum(segments.residual, 1e-4) / (ROUGH * max_residual)), 0.0, 1.0),
             np.clip(segments.width - ROOM_M, -2.0, 2.0),
             np.clip(segments.height - ROOM_M, -1.0, 1.5),
-            weighted_mean(segments.label, segments.count, company),
-            weighted_mean(segments.label, segments.count, enclosed),
+            mean_in(segments.label, segments.count, company),
+            mean_in(segments.label, segments.count, enclosed),
         ]
     )
 
@@ -184,7 +178,7 @@ def beside_roofs(evidence: Evidence, roofs: Mask, reach: float) -> tuple[Values,
     steps, nearest = ndimage.distance_transform_edt(~roofs, return_indices=True)
     distance = steps * evidence.cells.side
     cells = np.ravel_multi_index(tuple(nearest), evidence.shape).ravel()
-    level = level_at(evidence, cells, np.arange(cells.size), 1.0).reshape(evidence.shape)
+    level = level_at(evidence, cells, np.arange(cells.size)).reshape(evidence.shape)
     near = evidence.candidate & (distance < reach)
     return distance, np.where(near, evidence.top, level) - level
 
@@ -209,13 +203,98 @@ def cell_shape(
     )
 
 
-def with_echoes(
-    shape: Values, several: Values, through: Values, echoes: Separation, penetration: Separation, most: float
-) -> Values:
-    """Terms (..., 2 S + 2) of shape (..., S), the share of several returns and that of points that reach the
-    ground (...); the log likelihood ratio of either is at most `most`."""
-    said = [echoes.log_ratio(several, most)[..., None], penetration.log_ratio(through, most)[..., None]]
-    return np.concatenate([shape, echoes.power * shape, *said], axis=-1)
+@dataclass(frozen=True)
+class Separation:
+    """A measure's means on roofs and on crowns of a scan, and its spread about them.
+
+    The log likelihood ratio of a value v is that of two normal distributions of one spread,
+    (roof - crown) / spread² · (v - (roof + crown) / 2), times `trust`, the share of the squared distance of
+    the means that chance does not explain [james_stein1961]. Where the measure is alike on both, the
+    ratio is 0 everywhere.
+    """
+
+    roof: float
+    crown: float
+    spread: float
+    trust: float
+
+    @property
+    def power(self) -> float:
+        """How well the measure tells roofs from crowns: 0 not at all, 1 without mistake."""
+        distance = self.trust * ((self.roof - self.crown) / self.spread) ** 2
+        return distance / (1.0 + distance)
+
+    def log_ratio(self, value: Values, most: float) -> Values:
+        """Log likelihood ratio for a roof, of values of any shape, no larger than `most` either way."""
+        slope = self.trust * (self.roof - self.crown) / self.spread**2
+        ratio = slope * (value - (self.roof + self.crown) / 2)
+        return np.asarray(np.clip(ratio, -most, most), np.float64)
+
+
+def nothing() -> Separation:
+    """The measure tells nothing."""
+    return Separation(0.0, 0.0, 1.0, 0.0)
+
+
+def separate(value: Values, roof: Values) -> Separation:
+    """The separation of values (K,) of cells, of which `roof` (K,) is the probability of each to be a roof.
+
+    Crowns split more pulses and let more of them through than roofs: a measure that is the other way round in
+    a scan is no witness there. The cells of a window share its points and are one observation.
+    """
+    crown = 1.0 - roof
+    weight_roof, weight_crown = float(roof.sum()), float(crown.sum())
+    if min(weight_roof, weight_crown) < WINDOW**2:
+        return nothing()
+    on_roofs = float((roof * value).sum()) / weight_roof
+    on_crowns = float((crown * value).sum()) / weight_crown
+    scatter = float((roof * (value - on_roofs) ** 2).sum()) / weight_roof
+    scatter += float((crown * (value - on_crowns) ** 2).sum()) / weight_crown
+    spread = max(1e-3, float(np.sqrt(scatter / 2)))
+    distance = on_crowns - on_roofs
+    if distance <= 0.0:
+        return nothing()
+    chance = spread**2 * WINDOW**2 * (1.0 / weight_roof + 1.0 / weight_crown)
+    trust = max(0.0, 1.0 - chance / distance**2)
+    return Separation(on_roofs, on_crowns, spread, trust)
+
+
+class Told(NamedTuple):
+    """What echoes and penetration say of places."""
+
+    several: Values
+    """Share (...) of points of pulses with several returns."""
+    through: Values
+    """Share (...) of points that reach the ground."""
+    echoes: Separation
+    penetration: Separation
+    """What either tells in this very scan."""
+    most: float
+    """The log likelihood ratio of either, at most."""
+
+    @property
+    def log_ratios(self) -> tuple[Values, Values]:
+        """The log likelihood ratios (...) of both for a roof."""
+        pairs = (self.echoes, self.several), (self.penetration, self.through)
+        echoes, penetration = (measure.log_ratio(value, self.most) for measure, value in pairs)
+        return echoes, penetration
+
+
+def with_echoes(shape: Values, told: Told) -> Values:
+    """Terms (..., 2 S + 2) of shape (..., S) and of what echoes and penetration say."""
+    ratios = [ratio[..., None] for ratio in told.log_ratios]
+    return np.concatenate([shape, told.echoes.power * shape, *ratios], axis=-1)
+
+
+def cell_odds(shape: Values, told: Told, weights: Weights) -> Values:
+    """Log odds (...) of cells in no surface: the terms of `with_echoes`, weighed without being drawn up."""
+    *of_terms, of_echoes, of_penetration = weights.cell
+    of_shape, with_power = np.reshape(of_terms, (2, -1))
+    echoes, penetration = told.log_ratios
+    odds = shape @ (of_shape + told.echoes.power * with_power)
+    odds += of_echoes * echoes
+    odds += of_penetration * penetration
+    return np.asarray(odds, np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,25 +304,13 @@ class Terms:
 
     surface: Values
     shape: Values
-    evidence: Evidence
-    most_log_ratio: float
+    told: Told
     large: Mask
-    echoes: Separation
-    penetration: Separation
 
     @property
     def cell(self) -> Values:
         """The terms (H, W, T) of the cells."""
-        return with_echoes(self.shape, *self._echoes, self.most_log_ratio)
-
-    def cell_odds(self, weights: Weights) -> Values:
-        """Log odds (H, W) of cells in no surface."""
-        return cell_odds(self.shape, *self._echoes, self.most_log_ratio, weights)
-
-    @property
-    def _echoes(self) -> tuple[Values, Values, Separation, Separation]:
-        evidence = self.evidence
-        return evidence.multi_return_share, evidence.penetration, self.echoes, self.penetration
+        return with_echoes(self.shape, self.told)
 
 
 def measured_terms(
@@ -255,39 +322,27 @@ def measured_terms(
     separation, which gives better odds, and so once more (expectation maximisation, [dempster1977]).
     """
     large = np.r_[False, segments.area >= limits.small_surface][segments.label]
-    seen = evidence.candidate
+    seen, most = evidence.candidate, limits.most_log_ratio
     company = smooth_share(seen, segments.label > 0)
     roofs = np.r_[False, segments.area >= MIN_AREA_M2][segments.label]
     enclosed = enclosure(roofs, round(limits.enclosed / evidence.cells.side))
     of_surfaces = surface_shape(segments, company, enclosed, max_residual)
     of_cells = cell_shape(evidence, company, enclosed, roofs, limits.enclosed, max_residual)
-    inner_multi_return_share = least_around(evidence.multi_return_share, seen)
-    inner_penetration_share = least_around(evidence.penetration, seen)
     even = (segments.area >= limits.even_area) & (segments.residual <= limits.even_residual * max_residual)
+    several, through = evidence.multi_return_share, evidence.penetration
+    inner = least_around(several, seen), least_around(through, seen)  # surfaces are judged by their inside
+    of_seen, values = of_cells[seen], [measure[seen] for measure in (several, through, *inner)]
     echoes = penetration = inner_echoes = inner_penetration = nothing()
-    of_seen, several, through = of_cells[seen], evidence.multi_return_share[seen], evidence.penetration[seen]
     for rounds_left in range(limits.rounds, -1, -1):
-        surface = with_echoes(
-            of_surfaces,
-            segments.multi_return_share,
-            segments.penetration,
-            inner_echoes,
-            inner_penetration,
-            limits.most_log_ratio,
-        )
-        surface = without_objections(surface, even, weights)
+        told = Told(segments.multi_return_share, segments.penetration, inner_echoes, inner_penetration, most)
+        surface = without_objections(with_echoes(of_surfaces, told), even, weights)
         if not rounds_left:
             break
-        of_surface = surface_odds(segments, surface, weights, limits.most_log_ratio)
-        of_surface = np.r_[0.0, of_surface][segments.label[seen]]
-        of_cell = cell_odds(of_seen, several, through, echoes, penetration, limits.most_log_ratio, weights)
-        odds = np.where(large[seen], of_surface, of_cell)
-        likely = 1.0 / (1.0 + np.exp(-odds))
-        echoes = separate(several, likely)
-        penetration = separate(through, likely)
-        inner_echoes = separate(inner_multi_return_share[seen], likely)
-        inner_penetration = separate(inner_penetration_share[seen], likely)
-    return Terms(surface, of_cells, evidence, limits.most_log_ratio, large, echoes, penetration)
+        of_surface = np.r_[0.0, surface_odds(segments, surface, weights, most)][segments.label[seen]]
+        of_cell = cell_odds(of_seen, Told(values[0], values[1], echoes, penetration, most), weights)
+        likely = 1.0 / (1.0 + np.exp(-np.where(large[seen], of_surface, of_cell)))
+        echoes, penetration, inner_echoes, inner_penetration = (separate(value, likely) for value in values)
+    return Terms(surface, of_cells, Told(several, through, echoes, penetration, most), large)
 
 
 def without_objections(terms: Values, even: Mask, weights: Weights) -> Values:
@@ -305,24 +360,6 @@ def surface_odds(segments: Segments, terms: Values, weights: Weights, sure: floa
     wall, a hedge, a terrace) is none, which is as `sure` as one measure can be."""
     odds = terms @ np.array(weights.surface)
     return np.asarray(np.where(segments.tall <= TALL_SHARE, np.minimum(odds, -sure), odds), np.float64)
-
-
-def cell_odds(
-    shape: Values,
-    several: Values,
-    through: Values,
-    echoes: Separation,
-    penetration: Separation,
-    most: float,
-    weights: Weights,
-) -> Values:
-    """Log odds (...) of cells in no surface: the terms of `with_echoes`, weighed without being drawn up."""
-    *of_terms, of_echoes, of_penetration = weights.cell
-    of_shape, with_power = np.reshape(of_terms, (2, -1))
-    odds = shape @ (of_shape + echoes.power * with_power)
-    odds += of_echoes * echoes.log_ratio(several, most)
-    odds += of_penetration * penetration.log_ratio(through, most)
-    return np.asarray(odds, np.float64)
 
 
 def score_regions(region: Labels, odds: Values, weight: ScoreWeights) -> Values:

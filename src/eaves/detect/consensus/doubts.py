@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.consensus.evidence import Evidence
+from eaves.detect.consensus.evidence import Evidence, groups_of
 from eaves.detect.stage import MIN_AREA_M2
 from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Values
@@ -34,6 +34,11 @@ class DoubtRules(Method):
         ge=0.0,
         le=1.0,
     )
+    doubt_uneven: float = parameter(
+        2.2,
+        "A region so many times as uneven as the roofs of the scan is doubtful where echoes tell little.",
+        ge=1.0,
+    )
 
 
 def region_doubts(
@@ -43,6 +48,7 @@ def region_doubts(
     attached: Values,
     water: Mask,
     most_attached: float,
+    unevenness: Values,
     limits: DoubtRules,
 ) -> list[Doubt]:
     """Doubts about regions 1…K of cells (H, W).
@@ -55,98 +61,62 @@ def region_doubts(
     attached : share of the rim that continues the terrain, (K + 1,).
     water : cells with a point of water, (H, W).
     most_attached : the largest share of a building; half of it is doubtful.
+    unevenness : how many times as uneven as roofs each cell is, (H, W), NaN where it does not matter.
     limits : from where on there is doubt.
 
     Returns
     -------
     list of Doubt
-        In the order of the regions; a region may give several. Places are local metres.
+        A region may give several. Places are local metres.
     """
     found: list[Doubt] = []
     empty = (evidence.cells.count == 0).reshape(evidence.shape)
     outside = outside_of(empty)
-    area = evidence.cells.side**2
-    for number, window in enumerate(ndimage.find_objects(region), 1):
-        if window is None:
+    for number, around, cells in groups_of(region):
+        if cells.sum() * evidence.cells.side**2 < MIN_AREA_M2:
             continue
-        rows, columns = window
-        around = (
-            slice(max(0, rows.start - 1), rows.stop + 1),
-            slice(max(0, columns.start - 1), columns.stop + 1),
-        )
-        of_region = region[around] == number
-        size = float(of_region.sum()) * area
-        rim = grown_by_square(of_region, 3) & ~of_region
-        open_rim = rim & outside[around]
-
-        def doubt(
-            mask: Mask,
-            reason: str,
-            corner: tuple[int, int] = (around[0].start, around[1].start),
-            size: float = size,
-        ) -> Doubt:
-            return doubt_at(evidence, mask, corner, size, reason)
-
-        if size < MIN_AREA_M2:
-            continue
-        if limits.doubt_score <= score[number - 1] <= 1.0 - limits.doubt_score:
-            found.append(doubt(of_region, f"a roof or not: score {score[number - 1]:.2f}"))
-        if attached[number] > most_attached / 2:
-            share = round(100 * attached[number])
-            found.append(doubt(of_region, f"a roof or a rock: {share} % of its rim continues the terrain"))
-        wet = rim & water[around]
-        if wet.any() and (wet | (rim & empty[around])).sum() > limits.doubt_afloat * rim.sum():
-            found.append(doubt(of_region, "a building or a ship: there is water all round"))
+        sure, share = score[number - 1], attached[number]
+        rim = grown_by_square(cells, 3) & ~cells
+        open_rim, wet = rim & outside[around], rim & water[around]
+        known = unevenness[around][cells & np.isfinite(unevenness[around])]
+        uneven = float(np.median(known)) if len(known) else 0.0
+        said = {
+            f"a roof or not: score {sure:.2f}": limits.doubt_score <= sure <= 1.0 - limits.doubt_score,
+            f"a roof or a rock: {round(100 * share)} % of its rim continues the terrain": share
+            > most_attached / 2,
+            "a building or a ship: there is water all round": wet.any()
+            and (wet | (rim & empty[around])).sum() > limits.doubt_afloat * rim.sum(),
+            f"a roof or a crown: {uneven:.1f} times as uneven as the roofs of a scan that splits few "
+            "pulses": uneven > limits.doubt_uneven,
+        }
+        found += [doubt_at(evidence, around, cells, cells, reason) for reason, holds in said.items() if holds]
         if open_rim.sum() > limits.doubt_rim * rim.sum():
-            found.append(doubt(open_rim, "a building on the rim of the data"))
+            found.append(doubt_at(evidence, around, open_rim, cells, "a building on the rim of the data"))
     return found
 
 
-def crown_doubts(region: Labels, evidence: Evidence, roofs: Mask, most: float) -> list[Doubt]:
-    """Doubts about regions 1…K of cells (H, W) of which the middle residual is more than `most` times that of
-    the cells of all `roofs` (H, W): where echoes tell nothing, an even crown passes for a roof."""
-    known = np.isfinite(evidence.residual)
-    if not (known & roofs).any():
-        return []
-    usual = float(np.median(evidence.residual[known & roofs]))
-    found = []
-    for number, window in enumerate(ndimage.find_objects(region), 1):
-        if window is None:
-            continue
-        of_region = region[window] == number
-        size = float(of_region.sum()) * evidence.cells.side**2
-        own = evidence.residual[window][of_region & known[window]]
-        if size < MIN_AREA_M2 or not len(own) or np.median(own) <= most * usual:
-            continue
-        times = float(np.median(own)) / max(usual, 1e-4)
-        reason = (
-            f"a roof or a crown: {times:.1f} times as uneven as the roofs of a scan that splits few pulses"
-        )
-        found.append(doubt_at(evidence, of_region, (window[0].start, window[1].start), size, reason))
-    return found
+def unevenness_of(evidence: Evidence, roofs: Mask) -> Values:
+    """How many times as uneven as the middle one of `roofs` (H, W) each cell is (H, W), NaN where no plane
+    fits: where echoes tell nothing, an even crown passes for a roof."""
+    residual = np.where(np.isfinite(evidence.residual), evidence.residual, np.nan)
+    some = residual[roofs & np.isfinite(residual)]
+    return residual / max(float(np.median(some)), 1e-4) if len(some) else np.full(roofs.shape, np.nan)
 
 
 def void_doubts(evidence: Evidence, void: Mask) -> list[Doubt]:
     """Doubts about the holes (H, W) that were taken for roofs because their rims are level and raised."""
     found, _ = ndimage.label(void)
-    doubts = []
-    for number, window in enumerate(ndimage.find_objects(found), 1):
-        of_region = found[window] == number
-        corner = (window[0].start, window[1].start)
-        size = float(of_region.sum()) * evidence.cells.side**2
-        doubts.append(
-            doubt_at(evidence, of_region, corner, size, "a hole in the data, taken for a roof by its rim")
-        )
-    return doubts
+    reason = "a hole in the data, taken for a roof by its rim"
+    return [doubt_at(evidence, around, hole, hole, reason) for _, around, hole in groups_of(found)]
 
 
-def doubt_at(evidence: Evidence, mask: Mask, corner: tuple[int, int], area_m2: float, reason: str) -> Doubt:
-    """The doubt in the middle of a mask (h, w) whose first cell is at `corner` (row, column)."""
+def doubt_at(evidence: Evidence, around: tuple[slice, slice], mask: Mask, cells: Mask, reason: str) -> Doubt:
+    """The doubt in the middle of a mask (h, w) about so many cells (h, w), both in a window of the grid."""
     rows, columns = np.nonzero(mask)
     side = evidence.cells.side
-    x = evidence.cells.west + (corner[1] + float(columns.mean()) + 0.5) * side
-    y = evidence.cells.north - (corner[0] + float(rows.mean()) + 0.5) * side
-    return Doubt(round(x, 2), round(y, 2), round(area_m2, 1), reason, STAGE)
+    x = evidence.cells.west + (around[1].start + float(columns.mean()) + 0.5) * side
+    y = evidence.cells.north - (around[0].start + float(rows.mean()) + 0.5) * side
+    return Doubt(round(x, 2), round(y, 2), round(float(cells.sum()) * side**2, 1), reason, STAGE)
 
 
 def outside_of(empty: Mask) -> Mask:

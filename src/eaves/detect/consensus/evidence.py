@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
 
 from eaves.detect.consensus.windows import WindowRules, best_planes, window_sum
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import sums_of
-from eaves.model import Integers, Labels, Mask, Points, Scene, Values
-from eaves.raster.groups import ONWARD, numbers_in, shifted
+from eaves.model import Labels, Mask, Points, Scene, Values
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,50 +52,58 @@ def gather_evidence(scene: Scene, xyz: Points, candidate: Mask, side: float, lim
     """
     cells = Cells.of(xyz, side)
     shape = cells.shape
-    chosen = np.flatnonzero(candidate)
+    chosen, low = np.flatnonzero(candidate), np.flatnonzero(~candidate & ~scene.cloud.noise)
     cell = cells.cell[chosen]
-    count = np.bincount(cell, minlength=cells.size).reshape(shape)
     sums = sums_of(xyz[chosen], cell, cells.size).reshape(*shape, 10)
     slope_east, slope_north, level, residual = best_planes(sums, cells, limits)
-    top = cells.extreme(np.where(candidate, xyz[:, 2], -np.inf))
 
-    around = window_sum(count.astype(np.float64))
-    multi_return_share = np.zeros(shape)
-    if scene.cloud.has_returns and scene.cloud.number_of_returns is not None:
-        many = chosen[scene.cloud.number_of_returns[chosen] > 1]
-        multi_return_share = window_sum(
-            np.bincount(cells.cell[many], minlength=cells.size).reshape(shape).astype(np.float64)
-        )
-        multi_return_share = multi_return_share / np.maximum(around, 1)
-    floor = cells.extreme(np.where(~candidate & ~scene.cloud.noise, xyz[:, 2], -np.inf))
-    low = np.flatnonzero(~candidate & ~scene.cloud.noise)
-    under = window_sum(np.bincount(cells.cell[low], minlength=cells.size).reshape(shape).astype(np.float64))
+    def counted(points: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.bincount(cells.cell[points], minlength=cells.size).reshape(shape)
+
+    def highest(points: Mask) -> Values:
+        return cells.extreme(np.where(points, xyz[:, 2], -np.inf)).reshape(shape)
+
+    count, returns = counted(chosen), scene.cloud.number_of_returns
+    around, under = window_sum(count), window_sum(counted(low))
+    many = chosen[:0] if returns is None else chosen[returns[chosen] > 1]
     height = np.bincount(cell, weights=scene.height[chosen], minlength=cells.size).reshape(shape)
     return Evidence(
         cells=cells,
         candidate=count > 0,
-        top=top.reshape(shape),
-        low=floor.reshape(shape),
+        top=highest(candidate),
+        low=highest(~candidate & ~scene.cloud.noise),
         residual=residual,
         east=slope_east,
         north=slope_north,
         level=level,
-        multi_return_share=multi_return_share,
+        multi_return_share=window_sum(counted(many)) / np.maximum(around, 1),
         penetration=under / np.maximum(under + around, 1),
         height=height / np.maximum(count, 1),
     )
 
 
-def rim_pairs(region: Labels, occupied: Mask) -> tuple[Integers, Integers]:
-    """Flat numbers of the cells of regions (H, W) and of their eight-neighbours that are in none and
-    occupied (H, W), pair by pair."""
-    inside, beside = region > 0, occupied & (region == 0)
-    inner: list[Integers] = []
-    outer: list[Integers] = []
-    for step in ONWARD:
-        a, b = shifted(region.shape, step)
-        for first, second, this, that in ((inside, beside, inner, outer), (beside, inside, outer, inner)):
-            here, there = numbers_in(first[a] & second[b], step, region.shape)
-            this.append(here)
-            that.append(there)
-    return np.concatenate(inner), np.concatenate(outer)
+def level_at(evidence: Evidence, cells: NDArray[np.int64], towards: NDArray[np.int64]) -> Values:
+    """Height (K,) of the planes of cells (K,), carried on to the middles of the cells `towards` (K,)."""
+    row, column = np.divmod(cells, evidence.shape[1])
+    to_row, to_column = np.divmod(towards, evidence.shape[1])
+    side = evidence.cells.side
+    level = evidence.level.ravel()[cells] + evidence.east.ravel()[cells] * (to_column - column) * side
+    return np.asarray(level - evidence.north.ravel()[cells] * (to_row - row) * side, np.float64)
+
+
+def missed_by(
+    evidence: Evidence, cells: NDArray[np.int64], towards: NDArray[np.int64], height: Values
+) -> Values:
+    """How far (m, (K,)) heights in the cells `towards` (K,) miss the surface of `cells` (K,): the plane
+    carried on, if they have one, or the highest point."""
+    miss = np.abs(level_at(evidence, cells, towards) - height)
+    miss[~np.isfinite(evidence.residual.ravel()[cells])] = np.inf
+    return np.minimum(miss, np.abs(evidence.top.ravel()[cells] - height))
+
+
+def groups_of(label: Labels) -> Iterator[tuple[int, tuple[slice, slice], Mask]]:
+    """Number, window with a cell more all round, and cells (h, w) in it, of each group 1…K of (H, W)."""
+    for number, window in enumerate(ndimage.find_objects(label), 1):
+        if window is not None:
+            rows, columns = (slice(max(0, one.start - 1), one.stop + 1) for one in window)
+            yield number, (rows, columns), label[rows, columns] == number

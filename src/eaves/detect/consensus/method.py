@@ -7,31 +7,24 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from eaves.detect.consensus.attachment import attached_share
 from eaves.detect.consensus.borders import cut_cells
 from eaves.detect.consensus.classifier import (
     FITTED,
     EvidenceRules,
     Terms,
     Weights,
+    cell_odds,
     measured_terms,
     read_weights,
     score_regions,
     surface_odds,
 )
-from eaves.detect.consensus.doubts import (
-    DoubtRules,
-    crown_doubts,
-    region_doubts,
-    void_doubts,
-)
+from eaves.detect.consensus.doubts import DoubtRules, region_doubts, unevenness_of, void_doubts
 from eaves.detect.consensus.evidence import Evidence, gather_evidence
-from eaves.detect.consensus.hidden_roofs import find_hidden_roofs
-from eaves.detect.consensus.narrow_parts import without_narrow_parts
-from eaves.detect.consensus.roof_or_wall import part_of_points
+from eaves.detect.consensus.groups import attached_share, without_narrow_parts
+from eaves.detect.consensus.parts import VehicleRules, find_vehicles, part_of_points
 from eaves.detect.consensus.segments import Segments, find_segments
-from eaves.detect.consensus.vehicles import VehicleRules, find_vehicles
-from eaves.detect.consensus.voids import VoidRules, find_roof_voids
+from eaves.detect.consensus.unseen_roofs import VoidRules, find_hidden_roofs, find_roof_voids
 from eaves.detect.consensus.windows import WindowRules
 from eaves.detect.stage import MIN_HEIGHT_M, ROOM_M, Detector
 from eaves.detect.toolkit.cells import side_near
@@ -154,11 +147,6 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
     wall_below_plane: float = parameter(
         0.5, "At a building's rim a point this far under its cell's plane is on the wall.", unit="m", gt=0.0
     )
-    doubt_uneven: float = parameter(
-        2.2,
-        "A region so many times as uneven as the roofs of the scan is doubtful where echoes tell little.",
-        ge=1.0,
-    )
 
     @property
     def buffer(self) -> float:
@@ -181,14 +169,14 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         emit("hidden", hidden)
         regions = self.regions_of(scene, xyz, evidence, region, hidden, odds)
         water = wet_cells(scene, evidence)
-        none = np.zeros(rocks.max(initial=0))
-        crowns_pass = terms.echoes.power < 0.5  # the means are less than one spread apart
-        doubts = [
-            *region_doubts(evidence, region, regions.score, attached, water, self.max_attached, self),
-            *region_doubts(evidence, rocks, none, attached, water, self.max_attached, self),
-            *(crown_doubts(region, evidence, surface, self.doubt_uneven) if crowns_pass else ()),
-            *void_doubts(evidence, void & (region > 0)),
-        ]
+        crowns_pass = terms.told.echoes.power < 0.5  # the means are less than one spread apart
+        roofs = surface if crowns_pass else np.zeros_like(surface)
+        doubts = void_doubts(evidence, void & (region > 0))
+        for groups, score, uneven in (
+            (region, regions.score, unevenness_of(evidence, roofs)),
+            (rocks, np.zeros(rocks.max(initial=0)), np.full(evidence.shape, np.nan)),
+        ):
+            doubts += region_doubts(evidence, groups, score, attached, water, self.max_attached, uneven, self)
         return regions.with_doubts(doubts)
 
     def find_surfaces(self, scene: Scene, candidate: Mask) -> tuple[Points, Evidence, Segments]:
@@ -221,7 +209,7 @@ class Consensus(DoubtRules, VehicleRules, VoidRules, EvidenceRules, WindowRules,
         weights = self.judged_by
         emitted = surface_odds(segments, terms.surface, weights, self.most_log_ratio)
         emitted = np.r_[0.0, emitted][segments.label]
-        odds = np.where(terms.large, emitted, terms.cell_odds(weights))
+        odds = np.where(terms.large, emitted, cell_odds(terms.shape, terms.told, weights))
         emit("odds", odds)
         void, rims = find_roof_voids(evidence, self)
         roof = (emitted > 0.0) | void

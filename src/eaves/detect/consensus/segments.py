@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.detect.consensus.evidence import Evidence
+from eaves.detect.consensus.evidence import Evidence, level_at
+from eaves.detect.toolkit.surface_grid import mean_in
 from eaves.model import Labels, Mask, Values
 from eaves.raster.groups import group_cells, neighbour_pairs
 
@@ -42,47 +42,27 @@ def find_segments(evidence: Evidence, smooth: Mask, max_gap: float, tall_height:
     """Connected groups of `smooth` cells (H, W) whose planes differ by less than `max_gap` at both."""
     one, two = neighbour_pairs(smooth)
     level = evidence.level.ravel()
-    ahead = np.abs(level_at(evidence, one, two, 1.0) - level[two])
-    back = np.abs(level_at(evidence, two, one, 1.0) - level[one])
-    gap = np.maximum(ahead, back)
+    gap = np.maximum(
+        np.abs(level_at(evidence, one, two) - level[two]), np.abs(level_at(evidence, two, one) - level[one])
+    )
     joined = gap < max_gap
     label, count = group_cells(smooth, one[joined], two[joined])
-    group = label[smooth] - 1
-
-    def mean(values: Values) -> Values:
-        total = np.bincount(group, weights=values[smooth], minlength=count)
-        return np.asarray(total / np.maximum(size, 1), np.float64)
-
-    size = np.bincount(group, minlength=count).astype(np.float64)
-    side = evidence.cells.side
+    side, seen = evidence.cells.side, evidence.candidate
     return Segments(
         label=label,
-        area=size * (side * side),
+        area=np.asarray(np.bincount(label[smooth], minlength=count + 1)[1:] * (side * side), np.float64),
         width=inner_width(label, count) * side,
-        residual=mean(evidence.residual),
-        multi_return_share=mean(least_around(evidence.multi_return_share, evidence.candidate)),
-        penetration=mean(least_around(evidence.penetration, evidence.candidate)),
-        height=mean(evidence.height),
-        tall=mean(np.where(evidence.height >= tall_height, 1.0, 0.0)),
+        residual=mean_in(label, count, np.where(smooth, evidence.residual, 0.0)),
+        multi_return_share=mean_in(label, count, least_around(evidence.multi_return_share, seen)),
+        penetration=mean_in(label, count, least_around(evidence.penetration, seen)),
+        height=mean_in(label, count, evidence.height),
+        tall=mean_in(label, count, evidence.height >= tall_height),
     )
 
 
 def least_around(values: Values, mask: Mask) -> Values:
     """The least value (H, W) of the cells of `mask` among the three by three around each cell."""
     return np.asarray(ndimage.minimum_filter(np.where(mask, values, np.inf), 3), np.float64)
-
-
-def level_at(
-    evidence: Evidence, cells: NDArray[np.int64], towards: NDArray[np.int64], share: float
-) -> Values:
-    """Height (K,) of the planes of cells (K,) at the given share of the way to the cells `towards` (K,)."""
-    columns = evidence.shape[1]
-    row, column = np.divmod(cells, columns)
-    to_row, to_column = np.divmod(towards, columns)
-    side = evidence.cells.side * share
-    level = evidence.level.ravel()[cells]
-    level = level + evidence.east.ravel()[cells] * (to_column - column) * side
-    return np.asarray(level - evidence.north.ravel()[cells] * (to_row - row) * side, np.float64)
 
 
 def inner_width(label: Labels, count: int) -> Values:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from eaves.detect.toolkit.cells import Cells
 from eaves.detect.toolkit.plane_moments import Sums
@@ -102,31 +105,11 @@ def planes_kernel(
             planes[3, row, column] = np.sqrt(rest / (1 + a * a + b * b))
 
 
-def window_sum(values: Values, size: int = 3) -> Values:
-    """Sum over the window at each cell, of (H, W) or (H, W, C).
-
-    A window of `size` by `size` cells begins one cell north and west of its own: three cells lie around it.
-    """
-    rows, columns = values.shape[:2]
-    flat = np.ascontiguousarray(values, np.float64).reshape(rows, -1)
-    return np.asarray(window_kernel(flat, flat.shape[1] // columns, size).reshape(values.shape))
-
-
-@kernel
-def window_kernel(values: Values, channels: int, size: int) -> Values:
-    """Sums over `size` rows and columns of (H, W * channels), the channels of a cell side by side."""
-    rows, width = values.shape
-    total = np.empty((rows, width))
-    line = np.zeros(width + 2 * channels)
-    for row in range(rows):
-        for i in range(width):
-            above = values[row - 1, i] if row > 0 else 0.0
-            below = values[row + 1, i] if size == 3 and row + 1 < rows else 0.0
-            line[channels + i] = above + values[row, i] + below
-        for i in range(width):
-            right = line[i + 2 * channels] if size == 3 else 0.0
-            total[row, i] = line[i] + line[i + channels] + right
-    return total
+def window_sum(values: NDArray[Any]) -> Values:
+    """Sum (H, W) over the three by three cells around each, of whole numbers (H, W)."""
+    ones = np.ones(WINDOW)
+    total = ndimage.convolve1d(values.astype(np.float64), ones, 0, mode="constant")
+    return np.asarray(ndimage.convolve1d(total, ones, 1, mode="constant"), np.float64)
 
 
 @kernel

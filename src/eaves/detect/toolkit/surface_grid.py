@@ -8,9 +8,9 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from eaves.detect.stage import MIN_HEIGHT_M, STOREY_M
-from eaves.detect.toolkit.cells import Cells
-from eaves.methods import Method, parameter
+from eaves.detect.stage import MIN_HEIGHT_M, STOREY_M, Detector
+from eaves.detect.toolkit.cells import Cells, side_near
+from eaves.methods import Emit, ignore, parameter
 from eaves.model import Labels, Mask, Regions, Scene, Values
 from eaves.model.scene import ROOF
 
@@ -39,9 +39,12 @@ class SurfaceGrid:
         return np.nan_to_num(self.height, nan=-np.inf) >= least
 
 
-class GrowthRules(Method):
-    """The parameters of the detectors that grow cores of roof on the grid."""
+class SurfaceDetector(Detector):
+    """A detector that finds cores of roof on the grid of the surface, and grows them."""
 
+    cell: float | None = parameter(
+        None, "Side of a cell; default: the spacing, at least 0.5.", unit="m", gt=0.0
+    )
     min_height: float = parameter(
         MIN_HEIGHT_M, "Least height over the terrain: lower objects (cars) are removed.", unit="m", ge=0.0
     )
@@ -61,6 +64,26 @@ class GrowthRules(Method):
     @property
     def buffer(self) -> float:
         return 30.0
+
+    def label(self, scene: Scene, emit: Emit = ignore) -> Regions:
+        grid = nearest_surface(scene, self.cell or side_near(max(0.5, self.usual_cell(scene.spacing))))
+        if grid is None:
+            return Regions(np.zeros(len(scene.cloud), np.int32), np.zeros(0))
+        label, score = self.groups(scene, grid, grid.high(self.min_height), emit)
+        number = np.zeros(len(scene.cloud), np.int32)
+        used = np.flatnonzero(~scene.cloud.noise)
+        inside = label.ravel()[grid.cells.cell]
+        roof = (inside > 0) & (scene.height[used] >= self.min_height) & ~scene.cloud.ground[used]
+        number[used[roof]] = inside[roof]
+        return Regions(number, score, np.where(number > 0, ROOF, 0).astype(np.uint8))
+
+    def usual_cell(self, spacing: float) -> float:
+        """Side (m) of a cell in a scan of that spacing (m); see the parameter."""
+        return spacing
+
+    def groups(self, scene: Scene, grid: SurfaceGrid, high: Mask, emit: Emit) -> tuple[Labels, Values]:
+        """Numbers (H, W) of the buildings 1…K among the `high` cells (H, W), and their scores (K,)."""
+        raise NotImplementedError
 
     def grown(self, grid: SurfaceGrid, core: Mask, like: Mask, mixed: Mask, among: Mask) -> Mask:
         """The core (H, W) grown, by up to a storey, over `mixed` cells around which enough of the cells
@@ -159,23 +182,8 @@ def surface_noise(feature: Values, grid: SurfaceGrid, below: float) -> float:
     return float(np.quantile(ground, 0.25)) if len(ground) else 0.0
 
 
-def share_in(label: Labels, count: int, mask: Mask) -> Values:
-    """Share of the cells of each segment 1…`count` of labels (H, W) that are set in a mask (H, W)."""
+def mean_in(label: Labels, count: int, values: Values | Mask) -> Values:
+    """Mean of values (H, W), or share of a mask (H, W), in each segment 1…`count` of labels (H, W)."""
     size = np.bincount(label.ravel(), minlength=count + 1)[1:]
-    hits = np.bincount(label.ravel(), weights=mask.ravel(), minlength=count + 1)[1:]
-    return np.asarray(hits / np.maximum(size, 1), np.float64)
-
-
-def regions_of_cells(scene: Scene, grid: SurfaceGrid, label: Labels, score: Values, least: float) -> Regions:
-    """Regions of the points at least `least` (m) over the terrain in labelled cells (H, W)."""
-    number = np.zeros(len(scene.cloud), np.int32)
-    used = np.flatnonzero(~scene.cloud.noise)
-    inside = label.ravel()[grid.cells.cell]
-    roof = (inside > 0) & (scene.height[used] >= least) & ~scene.cloud.ground[used]
-    number[used[roof]] = inside[roof]
-    return Regions(number, score, np.where(number > 0, ROOF, 0).astype(np.uint8))
-
-
-def no_regions(scene: Scene) -> Regions:
-    """No building at all."""
-    return Regions(np.zeros(len(scene.cloud), np.int32), np.zeros(0))
+    total = np.bincount(label.ravel(), weights=values.ravel(), minlength=count + 1)[1:]
+    return np.asarray(total / np.maximum(size, 1), np.float64)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from eaves.kernels import kernel
 from eaves.model import Bounds, Grid, PointCloud, Points
 from eaves.model.cloud import GRID_STEP
+from eaves.model.doubt import Doubt
 
 FINEST_M = 1.5
 """Side of the finest cells: two of them are as wide as a way that a car takes. Fixed, for floors are kept
@@ -21,6 +23,37 @@ COARSEST_M = 6.0
 
 STRAY_DEPTH_M, STRAY_POINTS, ENOUGH_POINTS = 1.0, 4, 2.5
 """See `Floor.heights` and `Floor.in_wide_cells`."""
+
+
+@dataclass(frozen=True, eq=False)
+class WorldGrids:
+    """Grids (H, W) of cells of a side `cell` (m) that are fixed to the world.
+
+    `west` is the number of the first column and `north` that of the first row, in cells counted east and
+    north from the origin of the world; row 0 is the northernmost.
+    """
+
+    west: int
+    north: int
+    cell: float
+    doubts: tuple[Doubt, ...] = field(default=(), kw_only=True)
+
+    def cropped(self, bounds: Bounds) -> Self:
+        """The cells within `bounds` (world metres, whole cells)."""
+        first, last = round(bounds.west / self.cell), round(bounds.east / self.cell)
+        bottom, top = round(bounds.south / self.cell), round(bounds.north / self.cell) - 1
+        rows = slice(max(0, self.north - top), max(0, self.north - bottom + 1))
+        columns = slice(max(0, first - self.west), max(0, last - self.west))
+        inside = tuple(
+            one
+            for one in self.doubts
+            if bounds.west <= one.x < bounds.east and bounds.south <= one.y < bounds.north
+        )
+        changes: dict[str, Any] = {"west": max(self.west, first), "north": min(self.north, top)}
+        for name, grid in vars(self).items():
+            if isinstance(grid, np.ndarray):
+                changes[name] = grid[rows, columns].copy()
+        return replace(self, doubts=inside, **changes)
 
 
 @dataclass(frozen=True, eq=False)

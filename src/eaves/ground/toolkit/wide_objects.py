@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from eaves.ground.toolkit.floor import Floor
+from eaves.ground.toolkit.floor import Floor, WorldGrids
 from eaves.ground.toolkit.plateaus import (
     DOWN,
     LOOK_CELLS,
@@ -39,19 +39,15 @@ Place = tuple[Integers, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class Patch(WorldGrids):
     """Extrusion surfaces in a rectangle of cells (H, W) of a side `cell` (m), numbered as in `Floor`.
 
     `ceiling`: the height from which on points are none of the terrain's, NaN where there is nothing raised;
     `terrain`: the height of the terrain well inside a raised surface, NaN elsewhere.
     """
 
-    west: int
-    north: int
-    cell: float
     ceiling: Grid
     terrain: Grid
-    doubts: tuple[Doubt, ...] = ()
 
     def cells_at(self, floor: Floor, rows: Integers, columns: Integers, right: int, up: int) -> Place:
         """Where the cells of a floor in some rows and columns lie among these, which are several times as
@@ -61,25 +57,6 @@ class Patch:
         top = (self.north + 1) * times - 1 - up - floor.north
         left = floor.west + right - self.west * times
         return np.ix_((rows + top) // times, (columns + left) // times)
-
-    def cropped(self, bounds: Bounds) -> Patch:
-        """The cells within `bounds` (world metres, whole cells)."""
-        first, last = round(bounds.west / self.cell), round(bounds.east / self.cell)
-        bottom, top = round(bounds.south / self.cell), round(bounds.north / self.cell) - 1
-        rows = slice(max(0, self.north - top), max(0, self.north - bottom + 1))
-        columns = slice(max(0, first - self.west), max(0, last - self.west))
-        return Patch(
-            max(self.west, first),
-            min(self.north, top),
-            self.cell,
-            self.ceiling[rows, columns],
-            self.terrain[rows, columns],
-            tuple(
-                doubt
-                for doubt in self.doubts
-                if bounds.west <= doubt.x < bounds.east and bounds.south <= doubt.y < bounds.north
-            ),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +136,7 @@ def most_of(floor: Floor, patches: Sequence[Patch], places: Sequence[tuple[int, 
             said = any(np.hypot(doubt.x - other.x, doubt.y - other.y) < apart for other in doubts)
             if not said and not np.isfinite(ceiling[row, column]):
                 doubts.append(doubt)
-    return Patch(floor.west, floor.north, floor.cell, ceiling, terrain, tuple(doubts))
+    return Patch(floor.west, floor.north, floor.cell, ceiling, terrain, doubts=tuple(doubts))
 
 
 def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
@@ -170,7 +147,7 @@ def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
     nothing = np.full(floor.shape, np.nan, np.float32)
     doubts = find_doubts(floor, surfaces, verdict)
     if not raised.any():
-        return Patch(floor.west, floor.north, floor.cell, nothing, nothing, doubts)
+        return Patch(floor.west, floor.north, floor.cell, nothing, nothing, doubts=doubts)
     inside = raised | enclosed_by_terrain(raised, terrain)
     region = near_cells(inside, ADJOINING) | (near_cells(inside, (2 * LOOK_CELLS) ** 2) & ~terrain)
     support = terrain & near_cells(region, LOOK_CELLS**2) & np.isfinite(floor.lowest)
@@ -188,7 +165,7 @@ def find_in_cells(floor: Floor, rules: PlateauRules) -> Patch:
         floor.cell,
         ceiling.astype(np.float32),
         np.where(core, ground, np.nan).astype(np.float32),
-        doubts,
+        doubts=doubts,
     )
 
 

@@ -18,7 +18,7 @@ from eaves.model import Boundary, Failure, Mask, Points, Values
 from eaves.outline.global_fit import circle as circles
 from eaves.outline.global_fit.low_parts import LowPartRules, low_parts
 from eaves.outline.stage import MIN_POINTS, OutlineMethod
-from eaves.outline.toolkit.alpha import SHARE, alpha_rings, triangulate_points, wide_radius
+from eaves.outline.toolkit.alpha import SHARE, traced_rings, triangulate_points, wide_radius
 from eaves.outline.toolkit.corners import Drawing, edge_lengths, ends_of_edges, joined_edges, ring_of_edges
 from eaves.outline.toolkit.edges import (
     RIGHT_ANGLE,
@@ -173,23 +173,19 @@ class GlobalFit(LowPartRules, OutlineMethod):
         if mesh is not None:
             wide = wide_radius(mesh, self.widest * spacing, self.wide_share) or spacing
             spacing = float(np.clip(np.sqrt(2.0) * wide, 0.7 * spacing, 2.0 * spacing))
-        rings = (
-            ()
-            if mesh is None
-            else alpha_rings(
-                mesh,
-                self.alpha * spacing,
-                share=self.share,
-                sparse=self.sparse,
-                sparse_points=MIN_POINTS,
-            )
+        rings = traced_rings(
+            points,
+            mesh,
+            self.alpha * spacing,
+            share=self.share,
+            min_hole=self.min_hole,
+            sparse=self.sparse,
+            sparse_points=MIN_POINTS,
         )
-        if not rings:
-            return Failure("no_area", f"{len(points)} points enclose no area", "outline")
-        kept = [points[ring, :2] for ring in rings]
-        kept = [ring for k, ring in enumerate(kept) if k == 0 or -signed_area(ring) >= self.min_hole]
-        emit("alpha rings", kept)
-        return Boundary(tuple(kept), points, spacing)
+        if isinstance(rings, Failure):
+            return rings
+        emit("alpha rings", rings)
+        return Boundary(tuple(rings), points, spacing)
 
     def regularise(self, boundaries: list[Boundary], emit: Emit = ignore) -> list[Polygon | Failure]:
         """The fitted polygons; what two of them cover is of the larger."""

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from eaves.geometry.rings import signed_area, split_loops
 from eaves.geometry.tin import Tin
 from eaves.kernels import kernel
-from eaves.model import Labels
+from eaves.model import Failure, Labels, Points
 
 SHARE = 0.95
 """The least share of the points that lie inside."""
@@ -66,10 +66,18 @@ def wide_radius(mesh: Mesh, most: float, share: float) -> float | None:
     return float(radius[order][np.searchsorted(covered, share * covered[-1])])
 
 
-def alpha_rings(
-    mesh: Mesh, radius: float, *, share: float = 0.0, sparse: float = 1.0, sparse_points: int = 1
-) -> tuple[NDArray[np.int64], ...]:
-    """Rings of numbers of points: the outer one counter-clockwise, then holes clockwise; () for no area.
+def traced_rings(
+    points: Points,
+    mesh: Mesh | None,
+    radius: float,
+    *,
+    share: float,
+    min_hole: float = 0.0,
+    sparse: float = 1.0,
+    sparse_points: int = 1,
+) -> list[NDArray[np.float64]] | Failure:
+    """Rings (M, 2) around points (N, 3): the outer counter-clockwise, then holes of at least `min_hole` (m²)
+    clockwise; a Failure where they enclose no area.
 
     The area is the union of the Delaunay triangles whose circumscribed disc, which is empty, has at most
     `radius` (m), reduced to its largest part connected over edges [edelsbrunner1983]. The radius is
@@ -77,17 +85,16 @@ def alpha_rings(
     that hang together with it at `sparse` times the radius are taken in, in groups of `sparse_points` and
     more: there something stood between the roof and the scanner.
     """
-    kept, radius = widen(mesh, radius, share)
-    if not kept.any():
-        return ()
+    kept, radius = (np.zeros(0, np.bool_), radius) if mesh is None else widen(mesh, radius, share)
+    if mesh is None or not kept.any():
+        return Failure("no_area", f"{len(points)} points enclose no area", "outline")
     if sparse > 1.0:
         kept = with_sparse_parts(mesh, kept, sparse * radius, sparse_points)
     starts, ring = boundary_kernel(mesh.triangles, mesh.neighbours, kept)
     loops = [loop for a, b in pairwise(starts.tolist()) for loop in split_loops(ring[a:b]) if len(loop) > 2]
     areas = np.array([signed_area(mesh.xy[loop]) for loop in loops])
-    outer = int(np.argmax(areas))
-    holes = [k for k in np.argsort(areas, kind="stable") if areas[k] < 0]
-    return (loops[outer], *(loops[k] for k in holes))
+    holes = [k for k in np.argsort(areas, kind="stable") if areas[k] < 0 and -areas[k] >= min_hole]
+    return [points[loops[k], :2] for k in (int(np.argmax(areas)), *holes)]
 
 
 def widen(mesh: Mesh, radius: float, share: float) -> tuple[NDArray[np.bool_], float]:

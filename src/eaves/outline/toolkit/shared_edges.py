@@ -20,8 +20,7 @@ def share_edges(polygons: Sequence[Polygon]) -> list[Polygon]:
     """The polygons with overlaps given to the larger one. Vertices of one on the edge of another become
     vertices of both."""
     shapes = list(polygons)
-    one, other = STRtree(shapes).query(shapes, predicate="intersects")
-    pairs = sorted((int(a), int(b)) for a, b in zip(one, other, strict=True) if a < b)
+    pairs = meeting_pairs(shapes)
     if not pairs:
         return shapes
     give_overlaps(shapes, pairs, [polygon.area for polygon in polygons])
@@ -29,6 +28,12 @@ def share_edges(polygons: Sequence[Polygon]) -> list[Polygon]:
     for number, polygon in zip(touched, welded_outlines([shapes[number] for number in touched]), strict=True):
         shapes[number] = polygon
     return shapes
+
+
+def meeting_pairs(shapes: Sequence[Polygon]) -> list[tuple[int, int]]:
+    """The numbers of shapes that meet, pair by pair in their order."""
+    one, other = STRtree(shapes).query(shapes, predicate="intersects")
+    return sorted((int(a), int(b)) for a, b in zip(one, other, strict=True) if a < b)
 
 
 def give_overlaps(
@@ -53,9 +58,7 @@ def welded_outlines(polygons: Sequence[Polygon]) -> list[Polygon]:
         outer, *holes = [nodes[ring] for ring, one in zip(rings, owner, strict=True) if one == number]
         joined = Polygon(outer, holes)
         answers.append(joined if joined.is_valid and joined.area > 0.0 else polygon)
-    one, other = STRtree(answers).query(answers, predicate="intersects")
-    pairs = sorted((int(a), int(b)) for a, b in zip(one, other, strict=True) if a < b)
-    give_overlaps(answers, pairs, [polygon.area for polygon in polygons], COORDINATE_STEP)
+    give_overlaps(answers, meeting_pairs(answers), [polygon.area for polygon in polygons], COORDINATE_STEP)
     return answers
 
 

@@ -27,11 +27,6 @@ class RowUnits:
     walls: NDArray[np.int64]
     certainty: NDArray[np.float64]
 
-    @property
-    def bounds(self) -> NDArray[np.int64]:
-        """The steps at which units begin and end (W + 2,)."""
-        return np.concatenate([[0], self.walls, [len(self.row.first)]])
-
 
 def label_unit_cells(plan: Plan, label: NDArray[np.int32], rows: Sequence[RowUnits], first: int) -> int:
     """Writes the number of its unit, from `first` on, into each cell of `label` that a row claims; how many
@@ -72,7 +67,6 @@ def wall_lines(
     lines = []
     for units in rows:
         row = units.row
-        steps = len(row.first)
         for wall in units.walls.tolist():
             near = min(row.first[wall - 1], row.first[wall])
             far = max(row.last[wall - 1], row.last[wall])
@@ -80,8 +74,7 @@ def wall_lines(
             ends[0] -= carried_on(plan, label, ends[0], -row.across, farthest) * row.across
             ends[1] += carried_on(plan, label, ends[1], row.across, farthest) * row.across
             lines.append(LineString(ends))
-        corners = row.strip(0.0, steps * CELL_M)
-        lines.append(LineString(corners.exterior.coords))
+        lines.append(row.rim())
     return lines
 
 

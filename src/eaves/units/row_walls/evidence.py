@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from eaves.detect.toolkit.cells import Cells
+from eaves.detect.toolkit.plane_moments import fit_planes, sums_of
 from eaves.geometry.planes import CALM_QUANTILE, measure_noise
 from eaves.kernels import kernel
 from eaves.model import Mask, Points
@@ -44,26 +46,13 @@ def roof_noise(points: Points) -> float:
     """Standard deviation (m) in height of points (N, 3) about their roofs, from planes in small squares; at
     least `USUAL_NOISE_M`.
     """
-    cell = np.floor(points[:, :2] / PATCH_M).astype(np.int64)
-    number = (cell[:, 0] - cell[:, 0].min()) * (np.ptp(cell[:, 1]) + 1) + cell[:, 1] - cell[:, 1].min()
-    count = np.bincount(number)
-    patch, count = (np.cumsum(count > 0) - 1)[number], count[count > 0]
-    full = count >= PATCH_POINTS
-    if not full.any():
+    cells = Cells.of(points, PATCH_M, margin=0)
+    full = np.flatnonzero(cells.count >= PATCH_POINTS)
+    if not len(full):
         return USUAL_NOISE_M
-    local = np.column_stack([points[:, :2] - (cell + 0.5) * PATCH_M, np.ones(len(points))])
-    middle = np.bincount(patch, points[:, 2]) / count
-    z = points[:, 2] - middle[patch]
-    normal = np.zeros((len(count), 3, 3))
-    right = np.zeros((len(count), 3))
-    for i in range(3):
-        right[:, i] = np.bincount(patch, local[:, i] * z)
-        for j in range(3):
-            normal[:, i, j] = np.bincount(patch, local[:, i] * local[:, j])
-    normal[:, [0, 1], [0, 1]] += 1e-6
-    plane = np.linalg.solve(normal[full], right[full, :, None])[:, :, 0]
-    left = np.bincount(patch, z * z)[full] - (plane * right[full]).sum(axis=1)
-    measured = measure_noise(np.maximum(left, 0.0) / count[full], count[full], CALM_QUANTILE)
+    local = points - np.floor(points.min(axis=0))
+    _, normal, rmse = fit_planes(sums_of(local, cells.cell, cells.size)[full])
+    measured = measure_noise((rmse / normal[:, 2]) ** 2, cells.count[full], CALM_QUANTILE)
     return max(measured, USUAL_NOISE_M)
 
 

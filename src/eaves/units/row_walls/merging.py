@@ -9,10 +9,18 @@ from numpy.typing import NDArray
 
 from eaves.methods import Method, parameter
 from eaves.model import Points
-from eaves.units.row_walls.certainty import sure_in_row, sure_on_border
 from eaves.units.row_walls.division import RowUnits, Walls
 from eaves.units.row_walls.evidence import WINDOW_M, wall_odds, wall_signs
 from eaves.units.row_walls.rows import CELL_M, HouseRow, Plan
+
+MOST_ODDS = 5.0
+"""Log-odds further from 0 are as sure as these."""
+
+OF_ROWS = (0.91, 0.34)
+OF_BORDERS = (-0.66, 0.72)
+"""Log-odds that a wall is there: a + b · log-odds found; learned on the walls of the towns that the weights
+were learned on, by `python -m benchmarks.accuracy.unit_weights`.
+"""
 
 
 class MergeRules(Method):
@@ -134,3 +142,20 @@ def border_odds(plan: Plan, places: NDArray[np.float64], points: Points, noise: 
     )
     odds = wall_odds(wall_signs(row, points, noise))
     return float(odds[steps // 2 - 2 : steps // 2 + 3].max())
+
+
+def sure_in_row(chance: float) -> float:
+    """The calibrated probability of a wall in a row, from that among all divisions of the row."""
+    with np.errstate(divide="ignore"):
+        return calibrated(float(np.log(chance) - np.log1p(-chance)), OF_ROWS)
+
+
+def sure_on_border(odds: float) -> float:
+    """The calibrated probability of a wall on the border of two rows, from its log-odds."""
+    return calibrated(odds, OF_BORDERS)
+
+
+def calibrated(odds: float, line: tuple[float, float]) -> float:
+    """The probability at log-odds on a line [platt1999]."""
+    held = float(np.clip(odds, -MOST_ODDS, MOST_ODDS))
+    return float(1.0 / (1.0 + np.exp(-line[0] - line[1] * held)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
@@ -84,12 +83,6 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
     regular_gain: float = parameter(
         2.0, "Logarithm of how much better a usual width must explain a row than any width.", ge=0.0
     )
-    least_sure: float = parameter(
-        0.5,
-        "Least probability that a block is several buildings; under it a detached house of wings stays one.",
-        ge=0.0,
-        le=1.0,
-    )
     carried_on: float = parameter(
         HOUSE_M, "A wall is carried on through annexes and sheds by at most this much.", unit="m", gt=0.0
     )
@@ -107,8 +100,7 @@ class RowWalls(MergeRules, RowRules, UnitMethod):
         odds = [wall_odds(wall_signs(row, points, noise)) for row in rows]
         found = [self.walls_of(row, own) for row, own in zip(rows, odds, strict=True)]
         emit("rows", rows)
-        several = odds_of_several(found, odds, len(points), outline.area)
-        if 1.0 / (1.0 + np.exp(-several)) < self.least_sure:
+        if odds_of_several(found, odds, len(points), outline.area) < 0.0:  # a house of wings stays one
             return whole
         label = np.zeros(plan.main.shape, np.int32)
         label_unit_cells(plan, label, found, 1)
@@ -163,7 +155,8 @@ def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
     """Unit vectors (K, 2) along the edges of an outline, those with most length first, each once and with at
     least the `shortest` length (m).
     """
-    step = np.vstack([np.diff(np.asarray(ring.coords)[:, :2], axis=0) for ring in unit_rings(outline)])
+    rings = outline.exterior, *outline.interiors
+    step = np.vstack([np.diff(np.asarray(ring.coords)[:, :2], axis=0) for ring in rings])
     length = np.hypot(step[:, 0], step[:, 1])
     angle = np.arctan2(step[:, 1], step[:, 0])
     found: list[float] = []
@@ -178,8 +171,3 @@ def directions_of(outline: Polygon, shortest: float) -> NDArray[np.float64]:
         found.append(float(angle[best] - np.average(apart[best][along_it], weights=length[along_it])))
         length, angle = length[~along_it], angle[~along_it]
     return np.column_stack([np.cos(found), np.sin(found)])
-
-
-def unit_rings(outline: Polygon) -> list[shapely.LinearRing]:
-    """The outer ring and the holes."""
-    return [outline.exterior, *outline.interiors]

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
+from shapely import LineString, Polygon
 
 from eaves.methods import Method, parameter
 from eaves.model import Mask, Points
@@ -159,13 +159,11 @@ class HouseRow:
         s, t = (x * one + y * other for one, other in turn)
         return s, t
 
-    def strip(self, start: float, end: float) -> Polygon:
-        """The parallelogram of the row's ground between two places on its front (m)."""
-        first = round(start / CELL_M)
-        own = slice(first, max(round(end / CELL_M), first + 1))
-        near, far = float(self.first[own].min()), float(self.last[own].max())
-        corners = self.place(np.array([start, end, end, start]), np.array([near, near, far, far]))
-        return shapely.orient_polygons(Polygon(np.column_stack(corners)))
+    def rim(self) -> LineString:
+        """The parallelogram around the row's ground."""
+        near, far = float(self.first.min()), float(self.last.max())
+        s, t = np.array([0.0, self.length, self.length, 0.0, 0.0]), np.array([near, near, far, far, near])
+        return LineString(np.column_stack(self.place(s, t)))
 
 
 def fronts_of(outline: Polygon, limits: RowRules) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:

@@ -1,12 +1,61 @@
-"""Roofs under crowns: planes of buildings carried on below the foliage, as far as points lie on them."""
+"""Roofs that show no points of their own: holes in the data with a level rim (glass, water, wet bitumen), and
+planes of buildings carried on below crowns, as far as points lie on them."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
-from eaves.detect.consensus.evidence import Evidence
+from eaves.detect.consensus.evidence import Evidence, groups_of
+from eaves.detect.stage import MIN_AREA_M2, MOST
+from eaves.methods import Method, parameter
 from eaves.model import Labels, Mask, Points, Values
+from eaves.raster.squares import grown_by_square
+
+
+class VoidRules(Method):
+    """Which holes in the data are roofs."""
+
+    void_rim_share: float = parameter(
+        MOST, "Share of a hole's rim, at least, well above the terrain.", ge=0.0, le=1.0
+    )
+    void_rim_spread: float = parameter(
+        1.0,
+        "Range of the rim's heights, at most, without the lowest and the highest tenth: it is level.",
+        unit="m",
+        gt=0.0,
+    )
+    void_rim_several: float = parameter(
+        0.5,
+        "Share, at most, of the rim's points from pulses with several returns: it is no crown.",
+        ge=0.0,
+        le=1.0,
+    )
+
+
+def find_roof_voids(evidence: Evidence, limits: VoidRules) -> tuple[Mask, Mask]:
+    """Empty cells (H, W) that a level, raised rim surrounds, and the raised cells of those rims (H, W). Holes
+    narrower than a window are chance."""
+    empty = (evidence.cells.count == 0).reshape(evidence.shape)
+    found, count = ndimage.label(empty)
+    area = np.bincount(found.ravel()) * evidence.cells.side**2
+    likely = (np.bincount(found[ndimage.binary_erosion(empty)], minlength=count + 1) > 0) & (
+        area >= MIN_AREA_M2
+    )
+    likely[0] = False
+    void, rims = np.zeros(evidence.shape, bool), np.zeros(evidence.shape, bool)
+    for _, around, hole in groups_of(np.where(likely[found], found, 0)):
+        rim = grown_by_square(hole, 3) & ~hole
+        raised = rim & evidence.candidate[around]
+        if raised.sum() < limits.void_rim_share * rim.sum():
+            continue
+        low, high = np.percentile(evidence.height[around][raised], (10, 90))
+        several = evidence.multi_return_share[around][raised].mean()
+        if high - low <= limits.void_rim_spread and several <= limits.void_rim_several:
+            void[around] |= hole
+            rims[around] |= raised
+    return void, rims
 
 
 def find_hidden_roofs(
