@@ -75,7 +75,7 @@ def test_a_crossing_beside_a_node_inside_is_at_that_node(beside: float) -> None:
     plan = four_cells()
     planes = quadrants(plan, {(False, False): 4.0, (True, False): 5.0, (False, True): 4.0, (True, True): 0.0})
     planes[planes[:, 2] == 0.0] = [2.0, 0.0, 5.0 - 2.0 * (2.0 + beside)]
-    split = split_crossings(plan, planes)
+    split = split_crossings(plan, planes, np.zeros((plan.count, 3)))
     assert len(split.nodes) == len(plan.nodes)
     assert split.length.min() > SHORTEST_BORDER
     assert np.any(np.all(np.isclose(split.nodes, [2.0 + beside, 2.0]), axis=1))
@@ -87,7 +87,7 @@ def test_a_crossing_further_away_gets_a_node_of_its_own() -> None:
     plan = four_cells()
     planes = quadrants(plan, {(False, False): 4.0, (True, False): 5.0, (False, True): 4.0, (True, True): 0.0})
     planes[planes[:, 2] == 0.0] = [2.0, 0.0, 5.0 - 2.0 * (2.0 + 0.021)]
-    split = split_crossings(plan, planes)
+    split = split_crossings(plan, planes, np.zeros((plan.count, 3)))
     assert len(split.nodes) == len(plan.nodes) + 1
     assert np.array_equal(split.nodes[:-1], plan.nodes)
 
@@ -97,7 +97,7 @@ def test_a_crossing_beside_the_outline_moves_no_node_of_it() -> None:
     assert plan is not None
     south = [shape.centroid.y < 2 for shape in plan.polygons()]
     planes = np.array([[0.0, 0.0, 5.0] if one else [2.0, 0.0, 5.0 - 2.0 * 0.012] for one in south])
-    split = split_crossings(plan, planes)
+    split = split_crossings(plan, planes, np.zeros((plan.count, 3)))
     assert np.array_equal(split.nodes[:-1], plan.nodes)
     assert split.nodes[-1].tolist() == [0.012, 2.0]
 
