@@ -227,8 +227,8 @@ def arrange(
     """The cells that segments (S, 4: x, y, x, y) cut a polygon into, nodes on the grid (m).
 
     Ends that hang free cut nothing. Necks and gaps narrower than `NARROWEST_NECK` are parted and filled
-    first, and places where segments meet, that near to each other, are one. None when the polygon has no area
-    on the grid.
+    first, and places where segments meet, that near to each other, are one. None when the polygon has no
+    area on the grid.
     """
     whole = without_necks(shapely.set_precision(polygon, grid), grid)
     if whole.is_empty:

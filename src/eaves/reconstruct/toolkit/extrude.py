@@ -10,6 +10,7 @@ from operator import itemgetter
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely import Polygon
 
 from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
@@ -32,8 +33,8 @@ SAME_HEIGHT = 0.4 * PLANARITY
 """Heights over one node that are nearer than this (m) become one vertex, half of it off each plane: with the
 rounding of coordinates within 0.01 feet of it, the limit for files in feet."""
 
-SQUARE = SHORTEST_EDGE
-"""Half the diagonal (m) of the square by which cells step back from a node."""
+PATCH = SHORTEST_EDGE
+"""How far (m) cells step back from a node where they would touch in an upright edge, between its edges."""
 
 
 @inlined_kernel
@@ -327,24 +328,29 @@ def joined_cells(plan: Coverage, tops: NDArray[np.float64], floors: NDArray[np.f
 def step_back(
     coverage: Coverage, planes: NDArray[np.float64], places: NDArray[np.float64]
 ) -> tuple[Coverage, Integers] | None:
-    """The coverage with a little square around each of the nodes at `places` (K, 2) given to the lowest cell
+    """The coverage with a little patch around each of the nodes at `places` (K, 2) given to the lowest cell
     there, to the outside where that touches itself, and the cells kept; None where that cannot be drawn.
     """
-    squares = shapely.buffer(shapely.points(places), SQUARE, quad_segs=1)
+    patches, lowest = [], []
+    for place in places:
+        leaving = np.flatnonzero((coverage.nodes[coverage.start] == place).all(axis=1))
+        step, cell = coverage.nodes[coverage.end[leaving]] - place, coverage.cell[leaving]
+        angle = np.sort(np.arctan2(step[:, 1], step[:, 0]))
+        between = angle + 0.5 * np.mod(np.roll(angle, -1) - angle, 2.0 * np.pi)
+        patches.append(Polygon(place + PATCH * np.column_stack([np.cos(between), np.sin(between)])))
+        inside = cell[cell != OUTSIDE]
+        least = inside[np.argmin(planes[inside] @ np.append(place, 1.0))]
+        lowest.append(least if len(inside) >= len(cell) - 1 else OUTSIDE)
     polygons = coverage.polygons()
-    cells, owner = cut_polygons(polygons, np.append(shapely.boundary(polygons), shapely.boundary(squares)))
-    square, cell = shapely.STRtree(shapely.point_on_surface(cells)).query(squares, predicate="contains")
-    for number, place in enumerate(places):
-        around = coverage.cell[(coverage.nodes[coverage.start] == place).all(axis=1)]
-        inside = around[around != OUTSIDE]
-        lowest = inside[np.argmin(planes[inside] @ np.append(place, 1.0))]
-        owner[cell[square == number]] = lowest if np.sum(around == OUTSIDE) < 2 else OUTSIDE
+    cells, owner = cut_polygons(polygons, shapely.boundary([*polygons, *patches]))
+    patch, cell = shapely.STRtree(shapely.point_on_surface(cells)).query(patches, predicate="contains")
+    owner[cell] = np.array(lowest)[patch]
     cut = coverage_of(cells, COORDINATE_STEP)
     return None if cut is None else cut.merged(owner)
 
 
-FIRMNESS = (1.0, 2.5, 6.0)
-"""Multiples of the shortest edge, tried in turn until the solids are sound."""
+FIRMNESS = 2.5
+"""Where solids are not sound, the shortest edge is taken so many times as long, twice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,8 +377,8 @@ def extrude_plan(
     Faces smaller than the limit (m²), or narrower than the shortest edge, go to their neighbours.
     """
     defect = ""
-    for firmness in FIRMNESS:
-        tidied, kept = tidy(plan, labels, smallest, firmness * SHORTEST_EDGE)
+    for turn in range(3):
+        tidied, kept = tidy(plan, labels, smallest, FIRMNESS**turn * SHORTEST_EDGE)
         solids = extrude(tidied, planes[kept], ground)
         if solids is None:
             defect = "the plan touches itself"
