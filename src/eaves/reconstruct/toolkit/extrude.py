@@ -246,7 +246,9 @@ def close_cells(
     under = np.where(stands, 0, over + 1)
     solids, touching = [], [np.zeros((0, 2))]
     for number in range(int(group.max(initial=-1)) + 1):
-        part, cells = plan.merged(np.where(group == number, np.arange(plan.count), OUTSIDE))
+        part, cells = plan, np.arange(plan.count)
+        if group.any():
+            part, cells = plan.merged(np.where(group == number, cells, OUTSIDE))
         known = (part.nodes, part.start, part.cell, part.twin, part.following)
         faces = (over[cells], under[cells])
         vertices, vertex, spans, used, nodes = columns_kernel(*known, tops[cells], floors[cells], *faces)
