@@ -42,13 +42,12 @@ FREE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class RowHouse:
-    """A house: its points (N, 3), local metres, plan, members of the main roof, points above it, fit."""
+    """A house: its points (N, 3), local metres, plan, members of the main roof, fit."""
 
     number: int
     points: Points
     plan: shapely.Polygon
     roof: NDArray[np.int64]
-    standing: Points
     house: ParametricBuilding
 
     def measures(self) -> list[float]:
@@ -76,7 +75,7 @@ class RowHouse:
     def halves(self) -> NDArray[np.float64]:
         """Differences of the four measures between two fits, each to every other point of the roof."""
         own = self.points[self.roof]
-        fits = [fit_building(own[start::2], standing=self.standing[start::2]) for start in (0, 1)]
+        fits = [fit_building(own[start::2]) for start in (0, 1)]
         both = [measures_of(fit) if isinstance(fit, ParametricBuilding) else [np.nan] * 4 for fit in fits]
         return np.asarray(both[0]) - np.asarray(both[1])
 
@@ -97,12 +96,10 @@ def row_houses(data: Path) -> Iterator[tuple[str, list[RowHouse]]]:
             own = own - origin
             pair = main_pair(segment_roof(own, 0.3))
             roof = np.sort(np.concatenate([plane.members for plane in pair]))
-            above = own[:, 2] > np.min([plane.height_at(own) for plane in pair], axis=0)
-            above[roof] = False
-            house = fit_building(own[roof], standing=own[above])
+            house = fit_building(own[roof])
             if isinstance(house, ParametricBuilding):
                 local = shapely.transform(plan, lambda xy, shift=origin[:2]: xy - shift)
-                houses.append(RowHouse(number, own, local, roof, own[above], house))
+                houses.append(RowHouse(number, own, local, roof, house))
         yield name, houses
 
 

@@ -37,7 +37,7 @@ NUMBERS_OF_STEPS = {
     "contours": "cell_least interval tolerance rise window storey max_step cell edge_height",
     "roof_attributes": "min_height window storey max_step cell steep like_normal",
     "height_texture": "min_height window storey max_step cell",
-    "tin_faces": "min_area cell least_cell rings distance_share finish",
+    "tin_faces": "min_area cell least_cell finish",
     "maas_vosselman": "least_fill smallest_primitive houses faces",
 }
 """Parameters without which a step could not run, or that nothing reads when its rule is off."""

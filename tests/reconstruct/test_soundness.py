@@ -10,7 +10,6 @@ from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE
 from eaves.reconstruct.toolkit.coverage import arrange
 from eaves.reconstruct.toolkit.soundness import (
     FLATTEST_SHARE,
-    bend_defect,
     fold_defect,
     on_own_plane,
     plan_defect,
@@ -51,7 +50,7 @@ def test_faces_proved_sound_have_no_defect() -> None:
             steady += 1
             flat = {1: on_own_plane(solid, solid.faces[1].rings)}
             assert np.abs(flat[1][:, 2]).max() <= FLATTEST_SHARE * PLANARITY
-            assert not bend_defect(solid, flat) and not fold_defect(solid, flat)
+            assert not fold_defect(solid, flat)
     assert clear > 500 and steady > 0.2 * sloped
 
 

@@ -7,11 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane, Solid
 from eaves.reconstruct.toolkit.attributes import (
-    FEWEST_POINTS,
     NEAR_M,
     Surface,
     describe_roof,
@@ -23,7 +21,7 @@ from eaves.reconstruct.toolkit.coverage import Coverage, arrange
 from eaves.reconstruct.toolkit.evidence import (
     LOWEST_ROOF,
     faces_as_planes,
-    points_inside,
+    seen_roof,
     spacing_on_roof,
     support_of,
 )
@@ -125,12 +123,11 @@ class Arrangement(ObjectLimits):
         emit: Emit = ignore,
     ) -> BuildingModel | Failure:
         """The model of one building from its points (N, 3) and roof planes."""
-        inside = points_inside(points, footprint.polygon)
-        top = inside[roof_point_mask(points[inside])]
+        seen = seen_roof(points, footprint)
+        if isinstance(seen, Failure):
+            return seen
+        inside, top = seen
         roof = points[top]
-        if len(roof) < FEWEST_POINTS:
-            reason = f"{len(roof)} roof points inside the footprint"
-            return Failure("too_few_points", reason, self.stage, footprint)
         spacing = spacing_on_roof(roof, footprint.polygon)
         labels, coefficients = support_of(points, top, planes, spacing, ground, self)
         plan = self.cut(footprint, roof, labels, coefficients, spacing, emit)

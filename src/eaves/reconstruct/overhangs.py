@@ -16,7 +16,7 @@ from eaves.geometry.neighbours import measure_spacing
 from eaves.model import Bounds, BuildingModel, Mask, Points, Solid, Values
 from eaves.model.building import WALL_SURFACE
 from eaves.model.checks import check_points, check_type
-from eaves.reconstruct.toolkit.attributes import surface_heights
+from eaves.reconstruct.toolkit.attributes import LEAST_SHOWN, surface_heights
 from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS
 from eaves.reconstruct.toolkit.undersides import RoofPlan, build_overhanging, walls_inside
 
@@ -27,8 +27,6 @@ WALL, OPEN, UNKNOWN = "seen", "open", "unknown"
 """State of the building under an edge of its roof."""
 FEWEST_IN_STRIP = 4
 """Fewer points in a strip say nothing: three lie in it by chance."""
-POINTS_AROUND = 16.0
-"""Points of a roof that are counted around a place, about: their number is then known to a quarter."""
 
 
 @dataclass(frozen=True)
@@ -40,35 +38,35 @@ class OverhangRules:
     """
 
     widest: float = 1.5
-    """Walls are looked for up to this far (m) inside the edge of the roof."""
-    outside: float = 0.3
-    """And this far (m) outside: outlines and wall points are both uncertain."""
+    """Walls are looked for up to this far (m) inside the edge of the roof; lower roofs have no room below."""
     window: float = 0.2
     """Points of one wall lie in a strip this wide (m): relief of a wall, and noise of a scan in plan; nearer
-    than this to the underside they are of the roof's edge or gutter."""
+    than this to the underside they are of the roof's edge or gutter. Overhangs of less than half of it are
+    not built."""
     thickness: float = 0.25
     """Upright thickness (m) of a roof at its edge, which no scan from above shows: rafter, boards, tiles."""
-    above_ground: float = 0.4
-    """Points lower than this (m) over the terrain are ground, kerbs, low plants."""
-    points: int = FEWEST_IN_STRIP
-    """Fewest points that show a wall or an open side."""
-    certainty: float = 0.95
+    certainty: float = 0.85
     """Least certainty of a wall: one less the chance that as many of the points strewn there would lie in one
-    strip of three."""
-    certainty_together: float = 0.85
-    """The same for a roof that shows no sure wall and no ground beneath: four points of four in one strip."""
+    strip of three, as four of four do."""
     spread: float = 0.25
     """Share of an edge along which its wall's points lie, at least: a post or a shrub is no wall."""
-    least: float = 0.1
-    """Smaller overhangs (m) are not built."""
-    covered: float = 0.7
-    """Share of the points of a roof over what is under it: at its true edge half of them lie around a place,
-    and beside it none. So much of the ground that is seen under a roof lies under points of it, and it is
-    seen along so much of an open edge."""
-    open_depth: float = 0.6
-    """Ground seen farther (m) than this inside an edge without a wall lies under a roof without walls."""
-    open_height: float = 1.5
-    """Roofs lower than this (m) over the ground have no room below."""
+
+    @property
+    def beside(self) -> float:
+        """How far (m) the middle of a strip is from the far side of the next: walls are looked for so far
+        outside an edge, too, for outlines and wall points are both uncertain."""
+        return 1.5 * self.window
+
+    @property
+    def above_ground(self) -> float:
+        """Points lower than this (m) over the terrain are ground, kerbs, low plants."""
+        return 2.0 * self.window
+
+    @property
+    def open_depth(self) -> float:
+        """Ground seen farther (m) than this, three strips, inside an edge without a wall lies under a roof
+        without walls."""
+        return 2.0 * self.beside
 
 
 @dataclass(frozen=True)
@@ -152,46 +150,32 @@ def measure_overhangs(
     """
     rules = rules or OverhangRules()
     start, end = edges_inward(outline)
-    seen = Bounds(*outline.bounds).buffered(rules.outside + rules.window).contains(points)
+    seen = Bounds(*outline.bounds).buffered(rules.beside + rules.window).contains(points)
     points, over_ground = points[seen], over_ground[seen]
     over, below = depth_below(solids, outline, points, rules)
     upright = below & (over_ground > rules.above_ground)
-    low = below & (over_ground <= rules.above_ground) & (over > rules.open_height)
-    on_roof = shapely.contains_xy(outline, points[:, 0], points[:, 1]) & (np.abs(over) < rules.thickness)
-    cover = Cover.of(points[on_roof])
-    within = shapely.contains_xy(outline, points[upright, 0], points[upright, 1])
-    wall, passing = points[upright], points[low]
-    found = find_walls(start, end, wall, cover, rules)
+    wall, passing = points[upright], points[below & ~upright & (over > rules.widest)]
+    found = find_walls(start, end, wall, rules)
     along, depth, length = edge_frames(start, end, passing)
     beneath = shapely.contains_xy(outline, passing[:, 0], passing[:, 1])
-    covered = cover.share_around(passing) >= rules.covered
+    roof = points[shapely.contains_xy(outline, points[:, 0], points[:, 1]) & (np.abs(over) < rules.thickness)]
+    if len(roof) and len(passing):
+        beneath &= cKDTree(roof[:, :2]).query(passing[:, :2])[0] <= measure_spacing(roof)
     edge_of = nearest_edge(start, end, passing)
     left = [edge for edge in range(len(start)) if edge not in found]
-    seen_deep = {edge: beneath & (edge_of == edge) & (depth[edge] > rules.open_depth) for edge in left}
-    deep = {edge: int((own & covered).sum()) for edge, own in seen_deep.items()}
-    whole, whole_deep = sum(int(own.sum()) for own in seen_deep.values()), sum(deep.values())
+    deep = {edge: beneath & (edge_of == edge) & (depth[edge] > rules.open_depth) for edge in left}
     # a roof none of whose walls is seen stands free when its edges together show the ground below, and more
     # of it than of what may be a wall; a single point may be an error
-    hanging = int(
-        (shapely.distance(outline.exterior, shapely.points(wall[within, :2])) > rules.outside).sum()
-    )
-    together = max(2, rules.covered * whole, hanging + 1)
-    free = not found and whole_deep >= together
-    if not found and whole_deep == 0:
-        found = find_walls(start, end, wall, cover, replace(rules, certainty=rules.certainty_together))
-        left = [edge for edge in left if edge not in found]
-    for edge in left:
-        extent = float(np.ptp(along[edge][seen_deep[edge] & covered])) if deep[edge] else 0.0
-        is_open = deep[edge] >= max(rules.points, rules.covered * seen_deep[edge].sum())
-        is_open = is_open and extent >= rules.covered * length[edge]
-        is_open = is_open or (free and deep[edge] > 0)
-        found[edge] = Overhang(
-            *ends_of(start, end, edge),
-            OPEN if is_open else UNKNOWN,
-            None,
-            1.0 - 0.5 ** deep[edge] if is_open else 0.0,
-            deep[edge],
-        )
+    within = wall[shapely.contains_xy(outline, wall[:, 0], wall[:, 1]), :2]
+    hanging = int((shapely.distance(outline.exterior, shapely.points(within)) > rules.beside).sum())
+    free = not found and sum(int(own.sum()) for own in deep.values()) >= max(2, hanging + 1)
+    for edge, own in deep.items():
+        count = int(own.sum())
+        extent = float(np.ptp(along[edge][own])) if count else 0.0
+        is_open = count >= FEWEST_IN_STRIP and extent >= LEAST_SHOWN * length[edge]
+        is_open = is_open or (free and count > 0)
+        kind, certainty = (OPEN, 1.0 - 0.5**count) if is_open else (UNKNOWN, 0.0)
+        found[edge] = Overhang(*ends_of(start, end, edge), kind, None, certainty, count)
     return [found[edge] for edge in range(len(start))]
 
 
@@ -199,15 +183,12 @@ def find_walls(
     start: NDArray[np.float64],
     end: NDArray[np.float64],
     wall: Points,
-    cover: Cover,
     rules: OverhangRules,
 ) -> dict[int, Overhang]:
-    """The edges (E, 2) under which upright points (N, 3) below the roof show a wall with a certainty of at
-    least `certainty`; unknown those where the outline reaches beyond the wall, but no roof.
-    """
+    """The edges (E, 2) under which upright points (N, 3) below the roof show a wall."""
     along, inside, length = edge_frames(start, end, wall)
     around = (along > 0.0) & (along < length[:, None])
-    near = around & (inside > -rules.outside) & (inside < rules.widest)
+    near = around & (inside > -rules.beside) & (inside < rules.widest)
     found: dict[int, Overhang] = {}
     left = set(range(len(start)))
     while left:
@@ -221,10 +202,7 @@ def find_walls(
         if certainty < rules.certainty:
             break
         left.discard(edge)
-        if cover.share_of_strip(start[edge], end[edge], width) >= rules.covered:
-            found[edge] = Overhang(*ends_of(start, end, edge), WALL, max(width, 0.0), certainty, count)
-        else:  # the outline, not the roof, reaches beyond the wall
-            found[edge] = Overhang(*ends_of(start, end, edge), UNKNOWN, None, 0.0, count)
+        found[edge] = Overhang(*ends_of(start, end, edge), WALL, max(width, 0.0), certainty, count)
         own = near[edge] & (np.abs(inside[edge] - width) <= 0.5 * rules.window)
         near[:, own] = False
         around[:, own] = False
@@ -237,45 +215,6 @@ def ends_of(
     """Where an edge of those from `start` to `end` (E, 2) starts and ends."""
     (x, y), (u, v) = start[edge].tolist(), end[edge].tolist()
     return (x, y), (u, v)
-
-
-@dataclass(frozen=True, eq=False)
-class Cover:
-    """The points on a roof (N, 3), of which `around` (median) lie within `reach` (m) of one: whether there is
-    roof over a place.
-    """
-
-    points: Points
-    reach: float
-    around: float
-
-    @classmethod
-    def of(cls, points: Points) -> Cover:
-        """The cover that points on a roof show."""
-        if len(points) < FEWEST_IN_STRIP:
-            return cls(points, 1.0, 0.0)
-        reach = measure_spacing(points) * float(np.sqrt(POINTS_AROUND / np.pi))
-        tree = cKDTree(points[:, :2])
-        others = tree.query_ball_point(points[:, :2], reach, return_length=True) - 1
-        return cls(points, reach, float(np.median(others)))
-
-    def share_of_strip(self, start: NDArray[np.float64], end: NDArray[np.float64], width: float) -> float:
-        """Points in the strip along an edge over those that its area should hold; 1 where it is too narrow to
-        hold several.
-        """
-        along, inside, length = edge_frames(start[None], end[None], self.points)
-        wanted = float(self.around / (np.pi * self.reach**2) * width * length[0])
-        if wanted < FEWEST_IN_STRIP:
-            return 1.0
-        own = (along[0] > 0.0) & (along[0] < length[0]) & (inside[0] > 0.0) & (inside[0] < width)
-        return float(own.sum()) / wanted
-
-    def share_around(self, places: Points) -> Values:
-        """Points around places (N, 3) over those around one of the roof."""
-        if self.around == 0.0 or len(places) == 0:
-            return np.zeros(len(places))
-        tree = cKDTree(self.points[:, :2])
-        return np.asarray(tree.query_ball_point(places[:, :2], self.reach, return_length=True)) / self.around
 
 
 def edges_inward(outline: Polygon) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -338,20 +277,18 @@ def find_strip(
     of which may lie outside what is searched, fall into the strip: a crown fills all three.
     """
     places = np.sort(inside[near])
-    count = len(places)
-    if count < rules.points:
-        return 0.0, 0.0, 0
     last = np.searchsorted(places, places + rules.window, side="right")
-    first = int(np.argmax(last - np.arange(count)))
-    inner = places[first : last[first]]
+    first = int(np.argmax(last - np.arange(len(places)))) if len(places) else 0
+    inner = places[first : last[first]] if len(places) else places
+    if len(inner) < FEWEST_IN_STRIP:
+        return 0.0, 0.0, len(inner)
     middle = float(np.median(inner))
     own = near & (np.abs(inside - middle) <= 0.5 * rules.window)
-    beside = around & (np.abs(inside - middle) <= 1.5 * rules.window)
-    places_tried = (rules.widest + rules.outside) / rules.window
-    chance = min(1.0, places_tried * float(bdtrc(own.sum() - 1, beside.sum(), 1.0 / 3.0)))
-    extent = float(np.ptp(along[own])) if own.any() else 0.0
-    if len(inner) < rules.points or extent < rules.spread * length:
+    if not own.any() or np.ptp(along[own]) < rules.spread * length:
         return 0.0, middle, len(inner)
+    beside = around & (np.abs(inside - middle) <= rules.beside)
+    places_tried = (rules.widest + rules.beside) / rules.window
+    chance = min(1.0, places_tried * float(bdtrc(own.sum() - 1, beside.sum(), 1.0 / 3.0)))
     return 1.0 - chance, middle, len(inner)
 
 
@@ -435,7 +372,7 @@ def build_part(
         parts, touching = build_overhanging(roof, Polygon(), rules.thickness)
         return (parts, edges) if len(touching) == 0 else ((), edges)
     width = np.array([edge.width if edge.width is not None else 0.0 for edge in edges])
-    width[width < rules.least] = 0.0
+    width[width < 0.5 * rules.window] = 0.0
     lines = shapely.linestrings([[edge.start, edge.end] for edge in edges])
     for _ in range(MOST_ROUNDS):
         walls = walls_inside(outline, width.tolist())

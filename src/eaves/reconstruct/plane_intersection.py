@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
-from eaves.reconstruct.toolkit.attributes import FEWEST_POINTS, describe_roof
+from eaves.reconstruct.toolkit.attributes import describe_roof
 from eaves.reconstruct.toolkit.coverage import Coverage, arrange
 from eaves.reconstruct.toolkit.evidence import (
     faces_as_planes,
-    points_inside,
+    seen_roof,
     support_of,
 )
 from eaves.reconstruct.toolkit.extrude import extrude_plan
@@ -74,12 +74,11 @@ class PlaneIntersection(LineReconstructor):
         emit: Emit = ignore,
     ) -> BuildingModel | Failure:
         """The polyhedron of one building from its points (N, 3) and roof planes."""
-        inside = points_inside(points, footprint.polygon)
-        top = inside[roof_point_mask(points[inside])]
+        seen = seen_roof(points, footprint)
+        if isinstance(seen, Failure):
+            return seen
+        top = seen[1]
         roof = points[top]
-        if len(roof) < FEWEST_POINTS:
-            reason = f"{len(roof)} roof points inside the footprint"
-            return Failure("too_few_points", reason, self.stage, footprint)
         if not planes:
             return Failure("no_plane", "no roof plane was found among the points", self.stage, footprint)
         spacing = measure_spacing(roof)
@@ -91,13 +90,29 @@ class PlaneIntersection(LineReconstructor):
             return Failure("no_area", "the footprint encloses no area wider than 3 cm", self.stage, footprint)
         plan, chosen = plan.merged(vote(plan, roof, labels, len(coefficients)))
         emit("plan", plan.polygons())
-        fine = extrude_plan(plan, chosen, coefficients, ground, self.smallest)
-        if not fine.solids:
-            return Failure("not_closed", f"the polyhedron has {fine.defect}", self.stage, footprint)
-        solids = {**coarse_solids(plan, roof, ground, self.level_jump, self.smallest), "2.2": fine.solids}
-        model = BuildingModel(footprint, solids)
-        model = model.with_(planes=faces_as_planes(model, coefficients[fine.labels], points, top))
-        return model.with_(attributes=describe_roof(model, points[inside], roof, ground))
+        return raise_polyhedron(plan, chosen, coefficients, points, seen, footprint, ground, self)
+
+
+def raise_polyhedron(
+    plan: Coverage,
+    chosen: Integers,
+    planes: NDArray[np.float64],
+    points: Points,
+    seen: tuple[NDArray[np.int64], NDArray[np.int64]],
+    footprint: Footprint,
+    ground: float,
+    limits: PlaneIntersection,
+) -> BuildingModel | Failure:
+    """The model over a plan whose cells carry the `chosen` (C,) of the planes (P, 3); `seen` are the numbers
+    of the points (N, 3) inside the footprint and on the roof."""
+    inside, top = seen
+    fine = extrude_plan(plan, chosen, planes, ground, limits.smallest)
+    if not fine.solids:
+        return Failure("not_closed", f"the polyhedron has {fine.defect}", "reconstruct", footprint)
+    solids = coarse_solids(plan, points[top], ground, limits.level_jump, limits.smallest)
+    model = BuildingModel(footprint, {**solids, "2.2": fine.solids})
+    model = model.with_(planes=faces_as_planes(model, planes[fine.labels], points, top))
+    return model.with_(attributes=describe_roof(model, points[inside], points[top], ground))
 
 
 def vote(plan: Coverage, roof: Points, labels: Labels, count: int) -> Integers:

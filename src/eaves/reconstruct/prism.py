@@ -6,16 +6,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Points, RoofPlane
 from eaves.reconstruct.stage import Reconstructor
-from eaves.reconstruct.toolkit.attributes import FEWEST_POINTS, describe_roof
+from eaves.reconstruct.toolkit.attributes import describe_roof
 from eaves.reconstruct.toolkit.coverage import arrange
 from eaves.reconstruct.toolkit.evidence import (
     LOWEST_ROOF,
     PRISM_PERCENTILE,
-    points_inside,
+    seen_roof,
 )
 from eaves.reconstruct.toolkit.extrude import extrude
 from eaves.reconstruct.toolkit.soundness import find_defect
@@ -70,12 +69,11 @@ class Prism(Reconstructor):
         emit: Emit = ignore,
     ) -> BuildingModel | Failure:
         """The block model of one building from its points (N, 3)."""
-        inside = points_inside(points, footprint.polygon)
-        roof = points[inside[roof_point_mask(points[inside])]]
-        if len(roof) < FEWEST_POINTS:
-            return Failure(
-                "too_few_points", f"{len(roof)} roof points inside the footprint", "reconstruct", footprint
-            )
+        seen = seen_roof(points, footprint)
+        if isinstance(seen, Failure):
+            return seen
+        inside, top = seen
+        roof = points[top]
         coverage = arrange(footprint.polygon, np.zeros((0, 4)))
         if coverage is None:
             return Failure("no_area", "the footprint encloses no area", "reconstruct", footprint)

@@ -24,6 +24,7 @@ from eaves.roof.toolkit.regions import (
     fit_labels,
     grow_kernel,
     join_coplanar,
+    normal_error,
     return_kernel,
     roof_planes,
     seed_order,
@@ -206,8 +207,8 @@ class RegionGrowing(RoofMethod):
     def grow(self, points: Points, local: LocalPlanes, smooth: Mask) -> Labels:
         """Labels (N,) of the regions grown over the smooth points, 0 elsewhere."""
         labels = np.zeros(len(points), np.int32)
-        error = 2.0 * np.sqrt(np.pi) * local.noise / (local.spacing * float(np.median(local.counts)))
-        angle = np.radians(self.normal_threshold) if self.normal_threshold else np.clip(4 * error, 0.08, 0.3)
+        derived = np.clip(4.0 * normal_error(local), 0.08, 0.3)
+        angle = np.radians(self.normal_threshold) if self.normal_threshold else derived
         grow_kernel(
             points,
             local.neighbours,

@@ -6,16 +6,16 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from eaves.geometry.components import connected_groups_kernel
-from eaves.geometry.planes import add_point_kernel, plane_of_sums_kernel
+from eaves.geometry.planes import LocalPlanes
 from eaves.geometry.tin import Tin
-from eaves.kernels import kernel
 from eaves.methods import Emit, ignore, parameter
-from eaves.model import Labels, Mask, Points, RoofPlane
+from eaves.model import Labels, Mask, Points, RoofPlane, Values
 from eaves.roof.region_growing import RegionGrowing
 from eaves.roof.stage import RoofMethod
-from eaves.roof.toolkit.regions import roof_planes
+from eaves.roof.toolkit.regions import normal_error, roof_planes
 
 MOST_FACES = 500
 """Peaks looked at (count): far more than any roof has; a bound on work."""
@@ -24,7 +24,7 @@ MOST_FACES = 500
 class TinFaces(RoofMethod):
     """The planes of one roof, found among the triangles between its points.
 
-    Each triangle, with the triangles around it, has a plane, and each plane is a place in the space of
+    Each triangle, with the points around its corners, has a plane, and each plane is a place in the space of
     slopes and offsets. Triangles of one roof face lie together there, those of walls and crowns are
     scattered. The fullest place is taken: first in the two slopes, then in the offset; its triangles are
     parted where they do not touch, and each connected piece that is large enough is a face. They leave, and
@@ -37,10 +37,10 @@ class TinFaces(RoofMethod):
     Fidelity
     --------
     The paper names clustering in parameter space and connected triangles, and no number. A cell of the
-    slopes is two errors of a triangle's plane wide, which follows from noise and spacing; the fullest 3 × 3
-    cells count. The plane of a triangle is fitted to the corners of two rings around it, for that of three
-    noisy points alone is of little use at 5 points/m² or more. The last step, and joining of coplanar
-    pieces, are those of `region_growing`.
+    slopes is two errors of a normal wide, which follows from noise and spacing; the fullest 3 × 3 cells
+    count. The normal of a triangle is the mean of those at its corners, fitted to the points around them, for
+    that of three noisy points alone is of little use at 5 points/m² or more. The last step, and joining of
+    coplanar pieces, are those of `region_growing`.
 
     Fails where
     -----------
@@ -62,20 +62,11 @@ class TinFaces(RoofMethod):
 
     cell: float | None = parameter(
         None,
-        "Width of a cell in the space of slopes; two errors of a triangle's plane, at least `least_cell`.",
+        "Width of a cell in the space of slopes; two errors of a normal, at least `least_cell`.",
         gt=0.0,
     )
     least_cell: float = parameter(
         0.05, "Width of a cell in the space of slopes, however exact the points are.", gt=0.0
-    )
-    rings: int = parameter(
-        2,
-        "Rings of triangles whose corners say which plane a triangle lies on: about twelve points.",
-        ge=1,
-        le=3,
-    )
-    distance_share: float = parameter(
-        3.0, "Distance to a plane up to which a triangle belongs to it, in multiples of the noise.", gt=0.0
     )
     finish: RegionGrowing = parameter(
         RegionGrowing(),
@@ -95,10 +86,10 @@ class TinFaces(RoofMethod):
         if len(real) == 0:
             return []
         corners, around = renumber(tin, real)
-        planes = np.zeros((len(real), 4))
-        triangle_planes_kernel(points, corners, around, self.rings, planes)
-        emit("planes of triangles", planes)
-        face = self.cluster(points, corners, around, planes, local.noise, local.spacing)
+        normals = local.normals[corners].mean(axis=1)
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        emit("normals of triangles", normals)
+        face = self.cluster(points[corners], around, normals, local)
         emit("faces of triangles", face)
         labels = vote_for_face(corners, face, len(points))
         labels = self.finish.join(points, labels, local)
@@ -109,62 +100,46 @@ class TinFaces(RoofMethod):
         return roof_planes(labels, points, self.finish.fewest_points(local), least_normal_z)
 
     def cluster(
-        self,
-        points: Points,
-        corners: NDArray[np.int64],
-        around: NDArray[np.int64],
-        planes: NDArray[np.float64],
-        noise: float,
-        spacing: float,
+        self, corners: Points, around: NDArray[np.int64], normals: NDArray[np.float64], local: LocalPlanes
     ) -> NDArray[np.int64]:
-        """Number (T,) of the face of every triangle, −1 for none."""
-        steepest = np.tan(np.radians(self.finish.max_slope))
-        slopes = -planes[:, :2] / np.maximum(planes[:, 2:3], 1e-9)
-        a, b, c = (points[corners[:, k]] for k in range(3))
-        middle = (a + b + c) / 3.0
-        area = 0.5 * np.abs(
-            (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-        )
-        off = np.abs((planes[:, :3] * middle).sum(axis=1) - planes[:, 3])
-        open_ = (np.hypot(*slopes.T) < steepest) & (off < self.distance_share * noise)
-        width = self.cell or max(2.0 * np.sqrt(np.pi) * noise / (spacing * 12.0) * 2.0, self.least_cell)
-        face = np.full(len(corners), -1)
-        count = 0
+        """Number (T,) of the face of every triangle, by its corners (T, 3, 3); −1 for none."""
+        slopes = -normals[:, :2] / np.maximum(normals[:, 2:], 1e-9)
+        (ux, uy), (vx, vy) = ((corners[:, k, :2] - corners[:, 0, :2]).T for k in (1, 2))
+        area, middle = 0.5 * np.abs(ux * vy - vx * uy), corners.mean(axis=1)
+        open_ = np.hypot(*slopes.T) < np.tan(np.radians(self.finish.max_slope))
+        width = self.cell or max(2.0 * normal_error(local), self.least_cell)
+        reach = self.finish.distance_share * local.noise
+        face, count = np.full(len(corners), -1), 0
         for _ in range(MOST_FACES):
-            found = self.fullest(slopes, planes, middle, area * open_, width, noise)
-            pieces, sizes = connected_pieces(found & open_, around, area)
-            large = np.flatnonzero(sizes >= self.min_area)
-            if len(large) == 0:
-                if not found.any() or (area * found * open_).sum() < self.min_area:
-                    break
-                open_ = open_ & ~found
-                continue
-            for piece in large:
+            found = fullest(slopes, normals, middle, area * open_, width, reach)
+            if area[found].sum() < self.min_area:
+                break
+            pieces, sizes = connected_pieces(found, around, area)
+            for piece in np.flatnonzero(sizes >= self.min_area):
                 face[pieces == piece] = count
                 count += 1
-            open_ = open_ & ~found
+            open_ &= ~found
         return face
 
-    def fullest(
-        self,
-        slopes: NDArray[np.float64],
-        planes: NDArray[np.float64],
-        middle: Points,
-        weight: NDArray[np.float64],
-        width: float,
-        noise: float,
-    ) -> Mask:
-        """The triangles (T,) of the place in parameter space with the most weight (T,)."""
-        if weight.sum() <= 0.0:
-            return np.zeros(len(weight), bool)
-        place = peak_of(slopes, weight, width)
-        near = (np.abs(slopes - place).max(axis=1) <= 1.5 * width) & (weight > 0.0)
-        normal = (planes[near, :3] * weight[near, None]).sum(axis=0)
-        normal /= np.linalg.norm(normal)
-        offset = middle @ normal
-        level = peak_of(offset[near, None], weight[near], self.distance_share * noise)[0]
-        reach = 1.5 * self.distance_share * noise
-        return np.asarray(near & (np.abs(offset - level) <= reach))
+
+def fullest(
+    slopes: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    middle: Points,
+    weight: Values,
+    width: float,
+    reach: float,
+) -> Mask:
+    """The triangles (T,) of the place in parameter space with the most weight (T,): cells of the slopes are
+    `width`, of the offset `reach` (m) wide."""
+    if weight.sum() <= 0.0:
+        return np.zeros(len(weight), bool)
+    place = peak_of(slopes, weight, width)
+    near = (np.abs(slopes - place).max(axis=1) <= 1.5 * width) & (weight > 0.0)
+    normal = (normals[near] * weight[near, None]).sum(axis=0)
+    offset = middle @ (normal / np.linalg.norm(normal))
+    level = peak_of(offset[near, None], weight[near], reach)[0]
+    return np.asarray(near & (np.abs(offset - level) <= 1.5 * reach))
 
 
 def renumber(tin: Tin, real: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -174,82 +149,17 @@ def renumber(tin: Tin, real: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDAr
     return tin.vertices[real].astype(np.int64), number[tin.neighbours[real]]
 
 
-@kernel
-def triangle_planes_kernel(
-    xyz: NDArray[np.float64],
-    corners: NDArray[np.int64],
-    around: NDArray[np.int64],
-    rings: int,
-    planes: NDArray[np.float64],
-) -> None:
-    """The plane (T, 4) of every triangle (T, 3), fitted to the corners of triangles up to `rings` away."""
-    sums = np.zeros(10)
-    covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
-    members = np.empty(64, np.int64)
-    visitor, seen = np.full(len(corners), -1), np.full(len(xyz), -1)
-    for t in range(len(corners)):
-        members[0], visitor[t] = t, t
-        count, first = 1, 0
-        for _ in range(rings):
-            last = count
-            for m in range(first, last):
-                for side in range(3):
-                    other = around[members[m], side]
-                    if other >= 0 and visitor[other] != t and count < 64:
-                        visitor[other] = t
-                        members[count] = other
-                        count += 1
-            first = last
-        sums[:] = 0.0
-        for m in range(count):
-            for side in range(3):
-                i = corners[members[m], side]
-                if seen[i] != t:
-                    seen[i] = t
-                    add_point_kernel(sums, xyz[i, 0], xyz[i, 1], xyz[i, 2], 1.0)
-        plane_of_sums_kernel(sums, covariance, vectors, values, planes[t])
-
-
-def peak_of(places: NDArray[np.float64], weight: NDArray[np.float64], width: float) -> NDArray[np.float64]:
+def peak_of(places: NDArray[np.float64], weight: Values, width: float) -> NDArray[np.float64]:
     """The weighted mean (D,) of the places (T, D ≤ 2) of the fullest 3 (× 3) cells, `width` wide."""
-    peak = np.zeros(places.shape[1])
-    peak_kernel(np.ascontiguousarray(places), weight, width, peak)
-    return peak
-
-
-@kernel
-def peak_kernel(
-    places: NDArray[np.float64], weight: NDArray[np.float64], width: float, peak: NDArray[np.float64]
-) -> None:
-    """The mean of the places (T, D) with weight (T,) around the cell where three a side hold the most."""
-    cell, low, high = np.zeros((len(places), 2), np.int64), np.zeros(2, np.int64), np.zeros(2, np.int64)
-    first = True
-    for t in range(len(places)):
-        if weight[t] <= 0.0:
-            continue
-        for axis in range(places.shape[1]):
-            cell[t, axis] = int(np.floor(places[t, axis] / width))
-            low[axis] = cell[t, axis] if first else min(low[axis], cell[t, axis])
-            high[axis] = cell[t, axis] if first else max(high[axis], cell[t, axis])
-        first = False
-    grid = np.zeros((high[0] - low[0] + 3, high[1] - low[1] + 3))
-    for t in range(len(places)):
-        if weight[t] > 0.0:
-            grid[cell[t, 0] - low[0] + 1, cell[t, 1] - low[1] + 1] += weight[t]
-    best, top, left = -1.0, 0, 0
-    for row in range(1, len(grid) - 1):
-        for column in range(1, grid.shape[1] - 1):
-            total = grid[row - 1 : row + 2, column - 1 : column + 2].sum()
-            if total > best:
-                best, top, left = total, row - 1 + low[0], column - 1 + low[1]
-    total = 0.0
-    for t in range(len(places)):
-        if weight[t] > 0.0 and abs(cell[t, 0] - top) <= 1 and abs(cell[t, 1] - left) <= 1:
-            total += weight[t]
-            for axis in range(places.shape[1]):
-                peak[axis] += weight[t] * places[t, axis]
-    for axis in range(places.shape[1]):
-        peak[axis] /= total
+    some = weight > 0.0
+    cell = np.floor(places / width).astype(np.int64)
+    low = cell[some].min(axis=0)
+    grid = np.zeros(cell[some].max(axis=0) - low + 1)
+    np.add.at(grid, tuple((cell[some] - low).T), weight[some])
+    around = uniform_filter(grid, 3, mode="constant")
+    top = np.array(np.unravel_index(int(around.argmax()), grid.shape)) + low
+    near = some & (np.abs(cell - top) <= 1).all(axis=1)
+    return np.asarray(np.average(places[near], axis=0, weights=weight[near]))
 
 
 def connected_pieces(

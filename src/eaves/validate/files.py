@@ -16,17 +16,13 @@ from eaves.formats import InputError
 from eaves.formats.models.cityjson_read import system_of_head
 from eaves.model import Finding
 from eaves.validate.boundaries import FINEST_STEP, Integers
+from eaves.validate.cityjson_schema import DEPTHS, INSTANCE
 from eaves.validate.codes import make_finding
 from eaves.validate.extensions import read_extension
 from eaves.validate.primitives import ReadPrimitive, Tolerances, check_primitives
 from eaves.validate.structure import Rules, check_feature, check_head, check_objects
 
 log = logging.getLogger("eaves")
-
-DEPTH = {"MultiSurface": 2, "CompositeSurface": 2, "Solid": 3, "MultiSolid": 4, "CompositeSolid": 4}
-"""Geometry type → how many lists deep its rings lie."""
-THIN = {"MultiPoint": 0, "MultiLineString": 1, "GeometryInstance": 0}
-"""The same of those without a surface: only that their vertices exist is checked."""
 
 OF_BUILDING = ("BuildingPart", "BuildingInstallation")
 """City objects whose solids share no volume with their building's."""
@@ -288,21 +284,15 @@ def _object_primitives(
         if not isinstance(geometry, dict) or not isinstance(geometry.get("type"), str):
             yield make_finding(901, name, where, "a geometry is not an object with a type")
             continue
-        depth = DEPTH.get(geometry["type"])
+        depth = DEPTHS.get(geometry["type"], int(geometry["type"] == INSTANCE))
         boundaries = geometry.get("boundaries", [])
-        if depth is None:
-            thin = THIN.get(geometry["type"])
-            if thin is not None and not _is_nested(boundaries, thin, vertex_count):
-                detail = f"its boundaries are no {geometry['type']} of existing vertices"
-                yield make_finding(901, name, where, detail)
-            continue
-        if not _is_nested(boundaries, depth, vertex_count):
+        if depth and not _is_nested(boundaries, depth - 1, vertex_count):
             detail = f"its boundaries are no {geometry['type']} of existing vertices"
             yield make_finding(901, name, where, detail)
-            continue
-        shells = _raise(boundaries, first_vertex)
-        solids = [[shells]] if depth == 2 else [shells] if depth == 3 else shells
-        yield ReadPrimitive(name, family, str(geometry.get("lod", "")), geometry["type"], solids)
+        elif depth > 2:
+            shells = _raise(boundaries, first_vertex)
+            solids = [[shells]] if depth == 3 else [shells] if depth == 4 else shells
+            yield ReadPrimitive(name, family, str(geometry.get("lod", "")), geometry["type"], solids)
 
 
 def _is_nested(value: Any, depth: int, vertex_count: int) -> bool:

@@ -1,8 +1,9 @@
 """Into how many pieces the voids of a solid cut its interior (code 404).
 
-Voids may touch the outer shell along edges. Where they do, the faces on either side are sewn together anew,
-each with the next one around the edge across the interior. The sewn pieces are closed; those that enclose a
-positive volume are the outer boundaries of the interior's pieces.
+Voids may touch the outer shell along edges. Closed surfaces part space into one piece more than there are
+independent ones among them (Alexander's duality), and all pieces but the outside and the voids are interior.
+Sheets of faces between the edges that more than two share close where their borders cancel: independent
+closed surfaces are as many as there are sheets less the rank of the matrix of their borders.
 """
 
 from __future__ import annotations
@@ -12,9 +13,8 @@ from collections import defaultdict
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from eaves.geometry.components import connected_groups_kernel
 from eaves.validate.boundaries import Integers
 from eaves.validate.exact import orient_kernel
 
@@ -35,16 +35,20 @@ def count_interior_pieces(shells: list[Integers]) -> int:
     cells = _cut_faces(shells)
     points = {_key(point): point for cell in cells for point in cell}
     rings = [_with_points_on_sides(cell, points) for cell in cells]
-    sides: dict[tuple[Place, Place], list[tuple[int, bool]]] = defaultdict(list)
+    sides: dict[tuple[Place, Place], list[tuple[int, int]]] = defaultdict(list)
     for number, ring in enumerate(rings):
         for start, end in zip(ring, ring[1:] + ring[:1], strict=True):
-            sides[min(start, end), max(start, end)].append((number, start < end))
-    links = [pair for edge, users in sides.items() for pair in _sewn(edge, users, cells, points)]
-    one, two = np.array(links).T if links else np.zeros((2, 0), np.int64)
-    graph = coo_array((np.ones(len(one)), (one, two)), shape=(len(cells),) * 2)
-    count, piece = connected_components(graph, directed=False)
-    volumes = np.bincount(piece, [_volume_below(cell) for cell in cells], minlength=count)
-    return int((volumes > 0).sum())
+            sides[min(start, end), max(start, end)].append((number, 1 if start < end else -1))
+    links = [[number for number, _ in users] for users in sides.values() if len(users) == 2]
+    one, two = np.array(links, np.int64).reshape(-1, 2).T.copy()
+    sheet = connected_groups_kernel(one, two, len(cells))
+    shared = [users for users in sides.values() if len(users) > 2]
+    boundary = np.zeros((len(shared) + 1, int(sheet.max()) + 1))
+    for row, users in zip(boundary, shared, strict=False):
+        for number, way in users:
+            row[sheet[number]] += way
+    surfaces = boundary.shape[1] - int(np.linalg.matrix_rank(boundary))
+    return surfaces - (len(shells) - 1)
 
 
 def _cut_faces(shells: list[Integers]) -> list[Cell]:
@@ -105,40 +109,3 @@ def _with_points_on_sides(cell: Cell, points: dict[Place, NDArray[np.float64]]) 
         )
         ring += [_key(start), *(_key(known[k]) for k in inner[np.argsort(share[inner])])]
     return ring
-
-
-def _sewn(
-    edge: tuple[Place, Place],
-    users: list[tuple[int, bool]],
-    cells: list[Cell],
-    points: dict[Place, NDArray[np.float64]],
-) -> list[tuple[int, int]]:
-    """Pairs of cells that bound the same piece of the interior along an edge.
-
-    Seen along the edge, the interior lies clockwise of a cell that runs forward and counter-clockwise of one
-    that runs backward: so each backward cell is sewn to the next forward one counter-clockwise.
-    """
-    if len(users) == 2:
-        return [(users[0][0], users[1][0])]
-    axis = points[edge[1]] - points[edge[0]]
-    axis = axis / np.linalg.norm(axis)
-    right = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    up = np.cross(axis, right)
-    angles = []
-    for number, forward in users:
-        inwards = np.cross(_normal(cells[number]), axis if forward else -axis)
-        angles.append(np.arctan2(inwards @ up, inwards @ right))
-    order = np.argsort(angles, kind="stable")
-    around = [users[k] for k in order]
-    pairs = zip(around, around[1:] + around[:1], strict=True)
-    return [(one, two) for (one, forward), (two, onward) in pairs if not forward and onward]
-
-
-def _normal(cell: Cell) -> NDArray[np.float64]:
-    away = cell - cell[0]
-    return np.asarray(np.cross(away[1:-1], away[2:]).sum(axis=0))
-
-
-def _volume_below(cell: Cell) -> float:
-    """The cell's share of six times the volume of the shell it belongs to."""
-    return float(np.einsum("ti,i->", np.cross(cell[1:-1], cell[2:]), cell[0]))

@@ -66,12 +66,11 @@ def on_planes(boundaries: Boundaries, planes: FacePlanes) -> NDArray[np.float64]
     return np.asarray(np.einsum("pki,pi->pk", axes, away))
 
 
-def faces_with_points_alike(boundaries: Boundaries, flat: NDArray[np.float64]) -> Mask:
-    """Faces (F,) two consecutive points of which fall together on the face's plane: code 104."""
-    bad = np.zeros(boundaries.face_count, bool)
-    same = np.abs(flat - flat[boundaries.next_point]).max(axis=1) < FALL_TOGETHER
-    bad[boundaries.face_of_point[same]] = True
-    return bad
+def faces_with(boundaries: Boundaries, points: Mask) -> Mask:
+    """The faces (F,) that have one of some points (P,)."""
+    found = np.zeros(boundaries.face_count, bool)
+    found[boundaries.face_of_point[points]] = True
+    return found
 
 
 def shadow_axes(planes: FacePlanes) -> Integers:
@@ -115,7 +114,7 @@ def as_polygons(boundaries: Boundaries, flat: NDArray[np.float64], faces: Intege
 def why_invalid(polygon: shapely.Polygon) -> tuple[int, str]:
     """Code and reason of a polygon that GEOS finds invalid."""
     for ring in (polygon.exterior, *polygon.interiors):
-        if not is_simple_ring(np.asarray(ring.coords)[:-1]):
+        if not shapely.is_valid(shapely.Polygon(ring)):
             return 104, "a ring crosses or touches itself, or is collapsed to a line"
     rings = [{tuple(point) for point in ring.coords} for ring in (polygon.exterior, *polygon.interiors)]
     if any(one == two for one, two in combinations(rings, 2)):
@@ -140,19 +139,6 @@ def faces_with_short_rings(boundaries: Boundaries) -> Mask:
     short = np.diff(boundaries.rings) < FEWEST_POINTS
     bad[boundaries.face_of_ring[short]] = True
     return bad
-
-
-def faces_with_repeated_points(boundaries: Boundaries) -> Mask:
-    """Faces (F,) with two consecutive points at one place, last and first included: code 102."""
-    bad = np.zeros(boundaries.face_count, bool)
-    same = boundaries.points == boundaries.points[boundaries.next_point]
-    bad[boundaries.face_of_point[same]] = True
-    return bad
-
-
-def is_simple_ring(ring: NDArray[np.float64]) -> bool:
-    """Whether a ring of points (M, 2) encloses an area and does not cross or touch itself."""
-    return bool(shapely.is_valid(shapely.Polygon(ring)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +172,8 @@ def triangulate(boundaries: Boundaries, flat: NDArray[np.float64], faces: Intege
     position = _find_points(boundaries, flat, corner, face)
     numbers = boundaries.points[position]
     corners = boundaries.local[position]
-    backwards = _outward_sign(boundaries, flat)[face] * _twice_area(corner) < 0
+    outward = ring_areas(boundaries, flat)[boundaries.faces[face]]  # which way round the outer ring runs
+    backwards = outward * _twice_area(corner) < 0
     numbers[backwards], corners[backwards] = numbers[backwards][:, ::-1], corners[backwards][:, ::-1]
     return Triangles(numbers, corners, face)
 
@@ -234,16 +221,6 @@ def _find_points(
     leader = np.empty(len(rows), np.int64)
     leader[order] = order[np.maximum.accumulate(np.where(new, np.arange(len(rows)), 0))]
     return leader[len(have) :].reshape(-1, 3)
-
-
-def _outward_sign(boundaries: Boundaries, flat: NDArray[np.float64]) -> Values:
-    """+1 or -1 (F,): which way round the outer ring runs in `flat`."""
-    following = flat[boundaries.next_point]
-    twice = flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]
-    if len(flat) == 0:
-        return np.zeros(len(boundaries.faces) - 1)
-    area = np.bincount(boundaries.ring_of_point, twice, minlength=len(boundaries.rings) - 1)
-    return np.sign(area[np.minimum(boundaries.faces[:-1], len(area) - 1)])
 
 
 def _twice_area(corner: NDArray[np.float64]) -> Values:

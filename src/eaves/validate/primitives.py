@@ -10,14 +10,14 @@ import numpy as np
 import shapely
 
 from eaves.geometry.tolerance import PLANARITY, SNAP
-from eaves.model import Finding
+from eaves.model import Finding, Mask
 from eaves.validate.boundaries import LARGEST_EXTENT, Boundaries, Integers, Shell, lay_flat
 from eaves.validate.codes import make_finding
 from eaves.validate.polygons import (
+    FALL_TOGETHER,
     Triangles,
     as_polygons,
-    faces_with_points_alike,
-    faces_with_repeated_points,
+    faces_with,
     faces_with_rings_alike,
     faces_with_short_rings,
     fit_planes,
@@ -158,37 +158,33 @@ def check_faces(boundaries: Boundaries, limits: Tolerances) -> tuple[dict[int, t
     The first defect of a face ends its check.
     """
     codes: dict[int, tuple[int, str]] = {}
-    short = faces_with_short_rings(boundaries)
-    repeated = ~short & faces_with_repeated_points(boundaries)
-    codes |= {int(face): (101, "a ring of fewer than three points") for face in np.flatnonzero(short)}
-    codes |= {int(face): (102, "two consecutive points at one place") for face in np.flatnonzero(repeated)}
-    good = ~short & ~repeated
-    far = np.zeros(boundaries.face_count, bool)
-    np.logical_or.at(far, boundaries.face_of_point, (boundaries.local > LARGEST_EXTENT).any(axis=1))
-    codes |= {
-        int(face): (901, "the coordinates are too far apart to be a building") for face in np.flatnonzero(far)
-    }
-    good &= ~far
+    good = np.ones(boundaries.face_count, bool)
+
+    def condemn(bad: Mask, code: int, detail: str) -> None:
+        codes.update((int(face), (code, detail)) for face in np.flatnonzero(good & bad))
+        good[bad] = False
+
+    far: Mask = np.any(boundaries.local > LARGEST_EXTENT, axis=1)
+    condemn(faces_with(boundaries, far), 901, "the coordinates are too far apart to be a building")
+    condemn(faces_with_short_rings(boundaries), 101, "a ring of fewer than three points")
+    repeated = boundaries.points == boundaries.points[boundaries.next_point]
+    condemn(faces_with(boundaries, repeated), 102, "two consecutive points at one place")
     planes = fit_planes(boundaries)
-    bent = good & (planes.distance > limits.planarity)
-    for face in np.flatnonzero(bent):
+    for face in np.flatnonzero(good & (planes.distance > limits.planarity)):
         codes[int(face)] = (203, f"a point is {planes.distance[face]:.3f} m from the polygon's plane")
-    good &= ~bent
+    good[list(codes)] = False
     flat = on_planes(boundaries, planes)
-    alike = good & faces_with_points_alike(boundaries, flat)
-    codes |= {
-        int(face): (104, "two points fall together on the polygon's plane") for face in np.flatnonzero(alike)
-    }
-    good &= ~alike
+    alike = np.abs(flat - flat[boundaries.next_point]).max(axis=1) < FALL_TOGETHER
+    condemn(faces_with(boundaries, alike), 104, "two points fall together on the polygon's plane")
     axes = shadow_axes(planes)[boundaries.face_of_point]
     shadow = np.take_along_axis(boundaries.local, axes, axis=1).astype(np.float64)
     faces = np.flatnonzero(good)
     if len(faces):
         polygons = as_polygons(boundaries, shadow, faces)
-        alike = faces_with_rings_alike(boundaries, ring_areas(boundaries, shadow))
+        same_way = faces_with_rings_alike(boundaries, ring_areas(boundaries, shadow))
         for position in np.flatnonzero(~shapely.is_valid(polygons)):
             codes[int(faces[position])] = why_invalid(polygons[position])
-        for face in np.flatnonzero(good & alike):
+        for face in np.flatnonzero(good & same_way):
             if codes.get(int(face), (0, ""))[0] != 104:
                 codes[int(face)] = (208, "an inner ring runs the same way round as the outer one")
         good[list(codes)] = False

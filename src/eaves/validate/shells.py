@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from eaves.geometry.components import connected_groups_kernel
 from eaves.validate.boundaries import Boundaries, Integers
@@ -101,7 +99,8 @@ def _edge_defects(boundaries: Boundaries, edges: Edges, chosen: np.ndarray) -> I
 
 
 def _turned_faces(boundaries: Boundaries, edges: Edges, shell: int) -> list[int]:
-    """The faces of a shell that disagree with most others: two colours spread over the shared edges."""
+    """The faces of a shell that disagree with most others: each has two sides, linked over the edges that
+    it shares with those that look the same way."""
     first, last = boundaries.shells[shell], boundaries.shells[shell + 1]
     sides = np.flatnonzero(boundaries.shell_of_face[boundaries.face_of_point] == shell)
     sides = sides[np.argsort(edges.of_side[sides], kind="stable")]
@@ -110,21 +109,11 @@ def _turned_faces(boundaries: Boundaries, edges: Edges, shell: int) -> list[int]
     one, two = (boundaries.face_of_point[sides[pair + k]] - first for k in (0, 1))
     alike = edges.runs_forward[sides[pair]] != edges.runs_forward[sides[pair + 1]]
     count = int(last - first)
-    links = coo_array((np.ones(len(pair)), (one, two)), shape=(count, count)).tocsr()
-    agree = {(int(a), int(b)): bool(c) for a, b, c in zip(one, two, alike, strict=True)}
-    colour = np.zeros(count, bool)
-    wrong: list[int] = []
-    _, piece = connected_components(links, directed=False)
-    for number in range(int(piece.max()) + 1):
-        members = np.flatnonzero(piece == number)
-        order, before = breadth_first_order(links, members[0], directed=False)
-        for face in order[1:]:
-            a, b = int(before[face]), int(face)
-            same = agree[(a, b)] if (a, b) in agree else agree[(b, a)]
-            colour[b] = colour[a] if same else ~colour[a]
-        odd, even = members[colour[members]], members[~colour[members]]
-        wrong += [int(first + face) for face in (odd if len(odd) <= len(even) else even)]
-    return wrong
+    ahead, back = np.where(alike, two, two + count), np.where(alike, two + count, two)
+    side = connected_groups_kernel(np.append(one, one + count), np.append(ahead, back), 2 * count)
+    like, unlike = (np.bincount(side[:count], minlength=2 * count)[half] for half in side.reshape(2, -1))
+    wrong = (like < unlike) | ((like == unlike) & (side[:count] > side[count:]))
+    return [int(first + face) for face in np.flatnonzero(wrong)]
 
 
 def _gaps_and_pieces(boundaries: Boundaries, edges: Edges, chosen: np.ndarray) -> Iterator[ShellDefect]:

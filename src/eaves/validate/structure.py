@@ -15,6 +15,7 @@ from typing import Any
 from eaves.formats import InputError
 from eaves.model import Finding
 from eaves.validate.cityjson_schema import (
+    DEPTHS,
     FEATURE,
     FIRST_LEVEL,
     GEOMETRIES,
@@ -29,16 +30,6 @@ from eaves.validate.cityjson_schema import (
 from eaves.validate.codes import make_finding
 from eaves.validate.extensions import Extension
 
-SEMANTIC_DEPTH = {
-    "MultiPoint": 1,
-    "MultiLineString": 1,
-    "MultiSurface": 1,
-    "CompositeSurface": 1,
-    "Solid": 2,
-    "MultiSolid": 3,
-    "CompositeSolid": 3,
-}
-"""Geometry type → how many lists deep its semantic values lie: one a point, line or surface."""
 ADDED_OBJECT = re.compile(r"\+[A-Z]\w+")
 ADDED_SURFACE = re.compile(r"\+\w+")
 """How the names of an extension's city objects and surfaces are formed."""
@@ -221,7 +212,7 @@ def check_geometry(
         if type(number) is not int or not 0 <= number < rules.templates:
             yield make_finding(912, name, where, f"there is no template {number!r} among {rules.templates}")
         return
-    depth = SEMANTIC_DEPTH[kind]
+    depth = max(1, DEPTHS[kind] - 2)  # one value a point, line or surface
     if isinstance(geometry.get("semantics"), dict):
         yield from check_semantics(name, where, geometry, depth, rules)
     materials = len(as_list(appearance.get("materials")))

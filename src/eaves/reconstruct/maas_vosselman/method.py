@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from eaves.geometry.neighbours import measure_spacing
-from eaves.geometry.roof_fit import roof_point_mask
 from eaves.methods import Emit, ignore, parameter
 from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
 from eaves.reconstruct.maas_vosselman.primitives import cut_plan
@@ -20,14 +19,11 @@ from eaves.reconstruct.moments.building import ParametricBuilding, fit_building
 from eaves.reconstruct.moments.method import measures
 from eaves.reconstruct.moments.parts import RoofPart, find_parts
 from eaves.reconstruct.moments.solid import house_segments, name_cells, to_world, to_world_plane
-from eaves.reconstruct.plane_intersection import PlaneIntersection, vote
+from eaves.reconstruct.plane_intersection import PlaneIntersection, raise_polyhedron, vote
 from eaves.reconstruct.stage import Reconstructor
-from eaves.reconstruct.toolkit.attributes import FEWEST_POINTS, describe_roof
 from eaves.reconstruct.toolkit.coverage import Coverage, arrange
-from eaves.reconstruct.toolkit.evidence import faces_as_planes, points_inside, support_of
-from eaves.reconstruct.toolkit.extrude import extrude_plan
+from eaves.reconstruct.toolkit.evidence import points_inside, seen_roof, support_of
 from eaves.reconstruct.toolkit.half_edges import Integers
-from eaves.reconstruct.toolkit.levels import coarse_solids
 from eaves.reconstruct.toolkit.plan_lines import OVERSHOOT, candidate_lines, extend
 
 
@@ -96,12 +92,10 @@ class MaasVosselman(Reconstructor):
         emit: Emit = ignore,
     ) -> BuildingModel | Failure:
         """The building from its points (N, 3), ground plan and roof planes."""
-        inside = points_inside(points, footprint.polygon)
-        top = inside[roof_point_mask(points[inside])]
-        roof = points[top]
-        if len(roof) < FEWEST_POINTS:
-            reason = f"{len(roof)} roof points inside the footprint"
-            return Failure("too_few_points", reason, self.stage, footprint)
+        seen = seen_roof(points, footprint)
+        if isinstance(seen, Failure):
+            return seen
+        roof = points[seen[1]]
         pieces, cuts = cut_plan(footprint.polygon, self.least_fill, self.smallest_primitive)
         primitives = [self.shape(piece, roof) for piece in pieces]
         emit("primitives", pieces)
@@ -109,7 +103,7 @@ class MaasVosselman(Reconstructor):
         standard = sum(primitive.house is not None for primitive in primitives)
         facts = {"primitives": len(primitives), "primitives_by_moments": standard}
         if standard:
-            answer = self.join(primitives, cuts, points, top, footprint, planes, ground, emit)
+            answer = self.join(primitives, cuts, points, seen, footprint, planes, ground, emit)
             if answer is not None:
                 if len(primitives) == 1 and primitives[0].house is not None:
                     facts |= measures(primitives[0].house, primitives[0].parts)
@@ -136,14 +130,15 @@ class MaasVosselman(Reconstructor):
         primitives: list[Primitive],
         cuts: NDArray[np.float64],
         points: Points,
-        top: NDArray[np.int64],
+        seen: tuple[NDArray[np.int64], NDArray[np.int64]],
         footprint: Footprint,
         planes: list[RoofPlane],
         ground: float,
         emit: Emit,
     ) -> BuildingModel | None:
         """One solid over all primitives; None when it is not sound, or faces are wanted and none is there."""
-        roof, spacing = points[top], measure_spacing(points[top])
+        roof, top = points[seen[1]], seen[1]
+        spacing = measure_spacing(roof)
         others = [primitive.piece for primitive in primitives if primitive.house is None]
         if others and not planes:
             return None
@@ -166,17 +161,8 @@ class MaasVosselman(Reconstructor):
             return None
         chosen, coefficients = label_plan_cells(plan, primitives, roof, labels, faces)
         plan, chosen = plan.merged(chosen)
-        fine = extrude_plan(plan, chosen, coefficients, ground, self.faces.smallest)
-        if not fine.solids:
-            return None
-        solids = {
-            **coarse_solids(plan, roof, ground, self.faces.level_jump, self.faces.smallest),
-            "2.2": fine.solids,
-        }
-        model = BuildingModel(footprint, solids)
-        model = model.with_(planes=faces_as_planes(model, coefficients[fine.labels], points, top))
-        seen = points[points_inside(points, footprint.polygon)]
-        return model.with_(attributes=describe_roof(model, seen, roof, ground))
+        model = raise_polyhedron(plan, chosen, coefficients, points, seen, footprint, ground, self.faces)
+        return None if isinstance(model, Failure) else model
 
 
 def inside(segments: NDArray[np.float64], piece: Polygon) -> NDArray[np.float64]:

@@ -40,8 +40,8 @@ from eaves.reconstruct.moments.parametric_roof import (
 FEWEST_POINTS = 16
 """Points a house of seven parameters is asked from."""
 
-CHOICE_POINTS, CHOICE_ROUNDS = 160, 10
-"""Points, and steps, with which the forms are compared before the one fit."""
+CHOICE_POINTS = 160
+"""Points with which the forms are compared before the one fit."""
 
 HIP_FALL, FULL_HIP_FALL = 0.12, 0.8
 """Fall of the ends as a share of the sides': a gable below the first, a hip from the second.
@@ -88,14 +88,12 @@ class ParametricBuilding:
 def fit_building(
     points: Points,
     plan: Polygon | None = None,
-    standing: Points | None = None,
     *,
     closed_only: bool = False,
 ) -> ParametricBuilding | Failure:
     """The parametric house under roof points (N, 3), or a Failure when there are too few.
 
-    With a ground plan, place, orientation, length and width are those of its least rectangle. Points
-    `standing` on the roof (M, 3), of dormers, are not fitted, but the roof reaches on under them. With
+    With a ground plan, place, orientation, length and width are those of its least rectangle. With
     `closed_only` nothing is fitted: roof, edges and heights are those of the closed solution, and how sure
     they are is not known (NaN).
     """
@@ -123,7 +121,6 @@ def fit_building(
         if best.form == PLANE:
             best = settle_axes(best, points[rim])
         above = points[~rim & (best.residuals > 0.0)]
-        above = above if standing is None else np.vstack([above, standing])
         frame = measure_edges(best, np.vstack([points[rim], hiding(best, above, points[rim])]))
     covered = covered_area(points, triangles) * growth**2
     return describe_building(best, closed, frame, inlier, covered)
@@ -138,7 +135,7 @@ def closed_building(points: Points, closed: ClosedForm, covered: float) -> Param
         start[[LEFT_SLOPE, RIGHT_SLOPE, END_SLOPE]] = 2.0 * abs(closed.rise) / closed.width
     if closed.roof == "pyramid":
         start[HALF_RIDGE], start[END_SLOPE] = 0.0, 2.0 * abs(closed.rise) / closed.length
-    fit = fit_parametric_roof(form, points, np.array([closed.x, closed.y]), start, LEAST_NOISE, 1)
+    fit = fit_parametric_roof(form, points, np.array([closed.x, closed.y]), start, LEAST_NOISE, 0)
     fit = replace(fit, covariance=np.full_like(fit.covariance, np.nan))
     along, across = 0.5 * closed.length, 0.5 * closed.width
     frame = (-along, along, -across, across, np.nan, np.nan)
@@ -160,16 +157,10 @@ def choose_fit(points: Points, closed: ClosedForm) -> ParametricFit:
     """The fit of the form that explains the points best for its number of parameters."""
     centre = np.array([closed.x, closed.y])
     some = points[:: max(1, len(points) // CHOICE_POINTS)]
-    starts = [
-        (PLANE, start_of(PLANE, closed)),
-        (GABLE, start_of(GABLE, closed)),
-        (HIP, start_of(HIP, closed)),
-        (HIP, half_hip_start(closed)),
-        (GABLE, across_start(closed)),
-    ]
-    fits = [
-        fit_parametric_roof(form, some, centre, start, LEAST_NOISE, CHOICE_ROUNDS) for form, start in starts
-    ]
+    starts = [(form, start_of(form, closed)) for form in (PLANE, GABLE, HIP)]
+    starts[HIP][1][HALF_RIDGE] += 0.25 * closed.width  # half-way to a gable: half-hips are found from there
+    starts.append((GABLE, across_start(closed)))
+    fits = [fit_parametric_roof(form, some, centre, start, LEAST_NOISE) for form, start in starts]
     fits = [fit for fit in fits if is_roof(fit)]
     scale = min(fit.scale for fit in fits)
     price = 0.5 * float(np.log(len(some)))
@@ -212,14 +203,6 @@ def start_of(form: int, closed: ClosedForm) -> NDArray[np.float64]:
         return start
     start[LEFT_SLOPE] = start[RIGHT_SLOPE] = start[END_SLOPE] = 2.0 * rise / closed.width
     start[HALF_RIDGE] = max(closed.length - closed.width, 0.0) / 2.0
-    return start
-
-
-def half_hip_start(closed: ClosedForm) -> NDArray[np.float64]:
-    """Parameters (8,) of a roof whose ends begin half-way up."""
-    start = start_of(HIP, closed)
-    start[END_SLOPE] *= 1.3
-    start[HALF_RIDGE] = max(0.5 * closed.length - 0.2 * closed.width, 0.0)
     return start
 
 

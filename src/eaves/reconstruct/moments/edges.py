@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
 
 from eaves.geometry.tolerance import FLAT_SLOPE_DEG
 from eaves.kernels import kernel
 from eaves.model import Points
-from eaves.reconstruct.moments.extents import MOST_STRAYS, STRAY, extent_kernel, extent_of
+from eaves.reconstruct.moments.extents import extent_of
 from eaves.reconstruct.moments.parametric_roof import (
     ANGLE,
     END_SLOPE,
@@ -19,7 +19,6 @@ from eaves.reconstruct.moments.parametric_roof import (
     ParametricFit,
     fit_parametric_roof,
 )
-from eaves.reconstruct.toolkit.plan_lines import SAME_DIRECTION_DEG
 
 LEAST_NOISE = 0.015
 """Noise (m) under which a fit does not tell forms apart."""
@@ -27,12 +26,9 @@ LEAST_NOISE = 0.015
 EMPTY_RADIUS = 4.0
 """A triangle is empty ground when its circle is this many times wider than usual."""
 
-WIDEST_TURN = 0.16
-"""Half width (radians) of the search for the least rectangle; it is narrowed twice, to a quarter."""
-
 
 def take_plan(
-    fit: ParametricFit, points: Points, plan: Polygon
+    fit: ParametricFit, points: Points, plan: BaseGeometry
 ) -> tuple[ParametricFit, tuple[float, float, float, float, float, float]]:
     """The fit to points (N, 3) in the axes of the plan's least rectangle, and its edges: how sure those are,
     only the plan's maker knows (NaN)."""
@@ -55,56 +51,14 @@ def take_plan(
 def settle_axes(fit: ParametricFit, points: Points) -> ParametricFit:
     """The plane's fit with axes along the sides of the rectangle around points (N, 3), falling across.
 
-    A plane has no ridge to tell the orientation. Where it falls nearly square to the axes of the closed
-    solution, the fall is the better witness; elsewhere the rectangle of least area is looked for around
-    them.
+    A plane has no ridge to tell the orientation. Where it falls, the fall is the witness; where it is flat,
+    the least rectangle.
     """
     along, across = fit.parameters[END_SLOPE], fit.parameters[LEFT_SLOPE]
-    if np.hypot(along, across) < np.tan(np.radians(FLAT_SLOPE_DEG)):
-        settled = turned_fit(fit, least_rectangle(fit, points))
-        west, east, south, north = measure_edges(settled, points)[:4]
-        return settled if east - west >= north - south else turned_fit(settled, np.pi / 2.0)
-    if abs(along) > abs(across):
-        fit = turned_fit(fit, np.pi / 2.0)
-    turn = fall_angle(fit)
-    if abs(turn) < np.radians(SAME_DIRECTION_DEG):
-        return turned_fit(fit, turn)
-    settled = turned_fit(fit, least_rectangle(fit, points))
-    if abs(settled.parameters[END_SLOPE]) > abs(settled.parameters[LEFT_SLOPE]):
-        settled = turned_fit(settled, np.pi / 2.0)
-    turn = fall_angle(settled)
-    return turned_fit(settled, turn) if abs(turn) < np.radians(SAME_DIRECTION_DEG) else settled
-
-
-def fall_angle(fit: ParametricFit) -> float:
-    """The turn (radians) that makes a plane fall exactly across its axes."""
-    return float(np.arctan(fit.parameters[END_SLOPE] / fit.parameters[LEFT_SLOPE]))
-
-
-def least_rectangle(fit: ParametricFit, points: Points) -> float:
-    """The turn (radians) of the axes in which the edges of points (N, 3) enclose the least area."""
-    along, across = fit.axes(points)
-    best, angle = np.inf, 0.0
-    for narrowing in (1, 4, 16):
-        turns = angle + np.linspace(-WIDEST_TURN, WIDEST_TURN, 10) / narrowing
-        cosine, sine = np.cos(turns)[:, None], np.sin(turns)[:, None]
-        lengths = extents_kernel(np.sort(cosine * along + sine * across, axis=1), STRAY, MOST_STRAYS)
-        widths = extents_kernel(np.sort(cosine * across - sine * along, axis=1), STRAY, MOST_STRAYS)
-        areas = lengths * widths
-        least = int(np.argmin(areas))
-        if areas[least] < best:
-            best, angle = float(areas[least]), float(turns[least])
-    return angle
-
-
-@kernel
-def extents_kernel(ordered: NDArray[np.float64], stray: float, most: float) -> NDArray[np.float64]:
-    """Distance (T,) between the edges of each row of ordered values (T, N)."""
-    extents, edges = np.empty(len(ordered)), np.zeros(4)
-    for k in range(len(ordered)):
-        extent_kernel(ordered[k], stray, most, edges)
-        extents[k] = edges[1] - edges[0]
-    return extents
+    if np.hypot(along, across) >= np.tan(np.radians(FLAT_SLOPE_DEG)):
+        return turned_fit(fit, float(np.arctan2(along, across)))
+    settled, (west, east, south, north, _, _) = take_plan(fit, points, shapely.multipoints(points[:, :2]))
+    return settled if east - west >= north - south else turned_fit(settled, np.pi / 2.0)
 
 
 def turned_fit(fit: ParametricFit, turn: float) -> ParametricFit:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eaves.kernels import kernel
 from eaves.model import Values
@@ -16,17 +15,15 @@ MOST_STRAYS = 0.05
 
 
 @kernel
-def extent_kernel(
-    ordered: NDArray[np.float64], stray: float, most: float, answer: NDArray[np.float64]
-) -> None:
-    """Low and high edge of ordered values (N,), and the standard deviation of each (`answer`, 4).
+def extent_kernel(ordered: Values) -> tuple[float, float, float]:
+    """Low and high edge of ordered values (N,), and the standard deviation of each.
 
     Of uniformly spread points with strays the likeliest edges are sought: n·ln(high − low) plus the strays'
     cost. Beyond the last point the edge is as far as a place at random is from the next point, Σg² / 2Σg
     for gaps g, which is right for random points and for scan lines alike [cox1962].
     """
     count = len(ordered)
-    reach = int(most * count)
+    reach = int(MOST_STRAYS * count)
     low, high = 0, count - 1
     for _ in range(2):
         best = np.inf
@@ -34,7 +31,7 @@ def extent_kernel(
             span = ordered[high] - ordered[i]
             if span <= 0.0:
                 break
-            cost = stray * i + count * np.log(span)
+            cost = STRAY * i + count * np.log(span)
             if cost < best:
                 best, low = cost, i
         best = np.inf
@@ -42,7 +39,7 @@ def extent_kernel(
             span = ordered[count - 1 - i] - ordered[low]
             if span <= 0.0:
                 break
-            cost = stray * i + count * np.log(span)
+            cost = STRAY * i + count * np.log(span)
             if cost < best:
                 best, high = cost, count - 1 - i
     first, second, third = 0.0, 0.0, 0.0
@@ -55,12 +52,10 @@ def extent_kernel(
     if first > 0.0:
         beyond = second / (2.0 * first)
         spread = np.sqrt(max(third / (3.0 * first) - beyond * beyond, 0.0))
-    answer[0], answer[1] = ordered[low] - beyond, ordered[high] + beyond
-    answer[2], answer[3] = spread, spread
+    return float(ordered[low] - beyond), float(ordered[high] + beyond), float(spread)
 
 
 def extent_of(values: Values) -> tuple[float, float, float]:
     """Low and high edge (m) of values (N,), N ≥ 2, and the standard deviation (m) of each."""
-    answer = np.zeros(4)
-    extent_kernel(np.sort(values), STRAY, MOST_STRAYS, answer)
-    return float(answer[0]), float(answer[1]), float(answer[2])
+    low, high, deviation = extent_kernel(np.sort(values))
+    return low, high, deviation

@@ -37,11 +37,8 @@ CUT = 3.0
 ROUNDS = 25
 """Gauss–Newton steps at most; ten are usual."""
 
-RESCALED = 3
-"""The scale of the residuals is measured before the first step, and twice more after so many."""
-
-LEAST_STEP = 0.05
-"""Share of a step under which halving it ends."""
+SETTLED = 0.01
+"""Share of the residuals' scale that a last step moves no height by."""
 
 
 def roof_heights(
@@ -108,40 +105,31 @@ def fit_parametric_roof(
     """The robust least-squares fit of a form to points (N, 3), from `start` (8,), by Gauss–Newton.
 
     Weights are 1 / (1 + (r / cut·scale)²)², the scale is 1.48 times the median residual, never below `floor`
-    (m); steps that raise the robust cost are halved. Without `turns` the orientation stays as it starts.
-    Fewer rounds than `ROUNDS` make a comparison, of which the covariance is left at zero.
+    (m). Without `turns` the orientation stays as it starts.
     """
     xy, z = points[:, :2] - centre, points[:, 2]
     moves = GROUPS[form] if turns else GROUPS[form][:, GROUPS[form][ANGLE] == 0.0]
-    best = trial = start.astype(np.float64)
-    lowest, shrink, scale = np.inf, 1.0, floor
+    best = start.astype(np.float64)
     normal: NDArray[np.float64] = np.eye(moves.shape[1])
-    step: NDArray[np.float64] = np.zeros(moves.shape[1])
-    for turn in range(rounds):
-        if turn % RESCALED == 0 and turn <= 2 * RESCALED:
-            scale = max(1.4826 * float(np.median(np.abs(z - roof_heights(form, best, xy)[0]))), floor)
-            trial, lowest = best, np.inf
-        height, slopes = roof_heights(form, trial, xy)
-        square = ((z - height) / (CUT * scale)) ** 2
-        cost = float((square / (1.0 + square)).sum())
-        if cost > lowest * (1.0 + 1e-12):
-            shrink *= 0.5
-            if shrink < LEAST_STEP:
-                break
-        else:
-            gain, lowest, shrink, best = lowest - cost, cost, 1.0, trial
-            free, weight = slopes @ moves, (1.0 + square) ** -2
-            normal = free.T @ (free * weight[:, None])
-            if turn > 2 * RESCALED and gain < 1e-6 * len(z):
-                break
-            damped = normal + np.diag(1e-4 * np.diag(normal) + 1e-9)
-            step = np.asarray(np.linalg.solve(damped, free.T @ (weight * (z - height))), np.float64)
-        trial = best + shrink * (moves @ step)
+    for _ in range(rounds):
+        height, slopes = roof_heights(form, best, xy)
+        scale = scale_of(z - height, floor)
+        free, weight = slopes @ moves, (1.0 + ((z - height) / (CUT * scale)) ** 2) ** -2
+        normal = free.T @ (free * weight[:, None])
+        damped = normal + np.diag(1e-4 * np.diag(normal) + 1e-9)
+        step = np.asarray(np.linalg.solve(damped, free.T @ (weight * (z - height))), np.float64)
+        best = best + moves @ step
+        if np.abs(free @ step).max() < SETTLED * scale:
+            break
     residuals = z - roof_heights(form, best, xy)[0]
-    covariance = np.zeros((8, 8))
-    if rounds >= ROUNDS:
-        covariance = covariance_of(moves, normal, residuals[np.abs(residuals) < CUT * scale])
+    scale = scale_of(residuals, floor)
+    covariance = covariance_of(moves, normal, residuals[np.abs(residuals) < CUT * scale])
     return ParametricFit(form, centre, best, residuals, covariance, scale)
+
+
+def scale_of(residuals: Values, floor: float) -> float:
+    """The standard deviation (m) of residuals (N,) without outliers, at least `floor` (m)."""
+    return max(1.4826 * float(np.median(np.abs(residuals))), floor)
 
 
 def covariance_of(

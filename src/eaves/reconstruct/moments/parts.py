@@ -29,13 +29,14 @@ from eaves.reconstruct.moments.parametric_roof import (
     ParametricFit,
     fit_parametric_roof,
 )
+from eaves.reconstruct.toolkit.attributes import LEAST_SHOWN, NEAR_M
 
 
 class PartLimits(BaseModel):
     """What makes a dormer or a terrace: parameters of a method that looks for them."""
 
     tolerance: float = parameter(
-        0.2,
+        NEAR_M,
         "Distance from the roof up to which it explains a point, and under which nothing stands on it.",
         unit="m",
         gt=0.0,
@@ -54,7 +55,7 @@ class PartLimits(BaseModel):
         0.8, "Width under which a part is a parapet or a gutter.", unit="m", ge=0.0
     )
     part_filling: float = parameter(
-        0.5,
+        LEAST_SHOWN,
         "Share of its rectangle that the points of a part cover at least: parapets and L-shapes cover less.",
         ge=0.0,
         le=1.0,

@@ -11,7 +11,7 @@ from eaves.model import Points, Values
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts
 from eaves.reconstruct.toolkit.coverage import Coverage
 from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers, leaving_kernel
-from eaves.reconstruct.toolkit.simplification import contract, corner_rank, is_sound
+from eaves.reconstruct.toolkit.simplification import corner_rank, is_sound, make_moves
 from eaves.reconstruct.toolkit.soundness import LOWEST_WALL
 
 PASSES = 8
@@ -79,52 +79,6 @@ def worthwhile_moves(
         gain -= changes_kernel(roof, point, swept, planes, gets, has, move, len(node), costs.residual_limit)
     order = np.argsort(-gain, kind="stable")
     return np.asarray(np.column_stack([node, into])[order[gain[order] > 0.0]])
-
-
-def make_moves(
-    coverage: Coverage, labels: Integers, pairs: Integers, refused: set[tuple[float, ...]], careful: bool
-) -> tuple[Coverage, Integers] | None:
-    """The coverage and its labels with the first of the `pairs` of nodes made one, and all those after it
-    that do not touch it; one alone when they do not go together. None where there are none.
-
-    Pairs between the places `refused` stay out, and those found to fold the plan join them; `careful` looks
-    at all cells for that.
-    """
-    if refused:
-        keys = map(tuple, coverage.nodes[pairs].reshape(-1, 4).tolist())
-        pairs = pairs[[key not in refused for key in keys]]
-    chosen = apart_kernel(coverage.start, coverage.end, pairs, len(coverage.nodes))
-    for some in [chosen, *chosen[:, None]] if len(chosen) else []:
-        target = np.arange(len(coverage.nodes))
-        target[some[:, 0]] = some[:, 1]
-        moved = contract(coverage, target)
-        if moved is not None and (not careful or is_sound(moved[0])):
-            plan, kept = moved[0], labels[moved[1]]
-            return (plan, kept) if plan.count == coverage.count else plan.merged(kept)
-        if len(some) == 1:
-            refused.add(tuple(coverage.nodes[some[0]].ravel().tolist()))
-    return None
-
-
-@kernel
-def apart_kernel(start: Integers, end: Integers, pairs: Integers, size: int) -> Integers:
-    """Those of the `pairs` (K, 2) of nodes of `size` that touch none of those before them: the first node of
-    a pair and its neighbours, and the second."""
-    taken, kept, count = np.zeros(size, np.bool_), np.empty(pairs.shape, np.int64), 0
-    for one in range(len(pairs)):
-        node, into = pairs[one]
-        clash = taken[node] or taken[into]
-        for half in range(len(start)):
-            clash |= start[half] == node and taken[end[half]]
-        if clash:
-            continue
-        kept[count, 0], kept[count, 1] = node, into
-        count += 1
-        taken[node] = taken[into] = True
-        for half in range(len(start)):
-            if start[half] == node:
-                taken[end[half]] = True
-    return kept[:count]
 
 
 @kernel

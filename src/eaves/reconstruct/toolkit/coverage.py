@@ -8,9 +8,11 @@ from functools import cached_property
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.inside import points_in_polygons
 from eaves.geometry.tolerance import COORDINATE_STEP
 from eaves.model import Points, Values
@@ -18,7 +20,6 @@ from eaves.reconstruct.toolkit.half_edges import (
     MOST_ROUNDS,
     OUTSIDE,
     Integers,
-    compact_kernel,
     follow_kernel,
     merge_kernel,
     regions_kernel,
@@ -87,14 +88,8 @@ class Coverage:
         return self.measures[2]
 
     @property
-    def rings(self) -> list[Integers]:
-        """The half-edges of every ring, in order."""
-        halves, first = self.ring_order
-        return np.split(halves, first[1:-1]) if len(first) > 1 else []
-
-    @property
     def ring_area(self) -> Values:
-        """Signed area of each of `rings`, positive when counter-clockwise (m²)."""
+        """Signed area of every ring, positive when counter-clockwise (m²)."""
         return self.measures[3]
 
     @property
@@ -168,28 +163,6 @@ class Coverage:
         region, first = regions_kernel(self.cell, self.twin, np.ascontiguousarray(label, np.int64))
         return region, first
 
-    def compact(self) -> Coverage:
-        """The same coverage without the nodes that no edge uses."""
-        return Coverage(*compact_kernel(self.nodes, self.start, self.end, self.cell))
-
-    def parts(self) -> list[tuple[Coverage, Integers]]:
-        """The connected pieces of the coverage, each with the cells it is made of."""
-        group, first = self.regions(np.zeros(self.count, np.int64))
-        number = len(first)
-        if number <= 1:
-            return [(self, np.arange(self.count))]
-        answer = []
-        owner = np.append(group, OUTSIDE)
-        side = np.where(self.cell == OUTSIDE, owner[self.cell[self.twin]], owner[self.cell])
-        for piece in range(number):
-            cells = np.flatnonzero(group == piece)
-            numbers = np.full(self.count + 1, OUTSIDE)
-            numbers[cells] = np.arange(len(cells))
-            own = side == piece
-            part = Coverage(self.nodes, self.start[own], self.end[own], numbers[self.cell[own]])
-            answer.append((part.compact(), cells))
-        return answer
-
     def split(self, halves: Integers, places: NDArray[np.float64]) -> Coverage:
         """A new node at `places` (K, 2) on each of the edges `halves` (K,), given by one of their halves."""
         if len(halves) == 0:
@@ -254,14 +227,18 @@ def arrange(
     """The cells that segments (S, 4: x, y, x, y) cut a polygon into, nodes on the grid (m).
 
     Ends that hang free cut nothing. Necks and gaps narrower than `NARROWEST_NECK` are parted and filled
-    first. None when the polygon has no area on the grid.
+    first, and places where segments meet, that near to each other, are one. None when the polygon has no
+    area on the grid.
     """
     whole = without_necks(shapely.set_precision(polygon, grid), grid)
     if whole.is_empty:
         return None
     if len(segments) == 0:
         return coverage_of(shapely.get_parts(whole), grid)
-    lines = through_corners(np.asarray(segments, float), shapely.get_coordinates(whole))
+    corners = shapely.get_coordinates(whole)
+    lines = through_corners(segments, corners)
+    net = shapely.union_all(np.append(lines, whole.boundary), grid_size=grid)
+    lines = through_corners(segments, meeting_places(corners, shapely.get_coordinates(net)))
     net = shapely.union_all(np.append(lines, whole.boundary), grid_size=grid)
     cells = shapely.get_parts(shapely.polygonize([net]))
     if len(cells) == 0:
@@ -271,8 +248,21 @@ def arrange(
     return coverage_of(cells[inside], grid) if inside.any() else None
 
 
+def meeting_places(corners: NDArray[np.float64], nodes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """One place for those of the nodes (K, 2) that nearly touch: a corner of the outline, else one of them.
+
+    Four planes that meet in a point, or a ridge that runs into another of its height, meet a few millimetres
+    apart once each pair is intersected for itself.
+    """
+    places = np.vstack([corners, np.unique(nodes, axis=0)])
+    pairs = cKDTree(places).query_pairs(NARROWEST_NECK, output_type="ndarray")
+    group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(places))
+    return places[np.unique(group, return_index=True)[1]]
+
+
 def through_corners(segments: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.object_]:
-    """The segments (S, 4) as lines that bend through the corners (K, 2) they would nearly touch."""
+    """The segments (S, 4) as lines that bend through the corners (K, 2) they would nearly touch, or
+    end there."""
     ends = segments.reshape(-1, 2, 2)
     lines = np.asarray(shapely.linestrings(ends), object)
     tree = shapely.STRtree(shapely.points(corners))
@@ -280,14 +270,25 @@ def through_corners(segments: NDArray[np.float64], corners: NDArray[np.float64])
     step = ends[number, 1] - ends[number, 0]
     length = np.maximum(np.hypot(step[:, 0], step[:, 1]), COORDINATE_STEP)
     along = ((corners[corner] - ends[number, 0]) * step).sum(axis=1) / length**2
-    between = (along > 0.0) & (along < 1.0)
     order = np.lexsort((corner, along, number))
-    order = order[between[order]]
     number, corner = number[order], corner[order]
     used, first = np.unique(number, return_index=True)
-    for line, some in zip(used.tolist(), np.split(corner, first[1:]), strict=False):
-        lines[line] = shapely.linestrings(np.vstack([ends[line, :1], corners[some], ends[line, 1:]]))
+    for line, some in zip(used.tolist(), np.split(corners[corner], first[1:]), strict=False):
+        own = np.hypot(*(ends[line] - some[[0, -1]]).T) >= NARROWEST_NECK
+        path = np.vstack([ends[line, :1][own[:1]], some, ends[line, 1:][own[1:]]])
+        if len(path) > 1:
+            lines[line] = shapely.linestrings(path)
     return lines
+
+
+def cut_polygons(
+    polygons: NDArray[np.object_], lines: NDArray[np.object_]
+) -> tuple[NDArray[np.object_], Integers]:
+    """The cells (C,) that lines cut polygons into, on the grid of coordinates, and the polygon of each."""
+    net = shapely.union_all(lines, grid_size=COORDINATE_STEP)
+    cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
+    cell, owner = shapely.STRtree(polygons).query(shapely.point_on_surface(cells), predicate="within")
+    return cells[cell], owner
 
 
 def without_necks(polygon: BaseGeometry, grid: float) -> BaseGeometry:

@@ -12,8 +12,9 @@ from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.neighbours import measure_spacing
 from eaves.geometry.percentiles import quantile
 from eaves.geometry.rings import polygons_of
-from eaves.model import BuildingModel, Labels, Points, RoofPlane
-from eaves.reconstruct.toolkit.attributes import Surface, surface_heights
+from eaves.geometry.roof_fit import roof_point_mask
+from eaves.model import BuildingModel, Failure, Footprint, Labels, Points, RoofPlane
+from eaves.reconstruct.toolkit.attributes import FEWEST_POINTS, Surface, surface_heights
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
 
 PRISM_PERCENTILE = 70.0
@@ -37,6 +38,16 @@ def points_inside(points: Points, polygon: Polygon) -> NDArray[np.int64]:
     shapely.prepare(polygon)
     inside = shapely.contains_xy(polygon, points[:, 0], points[:, 1])
     return np.flatnonzero(inside & np.isfinite(points).all(axis=1))
+
+
+def seen_roof(points: Points, footprint: Footprint) -> tuple[NDArray[np.int64], NDArray[np.int64]] | Failure:
+    """Numbers of the points (N, 3) inside a footprint, and of those on the roof; a Failure of too few."""
+    inside = points_inside(points, footprint.polygon)
+    top = inside[roof_point_mask(points[inside])]
+    if len(top) < FEWEST_POINTS:
+        reason = f"{len(top)} roof points inside the footprint"
+        return Failure("too_few_points", reason, "reconstruct", footprint)
+    return inside, top
 
 
 def spacing_on_roof(roof: Points, polygon: Polygon) -> float:

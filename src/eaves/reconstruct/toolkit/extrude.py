@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import itemgetter
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from shapely import Polygon
 
+from eaves.geometry.components import connected_groups_kernel
 from eaves.geometry.tolerance import COORDINATE_STEP, PLANARITY
 from eaves.kernels import inlined_kernel, kernel
 from eaves.model import Face, Mask, Points, Solid
-from eaves.model.building import GROUND_SURFACE, ROOF_SURFACE, WALL_SURFACE
-from eaves.reconstruct.toolkit.coverage import Coverage
+from eaves.model.building import GROUND_SURFACE, OUTER_CEILING_SURFACE, ROOF_SURFACE, WALL_SURFACE
+from eaves.reconstruct.toolkit.coverage import Coverage, coverage_of, cut_polygons
 from eaves.reconstruct.toolkit.half_edges import MOST_ROUNDS, OUTSIDE, Integers, leaving_kernel
 from eaves.reconstruct.toolkit.simplification import (
     SHORTEST_BORDER,
@@ -22,13 +26,15 @@ from eaves.reconstruct.toolkit.simplification import (
     drop_straight_nodes,
     is_sound,
     merge_short_edges,
-    weld_necks,
 )
 from eaves.reconstruct.toolkit.soundness import find_defect
 
 SAME_HEIGHT = 0.4 * PLANARITY
 """Heights over one node that are nearer than this (m) become one vertex, half of it off each plane: with the
 rounding of coordinates within 0.01 feet of it, the limit for files in feet."""
+
+PATCH = SHORTEST_EDGE
+"""How far (m) cells step back from a node where they would touch in an upright edge, between its edges."""
 
 
 @inlined_kernel
@@ -44,25 +50,30 @@ def crossings_kernel(
     end: Integers,
     cell: Integers,
     twin: Integers,
-    planes: NDArray[np.float64],
+    tops: NDArray[np.float64],
+    floors: NDArray[np.float64],
 ) -> tuple[Integers, NDArray[np.float64]]:
-    """Where the planes (C, 3) of two cells cross along their edge: its half (K,) and the place (K, 2)."""
+    """Where a top or floor of one cell first crosses one of the other along their edge: its half (K,) and the
+    place (K, 2)."""
     halves, places, count = np.empty(len(start), np.int64), np.empty((len(start), 2)), 0
     for half in range(len(start)):
-        if not cell[half] > cell[twin[half]] >= 0:
+        own, beyond, share = cell[half], cell[twin[half]], np.inf
+        if not own > beyond >= 0:
             continue
-        one, other = planes[cell[half]], planes[cell[twin[half]]]
-        a, b, c = one[0] - other[0], one[1] - other[1], one[2] - other[2]
         ax, ay, bx, by = (
             nodes[start[half], 0],
             nodes[start[half], 1],
             nodes[end[half], 0],
             nodes[end[half], 1],
         )
-        before, after = a * ax + b * ay + c, a * bx + b * by + c
-        if not before * after < 0.0 or not min(abs(before), abs(after)) > SAME_HEIGHT:
+        for one in (tops[own], floors[own]):
+            for other in (tops[beyond], floors[beyond]):
+                a, b, c = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+                before, after = a * ax + b * ay + c, a * bx + b * by + c
+                if before * after < 0.0 and min(abs(before), abs(after)) > SAME_HEIGHT:
+                    share = min(share, before / (before - after))
+        if share == np.inf:
             continue
-        share = before / (before - after)
         x, y = on_grid(ax * (1.0 - share) + bx * share), on_grid(ay * (1.0 - share) + by * share)
         if min(np.hypot(x - ax, y - ay), np.hypot(x - bx, y - by)) > 1.5 * COORDINATE_STEP:
             halves[count], places[count, 0], places[count, 1] = half, x, y
@@ -77,74 +88,77 @@ def columns_kernel(
     cell: Integers,
     twin: Integers,
     following: Integers,
-    planes: NDArray[np.float64],
-    base: float,
-) -> tuple[NDArray[np.float64], Integers, Integers, Integers]:
-    """Vertices (V, 3), one for each group of nearly equal heights of the cells over a node; the vertex (H,)
-    of each half-edge's cell over its start; the walls; the nodes (K,) at which walls touch.
+    tops: NDArray[np.float64],
+    floors: NDArray[np.float64],
+    over: Integers,
+    under: Integers,
+) -> tuple[NDArray[np.float64], Integers, Integers, Mask, Integers]:
+    """Vertices (V, 3), one for each group of nearly equal heights of the cells over a node; those (H, 2) of
+    each half-edge's cell over its start, of floor and top; the walls; which vertices are used (V,); the nodes
+    (K,) at which walls touch.
 
-    Vertices of a node have consecutive numbers, from low to high; the `base` (m) of the outside comes first.
-    A wall (W, 4) is foot and top over the start of an edge, foot and top over its end. Walls touch in a
-    stretch of a column that more than two of them share.
+    Vertices of a node have consecutive numbers, from low to high. A wall (W, 4) is foot and top over the
+    start of an edge, foot and top over its end. Walls touch in a stretch of a column that more than two of
+    them share. Tops, and floors, of neighbours with one number `over` (C,), and `under` (C,), are one face.
     """
     leaving, first = leaving_kernel(start, len(nodes))
-    height = np.empty(len(start))
-    for half in range(len(start)):
-        if cell[half] == OUTSIDE:
-            height[half] = base
-            continue
-        a, b, c = planes[cell[half]]
-        height[half] = a * nodes[start[half], 0] + b * nodes[start[half], 1] + c
-    vertices, vertex, count = np.empty((len(start), 3)), np.empty(len(start), np.int64), 0
+    vertices, vertex = np.empty((2 * len(start), 3)), np.zeros((len(start), 2), np.int64)
+    node_of, count = np.empty(2 * len(start), np.int64), 0
     for node in range(len(nodes)):
         some = leaving[first[node] : first[node + 1]]
-        for one in range(1, len(some)):
-            half, place = some[one], one
-            while place > 0:
-                other = some[place - 1]
-                alike = (cell[half] == OUTSIDE) == (cell[other] == OUTSIDE)
-                if (alike and height[half] >= height[other]) or (not alike and cell[other] == OUTSIDE):
-                    break
-                some[place] = other
-                place -= 1
-            some[place] = half
-        low = 0
-        for one in range(1, len(some) + 1):
-            if one < len(some) and not (
-                height[some[one]] - height[some[one - 1]] > SAME_HEIGHT
-                or (cell[some[one]] == OUTSIDE) != (cell[some[one - 1]] == OUTSIDE)
-            ):
+        some = some[cell[some] != OUTSIDE]
+        height = np.empty(2 * len(some))
+        for one in range(len(height)):
+            plane = floors[cell[some[one // 2]]] if one % 2 == 0 else tops[cell[some[one // 2]]]
+            height[one] = plane[0] * nodes[node, 0] + plane[1] * nodes[node, 1] + plane[2]
+        order, low = np.argsort(height, kind="mergesort"), 0
+        for one in range(1, len(order) + 1):
+            if one < len(order) and not height[order[one]] - height[order[one - 1]] > SAME_HEIGHT:
                 continue
             vertices[count, 0], vertices[count, 1] = nodes[node, 0], nodes[node, 1]
-            vertices[count, 2] = on_grid(0.5 * (height[some[low]] + height[some[one - 1]]))
-            for half in some[low:one]:
-                vertex[half] = count
+            vertices[count, 2] = on_grid(0.5 * (height[order[low]] + height[order[one - 1]]))
+            for place in order[low:one]:
+                vertex[some[place // 2], place % 2] = count
+            node_of[count] = node
             count, low = count + 1, one
-    spans, walls = np.empty((len(start), 4), np.int64), 0
-    change = np.zeros(count + 1, np.int64)
+    spans, walls = np.empty((2 * len(start), 4), np.int64), 0
+    used, change = np.zeros(count, np.bool_), np.zeros(count + 1, np.int64)
     for half in range(len(start)):
-        top_start, top_end = vertex[half], vertex[following[half]]
-        foot_start, foot_end = vertex[following[twin[half]]], vertex[twin[half]]
-        if cell[half] == OUTSIDE or top_start < foot_start or top_end < foot_end:
+        own, beyond = cell[half], cell[twin[half]]
+        if own == OUTSIDE:
             continue
-        if top_start == foot_start and top_end == foot_end:
-            continue
-        spans[walls, 0], spans[walls, 1], spans[walls, 2], spans[walls, 3] = (
-            foot_start,
-            top_start,
-            foot_end,
-            top_end,
-        )
-        walls += 1
-        change[foot_start] += 1
-        change[foot_end] += 1
-        change[top_start] -= 1
-        change[top_end] -= 1
-    shared = np.cumsum(change) > 2
-    touching = np.zeros(len(nodes), np.bool_)
-    for half in range(len(start)):
-        touching[start[half]] |= shared[vertex[half]]
-    return vertices[:count], vertex, spans[:walls], np.flatnonzero(touching)
+        (low, high), (low_end, high_end) = vertex[half], vertex[following[half]]
+        if beyond == OUTSIDE or over[own] != over[beyond]:
+            used[high] = used[high_end] = True
+        if beyond == OUTSIDE or under[own] != under[beyond]:
+            used[low] = used[low_end] = True
+        (floor, top), (floor_end, top_end) = vertex[following[twin[half]]], vertex[twin[half]]
+        for above in range(2):
+            foot, foot_end, head, head_end = low, low_end, high, high_end
+            if beyond == OUTSIDE:
+                if above:
+                    continue
+            elif above:
+                foot, foot_end = max(top, low), max(top_end, low_end)
+            else:
+                head, head_end = min(floor, high), min(floor_end, high_end)
+            if head < foot or head_end < foot_end or (head == foot and head_end == foot_end):
+                continue
+            spans[walls, 0], spans[walls, 1], spans[walls, 2], spans[walls, 3] = (
+                foot,
+                head,
+                foot_end,
+                head_end,
+            )
+            walls += 1
+            used[foot : head + 1] = True
+            used[foot_end : head_end + 1] = True
+            change[foot] += 1
+            change[foot_end] += 1
+            change[head] -= 1
+            change[head_end] -= 1
+    touching = np.unique(node_of[:count][np.cumsum(change)[:count] > 2])
+    return vertices[:count], vertex, spans[:walls], used, touching
 
 
 def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> list[Solid] | None:
@@ -157,46 +171,43 @@ def extrude(coverage: Coverage, planes: NDArray[np.float64], base: float) -> lis
     cells around it and one for the base where the outside meets it. Every face takes its vertices from
     the columns, so faces share them, and a wall takes all those between its foot and its top, so none
     lies on another's edge. Edges along which two planes cross are split there first. A column's stretch
-    that more than two walls share is a self-contact: there the corner of one cell steps back.
+    that more than two walls share is a self-contact: there the cells step back from the lowest.
     """
     names = np.arange(coverage.count)
     for _ in range(MOST_ROUNDS):
-        plan = split_crossings(coverage, planes)
-        touching = []
-        solids = []
-        for part, cells in plan.parts():
-            known = (part.nodes, part.start, part.cell, part.twin, part.following)
-            vertices, vertex, spans, nodes = columns_kernel(*known, planes[cells], float(base))
-            touching += list(part.nodes[nodes])
-            if not touching:
-                solids.append(close_solid(part, vertices, vertex, spans, names[cells]))
-        if not touching:
+        floors, stands = np.tile([0.0, 0.0, base], (len(names), 1)), np.ones(len(names), bool)
+        plan = split_crossings(coverage, planes, floors)
+        solids, places = close_cells(plan, planes, floors, stands, np.arange(len(names)), names.tolist())
+        if len(places) == 0:
             return solids
-        stepped = step_back(plan, planes, base, touching)
+        stepped = step_back(plan, planes, places)
         if stepped is None:
-            return None
+            break
         coverage, kept = stepped
         planes, names = planes[kept], names[kept]
     return None
 
 
-def split_crossings(coverage: Coverage, planes: NDArray[np.float64]) -> Coverage:
-    """The coverage with a node on every edge along which the planes of its two cells cross.
+def split_crossings(coverage: Coverage, tops: NDArray[np.float64], floors: NDArray[np.float64]) -> Coverage:
+    """The coverage with a node on every edge along which planes, tops or floors (C, 3), of its cells cross.
 
     A crossing beside a node inside the plan is at that node, which moves there: an edge as short as the rest
     would lie askew once it is rounded, and fold the faces beside it.
     """
     free = np.ones(len(coverage.nodes), bool)
     free[coverage.start[coverage.cell == OUTSIDE]] = False
-    while True:
+    for _ in range(MOST_ROUNDS):
         known = (coverage.nodes, coverage.start, coverage.end, coverage.cell, coverage.twin)
-        halves, places = crossings_kernel(*known, planes)
+        halves, places = crossings_kernel(*known, tops, floors)
         if len(halves) == 0:
-            return coverage
+            break
         moved = node_moved(coverage, halves, places, free)
-        if moved is None:
-            return coverage.split(halves, places)
-        coverage = moved
+        coverage, free = (
+            (coverage.split(halves, places), np.append(free, np.zeros(len(halves), bool)))
+            if moved is None
+            else (moved, free)
+        )
+    return coverage
 
 
 def node_moved(
@@ -217,113 +228,131 @@ def node_moved(
     return None
 
 
-def close_solid(
-    coverage: Coverage, vertices: Points, vertex: Integers, spans: Integers, names: Integers
-) -> Solid:
-    """The solid of a connected plan: one ground face, a roof face for each cell, named by `names` (C,), and
-    the walls, with `spans` (W, 4). `vertex` (H,) is that of each half-edge's cell over its start.
+def close_cells(
+    plan: Coverage,
+    tops: NDArray[np.float64],
+    floors: NDArray[np.float64],
+    stands: Mask,
+    over: Integers,
+    names: Sequence[int | None],
+) -> tuple[list[Solid], NDArray[np.float64]]:
+    """The solids between the planes `floors` and `tops` (C, 3) of the cells, and the places (K, 2) where they
+    touch themselves.
+
+    Neighbours whose tops have one number `over` (C,) have one roof face; it is called by that of the `names`.
+    Cells that do not `stand` (C,) on the ground have undersides.
     """
-    ground: list[tuple[int, ...]] = []
-    roofs: list[list[tuple[int, ...]]] = [[] for _ in range(coverage.count)]
-    halves, first = coverage.ring_order
-    corners, begin = vertex[halves].tolist(), first.tolist()
-    rings = zip(coverage.ring_cell.tolist(), coverage.ring_area.tolist(), pairwise(begin), strict=True)
-    for cell, area, (start, end) in rings:
-        target = ground if cell == OUTSIDE else roofs[cell]
-        outer = area < 0.0 if cell == OUTSIDE else area > 0.0
-        target.insert(0 if outer else len(target), tuple(corners[start:end]))
-    faces = [Face(tuple(ground), GROUND_SURFACE)]
-    faces += [Face(tuple(own), ROOF_SURFACE, name) for name, own in zip(names.tolist(), roofs, strict=True)]
-    for foot_start, top_start, foot_end, top_end in spans.tolist():
-        up, down = range(foot_end, top_end + 1), range(top_start, foot_start - 1, -1)
+    group = joined_cells(plan, tops, floors)
+    under = np.where(stands, 0, over + 1)
+    solids, touching = [], [np.zeros((0, 2))]
+    for number in range(int(group.max(initial=-1)) + 1):
+        part, cells = plan, np.arange(plan.count)
+        if group.any():
+            part, cells = plan.merged(np.where(group == number, cells, OUTSIDE))
+        known = (part.nodes, part.start, part.cell, part.twin, part.following)
+        faces = (over[cells], under[cells])
+        vertices, vertex, spans, used, nodes = columns_kernel(*known, tops[cells], floors[cells], *faces)
+        solids.append(close_solid(part, vertices, vertex, spans, used, *faces, names))
+        touching.append(part.nodes[nodes])
+    return solids, np.concatenate(touching)
+
+
+def close_solid(
+    plan: Coverage,
+    vertices: Points,
+    vertex: Integers,
+    spans: Integers,
+    used: Mask,
+    over: Integers,
+    under: Integers,
+    names: Sequence[int | None],
+) -> Solid:
+    """The solid of a connected plan by its columns (`columns_kernel`): ground faces, roof faces in the order
+    of their numbers, undersides, walls."""
+    number = np.cumsum(used) - 1
+    vertex, spans = number[vertex], number[spans]
+    below = [
+        (name, tuple(ring[::-1] for ring in rings)) for name, rings in rings_of(plan, under, vertex[:, 0])
+    ]
+    faces = [Face(rings, GROUND_SURFACE) for name, rings in below if name == 0]
+    roofs = sorted(rings_of(plan, over, vertex[:, 1]), key=itemgetter(0))
+    faces += [Face(rings, ROOF_SURFACE, names[name]) for name, rings in roofs]
+    faces += [Face(rings, OUTER_CEILING_SURFACE) for name, rings in below if name != 0]
+    for foot, top, foot_end, top_end in spans.tolist():
+        up, down = range(foot_end, top_end + 1), range(top, foot - 1, -1)
         faces.append(Face(((*up, *down),), WALL_SURFACE))
-    return Solid(vertices, tuple(faces))
+    return Solid(vertices[used], tuple(faces))
+
+
+def rings_of(
+    plan: Coverage, label: Integers, vertex: Integers
+) -> list[tuple[int, tuple[tuple[int, ...], ...]]]:
+    """The label of each connected region of like label (C,), and its rings, the outer first: the `vertex`
+    (H,) over the start of each half-edge.
+    """
+    region, first = plan.regions(label)
+    own = np.append(region, OUTSIDE)[plan.cell]
+    stays = np.flatnonzero(own != own[plan.twin])
+    part = Coverage(plan.nodes, plan.start[stays], plan.end[stays], own[stays])
+    halves, begin = part.ring_order
+    corners = vertex[stays[halves]].tolist()
+    rings: list[list[tuple[int, ...]]] = [[] for _ in first]
+    known = zip(part.ring_cell.tolist(), part.ring_area.tolist(), pairwise(begin.tolist()), strict=True)
+    for number, area, (start, end) in known:
+        if number != OUTSIDE:
+            rings[number].insert(0 if area > 0.0 else len(rings[number]), tuple(corners[start:end]))
+    return list(zip(label[first].tolist(), map(tuple, rings), strict=True))
+
+
+def segment_ends(plan: Coverage, halves: Integers, planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Heights (H, 2) of planes (H, 3) over start and end of half-edges (H,)."""
+    places = np.stack([plan.nodes[plan.start[halves]], plan.nodes[plan.end[halves]]], axis=1)
+    return np.asarray(
+        planes[:, None, 0] * places[..., 0] + planes[:, None, 1] * places[..., 1] + planes[:, None, 2]
+    )
+
+
+def inner_halves(plan: Coverage) -> Integers:
+    """One half of every edge between two cells."""
+    return np.flatnonzero((plan.cell > plan.cell[plan.twin]) & (plan.cell[plan.twin] >= 0))
+
+
+def joined_cells(plan: Coverage, tops: NDArray[np.float64], floors: NDArray[np.float64]) -> Integers:
+    """The number (C,) of the body each cell belongs to: neighbours whose heights overlap along an edge."""
+    halves = inner_halves(plan)
+    one, other = plan.cell[halves], plan.cell[plan.twin[halves]]
+    top = np.minimum(segment_ends(plan, halves, tops[one]), segment_ends(plan, halves, tops[other]))
+    floor = np.maximum(segment_ends(plan, halves, floors[one]), segment_ends(plan, halves, floors[other]))
+    joined = (top - floor).max(axis=1) > 2.0 * SAME_HEIGHT
+    return np.asarray(connected_groups_kernel(one[joined], other[joined], plan.count))
 
 
 def step_back(
-    coverage: Coverage, planes: NDArray[np.float64], base: float, places: Sequence[NDArray[np.float64]]
+    coverage: Coverage, planes: NDArray[np.float64], places: NDArray[np.float64]
 ) -> tuple[Coverage, Integers] | None:
-    """The coverage with one corner at each of the `places` (K of (2,)) cut off and given to the lower
-    neighbour, and the cells kept.
-
-    The corner is that of a cell higher than both its neighbours around the node; the narrowest is taken.
-    A corner on an edge that another is cut from waits for the next round. None where a corner cannot step
-    back.
+    """The coverage with a little patch around each of the nodes at `places` (K, 2) given to the lowest cell
+    there, to the outside where that touches itself, and the cells kept; None where that cannot be drawn.
     """
-    node_at = {tuple(node): number for number, node in enumerate(coverage.nodes.tolist())}
-    order = np.argsort(coverage.start, kind="stable")
-    first = np.searchsorted(coverage.start[order], np.arange(len(coverage.nodes) + 1))
-    taken: set[int] = set()
-    corners: list[tuple[int, int]] = []
+    patches, lowest = [], []
     for place in places:
-        node = node_at[tuple(place.tolist())]
-        leaving = order[first[node] : first[node + 1]]
-        found = highest_corner(coverage, planes, base, place, leaving)
-        if found is None:
-            return None
-        edges = {min(half, int(coverage.twin[half])) for half in found}
-        if not edges & taken:
-            taken |= edges
-            corners.append(found)
-    return cut_corners(coverage, corners)
+        leaving = np.flatnonzero((coverage.nodes[coverage.start] == place).all(axis=1))
+        step, cell = coverage.nodes[coverage.end[leaving]] - place, coverage.cell[leaving]
+        angle = np.sort(np.arctan2(step[:, 1], step[:, 0]))
+        between = angle + 0.5 * np.mod(np.roll(angle, -1) - angle, 2.0 * np.pi)
+        patches.append(Polygon(place + PATCH * np.column_stack([np.cos(between), np.sin(between)])))
+        inside = cell[cell != OUTSIDE]
+        least = inside[np.argmin(planes[inside] @ np.append(place, 1.0))]
+        lowest.append(least if len(inside) >= len(cell) - 1 else OUTSIDE)
+    polygons = coverage.polygons()
+    cells, owner = cut_polygons(polygons, shapely.boundary([*polygons, *patches]))
+    patch, cell = shapely.STRtree(shapely.point_on_surface(cells)).query(patches, predicate="contains")
+    owner[cell] = np.array(lowest)[patch]
+    cut = coverage_of(cells, COORDINATE_STEP)
+    return None if cut is None else cut.merged(owner)
 
 
-def highest_corner(
-    coverage: Coverage,
-    planes: NDArray[np.float64],
-    base: float,
-    place: NDArray[np.float64],
-    leaving: Integers,
-) -> tuple[int, int] | None:
-    """The two half-edges of the corner at `place` (2,) that can step back, among those `leaving` it."""
-    step = coverage.nodes[coverage.end[leaving]] - place
-    angle = np.arctan2(step[:, 1], step[:, 0])
-    leaving, angle = leaving[np.argsort(angle)], np.sort(angle)
-    cell = coverage.cell[leaving]
-    at = np.append(place, 1.0)
-    height = np.where(cell == OUTSIDE, base, (planes[cell] * at).sum(axis=1))
-    before = np.roll(height, 1)
-    after = np.roll(height, -1)
-    opening = np.mod(np.roll(angle, -1) - angle, 2.0 * np.pi)
-    peak = np.flatnonzero((height > before + SAME_HEIGHT) & (height > after + SAME_HEIGHT))
-    for corner in peak[np.argsort(opening[peak], kind="stable")].tolist():
-        one, other = int(leaving[corner]), int(leaving[(corner + 1) % len(leaving)])
-        reach = min(SHORTEST_EDGE, 0.4 * float(coverage.length[[one, other]].min()))
-        chord = 2.0 * reach * np.sin(0.5 * opening[corner])  # of 180° and more no chord cuts the corner
-        if opening[corner] < np.pi and chord >= 5.0 * COORDINATE_STEP:
-            return one, other
-    return None
-
-
-def cut_corners(coverage: Coverage, corners: list[tuple[int, int]]) -> tuple[Coverage, Integers]:
-    """Each corner between two half-edges that leave one node given to the cell beyond the first, and the
-    cells kept.
-    """
-    halves = np.array(corners, np.int64).ravel()
-    first, count = halves[0::2], len(corners)
-    reach = np.minimum(SHORTEST_EDGE, 0.4 * coverage.length[halves])
-    start, end = coverage.nodes[coverage.start[halves]], coverage.nodes[coverage.end[halves]]
-    places = start + (end - start) * (reach / coverage.length[halves])[:, None]
-    places = np.round(np.round(places / COORDINATE_STEP) * COORDINATE_STEP, 6)
-    lower, owner = coverage.cell[coverage.twin[first]], coverage.cell[first]
-    cut = coverage.split(halves, places)
-    corner = coverage.count + np.arange(count)
-    one = len(coverage.nodes) + 2 * np.arange(count)
-    cell = cut.cell.copy()
-    cell[first] = corner
-    # `split` ends with the halves that lead from the new nodes back to the old ones
-    cell[len(cell) - 2 * count + 2 * np.arange(count) + 1] = corner
-    cut = Coverage(
-        cut.nodes,
-        np.concatenate([cut.start, one, one + 1]),
-        np.concatenate([cut.end, one + 1, one]),
-        np.concatenate([cell, corner, owner]),
-    )
-    return cut.merged(np.concatenate([np.arange(coverage.count), lower]))
-
-
-FIRMNESS = (1.0, 2.5, 6.0)
-"""Multiples of the shortest edge, tried in turn until the solids are sound."""
+FIRMNESS = 2.5
+"""Where solids are not sound, the shortest edge is taken so many times as long, twice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,8 +379,8 @@ def extrude_plan(
     Faces smaller than the limit (m²), or narrower than the shortest edge, go to their neighbours.
     """
     defect = ""
-    for firmness in FIRMNESS:
-        tidied, kept = tidy(plan, labels, smallest, firmness * SHORTEST_EDGE)
+    for turn in range(3):
+        tidied, kept = tidy(plan, labels, smallest, FIRMNESS**turn * SHORTEST_EDGE)
         solids = extrude(tidied, planes[kept], ground)
         if solids is None:
             defect = "the plan touches itself"
@@ -363,14 +392,13 @@ def extrude_plan(
 
 
 def tidy(plan: Coverage, labels: Integers, smallest: float, shortest: float) -> tuple[Coverage, Integers]:
-    """The plan without slivers, short edges, needless nodes and necks, and the label (C,) of each cell."""
+    """The plan without slivers, short edges and needless nodes, and the label (C,) of each cell."""
     plan, labels = absorb_slivers(plan, labels, smallest, shortest)
     plan, labels = drop_straight_nodes(plan, labels)
     plan, labels = merge_short_edges(plan, labels, shortest)
     plan, labels = plan.merged(labels)
     plan, labels = absorb_slivers(plan, labels, smallest, shortest)
-    plan, labels = drop_straight_nodes(plan, labels)
-    return weld_necks(plan, labels)
+    return drop_straight_nodes(plan, labels)
 
 
 def number_faces(solids: list[Solid], labels: Integers) -> Extrusion:

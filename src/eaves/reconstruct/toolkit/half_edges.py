@@ -184,34 +184,6 @@ def straighten_kernel(
 
 
 @kernel
-def has_neck_kernel(nodes: NDArray[np.float64], start: Integers, end: Integers, reach: float) -> bool:
-    """Whether a node lies nearer than `reach` (m) to an edge that it does not end."""
-    order = np.argsort(nodes[:, 0])
-    x = nodes[order, 0]
-    for half in range(len(start)):
-        one, other = start[half], end[half]
-        if one > other:
-            continue
-        ax, ay, bx, by = nodes[one, 0], nodes[one, 1], nodes[other, 0], nodes[other, 1]
-        south, north = min(ay, by) - reach, max(ay, by) + reach
-        step_x, step_y = bx - ax, by - ay
-        square = step_x * step_x + step_y * step_y
-        for place in range(np.searchsorted(x, min(ax, bx) - reach), len(x)):
-            if x[place] > max(ax, bx) + reach:
-                break
-            node = order[place]
-            y = nodes[node, 1]
-            if node in (one, other) or y < south or y > north:
-                continue
-            along = ((x[place] - ax) * step_x + (y - ay) * step_y) / square if square > 0.0 else 0.0
-            along = min(max(along, 0.0), 1.0)
-            away_x, away_y = x[place] - ax - along * step_x, y - ay - along * step_y
-            if away_x * away_x + away_y * away_y < reach * reach:
-                return True
-    return False
-
-
-@kernel
 def regions_kernel(cell: Integers, twin: Integers, label: Integers) -> tuple[Integers, Integers]:
     """The number (C,) of the connected region of like `label` (C,) that each cell is in, and the first cell
     of each region; regions are counted in the order of their first cells. Cells labelled `OUTSIDE` keep that.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -23,9 +21,6 @@ CLOSEST = 2.0 * COORDINATE_STEP
 
 LOWEST_WALL = 0.05
 """A roof is at least this high (m) above the base of the solid, everywhere."""
-
-MOST_BEND = 1.2
-"""Steps of written coordinates by which such a corner may lie off its border: rounding explains no more."""
 
 MOST_FOLD_DEG = 9.0
 """Angle (degrees) between triangles of one face; under half of val3dity's 20, as any two may be compared."""
@@ -61,12 +56,12 @@ def find_defect(solid: Solid) -> str:
     if solid.vertices[list(roof), 2].min() < ground + LOWEST_WALL:
         return "a roof that reaches the ground"
     crossing = "" if clear else plan_defect(solid)
-    return crossing or bend_defect(solid, flat) or fold_defect(solid, flat)
+    return crossing or fold_defect(solid, flat)
 
 
 def surely_sound(solid: Solid) -> tuple[bool, list[int]]:
     """Whether the plan of the faces that are not walls is certainly sound, and the numbers of those that may
-    not be planar, or have a bend or a fold."""
+    not be planar, or have a fold."""
     numbers = [number for number, face in enumerate(solid.faces) if face.surface != WALL_SURFACE]
     rings = [ring for number in numbers for ring in solid.faces[number].rings]
     first = np.cumsum([0, *map(len, rings)])
@@ -84,8 +79,7 @@ def steady_faces_kernel(places: Points, first: NDArray[np.int64]) -> Mask:
     are level, or are planar and have only triples of corners that lean like the face, by less than half of
     `MOST_FOLD_DEG`.
 
-    Such a face has neither bends nor folds however it is cut into triangles, and as seen along its normal its
-    corners lie to each other as in plan.
+    Such a face has no fold however it is cut into triangles.
     """
     sure = np.zeros(len(first) - 1, np.bool_)
     covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
@@ -199,33 +193,6 @@ def plan_defect(solid: Solid) -> str:
     areas = shapely.area(polygons)
     if abs(areas[0] - areas[1:].sum()) > COORDINATE_STEP * shapely.length(polygons[0]):
         return "roof faces that do not cover the ground face"
-    return ""
-
-
-def bend_defect(solid: Solid, numbers: Iterable[int]) -> str:
-    """Whether a corner of a roof face bends one way in plan and the other way seen from the side.
-
-    Only faces steeper than 45° among those `numbers` can: they are cut into triangles as seen from the
-    side. A corner on a straight border does once heights of two planes are made one; it then lies on the
-    other side of its border than the wall that stands on it.
-    """
-    for number in numbers:
-        face = solid.faces[number]
-        outer = solid.vertices[list(face.rings[0])]
-        area = np.abs(np.cross(outer - outer[0], np.roll(outer, -1, axis=0) - outer[0]).sum(axis=0))
-        side = int(np.argmax(area))
-        if side == 2:
-            continue
-        for ring in face.rings:
-            places = np.round(solid.vertices[list(ring)] / COORDINATE_STEP)
-            into, out = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
-            turn = np.cross(into, out)
-            plan, seen = turn[:, 2], turn[:, side]
-            same = np.sign((np.sign(plan) * np.sign(seen)).sum())
-            chord = np.delete(into + out, side, axis=1)
-            away = np.abs(seen) / np.maximum(np.hypot(*chord.T), 1.0)
-            if np.any((plan * seen * same < 0.0) & (away > MOST_BEND)):
-                return "a corner that bends otherwise in plan than from the side"
     return ""
 
 

@@ -22,12 +22,12 @@ from eaves.model import Installation, Mask, Points, Solid, Values
 from eaves.model.building import ROOF_SURFACE
 from eaves.reconstruct.toolkit.attributes import LEAST_SHOWN, NEAR_M, Surface, surface_heights
 from eaves.reconstruct.toolkit.cell_labels import LabelCosts
-from eaves.reconstruct.toolkit.coverage import NARROWEST_NECK, Coverage, coverage_of
+from eaves.reconstruct.toolkit.coverage import NARROWEST_NECK, Coverage, coverage_of, cut_polygons
 from eaves.reconstruct.toolkit.extrude import SAME_HEIGHT
 from eaves.reconstruct.toolkit.half_edges import OUTSIDE, Integers
 from eaves.reconstruct.toolkit.plan_lines import LineReconstructor, main_directions, turn_by
 from eaves.reconstruct.toolkit.soundness import CLOSEST, LOWEST_WALL
-from eaves.reconstruct.toolkit.undersides import RoofPlan, close_slabs, underside_cells
+from eaves.reconstruct.toolkit.undersides import RoofPlan, close_slabs
 
 CLEARANCE = SAME_HEIGHT + COORDINATE_STEP
 """A body begins so far (m) over the planes of the roof: what rounding and shared vertices move both by."""
@@ -122,7 +122,7 @@ def raise_pieces(pieces: list[tuple[Polygon, NDArray[np.float64]]], top: float) 
     )
     for some in (pieces, [(part, floor) for part in polygon_parts(smooth)[:1]]):
         polygons = np.array([polygon for polygon, _ in some], object)
-        cells, owner = underside_cells(polygons, shapely.boundary(polygons))
+        cells, owner = cut_polygons(polygons, shapely.boundary(polygons))
         plan = coverage_of(cells, COORDINATE_STEP)
         if plan is not None:
             level = RoofPlan(polygons, np.tile([0.0, 0.0, top], (len(some), 1)), (None,) * len(some), top)

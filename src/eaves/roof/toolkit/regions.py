@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eaves.geometry.planes import add_point_kernel, plane_of_sums_kernel
+from eaves.geometry.planes import LocalPlanes, add_point_kernel, plane_of_sums_kernel
 from eaves.kernels import kernel
 from eaves.model import Labels, Mask, Points, RoofPlane, Values
 
@@ -155,6 +155,11 @@ def join_kernel(
         again[first] = again[second] = True
 
 
+def normal_error(local: LocalPlanes) -> float:
+    """The error (radians) of a local normal by noise, spacing and number of neighbours: 2 s √π / (a k)."""
+    return float(2.0 * np.sqrt(np.pi) * local.noise / (local.spacing * np.median(local.counts)))
+
+
 def without_gaps(labels: Labels) -> Labels:
     """The labels (N,) numbered 1…K in their order, 0 kept."""
     present = np.bincount(labels, minlength=1) > 0
@@ -213,9 +218,7 @@ def fit_kernel(
     """Fit a plane to the points of every label 1…K of at least three points."""
     sums = np.zeros((len(planes), 10))
     covariance, vectors, values = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
-    for i in range(len(xyz)):
-        if labels[i] > 0:
-            add_point_kernel(sums[labels[i] - 1], xyz[i, 0], xyz[i, 1], xyz[i, 2], 1.0)
+    sums_kernel(xyz, labels, sums)
     for k in range(len(planes)):
         sizes[k] = int(sums[k, 0])
         if sizes[k] >= 3:
