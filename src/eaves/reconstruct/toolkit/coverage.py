@@ -235,11 +235,11 @@ def arrange(
         return None
     if len(segments) == 0:
         return coverage_of(shapely.get_parts(whole), grid)
-    corners = shapely.get_coordinates(whole)
-    lines = through_corners(segments, corners)
-    net = shapely.union_all(np.append(lines, whole.boundary), grid_size=grid)
-    lines = through_corners(segments, meeting_places(corners, shapely.get_coordinates(net)))
-    net = shapely.union_all(np.append(lines, whole.boundary), grid_size=grid)
+    places = shapely.get_coordinates(whole)
+    net = shapely.union_all(np.append(through_corners(segments, places), whole.boundary), grid_size=grid)
+    places, joined = meeting_places(places, shapely.get_coordinates(net))
+    if joined:
+        net = shapely.union_all(np.append(through_corners(segments, places), whole.boundary), grid_size=grid)
     cells = shapely.get_parts(shapely.polygonize([net]))
     if len(cells) == 0:
         return None
@@ -248,8 +248,11 @@ def arrange(
     return coverage_of(cells[inside], grid) if inside.any() else None
 
 
-def meeting_places(corners: NDArray[np.float64], nodes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """One place for those of the nodes (K, 2) that nearly touch: a corner of the outline, else one of them.
+def meeting_places(
+    corners: NDArray[np.float64], nodes: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], bool]:
+    """One place for those of the nodes (K, 2) that nearly touch: a corner of the outline, else one of them;
+    and whether there are such.
 
     Four planes that meet in a point, or a ridge that runs into another of its height, meet a few millimetres
     apart once each pair is intersected for itself.
@@ -257,7 +260,8 @@ def meeting_places(corners: NDArray[np.float64], nodes: NDArray[np.float64]) -> 
     places = np.vstack([corners, np.unique(nodes, axis=0)])
     pairs = cKDTree(places).query_pairs(NARROWEST_NECK, output_type="ndarray")
     group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(places))
-    return places[np.unique(group, return_index=True)[1]]
+    apart = bool((places[pairs[:, 0]] != places[pairs[:, 1]]).any())
+    return places[np.unique(group, return_index=True)[1]], apart
 
 
 def through_corners(segments: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.object_]:
@@ -271,13 +275,19 @@ def through_corners(segments: NDArray[np.float64], corners: NDArray[np.float64])
     length = np.maximum(np.hypot(step[:, 0], step[:, 1]), COORDINATE_STEP)
     along = ((corners[corner] - ends[number, 0]) * step).sum(axis=1) / length**2
     order = np.lexsort((corner, along, number))
-    number, corner = number[order], corner[order]
+    number, place = number[order], corners[corner[order]]
     used, first = np.unique(number, return_index=True)
-    for line, some in zip(used.tolist(), np.split(corners[corner], first[1:]), strict=False):
-        own = np.hypot(*(ends[line] - some[[0, -1]]).T) >= NARROWEST_NECK
-        path = np.vstack([ends[line, :1][own[:1]], some, ends[line, 1:][own[1:]]])
-        if len(path) > 1:
-            lines[line] = shapely.linestrings(path)
+    last = np.searchsorted(number, used, side="right") - 1
+    stays = [
+        np.hypot(*(ends[used, k] - place[some]).T) >= NARROWEST_NECK for k, some in enumerate((first, last))
+    ]
+    number = np.concatenate([used[stays[0]], number, used[stays[1]]])
+    order = np.argsort(number, kind="stable")
+    path = np.concatenate([ends[used[stays[0]], 0], place, ends[used[stays[1]], 1]])[order]
+    number = number[order]
+    bent = np.bincount(number, minlength=len(lines)) > 1
+    path, number = path[bent[number]], number[bent[number]]
+    lines[bent] = shapely.linestrings(path, indices=np.cumsum(np.diff(number, prepend=-1) > 0) - 1)
     return lines
 
 
