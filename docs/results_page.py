@@ -15,9 +15,20 @@ TOPICS = {
     "Models": ("models", "moments", "curved", "overhangs", "validity", "attributes", "trust"),
     "Published systems": ("sources",),
     "Time: changes and updates": ("change", "update"),
-    "Speed and size": ("budget", "end-to-end", "growth", "index", "read", "start", "validate", "modules"),
+    "Speed and size": (
+        "budget",
+        "end-to-end",
+        "growth",
+        "index",
+        "read",
+        "start",
+        "validate",
+        "modules",
+        "counts",
+        "speed",
+    ),
     "Robustness and other programs": ("fuzz", "identical", "judges", "tools", "first-hour"),
-    "What each rule is worth": ("ablation", "half"),
+    "What each rule is worth": ("ablation", "half", "fewer"),
 }
 """Topic → how the names of its tables begin; a table of no topic stands under `OTHER`."""
 OTHER = "More"

@@ -235,11 +235,10 @@ def arrange(
         return None
     if len(segments) == 0:
         return coverage_of(shapely.get_parts(whole), grid)
-    places = shapely.get_coordinates(whole)
+    corners = shapely.get_coordinates(whole)
+    net = shapely.union_all(np.append(through_corners(segments, corners), whole.boundary), grid_size=grid)
+    places = meeting_places(corners, shapely.get_coordinates(net))
     net = shapely.union_all(np.append(through_corners(segments, places), whole.boundary), grid_size=grid)
-    places, joined = meeting_places(places, shapely.get_coordinates(net))
-    if joined:
-        net = shapely.union_all(np.append(through_corners(segments, places), whole.boundary), grid_size=grid)
     cells = shapely.get_parts(shapely.polygonize([net]))
     if len(cells) == 0:
         return None
@@ -248,11 +247,8 @@ def arrange(
     return coverage_of(cells[inside], grid) if inside.any() else None
 
 
-def meeting_places(
-    corners: NDArray[np.float64], nodes: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], bool]:
-    """One place for those of the nodes (K, 2) that nearly touch: a corner of the outline, else one of them;
-    and whether there are such.
+def meeting_places(corners: NDArray[np.float64], nodes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """One place for those of the nodes (K, 2) that nearly touch: a corner of the outline, else one of them.
 
     Four planes that meet in a point, or a ridge that runs into another of its height, meet a few millimetres
     apart once each pair is intersected for itself.
@@ -260,8 +256,7 @@ def meeting_places(
     places = np.vstack([corners, np.unique(nodes, axis=0)])
     pairs = cKDTree(places).query_pairs(NARROWEST_NECK, output_type="ndarray")
     group = connected_groups_kernel(pairs[:, 0], pairs[:, 1], len(places))
-    apart = bool((places[pairs[:, 0]] != places[pairs[:, 1]]).any())
-    return places[np.unique(group, return_index=True)[1]], apart
+    return places[np.unique(group, return_index=True)[1]]
 
 
 def through_corners(segments: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.object_]:
