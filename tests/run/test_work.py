@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import cProfile
+import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +21,24 @@ from eaves.validate import validate_model
 
 MODELLING, CHECKING = 8_300, 3_200
 """Calls of functions, Python's and libraries', for one gabled house."""
+COUNT = """
+import json, pathlib, sys
+from benchmarks.speed.counts import count_work
+print(json.dumps(count_work(pathlib.Path(sys.argv[1]))))
+"""
+MOST = {
+    "imported": 260,
+    "ran": 200,
+    "calls a building": 7000,
+    "kernel calls a building": 250,
+    "mapped": 3.0,
+    "copied": 7.0,
+    "sorted": 2.1,
+    "ground": 1.0,
+    "rasters": 1.0,
+    "detect": 1.0,
+}
+"""Of a run over nine roofs in one block: modules, calls, and how often each point is handled."""
 
 
 def calls_of(work: Callable[[], object]) -> int:
@@ -57,3 +78,19 @@ def test_a_run_decodes_its_input_twice_and_its_models_once(
         len(decoded) == 2
     )  # for the figures of the scan, and for the run: what else is needed is kept from then
     assert len(unpacked) == len(set(unpacked))
+
+
+@pytest.fixture(scope="module")
+def counts(nine_roofs_file: Path) -> dict[str, float]:
+    words = [sys.executable, "-c", COUNT, str(nine_roofs_file)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2])
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def test_all_nine_roofs_are_counted(counts: dict[str, float]) -> None:
+    assert counts["buildings"] == 9
+
+
+@pytest.mark.parametrize("what", MOST)
+def test_a_run_does_no_more_work_than(what: str, counts: dict[str, float]) -> None:
+    assert counts[what] <= MOST[what]

@@ -23,7 +23,7 @@ from eaves.model.block import extremes
 from eaves.model.cloud import GRID_STEP
 from eaves.run.keys import GONE, GROUND, STEPS, Mark, Step, key_of
 from eaves.run.part_file import is_whole_part, open_part, save_part
-from eaves.run.world_squares import GROUND_SQUARE, squares_of
+from eaves.run.world_squares import GROUND_SQUARE, squares_of, squares_touching
 
 log = logging.getLogger("eaves")
 
@@ -148,22 +148,19 @@ class Store:
         the blocks they are. With `classified` they bear the classes that `save_ground` kept.
         """
         west, south, east, north = (round(value / GRID_STEP) for value in vars(bounds).values())
-        first, last = Block.at(bounds.west, bounds.south, side), Block.at(bounds.east, bounds.north, side)
         pieces, taken = [], []
-        for column in range(first.column, last.column + 1):
-            for row in range(first.row, last.row + 1):
-                near = Block(column, row, side)
-                right, up = (round(way / GRID_STEP) for way in near.origin)
-                limits = west - right, south - up, east - right, north - up
-                numbers, count = [], 0
-                for records in self.map_points(near):
-                    which = within_kernel(records["xyz"], *limits)
-                    if len(which):  # of the neighbours only the rim is kept while the others are read
-                        numbers.append(which + count)
-                        taken.append((near, records if len(which) == len(records) else records.take(which)))
-                    count += len(records)
-                if numbers:
-                    pieces.append(Piece(near, np.concatenate(numbers), count))
+        for near in squares_touching(bounds, side):
+            right, up = (round(way / GRID_STEP) for way in near.origin)
+            limits = west - right, south - up, east - right, north - up
+            numbers, count = [], 0
+            for records in self.map_points(near):
+                which = within_kernel(records["xyz"], *limits)
+                if len(which):  # of the neighbours only the rim is kept while the others are read
+                    numbers.append(which + count)
+                    taken.append((near, records if len(which) == len(records) else records.take(which)))
+                count += len(records)
+            if numbers:
+                pieces.append(Piece(near, np.concatenate(numbers), count))
         ends = np.cumsum([0, *(len(records) for _, records in taken)])
         xyz = np.empty((ends[-1], 3))
         for start, (near, records) in zip(ends[:-1], taken, strict=True):
@@ -309,10 +306,12 @@ def map_records(paths: Sequence[Path]) -> list[NDArray[np.void]]:
 
 
 def join_records(some: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
-    """Arrays of records, one after the other."""
+    """Arrays of records, one after the other; one alone is not copied."""
+    if len(some) == 1:
+        return some[0]
     # numpy joins records field by field, many times as slowly
     data = [np.zeros(0, np.uint8), *(records.view(np.uint8) for records in some)]
-    return np.concatenate(data).view(RECORD) if len(some) != 1 else some[0]
+    return np.concatenate(data).view(RECORD)
 
 
 def link_file(source: Path, target: Path) -> None:

@@ -72,7 +72,7 @@ def are_points(header: LasHeader, file: BinaryIO, held: int) -> bool:
     records = np.empty((len(numbers), header.record_length), np.uint8)
     for number, record in zip(numbers.tolist(), records, strict=True):
         file.seek(header.data_offset + number * header.record_length)
-        file.readinto(record)  # type: ignore[attr-defined]
+        record[:] = np.frombuffer(file.read(header.record_length), np.uint8)
     which, of, _, _ = returns_and_class(header.point_format, records)
     good = records[:, :12].any(axis=1) & ((which <= of) | (of == 0))
     return bool(good.sum() >= LIKELY_POINTS * len(numbers))
